@@ -1,0 +1,376 @@
+//! Flags and sub-commands, each defined once.
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// Drone simulator that senses and collides in MuJoCo scenes.
+#[derive(Debug, Parser)]
+#[command(name = "propwash", version, propagate_version = true, after_help = EXAMPLES)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  propwash drones                                    which vehicles there are, with their sources
+  propwash scene new forest --seed 3 --trees 60 --out forest.xml
+  propwash scene lint forest.xml                     what depth and contacts will and will not see, and why
+  propwash depth --scene forest.xml --pos 0,0,1 --look 1,0,0 --out view.png
+  propwash fly --scene forest.xml --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
+               --seconds 4 --camera fpv --size 64x64 --out data/forest
+
+Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points forward, y left.
+Exit codes: 0 fine, 1 a check found a problem, 2 error.";
+
+/// The sub-commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Fly drones through a scene and write a data set: states, depth, segmentation, contacts, clearances, overview.
+    Fly(FlyArgs),
+    /// One depth image of a scene from one pose.
+    Depth(DepthArgs),
+    /// List the vehicles, or show one with all its values and sources.
+    Drones(DronesArgs),
+    /// Check scenes and make new ones.
+    Scene(SceneArgs),
+    /// Turn a drone's URDF into a vehicle file and a shell, or any URDF into an obstacle.
+    Urdf(UrdfArgs),
+}
+
+/// What a depth number measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum KindArg {
+    /// Along the ray, from the camera's centre.
+    Range,
+    /// Along the optical axis, as depth cameras report.
+    Z,
+}
+
+/// How the world's equations are integrated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum IntegratorArg {
+    /// Explicit Euler.
+    Euler,
+    /// Semi-implicit Euler.
+    SemiImplicitEuler,
+    /// Runge–Kutta of fourth order.
+    Rk4,
+}
+
+/// Width × height in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Pixels per row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// `64x48` → [`Size`].
+fn size(text: &str) -> Result<Size, String> {
+    let fault = || format!("expected WIDTHxHEIGHT in pixels, such as 64x48, each 1 to 8192; got {text:?}");
+    let (w, h) = text.split_once('x').ok_or_else(fault)?;
+    let (width, height) = (w.parse().map_err(|_| fault())?, h.parse().map_err(|_| fault())?);
+    if (1..=8192).contains(&width) && (1..=8192).contains(&height) {
+        Ok(Size { width, height })
+    } else {
+        Err(fault())
+    }
+}
+
+/// `1,2,3` → three numbers.
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, z] if text.split(',').count() == 3 && x.is_finite() && y.is_finite() && z.is_finite() => {
+            Ok([x, y, z])
+        }
+        _ => Err(format!("expected three finite numbers X,Y,Z, such as 0,0,1.5; got {text:?}")),
+    }
+}
+
+/// A finite number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
+        _ => Err(format!("expected a number above 0, got {text:?}")),
+    }
+}
+
+/// A finite number of at least zero.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() && v >= 0.0 => Ok(v),
+        _ => Err(format!("expected a number of at least 0, got {text:?}")),
+    }
+}
+
+/// Camera settings that `fly` and `depth` share.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct CameraArgs {
+    /// Image size in pixels.
+    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = size)]
+    pub size: Size,
+    /// Vertical angle of view, degrees. Default: the camera's own.
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    pub fovy: Option<f64>,
+    /// What a depth number measures.
+    #[arg(long, value_enum, default_value_t = KindArg::Z)]
+    pub depth: KindArg,
+    /// Nearest depth that counts, m.
+    #[arg(long, value_name = "M", default_value_t = 0.01, value_parser = positive)]
+    pub near: f64,
+    /// Farthest depth that counts, m.
+    #[arg(long, value_name = "M", default_value_t = 20.0, value_parser = positive)]
+    pub far: f64,
+    /// MuJoCo geom groups that the camera sees.
+    #[arg(long, value_name = "LIST", default_value = "0,1,2", value_delimiter = ',')]
+    pub groups: Vec<u8>,
+}
+
+/// `propwash fly`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct FlyArgs {
+    /// MJCF scene.
+    #[arg(long, value_name = "FILE")]
+    pub scene: PathBuf,
+    /// Vehicle: a built-in name or a vehicle file. Repeat it for mixed vehicles in one world.
+    #[arg(long, value_name = "NAME|FILE", required = true)]
+    pub drone: Vec<String>,
+    /// Drones per world; the --drone list is used in turn. Default: as many as --drone names.
+    #[arg(long, value_name = "N")]
+    pub drones_per_world: Option<usize>,
+    /// Shell (MJCF with a body named "drone") in place of the one that the vehicle file names.
+    #[arg(long, value_name = "FILE")]
+    pub shell: Option<PathBuf>,
+    /// Equations of motion: first_principles, so_rpy, so_rpy_rotor or so_rpy_rotor_drag.
+    #[arg(long, default_value = "first_principles")]
+    pub dynamics: String,
+    /// Number of worlds.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub worlds: usize,
+    /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z[,yaw]).
+    #[arg(long, value_name = "KIND [FILE]", num_args = 1..=2, default_value = "lissajous")]
+    pub trajectory: Vec<String>,
+    /// Length of the flight, s.
+    #[arg(long, value_name = "S", default_value_t = 4.0, value_parser = positive)]
+    pub seconds: f64,
+    /// Camera of the vehicle's shell, or of the scene.
+    #[arg(long, value_name = "NAME", default_value = "fpv")]
+    pub camera: String,
+    /// Camera settings.
+    #[command(flatten)]
+    pub view: CameraArgs,
+    /// Depth frames per second.
+    #[arg(long, value_name = "HZ", default_value_t = 20)]
+    pub fps: u32,
+    /// Rows of states per second.
+    #[arg(long, value_name = "HZ", default_value_t = 100)]
+    pub log_hz: u32,
+    /// Simulation steps per second.
+    #[arg(long, value_name = "HZ", default_value_t = 500)]
+    pub sim_hz: u32,
+    /// Integration scheme.
+    #[arg(long, value_enum, default_value_t = IntegratorArg::Rk4)]
+    pub integrator: IntegratorArg,
+    /// Seed of all random numbers.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Randomisation rules (TOML, [[rule]] tables) drawn anew for every world.
+    #[arg(long, value_name = "FILE")]
+    pub randomize: Option<PathBuf>,
+    /// Shift every movable obstacle of the scene by up to this much in x and y, anew for every world, m.
+    #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = not_negative)]
+    pub obstacle_jitter: f64,
+    /// Noise model of the depth camera (TOML); the clean depth is kept beside it.
+    #[arg(long, value_name = "FILE")]
+    pub noise: Option<PathBuf>,
+    /// Store surface normals too.
+    #[arg(long)]
+    pub normals: bool,
+    /// Threads. Default: one per core. The output does not depend on it.
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+    /// Folder of the data set. A run that was stopped goes on where it was.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Print a JSON summary in place of text and progress.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash depth`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct DepthArgs {
+    /// MJCF scene.
+    #[arg(long, value_name = "FILE")]
+    pub scene: PathBuf,
+    /// Camera of the scene to look through; --pos and --look otherwise.
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["pos", "look"])]
+    pub camera: Option<String>,
+    /// Where the camera is, m, world.
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,1")]
+    pub pos: [f64; 3],
+    /// Direction in which it looks, world; it is held upright.
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, default_value = "1,0,0")]
+    pub look: [f64; 3],
+    /// Camera settings.
+    #[command(flatten)]
+    pub view: CameraArgs,
+    /// 16-bit PNG to write, 1 mm per step; 0 = nothing hit, 65535 = beyond --far, 65534 = nearer than --near.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Also write a coloured picture for eyes.
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Print a JSON summary.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash drones`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct DronesArgs {
+    /// Vehicle to show in full: a built-in name or a vehicle file.
+    pub name: Option<String>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash scene`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct SceneArgs {
+    /// What to do with scenes.
+    #[command(subcommand)]
+    pub command: SceneCommand,
+}
+
+/// The sub-commands of `propwash scene`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum SceneCommand {
+    /// List every geom and whether depth and collision see it, and why not. Exit code 1 when something is unseen.
+    Lint(LintArgs),
+    /// Write a generated scene.
+    #[command(subcommand)]
+    New(NewScene),
+}
+
+/// Kinds of generated scenes. Options that are not given take the generator's defaults.
+#[derive(Clone, Debug, Subcommand)]
+pub enum NewScene {
+    /// Trees of several shapes, rocks and fallen logs around a clearing.
+    Forest {
+        /// Where it goes and what all kinds share.
+        #[command(flatten)]
+        common: NewArgs,
+        /// Number of trees.
+        #[arg(long, value_name = "N")]
+        trees: Option<usize>,
+        /// Number of rocks.
+        #[arg(long, value_name = "N")]
+        rocks: Option<usize>,
+        /// Number of fallen logs.
+        #[arg(long, value_name = "N")]
+        logs: Option<usize>,
+        /// Edge of the square that holds everything, m.
+        #[arg(long, value_name = "M")]
+        extent: Option<f64>,
+        /// Radius around the origin that stays free, m.
+        #[arg(long, value_name = "M")]
+        clearing: Option<f64>,
+        /// Least distance between trunks, m.
+        #[arg(long, value_name = "M")]
+        gap: Option<f64>,
+    },
+    /// A winding corridor with gates to fly through.
+    Corridor {
+        /// Where it goes and what all kinds share.
+        #[command(flatten)]
+        common: NewArgs,
+        /// Number of gates.
+        #[arg(long, value_name = "N")]
+        gates: Option<usize>,
+        /// Length of the centre line, m.
+        #[arg(long, value_name = "M")]
+        length: Option<f64>,
+        /// Width between the walls, m.
+        #[arg(long, value_name = "M")]
+        width: Option<f64>,
+        /// Height of the walls, m.
+        #[arg(long, value_name = "M")]
+        height: Option<f64>,
+    },
+    /// Boxes, pillars and slabs, standing and floating.
+    Boxes {
+        /// Where it goes and what all kinds share.
+        #[command(flatten)]
+        common: NewArgs,
+        /// Number of things.
+        #[arg(long, value_name = "N")]
+        count: Option<usize>,
+        /// Edge of the square that holds everything, m.
+        #[arg(long, value_name = "M")]
+        extent: Option<f64>,
+        /// Radius around the origin that stays free, m.
+        #[arg(long, value_name = "M")]
+        clearing: Option<f64>,
+        /// Least distance between two things, m.
+        #[arg(long, value_name = "M")]
+        gap: Option<f64>,
+    },
+}
+
+/// What all kinds of generated scenes share.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct NewArgs {
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Number of obstacles that can be moved (mocap bodies).
+    #[arg(long, value_name = "N")]
+    pub moving: Option<usize>,
+    /// MJCF file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
+/// `propwash scene lint`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct LintArgs {
+    /// MJCF scene.
+    pub file: PathBuf,
+    /// Where drones start, m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,1")]
+    pub spawn: [f64; 3],
+    /// Radius around the start that should be free, m.
+    #[arg(long, value_name = "M", default_value_t = 0.3, value_parser = not_negative)]
+    pub spawn_radius: f64,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash urdf`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct UrdfArgs {
+    /// The URDF file.
+    pub file: PathBuf,
+    /// Import it as an obstacle (MJCF with a movable body) and not as a vehicle.
+    #[arg(long)]
+    pub obstacle: bool,
+    /// Folders in which package:// paths are looked up; repeat it for several.
+    #[arg(long, value_name = "DIR")]
+    pub search: Vec<PathBuf>,
+    /// Built-in vehicle whose controller the new one takes over.
+    #[arg(long, value_name = "NAME")]
+    pub controller_from: Option<String>,
+    /// Name of the result. Default: the name in the URDF.
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Folder for NAME.toml and NAME.xml.
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+}

@@ -1,0 +1,78 @@
+//! `propwash scene`: check a scene, make a new one.
+
+use super::{io_error, print, print_json};
+use crate::Result;
+use crate::cli::args::{LintArgs, NewArgs, NewScene, SceneArgs, SceneCommand};
+use crate::cli::exit::Outcome;
+use crate::scene::generate::{self, BoxesOptions, CorridorOptions, ForestOptions};
+use crate::scene::{SceneSource, lint};
+use serde_json::json;
+
+/// Runs the command.
+pub fn run(args: &SceneArgs) -> Result<Outcome> {
+    match &args.command {
+        SceneCommand::Lint(a) => check(a),
+        SceneCommand::New(a) => new(a),
+    }
+}
+
+fn check(args: &LintArgs) -> Result<Outcome> {
+    let report = lint(&SceneSource::file(&args.file), args.spawn, args.spawn_radius)?;
+    if args.json {
+        print_json(&json!(report))?;
+    } else {
+        print(&report)?;
+    }
+    let clean = report.mismatches().next().is_none() && !report.spawn_is_blocked();
+    Ok(if clean { Outcome::Fine } else { Outcome::Found })
+}
+
+fn new(kind: &NewScene) -> Result<Outcome> {
+    let (common, text) = match kind {
+        NewScene::Forest { common, trees, rocks, logs, extent, clearing, gap } => {
+            let d = ForestOptions::default();
+            let options = ForestOptions {
+                seed: common.seed,
+                trees: trees.unwrap_or(d.trees),
+                rocks: rocks.unwrap_or(d.rocks),
+                logs: logs.unwrap_or(d.logs),
+                moving: common.moving.unwrap_or(d.moving),
+                size_m: extent.unwrap_or(d.size_m),
+                clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
+                min_gap_m: gap.unwrap_or(d.min_gap_m),
+            };
+            (common, generate::forest(&options)?)
+        }
+        NewScene::Corridor { common, gates, length, width, height } => {
+            let d = CorridorOptions::default();
+            let options = CorridorOptions {
+                seed: common.seed,
+                gates: gates.unwrap_or(d.gates),
+                moving: common.moving.unwrap_or(d.moving),
+                length_m: length.unwrap_or(d.length_m),
+                width_m: width.unwrap_or(d.width_m),
+                height_m: height.unwrap_or(d.height_m),
+            };
+            (common, generate::corridor(&options)?)
+        }
+        NewScene::Boxes { common, count, extent, clearing, gap } => {
+            let d = BoxesOptions::default();
+            let options = BoxesOptions {
+                seed: common.seed,
+                count: count.unwrap_or(d.count),
+                moving: common.moving.unwrap_or(d.moving),
+                size_m: extent.unwrap_or(d.size_m),
+                clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
+                min_gap_m: gap.unwrap_or(d.min_gap_m),
+            };
+            (common, generate::boxes(&options)?)
+        }
+    };
+    write(common, &text)
+}
+
+fn write(args: &NewArgs, text: &str) -> Result<Outcome> {
+    std::fs::write(&args.out, text).map_err(io_error(&args.out))?;
+    print(format_args!("wrote {} ({} geoms)", args.out.display(), text.matches("<geom ").count()))?;
+    Ok(Outcome::Fine)
+}

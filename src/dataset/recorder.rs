@@ -1,0 +1,690 @@
+//! The main job: worlds of drones fly through a scene, are sensed, and become a data set.
+
+use super::{
+    BodyRecord, CameraRecord, ClearanceRow, ContactRow, DepthMeaning, DepthPng, FlightRecord, FrameInput,
+    GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, Quarantine, Reference, SceneRecord, StateRow,
+    Summary, VehicleRecord, View, WorldWriter, create_or_resume,
+};
+use crate::error::Result;
+use crate::math::{quat, vec3};
+use crate::physics::controllers::{ControlMode, ticks};
+use crate::physics::drone::{Drone, Dynamics};
+use crate::physics::effects::AnyEffect;
+use crate::physics::integrate::Integrator;
+use crate::physics::measure;
+use crate::physics::rigid_body::State;
+use crate::random::{Key, purpose};
+use crate::rollout::randomize::Randomization;
+use crate::rollout::trajectory::{Spline, Trajectory};
+use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
+use crate::scene::{GeomType, Pose, Scene, Worker, WorkerPool};
+use crate::sense::{self, Camera, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
+use crate::vehicle::Vehicle;
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// Which way the drones fly.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Course {
+    /// [`Trajectory::lissajous`], drawn for each world and drone.
+    Lissajous,
+    /// [`Trajectory::circle`], drawn for each world; several drones share it evenly.
+    Circle,
+    /// Stay 1 m above the origin; several drones in a grid.
+    Hover,
+    /// Through given points; several drones in a grid around them.
+    Waypoints(Spline),
+}
+
+/// Distance between the drones of a grid, m.
+const GRID_M: f64 = 0.6;
+
+impl Course {
+    /// The trajectory of one drone.
+    fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize) -> Trajectory {
+        // A square grid around the centre.
+        let side = (n_drones as f64).sqrt().ceil().max(1.0);
+        let place = |i: f64| (i - 0.5 * (side - 1.0)) * GRID_M;
+        let offset = match n_drones {
+            1 => [0.0; 3],
+            _ => [place((drone as f64 / side).floor()), place(drone as f64 % side), 0.0],
+        };
+        match self {
+            Self::Lissajous => Trajectory::lissajous(seed, world, drone as u32),
+            Self::Circle => match Trajectory::circle(seed, world, 0) {
+                Trajectory::Circle { center_m, radius_m, phase_rad, rate_rad_s } => Trajectory::Circle {
+                    center_m,
+                    radius_m,
+                    phase_rad: phase_rad + core::f64::consts::TAU * drone as f64 / n_drones as f64,
+                    rate_rad_s,
+                },
+                other => other,
+            },
+            Self::Hover => Trajectory::Hover { at_m: vec3::add([0.0, 0.0, 1.0], offset) },
+            Self::Waypoints(spline) => Trajectory::Waypoints(spline.shifted(offset)),
+        }
+    }
+
+    fn record(&self) -> serde_json::Value {
+        match self {
+            Self::Lissajous => json!({ "kind": "lissajous" }),
+            Self::Circle => json!({ "kind": "circle" }),
+            Self::Hover => json!({ "kind": "hover" }),
+            Self::Waypoints(spline) => json!({ "kind": "waypoints", "points": spline.points() }),
+        }
+    }
+}
+
+/// Everything that decides what a data set holds.
+#[derive(Clone, Debug)]
+pub struct Flight {
+    /// The compiled scene, drones attached.
+    pub scene: Scene,
+    /// Vehicle of each drone.
+    pub vehicles: Vec<Vehicle>,
+    /// Name of the dynamics; see [`crate::vehicle::DYNAMICS`].
+    pub dynamics: String,
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Length, s.
+    pub seconds: f64,
+    /// Simulation steps per second.
+    pub sim_hz: u32,
+    /// Depth frames per second.
+    pub fps: u32,
+    /// Rows of states, contacts and clearances per second; must divide `sim_hz`.
+    pub log_hz: u32,
+    /// Integration scheme.
+    pub integrator: Integrator,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Which way the drones fly.
+    pub course: Course,
+    /// Camera of each drone.
+    pub cameras: Vec<Camera>,
+    /// What is drawn anew for every world.
+    pub randomization: Randomization,
+    /// Movable obstacles are shifted by up to this much in x and y, anew for every world, m.
+    pub obstacle_jitter_m: f64,
+    /// Noise of the depth cameras.
+    pub noise: Option<DepthNoise>,
+    /// Whether surface normals are stored.
+    pub normals: bool,
+    /// Largest clearance that is looked for, m.
+    pub clearance_max_m: f64,
+}
+
+/// What a run gave.
+#[derive(Clone, Debug)]
+pub struct Recorded {
+    /// The data set.
+    pub summary: Summary,
+    /// Worlds that were there already.
+    pub n_resumed: usize,
+    /// What the user should know, in words.
+    pub warnings: Vec<String>,
+}
+
+/// Flies all worlds that are not in `out` yet and seals the data set. `progress(done, all)` is called after each world,
+/// from any thread.
+///
+/// The bytes written depend on `flight` alone, not on threads, interruptions or order.
+pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
+    flight.check()?;
+    let drones = flight.drones()?;
+    let manifest = flight.manifest(&drones);
+    let (writer, done) = create_or_resume(out, &manifest)?;
+    let mut warnings = flight.scene.warnings().to_vec();
+    warnings.extend(writer.warnings().iter().cloned());
+    for vehicle in &flight.vehicles {
+        for warning in vehicle.warnings() {
+            if !warnings.contains(warning) {
+                warnings.push(warning.clone());
+            }
+        }
+    }
+    let n_resumed = done.iter().filter(|d| **d).count();
+    let finished = AtomicUsize::new(n_resumed);
+    progress(n_resumed, flight.n_worlds);
+    let pool = WorkerPool::new(&flight.scene);
+    (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
+        pool.with(|worker| World::new(flight, &drones, worker, w)?.fly(writer.world(w)?))??;
+        progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
+        Ok(())
+    })?;
+    Ok(Recorded { summary: writer.finish()?, n_resumed, warnings })
+}
+
+impl Flight {
+    fn check(&self) -> Result<()> {
+        let n = self.scene.n_drones();
+        let option = |name, expected: String, got: String| {
+            Err(crate::Error::from(RolloutError::Option { name, expected, got }))
+        };
+        if self.vehicles.len() != n || self.cameras.len() != n {
+            let got = format!("{} vehicles, {} cameras", self.vehicles.len(), self.cameras.len());
+            return option(
+                "drones",
+                format!("one vehicle and one camera for each of the scene's {n} drones"),
+                got,
+            );
+        }
+        if self.fps == 0 || self.fps > self.sim_hz {
+            return option(
+                "fps",
+                format!("1 to {} Hz, the rate of the simulation", self.sim_hz),
+                self.fps.to_string(),
+            );
+        }
+        if self.log_hz == 0 || !self.sim_hz.is_multiple_of(self.log_hz) {
+            let expected = format!("a divisor of the simulation's {} Hz", self.sim_hz);
+            return option("log_hz", expected, self.log_hz.to_string());
+        }
+        let steps = self.seconds * f64::from(self.sim_hz);
+        if !(self.seconds.is_finite() && (1.0..=1e9).contains(&steps)) {
+            return option(
+                "seconds",
+                "at least one step and at most 1e9 steps".into(),
+                self.seconds.to_string(),
+            );
+        }
+        Ok(())
+    }
+
+    fn drones(&self) -> Result<Vec<Drone<f64>>> {
+        self.vehicles.iter().map(|v| Ok(v.drone(&self.dynamics)?)).collect()
+    }
+
+    fn manifest(&self, drones: &[Drone<f64>]) -> Manifest {
+        let scene = &self.scene;
+        let log_every = self.sim_hz / self.log_hz;
+        Manifest {
+            mujoco_version: crate::scene::mujoco_version(),
+            seed: self.seed,
+            n_worlds: self.n_worlds,
+            n_drones: scene.n_drones(),
+            seconds: self.seconds,
+            fps: f64::from(self.fps),
+            scene: SceneRecord { name: scene.name().into(), sha256: scene.hash() },
+            vehicles: self
+                .vehicles
+                .iter()
+                .zip(drones)
+                .zip(scene.shells())
+                .map(|((v, d), shell)| VehicleRecord {
+                    name: v.name.clone(),
+                    dynamics: self.dynamics.clone(),
+                    shell: shell.clone(),
+                    sha256: v.sha256(),
+                    n_rotors: d.airframe.n_rotors,
+                    rates_hz: [
+                        ("state", v.rates.state_hz),
+                        ("attitude", v.rates.attitude_hz),
+                        ("force_torque", v.rates.force_torque_hz),
+                    ]
+                    .map(|(name, hz)| (name.to_string(), hz))
+                    .into(),
+                })
+                .collect(),
+            flight: FlightRecord {
+                control_mode: ControlMode::State.name().into(),
+                integrator: match self.integrator {
+                    Integrator::Euler => "euler",
+                    Integrator::SemiImplicitEuler => "semi_implicit_euler",
+                    Integrator::Rk4 => "rk4",
+                }
+                .into(),
+                sim_hz: self.sim_hz,
+                state_every_steps: log_every,
+                clearance_every_steps: log_every,
+                clearance_max_m: self.clearance_max_m,
+                contact_every_steps: 1,
+                swept: true,
+                trajectory: {
+                    let mut record = self.course.record();
+                    record["randomization"] = json!(self.randomization);
+                    record["obstacle_jitter_m"] = json!(self.obstacle_jitter_m);
+                    record
+                },
+            },
+            cameras: self.cameras.iter().map(camera_record).collect(),
+            depth_png: DepthPng::default(),
+            normals: self.normals,
+            noise: self.noise.as_ref().map(|n| json!(n)),
+            geoms: scene
+                .geoms()
+                .iter()
+                .map(|g| GeomRecord {
+                    id: g.id as i32,
+                    name: g.name.clone(),
+                    kind: g.kind.name().into(),
+                    body: g.body_id as i32,
+                })
+                .collect(),
+            bodies: scene
+                .bodies()
+                .iter()
+                .map(|b| BodyRecord {
+                    id: b.id as i32,
+                    name: b.name.clone(),
+                    drone: b.drone.map_or(-1, |d| d as i32),
+                })
+                .collect(),
+        }
+    }
+}
+
+/// One world on its way.
+struct World<'a> {
+    flight: &'a Flight,
+    worker: &'a mut Worker,
+    sim: Sim,
+    world: usize,
+    trajectories: Vec<Trajectory>,
+    obstacles: Vec<Pose>,
+    frames: Vec<DepthFrame>,
+    noisy: Vec<DepthFrame>,
+    contacts: Vec<Contact>,
+    /// Pose of each drone at the last step.
+    last: Vec<Pose>,
+    /// Distance that each drone may still travel before anything can touch it, m.
+    slack: Vec<f64>,
+    /// Pairs of geoms that touched at the last step.
+    touching: Vec<(i32, i32)>,
+    reads_ground: bool,
+}
+
+impl<'a> World<'a> {
+    fn new(flight: &'a Flight, drones: &[Drone<f64>], worker: &'a mut Worker, world: usize) -> Result<Self> {
+        let n = drones.len();
+        let slots = drones.iter().zip(&flight.vehicles).map(|(d, v)| (d.clone(), v.rates)).collect();
+        let options = SimOptions {
+            n_worlds: 1,
+            first_world: world as u64,
+            seed: flight.seed,
+            sim_hz: flight.sim_hz,
+            integrator: flight.integrator,
+            control: ControlMode::State,
+            rotor_start: RotorStart::Hover,
+            randomization: flight.randomization.clone(),
+        };
+        let mut sim = Sim::new(options, slots)?;
+        let trajectories: Vec<Trajectory> =
+            (0..n).map(|d| flight.course.trajectory(flight.seed, world as u64, d, n)).collect();
+        for (d, trajectory) in trajectories.iter().enumerate() {
+            let start = trajectory.at(0.0);
+            let turn = quat::exp([0.0, 0.0, start.yaw_rad]);
+            sim.set_initial(0, d, State { pos: start.pos_m, quat: turn, ..State::rest() })?;
+        }
+        sim.reset(None)?;
+        let obstacles = flight
+            .scene
+            .obstacles()
+            .iter()
+            .enumerate()
+            .map(|(i, o)| {
+                let what = purpose("obstacle");
+                let key =
+                    Key { seed: flight.seed, world: world as u64, drone: i as u32, step: 0, purpose: what };
+                let mut stream = key.stream();
+                let j = flight.obstacle_jitter_m;
+                let shift = [stream.uniform(-j, j), stream.uniform(-j, j), 0.0];
+                Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
+            })
+            .collect();
+        let frames: Vec<DepthFrame> = flight.cameras.iter().map(|_| DepthFrame::new()).collect();
+        let last = (0..n).map(|d| pose(&sim, d)).collect();
+        let reads_ground =
+            drones.iter().flat_map(|d| &d.effects).any(|e| matches!(e, AnyEffect::GroundEffect(_)));
+        Ok(Self {
+            flight,
+            worker,
+            sim,
+            world,
+            trajectories,
+            obstacles,
+            noisy: if flight.noise.is_some() { frames.clone() } else { Vec::new() },
+            frames,
+            contacts: Vec::new(),
+            last,
+            slack: vec![0.0; n],
+            touching: Vec::new(),
+            reads_ground,
+        })
+    }
+
+    /// From the first step to the last, everything written.
+    fn fly(mut self, mut out: WorldWriter) -> Result<()> {
+        for (i, obstacle) in self.obstacles.iter().enumerate() {
+            self.worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
+        }
+        let places: Vec<_> = self.obstacles.iter().map(|p| p.pos_m).collect();
+        out.set_info(json!({ "obstacles_m": places, "masses_kg": self.masses() }));
+        let steps = (self.flight.seconds * f64::from(self.flight.sim_hz)).round() as u64;
+        for step in 0..=steps {
+            let t = step as f64 / f64::from(self.flight.sim_hz);
+            let log = ticks(step, self.flight.log_hz, self.flight.sim_hz);
+            let frame = ticks(step, self.flight.fps, self.flight.sim_hz);
+            self.watch(t, step, log, &mut out)?;
+            if log {
+                self.log_clearance(t, step, &mut out)?;
+            }
+            if frame {
+                self.see(t, step, &mut out)?;
+            }
+            if self.reads_ground {
+                self.feel_ground()?;
+            }
+            let command: Vec<f64> = self.trajectories.iter().flat_map(|tr| tr.at(t).command()).collect();
+            self.sim.set_command(&command)?;
+            self.sim.run_controllers();
+            if log {
+                self.log_states(t, step, &mut out)?;
+            }
+            if step < steps {
+                for d in 0..self.last.len() {
+                    self.last[d] = pose(&self.sim, d);
+                }
+                self.sim.run_integration();
+                if let Some(fault) = self.sim.data.quarantine[0].clone() {
+                    let reason = format!("{} became non-finite", fault.quantity);
+                    out.quarantine(Quarantine { step: fault.step, drone: fault.drone, reason });
+                    break;
+                }
+            }
+        }
+        out.finish()?;
+        Ok(())
+    }
+
+    fn masses(&self) -> Vec<f64> {
+        (0..self.last.len()).map(|d| self.sim.drone(0, d).body.mass_kg).collect()
+    }
+
+    /// Writes the poses of this step into the worker.
+    fn sync(&mut self) -> Result<()> {
+        for d in 0..self.last.len() {
+            let at = pose(&self.sim, d);
+            self.worker.set_drone(d, at.pos_m, at.quat_xyzw)?;
+        }
+        Ok(self.worker.update()?)
+    }
+
+    /// Contacts and swept hits of the step that led here, looked for only where something may be near.
+    fn watch(&mut self, t: f64, step: u64, log: bool, out: &mut WorldWriter) -> Result<()> {
+        let n = self.last.len();
+        let mut moved = Vec::with_capacity(n);
+        for d in 0..n {
+            let (from, to) = (self.last[d], pose(&self.sim, d));
+            let turn = quat::mul(quat::conjugate(from.quat_xyzw), to.quat_xyzw);
+            let angle = 2.0 * vec3::norm([turn[0], turn[1], turn[2]]).atan2(turn[3].abs());
+            let radius = self.flight.scene.drone_radius_m(d)?;
+            moved.push(vec3::norm(vec3::sub(to.pos_m, from.pos_m)) + angle * radius);
+        }
+        let mut near = Vec::new();
+        for d in 0..n {
+            let others = (0..n).filter(|e| *e != d).map(|e| moved[e]).fold(0.0, f64::max);
+            self.slack[d] -= moved[d] + others;
+            if self.slack[d] <= sense::TOUCH_M {
+                near.push(d);
+            }
+        }
+        if !near.is_empty() || log {
+            self.sync()?;
+        }
+        if near.is_empty() {
+            self.touching.clear();
+            return Ok(());
+        }
+        sense::contacts(self.worker, &mut self.contacts)?;
+        let mut now = Vec::new();
+        for c in self.contacts.iter().filter(|c| c.touches()) {
+            let pair = (c.drone_geom, c.other_geom);
+            if log || !self.touching.contains(&pair) {
+                out.contact(&touch(t, step, c))?;
+            }
+            now.push(pair);
+        }
+        for d in near {
+            // A drone that touches now, or did at the last step, is known already; what the step jumped over is not.
+            let known = self.contacts.iter().any(|c| c.touches() && c.involves(d));
+            if step > 0 && !known {
+                let (from, to) = (self.last[d], pose(&self.sim, d));
+                if let Some(hit) = sense::swept(self.worker, d, from, to)?
+                    && !self.touching.contains(&(hit.drone_geom, hit.other_geom))
+                {
+                    out.contact(&jumped(t, step, d, &hit, &self.flight.scene))?;
+                }
+            }
+            let clear = sense::clearance(self.worker, d, self.flight.clearance_max_m)?;
+            self.slack[d] = clear.distance_m.max(0.0);
+        }
+        self.touching = now;
+        Ok(())
+    }
+
+    /// Clearance of every drone; the worker has the poses of this step.
+    fn log_clearance(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        for d in 0..self.last.len() {
+            let clear = sense::clearance(self.worker, d, self.flight.clearance_max_m)?;
+            self.slack[d] = clear.distance_m.max(0.0);
+            let nearest = clear.found.then_some(Nearest {
+                distance_m: clear.distance_m,
+                from_m: clear.on_drone_m,
+                to_m: clear.on_other_m,
+                geom: clear.other_geom,
+                body: clear.other_body,
+            });
+            out.clearance(&ClearanceRow { t_s: t, step, drone: d, nearest })?;
+        }
+        Ok(())
+    }
+
+    /// One depth frame of every drone.
+    fn see(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        self.sync()?;
+        for (camera, frame) in self.flight.cameras.iter().zip(&mut self.frames) {
+            camera.render(self.worker, frame)?;
+        }
+        if let Some(noise) = &self.flight.noise {
+            for (d, (clean, noisy)) in self.frames.iter().zip(&mut self.noisy).enumerate() {
+                let key = NoiseKey {
+                    seed: self.flight.seed,
+                    world: self.world as u64,
+                    drone: d as u32,
+                    step,
+                    camera: 0,
+                };
+                noise.apply(&self.flight.cameras[d], clean, key, noisy)?;
+            }
+        }
+        let views: Vec<View> = self
+            .frames
+            .iter()
+            .enumerate()
+            .map(|(d, f)| View {
+                depth_m: &f.depth_m,
+                status: &f.status,
+                geom_id: &f.geom_id,
+                body_id: &f.body_id,
+                normal: f.normal.as_deref(),
+                noisy: self.noisy.get(d).map(|n| NoisyDepth { depth_m: &n.depth_m, status: &n.status }),
+                pos_m: f.pos_m,
+                quat_xyzw: f.quat_xyzw,
+                k: f.k,
+            })
+            .collect();
+        Ok(out.frame(&FrameInput { t_s: t, step, views: &views })?)
+    }
+
+    /// Tells the simulation what lies below each drone.
+    fn feel_ground(&mut self) -> Result<()> {
+        self.sync()?;
+        for d in 0..self.last.len() {
+            let height = self.worker.ground_distance(d)?;
+            let z = self.sim.data.pos[3 * d + 2];
+            self.sim.data.ground_z[d] = height.map_or(f64::NEG_INFINITY, |h| z - h);
+        }
+        Ok(())
+    }
+
+    /// State, command and reference of every drone.
+    fn log_states(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        for (d, trajectory) in self.trajectories.iter().enumerate() {
+            let drone = self.sim.drone(0, d);
+            let n = drone.airframe.n_rotors;
+            let rotors = matches!(drone.dynamics, Dynamics::Rotors);
+            let s = self.sim.data.state(0, d);
+            let rate = self.sim.rate(0, d);
+            let data = &self.sim.data;
+            let reference = trajectory.at(t);
+            let attitude = &data.attitude_command[4 * d..4 * d + 4];
+            let row = StateRow {
+                t_s: t,
+                step,
+                drone: d,
+                pos_m: s.pos,
+                quat_xyzw: s.quat,
+                vel_m_s: s.vel,
+                ang_vel_rad_s: s.ang_vel,
+                specific_force_m_s2: Some(measure::accelerometer(&s, &rate, drone.body.gravity_m_s2)),
+                rotor_rad_s: if rotors { &s.rotor_vel[..n] } else { &[] },
+                thrust_n: Some(self.sim.thrust_n(0, d)),
+                command: &reference.command(),
+                attitude_command: Some([attitude[0], attitude[1], attitude[2], attitude[3]]),
+                rotor_command_rad_s: if rotors { &data.rotor_command[8 * d..8 * d + n] } else { &[] },
+                reference: Some(Reference {
+                    pos_m: reference.pos_m,
+                    vel_m_s: reference.vel_m_s,
+                    acc_m_s2: reference.acc_m_s2,
+                    yaw_rad: reference.yaw_rad,
+                }),
+            };
+            out.state(&row)?;
+        }
+        Ok(())
+    }
+}
+
+/// Cells along the longer side of [`height_map`].
+const MAP_CELLS: usize = 360;
+
+/// The scene from above, cut at this height so that ceilings and crowns do not hide what drones fly through, m.
+const MAP_CUT_M: f64 = 2.5;
+
+/// Heights of the scene (at its model poses, without the drones) on a grid seen from above, cut at 2.5 m, by vertical
+/// rays. The map spans all geoms of limited size, at least ±3 m and at most ±15 m around the origin.
+pub fn height_map(scene: &Scene) -> Result<HeightMap> {
+    let mut worker = scene.worker()?;
+    // Drones out of the way.
+    for d in 0..scene.n_drones() {
+        worker.set_drone(d, [0.0, 0.0, 1e4 + 100.0 * d as f64], [0.0, 0.0, 0.0, 1.0])?;
+    }
+    worker.update()?;
+    let mut half = [3.0f64; 2];
+    for geom in scene.geoms().iter().filter(|g| g.drone.is_none() && g.kind != GeomType::Plane) {
+        let center = worker.geom_pose(geom.id)?.0;
+        for k in 0..2 {
+            half[k] = half[k].max(center[k].abs() + geom.bounding_radius_m.min(3.0));
+        }
+    }
+    let half = half.map(|h| h.min(15.0));
+    let cell = 2.0 * half[0].max(half[1]) / MAP_CELLS as f64;
+    let columns = (2.0 * half[0] / cell).round() as usize;
+    let rows = (2.0 * half[1] / cell).round() as usize;
+    let mut heights_m = Vec::with_capacity(columns * rows);
+    for row in 0..rows {
+        // First row is the farthest in y: north is up.
+        let y = half[1] - (row as f64 + 0.5) * cell;
+        for column in 0..columns {
+            let x = -half[0] + (column as f64 + 0.5) * cell;
+            heights_m.push(surface_below_cut(&mut worker, x, y)?);
+        }
+    }
+    Ok(HeightMap { x_m: [-half[0], half[0]], y_m: [-half[1], half[1]], columns, rows, heights_m })
+}
+
+/// Height of the highest surface at or below the cut, the cut itself inside solids that it goes through, NaN for nothing.
+fn surface_below_cut(worker: &mut Worker, x: f64, y: f64) -> Result<f32> {
+    let mut z = 200.0;
+    let mut inside: Vec<i32> = Vec::new();
+    // A ray passes each surface once; more than this means that it does not get on.
+    for _ in 0..64 {
+        let Some(hit) = worker.ray([x, y, z], [0.0, 0.0, -1.0], Some(&MAP_GROUPS), None)? else {
+            return Ok(f32::NAN);
+        };
+        let at = z - hit.distance;
+        if at <= MAP_CUT_M {
+            return Ok(if inside.is_empty() { at as f32 } else { MAP_CUT_M as f32 });
+        }
+        match inside.iter().position(|g| *g == hit.geom_id) {
+            Some(i) => drop(inside.swap_remove(i)),
+            None => inside.push(hit.geom_id),
+        }
+        z = at - 1e-6;
+    }
+    Ok(f32::NAN)
+}
+
+/// Groups that the map shows: those that cameras see by default.
+const MAP_GROUPS: [u8; 6] = [1, 1, 1, 0, 0, 0];
+
+/// Pose of drone `d` of a simulation of one world.
+fn pose(sim: &Sim, d: usize) -> Pose {
+    let s = sim.data.state(0, d);
+    Pose::new(s.pos, s.quat)
+}
+
+/// A contact as a row; normals of the table point from the drone to what it touches.
+fn touch(t: f64, step: u64, c: &Contact) -> ContactRow {
+    ContactRow {
+        t_s: t,
+        step,
+        drone: c.drone,
+        other_drone: c.other_drone,
+        geoms: [c.drone_geom, c.other_geom],
+        bodies: [c.drone_body, c.other_body],
+        distance_m: c.distance_m,
+        point_m: c.point_m,
+        normal: c.normal.map(|v| -v),
+        swept_fraction: None,
+    }
+}
+
+/// A hit between two steps as a row.
+fn jumped(t: f64, step: u64, drone: usize, hit: &SweptHit, scene: &Scene) -> ContactRow {
+    let body = usize::try_from(hit.drone_geom)
+        .ok()
+        .and_then(|g| scene.geoms().get(g))
+        .map_or(-1, |g| g.body_id as i32);
+    ContactRow {
+        t_s: t,
+        step,
+        drone,
+        other_drone: hit.other_drone,
+        geoms: [hit.drone_geom, hit.other_geom],
+        bodies: [body, hit.other_body],
+        distance_m: hit.distance_m,
+        point_m: hit.point_m,
+        normal: hit.normal.map(|v| -v),
+        swept_fraction: Some(hit.fraction),
+    }
+}
+
+fn camera_record(camera: &Camera) -> CameraRecord {
+    let (near_m, far_m) = camera.range_m();
+    CameraRecord {
+        name: camera.name().into(),
+        width: camera.width(),
+        height: camera.height(),
+        kind: match camera.kind() {
+            DepthKind::Range => DepthMeaning::Range,
+            DepthKind::ZDepth => DepthMeaning::ZDepth,
+        },
+        near_m,
+        far_m,
+        k: camera.k(),
+    }
+}

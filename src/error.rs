@@ -1,0 +1,48 @@
+//! One error for the whole crate, around each area's own.
+
+use std::path::PathBuf;
+
+/// What can go wrong anywhere in Propwash. Messages say what was expected, what was found, where, and what to do.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A file could not be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The command line asks for something that does not exist.
+    #[error("{flag}: expected {expected}, got {got}")]
+    Usage {
+        /// The flag.
+        flag: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it was.
+        got: String,
+    },
+    /// A vehicle file or a URDF is wrong.
+    #[error(transparent)]
+    Vehicle(#[from] crate::vehicle::VehicleError),
+    /// Building or running a simulation.
+    #[error(transparent)]
+    Rollout(#[from] crate::rollout::RolloutError),
+    /// Scenes.
+    #[error(transparent)]
+    Scene(#[from] crate::scene::SceneError),
+    /// Options of a generated scene.
+    #[error(transparent)]
+    Generate(#[from] crate::scene::generate::GenerateError),
+    /// Cameras, contacts, clearances.
+    #[error(transparent)]
+    Sense(#[from] crate::sense::SenseError),
+    /// A data set could not be written or read.
+    #[error(transparent)]
+    Dataset(#[from] crate::dataset::DatasetError),
+}
+
+/// Result with [`Error`].
+pub type Result<T, E = Error> = std::result::Result<T, E>;

@@ -1,0 +1,29 @@
+//! Propwash: a drone simulator that senses and collides in MuJoCo scenes, and that finds the physics it is missing.
+//!
+//! The modules in the order in which data flows; this list is the map of the crate.
+//!
+//! ```text
+//! vehicle + command → physics → rollout → scene → sense → dataset
+//! ```
+
+pub mod error;
+pub mod random;
+pub mod units;
+
+pub mod scalar;
+// Numbers first, then what is built of them.
+pub mod math;
+pub mod physics;
+
+pub mod vehicle;
+
+pub mod rollout;
+
+pub mod scene;
+pub mod sense;
+
+pub mod dataset;
+
+pub mod cli;
+
+pub use error::{Error, Result};

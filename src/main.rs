@@ -1,0 +1,5 @@
+//! The `propwash` program.
+
+fn main() -> std::process::ExitCode {
+    propwash::cli::run()
+}

@@ -1,0 +1,131 @@
+//! Unit quaternions `[x, y, z, w]`, body to world.
+
+use super::vec3;
+use crate::scalar::Real;
+
+/// No rotation.
+#[inline(always)]
+pub fn identity<S: Real>() -> [S; 4] {
+    [S::zero(), S::zero(), S::zero(), S::one()]
+}
+
+/// Hamilton product `a ⊗ b`: rotate by `b`, then by `a`.
+#[inline(always)]
+pub fn mul<S: Real>(a: [S; 4], b: [S; 4]) -> [S; 4] {
+    [
+        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+        a[3] * b[1] - a[0] * b[2] + a[1] * b[3] + a[2] * b[0],
+        a[3] * b[2] + a[0] * b[1] - a[1] * b[0] + a[2] * b[3],
+        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+    ]
+}
+
+/// Conjugate: the inverse of a unit quaternion.
+#[inline(always)]
+pub fn conjugate<S: Real>(q: [S; 4]) -> [S; 4] {
+    [-q[0], -q[1], -q[2], q[3]]
+}
+
+/// `q` scaled to unit length. A zero quaternion stays zero.
+#[inline(always)]
+pub fn normalize<S: Real>(q: [S; 4]) -> [S; 4] {
+    let n2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+    let tiny = n2.lt(S::lit(1e-300));
+    let inverse = S::one() / S::select(tiny, S::one(), n2).sqrt();
+    [q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse]
+}
+
+/// Rotation matrix (rows) of a unit quaternion.
+#[inline(always)]
+pub fn matrix<S: Real>(q: [S; 4]) -> [[S; 3]; 3] {
+    let two = S::lit(2.0);
+    let [x, y, z, w] = q;
+    let (xx, yy, zz, ww) = (x * x, y * y, z * z, w * w);
+    [
+        [xx - yy - zz + ww, two * (x * y - z * w), two * (x * z + y * w)],
+        [two * (x * y + z * w), yy - xx - zz + ww, two * (y * z - x * w)],
+        [two * (x * z - y * w), two * (y * z + x * w), zz - xx - yy + ww],
+    ]
+}
+
+/// `v` turned from body to world.
+#[inline(always)]
+pub fn rotate<S: Real>(q: [S; 4], v: [S; 3]) -> [S; 3] {
+    vec3::mat_vec(matrix(q), v)
+}
+
+/// `v` turned from world to body.
+#[inline(always)]
+pub fn rotate_inverse<S: Real>(q: [S; 4], v: [S; 3]) -> [S; 3] {
+    vec3::mat_t_vec(matrix(q), v)
+}
+
+/// Quaternion of the rotation vector `r` (axis times angle, rad): the exponential map.
+///
+/// Below an angle of 1e-3 rad the series of sin(θ/2)/θ and cos(θ/2) to θ⁴ is used (error below 1e-22), so value and
+/// derivative are exact at zero. (Grassia, "Practical parameterization of rotations using the exponential map",
+/// J. Graphics Tools 3(3), 1998.)
+#[inline(always)]
+pub fn exp<S: Real>(r: [S; 3]) -> [S; 4] {
+    let t2 = vec3::dot(r, r);
+    let small = t2.lt(S::lit(1e-6));
+    let t = S::select(small, S::one(), t2).sqrt();
+    let (sin, cos) = (t * S::lit(0.5)).sin_cos();
+    let k_series = S::lit(0.5) - t2 * S::lit(1.0 / 48.0) + t2 * t2 * S::lit(1.0 / 3840.0);
+    let c_series = S::one() - t2 * S::lit(1.0 / 8.0) + t2 * t2 * S::lit(1.0 / 384.0);
+    let k = S::select(small, k_series, sin / t);
+    [r[0] * k, r[1] * k, r[2] * k, S::select(small, c_series, cos)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::dual::Dual;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = [f64; 3]> {
+        prop::array::uniform3(-3.0..3.0f64)
+    }
+
+    proptest! {
+        #[test]
+        fn rotation_keeps_length_and_inverse_undoes_it(r in vector(), v in vector()) {
+            let q = exp(r);
+            let w = rotate(q, v);
+            prop_assert!((vec3::dot(w, w) - vec3::dot(v, v)).abs() < 1e-12);
+            let back = rotate_inverse(q, w);
+            for i in 0..3 {
+                prop_assert!((back[i] - v[i]).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn product_is_composition(a in vector(), b in vector(), v in vector()) {
+            let (p, q) = (exp(a), exp(b));
+            let (one, two) = (rotate(mul(p, q), v), rotate(p, rotate(q, v)));
+            for i in 0..3 {
+                prop_assert!((one[i] - two[i]).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn halves_compose_to_the_whole(r in vector()) {
+            let h = exp(vec3::scale(r, 0.5));
+            let (whole, twice) = (exp(r), mul(h, h));
+            for i in 0..4 {
+                prop_assert!((whole[i] - twice[i]).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn exp_is_exact_in_value_and_slope_on_both_sides_of_the_series() {
+        for t in [0.0, 1e-9, 0.999e-3, 1.001e-3, 0.1] {
+            let r = [Dual::<f64, 1>::input(t, 0), Dual::lit(0.0), Dual::lit(0.0)];
+            let q = exp(r);
+            assert!((q[0].value - (t / 2.0).sin()).abs() < 1e-16);
+            assert!((q[0].partials[0] - 0.5 * (t / 2.0).cos()).abs() < 1e-13, "at {t}");
+            assert!((q[3].partials[0] + 0.5 * (t / 2.0).sin()).abs() < 1e-13, "at {t}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! One vehicle put together: rigid body, rotors or the abstracted response, effects.
+
+use super::airframe;
+use super::attitude_response;
+use super::controllers::mellinger;
+use super::effects::{AnyEffect, Command, Effect, View};
+use super::params::Parameters;
+use super::rigid_body::{self, MAX_ROTORS, Rate, State, Wrench};
+use super::rotor;
+use super::surroundings::Surroundings;
+use crate::math::{quat, vec3};
+use crate::scalar::Real;
+
+/// How commands become motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Dynamics<S> {
+    /// Rotor speeds make thrust and torque (first principles).
+    Rotors,
+    /// Attitude and thrust commands are answered by fitted second-order systems.
+    AttitudeResponse(attitude_response::Params<S>),
+}
+
+/// All parameters of one vehicle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Drone<S> {
+    /// Mass properties.
+    pub body: rigid_body::Params<S>,
+    /// Rotors.
+    pub airframe: airframe::Params<S>,
+    /// How commands become motion.
+    pub dynamics: Dynamics<S>,
+    /// On-board controller.
+    pub controller: mellinger::Params<S>,
+    /// What else acts, in order.
+    pub effects: Vec<AnyEffect<S>>,
+}
+
+impl<S: Real> Drone<S> {
+    /// The same vehicle over another number type.
+    pub fn map<T: Real>(&self, f: &mut dyn FnMut(S) -> T) -> Drone<T> {
+        Drone {
+            body: self.body.map(f),
+            airframe: self.airframe.map(f),
+            dynamics: match &self.dynamics {
+                Dynamics::Rotors => Dynamics::Rotors,
+                Dynamics::AttitudeResponse(p) => Dynamics::AttitudeResponse(p.map(f)),
+            },
+            controller: self.controller.map(f),
+            effects: self.effects.iter().map(|e| e.map(f)).collect(),
+        }
+    }
+
+    /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0` …
+    ///
+    /// Call [`Drone::refresh`] after changing values.
+    pub fn visit(&mut self, f: &mut dyn FnMut(&str, &mut S)) {
+        self.body.visit("body", f);
+        for i in 0..self.airframe.n_rotors {
+            self.airframe.rotors[i].visit(&format!("rotors.{i}"), f);
+        }
+        if let Dynamics::AttitudeResponse(p) = &mut self.dynamics {
+            p.visit("attitude_response", f);
+        }
+        self.controller.visit("controller", f);
+        for effect in &mut self.effects {
+            let prefix = format!("effect.{}", effect.kind());
+            effect.visit(&prefix, f);
+        }
+    }
+
+    /// Recomputes derived parameters after changes.
+    pub fn refresh(&mut self) {
+        self.body.refresh();
+    }
+
+    /// Rotor speed (rad/s) at which all rotors together carry the weight, each its equal share.
+    pub fn hover_rotor_vel(&self) -> [S; MAX_ROTORS] {
+        let share = self.hover_thrust() / S::lit(self.airframe.n_rotors.max(1) as f64);
+        let mut out = [S::zero(); MAX_ROTORS];
+        for i in 0..self.airframe.n_rotors {
+            out[i] = rotor::speed_for_thrust(self.airframe.rotors[i].thrust_curve, share);
+        }
+        out
+    }
+
+    /// Weight, N.
+    pub fn hover_thrust(&self) -> S {
+        self.body.mass_kg * vec3::norm(self.body.gravity_m_s2)
+    }
+
+    /// Radius of the disc that has the area of all rotors, m.
+    pub fn disc_radius_m(&self) -> S {
+        let mut sum = S::zero();
+        for i in 0..self.airframe.n_rotors {
+            sum = sum + self.airframe.rotors[i].radius_m.square();
+        }
+        sum.sqrt()
+    }
+
+    /// Thrust gain of all effects for a rotor at `hub_m` (body).
+    #[inline(always)]
+    fn thrust_gain(&self, view: &View<S>, hub_m: [S; 3]) -> S {
+        let mut gain = S::one();
+        for effect in &self.effects {
+            gain = gain * effect.thrust_gain(view, hub_m);
+        }
+        gain
+    }
+
+    /// Time derivative of `state` under `command`.
+    #[inline(always)]
+    pub fn rate(&self, state: &State<S>, command: &Command<S>, surroundings: &Surroundings<S>) -> Rate<S> {
+        let mut surroundings = *surroundings;
+        let mut wind = surroundings.wind_m_s;
+        for effect in &self.effects {
+            let view =
+                View { body: &self.body, airframe: &self.airframe, state, surroundings: &surroundings };
+            wind = vec3::add(wind, effect.air(&view));
+        }
+        surroundings.wind_m_s = wind;
+        let view = View { body: &self.body, airframe: &self.airframe, state, surroundings: &surroundings };
+
+        let mut outer = Wrench {
+            force: surroundings.disturbance_force_n,
+            torque: quat::rotate_inverse(state.quat, surroundings.disturbance_torque_n_m),
+        };
+        for effect in &self.effects {
+            effect.wrench(&view, &mut outer);
+        }
+
+        let zero = S::zero();
+        let mut rotor_acc = [zero; MAX_ROTORS];
+        let mut thrust_rate = zero;
+        let (acc, ang_acc) = match (&self.dynamics, command) {
+            (Dynamics::Rotors, Command::Rotors(speeds)) => {
+                for i in 0..self.airframe.n_rotors {
+                    rotor_acc[i] =
+                        rotor::acceleration(&self.airframe.rotors[i], state.rotor_vel[i], speeds[i]);
+                }
+                let mut loads = airframe::loads(&self.airframe, &state.rotor_vel);
+                for i in 0..self.airframe.n_rotors {
+                    loads.thrust[i] =
+                        loads.thrust[i] * self.thrust_gain(&view, self.airframe.rotors[i].position_m);
+                }
+                let (force, torque) =
+                    airframe::wrench(&self.airframe, &loads, &state.rotor_vel, &rotor_acc, state.ang_vel);
+                outer.add_body_force(state.quat, force);
+                outer.torque = vec3::add(outer.torque, torque);
+                rigid_body::accelerations(&self.body, state.ang_vel, &outer)
+            }
+            (Dynamics::AttitudeResponse(p), Command::Attitude(c)) => {
+                thrust_rate = attitude_response::thrust_rate(p, state.thrust, c[3]);
+                let thrust =
+                    attitude_response::thrust(p, state.thrust, c[3]) * self.thrust_gain(&view, [zero; 3]);
+                attitude_response::accelerations(p, &self.body, state, *c, thrust, &outer)
+            }
+            // A command of the other kind drives nothing; `rollout` never mixes them.
+            _ => rigid_body::accelerations(&self.body, state.ang_vel, &outer),
+        };
+        Rate { vel: state.vel, ang_vel: state.ang_vel, acc, ang_acc, rotor_acc, thrust_rate }
+    }
+
+    /// Numbers of memory that all effects keep between steps of `dt_s` seconds.
+    pub fn memory_len(&self, dt_s: f64) -> usize {
+        self.effects.iter().map(|e| e.memory_len(dt_s)).sum()
+    }
+
+    /// Lets every effect change the command, once per step of `dt_s` seconds; `memory` has
+    /// [`Drone::memory_len`] numbers.
+    #[inline(always)]
+    pub fn transmit(
+        &self,
+        state: &State<S>,
+        surroundings: &Surroundings<S>,
+        dt_s: (S, f64),
+        command: &mut Command<S>,
+        memory: &mut [S],
+    ) {
+        let view = View { body: &self.body, airframe: &self.airframe, state, surroundings };
+        let mut rest = memory;
+        for effect in &self.effects {
+            let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
+            effect.command(&view, dt_s.0, command, mine);
+            rest = others;
+        }
+    }
+}

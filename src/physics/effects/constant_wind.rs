@@ -1,0 +1,48 @@
+//! Wind that is the same everywhere and always.
+
+use super::{Effect, View};
+use crate::physics::params::parameters;
+use crate::scalar::Real;
+
+parameters! {
+    /// Parameters of constant wind.
+    pub struct Params {
+        /// Velocity of the air, m/s, world.
+        velocity_m_s: [S; 3],
+    }
+}
+
+impl Default for Params<f64> {
+    fn default() -> Self {
+        Self { velocity_m_s: [0.0; 3] }
+    }
+}
+
+impl<S: Real> Effect<S> for Params<S> {
+    #[inline(always)]
+    fn air(&self, _: &View<S>) -> [S; 3] {
+        self.velocity_m_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::effects::{AnyEffect, Command, linear_drag};
+    use crate::physics::rigid_body::State;
+    use crate::physics::sample::quad;
+    use crate::physics::surroundings::Surroundings;
+
+    #[test]
+    fn wind_without_drag_moves_nothing_and_adds_to_the_wind_of_the_surroundings() {
+        let effect = Params { velocity_m_s: [3.0, 0.0, 0.0] };
+        let drone = quad(vec![AnyEffect::ConstantWind(effect)]);
+        let still = drone.rate(&State::rest(), &Command::Rotors([0.0; 8]), &Surroundings::calm());
+        assert_eq!(still.acc, [0.0, 0.0, -9.81]);
+        let drag = linear_drag::Params { drag_n_s_per_m: [[0.5, 0.0, 0.0], [0.0; 3], [0.0; 3]] };
+        let drone = quad(vec![AnyEffect::LinearDrag(drag), AnyEffect::ConstantWind(effect)]);
+        let gust = Surroundings { wind_m_s: [1.0, 0.0, 0.0], ..Surroundings::calm() };
+        let rate = drone.rate(&State::rest(), &Command::Rotors([0.0; 8]), &gust);
+        assert!((rate.acc[0] - 0.5 * 4.0).abs() < 1e-12);
+    }
+}

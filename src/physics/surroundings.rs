@@ -1,0 +1,57 @@
+//! What effects may read about the world around a vehicle; the caller fills it in.
+
+use crate::scalar::Real;
+
+/// Another vehicle in the same world.
+#[derive(Clone, Copy, Debug)]
+pub struct Neighbour<S> {
+    /// Position of its centre of mass, m, world.
+    pub pos: [S; 3],
+    /// Its velocity, m/s, world.
+    pub vel: [S; 3],
+    /// Its weight, N: what its rotors push down in hover.
+    pub weight_n: S,
+    /// Radius of the disc that has the area of all its rotors, m.
+    pub disc_radius_m: S,
+}
+
+/// Distance to the ground that stands for "no ground below", m.
+pub const NO_GROUND_M: f64 = 1e6;
+
+/// Surroundings of one vehicle during one step.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings<'a, S> {
+    /// Time since the last reset, s.
+    pub time_s: S,
+    /// Air density, kg/m³.
+    pub air_density_kg_m3: S,
+    /// Velocity of the air, m/s, world, before effects add to it.
+    pub wind_m_s: [S; 3],
+    /// Height of the centre of mass above what lies below it, m; [`NO_GROUND_M`] without ground.
+    pub ground_distance_m: S,
+    /// Disturbance force set by the user, N, world.
+    pub disturbance_force_n: [S; 3],
+    /// Disturbance torque set by the user, N·m, world.
+    pub disturbance_torque_n_m: [S; 3],
+    /// The other vehicles of this world.
+    pub neighbours: &'a [Neighbour<S>],
+}
+
+/// Density of air at sea level, 15 °C: ISO 2533 standard atmosphere, kg/m³.
+pub const AIR_DENSITY_KG_M3: f64 = 1.225;
+
+impl<S: Real> Surroundings<'_, S> {
+    /// Still air of standard density, nothing near.
+    pub fn calm() -> Self {
+        let zero = S::zero();
+        Self {
+            time_s: zero,
+            air_density_kg_m3: S::lit(AIR_DENSITY_KG_M3),
+            wind_m_s: [zero; 3],
+            ground_distance_m: S::lit(NO_GROUND_M),
+            disturbance_force_n: [zero; 3],
+            disturbance_torque_n_m: [zero; 3],
+            neighbours: &[],
+        }
+    }
+}

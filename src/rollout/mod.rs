@@ -1,0 +1,19 @@
+//! Many worlds of many drones, advanced together.
+//!
+//! Public state is plain arrays in the order (world, drone, n). A step takes one block of worlds at a time through all
+//! steps of a call while it sits in cache; blocks run in parallel and share nothing, so results do not depend on the
+//! number of threads.
+
+mod blocks;
+mod data;
+mod error;
+pub mod pipeline;
+mod pool;
+pub mod quarantine;
+pub mod randomize;
+mod sim;
+pub mod trajectory;
+
+pub use data::SimData;
+pub use error::RolloutError;
+pub use sim::{RotorStart, Sim, SimOptions};

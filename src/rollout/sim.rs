@@ -1,0 +1,845 @@
+//! The batched simulation.
+
+use super::blocks::{Block, Pack, Phase, Plan, Slot};
+use super::pipeline::{Pipeline, Stage};
+use super::quarantine::Quarantine;
+use super::randomize::Randomization;
+use super::{RolloutError, SimData, pool};
+use crate::math::{quat, vec3};
+use crate::physics::airframe;
+use crate::physics::attitude_response;
+use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
+use crate::physics::drone::{Drone, Dynamics};
+use crate::physics::effects::AnyEffect;
+use crate::physics::integrate::Integrator;
+use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
+use crate::random::Key;
+
+/// How rotors start after a reset.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RotorStart {
+    /// Standing still.
+    Off,
+    /// At the speed that carries the weight.
+    Hover,
+}
+
+/// What a simulation is made of, beside its drones.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimOptions {
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Number of the first world over the whole run: worlds keep their random numbers when a run is split.
+    pub first_world: u64,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Steps per second.
+    pub sim_hz: u32,
+    /// Integration scheme.
+    pub integrator: Integrator,
+    /// What commands mean.
+    pub control: ControlMode,
+    /// How rotors start after a reset.
+    pub rotor_start: RotorStart,
+    /// What is drawn anew at every reset.
+    pub randomization: Randomization,
+}
+
+impl Default for SimOptions {
+    /// One world, 500 Hz, explicit Euler, attitude commands, rotors at hover speed.
+    fn default() -> Self {
+        Self {
+            n_worlds: 1,
+            first_world: 0,
+            seed: 0,
+            sim_hz: 500,
+            integrator: Integrator::Euler,
+            control: ControlMode::Attitude,
+            rotor_start: RotorStart::Hover,
+            randomization: Randomization::default(),
+        }
+    }
+}
+
+/// Worlds × drones, of one or of several vehicle types.
+///
+/// Drone slots are the same in every world; each slot has its own vehicle.
+#[derive(Debug)]
+pub struct Sim {
+    options: SimOptions,
+    nominal: Vec<Drone<f64>>,
+    /// Per (world, drone) where parameters differ between worlds.
+    own: Option<Vec<Drone<f64>>>,
+    initial: Vec<State<f64>>,
+    rates: Vec<Rates>,
+    /// All arrays.
+    pub data: SimData,
+    /// The stages of a step.
+    pub pipeline: Pipeline,
+}
+
+impl Sim {
+    /// A simulation of `drones` (one per slot, with the rates of its controllers) in every world, already reset: at the
+    /// origin, level, at rest. [`Sim::set_initial`] gives other places to start from.
+    pub fn new(options: SimOptions, drones: Vec<(Drone<f64>, Rates)>) -> Result<Self, RolloutError> {
+        check(&options, &drones)?;
+        let (nominal, rates): (Vec<_>, Vec<_>) = drones.into_iter().unzip();
+        let dt = 1.0 / f64::from(options.sim_hz);
+        let memory_len: Vec<usize> = nominal.iter().map(|d| d.memory_len(dt)).collect();
+        let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz);
+        let initial = vec![State::rest(); data.n_worlds * data.n_drones];
+        let mut sim =
+            Self { options, nominal, own: None, initial, rates, data, pipeline: Pipeline::default() };
+        for rule in &sim.options.randomization.rules.clone() {
+            rule.check()?;
+            sim.check_rule(&rule.parameter, |name| rule.matches(name))?;
+        }
+        sim.reset(None)?;
+        Ok(sim)
+    }
+
+    /// The options.
+    pub fn options(&self) -> &SimOptions {
+        &self.options
+    }
+
+    /// Vehicle of one drone as it flies in `world`.
+    pub fn drone(&self, world: usize, drone: usize) -> &Drone<f64> {
+        match &self.own {
+            Some(own) => &own[world * self.nominal.len() + drone],
+            None => &self.nominal[drone],
+        }
+    }
+
+    /// Seconds since the last reset of `world`.
+    pub fn time_s(&self, world: usize) -> f64 {
+        self.data.time_s(world)
+    }
+
+    /// Numbers of one drone's command in the control mode of this simulation.
+    pub fn command_width(&self) -> usize {
+        let rotors = self.nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
+        self.options.control.width(rotors)
+    }
+
+    /// Sets all commands, shape (world, drone, [`Sim::command_width`]). They stay in force until set again; controllers
+    /// take them up at their next tick.
+    pub fn set_command(&mut self, command: &[f64]) -> Result<(), RolloutError> {
+        let width = self.command_width();
+        let (worlds, drones) = (self.data.n_worlds, self.data.n_drones);
+        if command.len() != worlds * drones * width {
+            return Err(RolloutError::Length {
+                name: "command",
+                expected: worlds * drones * width,
+                shape: format!("{worlds} worlds × {drones} drones × {width}"),
+                got: command.len(),
+            });
+        }
+        if let Some(i) = command.iter().position(|v| !v.is_finite()) {
+            return Err(RolloutError::NotFinite {
+                name: "command",
+                world: i / (drones * width),
+                drone: i / width % drones,
+                entry: i % width,
+                got: command[i],
+            });
+        }
+        for (row, numbers) in command.chunks_exact(width).enumerate() {
+            self.data.command[row * COMMAND_WIDTH..row * COMMAND_WIDTH + width].copy_from_slice(numbers);
+        }
+        Ok(())
+    }
+
+    /// Sets where one drone starts from at every reset. Takes effect at the next [`Sim::reset`].
+    pub fn set_initial(&mut self, world: usize, drone: usize, state: State<f64>) -> Result<(), RolloutError> {
+        let numbers = [&state.pos[..], &state.quat, &state.vel, &state.ang_vel, &state.rotor_vel].concat();
+        let length: f64 = state.quat.iter().map(|v| v * v).sum();
+        if let Some((entry, got)) = numbers.iter().enumerate().find(|(_, v)| !v.is_finite()) {
+            return Err(RolloutError::NotFinite { name: "initial state", world, drone, entry, got: *got });
+        }
+        if (length - 1.0).abs() > 1e-6 {
+            return Err(RolloutError::Option {
+                name: "initial attitude",
+                expected: "a unit quaternion xyzw (length 1 within 1e-6)".into(),
+                got: format!("{:?} of length {}", state.quat, length.sqrt()),
+            });
+        }
+        let row = world * self.nominal.len() + drone;
+        let Some(slot) = self.initial.get_mut(row).filter(|_| drone < self.nominal.len()) else {
+            return Err(RolloutError::Option {
+                name: "initial state",
+                expected: format!("world < {}, drone < {}", self.data.n_worlds, self.nominal.len()),
+                got: format!("world {world}, drone {drone}"),
+            });
+        };
+        *slot = state;
+        Ok(())
+    }
+
+    /// Sets one parameter of one drone in one world, or in all worlds; names are those of [`Drone::visit`].
+    pub fn set_parameter(
+        &mut self,
+        world: Option<usize>,
+        drone: usize,
+        name: &str,
+        value: f64,
+    ) -> Result<(), RolloutError> {
+        if drone >= self.nominal.len() || world.is_some_and(|w| w >= self.data.n_worlds) {
+            return Err(RolloutError::Option {
+                name: "parameter",
+                expected: format!("world < {}, drone < {}", self.data.n_worlds, self.nominal.len()),
+                got: format!("world {world:?}, drone {drone}"),
+            });
+        }
+        if !value.is_finite() {
+            let world = world.unwrap_or(0);
+            return Err(RolloutError::NotFinite { name: "parameter", world, drone, entry: 0, got: value });
+        }
+        self.check_rule(name, |n| n == name)?;
+        let set = |d: &mut Drone<f64>| {
+            d.visit(&mut |n, v| {
+                if n == name {
+                    *v = value;
+                }
+            });
+            d.refresh();
+        };
+        match world {
+            None => {
+                set(&mut self.nominal[drone]);
+                let n = self.nominal.len();
+                for (i, d) in self.own.iter_mut().flatten().enumerate() {
+                    if i % n == drone {
+                        set(d);
+                    }
+                }
+            }
+            Some(w) => {
+                let row = w * self.nominal.len() + drone;
+                set(&mut self.own_mut()[row]);
+            }
+        }
+        Ok(())
+    }
+
+    fn own_mut(&mut self) -> &mut Vec<Drone<f64>> {
+        let (nominal, worlds) = (&self.nominal, self.data.n_worlds);
+        self.own.get_or_insert_with(|| {
+            (0..worlds * nominal.len()).map(|i| nominal[i % nominal.len()].clone()).collect()
+        })
+    }
+
+    /// Refuses names that no drone has.
+    fn check_rule(&mut self, wanted: &str, matches: impl Fn(&str) -> bool) -> Result<(), RolloutError> {
+        const INITIAL: [&str; 4] = ["initial.pos", "initial.vel", "initial.ang_vel", "initial.rotation"];
+        let mut found = INITIAL.iter().any(|p| (0..3).any(|i| matches(&format!("{p}.{i}"))));
+        let mut close = Vec::new();
+        let head = wanted.split('.').next().unwrap_or("");
+        for drone in &mut self.nominal {
+            drone.visit(&mut |n, _| {
+                found |= matches(n);
+                if n.starts_with(head) && close.len() < 12 {
+                    close.push(n.to_string());
+                }
+            });
+        }
+        if found {
+            return Ok(());
+        }
+        Err(RolloutError::NoParameter { drone: 0, name: wanted.into(), close: close.join(", ") })
+    }
+
+    /// Back to the initial states, in all worlds or in those whose entry is true; controllers and effects forget, time
+    /// starts anew, randomised parameters and states are drawn for the next episode, quarantine ends. Commands,
+    /// disturbances and wind stay.
+    pub fn reset(&mut self, worlds: Option<&[bool]>) -> Result<(), RolloutError> {
+        let n_worlds = self.data.n_worlds;
+        if let Some(mask) = worlds
+            && mask.len() != n_worlds
+        {
+            return Err(RolloutError::Length {
+                name: "reset mask",
+                expected: n_worlds,
+                shape: format!("{n_worlds} worlds"),
+                got: mask.len(),
+            });
+        }
+        for w in (0..n_worlds).filter(|w| worlds.is_none_or(|mask| mask[*w])) {
+            self.data.episodes[w] += 1;
+            self.data.steps[w] = 0;
+            self.data.quarantine[w] = None;
+            for d in 0..self.nominal.len() {
+                self.reset_drone(w, d);
+            }
+        }
+        Ok(())
+    }
+
+    fn reset_drone(&mut self, w: usize, d: usize) {
+        let row = self.data.row(w, d);
+        let rules = self.options.randomization.rules.clone();
+        let key = Key {
+            seed: self.options.seed,
+            world: self.options.first_world + w as u64,
+            drone: d as u32,
+            step: self.data.episodes[w] - 1,
+            purpose: 0,
+        };
+        if rules.iter().any(|r| !r.parameter.starts_with("initial.")) {
+            let mut drone = self.nominal[d].clone();
+            drone.visit(&mut |name, value| {
+                for rule in rules.iter().filter(|r| r.matches(name)) {
+                    *value = rule.apply(name, *value, key);
+                }
+            });
+            drone.refresh();
+            self.own_mut()[row] = drone;
+        }
+        let mut state = self.initial[row];
+        let mut rotation = [0.0; 3];
+        for (prefix, numbers) in [
+            ("initial.pos", &mut state.pos),
+            ("initial.vel", &mut state.vel),
+            ("initial.ang_vel", &mut state.ang_vel),
+            ("initial.rotation", &mut rotation),
+        ] {
+            for (i, value) in numbers.iter_mut().enumerate() {
+                let name = format!("{prefix}.{i}");
+                for rule in rules.iter().filter(|r| r.matches(&name)) {
+                    *value = rule.apply(&name, *value, key);
+                }
+            }
+        }
+        state.quat = quat::normalize(quat::mul(state.quat, quat::exp(rotation)));
+        if self.options.rotor_start == RotorStart::Hover {
+            let drone = self.drone(w, d);
+            state.rotor_vel = drone.hover_rotor_vel();
+            state.thrust = hover_thrust_state(drone);
+        }
+        self.data.set_state(w, d, &state);
+        let memory = Memory::<f64>::LEN;
+        self.data.controller_memory[row * memory..(row + 1) * memory].fill(0.0);
+        self.data.rotor_command[row * MAX_ROTORS..(row + 1) * MAX_ROTORS].fill(0.0);
+        self.data.attitude_command[row * 4..(row + 1) * 4].fill(0.0);
+        let len = self.data.effect_memory[d].len() / self.data.n_worlds;
+        self.data.effect_memory[d][w * len..(w + 1) * len].fill(0.0);
+    }
+
+    /// Advances every world that is not quarantined by `n_steps`.
+    pub fn step(&mut self, n_steps: usize) -> Result<(), RolloutError> {
+        if self.pipeline.is_plain() {
+            self.run(n_steps, Phase::Both);
+            return Ok(());
+        }
+        for _ in 0..n_steps {
+            // Taken out for the time of the step, since a stage borrows the arrays that the blocks write.
+            let mut stages = std::mem::take(&mut self.pipeline.stages);
+            let mut outcome = Ok(());
+            let mut i = 0;
+            while i < stages.len() && outcome.is_ok() {
+                let both = matches!(stages[i].1, Stage::Controllers)
+                    && matches!(stages.get(i + 1), Some((_, Stage::Integration)));
+                match &mut stages[i].1 {
+                    Stage::Controllers if both => {
+                        self.run(1, Phase::Both);
+                        i += 1;
+                    }
+                    Stage::Controllers => self.run(1, Phase::Controllers),
+                    Stage::Integration => self.run(1, Phase::Integration),
+                    Stage::User(f) => {
+                        f(&mut self.data);
+                        outcome = self.data.check_lengths();
+                    }
+                }
+                i += 1;
+            }
+            self.pipeline.stages = stages;
+            outcome?;
+        }
+        Ok(())
+    }
+
+    /// The first half of a step without user stages: the on-board controllers, as far as they tick. Afterwards
+    /// `data.rotor_command` and `data.attitude_command` hold what is in force until the next step.
+    pub fn run_controllers(&mut self) {
+        self.run(1, Phase::Controllers);
+    }
+
+    /// The second half: integration, and time moves on.
+    pub fn run_integration(&mut self) {
+        self.run(1, Phase::Integration);
+    }
+
+    /// Time derivative of one drone's state under the commands in force, as integration would see it at the start of the
+    /// next step, but before effects change the command on its way (delay, battery).
+    pub fn rate(&self, world: usize, drone: usize) -> Rate<f64> {
+        let plan = self.plan();
+        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
+        self.load::<f64>(world).rate(&plan, &drones, drone)
+    }
+
+    /// Collective thrust of one drone at its present rotor speeds or thrust state, N, without effects.
+    pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {
+        let d = self.drone(world, drone);
+        let s = self.data.state(world, drone);
+        match &d.dynamics {
+            Dynamics::Rotors => airframe::loads(&d.airframe, &s.rotor_vel).thrust.iter().sum(),
+            Dynamics::AttitudeResponse(p) => {
+                let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3];
+                attitude_response::thrust(p, s.thrust, command)
+            }
+        }
+    }
+
+    fn plan(&self) -> Plan {
+        let wash = |e: &AnyEffect<f64>| matches!(e, AnyEffect::Downwash(_));
+        Plan {
+            mode: self.options.control,
+            integrator: self.options.integrator,
+            sim_hz: self.options.sim_hz,
+            rates: self.rates.clone(),
+            gravity: self.nominal.iter().map(|d| d.body.gravity_m_s2).collect(),
+            reads_neighbours: self.nominal.len() > 1
+                && self.nominal.iter().flat_map(|d| &d.effects).any(wash),
+        }
+    }
+
+    /// Runs blocks of worlds, in parallel where it pays.
+    fn run(&mut self, n_steps: usize, phase: Phase) {
+        let n = self.nominal.len();
+        let plan = self.plan();
+        let mut blocks: Vec<(usize, Block<f64>, Option<Quarantine>)> = (0..self.data.n_worlds)
+            .filter(|w| self.data.quarantine[*w].is_none())
+            .map(|w| (w, self.load::<f64>(w), None))
+            .collect();
+        let work = blocks.len() * n * n_steps;
+        let (nominal, own) = (&self.nominal, &self.own);
+        pool::for_each(&mut blocks, work, |(w, block, fault)| {
+            let drones: Vec<&Drone<f64>> = match own {
+                Some(own) => own[*w * n..(*w + 1) * n].iter().collect(),
+                None => nominal.iter().collect(),
+            };
+            *fault = block.advance(&plan, &drones, n_steps, phase);
+        });
+        for (w, block, fault) in blocks {
+            self.store(w, &block);
+            self.data.quarantine[w] =
+                fault.map(|q| Quarantine { world: self.options.first_world + w as u64, ..q });
+        }
+    }
+
+    /// The block that starts at world `w`.
+    fn load<S: Pack>(&self, w: usize) -> Block<S> {
+        let data = &self.data;
+        let slots = (0..self.nominal.len())
+            .map(|d| {
+                let at = |a: &[f64], n: usize, i: usize| {
+                    S::gather(|lane| a[((w + lane) * self.nominal.len() + d) * n + i])
+                };
+                let memory = Memory::<f64>::LEN;
+                let own = data.effect_memory[d].len() / data.n_worlds;
+                Slot {
+                    state: State {
+                        pos: core::array::from_fn(|i| at(&data.pos, 3, i)),
+                        quat: core::array::from_fn(|i| at(&data.quat, 4, i)),
+                        vel: core::array::from_fn(|i| at(&data.vel, 3, i)),
+                        ang_vel: core::array::from_fn(|i| at(&data.ang_vel, 3, i)),
+                        rotor_vel: core::array::from_fn(|i| at(&data.rotor_vel, MAX_ROTORS, i)),
+                        thrust: at(&data.thrust, 1, 0),
+                    },
+                    command: core::array::from_fn(|i| at(&data.command, COMMAND_WIDTH, i)),
+                    memory: Memory::load(|i| at(&data.controller_memory, memory, i)),
+                    rotor_command: core::array::from_fn(|i| at(&data.rotor_command, MAX_ROTORS, i)),
+                    attitude_command: core::array::from_fn(|i| at(&data.attitude_command, 4, i)),
+                    disturbance_force: core::array::from_fn(|i| at(&data.disturbance_force, 3, i)),
+                    disturbance_torque: core::array::from_fn(|i| at(&data.disturbance_torque, 3, i)),
+                    wind: core::array::from_fn(|i| at(&data.wind, 3, i)),
+                    ground_z: at(&data.ground_z, 1, 0),
+                    effect_memory: (0..own)
+                        .map(|i| S::gather(|lane| data.effect_memory[d][(w + lane) * own + i]))
+                        .collect(),
+                }
+            })
+            .collect();
+        Block::new(data.steps[w], slots)
+    }
+
+    /// Writes a block back to the worlds from `w` on.
+    fn store<S: Pack>(&mut self, w: usize, block: &Block<S>) {
+        let n = self.nominal.len();
+        let data = &mut self.data;
+        for lane in 0..S::WIDTH {
+            data.steps[w + lane] = block.step;
+            for (d, slot) in block.slots.iter().enumerate() {
+                let row = (w + lane) * n + d;
+                let put = |a: &mut [f64], numbers: &[S]| {
+                    let len = numbers.len();
+                    for (i, v) in numbers.iter().enumerate() {
+                        a[row * len + i] = v.lane(lane);
+                    }
+                };
+                put(&mut data.pos, &slot.state.pos);
+                put(&mut data.quat, &slot.state.quat);
+                put(&mut data.vel, &slot.state.vel);
+                put(&mut data.ang_vel, &slot.state.ang_vel);
+                put(&mut data.rotor_vel, &slot.state.rotor_vel);
+                put(&mut data.thrust, &[slot.state.thrust]);
+                put(&mut data.rotor_command, &slot.rotor_command);
+                put(&mut data.attitude_command, &slot.attitude_command);
+                let memory = Memory::<f64>::LEN;
+                slot.memory.store(|i, v| data.controller_memory[row * memory + i] = v.lane(lane));
+                let own = slot.effect_memory.len();
+                for (i, v) in slot.effect_memory.iter().enumerate() {
+                    data.effect_memory[d][(w + lane) * own + i] = v.lane(lane);
+                }
+            }
+        }
+    }
+}
+
+/// Thrust state (N) at which the abstracted model carries the weight.
+fn hover_thrust_state(drone: &Drone<f64>) -> f64 {
+    match &drone.dynamics {
+        Dynamics::Rotors => 0.0,
+        Dynamics::AttitudeResponse(p) => (drone.hover_thrust() - p.thrust_offset_n) / p.thrust_scale,
+    }
+}
+
+/// Refuses options that make no sense.
+fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), RolloutError> {
+    let option = |name, expected: &str, got: String| {
+        Err(RolloutError::Option { name, expected: expected.into(), got })
+    };
+    if options.n_worlds == 0 {
+        return option("n_worlds", "at least 1", "0".into());
+    }
+    if drones.is_empty() {
+        return option("drones", "at least one drone", "none".into());
+    }
+    if options.sim_hz == 0 || options.sim_hz > 1_000_000 {
+        return option("sim_hz", "1 to 1 000 000 steps per second", options.sim_hz.to_string());
+    }
+    // Arrays of one world and drone come to about 1.2 kB; refuse what no machine holds before asking for it.
+    let bytes = options.n_worlds.checked_mul(drones.len()).and_then(|n| n.checked_mul(1200));
+    if bytes.is_none_or(|b| b > 1 << 40) {
+        return option(
+            "n_worlds",
+            "worlds × drones that fit in 1 TiB of memory (about 1.2 kB each)",
+            format!("{} worlds × {} drones", options.n_worlds, drones.len()),
+        );
+    }
+    for (i, (drone, rates)) in drones.iter().enumerate() {
+        let abstracted = matches!(drone.dynamics, Dynamics::AttitudeResponse(_));
+        if abstracted && !matches!(options.control, ControlMode::State | ControlMode::Attitude) {
+            return Err(RolloutError::ModeNeedsRotors { drone: i, mode: options.control.name() });
+        }
+        if !(1..=MAX_ROTORS).contains(&drone.airframe.n_rotors) {
+            return option("rotors of a drone", "1 to 8", drone.airframe.n_rotors.to_string());
+        }
+        let used: &[(&'static str, u32)] = match options.control {
+            ControlMode::State => &[
+                ("state_hz", rates.state_hz),
+                ("attitude_hz", rates.attitude_hz),
+                ("force_torque_hz", rates.force_torque_hz),
+            ],
+            ControlMode::Attitude => {
+                &[("attitude_hz", rates.attitude_hz), ("force_torque_hz", rates.force_torque_hz)]
+            }
+            ControlMode::BodyRate => {
+                &[("body_rate_hz", rates.body_rate_hz), ("force_torque_hz", rates.force_torque_hz)]
+            }
+            ControlMode::ForceTorque => &[("force_torque_hz", rates.force_torque_hz)],
+            ControlMode::RotorVel => &[],
+        };
+        for &(name, hz) in used {
+            if hz == 0 || hz > options.sim_hz {
+                return option(
+                    name,
+                    &format!("1 to {} Hz, the rate of the simulation", options.sim_hz),
+                    format!("{hz} Hz for drone {i}"),
+                );
+            }
+        }
+        if vec3::norm(drone.body.gravity_m_s2).is_nan() || drone.body.mass_kg.is_nan() {
+            return option("mass and gravity", "finite numbers", format!("drone {i}: {:?}", drone.body));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::effects::{constant_wind, downwash, linear_drag};
+    use crate::physics::sample::{RATES, quad};
+    use crate::rollout::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
+    use crate::rollout::randomize::{Draw, Rule};
+    use crate::rollout::trajectory::Trajectory;
+
+    fn hover_command(sim: &Sim, at: [f64; 3]) -> Vec<f64> {
+        let one = Trajectory::Hover { at_m: at }.at(0.0).command();
+        one.repeat(sim.data.n_worlds * sim.data.n_drones)
+    }
+
+    fn state_sim(n_worlds: usize, drones: usize) -> Sim {
+        let options = SimOptions { n_worlds, control: ControlMode::State, seed: 5, ..SimOptions::default() };
+        Sim::new(options, vec![(quad(vec![]), RATES); drones]).unwrap()
+    }
+
+    #[test]
+    fn a_drone_flies_to_its_set_point() {
+        let mut sim = state_sim(1, 1);
+        let command = hover_command(&sim, [0.5, -0.3, 1.0]);
+        sim.set_command(&command).unwrap();
+        sim.step(4000).unwrap();
+        let s = sim.data.state(0, 0);
+        for (a, b) in s.pos.iter().zip([0.5, -0.3, 1.0]) {
+            assert!((a - b).abs() < 0.02, "{:?}", s.pos);
+        }
+        assert_eq!(sim.time_s(0), 8.0);
+    }
+
+    fn randomized(n_worlds: usize, first_world: u64) -> Sim {
+        let rule = |name: &str, draw| Rule { parameter: name.into(), draw, shared: false };
+        let randomization = Randomization {
+            rules: vec![
+                rule("body.mass_kg", Draw::Scale([0.9, 1.1])),
+                rule("rotors.*.thrust_curve.2", Draw::Scale([0.95, 1.05])),
+                rule("initial.pos.*", Draw::Normal(0.1)),
+                rule("initial.rotation.2", Draw::Uniform([-0.3, 0.3])),
+            ],
+        };
+        let options = SimOptions {
+            n_worlds,
+            first_world,
+            seed: 11,
+            control: ControlMode::State,
+            integrator: Integrator::Rk4,
+            randomization,
+            ..SimOptions::default()
+        };
+        let mut sim = Sim::new(options, vec![(quad(vec![]), RATES); 2]).unwrap();
+        let command = hover_command(&sim, [0.0, 0.0, 1.0]);
+        sim.set_command(&command).unwrap();
+        sim
+    }
+
+    #[test]
+    fn results_are_the_same_bits_for_any_thread_count_and_any_split_of_the_worlds() {
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut sim = randomized(16, 0);
+                for _ in 0..5 {
+                    sim.step(50).unwrap();
+                }
+                sim.data
+            })
+        };
+        let one = run(1);
+        assert_eq!(one, run(4));
+        let mut half = randomized(8, 8);
+        half.step(250).unwrap();
+        assert_eq!(half.data.pos, one.pos[8 * 2 * 3..]);
+        assert_eq!(half.data.rotor_vel, one.rotor_vel[8 * 2 * 8..]);
+    }
+
+    #[test]
+    fn every_episode_and_world_draws_anew_and_a_masked_reset_touches_no_other_world() {
+        let mut sim = randomized(3, 0);
+        let mass = |sim: &Sim, w: usize| sim.drone(w, 0).body.mass_kg;
+        let first = [mass(&sim, 0), mass(&sim, 1), mass(&sim, 2)];
+        assert!(first[0] != first[1] && first[1] != first[2]);
+        sim.step(100).unwrap();
+        let before = sim.data.clone();
+        sim.reset(Some(&[false, true, false])).unwrap();
+        assert_eq!((mass(&sim, 0), mass(&sim, 2)), (first[0], first[2]));
+        assert_ne!(mass(&sim, 1), first[1]);
+        assert_eq!(
+            (sim.data.steps.clone(), sim.data.pos[..6].to_vec()),
+            (vec![100, 0, 100], before.pos[..6].to_vec())
+        );
+        let again = randomized(3, 0);
+        assert_eq!(mass(&again, 1), first[1], "the same seed draws the same");
+    }
+
+    #[test]
+    fn a_world_that_turns_non_finite_is_named_and_harms_no_neighbour() {
+        let mut sim = state_sim(3, 2);
+        let mut calm = state_sim(3, 2);
+        let command = hover_command(&sim, [0.0, 0.0, 1.0]);
+        sim.set_command(&command).unwrap();
+        calm.set_command(&command).unwrap();
+        sim.step(10).unwrap();
+        calm.step(10).unwrap();
+        let row = sim.data.row(1, 1);
+        sim.data.disturbance_force[3 * row] = f64::INFINITY;
+        sim.step(10).unwrap();
+        calm.step(10).unwrap();
+        let fault = sim.data.quarantine[1].clone().unwrap();
+        assert_eq!((fault.world, fault.drone, fault.step), (1, 1, 10));
+        assert!(fault.to_string().contains("velocity of drone 1"), "{fault}");
+        assert!(sim.data.pos.iter().all(|v| v.is_finite()));
+        assert_eq!(sim.data.steps, vec![20, 10, 20]);
+        assert_eq!(sim.data.state(0, 0), calm.data.state(0, 0));
+        assert_eq!(sim.data.state(2, 1), calm.data.state(2, 1));
+        sim.data.disturbance_force[3 * row] = 0.0;
+        sim.reset(Some(&[false, true, false])).unwrap();
+        assert!(sim.data.quarantine[1].is_none());
+    }
+
+    #[test]
+    fn stages_run_in_order_and_can_stand_between_the_built_in_ones() {
+        use std::sync::{Arc, Mutex};
+        let mut sim = state_sim(1, 1);
+        let order = Arc::new(Mutex::new(Vec::new()));
+        let mark = |name: &'static str| {
+            let order = order.clone();
+            Box::new(move |data: &mut SimData| order.lock().unwrap().push((name, data.steps[0])))
+                as super::super::pipeline::StageFn
+        };
+        sim.pipeline.prepend("first", mark("first")).unwrap();
+        sim.pipeline.insert_after(CONTROLLERS, "between", mark("between")).unwrap();
+        sim.pipeline.append("last", mark("last")).unwrap();
+        assert_eq!(sim.pipeline.names(), ["first", CONTROLLERS, "between", INTEGRATION, "last"]);
+        sim.step(2).unwrap();
+        let expected = [("first", 0), ("between", 0), ("last", 1), ("first", 1), ("between", 1), ("last", 2)];
+        assert_eq!(*order.lock().unwrap(), expected);
+        // A stage between controllers and integration owns the motors.
+        let stop: super::super::pipeline::StageFn = Box::new(|data| data.rotor_command.fill(0.0));
+        sim.pipeline.replace("between", stop).unwrap();
+        let before = sim.data.rotor_vel[0];
+        sim.step(50).unwrap();
+        assert!(sim.data.rotor_vel[0] < 0.5 * before);
+        sim.pipeline.remove("between").unwrap();
+        assert!(sim.pipeline.remove("between").unwrap_err().to_string().contains("no stage named"));
+        assert!(sim.pipeline.remove(INTEGRATION).unwrap_err().to_string().contains("built in"));
+        assert!(sim.pipeline.append("last", Box::new(|_| {})).is_err());
+    }
+
+    #[test]
+    fn one_step_at_a_time_with_idle_stages_gives_the_bits_of_one_call() {
+        let mut plain = randomized(2, 0);
+        let mut staged = randomized(2, 0);
+        staged.pipeline.insert_after(CONTROLLERS, "idle", Box::new(|_| {})).unwrap();
+        plain.step(100).unwrap();
+        staged.step(100).unwrap();
+        assert_eq!(plain.data, staged.data);
+    }
+
+    #[test]
+    fn a_stage_that_breaks_an_array_is_an_error_and_no_panic() {
+        let mut sim = state_sim(1, 1);
+        sim.pipeline.append("bad", Box::new(|data| data.pos.truncate(1))).unwrap();
+        let message = sim.step(1).unwrap_err().to_string();
+        assert!(message.contains("pos") && message.contains("expected 3 numbers"), "{message}");
+    }
+
+    #[test]
+    fn motors_off_means_off_and_a_reset_can_start_at_hover_or_standing_still() {
+        let options = SimOptions {
+            control: ControlMode::RotorVel,
+            rotor_start: RotorStart::Off,
+            ..SimOptions::default()
+        };
+        let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
+        sim.set_command(&[0.0; 4]).unwrap();
+        sim.step(100).unwrap();
+        assert!(sim.data.rotor_vel.iter().all(|v| *v == 0.0));
+        // Free fall: explicit Euler after n steps of h falls g h² n (n − 1) / 2.
+        assert!((sim.data.pos[2] + 9.81 * 0.002f64.powi(2) * 100.0 * 99.0 / 2.0).abs() < 1e-12);
+        let hover = state_sim(1, 1);
+        assert!((hover.data.rotor_vel[0] - (9.81f64 / 4.0 / 1e-5).sqrt()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn drones_rest_on_the_ground_below_them_where_it_is() {
+        let options = SimOptions {
+            control: ControlMode::RotorVel,
+            rotor_start: RotorStart::Off,
+            ..SimOptions::default()
+        };
+        let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
+        sim.data.ground_z[0] = -2.0;
+        sim.pipeline.append("ground", rest_on_ground(0.05)).unwrap();
+        sim.step(1000).unwrap();
+        assert_eq!((sim.data.pos[2], sim.data.vel[2]), (-1.95, 0.0));
+    }
+
+    #[test]
+    fn vehicles_of_different_types_share_a_world_and_feel_each_other() {
+        let wash = AnyEffect::Downwash(downwash::Params { drag_area_m2: 0.02, spread: 0.1 });
+        let mut heavy = quad(vec![]);
+        heavy.body.mass_kg = 1.5;
+        let options = SimOptions { control: ControlMode::State, ..SimOptions::default() };
+        let mut sim = Sim::new(options, vec![(quad(vec![wash]), RATES), (heavy, RATES)]).unwrap();
+        let up = State { pos: [0.0, 0.0, 1.0], ..State::rest() };
+        sim.set_initial(0, 1, up).unwrap();
+        sim.reset(None).unwrap();
+        let low = Trajectory::Hover { at_m: [0.0; 3] }.at(0.0).command();
+        let high = Trajectory::Hover { at_m: [0.0, 0.0, 1.0] }.at(0.0).command();
+        sim.set_command(&[low, high].concat()).unwrap();
+        sim.step(25).unwrap();
+        assert!(sim.data.state(0, 0).vel[2] < -0.005, "the lower one is pushed down");
+        assert_ne!(sim.data.rotor_vel[0], sim.data.rotor_vel[8], "each hovers at its own speed");
+    }
+
+    #[test]
+    fn a_parameter_can_differ_between_worlds() {
+        let drag = linear_drag::Params { drag_n_s_per_m: [[0.0; 3]; 3] };
+        let wind = constant_wind::Params { velocity_m_s: [4.0, 0.0, 0.0] };
+        let drone = quad(vec![AnyEffect::LinearDrag(drag), AnyEffect::ConstantWind(wind)]);
+        let options = SimOptions { n_worlds: 2, ..SimOptions::default() };
+        let mut sim = Sim::new(options, vec![(drone, RATES)]).unwrap();
+        sim.set_command(&[0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 9.81]).unwrap();
+        sim.set_parameter(Some(1), 0, "effect.linear_drag.drag_n_s_per_m.0.0", 0.3).unwrap();
+        sim.set_parameter(Some(1), 0, "body.inertia_kg_m2.0.0", 0.02).unwrap();
+        assert_eq!(sim.drone(1, 0).body.inertia_inverse[0][0], 50.0);
+        sim.step(100).unwrap();
+        assert!(sim.data.state(0, 0).vel[0].abs() < 1e-9 && sim.data.state(1, 0).vel[0] > 0.1);
+        let message = sim.set_parameter(None, 0, "body.mass", 1.0).unwrap_err().to_string();
+        assert!(message.contains("body.mass_kg"), "{message}");
+    }
+
+    #[test]
+    fn the_two_halves_make_a_step_and_the_rate_is_the_slope_of_it() {
+        let (mut whole, mut halves) = (state_sim(1, 2), state_sim(1, 2));
+        let command = hover_command(&whole, [0.3, 0.0, 1.0]);
+        whole.set_command(&command).unwrap();
+        halves.set_command(&command).unwrap();
+        for _ in 0..40 {
+            whole.step(1).unwrap();
+            halves.run_controllers();
+            let (before, rate) = (halves.data.state(0, 1), halves.rate(0, 1));
+            halves.run_integration();
+            let after = halves.data.state(0, 1);
+            for i in 0..3 {
+                assert!((after.vel[i] - before.vel[i] - 0.002 * rate.acc[i]).abs() < 1e-15);
+            }
+        }
+        assert_eq!(whole.data, halves.data);
+    }
+
+    #[test]
+    fn wrong_input_is_refused_with_what_was_expected() {
+        let mut sim = state_sim(2, 1);
+        let short = sim.set_command(&[0.0; 16]).unwrap_err().to_string();
+        assert!(short.contains("expected 32 numbers (2 worlds × 1 drones × 16)"), "{short}");
+        let mut command = vec![0.0; 32];
+        command[17] = f64::NAN;
+        let nan = sim.set_command(&command).unwrap_err().to_string();
+        assert!(nan.contains("world 1, drone 0, entry 1"), "{nan}");
+        assert!(sim.reset(Some(&[true])).is_err());
+        let none = SimOptions { n_worlds: 0, ..SimOptions::default() };
+        assert!(Sim::new(none, vec![(quad(vec![]), RATES)]).unwrap_err().to_string().contains("at least 1"));
+        let absurd = SimOptions { n_worlds: usize::MAX / 2, ..SimOptions::default() };
+        assert!(Sim::new(absurd, vec![(quad(vec![]), RATES)]).unwrap_err().to_string().contains("1 TiB"));
+        let slow = SimOptions { sim_hz: 50, ..SimOptions::default() };
+        let message = Sim::new(slow, vec![(quad(vec![]), RATES)]).unwrap_err().to_string();
+        assert!(message.contains("attitude_hz") && message.contains("1 to 50 Hz"), "{message}");
+        let skewed = State { quat: [0.0, 0.0, 0.0, 2.0], ..State::rest() };
+        assert!(sim.set_initial(0, 0, skewed).unwrap_err().to_string().contains("unit quaternion"));
+        assert!(sim.set_initial(7, 0, State::rest()).is_err());
+    }
+}

@@ -1,0 +1,1539 @@
+//! Scenes made from a seed: forests, corridors with gates, clutter of boxes, as MJCF text.
+//!
+//! The same options give the same text, byte for byte, on every machine: random numbers are counter-based (ChaCha8, keyed by seed,
+//! purpose and item), the arithmetic keeps to operations that IEEE 754 rounds exactly (no sine, no cosine), and numbers are printed with
+//! four decimals. Every scene leaves the start around (0, 0, 1) m free, names each geom and body, has cameras `overview` and `top`, and
+//! carries its moving obstacles as mocap bodies `mover_0`, `mover_1`, ….
+
+use std::collections::HashMap;
+use std::fmt;
+use std::str::FromStr;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+
+/// What can be wrong with the options of a generated scene.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GenerateError {
+    /// The name is none of [`Kind::ALL`].
+    #[error("unknown scene kind {found:?}: expected one of {}", Kind::names())]
+    UnknownKind {
+        /// What was given.
+        found: String,
+    },
+    /// An option is outside its range.
+    #[error("option {option} of a {kind} scene is {found}: expected {expected}")]
+    OptionRange {
+        /// The kind of scene.
+        kind: Kind,
+        /// The option's name.
+        option: &'static str,
+        /// What was given.
+        found: f64,
+        /// The range, in words, with its unit.
+        expected: String,
+    },
+    /// Not all things found a place.
+    #[error("only {fit} of {wanted} {what} fit into this {kind} scene: ask for at most {fit}, or {remedy}")]
+    TooMany {
+        /// The kind of scene.
+        kind: Kind,
+        /// The things, in words.
+        what: &'static str,
+        /// How many were asked for.
+        wanted: usize,
+        /// How many found a place.
+        fit: usize,
+        /// What else would help, with the values of now.
+        remedy: String,
+    },
+}
+
+/// The kinds of scene that can be generated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// Trees of several shapes, bushes, rocks and fallen logs: [`forest`].
+    Forest,
+    /// A hall and a winding corridor with gates and overhead beams: [`corridor`].
+    Corridor,
+    /// Boxes, pillars and slabs, standing and floating: [`boxes`].
+    Boxes,
+}
+
+impl Kind {
+    /// All kinds.
+    pub const ALL: [Kind; 3] = [Kind::Forest, Kind::Corridor, Kind::Boxes];
+
+    /// The name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Forest => "forest",
+            Kind::Corridor => "corridor",
+            Kind::Boxes => "boxes",
+        }
+    }
+
+    fn names() -> String {
+        Self::ALL.map(Self::name).join(", ")
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Kind {
+    type Err = GenerateError;
+
+    fn from_str(name: &str) -> Result<Self, GenerateError> {
+        Self::ALL
+            .into_iter()
+            .find(|kind| kind.name() == name)
+            .ok_or_else(|| GenerateError::UnknownKind { found: name.to_string() })
+    }
+}
+
+/// Options of [`forest`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct ForestOptions {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Number of trees, up to 20 000. The first trees of a seed stay what they are when more are asked for.
+    pub trees: usize,
+    /// Number of rocks on the ground, up to 20 000.
+    pub rocks: usize,
+    /// Number of fallen logs, up to 20 000.
+    pub logs: usize,
+    /// Number of moving obstacles (mocap bodies), up to 1 000.
+    pub moving: usize,
+    /// Edge of the square that the trunks stand in, centred on the origin, m.
+    pub size_m: f64,
+    /// Nothing but the ground is nearer than this to the vertical axis through the origin, m.
+    pub clearing_radius_m: f64,
+    /// Smallest free distance between two trunks, at any height, m. Crowns may meet.
+    pub min_gap_m: f64,
+}
+
+impl Default for ForestOptions {
+    fn default() -> Self {
+        Self {
+            seed: 0,
+            trees: 60,
+            rocks: 12,
+            logs: 5,
+            moving: 3,
+            size_m: 16.0,
+            clearing_radius_m: 1.0,
+            min_gap_m: 0.9,
+        }
+    }
+}
+
+/// Options of [`corridor`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct CorridorOptions {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Number of gates.
+    pub gates: usize,
+    /// Number of moving obstacles (mocap bodies) in the corridor. They share its length with the gates.
+    pub moving: usize,
+    /// Length of the corridor's centre line, from the hall to its end, m.
+    pub length_m: f64,
+    /// Free width of the corridor, m.
+    pub width_m: f64,
+    /// Height of the walls, m. There is no ceiling.
+    pub height_m: f64,
+}
+
+impl Default for CorridorOptions {
+    fn default() -> Self {
+        Self { seed: 0, gates: 6, moving: 2, length_m: 32.0, width_m: 2.4, height_m: 2.4 }
+    }
+}
+
+/// Options of [`boxes`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxesOptions {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Number of boxes, pillars and slabs, up to 20 000.
+    pub count: usize,
+    /// Number of moving obstacles (mocap bodies), up to 1 000.
+    pub moving: usize,
+    /// Edge of the square that everything stands in, centred on the origin, m.
+    pub size_m: f64,
+    /// Nothing but the ground is nearer than this to the vertical axis through the origin, m.
+    pub clearing_radius_m: f64,
+    /// Smallest free distance between any two things, seen from above, m.
+    pub min_gap_m: f64,
+}
+
+impl Default for BoxesOptions {
+    fn default() -> Self {
+        Self { seed: 0, count: 30, moving: 2, size_m: 12.0, clearing_radius_m: 1.0, min_gap_m: 0.5 }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------ random numbers
+
+/// What random numbers are for; part of their key, so that no two uses share numbers.
+#[derive(Clone, Copy)]
+enum Purpose {
+    ForestTree = 0x5C_0001,
+    ForestRock = 0x5C_0002,
+    ForestLog = 0x5C_0003,
+    ForestMover = 0x5C_0004,
+    CorridorPath = 0x5C_0011,
+    CorridorSlots = 0x5C_0012,
+    CorridorGate = 0x5C_0013,
+    CorridorMover = 0x5C_0014,
+    CorridorBeam = 0x5C_0015,
+    BoxesThing = 0x5C_0021,
+    BoxesMover = 0x5C_0022,
+}
+
+/// A stream of random numbers for one item.
+struct Draw(ChaCha8Rng);
+
+impl Draw {
+    /// Key: seed u64, world u64 (0), drone u32 (0), purpose u32, step u64 (the item), little-endian.
+    fn new(seed: u64, purpose: Purpose, item: usize) -> Self {
+        let mut key = [0u8; 32];
+        key[0..8].copy_from_slice(&seed.to_le_bytes());
+        key[20..24].copy_from_slice(&(purpose as u32).to_le_bytes());
+        key[24..32].copy_from_slice(&(item as u64).to_le_bytes());
+        Draw(ChaCha8Rng::from_seed(key))
+    }
+
+    /// Uniform in [0, 1), 53 bits.
+    fn unit(&mut self) -> f64 {
+        (self.0.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+    }
+
+    /// Uniform in [low, high).
+    fn within(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+
+    /// Uniform in 0..n; n is small, so the bias of 2⁻⁵³ n does not matter.
+    fn below(&mut self, n: usize) -> usize {
+        (self.unit() * n as f64) as usize
+    }
+
+    /// A direction in the plane as (cosine, sine), by rejection from the square: no trigonometry.
+    fn direction(&mut self) -> [f64; 2] {
+        loop {
+            let (x, y) = (self.within(-1.0, 1.0), self.within(-1.0, 1.0));
+            let square = x * x + y * y;
+            if square > 1e-4 && square <= 1.0 {
+                let length = square.sqrt();
+                return [x / length, y / length];
+            }
+        }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------ places
+
+/// A disc on the ground that something covers.
+#[derive(Clone, Copy)]
+struct Disc {
+    x: f64,
+    y: f64,
+    radius: f64,
+}
+
+impl Disc {
+    /// Free distance between two discs; negative where they overlap.
+    fn gap(&self, other: &Disc) -> f64 {
+        let (dx, dy) = (self.x - other.x, self.y - other.y);
+        (dx * dx + dy * dy).sqrt() - self.radius - other.radius
+    }
+}
+
+/// The discs taken so far, in square cells so that a query looks at its neighbourhood only.
+struct Places {
+    cell: f64,
+    largest_radius: f64,
+    cells: HashMap<(i64, i64), Vec<Disc>>,
+}
+
+/// Darts thrown for one thing before it counts as not fitting.
+const TRIES: usize = 2_000;
+
+impl Places {
+    fn new(cell: f64) -> Self {
+        Self { cell, largest_radius: 0.0, cells: HashMap::new() }
+    }
+
+    fn index(&self, v: f64) -> i64 {
+        (v / self.cell).floor() as i64
+    }
+
+    fn is_free(&self, disc: &Disc, gap: f64) -> bool {
+        let reach = disc.radius + self.largest_radius + gap;
+        for i in self.index(disc.x - reach)..=self.index(disc.x + reach) {
+            for j in self.index(disc.y - reach)..=self.index(disc.y + reach) {
+                if let Some(taken) = self.cells.get(&(i, j))
+                    && taken.iter().any(|other| disc.gap(other) < gap)
+                {
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    fn take(&mut self, disc: Disc) {
+        self.largest_radius = self.largest_radius.max(disc.radius);
+        let cell = (self.index(disc.x), self.index(disc.y));
+        self.cells.entry(cell).or_default().push(disc);
+    }
+
+    /// Throws darts at the square |x|, |y| ≤ `half` until a disc of `radius` has `gap` to all others and `reach` does not come within
+    /// `clearing` of the origin. None when [`TRIES`] darts found no place.
+    fn throw(
+        &self,
+        draw: &mut Draw,
+        half: f64,
+        radius: f64,
+        gap: f64,
+        reach: f64,
+        clearing: f64,
+    ) -> Option<Disc> {
+        let half = half - radius;
+        for _ in 0..TRIES {
+            let disc = Disc { x: draw.within(-half, half), y: draw.within(-half, half), radius };
+            let off = (disc.x * disc.x + disc.y * disc.y).sqrt();
+            if off >= clearing + reach && self.is_free(&disc, gap) {
+                return Some(disc);
+            }
+        }
+        None
+    }
+}
+
+// ------------------------------------------------------------------------------------------------ MJCF text
+
+/// Four decimals at most, no trailing zeros, no minus zero.
+fn number(value: f64) -> String {
+    let text = format!("{value:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_string() } else { text.to_string() }
+}
+
+fn numbers(values: &[f64]) -> String {
+    values.iter().map(|&v| number(v)).collect::<Vec<_>>().join(" ")
+}
+
+/// MJCF text under construction.
+struct Mjcf {
+    text: String,
+    depth: usize,
+}
+
+impl Mjcf {
+    fn line(&mut self, line: &str) {
+        self.text.extend(std::iter::repeat_n("  ", self.depth));
+        self.text.push_str(line);
+        self.text.push('\n');
+    }
+
+    /// The head that all generated scenes share, up to the open `<worldbody>`.
+    fn begin(
+        kind: Kind,
+        about: &str,
+        settings: &str,
+        extent_m: f64,
+        sky: [[f64; 3]; 2],
+        ground: [[f64; 3]; 2],
+        materials: &[(&str, [f64; 3])],
+    ) -> Self {
+        let mut out = Mjcf { text: String::new(), depth: 0 };
+        out.line("<!--");
+        out.line(about);
+        out.line(&format!("Written by `propwash scene new {kind}`: change the options, not this file. XML comments may not hold a double hyphen,"));
+        out.line("so the options stand here by their names:");
+        out.line(&format!("  {settings}"));
+        out.line("-->");
+        out.line(&format!("<mujoco model=\"{kind}\">"));
+        out.depth = 1;
+        out.line("<size memory=\"16M\"/>");
+        out.line(&format!("<statistic center=\"0 0 1\" extent=\"{}\"/>", number(extent_m)));
+        out.line("<visual>");
+        out.line("  <headlight ambient=\"0.38 0.38 0.38\" diffuse=\"0.35 0.35 0.35\"/>");
+        out.line("  <map znear=\"0.002\"/>");
+        out.line("</visual>");
+        out.line("<asset>");
+        out.line(&format!(
+            "  <texture name=\"sky\" type=\"skybox\" builtin=\"gradient\" rgb1=\"{}\" rgb2=\"{}\" width=\"256\" height=\"1536\"/>",
+            numbers(&sky[0]),
+            numbers(&sky[1])
+        ));
+        out.line(&format!(
+            "  <texture name=\"ground\" type=\"2d\" builtin=\"checker\" rgb1=\"{}\" rgb2=\"{}\" width=\"256\" height=\"256\"/>",
+            numbers(&ground[0]),
+            numbers(&ground[1])
+        ));
+        out.line(
+            "  <material name=\"ground\" texture=\"ground\" texrepeat=\"0.5 0.5\" texuniform=\"true\"/>",
+        );
+        for (name, rgb) in materials {
+            out.line(&format!("  <material name=\"{name}\" rgba=\"{} 1\"/>", numbers(rgb)));
+        }
+        out.line("  <material name=\"mover\" rgba=\"0.95 0.35 0.15 1\"/>");
+        out.line("</asset>");
+        out.line("<worldbody>");
+        out.depth = 2;
+        out.line("<light name=\"sun\" type=\"directional\" pos=\"0 0 20\" dir=\"-0.4 0.3 -1\" diffuse=\"0.7 0.68 0.62\"/>");
+        out.line("<geom name=\"ground\" type=\"plane\" size=\"0 0 0.1\" material=\"ground\"/>");
+        out
+    }
+
+    /// A camera that looks from `from` at `at`, upright.
+    fn camera(&mut self, name: &str, from: [f64; 3], at: [f64; 3], fovy_deg: f64) {
+        // A camera looks along its -z; x is right, y is up in the picture.
+        let z = unit([from[0] - at[0], from[1] - at[1], from[2] - at[2]]);
+        let x = if z[0] == 0.0 && z[1] == 0.0 { [1.0, 0.0, 0.0] } else { unit([-z[1], z[0], 0.0]) };
+        let y = [z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]];
+        self.line(&format!(
+            "<camera name=\"{name}\" pos=\"{}\" xyaxes=\"{} {}\" fovy=\"{}\"/>",
+            numbers(&from),
+            numbers(&x),
+            numbers(&y),
+            number(fovy_deg)
+        ));
+    }
+
+    /// Opens a static body whose x axis points along `heading` (cosine, sine).
+    fn open(&mut self, name: &str, pos: [f64; 3], heading: [f64; 2]) {
+        let turn = if heading == [1.0, 0.0] {
+            String::new()
+        } else {
+            format!(
+                " xyaxes=\"{} {}\"",
+                numbers(&[heading[0], heading[1], 0.0]),
+                numbers(&[-heading[1], heading[0], 0.0])
+            )
+        };
+        self.line(&format!("<body name=\"{name}\" pos=\"{}\"{turn}>", numbers(&pos)));
+        self.depth += 1;
+    }
+
+    fn open_mocap(&mut self, name: &str, pos: [f64; 3]) {
+        self.line(&format!("<body name=\"{name}\" mocap=\"true\" pos=\"{}\">", numbers(&pos)));
+        self.depth += 1;
+    }
+
+    fn close(&mut self) {
+        self.depth -= 1;
+        self.line("</body>");
+    }
+
+    /// A geom given by its sizes and its place in the body.
+    fn geom(&mut self, name: &str, shape: &str, size: &[f64], pos: [f64; 3], material: &str) {
+        self.line(&format!(
+            "<geom name=\"{name}\" type=\"{shape}\" size=\"{}\" pos=\"{}\" material=\"{material}\"/>",
+            numbers(size),
+            numbers(&pos)
+        ));
+    }
+
+    /// A capsule or cylinder between two points.
+    fn stick(&mut self, name: &str, shape: &str, radius: f64, from: [f64; 3], to: [f64; 3], material: &str) {
+        self.line(&format!(
+            "<geom name=\"{name}\" type=\"{shape}\" size=\"{}\" fromto=\"{} {}\" material=\"{material}\"/>",
+            number(radius),
+            numbers(&from),
+            numbers(&to)
+        ));
+    }
+
+    /// The moving obstacle number `i`: ball, post or box by turns.
+    fn mover(&mut self, i: usize, x: f64, y: f64, z: f64) {
+        let name = format!("mover_{i}");
+        self.open_mocap(&name, [x, y, z]);
+        match i % 3 {
+            0 => self.geom(&name, "sphere", &[0.25], [0.0; 3], "mover"),
+            1 => self.geom(&name, "capsule", &[0.1, 0.45], [0.0; 3], "mover"),
+            _ => self.geom(&name, "box", &[0.2, 0.2, 0.2], [0.0; 3], "mover"),
+        }
+        self.close();
+    }
+
+    fn end(mut self) -> String {
+        self.depth = 1;
+        self.line("</worldbody>");
+        self.depth = 0;
+        self.line("</mujoco>");
+        self.text
+    }
+}
+
+/// Places moving obstacles clear of everything in `places`: near the flight space where there is room, else anywhere.
+/// The error is how many found a place.
+fn movers(
+    out: &mut Mjcf,
+    places: &mut Places,
+    seed: u64,
+    purpose: Purpose,
+    count: usize,
+    half: f64,
+    clearing: f64,
+) -> Result<(), usize> {
+    let near = half.min(clearing + 3.5);
+    for i in 0..count {
+        let mut draw = Draw::new(seed, purpose, i);
+        let z = draw.within(0.8, 1.6);
+        let disc = [near, half]
+            .into_iter()
+            .find_map(|half| places.throw(&mut draw, half, MOVER_RADIUS_M, 0.1, MOVER_RADIUS_M, clearing))
+            .ok_or(i)?;
+        places.take(disc);
+        out.mover(i, disc.x, disc.y, z);
+    }
+    Ok(())
+}
+
+/// Largest horizontal radius of a moving obstacle: the half diagonal of its box.
+const MOVER_RADIUS_M: f64 = 0.283;
+
+fn unit(v: [f64; 3]) -> [f64; 3] {
+    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    v.map(|c| c / length)
+}
+
+// ------------------------------------------------------------------------------------------------ checks
+
+/// Refuses values outside [low, high], NaN included.
+fn check(
+    kind: Kind,
+    option: &'static str,
+    found: f64,
+    low: f64,
+    high: f64,
+    unit: &str,
+) -> Result<(), GenerateError> {
+    if (low..=high).contains(&found) {
+        return Ok(());
+    }
+    let expected = format!("{} to {}{unit}", number(low), number(high));
+    Err(GenerateError::OptionRange { kind, option, found, expected })
+}
+
+const MOST_THINGS: f64 = 20_000.0;
+const MOST_MOVING: f64 = 1_000.0;
+
+// ------------------------------------------------------------------------------------------------ forest
+
+const TREE_SHAPES: [&str; 6] = ["pine", "oak", "birch", "poplar", "dead", "bush"];
+
+/// A tree before it has a place. Lengths in m.
+struct Tree {
+    shape: &'static str,
+    height: f64,
+    trunk_radius: f64,
+    /// How far the trunk's top is off its foot, in the body's frame.
+    lean: [f64; 2],
+    heading: [f64; 2],
+    /// Disc that holds the whole trunk seen from above.
+    trunk_reach: f64,
+    /// Disc that holds the whole tree seen from above.
+    reach: f64,
+    parts: Vec<Part>,
+}
+
+/// A crown (ellipsoid) or a branch (capsule) of a tree, in the body's frame.
+enum Part {
+    Crown { size: [f64; 3], pos: [f64; 3], material: &'static str },
+    Branch { radius: f64, from: [f64; 3], to: [f64; 3] },
+}
+
+impl Part {
+    /// Radius of the disc around the body's axis that holds the part, seen from above.
+    fn reach(&self) -> f64 {
+        let off = |p: &[f64; 3]| (p[0] * p[0] + p[1] * p[1]).sqrt();
+        match self {
+            Part::Crown { size, pos, .. } => off(pos) + size[0].max(size[1]),
+            Part::Branch { radius, from, to } => off(from).max(off(to)) + radius,
+        }
+    }
+}
+
+impl Tree {
+    fn draw(draw: &mut Draw) -> Self {
+        // Of ten trees: three pines, two oaks, two birches, one each of the others.
+        let shape = TREE_SHAPES[[0, 0, 0, 1, 1, 2, 2, 3, 4, 5][draw.below(10)]];
+        let heading = draw.direction();
+        let (height, trunk_radius, lean) = match shape {
+            "pine" => (draw.within(2.6, 4.6), draw.within(0.07, 0.13), draw.within(0.0, 0.05)),
+            "oak" => (draw.within(2.2, 3.2), draw.within(0.10, 0.18), draw.within(0.0, 0.12)),
+            "birch" => (draw.within(2.8, 3.8), draw.within(0.04, 0.07), draw.within(0.0, 0.20)),
+            "poplar" => (draw.within(3.4, 5.2), draw.within(0.06, 0.10), draw.within(0.0, 0.05)),
+            "dead" => (draw.within(1.8, 3.0), draw.within(0.06, 0.12), draw.within(0.05, 0.25)),
+            _ => (draw.within(0.3, 0.6), draw.within(0.03, 0.05), 0.0),
+        };
+        let lean_to = draw.direction().map(|c| c * lean);
+        // A point on the trunk's axis at a fraction of its height.
+        let axis = |fraction: f64| [lean_to[0] * fraction, lean_to[1] * fraction, height * fraction];
+        let mut parts = Vec::new();
+        match shape {
+            "pine" => {
+                // Tiers, each narrower than the one below.
+                let tiers = 3 + draw.below(2);
+                let (widest, lowest) = (draw.within(0.55, 0.85), draw.within(0.25, 0.4));
+                for tier in 0..tiers {
+                    let t = tier as f64 / tiers as f64;
+                    let radius = widest * (1.0 - 0.75 * t);
+                    let thick = 0.62 * (1.0 - lowest) * height / tiers as f64;
+                    let pos = axis(lowest + (1.0 - lowest) * (t + 0.5 / tiers as f64));
+                    parts.push(Part::Crown { size: [radius, radius, thick], pos, material: "needles" });
+                }
+            }
+            "oak" => {
+                for i in 0..3 + draw.below(2) {
+                    let radius = draw.within(0.45, 0.75);
+                    let [c, s] = draw.direction();
+                    let off = if i == 0 { 0.0 } else { draw.within(0.25, 0.5) };
+                    let top = axis(1.0);
+                    let pos = [top[0] + c * off, top[1] + s * off, top[2] + draw.within(-0.15, 0.35)];
+                    let material = if i % 2 == 0 { "leaves" } else { "leaves_light" };
+                    parts.push(Part::Crown { size: [radius, radius, 0.8 * radius], pos, material });
+                }
+                // A low branch that reaches out at the height of flight.
+                let [c, s] = draw.direction();
+                let (from, out) = (axis(draw.within(0.4, 0.6)), draw.within(0.5, 0.8));
+                let to = [from[0] + c * out, from[1] + s * out, from[2] + 0.35 * out];
+                parts.push(Part::Branch { radius: 0.035, from, to });
+            }
+            "birch" => {
+                let radius = draw.within(0.35, 0.5);
+                let size = [radius, radius, draw.within(0.7, 1.0)];
+                parts.push(Part::Crown { size, pos: axis(0.85), material: "leaves_light" });
+            }
+            "poplar" => {
+                let radius = draw.within(0.3, 0.42);
+                let size = [radius, radius, 0.44 * height];
+                parts.push(Part::Crown { size, pos: axis(0.58), material: "leaves" });
+            }
+            "dead" => {
+                for _ in 0..2 + draw.below(4) {
+                    let from = axis(draw.within(0.3, 0.95));
+                    let [c, s] = draw.direction();
+                    let out = draw.within(0.3, 0.8);
+                    let to = [from[0] + c * out, from[1] + s * out, from[2] + draw.within(0.1, 0.5) * out];
+                    parts.push(Part::Branch { radius: draw.within(0.015, 0.035), from, to });
+                }
+            }
+            _ => {
+                for i in 0..2 + draw.below(2) {
+                    let radius = draw.within(0.25, 0.42);
+                    let [c, s] = draw.direction();
+                    let off = if i == 0 { 0.0 } else { draw.within(0.15, 0.3) };
+                    let pos = [c * off, s * off, 0.75 * radius + height * 0.3];
+                    parts.push(Part::Crown {
+                        size: [radius, radius, 0.85 * radius],
+                        pos,
+                        material: "leaves",
+                    });
+                }
+            }
+        }
+        let trunk_reach = trunk_radius + lean;
+        let reach = parts.iter().map(Part::reach).fold(trunk_reach, f64::max);
+        Tree { shape, height, trunk_radius, lean: lean_to, heading, trunk_reach, reach, parts }
+    }
+
+    fn write(&self, out: &mut Mjcf, name: &str, x: f64, y: f64) {
+        out.open(name, [x, y, 0.0], self.heading);
+        let bark = match self.shape {
+            "birch" => "bark_birch",
+            "dead" => "bark_dead",
+            _ => "bark",
+        };
+        let top = [self.lean[0], self.lean[1], self.height];
+        out.stick(&format!("{name}_trunk"), "capsule", self.trunk_radius, [0.0; 3], top, bark);
+        for (i, part) in self.parts.iter().enumerate() {
+            match part {
+                Part::Crown { size, pos, material } => {
+                    out.geom(&format!("{name}_crown_{i}"), "ellipsoid", size, *pos, material);
+                }
+                Part::Branch { radius, from, to } => {
+                    out.stick(&format!("{name}_branch_{i}"), "capsule", *radius, *from, *to, bark);
+                }
+            }
+        }
+        out.close();
+    }
+}
+
+/// A forest as MJCF text.
+///
+/// # Errors
+///
+/// An option out of range, or more trees, rocks, logs or moving obstacles than find a place.
+pub fn forest(options: &ForestOptions) -> Result<String, GenerateError> {
+    let kind = Kind::Forest;
+    let o = options;
+    check(kind, "size_m", o.size_m, 4.0, 1_000.0, " m")?;
+    check(
+        kind,
+        "clearing_radius_m",
+        o.clearing_radius_m,
+        0.5,
+        0.5 * o.size_m,
+        " m (half of size_m at most)",
+    )?;
+    check(kind, "min_gap_m", o.min_gap_m, 0.0, 0.5 * o.size_m, " m (half of size_m at most)")?;
+    check(kind, "trees", o.trees as f64, 0.0, MOST_THINGS, "")?;
+    check(kind, "rocks", o.rocks as f64, 0.0, MOST_THINGS, "")?;
+    check(kind, "logs", o.logs as f64, 0.0, MOST_THINGS, "")?;
+    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
+    let half = 0.5 * o.size_m;
+    let too_many = |what: &'static str, wanted: usize, fit: usize| GenerateError::TooMany {
+        kind,
+        what,
+        wanted,
+        fit,
+        remedy: format!(
+            "enlarge size_m (now {}), or lower min_gap_m (now {}) or clearing_radius_m (now {})",
+            number(o.size_m),
+            number(o.min_gap_m),
+            number(o.clearing_radius_m)
+        ),
+    };
+
+    let settings = format!(
+        "seed {}, trees {}, rocks {}, logs {}, moving {}, size_m {}, clearing_radius_m {}, min_gap_m {}",
+        o.seed,
+        o.trees,
+        o.rocks,
+        o.logs,
+        o.moving,
+        number(o.size_m),
+        number(o.clearing_radius_m),
+        number(o.min_gap_m)
+    );
+    let mut out = Mjcf::begin(
+        kind,
+        "A forest: trees of six shapes, rocks, fallen logs and moving obstacles, with a clearing around the start.",
+        &settings,
+        0.7 * o.size_m,
+        [[0.50, 0.70, 0.90], [0.93, 0.94, 0.90]],
+        [[0.33, 0.40, 0.24], [0.29, 0.36, 0.21]],
+        &[
+            ("bark", [0.36, 0.26, 0.18]),
+            ("bark_birch", [0.88, 0.87, 0.82]),
+            ("bark_dead", [0.52, 0.47, 0.42]),
+            ("needles", [0.11, 0.30, 0.19]),
+            ("leaves", [0.24, 0.45, 0.16]),
+            ("leaves_light", [0.50, 0.62, 0.22]),
+            ("rock", [0.55, 0.54, 0.52]),
+        ],
+    );
+    out.camera("overview", [-0.62 * o.size_m, -0.7 * o.size_m, 0.55 * o.size_m], [0.0; 3], 50.0);
+    out.camera("top", [0.0, 0.0, 1.2 * o.size_m], [0.0; 3], 50.0);
+
+    // What is on the ground, and the same with crowns and branches, for the moving obstacles.
+    let mut trunks = Places::new(o.min_gap_m.max(1.0));
+    let mut wholes = Places::new(1.0);
+    let digits = o.trees.saturating_sub(1).max(100).to_string().len();
+    for i in 0..o.trees {
+        let mut draw = Draw::new(o.seed, Purpose::ForestTree, i);
+        let tree = Tree::draw(&mut draw);
+        let place =
+            trunks.throw(&mut draw, half, tree.trunk_reach, o.min_gap_m, tree.reach, o.clearing_radius_m);
+        let disc = place.ok_or_else(|| too_many("trees", o.trees, i))?;
+        trunks.take(disc);
+        wholes.take(Disc { radius: tree.reach, ..disc });
+        tree.write(&mut out, &format!("{}_{i:0digits$}", tree.shape), disc.x, disc.y);
+    }
+    // Rocks and logs lie between the trunks: they keep off them and off each other, but need no gap to fly through.
+    for i in 0..o.rocks {
+        let mut draw = Draw::new(o.seed, Purpose::ForestRock, i);
+        let size = [draw.within(0.12, 0.4), draw.within(0.12, 0.4), draw.within(0.1, 0.3)];
+        let radius = size[0].max(size[1]);
+        let heading = draw.direction();
+        let place = trunks.throw(&mut draw, half, radius, 0.05, radius, o.clearing_radius_m);
+        let disc = place.ok_or_else(|| too_many("rocks", o.rocks, i))?;
+        trunks.take(disc);
+        let name = format!("rock_{i:02}");
+        out.open(&name, [disc.x, disc.y, 0.0], heading);
+        out.geom(&name, "ellipsoid", &size, [0.0, 0.0, 0.3 * size[2]], "rock");
+        out.close();
+    }
+    for i in 0..o.logs {
+        let mut draw = Draw::new(o.seed, Purpose::ForestLog, i);
+        let (radius, half_length) = (draw.within(0.06, 0.14), draw.within(0.5, 1.2));
+        let name = format!("log_{i:02}");
+        // A log is a row of discs, each as free as a rock.
+        let step = half_length / 3.0;
+        let disc_radius = radius + 0.5 * step;
+        let row = |x: f64, y: f64, c: f64, s: f64| {
+            (-3..=3).map(move |k| {
+                let along = f64::from(k) * step;
+                Disc { x: x + c * along, y: y + s * along, radius: disc_radius }
+            })
+        };
+        let mut found = None;
+        for _ in 0..TRIES {
+            let (x, y) = (draw.within(-half, half), draw.within(-half, half));
+            let [c, s] = draw.direction();
+            let inside = |d: &Disc| {
+                d.x.abs() <= half
+                    && d.y.abs() <= half
+                    && (d.x * d.x + d.y * d.y).sqrt() >= o.clearing_radius_m + d.radius
+            };
+            if row(x, y, c, s).all(|d| inside(&d) && trunks.is_free(&d, 0.0)) {
+                found = Some((x, y, c, s));
+                break;
+            }
+        }
+        let (x, y, c, s) = found.ok_or_else(|| too_many("logs", o.logs, i))?;
+        row(x, y, c, s).for_each(|d| trunks.take(d));
+        out.open(&name, [x, y, 0.0], [c, s]);
+        out.stick(
+            &name,
+            "capsule",
+            radius,
+            [-half_length, 0.0, 0.9 * radius],
+            [half_length, 0.0, 0.9 * radius],
+            "bark",
+        );
+        out.close();
+    }
+    if let Err(fit) =
+        movers(&mut out, &mut wholes, o.seed, Purpose::ForestMover, o.moving, half, o.clearing_radius_m)
+    {
+        return Err(too_many("moving obstacles", o.moving, fit));
+    }
+    Ok(out.end())
+}
+
+// ------------------------------------------------------------------------------------------------ corridor
+
+/// Half of the hall's edge, around the start, m: room for a flight of ±2 m before the corridor begins.
+const HALL_HALF_M: f64 = 3.0;
+/// Thickness of walls, m.
+const WALL_M: f64 = 0.1;
+/// Distance between gates along the corridor, m.
+const GATE_STEP_M: f64 = 1.2;
+/// A straight piece is at least this much longer than the corridor is wide, m: corners stay apart and have room for a gate between them.
+const SHORTEST_RUN_OVER_WIDTH_M: f64 = 1.6;
+/// Thickness of a gate's bars, m.
+const BAR_M: f64 = 0.06;
+
+/// A straight piece of the corridor: from `start` along `along`, which is a unit vector of an axis.
+struct Run {
+    start: [f64; 2],
+    along: [f64; 2],
+    length: f64,
+}
+
+impl Run {
+    /// The point `s` m along the run and `side` m to its left.
+    fn at(&self, s: f64, side: f64) -> [f64; 2] {
+        let [c, n] = self.along;
+        [self.start[0] + c * s - n * side, self.start[1] + n * s + c * side]
+    }
+}
+
+/// Runs along +x and ±y by turns: the way never comes back, so it cannot cross itself.
+fn corridor_path(o: &CorridorOptions) -> Vec<Run> {
+    let mut draw = Draw::new(o.seed, Purpose::CorridorPath, 0);
+    let shortest = o.width_m + SHORTEST_RUN_OVER_WIDTH_M;
+    let mut runs: Vec<Run> = Vec::new();
+    let (mut at, mut along, mut left) = ([HALL_HALF_M, 0.0], [1.0, 0.0], o.length_m);
+    loop {
+        let mut length = draw.within(shortest, shortest + 3.4);
+        if left - length < shortest {
+            length = left;
+        }
+        runs.push(Run { start: at, along, length });
+        left -= length;
+        if left <= 0.0 {
+            return runs;
+        }
+        at = [at[0] + along[0] * length, at[1] + along[1] * length];
+        along = match along {
+            [1.0, 0.0] if draw.unit() < 0.5 => [0.0, 1.0],
+            [1.0, 0.0] => [0.0, -1.0],
+            _ => [1.0, 0.0],
+        };
+    }
+}
+
+/// A box on the ground between two corners of its footprint.
+fn wall(out: &mut Mjcf, name: &str, a: [f64; 2], b: [f64; 2], height: f64) {
+    let half = [0.5 * (b[0] - a[0]).abs(), 0.5 * (b[1] - a[1]).abs(), 0.5 * height];
+    let pos = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * height];
+    out.geom(name, "box", &half, pos, "wall");
+}
+
+/// A gate: a frame around an opening, on posts. The body's x axis is the way through.
+fn gate(out: &mut Mjcf, name: &str, at: [f64; 2], along: [f64; 2], draw: &mut Draw, o: &CorridorOptions) {
+    let opening = draw.within(0.4, 0.5); // half of the free width and height
+    let frame = opening + 0.5 * BAR_M; // to the middle of the bars
+    let play = 0.5 * o.width_m - opening - BAR_M - 0.02;
+    let side = draw.within(-play, play);
+    let z = draw.within(0.8, (o.height_m - opening - BAR_M).min(1.5)); // the opening's middle
+    let (b, octagon) = (0.5 * BAR_M, draw.unit() < 0.5);
+    out.open(name, [at[0], at[1], 0.0], along);
+    if octagon {
+        // The apothem is `frame`; half of a side is frame tan 22.5 degrees = frame (sqrt 2 - 1).
+        let k = frame * (std::f64::consts::SQRT_2 - 1.0);
+        let corners = [
+            (frame, k),
+            (k, frame),
+            (-k, frame),
+            (-frame, k),
+            (-frame, -k),
+            (-k, -frame),
+            (k, -frame),
+            (frame, -k),
+        ];
+        for i in 0..8 {
+            let ((y0, z0), (y1, z1)) = (corners[i], corners[(i + 1) % 8]);
+            let (from, to) = ([0.0, side + y0, z + z0], [0.0, side + y1, z + z1]);
+            out.stick(&format!("{name}_bar_{i}"), "capsule", b, from, to, "gate_round");
+        }
+    } else {
+        let long = opening + BAR_M;
+        out.geom(&format!("{name}_left"), "box", &[b, b, long], [0.0, side + frame, z], "gate_square");
+        out.geom(&format!("{name}_right"), "box", &[b, b, long], [0.0, side - frame, z], "gate_square");
+        out.geom(&format!("{name}_top"), "box", &[b, opening, b], [0.0, side, z + frame], "gate_square");
+        out.geom(&format!("{name}_bottom"), "box", &[b, opening, b], [0.0, side, z - frame], "gate_square");
+    }
+    // Posts carry the frame at its lower corners.
+    let (foot, top) =
+        if octagon { (frame * (std::f64::consts::SQRT_2 - 1.0), z - frame) } else { (frame, z - frame) };
+    for (end, y) in [("left", side + foot), ("right", side - foot)] {
+        out.stick(&format!("{name}_post_{end}"), "capsule", 0.02, [0.0, y, 0.0], [0.0, y, top], "post");
+    }
+    out.close();
+}
+
+/// A hall around the start and a winding corridor with gates and overhead beams, as MJCF text. Flight begins along +x.
+///
+/// # Errors
+///
+/// An option out of range, or more gates and moving obstacles than fit along the corridor.
+pub fn corridor(options: &CorridorOptions) -> Result<String, GenerateError> {
+    let kind = Kind::Corridor;
+    let o = options;
+    check(kind, "width_m", o.width_m, 1.4, 5.0, " m (5 m so that it leaves the hall through one wall)")?;
+    check(kind, "height_m", o.height_m, 2.0, 20.0, " m")?;
+    let shortest = o.width_m + SHORTEST_RUN_OVER_WIDTH_M;
+    check(kind, "length_m", o.length_m, shortest, 2_000.0, " m (width_m + 1.6 m at least)")?;
+    check(kind, "gates", o.gates as f64, 0.0, MOST_MOVING, "")?;
+    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
+
+    let runs = corridor_path(o);
+    let w = 0.5 * o.width_m;
+    // Slots for gates and moving obstacles: evenly along each run, out of the corners.
+    let mut slots = Vec::new();
+    for (r, run) in runs.iter().enumerate() {
+        let low = if r == 0 { 0.5 } else { w + 0.2 };
+        let free = run.length - low - if r + 1 == runs.len() { 0.6 } else { w + 0.2 };
+        let n = ((free / GATE_STEP_M).floor() as usize).max(usize::from(free >= 0.0));
+        let step = free / n.max(1) as f64;
+        slots.extend((0..n).map(|k| (r, low + (k as f64 + 0.5) * step)));
+    }
+    let wanted = o.gates + o.moving;
+    if wanted > slots.len() {
+        return Err(GenerateError::TooMany {
+            kind,
+            what: "gates and moving obstacles together",
+            wanted,
+            fit: slots.len(),
+            remedy: format!(
+                "enlarge length_m (now {}) or lower width_m (now {})",
+                number(o.length_m),
+                number(o.width_m)
+            ),
+        });
+    }
+    // A random choice without repetition: the first `wanted` cards of a shuffled pack; gates in the order in which they are flown through.
+    let mut pack: Vec<usize> = (0..slots.len()).collect();
+    let mut draw = Draw::new(o.seed, Purpose::CorridorSlots, 0);
+    for i in 0..wanted {
+        let j = i + draw.below(pack.len() - i);
+        pack.swap(i, j);
+    }
+    pack[..o.gates].sort_unstable();
+
+    let settings = format!(
+        "seed {}, gates {}, moving {}, length_m {}, width_m {}, height_m {}",
+        o.seed,
+        o.gates,
+        o.moving,
+        number(o.length_m),
+        number(o.width_m),
+        number(o.height_m)
+    );
+    // The whole way, for the cameras.
+    let (mut min, mut max) = ([-HALL_HALF_M; 2], [HALL_HALF_M; 2]);
+    for run in &runs {
+        for axis in 0..2 {
+            let end = run.at(run.length, 0.0)[axis];
+            min[axis] = min[axis].min(end - w);
+            max[axis] = max[axis].max(end + w);
+        }
+    }
+    let middle = [0.5 * (min[0] + max[0]), 0.5 * (min[1] + max[1]), 0.0];
+    let span = (max[0] - min[0]).max(max[1] - min[1]);
+    let mut out = Mjcf::begin(
+        kind,
+        "A hall around the start and a winding corridor with gates to fly through, overhead beams and moving obstacles. No ceiling.",
+        &settings,
+        0.6 * span,
+        [[0.30, 0.36, 0.45], [0.75, 0.78, 0.82]],
+        [[0.46, 0.46, 0.48], [0.41, 0.41, 0.43]],
+        &[
+            ("wall", [0.80, 0.79, 0.75]),
+            ("gate_square", [0.90, 0.45, 0.10]),
+            ("gate_round", [0.15, 0.45, 0.80]),
+            ("post", [0.25, 0.26, 0.28]),
+            ("beam", [0.50, 0.34, 0.22]),
+            ("pipe", [0.60, 0.62, 0.66]),
+        ],
+    );
+    let from = [middle[0] - 0.35 * span, middle[1] - 0.75 * span, 0.8 * span];
+    out.camera("overview", from, middle, 55.0);
+    out.camera("top", [middle[0], middle[1], 1.3 * span], middle, 55.0);
+
+    // The hall; its wall towards +x leaves the corridor's mouth open.
+    let (h, t, height) = (HALL_HALF_M, WALL_M, o.height_m);
+    out.open("hall", [0.0; 3], [1.0, 0.0]);
+    wall(&mut out, "hall_back", [-h - t, -h - t], [-h, h + t], height);
+    wall(&mut out, "hall_left", [-h, h], [h, h + t], height);
+    wall(&mut out, "hall_right", [-h, -h - t], [h, -h], height);
+    wall(&mut out, "hall_front_left", [h, w], [h + t, h + t], height);
+    wall(&mut out, "hall_front_right", [h, -h - t], [h + t, -w], height);
+    let (corner, side) = (h - 0.4, h - 0.2);
+    let columns = [
+        (-corner, -corner),
+        (-corner, corner),
+        (corner, corner),
+        (corner, -corner),
+        (0.0, side),
+        (0.0, -side),
+    ];
+    for (i, (x, y)) in columns.into_iter().enumerate() {
+        let at = [x, y, 0.5 * height];
+        out.geom(&format!("hall_column_{i}"), "cylinder", &[0.12, 0.5 * height], at, "pipe");
+    }
+    out.close();
+
+    for (r, run) in runs.iter().enumerate() {
+        out.open(&format!("run_{r:02}"), [0.0; 3], [1.0, 0.0]);
+        let turn = |a: &Run, b: &Run| a.along[0] * b.along[1] - a.along[1] * b.along[0]; // +1 to the left, -1 to the right
+        let turn_in = r.checked_sub(1).map_or(0.0, |before| turn(&runs[before], run));
+        let turn_out = runs.get(r + 1).map_or(0.0, |after| turn(run, after));
+        for (end, side) in [("left", 1.0), ("right", -1.0)] {
+            // At a corner the wall on the inside of the turn ends half a width before the centre line's corner, the outer one half a width after.
+            // Where two walls meet, the one before fills the corner.
+            let (inner_in, outer_out) = (side * turn_in > 0.0, side * turn_out < 0.0);
+            let first = if r == 0 { t } else { side * turn_in * w + if inner_in { t } else { 0.0 } };
+            let last = run.length - side * turn_out * w + if outer_out { t } else { 0.0 };
+            let name = format!("run_{r:02}_{end}");
+            wall(&mut out, &name, run.at(first, side * w), run.at(last, side * (w + t)), height);
+        }
+        if r + 1 == runs.len() {
+            wall(&mut out, "end", run.at(run.length, -w - t), run.at(run.length + t, w + t), height);
+        }
+        // Overhead beams and pipes, from wall to wall.
+        let mut draw = Draw::new(o.seed, Purpose::CorridorBeam, r);
+        for i in 0..1 + draw.below(2) {
+            let s = draw.within(w + 0.2, run.length - w - 0.2);
+            let z = draw.within((0.82 * height).max(1.8), height - 0.1);
+            let (a, b) = (run.at(s, w), run.at(s, -w));
+            let name = format!("run_{r:02}_beam_{i}");
+            if i == 0 {
+                let half =
+                    [(0.5 * (a[0] - b[0]).abs()).max(0.06), (0.5 * (a[1] - b[1]).abs()).max(0.06), 0.08];
+                out.geom(&name, "box", &half, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), z], "beam");
+            } else {
+                out.stick(&name, "cylinder", 0.04, [a[0], a[1], z], [b[0], b[1], z], "pipe");
+            }
+        }
+        out.close();
+    }
+    for (i, &slot) in pack[..o.gates].iter().enumerate() {
+        let (r, s) = slots[slot];
+        let mut draw = Draw::new(o.seed, Purpose::CorridorGate, i);
+        let at = runs[r].at(s + draw.within(-0.15, 0.15), 0.0);
+        gate(&mut out, &format!("gate_{i:02}"), at, runs[r].along, &mut draw, o);
+    }
+    for (i, &slot) in pack[o.gates..wanted].iter().enumerate() {
+        let (r, s) = slots[slot];
+        let mut draw = Draw::new(o.seed, Purpose::CorridorMover, i);
+        let play = w - MOVER_RADIUS_M;
+        let [x, y] = runs[r].at(s, draw.within(-play, play));
+        out.mover(i, x, y, draw.within(0.8, 1.5));
+    }
+    Ok(out.end())
+}
+
+// ------------------------------------------------------------------------------------------------ boxes
+
+/// Boxes, pillars, slabs and floating blocks, as MJCF text.
+///
+/// # Errors
+///
+/// An option out of range, or more things than find a place.
+pub fn boxes(options: &BoxesOptions) -> Result<String, GenerateError> {
+    let kind = Kind::Boxes;
+    let o = options;
+    check(kind, "size_m", o.size_m, 4.0, 1_000.0, " m")?;
+    check(
+        kind,
+        "clearing_radius_m",
+        o.clearing_radius_m,
+        0.5,
+        0.5 * o.size_m,
+        " m (half of size_m at most)",
+    )?;
+    check(kind, "min_gap_m", o.min_gap_m, 0.0, 0.5 * o.size_m, " m (half of size_m at most)")?;
+    check(kind, "count", o.count as f64, 0.0, MOST_THINGS, "")?;
+    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
+    let half = 0.5 * o.size_m;
+    let too_many = |what: &'static str, wanted: usize, fit: usize| GenerateError::TooMany {
+        kind,
+        what,
+        wanted,
+        fit,
+        remedy: format!(
+            "enlarge size_m (now {}), or lower min_gap_m (now {}) or clearing_radius_m (now {})",
+            number(o.size_m),
+            number(o.min_gap_m),
+            number(o.clearing_radius_m)
+        ),
+    };
+    let settings = format!(
+        "seed {}, count {}, moving {}, size_m {}, clearing_radius_m {}, min_gap_m {}",
+        o.seed,
+        o.count,
+        o.moving,
+        number(o.size_m),
+        number(o.clearing_radius_m),
+        number(o.min_gap_m)
+    );
+    let mut out = Mjcf::begin(
+        kind,
+        "Clutter: boxes, pillars, slabs and floating blocks, with a clearing around the start.",
+        &settings,
+        0.7 * o.size_m,
+        [[0.45, 0.55, 0.70], [0.90, 0.90, 0.92]],
+        [[0.62, 0.62, 0.64], [0.55, 0.55, 0.58]],
+        &[
+            ("paint_0", [0.80, 0.30, 0.28]),
+            ("paint_1", [0.25, 0.50, 0.75]),
+            ("paint_2", [0.92, 0.76, 0.30]),
+            ("paint_3", [0.32, 0.60, 0.42]),
+            ("paint_4", [0.58, 0.44, 0.70]),
+        ],
+    );
+    out.camera("overview", [-0.62 * o.size_m, -0.7 * o.size_m, 0.55 * o.size_m], [0.0; 3], 50.0);
+    out.camera("top", [0.0, 0.0, 1.2 * o.size_m], [0.0; 3], 50.0);
+
+    let mut places = Places::new(o.min_gap_m.max(1.0));
+    let digits = o.count.saturating_sub(1).max(100).to_string().len();
+    for i in 0..o.count {
+        let mut draw = Draw::new(o.seed, Purpose::BoxesThing, i);
+        let heading = draw.direction();
+        let material = format!("paint_{}", draw.below(5));
+        // Half sizes, and the height of the centre.
+        let (name, shape, size, z) = match draw.below(4) {
+            0 => {
+                let size = [draw.within(0.15, 0.45), draw.within(0.15, 0.45), draw.within(0.15, 0.9)];
+                ("box", "box", size.to_vec(), size[2])
+            }
+            1 => {
+                let tall = draw.within(0.8, 1.6);
+                ("pillar", "cylinder", vec![draw.within(0.08, 0.25), tall], tall)
+            }
+            2 => {
+                let size = [draw.within(0.4, 0.8), draw.within(0.03, 0.08), draw.within(0.4, 1.2)];
+                ("slab", "box", size.to_vec(), size[2])
+            }
+            _ => {
+                let size = [draw.within(0.1, 0.35), draw.within(0.1, 0.35), draw.within(0.1, 0.3)];
+                ("floating", "box", size.to_vec(), draw.within(0.7, 2.0))
+            }
+        };
+        let radius = if shape == "box" { (size[0] * size[0] + size[1] * size[1]).sqrt() } else { size[0] };
+        let place = places.throw(&mut draw, half, radius, o.min_gap_m, radius, o.clearing_radius_m);
+        let disc = place.ok_or_else(|| too_many("boxes", o.count, i))?;
+        places.take(disc);
+        let name = format!("{name}_{i:0digits$}");
+        out.open(&name, [disc.x, disc.y, z], heading);
+        out.geom(&name, shape, &size, [0.0; 3], &material);
+        out.close();
+    }
+    if let Err(fit) =
+        movers(&mut out, &mut places, o.seed, Purpose::BoxesMover, o.moving, half, o.clearing_radius_m)
+    {
+        return Err(too_many("moving obstacles", o.moving, fit));
+    }
+    Ok(out.end())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roxmltree::{Document, Node};
+
+    fn floats(node: Node, attribute: &str) -> Vec<f64> {
+        let text = node.attribute(attribute).unwrap_or_else(|| panic!("{attribute} of {node:?}"));
+        text.split(' ').map(|v| v.parse().unwrap()).collect()
+    }
+
+    fn is(node: &Node, tag: &str) -> bool {
+        node.has_tag_name(tag)
+    }
+
+    /// Points on the surface's outline seen from above: (x, y, radius) discs in the world that together hold the geom.
+    fn discs(body: Node, geom: Node) -> Vec<[f64; 3]> {
+        let at = floats(body, "pos");
+        let [c, s] = match body.attribute("xyaxes") {
+            Some(_) => [floats(body, "xyaxes")[0], floats(body, "xyaxes")[1]],
+            None => [1.0, 0.0],
+        };
+        let world = |p: &[f64]| [at[0] + c * p[0] - s * p[1], at[1] + s * p[0] + c * p[1]];
+        let size = floats(geom, "size");
+        if geom.has_attribute("fromto") {
+            let ends = floats(geom, "fromto");
+            return (0..=50)
+                .map(|k| {
+                    let t = f64::from(k) / 50.0;
+                    let p: Vec<f64> = (0..3).map(|i| ends[i] + t * (ends[i + 3] - ends[i])).collect();
+                    let [x, y] = world(&p);
+                    [x, y, size[0]]
+                })
+                .collect();
+        }
+        let [x, y] = world(&floats(geom, "pos"));
+        let radius = match geom.attribute("type").unwrap() {
+            "box" => (size[0] * size[0] + size[1] * size[1]).sqrt(),
+            "ellipsoid" => size[0].max(size[1]),
+            _ => size[0],
+        };
+        vec![[x, y, radius]]
+    }
+
+    /// Every geom but the ground, with its body's name, its own, and its discs.
+    fn things(xml: &str) -> Vec<(String, String, Vec<[f64; 3]>)> {
+        let doc = Document::parse(xml).unwrap();
+        let geoms: Vec<Node> = doc.descendants().filter(|n| is(n, "geom")).collect();
+        geoms
+            .into_iter()
+            .filter(|g| g.attribute("name") != Some("ground"))
+            .map(|g| {
+                let body = g.parent().unwrap();
+                let name = |n: Node| n.attribute("name").unwrap().to_string();
+                (name(body), name(g), discs(body, g))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_same_options_give_the_same_text_and_another_seed_gives_another() {
+        for seed in [0, 1, u64::MAX] {
+            let o = ForestOptions { seed, ..Default::default() };
+            assert_eq!(forest(&o).unwrap(), forest(&o).unwrap());
+            let c = CorridorOptions { seed, ..Default::default() };
+            assert_eq!(corridor(&c).unwrap(), corridor(&c).unwrap());
+            let b = BoxesOptions { seed, ..Default::default() };
+            assert_eq!(boxes(&b).unwrap(), boxes(&b).unwrap());
+        }
+        let bodies = |seed| {
+            let text = forest(&ForestOptions { seed, ..Default::default() }).unwrap();
+            text.split_once("<worldbody>").unwrap().1.to_string()
+        };
+        assert_ne!(bodies(0), bodies(1));
+    }
+
+    #[test]
+    fn the_random_numbers_are_chacha8_keyed_by_seed_purpose_and_item() {
+        let mut key = [0u8; 32];
+        key[0] = 7;
+        key[20..24].copy_from_slice(&0x5C_0002u32.to_le_bytes());
+        key[24] = 9;
+        let mut expected = ChaCha8Rng::from_seed(key);
+        let mut draw = Draw::new(7, Purpose::ForestRock, 9);
+        for _ in 0..5 {
+            let bits = expected.next_u64() >> 11;
+            assert_eq!(draw.unit(), bits as f64 / 9_007_199_254_740_992.0);
+        }
+    }
+
+    #[test]
+    fn the_first_trees_stay_when_more_are_asked_for() {
+        let trees = |n| {
+            let o = ForestOptions { trees: n, rocks: 0, logs: 0, moving: 0, ..Default::default() };
+            let text = forest(&o).unwrap();
+            text.split_once("material=\"ground\"/>").unwrap().1.to_string()
+        };
+        let (few, many) = (trees(20), trees(50));
+        let few: Vec<&str> = few.lines().filter(|l| !l.contains("camera")).collect();
+        let many: Vec<&str> = many.lines().filter(|l| !l.contains("camera")).collect();
+        let shared = few.len() - 2; // without the closing tags of the world and the file
+        assert_eq!(few[..shared], many[..shared]);
+    }
+
+    #[test]
+    fn nothing_reaches_into_the_clearing() {
+        for seed in 0..20 {
+            for clearing_radius_m in [0.5, 1.0, 2.3] {
+                let f = forest(&ForestOptions { seed, clearing_radius_m, trees: 45, ..Default::default() });
+                let b = boxes(&BoxesOptions { seed, clearing_radius_m, count: 20, ..Default::default() });
+                for (body, geom, discs) in things(&f.unwrap()).into_iter().chain(things(&b.unwrap())) {
+                    for [x, y, r] in discs {
+                        let free = (x * x + y * y).sqrt() - r;
+                        assert!(
+                            free > clearing_radius_m - 1e-3,
+                            "seed {seed}: {body}/{geom} is {free} m near"
+                        );
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn trunks_keep_the_gap_at_every_height() {
+        for (seed, min_gap_m) in [(0, 0.9), (1, 0.5), (2, 1.3), (3, 0.0)] {
+            let o = ForestOptions { seed, min_gap_m, trees: 40, ..Default::default() };
+            let trunks: Vec<_> =
+                things(&forest(&o).unwrap()).into_iter().filter(|t| t.1.ends_with("_trunk")).collect();
+            assert_eq!(trunks.len(), 40);
+            let mut smallest = f64::INFINITY;
+            for (i, a) in trunks.iter().enumerate() {
+                for b in &trunks[..i] {
+                    for [xa, ya, ra] in &a.2 {
+                        for [xb, yb, rb] in &b.2 {
+                            let gap = (xa - xb).hypot(ya - yb) - ra - rb;
+                            smallest = smallest.min(gap);
+                        }
+                    }
+                }
+            }
+            assert!(smallest > min_gap_m - 1e-3, "seed {seed}: {smallest}");
+            assert!(smallest < min_gap_m + 1.0, "the gap asked for is not what limits: {smallest}");
+        }
+    }
+
+    #[test]
+    fn things_of_the_clutter_keep_the_gap() {
+        let o = BoxesOptions { seed: 5, moving: 0, ..Default::default() };
+        let all = things(&boxes(&o).unwrap());
+        assert_eq!(all.len(), o.count);
+        for (i, a) in all.iter().enumerate() {
+            for b in &all[..i] {
+                let ([xa, ya, ra], [xb, yb, rb]) = (a.2[0], b.2[0]);
+                assert!((xa - xb).hypot(ya - yb) - ra - rb > o.min_gap_m - 1e-3, "{} and {}", a.0, b.0);
+            }
+        }
+    }
+
+    #[test]
+    fn moving_obstacles_are_mocap_bodies_clear_of_all_trees() {
+        let o = ForestOptions { seed: 4, moving: 6, rocks: 0, logs: 0, ..Default::default() };
+        let text = forest(&o).unwrap();
+        let doc = Document::parse(&text).unwrap();
+        let mocap: Vec<_> = doc
+            .descendants()
+            .filter(|n| n.attribute("mocap") == Some("true"))
+            .map(|n| n.attribute("name").unwrap().to_string())
+            .collect();
+        assert_eq!(mocap, (0..6).map(|i| format!("mover_{i}")).collect::<Vec<_>>());
+        let all = things(&text);
+        let (movers, trees): (Vec<_>, Vec<_>) = all.iter().partition(|t| t.0.starts_with("mover_"));
+        for m in movers {
+            for t in &trees {
+                for [x, y, r] in &t.2 {
+                    let gap = (x - m.2[0][0]).hypot(y - m.2[0][1]) - r - m.2[0][2];
+                    assert!(gap > 0.0, "{} is in {}", m.0, t.1);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_unique_and_everything_has_one() {
+        let texts = [
+            forest(&ForestOptions { trees: 150, size_m: 30.0, ..Default::default() }).unwrap(),
+            corridor(&CorridorOptions { length_m: 60.0, gates: 15, moving: 4, ..Default::default() })
+                .unwrap(),
+            boxes(&BoxesOptions { count: 130, size_m: 30.0, ..Default::default() }).unwrap(),
+        ];
+        for text in texts {
+            let doc = Document::parse(&text).unwrap();
+            for tag in ["geom", "body", "camera", "light"] {
+                let mut names: Vec<_> = doc
+                    .descendants()
+                    .filter(|n| is(n, tag))
+                    .map(|n| n.attribute("name").expect("a name"))
+                    .collect();
+                let all = names.len();
+                names.sort_unstable();
+                names.dedup();
+                assert!(all > 0 && names.len() == all, "{tag}: {} of {all} names differ", names.len());
+            }
+        }
+    }
+
+    #[test]
+    fn every_shape_of_tree_grows_in_a_large_forest() {
+        let o = ForestOptions { trees: 300, size_m: 40.0, ..Default::default() };
+        let text = forest(&o).unwrap();
+        for shape in TREE_SHAPES {
+            assert!(text.contains(&format!("<body name=\"{shape}_")), "no {shape}");
+        }
+    }
+
+    #[test]
+    fn a_corridor_is_as_long_as_asked_and_never_meets_itself() {
+        for seed in 0..50 {
+            let o = CorridorOptions { seed, length_m: 40.0, ..Default::default() };
+            let runs = corridor_path(&o);
+            let length: f64 = runs.iter().map(|r| r.length).sum();
+            assert!((length - 40.0).abs() < 1e-9);
+            assert!(runs.len() >= 3);
+            // Free space of a run, seen from above; runs that are not neighbours must not touch, walls included.
+            let hull = |r: &Run| {
+                let (a, b) = (r.at(0.0, 0.0), r.at(r.length, 0.0));
+                let w = 0.5 * o.width_m + WALL_M;
+                [a[0].min(b[0]) - w, a[1].min(b[1]) - w, a[0].max(b[0]) + w, a[1].max(b[1]) + w]
+            };
+            for (i, a) in runs.iter().enumerate() {
+                for b in runs.iter().skip(i + 2) {
+                    let (p, q) = (hull(a), hull(b));
+                    let apart = p[2] < q[0] || q[2] < p[0] || p[3] < q[1] || q[3] < p[1];
+                    assert!(apart, "seed {seed}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_corridor_has_the_gates_asked_for_inside_its_walls() {
+        let o = CorridorOptions { seed: 2, gates: 8, length_m: 40.0, width_m: 1.8, ..Default::default() };
+        let text = corridor(&o).unwrap();
+        let doc = Document::parse(&text).unwrap();
+        let gates: Vec<_> = doc
+            .descendants()
+            .filter(|n| n.attribute("name").is_some_and(|v| is(n, "body") && v.starts_with("gate_")))
+            .collect();
+        assert_eq!(gates.len(), 8);
+        let mut seen = 0;
+        for gate in gates {
+            for geom in gate.children().filter(|n| is(n, "geom")) {
+                let sideways: Vec<f64> = if geom.has_attribute("fromto") {
+                    let p = floats(geom, "fromto");
+                    let r = floats(geom, "size")[0];
+                    vec![p[1].abs() + r, p[4].abs() + r]
+                } else {
+                    vec![floats(geom, "pos")[1].abs() + floats(geom, "size")[1]]
+                };
+                for s in sideways {
+                    seen += 1;
+                    assert!(s < 0.5 * o.width_m, "{geom:?} reaches {s} m sideways");
+                }
+            }
+        }
+        assert!(seen >= 8 * 6);
+    }
+
+    #[test]
+    fn the_default_options_fit_for_every_seed() {
+        for seed in 0..200 {
+            forest(&ForestOptions { seed, ..Default::default() }).unwrap();
+            corridor(&CorridorOptions { seed, ..Default::default() }).unwrap();
+            boxes(&BoxesOptions { seed, ..Default::default() }).unwrap();
+        }
+    }
+
+    #[test]
+    fn absurd_options_are_refused_by_name() {
+        let option = |e: GenerateError| match e {
+            GenerateError::OptionRange { option, .. } => option,
+            other => panic!("{other}"),
+        };
+        let d = ForestOptions::default;
+        assert_eq!(option(forest(&ForestOptions { size_m: -5.0, ..d() }).unwrap_err()), "size_m");
+        assert_eq!(option(forest(&ForestOptions { size_m: f64::NAN, ..d() }).unwrap_err()), "size_m");
+        assert_eq!(option(forest(&ForestOptions { size_m: f64::INFINITY, ..d() }).unwrap_err()), "size_m");
+        assert_eq!(option(forest(&ForestOptions { trees: usize::MAX, ..d() }).unwrap_err()), "trees");
+        assert_eq!(option(forest(&ForestOptions { min_gap_m: -0.1, ..d() }).unwrap_err()), "min_gap_m");
+        assert_eq!(
+            option(forest(&ForestOptions { clearing_radius_m: 9.0, ..d() }).unwrap_err()),
+            "clearing_radius_m"
+        );
+        let d = CorridorOptions::default;
+        assert_eq!(option(corridor(&CorridorOptions { width_m: 0.5, ..d() }).unwrap_err()), "width_m");
+        assert_eq!(option(corridor(&CorridorOptions { length_m: 1.0, ..d() }).unwrap_err()), "length_m");
+        assert_eq!(option(corridor(&CorridorOptions { height_m: -1.0, ..d() }).unwrap_err()), "height_m");
+        let d = BoxesOptions::default;
+        assert_eq!(option(boxes(&BoxesOptions { count: 1_000_000, ..d() }).unwrap_err()), "count");
+        let message =
+            forest(&ForestOptions { size_m: -5.0, ..ForestOptions::default() }).unwrap_err().to_string();
+        assert_eq!(message, "option size_m of a forest scene is -5: expected 4 to 1000 m");
+    }
+
+    #[test]
+    fn too_many_trees_are_refused_with_the_number_that_fits_and_that_number_does_fit() {
+        let o = ForestOptions { trees: 500, rocks: 0, logs: 0, moving: 0, ..Default::default() };
+        let error = forest(&o).unwrap_err();
+        let GenerateError::TooMany { what: "trees", wanted: 500, fit, .. } = error else { panic!("{error}") };
+        assert!(fit > 50 && fit < 200, "{fit}");
+        assert!(error.to_string().contains(&format!("only {fit} of 500 trees fit")), "{error}");
+        assert!(error.to_string().contains("min_gap_m (now 0.9)"), "{error}");
+        forest(&ForestOptions { trees: fit, ..o }).unwrap();
+    }
+
+    #[test]
+    fn too_many_gates_are_refused_with_the_number_that_fits_and_that_number_does_fit() {
+        let o = CorridorOptions { gates: 100, moving: 0, ..Default::default() };
+        let error = corridor(&o).unwrap_err();
+        let GenerateError::TooMany { wanted: 100, fit, .. } = error else { panic!("{error}") };
+        corridor(&CorridorOptions { gates: fit, ..o.clone() }).unwrap();
+        assert!(corridor(&CorridorOptions { gates: fit + 1, ..o }).is_err());
+    }
+
+    #[test]
+    fn kinds_are_read_by_name_and_an_unknown_one_lists_them() {
+        for kind in Kind::ALL {
+            assert_eq!(kind.name().parse(), Ok(kind));
+        }
+        let error = "desert".parse::<Kind>().unwrap_err().to_string();
+        assert_eq!(error, "unknown scene kind \"desert\": expected one of forest, corridor, boxes");
+    }
+
+    #[test]
+    fn numbers_have_no_minus_zero_and_no_idle_zeros() {
+        assert_eq!(number(-0.000_01), "0");
+        assert_eq!(number(1.5), "1.5");
+        assert_eq!(number(-100.0), "-100");
+        assert_eq!(number(2.0 / 3.0), "0.6667");
+    }
+
+    #[test]
+    fn the_checked_in_forest_and_corridor_are_what_the_generator_writes() {
+        let o = ForestOptions { seed: FOREST_SEED, ..Default::default() };
+        assert!(forest(&o).unwrap() == include_str!("../../xml/forest.xml"), "write xml/forest.xml again");
+        let o = CorridorOptions { seed: CORRIDOR_SEED, ..Default::default() };
+        assert!(
+            corridor(&o).unwrap() == include_str!("../../xml/corridor.xml"),
+            "write xml/corridor.xml again"
+        );
+    }
+
+    const FOREST_SEED: u64 = 7;
+    const CORRIDOR_SEED: u64 = 1;
+}

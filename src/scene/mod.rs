@@ -1,0 +1,28 @@
+//! The MuJoCo boundary: scenes in, poses in, rays, contacts and distances out. The crate's only `unsafe` code.
+//!
+//! A [`Scene`] is a compiled model with the shells of the drones attached, shared by all threads. A [`Worker`] is one
+//! set of poses in it, owned by one thread at a time. The constraint solver never runs.
+
+mod error;
+pub mod generate;
+pub mod lint;
+mod model;
+mod shells;
+mod sync;
+mod workers;
+
+pub use error::SceneError;
+pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
+pub use model::{
+    BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
+    ObstacleKind, Scene, SceneSource, Shell, load_plugin_library,
+};
+pub use shells::SHELLS;
+pub use sync::{MAX_COORDINATE_M, Pose};
+pub(crate) use workers::RayScratch;
+pub use workers::{GeomDistance, RawContact, RayHit, Worker, WorkerPool};
+
+/// Version of the MuJoCo library in use, such as `3.17.0`.
+pub fn mujoco_version() -> String {
+    mujoco_rs::mujoco_version().to_string()
+}

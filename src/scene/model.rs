@@ -1,0 +1,1150 @@
+//! From MJCF to a compiled model with drones in it, and what is in the model.
+
+use std::ffi::{CStr, CString};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, Once, PoisonError};
+
+use mujoco_rs::error::MjEditError;
+use mujoco_rs::logging::set_log_handler;
+use mujoco_rs::mujoco_c as ffi;
+use mujoco_rs::prelude::{Attach, MjLogMessage, MjModel, MjSpec, MjtLogLevel, SpecItem, SpecObject};
+use mujoco_rs::wrappers::mj_auxiliary::MjVfs;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use super::sync;
+use super::{SceneError, Worker};
+
+/// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shell {
+    /// Name, e.g. `cf2x`; used in messages.
+    pub name: String,
+    /// MJCF text whose root body is named `drone` and has no joint.
+    pub xml: String,
+    /// Folder to which meshes, textures and includes of the text are relative.
+    pub dir: Option<PathBuf>,
+}
+
+/// Where a scene comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SceneSource {
+    /// An MJCF (or URDF) file; meshes, textures, height fields and includes are relative to it.
+    File(PathBuf),
+    /// MJCF text; its assets, if any, are relative to the current folder.
+    Text {
+        /// Name used in messages.
+        name: String,
+        /// The text.
+        xml: String,
+    },
+}
+
+impl SceneSource {
+    /// MJCF text under a name for messages.
+    pub fn text(name: impl Into<String>, xml: impl Into<String>) -> Self {
+        Self::Text { name: name.into(), xml: xml.into() }
+    }
+
+    /// A file.
+    pub fn file(path: impl Into<PathBuf>) -> Self {
+        Self::File(path.into())
+    }
+
+    fn label(&self) -> String {
+        match self {
+            Self::File(path) => format!("scene {}", path.display()),
+            Self::Text { name, .. } => format!("scene '{name}'"),
+        }
+    }
+}
+
+/// How to build a scene.
+#[derive(Clone, Copy, Debug)]
+pub struct BuildOptions {
+    /// Give each worker at least 16 MiB of MuJoCo arena plus room for pairs of bodies, even where the scene asks for
+    /// less. Without it, a scene with a small `<size memory>` fails in [`Worker::collide`] when its arena is full.
+    pub raise_memory: bool,
+}
+
+impl Default for BuildOptions {
+    fn default() -> Self {
+        Self { raise_memory: true }
+    }
+}
+
+/// Shape of a geom (mjtGeom).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum GeomType {
+    /// Half space under its own x-y plane; rays see only its rectangle, contacts the whole plane.
+    Plane,
+    /// Height field on a base box.
+    Hfield,
+    /// Sphere.
+    Sphere,
+    /// Cylinder with half spheres at its ends.
+    Capsule,
+    /// Ellipsoid.
+    Ellipsoid,
+    /// Cylinder with flat ends.
+    Cylinder,
+    /// Box.
+    Box,
+    /// Triangle mesh; rays see the triangles, contacts the convex hull.
+    Mesh,
+    /// Signed distance field.
+    Sdf,
+}
+
+impl GeomType {
+    /// All types.
+    pub const ALL: [GeomType; 9] = [
+        Self::Plane,
+        Self::Hfield,
+        Self::Sphere,
+        Self::Capsule,
+        Self::Ellipsoid,
+        Self::Cylinder,
+        Self::Box,
+        Self::Mesh,
+        Self::Sdf,
+    ];
+
+    fn from_id(id: i32) -> Option<Self> {
+        usize::try_from(id).ok().and_then(|i| Self::ALL.get(i).copied())
+    }
+
+    /// Name as in MJCF.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Plane => "plane",
+            Self::Hfield => "hfield",
+            Self::Sphere => "sphere",
+            Self::Capsule => "capsule",
+            Self::Ellipsoid => "ellipsoid",
+            Self::Cylinder => "cylinder",
+            Self::Box => "box",
+            Self::Mesh => "mesh",
+            Self::Sdf => "sdf",
+        }
+    }
+}
+
+impl fmt::Display for GeomType {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+/// What the model says about one geom.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GeomInfo {
+    /// Id in the compiled model.
+    pub id: usize,
+    /// Name, empty where the scene gives none.
+    pub name: String,
+    /// Shape.
+    pub kind: GeomType,
+    /// Its body.
+    pub body_id: usize,
+    /// Visibility group, 0..=5 after MuJoCo's own clamping.
+    pub group: i32,
+    /// Alpha that rays look at: the material's where there is one, else the geom's own. 0 is invisible to rays.
+    pub alpha: f32,
+    /// Contact type bits.
+    pub contype: i32,
+    /// Contact affinity bits.
+    pub conaffinity: i32,
+    /// The drone whose shell it belongs to.
+    pub drone: Option<usize>,
+    /// Mesh or height field it shows.
+    pub asset: Option<String>,
+    /// Sizes as in MJCF (m): radius; radius and half length; half sizes; rectangle half sizes of a plane (0 = infinite).
+    pub size_m: [f64; 3],
+    /// Radius of the bounding sphere about the geom's position, m; 0 for a plane.
+    pub bounding_radius_m: f64,
+    /// Centre and half sizes of the bounding box in the geom's frame, m.
+    pub aabb_m: [f64; 6],
+    /// Contact margin, m: contacts are found up to this signed distance.
+    pub margin_m: f64,
+    /// Its body is welded to the world.
+    pub is_static: bool,
+}
+
+impl GeomInfo {
+    /// Name for messages: the name, or the number with type and body.
+    pub fn label(&self, bodies: &[BodyInfo]) -> String {
+        if self.name.is_empty() {
+            let body = bodies.get(self.body_id).map_or("?", |b| b.name.as_str());
+            format!("geom #{} ({} in body {})", self.id, self.kind, if body.is_empty() { "?" } else { body })
+        } else {
+            format!("geom '{}'", self.name)
+        }
+    }
+
+    /// Whether anything can collide with it (by its bits).
+    pub fn can_collide(&self) -> bool {
+        self.contype != 0 || self.conaffinity != 0
+    }
+}
+
+/// What the model says about one body.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BodyInfo {
+    /// Id in the compiled model; 0 is the world.
+    pub id: usize,
+    /// Name, empty where the scene gives none.
+    pub name: String,
+    /// Parent body.
+    pub parent_id: usize,
+    /// The drone whose shell it belongs to.
+    pub drone: Option<usize>,
+    /// Welded to the world: cannot move.
+    pub is_static: bool,
+    /// The obstacle that moves it: itself or an ancestor, see [`Scene::obstacles`].
+    pub obstacle: Option<usize>,
+    /// Number of geoms.
+    pub n_geoms: usize,
+}
+
+/// How a camera follows (mjtCamLight).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraMode {
+    /// Fixed in its body.
+    Fixed,
+    /// Position follows the body, rotation fixed in the world.
+    Track,
+    /// Position follows the centre of mass of the subtree, rotation fixed in the world.
+    TrackCom,
+    /// Fixed in its body, looks at the target body.
+    TargetBody,
+    /// Fixed in its body, looks at the centre of mass of the target's subtree.
+    TargetBodyCom,
+}
+
+/// What the model says about one camera.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CameraInfo {
+    /// Id in the compiled model.
+    pub id: usize,
+    /// Name, empty where the scene gives none; `droneI/NAME` for a camera of a shell.
+    pub name: String,
+    /// Its body.
+    pub body_id: usize,
+    /// The drone whose shell it belongs to.
+    pub drone: Option<usize>,
+    /// How it follows.
+    pub mode: CameraMode,
+    /// Orthographic: has no depth rays through one point.
+    pub orthographic: bool,
+    /// Vertical field of view, degrees.
+    pub fovy_deg: f64,
+    /// Width and height of its image, pixels; 1 × 1 where the scene gives none.
+    pub resolution: [usize; 2],
+    /// Width and height of its sensor, m; 0 where the scene gives a field of view instead.
+    pub sensor_size_m: [f64; 2],
+    /// Focal lengths in x and y, m, and offset of the principal point from the sensor's centre in x and y, m.
+    pub intrinsic_m: [f64; 4],
+}
+
+/// Why a body can be moved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObstacleKind {
+    /// A mocap body.
+    Mocap,
+    /// A body with a free joint of its own.
+    FreeJoint,
+}
+
+/// A body of the scene that can be moved.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ObstacleInfo {
+    /// Number for [`Worker::set_obstacle`].
+    pub index: usize,
+    /// Body id.
+    pub body_id: usize,
+    /// Name of the body, or `body#ID`.
+    pub name: String,
+    /// Why it can be moved.
+    pub kind: ObstacleKind,
+    /// Position in the model, m.
+    pub pos_m: [f64; 3],
+    /// Orientation in the model, x y z w.
+    pub quat_xyzw: [f64; 4],
+    /// Address in qpos or row in mocap_pos.
+    #[serde(skip)]
+    pub(super) address: usize,
+}
+
+/// Triangles of a mesh, in the frame of the geoms that show it.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshView<'a> {
+    /// Name of the mesh.
+    pub name: &'a str,
+    /// Vertices, (n × 3), m.
+    pub vertices_m: &'a [[f32; 3]],
+    /// Faces, (n × 3) vertex numbers.
+    pub faces: &'a [[i32; 3]],
+}
+
+/// A height field, in the frame of the geoms that show it.
+#[derive(Clone, Copy, Debug)]
+pub struct HfieldView<'a> {
+    /// Name of the height field.
+    pub name: &'a str,
+    /// Rows (y).
+    pub n_row: usize,
+    /// Columns (x).
+    pub n_col: usize,
+    /// Half size in x, half size in y, height of the value 1, depth of the base below zero; m.
+    pub size_m: [f64; 4],
+    /// Heights 0..=1, row major, (n_row × n_col); row 0 is at −y.
+    pub data: &'a [f32],
+}
+
+pub(super) struct Inner {
+    pub(super) model: MjModel,
+    pub(super) name: String,
+    pub(super) geoms: Vec<GeomInfo>,
+    pub(super) bodies: Vec<BodyInfo>,
+    pub(super) cameras: Vec<CameraInfo>,
+    pub(super) obstacles: Vec<ObstacleInfo>,
+    pub(super) shells: Vec<String>,
+    /// Root body of each drone.
+    pub(super) drone_body: Vec<usize>,
+    /// Address in qpos of each drone's free joint.
+    pub(super) drone_qpos: Vec<usize>,
+    /// Geoms of each drone.
+    pub(super) drone_geoms: Vec<Vec<usize>>,
+    /// Radius about the root body's origin that holds all geoms of the drone that can collide, m.
+    pub(super) drone_radius: Vec<f64>,
+    mesh_names: Vec<String>,
+    hfield_names: Vec<String>,
+    hash: String,
+    pub(super) warnings: Vec<String>,
+    /// Cameras that follow a centre of mass need mj_comPos.
+    pub(super) needs_com: bool,
+    pub(super) n_flex: usize,
+    pub(super) n_skin: usize,
+}
+
+/// A compiled scene with drones in it; cheap to clone, shared by threads.
+#[derive(Clone)]
+pub struct Scene(pub(super) Arc<Inner>);
+
+impl fmt::Debug for Scene {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Scene")
+            .field("name", &self.0.name)
+            .field("drones", &self.n_drones())
+            .field("geoms", &self.0.geoms.len())
+            .field("bodies", &self.0.bodies.len())
+            .finish()
+    }
+}
+
+/// MuJoCo's parser and compiler keep some global state: one scene is built at a time.
+static BUILD: Mutex<()> = Mutex::new(());
+static HOOK: Once = Once::new();
+
+pub(super) fn build_lock() -> MutexGuard<'static, ()> {
+    let lock = BUILD.lock().unwrap_or_else(PoisonError::into_inner);
+    // Without a handler MuJoCo writes MUJOCO_LOG.TXT into the current folder.
+    HOOK.call_once(|| {
+        // SAFETY: every use of MuJoCo by this crate begins with this lock, so no other thread of ours is inside MuJoCo.
+        unsafe { set_log_handler(handle_log) }
+    });
+    lock
+}
+
+/// Warnings come back through return values; what ends the process must at least be said.
+fn handle_log(message: &MjLogMessage) {
+    if message.level() == MjtLogLevel::mjLOG_ERROR {
+        eprintln!("MuJoCo cannot go on: {}", message.subject());
+    }
+}
+
+/// Loads a library of MuJoCo plugins (e.g. signed distance fields), for all scenes built afterwards.
+///
+/// # Errors
+/// [`SceneError::Read`] when there is no such file. MuJoCo reports a library that it cannot load only when a scene
+/// asks for the plugin.
+pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
+    check_file(path)?;
+    let c_path = c_string(&path.to_string_lossy(), || format!("path {}", path.display()))?;
+    let _lock = build_lock();
+    // SAFETY: a NUL-terminated path; plugins register themselves under MuJoCo's own lock.
+    unsafe { ffi::mj_loadPluginLibrary(c_path.as_ptr()) };
+    Ok(())
+}
+
+fn c_string(text: &str, what: impl Fn() -> String) -> Result<CString, SceneError> {
+    CString::new(text)
+        .map_err(|_| SceneError::Argument { what: format!("{} holds a NUL character; remove it", what()) })
+}
+
+fn check_file(path: &Path) -> Result<(), SceneError> {
+    std::fs::File::open(path)
+        .and_then(|f| f.metadata())
+        .and_then(|m| if m.is_file() { Ok(()) } else { Err(std::io::Error::other("it is not a file")) })
+        .map_err(|source| SceneError::Read { path: path.to_path_buf(), source })
+}
+
+/// MuJoCo's words without those of the wrapper.
+fn words(error: MjEditError) -> String {
+    match error {
+        MjEditError::ParseFailed(m)
+        | MjEditError::CompileFailed(m)
+        | MjEditError::OperationFailed(m)
+        | MjEditError::AttachFailed(m) => m,
+        other => other.to_string(),
+    }
+}
+
+fn parse_text(what: &str, name: &str, xml: &str, dir: Option<&Path>) -> Result<MjSpec, SceneError> {
+    c_string(xml, || what.to_string())?;
+    let parsed = match dir {
+        None => MjSpec::from_xml_string(xml),
+        Some(dir) => {
+            // A file that exists only in memory, in the folder of its assets: includes are found beside it.
+            let file: String = name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect();
+            let path = dir.join(format!("{file}.propwash.xml"));
+            c_string(&path.to_string_lossy(), || what.to_string())?;
+            let mut vfs = MjVfs::new();
+            vfs.add_from_buffer(&path, xml.as_bytes())
+                .map_err(|e| SceneError::Parse { what: what.into(), message: e.to_string() })?;
+            MjSpec::from_xml_vfs(&path, &vfs)
+        }
+    };
+    parsed.map_err(|e| SceneError::Parse { what: what.into(), message: words(e) })
+}
+
+/// Kinds of named elements, for the check of names.
+const NAMED: [(ffi::mjtObj, &str); 22] = [
+    (ffi::mjtObj::mjOBJ_BODY, "body"),
+    (ffi::mjtObj::mjOBJ_JOINT, "joint"),
+    (ffi::mjtObj::mjOBJ_GEOM, "geom"),
+    (ffi::mjtObj::mjOBJ_SITE, "site"),
+    (ffi::mjtObj::mjOBJ_CAMERA, "camera"),
+    (ffi::mjtObj::mjOBJ_LIGHT, "light"),
+    (ffi::mjtObj::mjOBJ_FLEX, "flex"),
+    (ffi::mjtObj::mjOBJ_MESH, "mesh"),
+    (ffi::mjtObj::mjOBJ_SKIN, "skin"),
+    (ffi::mjtObj::mjOBJ_HFIELD, "height field"),
+    (ffi::mjtObj::mjOBJ_TEXTURE, "texture"),
+    (ffi::mjtObj::mjOBJ_MATERIAL, "material"),
+    (ffi::mjtObj::mjOBJ_PAIR, "contact pair"),
+    (ffi::mjtObj::mjOBJ_EXCLUDE, "contact exclude"),
+    (ffi::mjtObj::mjOBJ_EQUALITY, "equality"),
+    (ffi::mjtObj::mjOBJ_TENDON, "tendon"),
+    (ffi::mjtObj::mjOBJ_ACTUATOR, "actuator"),
+    (ffi::mjtObj::mjOBJ_SENSOR, "sensor"),
+    (ffi::mjtObj::mjOBJ_NUMERIC, "numeric"),
+    (ffi::mjtObj::mjOBJ_TEXT, "text"),
+    (ffi::mjtObj::mjOBJ_TUPLE, "tuple"),
+    (ffi::mjtObj::mjOBJ_FRAME, "frame"),
+];
+
+/// The drone in whose name space a name lies.
+fn reserved_for(name: &str) -> Option<usize> {
+    let (number, _) = name.strip_prefix("drone")?.split_once('/')?;
+    number.parse().ok()
+}
+
+fn check_names(what: &str, spec: &mut MjSpec, n_drones: usize) -> Result<(), SceneError> {
+    // SAFETY: the pointer is used only while `spec` is borrowed here; elements are read, not changed.
+    unsafe {
+        let raw: *mut ffi::mjSpec = spec.ffi_mut();
+        for (kind, kind_name) in NAMED {
+            let mut element = ffi::mjs_firstElement(raw, kind);
+            while !element.is_null() {
+                let text = ffi::mjs_getString(ffi::mjs_getName(element));
+                if !text.is_null() {
+                    let name = CStr::from_ptr(text).to_string_lossy();
+                    if let Some(drone) = reserved_for(&name).filter(|d| *d < n_drones) {
+                        return Err(SceneError::NameClash {
+                            scene: what.into(),
+                            kind: kind_name,
+                            name: name.into_owned(),
+                            drone,
+                        });
+                    }
+                }
+                element = ffi::mjs_nextElement(raw, element);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Switches of the scene that would silence contacts or freeze bodies.
+fn override_options(spec: &mut MjSpec, options: BuildOptions, warnings: &mut Vec<String>) {
+    // SAFETY: only option flags and sizes are written, each with a value that MuJoCo's own parser can produce.
+    let raw = unsafe { spec.ffi_mut() };
+    let switch = |flags: &mut i32, bit: u32, text: &str, warnings: &mut Vec<String>| {
+        if *flags & bit as i32 != 0 {
+            *flags &= !(bit as i32);
+            warnings.push(text.to_string());
+        }
+    };
+    use ffi::{mjtDisableBit as Off, mjtEnableBit as On};
+    let disable = &mut raw.option.disableflags;
+    switch(
+        disable,
+        Off::mjDSBL_CONTACT as u32,
+        "the scene disables contacts (<flag contact=\"disable\"/>): overridden, contacts are found",
+        warnings,
+    );
+    switch(
+        disable,
+        Off::mjDSBL_CONSTRAINT as u32,
+        "the scene disables constraints (<flag constraint=\"disable\"/>), which would silence contacts: overridden",
+        warnings,
+    );
+    switch(
+        disable,
+        Off::mjDSBL_NATIVECCD as u32,
+        "the scene disables MuJoCo's own convex collision (<flag nativeccd=\"disable\"/>): overridden, distances need it",
+        warnings,
+    );
+    switch(
+        &mut raw.option.enableflags,
+        On::mjENBL_SLEEP as u32,
+        "the scene lets bodies sleep (<flag sleep=\"enable\"/>), which would hide their contacts: overridden",
+        warnings,
+    );
+    if raw.nconmax >= 0 {
+        warnings
+            .push(format!("the scene limits contacts to nconmax = {}: overridden, no limit", raw.nconmax));
+        raw.nconmax = -1;
+    }
+    if options.raise_memory {
+        raw.njmax = -1;
+        raw.nstack = -1;
+        if raw.memory < MIN_ARENA {
+            raw.memory = MIN_ARENA;
+        }
+    }
+}
+
+/// Least arena of a worker, bytes.
+const MIN_ARENA: i64 = 16 << 20;
+
+/// Arena that collision may need, bytes: MuJoCo reserves a number for every pair of bodies before it looks at them,
+/// then a record of about 600 bytes for each contact, and some scratch for each convex pair.
+fn wanted_arena(n_bodies: i64, n_geoms: i64, n_drones: i64) -> i64 {
+    let pairs = (8 * n_bodies * n_bodies).min(2 << 30);
+    MIN_ARENA + pairs + 4096 * n_geoms + (256 << 10) * n_drones
+}
+
+impl Scene {
+    /// Builds a scene with one drone per shell; drone `i` gets the name prefix `droneI/`.
+    ///
+    /// Every geom of a shell that can collide at all is given all contact bits, so that it collides with every scene
+    /// geom that can collide and with the other drones. Drones start at the origin; their poses are set in a worker.
+    ///
+    /// # Errors
+    /// [`SceneError`] with MuJoCo's own words when the scene or a shell cannot be read, parsed or compiled, and when
+    /// names of the scene clash with those of the drones.
+    pub fn build(source: &SceneSource, shells: &[Shell]) -> Result<Self, SceneError> {
+        Self::build_with(source, shells, BuildOptions::default())
+    }
+
+    /// As [`Scene::build`], with options.
+    ///
+    /// # Errors
+    /// As [`Scene::build`].
+    pub fn build_with(
+        source: &SceneSource,
+        shells: &[Shell],
+        options: BuildOptions,
+    ) -> Result<Self, SceneError> {
+        let _lock = build_lock();
+        let what = source.label();
+        let mut warnings = Vec::new();
+        let mut spec = match source {
+            SceneSource::File(path) => {
+                check_file(path)?;
+                c_string(&path.to_string_lossy(), || what.clone())?;
+                MjSpec::from_xml(path)
+                    .map_err(|e| SceneError::Parse { what: what.clone(), message: words(e) })?
+            }
+            SceneSource::Text { name, xml } => parse_text(&what, name, xml, None)?,
+        };
+        check_names(&what, &mut spec, shells.len())?;
+        override_options(&mut spec, options, &mut warnings);
+        let keyframes_dropped = drop_keyframes(&mut spec);
+        attach_shells(&mut spec, shells)?;
+
+        let compiled = spec.compile();
+        for index in 0..spec.num_warnings() {
+            if let Some(text) = spec.warning(index) {
+                let text = format!("MuJoCo: {}", text.trim());
+                if !warnings.contains(&text) {
+                    warnings.push(text);
+                }
+            }
+        }
+        let mut model =
+            compiled.map_err(|e| SceneError::Compile { what: what.clone(), message: words(e) })?;
+        drop(spec);
+        if options.raise_memory {
+            let m = model.ffi();
+            let wanted = wanted_arena(m.nbody + m.nflex, m.ngeom, shells.len() as i64).max(m.narena);
+            // SAFETY: narena only says how large mj_makeData shall make the arena; no data exists yet.
+            unsafe { model.ffi_mut().narena = wanted };
+        }
+        Ok(Self(Arc::new(describe(model, what, shells, warnings, keyframes_dropped)?)))
+    }
+
+    /// A new set of poses: drones at the origin, obstacles as the model places them.
+    ///
+    /// # Errors
+    /// [`SceneError::Engine`] when MuJoCo cannot allocate it.
+    pub fn worker(&self) -> Result<Worker, SceneError> {
+        Worker::new(self)
+    }
+
+    /// Name used in messages.
+    pub fn name(&self) -> &str {
+        &self.0.name
+    }
+
+    /// Number of drones.
+    pub fn n_drones(&self) -> usize {
+        self.0.drone_body.len()
+    }
+
+    /// Name of each drone's shell.
+    pub fn shells(&self) -> &[String] {
+        &self.0.shells
+    }
+
+    /// All geoms, by id.
+    pub fn geoms(&self) -> &[GeomInfo] {
+        &self.0.geoms
+    }
+
+    /// All bodies, by id.
+    pub fn bodies(&self) -> &[BodyInfo] {
+        &self.0.bodies
+    }
+
+    /// All cameras, by id.
+    pub fn cameras(&self) -> &[CameraInfo] {
+        &self.0.cameras
+    }
+
+    /// Bodies of the scene that can be moved: mocap bodies and bodies with a free joint of their own.
+    pub fn obstacles(&self) -> &[ObstacleInfo] {
+        &self.0.obstacles
+    }
+
+    /// Root body of a drone.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuch`].
+    pub fn drone_body(&self, drone: usize) -> Result<usize, SceneError> {
+        self.0.drone_body.get(drone).copied().ok_or_else(|| self.no_drone(drone))
+    }
+
+    /// Geoms of a drone.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuch`].
+    pub fn drone_geoms(&self, drone: usize) -> Result<&[usize], SceneError> {
+        self.0.drone_geoms.get(drone).map(Vec::as_slice).ok_or_else(|| self.no_drone(drone))
+    }
+
+    /// Radius about the drone's origin that holds all of its geoms that can collide, m.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuch`].
+    pub fn drone_radius_m(&self, drone: usize) -> Result<f64, SceneError> {
+        self.0.drone_radius.get(drone).copied().ok_or_else(|| self.no_drone(drone))
+    }
+
+    pub(crate) fn no_drone(&self, drone: usize) -> SceneError {
+        SceneError::NoSuch { what: "drone", index: drone, count: self.n_drones() }
+    }
+
+    /// SHA-256 of the compiled model, hexadecimal: equal scenes with equal drones have equal hashes.
+    pub fn hash(&self) -> String {
+        self.0.hash.clone()
+    }
+
+    /// What was overridden, ignored or doubtful when the scene was built.
+    pub fn warnings(&self) -> &[String] {
+        &self.0.warnings
+    }
+
+    /// Number of flexes (deformable bodies) in the scene.
+    pub fn n_flex(&self) -> usize {
+        self.0.n_flex
+    }
+
+    /// Number of skins in the scene.
+    pub fn n_skin(&self) -> usize {
+        self.0.n_skin
+    }
+
+    /// Tolerance of MuJoCo's convex distances in this scene, m.
+    pub fn ccd_tolerance(&self) -> f64 {
+        self.0.model.ffi().opt.ccd_tolerance
+    }
+
+    /// Bytes of arena of each worker.
+    pub fn arena_bytes(&self) -> i64 {
+        self.0.model.ffi().narena
+    }
+
+    /// The triangles of a geom of type mesh, or of type sdf that has a mesh.
+    pub fn mesh(&self, geom: usize) -> Option<MeshView<'_>> {
+        let info = self.0.geoms.get(geom)?;
+        if !matches!(info.kind, GeomType::Mesh | GeomType::Sdf) {
+            return None;
+        }
+        let m = self.0.model.ffi();
+        // SAFETY: MuJoCo's arrays hold the numbers of elements that the model states; mesh ids are in range.
+        unsafe {
+            let id = usize::try_from(*m.geom_dataid.add(geom)).ok()?;
+            let vert = *m.mesh_vertadr.add(id) as usize;
+            let n_vert = *m.mesh_vertnum.add(id) as usize;
+            let face = *m.mesh_faceadr.add(id) as usize;
+            let n_face = *m.mesh_facenum.add(id) as usize;
+            Some(MeshView {
+                name: &self.0.mesh_names[id],
+                vertices_m: slice(m.mesh_vert.cast::<[f32; 3]>().add(vert), n_vert),
+                faces: slice(m.mesh_face.cast::<[i32; 3]>().add(face), n_face),
+            })
+        }
+    }
+
+    /// Triangles of the convex hull with which a mesh collides, as numbers of its vertices; none where MuJoCo made no
+    /// hull because nothing collides with the mesh.
+    pub fn mesh_hull(&self, geom: usize) -> Option<&[[i32; 3]]> {
+        if self.0.geoms.get(geom)?.kind != GeomType::Mesh {
+            return None;
+        }
+        let m = self.0.model.ffi();
+        // SAFETY: the layout of mesh_graph as mjmodel.h and the XML reference state it: two counts, then
+        // vert_edgeadr (v), vert_globalid (v), edge_localid (v + 3 f), face_globalid (3 f).
+        unsafe {
+            let id = usize::try_from(*m.geom_dataid.add(geom)).ok()?;
+            let start = usize::try_from(*m.mesh_graphadr.add(id)).ok()?;
+            let n_vert = *m.mesh_graph.add(start) as usize;
+            let n_face = *m.mesh_graph.add(start + 1) as usize;
+            let faces = m.mesh_graph.add(start + 2 + 3 * n_vert + 3 * n_face);
+            Some(slice(faces.cast::<[i32; 3]>(), n_face))
+        }
+    }
+
+    /// The heights of a geom of type hfield.
+    pub fn hfield(&self, geom: usize) -> Option<HfieldView<'_>> {
+        let info = self.0.geoms.get(geom)?;
+        if info.kind != GeomType::Hfield {
+            return None;
+        }
+        let m = self.0.model.ffi();
+        // SAFETY: as in `mesh`.
+        unsafe {
+            let id = usize::try_from(*m.geom_dataid.add(geom)).ok()?;
+            let n_row = *m.hfield_nrow.add(id) as usize;
+            let n_col = *m.hfield_ncol.add(id) as usize;
+            let adr = *m.hfield_adr.add(id) as usize;
+            Some(HfieldView {
+                name: &self.0.hfield_names[id],
+                n_row,
+                n_col,
+                size_m: *m.hfield_size.cast::<[f64; 4]>().add(id),
+                data: slice(m.hfield_data.add(adr), n_row * n_col),
+            })
+        }
+    }
+
+    /// The camera with this name.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuchName`], naming the cameras that exist.
+    pub fn camera(&self, name: &str) -> Result<&CameraInfo, SceneError> {
+        self.0.cameras.iter().find(|c| c.name == name).ok_or_else(|| {
+            let known: Vec<_> = self.0.cameras.iter().map(|c| c.name.as_str()).collect();
+            SceneError::NoSuchName {
+                what: "camera",
+                name: name.into(),
+                scene: self.0.name.clone(),
+                known: if known.is_empty() { "none".into() } else { known.join(", ") },
+            }
+        })
+    }
+
+    /// The obstacle with this name.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuchName`], naming the obstacles that exist.
+    pub fn obstacle(&self, name: &str) -> Result<&ObstacleInfo, SceneError> {
+        self.0.obstacles.iter().find(|o| o.name == name).ok_or_else(|| {
+            let known: Vec<_> = self.0.obstacles.iter().map(|o| o.name.as_str()).collect();
+            SceneError::NoSuchName {
+                what: "obstacle",
+                name: name.into(),
+                scene: self.0.name.clone(),
+                known: if known.is_empty() {
+                    "none (give a body mocap=\"true\" or a freejoint)".into()
+                } else {
+                    known.join(", ")
+                },
+            }
+        })
+    }
+
+    /// Name of a geom for messages.
+    pub fn geom_label(&self, geom: usize) -> String {
+        self.0.geoms.get(geom).map_or_else(|| format!("geom #{geom}"), |g| g.label(&self.0.bodies))
+    }
+}
+
+fn drop_keyframes(spec: &mut MjSpec) -> usize {
+    let mut dropped = 0;
+    // Keyframes state positions for a model without drones; nothing here reads them.
+    while let Some(key) = spec.key_iter_mut().next() {
+        // SAFETY: the handle comes from a fresh walk and is not used again.
+        if unsafe { key.delete() }.is_err() {
+            break;
+        }
+        dropped += 1;
+    }
+    dropped
+}
+
+fn attach_shells(spec: &mut MjSpec, shells: &[Shell]) -> Result<(), SceneError> {
+    let mut parsed: Vec<(&Shell, MjSpec)> = Vec::new();
+    let bad = |shell: &Shell, message: String| SceneError::Shell { shell: shell.name.clone(), message };
+    for (drone, shell) in shells.iter().enumerate() {
+        if !parsed.iter().any(|(known, _)| *known == shell) {
+            parsed.push((shell, parse_shell(shell)?));
+        }
+        let Some((_, child)) = parsed.iter_mut().find(|(known, _)| *known == shell) else { continue };
+        let prefix = format!("drone{drone}/");
+        let root = child.body_mut("drone").ok_or_else(|| bad(shell, NO_ROOT.into()))?;
+        spec.world_body_mut()
+            .add_frame()
+            .attach_by_deep_copy(root, &prefix, "")
+            .map_err(|e| bad(shell, format!("MuJoCo cannot attach it: {}", words(e))))?;
+        let root = spec
+            .body_mut(&format!("{prefix}drone"))
+            .ok_or_else(|| bad(shell, "its root body was lost when MuJoCo attached it".into()))?;
+        let joint = root.add_free_joint();
+        joint.set_align(mujoco_rs::wrappers::mj_editing::MjtAlignFree::mjALIGNFREE_FALSE);
+        joint
+            .set_name(&format!("{prefix}free"))
+            .map_err(|_| bad(shell, "it has a joint named 'free'; rename it".into()))?;
+    }
+    if !shells.is_empty() {
+        spec.dedup_assets().map_err(|e| SceneError::Compile {
+            what: "shells".into(),
+            message: format!("shared meshes and textures cannot be merged: {}", words(e)),
+        })?;
+    }
+    Ok(())
+}
+
+const NO_ROOT: &str = "it has no body named 'drone'; give its root body in <worldbody> that name";
+
+fn parse_shell(shell: &Shell) -> Result<MjSpec, SceneError> {
+    let what = format!("shell '{}'", shell.name);
+    let bad = |message: String| SceneError::Shell { shell: shell.name.clone(), message };
+    let mut child = parse_text(&what, &shell.name, &shell.xml, shell.dir.as_deref())?;
+    child
+        .compiler_mut()
+        .set_inertiafromgeom(mujoco_rs::wrappers::mj_editing::MjtInertiaFromGeom::mjINERTIAFROMGEOM_AUTO);
+    for geom in child.geom_iter_mut() {
+        if geom.contype() != 0 || geom.conaffinity() != 0 {
+            geom.set_contype(-1);
+            geom.set_conaffinity(-1);
+        }
+    }
+    let root = child.body_mut("drone").ok_or_else(|| bad(NO_ROOT.into()))?;
+    if root.joint_iter(false).next().is_some() {
+        return Err(bad(
+            "its body 'drone' has a joint; remove it, each drone is given a free joint of its own".into(),
+        ));
+    }
+    if root.geom_iter(true).next().is_none() {
+        return Err(bad("its body 'drone' has no geom: nothing could see or touch it; give it one".into()));
+    }
+    // MuJoCo wants mass in a moving body. The solver never runs, so its value has no effect.
+    root.set_mass(1.0);
+    *root.ipos_mut() = [0.0; 3];
+    *root.iquat_mut() = [1.0, 0.0, 0.0, 0.0];
+    *root.inertia_mut() = [1e-3; 3];
+    root.set_explicitinertial(true);
+    Ok(child)
+}
+
+/// # Safety
+/// `data` points to `n` initialised values that live as long as the result, or `n` is 0.
+pub(super) unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
+    if n == 0 || data.is_null() {
+        &[]
+    } else {
+        // SAFETY: by the contract of this function.
+        unsafe { std::slice::from_raw_parts(data, n) }
+    }
+}
+
+fn describe(
+    model: MjModel,
+    name: String,
+    shells: &[Shell],
+    mut warnings: Vec<String>,
+    keyframes_dropped: usize,
+) -> Result<Inner, SceneError> {
+    let m = model.ffi();
+    let n_body = m.nbody as usize;
+    let n_geom = m.ngeom as usize;
+    let n_cam = m.ncam as usize;
+    // SAFETY: a compiled model; each array has the number of elements that mjmodel.h states for it, and ids in it are
+    // in range or -1.
+    unsafe {
+        let names = slice(m.names.cast::<u8>(), m.nnames as usize);
+        let text = |adr: *const i32, id: usize| {
+            let start = *adr.add(id) as usize;
+            let end = names[start..].iter().position(|c| *c == 0).map_or(names.len(), |n| start + n);
+            String::from_utf8_lossy(&names[start..end]).into_owned()
+        };
+        let root_id = slice(m.body_rootid, n_body);
+        let body_names: Vec<String> = (0..n_body).map(|b| text(m.name_bodyadr, b)).collect();
+        let mut drone_body = Vec::new();
+        let mut drone_qpos = Vec::new();
+        for (drone, shell) in shells.iter().enumerate() {
+            let wanted = format!("drone{drone}/drone");
+            let body = body_names.iter().position(|n| *n == wanted).ok_or_else(|| SceneError::Shell {
+                shell: shell.name.clone(),
+                message: format!("its root body '{wanted}' is missing from the compiled scene"),
+            })?;
+            let joint = *m.body_jntadr.add(body);
+            if joint < 0 || *m.jnt_type.add(joint as usize) != ffi::mjtJoint::mjJNT_FREE as i32 {
+                return Err(SceneError::Shell {
+                    shell: shell.name.clone(),
+                    message: format!("its root body '{wanted}' has no free joint in the compiled scene"),
+                });
+            }
+            drone_body.push(body);
+            drone_qpos.push(*m.jnt_qposadr.add(joint as usize) as usize);
+        }
+        let drone_of = |body: usize| drone_body.iter().position(|root| *root == root_id[body] as usize);
+
+        let mut obstacles = Vec::new();
+        for body in 1..n_body {
+            if drone_of(body).is_some() {
+                continue;
+            }
+            let mocap = *m.body_mocapid.add(body);
+            let free = *m.body_jntnum.add(body) == 1
+                && *m.jnt_type.add(*m.body_jntadr.add(body) as usize) == ffi::mjtJoint::mjJNT_FREE as i32;
+            let (kind, address) = if mocap >= 0 {
+                (ObstacleKind::Mocap, mocap as usize)
+            } else if free {
+                let joint = *m.body_jntadr.add(body) as usize;
+                (ObstacleKind::FreeJoint, *m.jnt_qposadr.add(joint) as usize)
+            } else {
+                continue;
+            };
+            let (pos_m, quat) = match kind {
+                ObstacleKind::Mocap => {
+                    (*m.body_pos.cast::<[f64; 3]>().add(body), *m.body_quat.cast::<[f64; 4]>().add(body))
+                }
+                ObstacleKind::FreeJoint => {
+                    let q = slice(m.qpos0.add(address), 7);
+                    ([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
+                }
+            };
+            obstacles.push(ObstacleInfo {
+                index: obstacles.len(),
+                body_id: body,
+                name: if body_names[body].is_empty() {
+                    format!("body#{body}")
+                } else {
+                    body_names[body].clone()
+                },
+                kind,
+                pos_m,
+                quat_xyzw: sync::from_wxyz(quat),
+                address,
+            });
+        }
+
+        let weld = slice(m.body_weldid, n_body);
+        let parents = slice(m.body_parentid, n_body);
+        let mut bodies: Vec<BodyInfo> = Vec::with_capacity(n_body);
+        for body in 0..n_body {
+            let parent_id = parents[body] as usize;
+            let own = obstacles.iter().position(|o: &ObstacleInfo| o.body_id == body);
+            bodies.push(BodyInfo {
+                id: body,
+                name: body_names[body].clone(),
+                parent_id,
+                drone: drone_of(body),
+                is_static: weld[body] == 0,
+                obstacle: own.or_else(|| if body == 0 { None } else { bodies[parent_id].obstacle }),
+                n_geoms: *m.body_geomnum.add(body) as usize,
+            });
+        }
+
+        let mesh_names: Vec<String> = (0..m.nmesh as usize).map(|i| text(m.name_meshadr, i)).collect();
+        let hfield_names: Vec<String> = (0..m.nhfield as usize).map(|i| text(m.name_hfieldadr, i)).collect();
+        let mut geoms = Vec::with_capacity(n_geom);
+        let mut drone_geoms = vec![Vec::new(); shells.len()];
+        for id in 0..n_geom {
+            let kind = GeomType::from_id(*m.geom_type.add(id)).ok_or_else(|| SceneError::Compile {
+                what: name.clone(),
+                message: format!("geom #{id} has the unknown type {}", *m.geom_type.add(id)),
+            })?;
+            let body_id = *m.geom_bodyid.add(id) as usize;
+            let material = *m.geom_matid.add(id);
+            let alpha = if material >= 0 {
+                *m.mat_rgba.add(4 * material as usize + 3)
+            } else {
+                *m.geom_rgba.add(4 * id + 3)
+            };
+            let data = *m.geom_dataid.add(id);
+            let asset = match (kind, usize::try_from(data)) {
+                (GeomType::Mesh | GeomType::Sdf, Ok(d)) => mesh_names.get(d).cloned(),
+                (GeomType::Hfield, Ok(d)) => hfield_names.get(d).cloned(),
+                _ => None,
+            };
+            let drone = bodies[body_id].drone;
+            if let Some(d) = drone {
+                drone_geoms[d].push(id);
+            }
+            geoms.push(GeomInfo {
+                id,
+                name: text(m.name_geomadr, id),
+                kind,
+                body_id,
+                group: (*m.geom_group.add(id)).clamp(0, 5),
+                alpha,
+                contype: *m.geom_contype.add(id),
+                conaffinity: *m.geom_conaffinity.add(id),
+                drone,
+                asset,
+                size_m: *m.geom_size.cast::<[f64; 3]>().add(id),
+                bounding_radius_m: *m.geom_rbound.add(id),
+                aabb_m: *m.geom_aabb.cast::<[f64; 6]>().add(id),
+                margin_m: *m.geom_margin.add(id),
+                is_static: bodies[body_id].is_static,
+            });
+        }
+
+        let mut cameras = Vec::with_capacity(n_cam);
+        let mut needs_com = false;
+        for id in 0..n_cam {
+            let mode = match *m.cam_mode.add(id) {
+                1 => CameraMode::Track,
+                2 => CameraMode::TrackCom,
+                3 => CameraMode::TargetBody,
+                4 => CameraMode::TargetBodyCom,
+                _ => CameraMode::Fixed,
+            };
+            needs_com |= matches!(mode, CameraMode::TrackCom | CameraMode::TargetBodyCom);
+            let body_id = *m.cam_bodyid.add(id) as usize;
+            let intrinsic = *m.cam_intrinsic.cast::<[f32; 4]>().add(id);
+            let sensor = *m.cam_sensorsize.cast::<[f32; 2]>().add(id);
+            let resolution = *m.cam_resolution.cast::<[i32; 2]>().add(id);
+            cameras.push(CameraInfo {
+                id,
+                name: text(m.name_camadr, id),
+                body_id,
+                drone: bodies[body_id].drone,
+                mode,
+                orthographic: *m.cam_projection.add(id) != 0,
+                fovy_deg: *m.cam_fovy.add(id),
+                resolution: resolution.map(|r| r.max(0) as usize),
+                sensor_size_m: sensor.map(f64::from),
+                intrinsic_m: intrinsic.map(f64::from),
+            });
+        }
+
+        let drone_radius = drone_geoms
+            .iter()
+            .zip(&drone_body)
+            .map(|(list, root)| shell_radius(m, list, *root))
+            .collect::<Vec<_>>();
+        for (drone, shell) in shells.iter().enumerate() {
+            if !drone_geoms[drone].iter().any(|g| geoms[*g].can_collide()) {
+                warnings.push(format!(
+                    "drone {drone} (shell '{}'): no geom of it can collide (contype and conaffinity are 0): it has no \
+                     contacts and no clearance",
+                    shell.name
+                ));
+            }
+        }
+        if m.nflex > 0 {
+            warnings.push(format!(
+                "{} flex(es): contacts find them, depth does not see them, clearance does not measure them",
+                m.nflex
+            ));
+        }
+        if keyframes_dropped > 0 {
+            warnings.push(format!(
+                "{keyframes_dropped} keyframe(s) of the scene are not used: bodies start at their model pose"
+            ));
+        }
+
+        let mut bytes = vec![0u8; ffi::mj_sizeModel(m) as usize];
+        ffi::mj_saveModel(m, std::ptr::null(), bytes.as_mut_ptr().cast(), bytes.len() as i64);
+        let hash = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+        let (n_flex, n_skin) = (m.nflex as usize, m.nskin as usize);
+        Ok(Inner {
+            model,
+            name,
+            geoms,
+            bodies,
+            cameras,
+            obstacles,
+            shells: shells.iter().map(|s| s.name.clone()).collect(),
+            drone_body,
+            drone_qpos,
+            drone_geoms,
+            drone_radius,
+            mesh_names,
+            hfield_names,
+            hash,
+            warnings,
+            needs_com,
+            n_flex,
+            n_skin,
+        })
+    }
+}
+
+/// Radius about the root body that holds every geom of the shell that can collide. Joints inside a shell may turn, so
+/// offsets of bodies add up by their lengths.
+///
+/// # Safety
+/// `m` is a compiled model, ids are in range.
+unsafe fn shell_radius(m: &ffi::mjModel, geoms: &[usize], root: usize) -> f64 {
+    let norm = |v: [f64; 3]| (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let mut radius = 0.0f64;
+    for &geom in geoms {
+        // SAFETY: by the contract of this function.
+        unsafe {
+            if *m.geom_contype.add(geom) == 0 && *m.geom_conaffinity.add(geom) == 0 {
+                continue;
+            }
+            let mut body = *m.geom_bodyid.add(geom) as usize;
+            let mut reach = norm(*m.geom_pos.cast::<[f64; 3]>().add(geom)) + *m.geom_rbound.add(geom);
+            while body != root && body != 0 {
+                reach += norm(*m.body_pos.cast::<[f64; 3]>().add(body));
+                body = *m.body_parentid.add(body) as usize;
+            }
+            radius = radius.max(reach);
+        }
+    }
+    radius
+}

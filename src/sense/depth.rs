@@ -1,0 +1,831 @@
+//! Depth images by MuJoCo's rays.
+//!
+//! A camera looks along its −z axis with y up. Pixel (0, 0) is the top left one; the ray of pixel (i, j) goes through
+//! its centre, image point (i + 0.5, j + 0.5), where the image spans [0, width] × [0, height]. In these coordinates
+//! `K` has the principal point (cx, cy); the centre of the image is (width / 2, height / 2). (Libraries that put pixel
+//! centres at whole numbers use cx − 0.5, cy − 0.5.)
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::SenseError;
+use crate::math::quat;
+use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker, WorkerPool};
+
+/// What a pixel of a depth image states, m.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DepthKind {
+    /// Distance from the camera to the surface along the ray.
+    Range,
+    /// Distance along the camera's axis: range times the cosine of the ray's angle to the axis.
+    ZDepth,
+}
+
+/// What happened to the ray of a pixel.
+#[repr(u8)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PixelStatus {
+    /// A surface between near and far; depth in metres.
+    Hit = 0,
+    /// Nothing along the ray; depth is +inf.
+    Miss = 1,
+    /// A surface beyond far; depth is +inf, ids and normal tell what it was.
+    TooFar = 2,
+    /// A surface nearer than near; depth is 0, ids and normal tell what it was.
+    TooNear = 3,
+}
+
+/// Status of pixels of a world that could not be rendered; their depth is NaN.
+pub const STATUS_NOT_RENDERED: u8 = 255;
+
+/// How image points become rays.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Lens {
+    /// Square pixels, principal point in the centre.
+    Fovy {
+        /// Vertical field of view, degrees, between 0 and 180.
+        fovy_deg: f64,
+    },
+    /// A pinhole in pixels, for an image of the given size; other sizes scale it.
+    Pinhole {
+        /// Focal length in x, pixels.
+        fx_px: f64,
+        /// Focal length in y, pixels.
+        fy_px: f64,
+        /// Principal point from the left edge, pixels.
+        cx_px: f64,
+        /// Principal point from the top edge, pixels.
+        cy_px: f64,
+        /// Image size that these numbers are for, width and height.
+        size: [usize; 2],
+    },
+    /// A sensor in metres, as a camera of an MJCF scene gives it.
+    Sensor {
+        /// Width and height of the sensor, m.
+        sensor_m: [f64; 2],
+        /// Focal lengths in x and y, m.
+        focal_m: [f64; 2],
+        /// Offset of the principal point, m, as MuJoCo's renderer takes it: positive moves the optical axis to the
+        /// left and to the top of the image. (MuJoCo's rangefinder takes it from the top left corner instead.)
+        principal_m: [f64; 2],
+    },
+}
+
+impl Lens {
+    /// fx, fy, cx, cy in pixels for an image size.
+    pub fn intrinsics_px(&self, width: usize, height: usize) -> [f64; 4] {
+        let (w, h) = (width as f64, height as f64);
+        match *self {
+            Self::Fovy { fovy_deg } => {
+                let f = 0.5 * h / (0.5 * fovy_deg.to_radians()).tan();
+                [f, f, 0.5 * w, 0.5 * h]
+            }
+            Self::Pinhole { fx_px, fy_px, cx_px, cy_px, size } => {
+                let (sx, sy) = (w / size[0] as f64, h / size[1] as f64);
+                [fx_px * sx, fy_px * sy, cx_px * sx, cy_px * sy]
+            }
+            Self::Sensor { sensor_m, focal_m, principal_m } => {
+                let (sx, sy) = (w / sensor_m[0], h / sensor_m[1]);
+                // mjv_cameraFrustum and mjv_updateScene of MuJoCo 3.17.0: left = (w/2 − px)/fx, top = (h/2 − py)/fy.
+                [
+                    focal_m[0] * sx,
+                    focal_m[1] * sy,
+                    0.5 * w - principal_m[0] * sx,
+                    0.5 * h - principal_m[1] * sy,
+                ]
+            }
+        }
+    }
+}
+
+/// Where a camera is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Mount {
+    /// At a camera of the model, which MuJoCo moves in all its modes.
+    Model {
+        /// Camera id.
+        camera: usize,
+    },
+    /// On a drone, at a pose in the drone's body frame (x forward, y left, z up).
+    Drone {
+        /// The drone.
+        drone: usize,
+        /// Camera to body: position, and rotation of a frame that looks along −z with y up.
+        pose: Pose,
+    },
+    /// Fixed in the world.
+    World {
+        /// Camera to world.
+        pose: Pose,
+    },
+}
+
+/// Largest image side, pixels.
+pub const MAX_SIDE_PX: usize = 16_384;
+
+/// A depth camera. Cheap to clone.
+#[derive(Clone, Debug)]
+pub struct Camera {
+    name: String,
+    mount: Mount,
+    lens: Lens,
+    width: usize,
+    height: usize,
+    near_m: f64,
+    far_m: f64,
+    kind: DepthKind,
+    groups: [u8; 6],
+    normals: bool,
+    /// The drone or else the body that it does not see.
+    own_drone: Option<usize>,
+    own_body: Option<usize>,
+    /// Bodies of its own drone beyond the root carry geoms: their hits are passed through.
+    own_is_compound: bool,
+    rays: Arc<[[f64; 3]]>,
+}
+
+/// Quaternion (x, y, z, w) that turns a camera's frame (looks along −z, y up) into a body's (x forward, z up): a
+/// camera mounted with it looks forward.
+pub const LOOKING_FORWARD_XYZW: [f64; 4] = [0.5, -0.5, -0.5, 0.5];
+
+impl Camera {
+    /// The camera of this name in the model, e.g. `overview`, or `drone0/fpv` on a shell.
+    ///
+    /// Its size is the resolution that the scene gives, or 64 × 64; its lens the scene's field of view or sensor. It
+    /// sees groups 0, 1 and 2 without limits of range. It does not see the body that carries it: the whole drone, or
+    /// the scene body if that is not the world.
+    ///
+    /// # Errors
+    /// [`SceneError::NoSuchName`] for an unknown name; [`SenseError::Camera`] for an orthographic camera.
+    pub fn from_scene(scene: &Scene, name: &str) -> Result<Self, SenseError> {
+        let info = scene.camera(name)?;
+        Self::from_info(scene, info)
+    }
+
+    /// The camera `name` on the shell of a drone.
+    ///
+    /// # Errors
+    /// As [`Camera::from_scene`], and [`SceneError::NoSuch`].
+    pub fn on_drone(scene: &Scene, drone: usize, name: &str) -> Result<Self, SenseError> {
+        scene.drone_body(drone)?;
+        Self::from_scene(scene, &format!("drone{drone}/{name}"))
+    }
+
+    /// A camera of one's own, mounted on a drone: `pose` is camera to body (see [`LOOKING_FORWARD_XYZW`]). Size 64 × 64
+    /// until [`Camera::with_size`].
+    ///
+    /// # Errors
+    /// [`SenseError::Scene`] for an unknown drone or a bad pose, [`SenseError::Camera`] for an impossible lens.
+    pub fn mounted(scene: &Scene, drone: usize, pose: Pose, lens: Lens) -> Result<Self, SenseError> {
+        scene.drone_body(drone)?;
+        let pose = check_mount(pose)?;
+        let name = format!("custom on drone {drone}");
+        Self::new(scene, name, Mount::Drone { drone, pose }, lens, [64, 64], Some(drone), None)
+    }
+
+    /// A camera of one's own, fixed in the world: `pose` is camera to world. Size 64 × 64 until [`Camera::with_size`].
+    ///
+    /// # Errors
+    /// [`SenseError::Scene`] for a bad pose, [`SenseError::Camera`] for an impossible lens.
+    pub fn in_world(scene: &Scene, pose: Pose, lens: Lens) -> Result<Self, SenseError> {
+        let pose = check_mount(pose)?;
+        Self::new(scene, "custom in the world".into(), Mount::World { pose }, lens, [64, 64], None, None)
+    }
+
+    fn from_info(scene: &Scene, info: &CameraInfo) -> Result<Self, SenseError> {
+        if info.orthographic {
+            return Err(SenseError::Camera {
+                camera: info.name.clone(),
+                message: "it is orthographic, but depth images need rays through one point; set \
+                          projection=\"perspective\" or use another camera"
+                    .into(),
+            });
+        }
+        let lens = if info.sensor_size_m.iter().all(|s| *s > 0.0) {
+            let [fx, fy, px, py] = info.intrinsic_m;
+            Lens::Sensor { sensor_m: info.sensor_size_m, focal_m: [fx, fy], principal_m: [px, py] }
+        } else {
+            Lens::Fovy { fovy_deg: info.fovy_deg }
+        };
+        let size = if info.resolution.iter().all(|r| *r > 1) { info.resolution } else { [64, 64] };
+        let own_body = (info.drone.is_none() && info.body_id != 0).then_some(info.body_id);
+        Self::new(
+            scene,
+            info.name.clone(),
+            Mount::Model { camera: info.id },
+            lens,
+            size,
+            info.drone,
+            own_body,
+        )
+    }
+
+    fn new(
+        scene: &Scene,
+        name: String,
+        mount: Mount,
+        lens: Lens,
+        size: [usize; 2],
+        own_drone: Option<usize>,
+        own_body: Option<usize>,
+    ) -> Result<Self, SenseError> {
+        let (mut own, mut compound) = (own_body, false);
+        if let Some(drone) = own_drone {
+            let root = scene.drone_body(drone)?;
+            own = Some(root);
+            compound = scene.drone_geoms(drone)?.iter().any(|g| scene.geoms()[*g].body_id != root);
+        }
+        let camera = Self {
+            name,
+            mount,
+            lens,
+            width: 0,
+            height: 0,
+            near_m: 0.0,
+            far_m: f64::INFINITY,
+            kind: DepthKind::Range,
+            groups: [1, 1, 1, 0, 0, 0],
+            normals: false,
+            own_drone,
+            own_body: own,
+            own_is_compound: compound,
+            rays: Arc::from(Vec::new()),
+        };
+        camera.with_size(size[0], size[1])
+    }
+
+    fn fail(&self, message: String) -> SenseError {
+        SenseError::Camera { camera: self.name.clone(), message }
+    }
+
+    /// Sets the image size, pixels.
+    ///
+    /// # Errors
+    /// [`SenseError::Camera`] for a side of 0 or beyond [`MAX_SIDE_PX`], or an impossible lens.
+    pub fn with_size(mut self, width: usize, height: usize) -> Result<Self, SenseError> {
+        if !(1..=MAX_SIDE_PX).contains(&width) || !(1..=MAX_SIDE_PX).contains(&height) {
+            return Err(self.fail(format!(
+                "an image of {width} x {height} pixels is not possible; give sides of 1 to {MAX_SIDE_PX}"
+            )));
+        }
+        if let Lens::Fovy { fovy_deg } = self.lens
+            && !(fovy_deg > 0.0 && fovy_deg < 180.0)
+        {
+            return Err(
+                self.fail(format!("a vertical field of view of {fovy_deg} degrees is not between 0 and 180"))
+            );
+        }
+        let k = self.lens.intrinsics_px(width, height);
+        if !(k.iter().all(|x| x.is_finite()) && k[0] > 0.0 && k[1] > 0.0) {
+            return Err(self.fail(format!(
+                "focal lengths and principal point come to {k:?} pixels; focal lengths and sensor or image size must \
+                 be positive and finite"
+            )));
+        }
+        self.width = width;
+        self.height = height;
+        let [fx, fy, cx, cy] = k;
+        self.rays = (0..height)
+            .flat_map(|row| {
+                (0..width).map(move |col| {
+                    let x = (col as f64 + 0.5 - cx) / fx;
+                    let y = -(row as f64 + 0.5 - cy) / fy;
+                    let n = (x * x + y * y + 1.0).sqrt();
+                    [x / n, y / n, -1.0 / n]
+                })
+            })
+            .collect();
+        Ok(self)
+    }
+
+    /// Sets the lens.
+    ///
+    /// # Errors
+    /// [`SenseError::Camera`] for an impossible lens.
+    pub fn with_lens(mut self, lens: Lens) -> Result<Self, SenseError> {
+        self.lens = lens;
+        let (width, height) = (self.width, self.height);
+        self.with_size(width, height)
+    }
+
+    /// Sets range limits, m, of the quantity that the image states (range or z-depth); `far_m` may be infinite.
+    ///
+    /// # Errors
+    /// [`SenseError::Camera`] unless 0 ≤ near < far.
+    pub fn with_range(mut self, near_m: f64, far_m: f64) -> Result<Self, SenseError> {
+        if !(near_m >= 0.0 && near_m < far_m) {
+            return Err(self.fail(format!(
+                "range limits must satisfy 0 <= near < far, got near {near_m} m and far {far_m} m"
+            )));
+        }
+        self.near_m = near_m;
+        self.far_m = far_m;
+        Ok(self)
+    }
+
+    /// Sets what the image states.
+    #[must_use]
+    pub fn with_kind(mut self, kind: DepthKind) -> Self {
+        self.kind = kind;
+        self
+    }
+
+    /// Sets which of the six geom groups are seen.
+    #[must_use]
+    pub fn with_groups(mut self, groups: [bool; 6]) -> Self {
+        self.groups = groups.map(u8::from);
+        self
+    }
+
+    /// Whether frames hold surface normals.
+    #[must_use]
+    pub fn with_normals(mut self, normals: bool) -> Self {
+        self.normals = normals;
+        self
+    }
+
+    /// Lets the camera see the body or drone that carries it.
+    #[must_use]
+    pub fn seeing_itself(mut self) -> Self {
+        self.own_drone = None;
+        self.own_body = None;
+        self.own_is_compound = false;
+        self
+    }
+
+    /// Name of the camera.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Width, pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Height, pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// What the image states.
+    pub fn kind(&self) -> DepthKind {
+        self.kind
+    }
+
+    /// Near and far limits, m.
+    pub fn range_m(&self) -> (f64, f64) {
+        (self.near_m, self.far_m)
+    }
+
+    /// Where it is.
+    pub fn mount(&self) -> Mount {
+        self.mount
+    }
+
+    /// Its lens.
+    pub fn lens(&self) -> Lens {
+        self.lens
+    }
+
+    /// The drone that carries it and that it does not see.
+    pub fn own_drone(&self) -> Option<usize> {
+        self.own_drone
+    }
+
+    /// Which groups it sees.
+    pub fn groups(&self) -> [bool; 6] {
+        self.groups.map(|g| g != 0)
+    }
+
+    /// The matrix of intrinsics, pixels: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for image points whose origin is the
+    /// outer corner of pixel (0, 0), y down.
+    pub fn k(&self) -> [[f64; 3]; 3] {
+        let [fx, fy, cx, cy] = self.lens.intrinsics_px(self.width, self.height);
+        [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+    }
+
+    /// Unit directions of the pixels' rays in the camera's frame, row major (height × width).
+    pub fn rays(&self) -> &[[f64; 3]] {
+        &self.rays
+    }
+
+    /// Pose of the camera at the worker's poses: camera to world.
+    ///
+    /// # Errors
+    /// [`SenseError::Scene`].
+    pub fn pose(&self, worker: &Worker) -> Result<Pose, SenseError> {
+        Ok(match self.mount {
+            Mount::World { pose } => pose,
+            Mount::Model { camera } => worker.camera_pose(camera)?,
+            Mount::Drone { drone, pose } => {
+                let body = worker.body_pose(worker.scene().drone_body(drone)?)?;
+                let offset = quat::rotate(body.quat_xyzw, pose.pos_m);
+                Pose {
+                    pos_m: [body.pos_m[0] + offset[0], body.pos_m[1] + offset[1], body.pos_m[2] + offset[2]],
+                    quat_xyzw: quat::mul(body.quat_xyzw, pose.quat_xyzw),
+                }
+            }
+        })
+    }
+
+    /// Renders one image into `frame`, whose buffers are reused.
+    ///
+    /// # Errors
+    /// [`SenseError::Scene`], e.g. when the worker was not updated.
+    pub fn render(&self, worker: &mut Worker, frame: &mut DepthFrame) -> Result<(), SenseError> {
+        let n = self.rays.len();
+        frame.width = self.width;
+        frame.height = self.height;
+        frame.kind = self.kind;
+        frame.k = self.k();
+        frame.depth_m.resize(n, 0.0);
+        frame.status.resize(n, 0);
+        frame.geom_id.resize(n, 0);
+        frame.body_id.resize(n, 0);
+        if self.normals {
+            frame.normal.get_or_insert_with(Vec::new).resize(n, [0.0; 3]);
+        } else {
+            frame.normal = None;
+        }
+        let planes = Planes {
+            depth_m: &mut frame.depth_m,
+            status: &mut frame.status,
+            geom_id: &mut frame.geom_id,
+            body_id: &mut frame.body_id,
+            normal: frame.normal.as_deref_mut(),
+        };
+        let pose = self.render_planes(worker, planes)?;
+        frame.pos_m = pose.pos_m;
+        frame.quat_xyzw = pose.quat_xyzw;
+        Ok(())
+    }
+
+    fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
+        let pose = self.pose(worker)?;
+        let mut scratch = std::mem::take(&mut worker.scratch);
+        let result = self.cast(worker, &pose, &mut scratch, planes);
+        worker.scratch = scratch;
+        result.map(|()| pose)
+    }
+
+    fn cast(
+        &self,
+        worker: &mut Worker,
+        pose: &Pose,
+        scratch: &mut crate::scene::RayScratch,
+        planes: Planes,
+    ) -> Result<(), SenseError> {
+        let n = self.rays.len();
+        let r = quat::matrix(pose.quat_xyzw);
+        scratch.directions.clear();
+        scratch.directions.extend(self.rays.iter().map(|v| {
+            [
+                r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
+                r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
+                r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
+            ]
+        }));
+        scratch.distances.resize(n, 0.0);
+        scratch.geoms.resize(n, 0);
+        scratch.normals.resize(n, [0.0; 3]);
+        let want_normals = planes.normal.is_some();
+        worker.rays(
+            pose.pos_m,
+            &scratch.directions,
+            Some(&self.groups),
+            self.own_body,
+            &mut scratch.distances,
+            &mut scratch.geoms,
+            want_normals.then_some(&mut scratch.normals[..]),
+        )?;
+        if self.own_is_compound {
+            self.pass_through_itself(worker, pose, scratch)?;
+        }
+        let geoms = worker.scene().geoms();
+        let mut normals = planes.normal;
+        for i in 0..n {
+            let distance = scratch.distances[i];
+            let geom = scratch.geoms[i];
+            let miss = !(distance >= 0.0);
+            let value = match self.kind {
+                DepthKind::Range => distance,
+                DepthKind::ZDepth => distance * -self.rays[i][2],
+            };
+            let (depth, status) = if miss {
+                (f32::INFINITY, PixelStatus::Miss)
+            } else if value < self.near_m {
+                (0.0, PixelStatus::TooNear)
+            } else if value > self.far_m {
+                (f32::INFINITY, PixelStatus::TooFar)
+            } else {
+                (value as f32, PixelStatus::Hit)
+            };
+            planes.depth_m[i] = depth;
+            planes.status[i] = status as u8;
+            planes.geom_id[i] = if miss { -1 } else { geom };
+            planes.body_id[i] = match usize::try_from(geom) {
+                Ok(g) if !miss => geoms[g].body_id as i32,
+                _ => -1,
+            };
+            if let Some(normals) = normals.as_mut() {
+                normals[i] = if miss { [0.0; 3] } else { scratch.normals[i].map(|x| x as f32) };
+            }
+        }
+        Ok(())
+    }
+
+    /// Rays that met another body of their own drone are cast again from behind the hit.
+    fn pass_through_itself(
+        &self,
+        worker: &mut Worker,
+        pose: &Pose,
+        scratch: &mut crate::scene::RayScratch,
+    ) -> Result<(), SenseError> {
+        let scene = worker.scene().clone();
+        let own = |geom: i32| {
+            usize::try_from(geom)
+                .is_ok_and(|g| scene.geoms()[g].drone == self.own_drone && self.own_drone.is_some())
+        };
+        for i in 0..scratch.distances.len() {
+            if scratch.distances[i] < 0.0 || !own(scratch.geoms[i]) {
+                continue;
+            }
+            let direction = scratch.directions[i];
+            let mut travelled = scratch.distances[i];
+            loop {
+                travelled += STEP_BEYOND_M;
+                let from = [0, 1, 2].map(|k| pose.pos_m[k] + travelled * direction[k]);
+                match worker.ray(from, direction, Some(&self.groups), self.own_body)? {
+                    None => {
+                        scratch.distances[i] = -1.0;
+                        scratch.geoms[i] = -1;
+                        break;
+                    }
+                    Some(hit) => {
+                        travelled += hit.distance;
+                        if !own(hit.geom_id) {
+                            scratch.distances[i] = travelled;
+                            scratch.geoms[i] = hit.geom_id;
+                            scratch.normals[i] = hit.normal;
+                            break;
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// How far behind a surface of its own drone a ray starts anew, m.
+const STEP_BEYOND_M: f64 = 1e-9;
+
+fn check_mount(pose: Pose) -> Result<Pose, SceneError> {
+    Pose::checked("a camera", pose.pos_m, pose.quat_xyzw)
+}
+
+/// One depth image with all that is known about it. Planes are row major, (height × width).
+#[derive(Clone, Debug, PartialEq)]
+pub struct DepthFrame {
+    /// Pixels in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// What `depth_m` states.
+    pub kind: DepthKind,
+    /// Depth, m; see [`PixelStatus`] for pixels without one.
+    pub depth_m: Vec<f32>,
+    /// [`PixelStatus`] of each pixel.
+    pub status: Vec<u8>,
+    /// Geom that was seen; -1 for none or a flex.
+    pub geom_id: Vec<i32>,
+    /// Body that was seen; -1 for none or a flex.
+    pub body_id: Vec<i32>,
+    /// Unit surface normal in the world, as MuJoCo's rays give it; zero where nothing was seen.
+    pub normal: Option<Vec<[f32; 3]>>,
+    /// Position of the camera, m.
+    pub pos_m: [f64; 3],
+    /// Camera to world, x y z w; the camera looks along its −z, y up.
+    pub quat_xyzw: [f64; 4],
+    /// Intrinsics, pixels, see [`Camera::k`].
+    pub k: [[f64; 3]; 3],
+}
+
+impl Default for DepthFrame {
+    fn default() -> Self {
+        Self {
+            width: 0,
+            height: 0,
+            kind: DepthKind::Range,
+            depth_m: Vec::new(),
+            status: Vec::new(),
+            geom_id: Vec::new(),
+            body_id: Vec::new(),
+            normal: None,
+            pos_m: [0.0; 3],
+            quat_xyzw: [0.0, 0.0, 0.0, 1.0],
+            k: [[0.0; 3]; 3],
+        }
+    }
+}
+
+impl DepthFrame {
+    /// An empty frame; [`Camera::render`] gives it its size.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+struct Planes<'a> {
+    depth_m: &'a mut [f32],
+    status: &'a mut [u8],
+    geom_id: &'a mut [i32],
+    body_id: &'a mut [i32],
+    normal: Option<&'a mut [[f32; 3]]>,
+}
+
+/// Poses of many worlds.
+#[derive(Clone, Copy, Debug)]
+pub struct WorldPoses<'a> {
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Positions of drones, m, (world, drone, 3).
+    pub drone_pos_m: &'a [f64],
+    /// Orientations of drones, x y z w, (world, drone, 4).
+    pub drone_quat_xyzw: &'a [f64],
+    /// Positions of all obstacles, m, (world, obstacle, 3); none leaves them where the model places them.
+    pub obstacle_pos_m: Option<&'a [f64]>,
+    /// Orientations of all obstacles, x y z w, (world, obstacle, 4); none leaves them as the model turns them.
+    pub obstacle_quat_xyzw: Option<&'a [f64]>,
+}
+
+impl WorldPoses<'_> {
+    fn check(&self, scene: &Scene) -> Result<(), SenseError> {
+        let (w, d, o) = (self.n_worlds, scene.n_drones(), scene.obstacles().len());
+        let check = |what, expected: usize, found: usize, shape: String| {
+            if expected == found { Ok(()) } else { Err(SenseError::Shape { what, shape, expected, found }) }
+        };
+        check("drone positions", w * d * 3, self.drone_pos_m.len(), format!("({w} worlds, {d} drones, 3)"))?;
+        check(
+            "drone quaternions",
+            w * d * 4,
+            self.drone_quat_xyzw.len(),
+            format!("({w} worlds, {d} drones, 4)"),
+        )?;
+        if let Some(p) = self.obstacle_pos_m {
+            check("obstacle positions", w * o * 3, p.len(), format!("({w} worlds, {o} obstacles, 3)"))?;
+        }
+        if let Some(q) = self.obstacle_quat_xyzw {
+            check("obstacle quaternions", w * o * 4, q.len(), format!("({w} worlds, {o} obstacles, 4)"))?;
+        }
+        Ok(())
+    }
+
+    /// Puts the poses of one world into a worker and updates it.
+    ///
+    /// # Errors
+    /// [`SceneError`], e.g. for a pose that is not finite. Arrays that are too short are an error too.
+    pub fn apply(&self, world: usize, worker: &mut Worker) -> Result<(), SceneError> {
+        let scene = worker.scene().clone();
+        let n = scene.n_drones();
+        let short = || SceneError::Argument {
+            what: format!(
+                "world {world}: the arrays of poses are too short for {n} drones and {} obstacles",
+                scene.obstacles().len()
+            ),
+        };
+        for drone in 0..n {
+            let row = world * n + drone;
+            let pos = row3(self.drone_pos_m, row).ok_or_else(short)?;
+            let quat = row4(self.drone_quat_xyzw, row).ok_or_else(short)?;
+            worker.set_drone(drone, pos, quat)?;
+        }
+        let n = scene.obstacles().len();
+        for (index, info) in scene.obstacles().iter().enumerate() {
+            let row = world * n + index;
+            let pos = match self.obstacle_pos_m {
+                None => info.pos_m,
+                Some(p) => row3(p, row).ok_or_else(short)?,
+            };
+            let quat = match self.obstacle_quat_xyzw {
+                None => info.quat_xyzw,
+                Some(q) => row4(q, row).ok_or_else(short)?,
+            };
+            worker.set_obstacle(index, pos, quat)?;
+        }
+        worker.update()
+    }
+}
+
+fn row3(data: &[f64], row: usize) -> Option<[f64; 3]> {
+    data.get(3 * row..3 * row + 3)?.try_into().ok()
+}
+
+fn row4(data: &[f64], row: usize) -> Option<[f64; 4]> {
+    data.get(4 * row..4 * row + 4)?.try_into().ok()
+}
+
+/// Depth images of many worlds, in buffers that are reused.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthBatch {
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Number of cameras, in the order in which they were given.
+    pub n_cameras: usize,
+    /// Pixels of one image.
+    pub n_pixels: usize,
+    /// Depth, m, (world, camera, height, width).
+    pub depth_m: Vec<f32>,
+    /// [`PixelStatus`], or [`STATUS_NOT_RENDERED`], (world, camera, height, width).
+    pub status: Vec<u8>,
+    /// Geom ids, (world, camera, height, width).
+    pub geom_id: Vec<i32>,
+    /// Body ids, (world, camera, height, width).
+    pub body_id: Vec<i32>,
+    /// Poses of the cameras, (world, camera).
+    pub pose: Vec<Pose>,
+}
+
+/// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
+///
+/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN
+/// and [`STATUS_NOT_RENDERED`]; the other worlds are rendered.
+///
+/// # Errors
+/// [`SenseError::Shape`] and [`SenseError::Parameter`] before anything is rendered; [`SenseError::Worlds`] with all
+/// worlds that failed.
+pub fn render_batch(
+    pool: &WorkerPool,
+    cameras: &[Camera],
+    poses: &WorldPoses,
+    out: &mut DepthBatch,
+) -> Result<(), SenseError> {
+    poses.check(pool.scene())?;
+    let Some(first) = cameras.first() else {
+        return Err(SenseError::Parameter {
+            what: "render_batch needs at least one camera, got none".into(),
+        });
+    };
+    if let Some(odd) = cameras.iter().find(|c| (c.width, c.height) != (first.width, first.height)) {
+        return Err(SenseError::Parameter {
+            what: format!(
+                "cameras of a batch need one image size: '{}' has {} x {}, '{}' has {} x {}",
+                first.name, first.width, first.height, odd.name, odd.width, odd.height
+            ),
+        });
+    }
+    let pixels = first.rays.len();
+    let images = poses.n_worlds * cameras.len();
+    out.n_worlds = poses.n_worlds;
+    out.n_cameras = cameras.len();
+    out.n_pixels = pixels;
+    out.depth_m.resize(images * pixels, 0.0);
+    out.status.resize(images * pixels, 0);
+    out.geom_id.resize(images * pixels, 0);
+    out.body_id.resize(images * pixels, 0);
+    out.pose.resize(images, Pose::default());
+    let per_world = cameras.len() * pixels;
+    let results: Vec<Result<(), SenseError>> = out
+        .depth_m
+        .par_chunks_mut(per_world)
+        .zip(out.status.par_chunks_mut(per_world))
+        .zip(out.geom_id.par_chunks_mut(per_world))
+        .zip(out.body_id.par_chunks_mut(per_world))
+        .zip(out.pose.par_chunks_mut(cameras.len()))
+        .enumerate()
+        .map(|(world, ((((depth, status), geom), body), pose))| {
+            let done = pool.with(|worker| {
+                poses.apply(world, worker)?;
+                for (c, camera) in cameras.iter().enumerate() {
+                    let at = c * pixels..(c + 1) * pixels;
+                    let planes = Planes {
+                        depth_m: &mut depth[at.clone()],
+                        status: &mut status[at.clone()],
+                        geom_id: &mut geom[at.clone()],
+                        body_id: &mut body[at],
+                        normal: None,
+                    };
+                    pose[c] = camera.render_planes(worker, planes)?;
+                }
+                Ok(())
+            });
+            let done = done.map_err(SenseError::from).and_then(|r| r);
+            if done.is_err() {
+                depth.fill(f32::NAN);
+                status.fill(STATUS_NOT_RENDERED);
+                geom.fill(-1);
+                body.fill(-1);
+            }
+            done
+        })
+        .collect();
+    let failures: Vec<_> =
+        results.into_iter().enumerate().filter_map(|(world, r)| r.err().map(|e| (world, e))).collect();
+    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds: poses.n_worlds, failures }) }
+}

@@ -1,0 +1,20 @@
+//! What drones sense: depth images, contacts, clearances, inertial readings.
+
+pub mod clearance;
+pub mod contact;
+pub mod depth;
+mod error;
+pub mod imu;
+pub mod noise;
+pub mod swept;
+
+pub use clearance::{Clearance, clearance};
+pub use contact::{Contact, contacts};
+pub use depth::{
+    Camera, DepthBatch, DepthFrame, DepthKind, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED, WorldPoses,
+    render_batch,
+};
+pub use error::SenseError;
+pub use imu::{Imu, ImuNoise, ImuReading};
+pub use noise::{DepthNoise, NoiseKey};
+pub use swept::{SweptHit, TOUCH_M, swept};

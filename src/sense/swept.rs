@@ -1,0 +1,235 @@
+//! Swept check: does a drone touch anything between two poses? A fast drone cannot tunnel through a thin wall.
+//!
+//! Conservative advancement (Mirtich, "Impulse-based dynamic simulation of rigid body systems", PhD thesis, Berkeley,
+//! 1996, section 2.3.2): at each pose between the two, the distance of a pair of geoms bounds from below how far the
+//! drone can move before they touch. Between convex shapes the plane between the closest points bounds it by the
+//! speed along the normal only, so flight along a wall takes few steps.
+
+use serde::Serialize;
+
+use super::SenseError;
+use super::clearance::{box_distance, pair_distance};
+use crate::math::quat;
+use crate::scene::{GeomType, Pose, Scene, Worker};
+
+/// The first touch on the way.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SweptHit {
+    /// Where on the way, 0 (from) to 1 (to); 0 when the drone touched at the start.
+    pub fraction: f64,
+    /// Position of the drone there, m.
+    pub pos_m: [f64; 3],
+    /// Orientation of the drone there, x y z w.
+    pub quat_xyzw: [f64; 4],
+    /// Geom of the drone.
+    pub drone_geom: i32,
+    /// What it touched.
+    pub other_geom: i32,
+    /// Its body.
+    pub other_body: i32,
+    /// The drone that it belongs to.
+    pub other_drone: Option<usize>,
+    /// Touching point, world, m.
+    pub point_m: [f64; 3],
+    /// Unit normal from the obstacle to the drone; zero where the two penetrated at the start.
+    pub normal: [f64; 3],
+    /// Signed distance there, m: about [`TOUCH_M`], or less when the drone touched at the start.
+    pub distance_m: f64,
+    /// False when the touch is reckoned by a lower bound of the distance (signed distance fields) and may be early.
+    pub exact: bool,
+}
+
+/// Surfaces nearer than this touch, m (plus twice the scene's `ccd_tolerance`, 1e-6 m by default).
+pub const TOUCH_M: f64 = 1e-5;
+
+/// Steps after which a way along a surface, a hair beyond [`TOUCH_M`], counts as a touch.
+const MAX_STEPS: usize = 10_000;
+
+/// First touch of a drone that moves from one pose to another, positions along a line, rotation about one axis at a
+/// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles or other drones,
+/// sweep each against their poses at the end of the step.
+///
+/// The worker's own poses are left as they were.
+///
+/// # Errors
+/// [`SenseError::Scene`] for an unknown drone, bad poses, or a failure of MuJoCo.
+pub fn swept(
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+) -> Result<Option<SweptHit>, SenseError> {
+    let scene = worker.scene().clone();
+    scene.drone_body(drone)?;
+    let who = format!("drone {drone} in a swept check");
+    let from = Pose::checked(&who, from.pos_m, from.quat_xyzw)?;
+    let to = Pose::checked(&who, to.pos_m, to.quat_xyzw)?;
+    let way = Way::new(from, to);
+    let radius = scene.drone_radius_m(drone)?;
+
+    // Whatever is farther from the middle of the way than half the way plus the drone is never reached.
+    let middle = [0, 1, 2].map(|k| 0.5 * (from.pos_m[k] + to.pos_m[k]));
+    let touch = TOUCH_M + 2.0 * scene.ccd_tolerance();
+    let reach = 0.5 * way.length + radius + 2.0 * touch;
+    let mut near = std::mem::take(&mut worker.scratch.bounds);
+    near.clear();
+    let mut result = Ok(None);
+    for geom in scene.geoms() {
+        if geom.drone == Some(drone) || !geom.can_collide() {
+            continue;
+        }
+        match box_distance(worker, &scene, geom.id, middle) {
+            Ok(d) if d < reach => near.push((d, geom.id)),
+            Ok(_) => {}
+            Err(e) => {
+                result = Err(e);
+                break;
+            }
+        }
+    }
+    if result.is_ok() && !near.is_empty() {
+        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let mut places = std::mem::take(&mut worker.scratch.places);
+        result = first_touch(worker, &scene, drone, &way, &near, &mut places);
+        worker.scratch.places = places;
+        // Puts the geoms back.
+        if let Err(e) = worker.update() {
+            result = result.and(Err(e.into()));
+        }
+    }
+    worker.scratch.bounds = near;
+    result
+}
+
+/// A motion between two poses.
+struct Way {
+    from: Pose,
+    delta: [f64; 3],
+    length: f64,
+    /// Rotation vector in the body frame, rad.
+    turn: [f64; 3],
+    angle: f64,
+}
+
+impl Way {
+    fn new(from: Pose, to: Pose) -> Self {
+        let delta = [0, 1, 2].map(|k| to.pos_m[k] - from.pos_m[k]);
+        let mut q = quat::mul(quat::conjugate(from.quat_xyzw), to.quat_xyzw);
+        if q[3] < 0.0 {
+            q = q.map(|x| -x);
+        }
+        let sine = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt();
+        let angle = 2.0 * sine.atan2(q[3]);
+        let scale = if sine > 1e-12 { angle / sine } else { 2.0 };
+        Self {
+            from,
+            delta,
+            length: delta.iter().map(|x| x * x).sum::<f64>().sqrt(),
+            turn: [q[0] * scale, q[1] * scale, q[2] * scale],
+            angle,
+        }
+    }
+
+    fn at(&self, s: f64) -> Pose {
+        let turned = quat::exp(self.turn.map(|x| x * s));
+        Pose {
+            pos_m: [0, 1, 2].map(|k| self.from.pos_m[k] + s * self.delta[k]),
+            quat_xyzw: quat::normalize(quat::mul(self.from.quat_xyzw, turned)),
+        }
+    }
+}
+
+fn is_convex(kind: GeomType) -> bool {
+    !matches!(kind, GeomType::Hfield | GeomType::Sdf)
+}
+
+fn first_touch(
+    worker: &mut Worker,
+    scene: &Scene,
+    drone: usize,
+    way: &Way,
+    near: &[(f64, usize)],
+    places: &mut Vec<([f64; 3], [f64; 9])>,
+) -> Result<Option<SweptHit>, SenseError> {
+    worker.drone_geom_places(drone, places)?;
+    let mut best: Option<SweptHit> = None;
+    for &(_, other) in near {
+        for (n, &own) in scene.drone_geoms(drone)?.iter().enumerate() {
+            let info = &scene.geoms()[own];
+            if !info.can_collide() {
+                continue;
+            }
+            let offset = places[n].0.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let arm = offset + info.bounding_radius_m;
+            let end = best.map_or(1.0, |b| b.fraction);
+            if let Some(hit) = touch_of_pair(worker, scene, drone, way, own, other, arm, end, places)? {
+                let earlier = best.is_none_or(|b| hit.fraction < b.fraction);
+                if earlier {
+                    best = Some(hit);
+                }
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// First touch of one pair before `end`.
+fn touch_of_pair(
+    worker: &mut Worker,
+    scene: &Scene,
+    drone: usize,
+    way: &Way,
+    own: usize,
+    other: usize,
+    arm: f64,
+    end: f64,
+    places: &[([f64; 3], [f64; 9])],
+) -> Result<Option<SweptHit>, SenseError> {
+    let convex = is_convex(scene.geoms()[own].kind) && is_convex(scene.geoms()[other].kind);
+    let fastest = way.length + way.angle * arm;
+    let tolerance = scene.ccd_tolerance();
+    let touch = TOUCH_M + 2.0 * tolerance;
+    let mut s = 0.0;
+    for step in 0..MAX_STEPS {
+        let pose = way.at(s);
+        worker.move_drone_geoms(drone, &pose, places)?;
+        let horizon = fastest * (end - s) + 2.0 * touch;
+        let pair = pair_distance(worker, scene, own, other, horizon)?;
+        let gap = pair.distance_m;
+        if gap >= horizon {
+            return Ok(None);
+        }
+        let apart = [0, 1, 2].map(|k| pair.on_drone_m[k] - pair.on_other_m[k]);
+        let size = apart.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if gap <= touch || step + 1 == MAX_STEPS {
+            let normal = if size > 0.0 && gap > 0.0 { apart.map(|x| x / size) } else { [0.0; 3] };
+            return Ok(Some(SweptHit {
+                fraction: s,
+                pos_m: pose.pos_m,
+                quat_xyzw: pose.quat_xyzw,
+                drone_geom: own as i32,
+                other_geom: other as i32,
+                other_body: scene.geoms()[other].body_id as i32,
+                other_drone: scene.geoms()[other].drone,
+                point_m: [0, 1, 2].map(|k| 0.5 * (pair.on_drone_m[k] + pair.on_other_m[k])),
+                normal,
+                distance_m: gap,
+                exact: pair.exact,
+            }));
+        }
+        let closing = if convex && pair.exact && size > 0.0 {
+            let along = (0..3).map(|k| apart[k] * way.delta[k]).sum::<f64>() / size;
+            // Closest points are known to the tolerance, the normal to the tolerance over the gap.
+            (-along).max(0.0) + way.length * (2.0 * tolerance / size).min(1.0) + way.angle * arm
+        } else {
+            fastest
+        };
+        // Stop half a touch short, so that neither rounding nor tolerance steps over the surface.
+        let free = gap - tolerance - 0.5 * TOUCH_M;
+        if closing * (end - s) <= free {
+            return Ok(None);
+        }
+        s += free / closing;
+    }
+    Ok(None)
+}

@@ -1,0 +1,52 @@
+//! Development commands: `cargo xtask help` lists them. Standard library only, so that it builds in a second.
+
+use std::process::ExitCode;
+
+mod ci;
+mod demo;
+mod python;
+mod run;
+mod setup;
+mod test;
+mod tidy;
+
+const HELP: &str = "\
+Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fetches the rest.
+
+  cargo xtask setup            fetch MuJoCo 3.17.0 (pinned PyPI wheel) into .mujoco/; after it plain cargo works
+  cargo xtask demo [--fresh]   set up, build, fly four worlds through the forest into out/demo
+                               (--fresh deletes out/demo first; without it a finished run is kept)
+  cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
+                               (ARGS go to `cargo test`, and Python tests are then left out)
+  cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
+  cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
+
+Environment:
+  PROPWASH_MUJOCO_DIR    a folder with lib/libmujoco.so and lib/libmujoco.so.3.17.0 to use instead of .mujoco/
+  PROPWASH_BASE_PYTHON   the Python to use instead of `python3`
+";
+
+fn main() -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let rest = args.get(1..).unwrap_or_default();
+    let result = match args.first().map(String::as_str) {
+        Some("setup") => run::no_arguments("setup", rest).and_then(|()| setup::run()),
+        Some("demo") => demo::run(rest),
+        Some("test") => test::run(rest),
+        Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
+        Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
+        Some("help" | "--help" | "-h") => {
+            print!("{HELP}");
+            Ok(())
+        }
+        None => Err(format!("a command is missing\n\n{HELP}")),
+        Some(other) => Err(format!("there is no command `{other}`\n\n{HELP}")),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("error: {}", message.trim_end());
+            ExitCode::FAILURE
+        }
+    }
+}
