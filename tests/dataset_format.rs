@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use propwash::dataset::{
     self, BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DatasetError, DepthMeaning, DepthPng,
@@ -169,8 +170,11 @@ fn fill(writer: &Writer, world: usize) -> dataset::WorldWriter {
                     distance_m: number(world, 30, k),
                     from_m: numbers(world, 31, k),
                     to_m: numbers(world, 32, k),
+                    drone_geom: 1,
                     geom: 3,
                     body: 2,
+                    other_drone: (i % 4 == 1).then_some(1 - drone),
+                    exact: i % 4 == 2,
                 }),
             })
             .unwrap();
@@ -184,9 +188,11 @@ fn fill(writer: &Writer, world: usize) -> dataset::WorldWriter {
             other_drone: (i == 1).then_some(0),
             geoms: [1, 3],
             bodies: [0, 2],
+            other_flex: -1,
             distance_m: -0.25,
             point_m: numbers(world, 40, i),
             normal: [0.0, 0.0, 1.0],
+            exact: true,
             swept_fraction: (i == 2).then_some(0.125),
         })
         .unwrap();
@@ -320,6 +326,10 @@ fn what_is_written_is_read_back_bit_for_bit() {
             } else {
                 assert_eq!(distance, number(world, 30, k));
                 assert_eq!(geom, 3.0);
+                let of = |name: &str| clearance.column(name).unwrap()[k];
+                assert_eq!((of("drone_geom"), of("body")), (1.0, 2.0));
+                assert_eq!(of("other_drone"), if i % 4 == 1 { (1 - k % 2) as f64 } else { -1.0 });
+                assert_eq!(of("exact"), f64::from(u8::from(i % 4 == 2)));
                 assert_eq!(clearance.column("to_z").unwrap()[k], numbers::<3>(world, 32, k)[2]);
             }
         }
@@ -670,7 +680,16 @@ fn rows_and_frames_that_break_the_manifest_are_refused() {
     w.frame(&frame).unwrap();
     assert!(w.frame(&frame).is_err(), "time must advance");
 
-    let nearest = Nearest { distance_m: 1.0, from_m: [0.0; 3], to_m: [0.0; 3], geom: 4, body: 0 };
+    let nearest = Nearest {
+        distance_m: 1.0,
+        from_m: [0.0; 3],
+        to_m: [0.0; 3],
+        drone_geom: 0,
+        geom: 4,
+        body: 0,
+        other_drone: None,
+        exact: true,
+    };
     let row = ClearanceRow { t_s: 0.0, step: 0, drone: 0, nearest: Some(nearest) };
     assert!(w.clearance(&row).is_err());
     let record = w.finish().unwrap();
@@ -742,9 +761,18 @@ fn a_table_longer_than_a_row_group_keeps_all_rows_in_order() {
     let mut w = writer.world(0).unwrap();
     let n = 40_000;
     for i in 0..n {
-        let nearest = Nearest { distance_m: i as f64, from_m: [0.0; 3], to_m: [0.0; 3], geom: 0, body: 0 };
+        let nearest = Nearest {
+            distance_m: i as f64,
+            from_m: [0.0; 3],
+            to_m: [0.0; 3],
+            drone_geom: 0,
+            geom: 0,
+            body: 0,
+            other_drone: None,
+            exact: true,
+        };
         let nearest = (i % 5 != 0).then_some(nearest);
-        w.clearance(&ClearanceRow { t_s: i as f64, step: i as u64, drone: 0, nearest }).unwrap();
+        w.clearance(&ClearanceRow { t_s: i as f64, step: i, drone: 0, nearest }).unwrap();
     }
     assert_eq!(w.finish().unwrap().n_clearances, n);
     let table =
@@ -795,26 +823,29 @@ fn cast(from: [f64; 3], ray: [f64; 3], far_m: f64) -> (f32, u8, i32) {
     }
 }
 
-/// A flight through the trunks, written as a data set: `n` worlds, 64×48 pixels.
-fn write_forest(dir: &Path, n: usize) {
-    let (w, h, far_m) = (64, 48, 15.0);
+/// A flight through the trunks, written as a data set: `n` worlds, 64×48 pixels. Returns how often a trunk was touched.
+fn write_forest(dir: &Path, n: usize) -> usize {
+    let (w, h, far_m, seconds, fps) = (64, 48, 15.0, 6, 4);
     let trunks = trunks();
     let mut m = manifest();
-    (m.n_worlds, m.n_drones, m.seconds, m.fps, m.seed) = (n, 1, 6.0, 4.0, 7);
+    (m.n_worlds, m.n_drones, m.seconds, m.fps, m.seed) = (n, 1, seconds as f64, fps as f64, 7);
     (m.normals, m.noise) = (false, None);
     m.vehicles.truncate(1);
     m.cameras.truncate(1);
     let camera = &mut m.cameras[0];
     (camera.width, camera.height, camera.near_m, camera.far_m) = (w, h, 0.2, far_m);
-    camera.k = [[32.0, 0.0, 32.0], [0.0, 32.0, 24.0], [0.0, 0.0, 1.0]];
+    let (cx, cy) = (w as f64 / 2.0, h as f64 / 2.0);
+    camera.k = [[cx, 0.0, cx], [0.0, cx, cy], [0.0, 0.0, 1.0]];
     m.flight.trajectory = serde_json::json!({"kind": "lissajous"});
-    let ids = 0..=trunks.len() as i32;
-    m.geoms = ids
-        .clone()
-        .map(|id| GeomRecord { id, name: String::new(), kind: "cylinder".into(), body: id })
-        .collect();
-    m.bodies = ids.map(|id| BodyRecord { id, name: String::new(), drone: -1 }).collect();
+    // Geom 0 is the floor, the last one the drone.
+    let own = trunks.len() as i32 + 1;
+    let kind = |id| if id == 0 { "plane" } else { "cylinder" };
+    m.geoms =
+        (0..=own).map(|id| GeomRecord { id, name: String::new(), kind: kind(id).into(), body: id }).collect();
+    m.bodies =
+        (0..=own).map(|id| BodyRecord { id, name: String::new(), drone: -i32::from(id != own) }).collect();
     let (writer, _) = dataset::create_or_resume(dir, &m).unwrap();
+    let beginnings = AtomicUsize::new(0);
     (0..n).into_par_iter().for_each(|world| {
         let mut out = writer.world(world).unwrap();
         let phase = std::f64::consts::TAU * number(world, 60, 0);
@@ -823,8 +854,8 @@ fn write_forest(dir: &Path, n: usize) {
             let p = phase + 0.5 * t;
             [ax * p.sin(), ay * (2.0 * p + phase).sin(), 1.5 + 0.5 * (3.0 * p).sin()]
         };
-        let mut touching = false;
-        for step in 0..600u64 {
+        let mut touching = -1;
+        for step in 0..100 * seconds {
             let t = step as f64 / 100.0;
             let (pos, next) = (at(t), at(t + 1e-4));
             let vel: [f64; 3] = std::array::from_fn(|i| (next[i] - pos[i]) / 1e-4);
@@ -853,32 +884,49 @@ fn write_forest(dir: &Path, n: usize) {
                 .min_by(|a, b| a.1.total_cmp(&b.1))
                 .unwrap();
             let id = nearest as i32;
-            let nearest = Nearest { distance_m, from_m: pos, to_m: pos, geom: id, body: id };
+            let toward = (trunks[nearest - 1][1] - pos[1]).atan2(trunks[nearest - 1][0] - pos[0]);
+            let along = |r: f64| [pos[0] + r * toward.cos(), pos[1] + r * toward.sin(), pos[2]];
+            let nearest = Nearest {
+                distance_m,
+                from_m: along(0.08),
+                to_m: along(0.08 + distance_m),
+                drone_geom: own,
+                geom: id,
+                body: id,
+                other_drone: None,
+                exact: true,
+            };
             out.clearance(&ClearanceRow { t_s: t, step, drone: 0, nearest: Some(nearest) }).unwrap();
-            if distance_m < 0.0 && !touching {
+            if distance_m < 0.0 {
+                // Every step has a row; the picture counts beginnings.
+                beginnings.fetch_add(usize::from(touching != nearest.geom), Ordering::Relaxed);
                 out.contact(&ContactRow {
                     t_s: t,
                     step,
                     drone: 0,
                     other_drone: None,
-                    geoms: [0, id],
-                    bodies: [0, id],
+                    geoms: [own, id],
+                    bodies: [own, id],
+                    other_flex: -1,
                     distance_m,
                     point_m: pos,
                     normal: [1.0, 0.0, 0.0],
+                    exact: true,
                     swept_fraction: None,
                 })
                 .unwrap();
             }
-            touching = distance_m < 0.0;
-            if step % 25 == 0 {
+            touching = if distance_m < 0.0 { id } else { -1 };
+            if step % (100 / fps) == 0 {
                 let yaw = vel[1].atan2(vel[0]);
+                // A camera that looks along x, turned by yaw.
+                let (sin, cos) = (0.5 * yaw).sin_cos();
                 let pixels: Vec<_> = (0..w * h)
                     .map(|i| {
-                        let right = (i % w) as f64 + 0.5 - 32.0;
-                        let down = (i / w) as f64 + 0.5 - 24.0;
-                        let length = (right * right + down * down + 32.0 * 32.0).sqrt();
-                        let (f, r, d) = (32.0 / length, right / length, down / length);
+                        let right = (i % w) as f64 + 0.5 - cx;
+                        let down = (i / w) as f64 + 0.5 - cy;
+                        let length = (right * right + down * down + cx * cx).sqrt();
+                        let (f, r, d) = (cx / length, right / length, down / length);
                         let ray = [f * yaw.cos() + r * yaw.sin(), f * yaw.sin() - r * yaw.cos(), -d];
                         cast(pos, ray, far_m)
                     })
@@ -894,7 +942,7 @@ fn write_forest(dir: &Path, n: usize) {
                     normal: None,
                     noisy: None,
                     pos_m: pos,
-                    quat_xyzw: [0.0, 0.0, 0.0, 1.0],
+                    quat_xyzw: [0.5 * (cos + sin), 0.5 * (sin - cos), 0.5 * (sin - cos), 0.5 * (cos + sin)],
                     k: m.cameras[0].k,
                 };
                 out.frame(&FrameInput { t_s: t, step, views: &[view] }).unwrap();
@@ -903,6 +951,7 @@ fn write_forest(dir: &Path, n: usize) {
         out.finish().unwrap();
     });
     writer.finish().unwrap();
+    beginnings.into_inner()
 }
 
 /// The plain of trunks from above.
@@ -926,7 +975,7 @@ fn forest_map() -> HeightMap {
 #[test]
 fn the_overview_shows_what_the_data_set_holds() {
     let dir = tempfile::tempdir().unwrap();
-    write_forest(dir.path(), 24);
+    let beginnings = write_forest(dir.path(), 24);
     let data = Dataset::open(dir.path()).unwrap();
     let overview = Overview::from_dataset(&data, forest_map()).unwrap();
     assert_eq!(overview.title, "forest · cf2x_L250 · 24 worlds × 6 s · seed 7");
@@ -934,6 +983,8 @@ fn the_overview_shows_what_the_data_set_holds() {
     let worlds: std::collections::BTreeSet<_> = overview.frames.iter().map(|f| f.world).collect();
     assert_eq!(worlds.into_iter().collect::<Vec<_>>(), [0, 7, 15, 23]);
     assert_eq!(overview.paths.len(), 24);
+    assert!(beginnings > 10);
+    assert_eq!(overview.contacts.len(), beginnings);
     // Thinning keeps the first and last point and the nearest pass of every path.
     for (world, path) in overview.paths.iter().enumerate() {
         let reader = data.world(world).unwrap();

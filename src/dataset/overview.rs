@@ -1,5 +1,6 @@
 //! One picture of a data set: what the cameras saw, where the drones flew, how near they came.
 
+use std::collections::BTreeMap;
 use std::io::BufWriter;
 use std::path::Path;
 
@@ -75,7 +76,7 @@ pub struct Overview {
     pub frames: Vec<SheetFrame>,
     /// Paths, one per drone and world.
     pub paths: Vec<PathLine>,
-    /// Contacts: time (s) and place x, y (m, world).
+    /// Beginnings of contacts: time (s) and place x, y (m, world).
     pub contacts: Vec<(f64, [f64; 2])>,
     /// The scene from above.
     pub map: HeightMap,
@@ -143,7 +144,7 @@ const RULE: Rgb = [200, 202, 206];
 const COLOR_MISS: Rgb = [226, 228, 232];
 const COLOR_TOO_FAR: Rgb = [128, 131, 137];
 const COLOR_TOO_NEAR: Rgb = [214, 40, 57];
-const NOTHING: Rgb = [240, 240, 238];
+const NOTHING: Rgb = [253, 253, 253];
 const MARGIN: i32 = 28;
 /// Left edge of the right column.
 const RIGHT_X: i32 = 936;
@@ -166,7 +167,7 @@ fn clearance_color(clearance_m: f64) -> Rgb {
         return [90, 92, 98];
     }
     let s = clearance_share(clearance_m);
-    oklch(0.58 + 0.5 * s * (1.0 - s), 0.19, 27.0 + 118.0 * s)
+    oklch(0.58 + 0.68 * s * (1.0 - s), 0.19, 27.0 + 118.0 * s)
 }
 
 fn clearance_share(clearance_m: f64) -> f64 {
@@ -211,7 +212,14 @@ impl Overview {
 
         let gathered: Vec<Gathered> = worlds
             .par_iter()
-            .map(|world| gather(&data.world(*world)?, m.n_drones, m.flight.clearance_every_steps > 0))
+            .map(|world| {
+                gather(
+                    &data.world(*world)?,
+                    m.n_drones,
+                    m.flight.clearance_every_steps > 0,
+                    m.flight.contact_every_steps,
+                )
+            })
             .collect::<Result<_>>()?;
         let n_quarantined = gathered.iter().filter(|g| g.quarantined).count();
         let n_touching = gathered.iter().filter(|g| !g.contacts.is_empty()).count();
@@ -382,13 +390,16 @@ impl Overview {
         for (i, f) in self.frames.iter().take(SHEET.0 * SHEET.1).enumerate() {
             let x = MARGIN + (i % SHEET.1) as i32 * cell_w;
             let y = top + (i / SHEET.1) as i32 * cell_h;
-            let (w, h) = fit(f.width, f.height, 180, cell_h - 14);
+            // The caption stands right of square images and below wide ones, whichever lets the image be larger.
+            let (beside, below) = (fit(f.width, f.height, 180, 182), fit(f.width, f.height, 202, 150));
+            let wide = below.0 * below.1 > beside.0 * beside.1;
+            let (w, h) = if wide { below } else { beside };
             canvas.image([x, y, w, h], (f.width, f.height), |row, column| {
                 let at = row * f.width + column;
                 pixel(f.depth_m[at], f.status[at])
             });
-            let (x, half_w, half_h) = (x + w + 8, (w / 2).min(90), h / 2);
-            canvas.image([x, y, half_w, half_h], (f.width, f.height), |row, column| {
+            let (small_w, small_h) = fit(f.width, f.height, if wide { 74 } else { 90 }, h / 2);
+            canvas.image([x + w + 8, y, small_w, small_h], (f.width, f.height), |row, column| {
                 let at = row * f.width + column;
                 geom_color(f.geom_id[at])
             });
@@ -396,14 +407,13 @@ impl Overview {
             if several {
                 lines.push(format!("drone {}", f.drone));
             }
-            for (k, line) in lines.iter().enumerate() {
-                canvas.text(
-                    x,
-                    y + half_h + 8 + 22 * k as i32,
-                    line,
-                    if k == 0 { INK } else { SOFT },
-                    Align::Left,
-                );
+            if wide {
+                canvas.text(x, y + h + 3, &shorten(&lines.join(", "), 27), INK, Align::Left);
+            } else {
+                for (k, line) in lines.iter().enumerate() {
+                    let at = y + small_h + 8 + 22 * k as i32;
+                    canvas.text(x + w + 8, at, line, if k == 0 { INK } else { SOFT }, Align::Left);
+                }
             }
         }
 
@@ -467,7 +477,7 @@ impl Overview {
             let light = (1.0 + std::f64::consts::FRAC_1_SQRT_2 * (east - north))
                 / (1.0 + east * east + north * north).sqrt();
             let tall = if high > low { f64::from((here - low) / (high - low)) } else { 0.0 };
-            let grey = (0.90 - 0.42 * tall.sqrt()) * (0.72 + 0.28 * light.clamp(0.0, 1.4));
+            let grey = (0.93 - 0.50 * tall.sqrt()) * (0.72 + 0.28 * light.clamp(0.0, 1.4));
             [(grey.clamp(0.0, 0.97) * 255.0).round() as u8; 3]
         });
         canvas.outline(x0, y0, w, h, RULE);
@@ -515,10 +525,11 @@ impl Overview {
                 canvas.disc(place(*start), dot, [255; 3], clip);
             }
         }
+        let half = if self.contacts.len() > 120 { 3.0 } else { 5.0 };
         for (_, at) in &self.contacts {
             if at.iter().all(|v| v.is_finite()) {
-                canvas.cross(place(*at), 5.0, 4.5, [255; 3], clip);
-                canvas.cross(place(*at), 5.0, 2.2, INK, clip);
+                canvas.cross(place(*at), half, 0.5 * half + 2.0, [255; 3], clip);
+                canvas.cross(place(*at), half, 0.3 * half + 0.7, INK, clip);
             }
         }
 
@@ -594,16 +605,25 @@ impl Overview {
             canvas.rect(x0 - 6, y, 5, 1, INK);
             canvas.text(x0 - 10, y - TEXT_H / 2, &tick_label(*mark, &marks), INK, Align::Right);
         }
+        if low < 0.0 {
+            canvas.rect(x0, place(0.0, 0.0)[1].round() as i32, w, 1, SOFT);
+        }
         let marks = ticks(0.0, self.seconds, 6);
         for mark in &marks {
             let x = place(*mark, 0.0)[0].round() as i32;
             canvas.rect(x, y0 + h + 1, 1, 5, INK);
             canvas.text(x, y0 + h + 8, &tick_label(*mark, &marks), INK, Align::Center);
         }
-        // Contacts as strokes on the floor of the plot.
-        for (t, _) in &self.contacts {
-            let x = place(*t, 0.0)[0];
-            canvas.line([x, f64::from(y0 + h)], [x, f64::from(y0 + h - 14)], 1.6, INK, clip);
+        // Contacts as bars on the floor of the plot, as high as there are many in a bin.
+        let mut counts = [0usize; BINS];
+        for (t, _) in self.contacts.iter().filter(|(t, _)| t.is_finite() && *t >= 0.0) {
+            counts[((t / self.seconds * BINS as f64) as usize).min(BINS - 1)] += 1;
+        }
+        let most = counts.iter().copied().max().unwrap_or(0).max(3) as f64;
+        for (i, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
+            let (from, to) = (x0 + i as i32 * w / BINS as i32, x0 + (i as i32 + 1) * w / BINS as i32);
+            let tall = (*count as f64 / most * 36.0).round() as i32;
+            canvas.rect(from, y0 + h - tall, (to - from - 1).max(1), tall, [150, 153, 160]);
         }
         if rows.is_empty() {
             canvas.text(x0 + w / 2, y0 + h / 2 - TEXT_H / 2, "not measured", SOFT, Align::Center);
@@ -617,15 +637,11 @@ impl Overview {
         canvas.outline(x0, y0, w, h, RULE);
         let everywhere = [0, 0, OVERVIEW_SIZE.0 as i32, OVERVIEW_SIZE.1 as i32];
         let mut x = RIGHT_X + 260;
-        for (color, label) in [(blue, "median"), (red, "least"), (INK, "contact")] {
-            if label == "contact" {
-                canvas.line(
-                    [f64::from(x) + 14.0, 765.0],
-                    [f64::from(x) + 14.0, 779.0],
-                    1.6,
-                    color,
-                    everywhere,
-                );
+        for (color, label) in [(blue, "median"), (red, "least"), ([150, 153, 160], "contacts")] {
+            if label == "contacts" {
+                for (i, tall) in [8, 14, 5].into_iter().enumerate() {
+                    canvas.rect(x + 8 + 5 * i as i32, 779 - tall, 4, tall, color);
+                }
             } else {
                 canvas.line([f64::from(x), 772.0], [f64::from(x) + 24.0, 772.0], 2.6, color, everywhere);
             }
@@ -699,7 +715,12 @@ struct Gathered {
 /// Points of a path on the picture, at most.
 const PATH_POINTS: usize = 400;
 
-fn gather(world: &WorldReader, n_drones: usize, with_clearance: bool) -> Result<Gathered> {
+fn gather(
+    world: &WorldReader,
+    n_drones: usize,
+    with_clearance: bool,
+    contact_every_steps: u32,
+) -> Result<Gathered> {
     let states = world.states(Some(&["t", "drone", "px", "py", "pz", "vx", "vy", "vz"]))?;
     let get = |name| states.column(name);
     let (t, drone) = (get("t")?, get("drone")?);
@@ -761,11 +782,37 @@ fn gather(world: &WorldReader, n_drones: usize, with_clearance: bool) -> Result<
         }
         paths.push(path);
     }
-    let table = world.contacts(Some(&["t", "x", "y"]))?;
-    let (ct, cx, cy) = (table.column("t")?, table.column("x")?, table.column("y")?);
+    // A contact that lasts has a row per step; the picture counts its beginning.
+    let table = world.contacts(Some(&[
+        "t",
+        "step",
+        "drone",
+        "geom2",
+        "other_flex",
+        "distance",
+        "swept",
+        "x",
+        "y",
+    ]))?;
+    let get = |name| table.column(name);
+    let (ct, cx, cy, step) = (get("t")?, get("x")?, get("y")?, get("step")?);
+    let (drone, geom, flex, distance) = (get("drone")?, get("geom2")?, get("other_flex")?, get("distance")?);
+    let swept = get("swept")?;
+    let mut last = BTreeMap::new();
+    let mut contacts = Vec::new();
+    for i in 0..ct.len() {
+        if distance[i] > 0.0 && swept[i] == 0.0 {
+            continue; // within a margin only
+        }
+        let pair = (drone[i] as i64, geom[i] as i64, flex[i] as i64);
+        let before = last.insert(pair, step[i]);
+        if before.is_none_or(|b| step[i] - b > 2.0 * f64::from(contact_every_steps.max(1))) {
+            contacts.push((ct[i], [cx[i], cy[i]]));
+        }
+    }
     Ok(Gathered {
         paths,
-        contacts: (0..ct.len()).map(|i| (ct[i], [cx[i], cy[i]])).collect(),
+        contacts,
         length_m,
         top_speed_m_s,
         n_frames: world.record().n_frames,

@@ -194,6 +194,17 @@ impl Flight {
     }
 
     fn drones(&self) -> Result<Vec<Drone<f64>>> {
+        for v in &self.vehicles {
+            if !v.modes(&self.dynamics)?.contains(&ControlMode::State) {
+                return Err(crate::Error::from(RolloutError::Option {
+                    name: "drone",
+                    expected:
+                        "a vehicle with an on-board controller that follows states ([controller.mellinger])"
+                            .into(),
+                    got: format!("{}, which has none", v.name),
+                }));
+            }
+        }
         self.vehicles.iter().map(|v| Ok(v.drone(&self.dynamics)?)).collect()
     }
 
@@ -474,8 +485,11 @@ impl<'a> World<'a> {
                 distance_m: clear.distance_m,
                 from_m: clear.on_drone_m,
                 to_m: clear.on_other_m,
+                drone_geom: clear.drone_geom,
                 geom: clear.other_geom,
                 body: clear.other_body,
+                other_drone: clear.other_drone,
+                exact: clear.exact,
             });
             out.clearance(&ClearanceRow { t_s: t, step, drone: d, nearest })?;
         }
@@ -646,9 +660,11 @@ fn touch(t: f64, step: u64, c: &Contact) -> ContactRow {
         other_drone: c.other_drone,
         geoms: [c.drone_geom, c.other_geom],
         bodies: [c.drone_body, c.other_body],
+        other_flex: c.other_flex,
         distance_m: c.distance_m,
         point_m: c.point_m,
         normal: c.normal.map(|v| -v),
+        exact: true,
         swept_fraction: None,
     }
 }
@@ -666,9 +682,11 @@ fn jumped(t: f64, step: u64, drone: usize, hit: &SweptHit, scene: &Scene) -> Con
         other_drone: hit.other_drone,
         geoms: [hit.drone_geom, hit.other_geom],
         bodies: [body, hit.other_body],
+        other_flex: -1,
         distance_m: hit.distance_m,
         point_m: hit.point_m,
         normal: hit.normal.map(|v| -v),
+        exact: hit.exact,
         swept_fraction: Some(hit.fraction),
     }
 }

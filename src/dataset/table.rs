@@ -126,16 +126,18 @@ pub fn contact_columns() -> Vec<Column> {
         column("drone", Int32, "", false),
         column("other_drone", Int32, "-1 when it is no drone", false),
         column("geom1", Int32, "geom of the drone", false),
-        column("geom2", Int32, "geom that it touches", false),
+        column("geom2", Int32, "geom that it touches, -1 for a flex", false),
         column("body1", Int32, "body of the drone", false),
-        column("body2", Int32, "body that it touches", false),
+        column("body2", Int32, "body that it touches, -1 for a flex", false),
+        column("other_flex", Int32, "flex that it touches, -1 for a geom", false),
         column("distance", Float64, "m, negative inside", false),
         column("x", Float64, "m, world", false),
         column("y", Float64, "m, world", false),
         column("z", Float64, "m, world", false),
-        column("nx", Float64, "world, from geom1 to geom2", false),
-        column("ny", Float64, "world, from geom1 to geom2", false),
-        column("nz", Float64, "world, from geom1 to geom2", false),
+        column("nx", Float64, "world, from what it touches to the drone", false),
+        column("ny", Float64, "world, from what it touches to the drone", false),
+        column("nz", Float64, "world, from what it touches to the drone", false),
+        column("exact", Bool, "false where distance is a lower bound, so that the touch may be early", false),
         column("swept", Bool, "found between two steps", false),
         column("fraction", Float64, "of the step before t, 0 to 1, where swept", true),
     ]
@@ -157,8 +159,11 @@ pub fn clearance_columns() -> Vec<Column> {
     for name in ["to_x", "to_y", "to_z"] {
         columns.push(column(name, Float64, "m, world, closest point on the other geom", true));
     }
+    columns.push(column("drone_geom", Int32, "geom of the drone, -1 none", false));
     columns.push(column("geom", Int32, "nearest geom, -1 none", false));
     columns.push(column("body", Int32, "its body, -1 none", false));
+    columns.push(column("other_drone", Int32, "drone that it belongs to, -1 none", false));
+    columns.push(column("exact", Dtype::Bool, "false where distance is a lower bound", false));
     columns
 }
 

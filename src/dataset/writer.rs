@@ -89,16 +89,20 @@ pub struct ContactRow {
     pub drone: usize,
     /// The other drone, when it is one.
     pub other_drone: Option<usize>,
-    /// Geom of the drone and geom that it touches.
+    /// Geom of the drone and geom that it touches, −1 for a flex.
     pub geoms: [i32; 2],
     /// Their bodies.
     pub bodies: [i32; 2],
+    /// Flex that it touches, −1 for a geom.
+    pub other_flex: i32,
     /// Signed distance, m, negative inside.
     pub distance_m: f64,
     /// Point of contact, m, world.
     pub point_m: [f64; 3],
-    /// Unit normal from the first geom to the second, world.
+    /// Unit normal from what it touches to the drone, world; zero where a swept check starts inside.
     pub normal: [f64; 3],
+    /// False where the distance is a lower bound (signed distance fields), so that a swept contact may be early.
+    pub exact: bool,
     /// For a contact that the swept check found: how far into the step before `t_s`, 0 to 1.
     pub swept_fraction: Option<f64>,
 }
@@ -112,10 +116,16 @@ pub struct Nearest {
     pub from_m: [f64; 3],
     /// Closest point on the other geom, m, world.
     pub to_m: [f64; 3],
+    /// Geom of the drone.
+    pub drone_geom: i32,
     /// The other geom.
     pub geom: i32,
     /// Its body.
     pub body: i32,
+    /// The drone that it belongs to, if it is one.
+    pub other_drone: Option<usize>,
+    /// False where the distance is a lower bound (signed distance fields).
+    pub exact: bool,
 }
 
 /// A row of `clearance.parquet`.
@@ -466,19 +476,34 @@ impl Writer {
             }
         }
         let mut summary = Summary { n_worlds, ..Summary::default() };
+        let sealed: Vec<(WorldRecord, WorldSeal, u64)> = (0..n_worlds)
+            .into_par_iter()
+            .map(|world| {
+                let dir = world_dir_name(world);
+                let folder = shared.dir.join(&dir);
+                let record = read_world_record(&folder)?;
+                // All that is listed must be on the disk before the seal is.
+                for file in &record.files {
+                    files::sync(&folder.join(&file.path))?;
+                }
+                for images in ["depth", "depth_noisy"].map(|name| folder.join(name)) {
+                    if images.is_dir() {
+                        files::sync(&images)?;
+                    }
+                }
+                let seal = files::record(&folder, WORLD)?;
+                Ok((record, WorldSeal { dir, world_json_sha256: seal.sha256 }, seal.bytes))
+            })
+            .collect::<Result<_>>()?;
         let mut worlds = Vec::with_capacity(n_worlds);
-        for world in 0..n_worlds {
-            let dir = world_dir_name(world);
-            let folder = shared.dir.join(&dir);
-            let record = read_world_record(&folder)?;
+        for (record, seal, bytes) in sealed {
             summary.n_quarantined += usize::from(record.quarantine.is_some());
             summary.n_states += record.n_states;
             summary.n_contacts += record.n_contacts;
             summary.n_clearances += record.n_clearances;
             summary.n_images += record.n_frames * shared.manifest.n_drones as u64;
-            let seal = files::record(&folder, WORLD)?;
-            summary.bytes += seal.bytes + record.files.iter().map(|f| f.bytes).sum::<u64>();
-            worlds.push(WorldSeal { dir, world_json_sha256: seal.sha256 });
+            summary.bytes += bytes + record.files.iter().map(|f| f.bytes).sum::<u64>();
+            worlds.push(seal);
         }
         let complete = CompleteRecord {
             format: FORMAT.to_owned(),
@@ -760,7 +785,8 @@ impl WorldWriter {
         for (part, ids, n) in
             [("geoms", row.geoms, manifest.geoms.len()), ("bodies", row.bodies, manifest.bodies.len())]
         {
-            if ids.iter().any(|id| *id < 0 || *id as usize >= n) {
+            let least = [0, if row.other_flex >= 0 { -1 } else { 0 }];
+            if (0..2).any(|i| ids[i] < least[i] || i64::from(ids[i]) >= n as i64) {
                 let (expected, found) = (format!("two of 0 to {}", n as i64 - 1), format!("{ids:?}"));
                 let remedy = "list all geoms and bodies in the manifest";
                 return self.input_error(
@@ -780,9 +806,11 @@ impl WorldWriter {
         for id in row.geoms.iter().chain(&row.bodies) {
             t.integer(i64::from(*id));
         }
+        t.integer(i64::from(row.other_flex));
         t.float(row.distance_m);
         t.floats(&row.point_m);
         t.floats(&row.normal);
+        t.integer(i64::from(row.exact));
         t.integer(i64::from(row.swept_fraction.is_some()));
         t.maybe(row.swept_fraction);
         t.end_row().inspect_err(|_| self.failed = true)
@@ -792,13 +820,17 @@ impl WorldWriter {
     pub fn clearance(&mut self, row: &ClearanceRow) -> Result<()> {
         self.check_drone("clearance", row.drone, row.t_s, row.step)?;
         if let Some(nearest) = row.nearest {
+            if let Some(other) = nearest.other_drone {
+                self.check_drone("clearance, other", other, row.t_s, row.step)?;
+            }
             let manifest = &self.shared.manifest;
-            let n = [manifest.geoms.len() as i64, manifest.bodies.len() as i64];
-            let ids = [i64::from(nearest.geom), i64::from(nearest.body)];
-            if (0..2).any(|i| ids[i] < 0 || ids[i] >= n[i]) {
+            let (geoms, bodies) = (manifest.geoms.len() as i64, manifest.bodies.len() as i64);
+            let n = [geoms, geoms, bodies];
+            let ids = [nearest.drone_geom, nearest.geom, nearest.body].map(i64::from);
+            if (0..3).any(|i| ids[i] < 0 || ids[i] >= n[i]) {
                 let (expected, found) = (format!("ids below {n:?}"), format!("{ids:?}"));
                 let remedy = "list all geoms and bodies in the manifest";
-                let item = format!("clearance at step {}, geom and body", row.step);
+                let item = format!("clearance at step {}, geoms and body", row.step);
                 return self.input_error(item, expected, found, remedy);
             }
         }
@@ -814,8 +846,11 @@ impl WorldWriter {
         t.maybe(row.nearest.map(|n| n.distance_m));
         t.maybe_floats(row.nearest.as_ref().map_or(&[], |n| &n.from_m), 3);
         t.maybe_floats(row.nearest.as_ref().map_or(&[], |n| &n.to_m), 3);
+        t.integer(row.nearest.map_or(-1, |n| i64::from(n.drone_geom)));
         t.integer(row.nearest.map_or(-1, |n| i64::from(n.geom)));
         t.integer(row.nearest.map_or(-1, |n| i64::from(n.body)));
+        t.integer(row.nearest.and_then(|n| n.other_drone).map_or(-1, |d| d as i64));
+        t.integer(i64::from(row.nearest.is_none_or(|n| n.exact)));
         t.end_row().inspect_err(|_| self.failed = true)
     }
 
@@ -962,7 +997,7 @@ impl WorldWriter {
         self.info = info;
     }
 
-    /// Brings all files of the world to the disk and then puts the world into its place. Errors also when an earlier
+    /// Closes the world's files, notes their hashes, and then puts the world into its place. Errors also when an earlier
     /// write of this world failed.
     pub fn finish(self) -> Result<WorldRecord> {
         if self.failed {
@@ -990,12 +1025,9 @@ impl WorldWriter {
         let mut records = Vec::with_capacity(names.len());
         for name in &names {
             records.push(files::record(&partial, name)?);
-            files::sync(&partial.join(name))?;
-        }
-        for folder in ["depth", "depth_noisy"] {
-            let folder = partial.join(folder);
-            if folder.is_dir() {
-                files::sync(&folder)?;
+            // Images are many; `Writer::finish` brings them to the disk, and until then their hashes guard them.
+            if !name.ends_with(".png") {
+                files::sync(&partial.join(name))?;
             }
         }
         let record = WorldRecord {

@@ -1,6 +1,6 @@
 //! What sensors on a vehicle read for a given state.
 
-use super::rigid_body::{Rate, State};
+pub use super::rigid_body::{Rate, State};
 use crate::math::{quat, vec3};
 use crate::scalar::Real;
 

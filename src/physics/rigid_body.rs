@@ -56,6 +56,21 @@ pub struct Rate<S> {
     pub thrust_rate: S,
 }
 
+impl<S: Real> Rate<S> {
+    /// Nothing changes.
+    pub fn zero() -> Self {
+        let zero = S::zero();
+        Self {
+            vel: [zero; 3],
+            ang_vel: [zero; 3],
+            acc: [zero; 3],
+            ang_acc: [zero; 3],
+            rotor_acc: [zero; MAX_ROTORS],
+            thrust_rate: zero,
+        }
+    }
+}
+
 /// Force and torque on the body about its centre of mass, without gravity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wrench<S> {

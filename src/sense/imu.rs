@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SenseError;
 use crate::physics::measure;
-use crate::physics::rigid_body::{Rate, State};
+use crate::physics::measure::{Rate, State};
 use crate::random::{Key, purpose};
 
 /// Errors of an inertial sensor. [`Default`] is none, with no limits.

@@ -1,19 +1,17 @@
 //! From the text of a vehicle file to checked physics parameters in SI.
 
+use super::effects::ListedEffect;
 use super::error::VehicleError;
 use super::mixer;
 use super::provenance;
-use super::schema::{AttitudeStage, Direct, EffectEntry, Mellinger, Response, Rotor, VehicleFile};
+use super::schema::{AttitudeStage, Direct, Mellinger, Response, Rotor, VehicleFile};
 use super::{DYNAMICS, SO_RPY};
 use crate::physics::controllers::mellinger::{self, AttitudeGains, StateGains};
 use crate::physics::drone::{Drone, Dynamics};
-use crate::physics::effects::{AnyEffect, KINDS, command_delay};
-use crate::physics::params::Parameters;
 use crate::physics::rigid_body::{self, MAX_ROTORS};
 use crate::physics::{airframe, attitude_response, rotor};
 use crate::units::{RAD_S_PER_RPM, curve_rpm_to_rad_s};
 use nalgebra::Matrix3;
-use std::collections::BTreeMap;
 
 /// How far an axis may be from unit length and still be scaled to it.
 const UNIT_TOLERANCE: f64 = 1e-6;
@@ -27,8 +25,8 @@ pub(super) struct Contents {
     pub base: Drone<f64>,
     /// Fitted responses by name.
     pub responses: Vec<(&'static str, attitude_response::Params<f64>)>,
-    /// Effects with the dynamics that have them (`None`: all).
-    pub effects: Vec<(Option<Vec<String>>, AnyEffect<f64>)>,
+    /// Effects in order.
+    pub effects: Vec<ListedEffect>,
     /// Whether thrust and all three torques can be made.
     pub full_rank: bool,
     /// What is doubtful but allowed.
@@ -208,13 +206,17 @@ pub(super) fn contents(file: &str, v: &VehicleFile) -> Result<Contents, VehicleE
     Ok(Contents { base, responses, effects, full_rank, warnings })
 }
 
+/// A key of a rotor and the value that it gives, in SI.
+type Form<'a, const N: usize> = (&'a str, &'a dyn Fn(&Rotor) -> Option<[f64; N]>);
+
 /// Checks of one file.
-struct Check<'a> {
+pub(super) struct Check<'a> {
     file: &'a str,
 }
 
 impl Check<'_> {
-    fn wrong(
+    /// An error in this file.
+    pub(super) fn wrong(
         &self,
         key: impl Into<String>,
         expected: &str,
@@ -310,7 +312,7 @@ impl Check<'_> {
     }
 
     /// All numbers of a value with their indices (`""` for a single number, `1.2` in nested arrays).
-    fn numbers(
+    pub(super) fn numbers(
         &self,
         key: &str,
         index: &str,
@@ -528,7 +530,7 @@ impl Check<'_> {
         index: usize,
         own: &Rotor,
         default: &Rotor,
-        forms: &[(&str, &dyn Fn(&Rotor) -> Option<[f64; N]>)],
+        forms: &[Form<N>],
     ) -> Result<[f64; N], VehicleError> {
         let names = forms.iter().map(|f| f.0).collect::<Vec<_>>().join(" or ");
         for (table, rotor) in [(format!("rotor.{index}"), own), ("rotor_default".to_string(), default)] {
@@ -749,136 +751,6 @@ impl Check<'_> {
         })
     }
 
-    fn effects(
-        &self,
-        entries: &[EffectEntry],
-    ) -> Result<Vec<(Option<Vec<String>>, AnyEffect<f64>)>, VehicleError> {
-        let mut out = Vec::new();
-        let mut seen: BTreeMap<(&str, &str), usize> = BTreeMap::new();
-        for (i, entry) in entries.iter().enumerate() {
-            let key = format!("effect.{i}");
-            if let Some(models) = &entry.models {
-                let known = DYNAMICS.join(", ");
-                if models.is_empty() {
-                    return Err(self.wrong(
-                        format!("{key}.models"),
-                        &format!("at least one of {known}"),
-                        "an empty list",
-                        "name the dynamics that have the effect, or remove the key for all",
-                    ));
-                }
-                for (k, model) in models.iter().enumerate() {
-                    if !DYNAMICS.contains(&model.as_str()) {
-                        let place = format!("{key}.models.{k}");
-                        return Err(self.wrong(place, &format!("one of {known}"), model, "correct the name"));
-                    }
-                }
-            }
-            let effect = self.effect(&key, entry)?;
-            for model in DYNAMICS {
-                let has = entry.models.as_ref().is_none_or(|m| m.iter().any(|name| name == model));
-                if has && seen.insert((effect.kind(), model), i).is_some() {
-                    return Err(self.wrong(
-                        format!("{key}.kind"),
-                        &format!("each effect once for {model}"),
-                        format!("{} a second time", entry.kind),
-                        "merge the two entries, or part them with `models`",
-                    ));
-                }
-            }
-            out.push((entry.models.clone(), effect));
-        }
-        Ok(out)
-    }
-
-    fn effect(&self, key: &str, entry: &EffectEntry) -> Result<AnyEffect<f64>, VehicleError> {
-        let Some(mut effect) = AnyEffect::by_kind(&entry.kind) else {
-            let expected = format!("one of {}", KINDS.join(", "));
-            return Err(self.wrong(
-                format!("{key}.kind"),
-                &expected,
-                &entry.kind,
-                "correct the name of the effect",
-            ));
-        };
-        let mut names: Vec<String> = Vec::new();
-        effect.visit("", &mut |name, _| names.push(name.trim_start_matches('.').to_string()));
-        let mut values: BTreeMap<String, f64> = BTreeMap::new();
-        for (param, value) in &entry.params {
-            let own: Vec<&str> = names.iter().filter_map(|n| index_of(n, param)).collect();
-            if own.is_empty() {
-                let mut known: Vec<&str> = names.iter().map(|n| n.split('.').next().unwrap_or(n)).collect();
-                known.dedup();
-                let expected = format!(
-                    "a parameter of {} ({}) or one of kind, models, source, source_log_sha256, date, note, sigma",
-                    entry.kind,
-                    known.join(", ")
-                );
-                return Err(self.wrong(
-                    format!("{key}.{param}"),
-                    &expected,
-                    "an unknown key",
-                    "correct or remove the key",
-                ));
-            }
-            let mut numbers = Vec::new();
-            self.numbers(&format!("{key}.{param}"), "", value, &mut numbers)?;
-            if !own.iter().copied().eq(numbers.iter().map(|(i, _)| i.as_str())) {
-                return Err(self.wrong(
-                    format!("{key}.{param}"),
-                    &shape(own.iter().copied()),
-                    shape(numbers.iter().map(|(i, _)| i.as_str())),
-                    "write as many numbers as the parameter has",
-                ));
-            }
-            values.extend(numbers.into_iter().map(|(index, v)| (join(param, &index), v)));
-        }
-        effect.visit("", &mut |name, slot| {
-            if let Some(v) = values.get(name.trim_start_matches('.')) {
-                *slot = *v;
-            }
-        });
-        self.effect_range(key, &mut effect)?;
-        Ok(effect)
-    }
-
-    /// Bounds outside which the formula of an effect does not hold.
-    fn effect_range(&self, key: &str, effect: &mut AnyEffect<f64>) -> Result<(), VehicleError> {
-        const MOST: f64 = f64::INFINITY;
-        // (effect, parameter, least, greatest, whether the least itself is allowed)
-        const RANGES: &[(&str, &str, f64, f64, bool)] = &[
-            ("command_delay", "delay_s", 0.0, command_delay::MAX_DELAY_S, true),
-            ("battery_sag", "full_v", 0.0, MOST, false),
-            ("battery_sag", "nominal_v", 0.0, MOST, false),
-            ("battery_sag", "resistance_ohm", 0.0, MOST, true),
-            ("battery_sag", "drop_v_per_a_s", 0.0, MOST, true),
-            ("battery_sag", "efficiency", 0.0, 1.0, false),
-            ("downwash", "drag_area_m2", 0.0, MOST, true),
-            ("downwash", "spread", 0.0, MOST, true),
-            ("ground_effect", "strength", 0.0, MOST, true),
-        ];
-        let kind = effect.kind();
-        let mut found = Ok(());
-        effect.visit("", &mut |name, value| {
-            let name = name.trim_start_matches('.');
-            for (of, param, least, most, closed) in RANGES {
-                let inside = *value <= *most && (*value > *least || (*closed && *value == *least));
-                if *of == kind && *param == name && !inside {
-                    let from = if *closed { "from" } else { "above" };
-                    let to = if most.is_finite() { format!(" to {most}") } else { String::new() };
-                    let expected = format!("a number {from} {least}{to}");
-                    found = Err(self.wrong(
-                        format!("{key}.{name}"),
-                        &expected,
-                        *value,
-                        "write a value in this range",
-                    ));
-                }
-            }
-        });
-        found
-    }
-
     /// Warnings about vehicles that cannot stay in the air.
     fn hover(&self, drone: &Drone<f64>, warnings: &mut Vec<String>) {
         let n = drone.airframe.n_rotors as f64;
@@ -913,14 +785,8 @@ impl Check<'_> {
     }
 }
 
-/// The indices of the visited `name` within parameter `param`, if it belongs to it.
-fn index_of<'a>(name: &'a str, param: &str) -> Option<&'a str> {
-    let rest = name.strip_prefix(param)?;
-    if rest.is_empty() { Some("") } else { rest.strip_prefix('.') }
-}
-
 /// In words: how many numbers there are, nested how.
-fn shape<'a>(indices: impl Iterator<Item = &'a str>) -> String {
+pub(super) fn shape<'a>(indices: impl Iterator<Item = &'a str>) -> String {
     let indices: Vec<&str> = indices.collect();
     match indices.last() {
         None => "no numbers".into(),

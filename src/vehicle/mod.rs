@@ -9,6 +9,7 @@
 //! # Ok::<(), propwash::vehicle::VehicleError>(())
 //! ```
 
+mod effects;
 mod error;
 mod file;
 mod mixer;
@@ -129,10 +130,7 @@ impl Vehicle {
         let mut drone = self.contents.base.clone();
         drone.dynamics = self.dynamics(dynamics)?;
         let effects = self.contents.effects.iter();
-        drone.effects = effects
-            .filter(|(models, _)| models.as_ref().is_none_or(|m| m.iter().any(|name| name == dynamics)))
-            .map(|(_, effect)| *effect)
-            .collect();
+        drone.effects = effects.filter(|e| e.belongs_to(dynamics)).map(|e| e.effect).collect();
         Ok(drone)
     }
 

@@ -435,3 +435,47 @@ fn a_loaded_file_knows_its_name_and_the_place_of_its_shell() {
     let error = Vehicle::load(&path).unwrap_err().to_string();
     assert!(error.contains("mine.toml") && error.contains("UTF-8"), "{error}");
 }
+
+#[test]
+fn damaged_files_are_errors_and_never_panics() {
+    let mut seed = 1_u64;
+    let mut random = move |below: usize| {
+        seed = seed.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        (seed >> 33) as usize % below
+    };
+    let pieces: Vec<&str> = BASE.split_inclusive(|c: char| !c.is_alphanumeric()).collect();
+    let mut refused = 0;
+    for _ in 0..2000 {
+        let mut text = pieces.clone();
+        for _ in 0..=random(3) {
+            let (from, to) = (random(text.len()), random(text.len()));
+            match random(3) {
+                0 => text[to] = text[from],
+                1 => drop(text.remove(from)),
+                _ => text.insert(to, text[from]),
+            }
+        }
+        let read = Vehicle::from_toml("damaged", &text.concat());
+        refused += usize::from(read.is_err());
+        for name in DYNAMICS {
+            let _ = read.as_ref().map(|v| v.drone(name));
+        }
+    }
+    assert!(refused > 500, "{refused}");
+}
+
+#[test]
+fn the_example_of_the_handbook_is_a_vehicle() {
+    let handbook = include_str!("../../docs/vehicles.md");
+    let start = handbook.find("```toml\n").unwrap() + "```toml\n".len();
+    let text = &handbook[start..start + handbook[start..].find("```").unwrap()];
+    let vehicle = Vehicle::from_toml("example", text).unwrap();
+    assert_eq!(vehicle.available_dynamics(), ["first_principles", "so_rpy"]);
+    assert!(vehicle.warnings().is_empty(), "{:?}", vehicle.warnings());
+    let drone = vehicle.drone("first_principles").unwrap();
+    assert_eq!(drone.effects.len(), 2);
+    assert_eq!(drone.airframe.rotors[2].spin_up, [20.0, 0.0]);
+    for name in BUILTIN {
+        assert!(handbook.contains(&format!("`{name}`")), "{name} is not in the table");
+    }
+}

@@ -281,7 +281,7 @@ impl Urdf {
         let mut moment = Vector3::zeros();
         for link in &self.robot.links {
             let i = &link.inertial;
-            let key = |what: &str| format!("link `{}`, inertial, {what}", link.name);
+            let key = |what: &str| format!("link {}, inertial, {what}", link.name);
             let mass = i.mass.value;
             if !(mass.is_finite() && mass >= 0.0) {
                 return Err(self.error(key("mass"), "a mass in kg, not negative", mass, "correct the mass"));
@@ -564,7 +564,7 @@ impl Urdf {
             if !(is_rotor(&link.name) || is_rotor(joint_name)) {
                 continue;
             }
-            let key = format!("link `{}`, inertial, origin", link.name);
+            let key = format!("link {}, inertial, origin", link.name);
             let local = isometry(&self.label, &key, &link.inertial.origin)?;
             let pose = self.pose(&link.name);
             // Drone files put the hub into the link's centre of mass and leave its frame at the body's origin.
@@ -725,7 +725,7 @@ impl Urdf {
             }
             for (i, v) in link.visual.iter().enumerate() {
                 let name = format!("{}_visual_{i}", link.name);
-                let place = format!("link `{}`, visual {i}", link.name);
+                let place = format!("link {}, visual {i}", link.name);
                 let pose = pose * isometry(&self.label, &place, &v.origin)?;
                 let rgba = self.color(v.material.as_ref());
                 if let Some([.., alpha]) = rgba
@@ -740,7 +740,7 @@ impl Urdf {
             }
             for (i, c) in link.collision.iter().enumerate() {
                 let name = format!("{}_collision_{i}", link.name);
-                let place = format!("link `{}`, collision {i}", link.name);
+                let place = format!("link {}, collision {i}", link.name);
                 let pose = pose * isometry(&self.label, &place, &c.origin)?;
                 let role = if seen { Role::Felt } else { Role::SeenAndFelt };
                 self.geom(&mut out, &name, &place, &pose, &c.geometry, role, None, warnings)?;
@@ -1017,7 +1017,7 @@ fn poses(
     for link in &robot.links {
         if !names.insert(link.name.as_str()) {
             return error(
-                format!("link `{}`", link.name),
+                format!("link {}", link.name),
                 "every link name once",
                 "it twice".into(),
                 "rename one of them",
@@ -1030,7 +1030,7 @@ fn poses(
         for (end, link) in [("parent", &joint.parent.link), ("child", &joint.child.link)] {
             if !names.contains(link.as_str()) {
                 return error(
-                    format!("joint `{}`, {end}", joint.name),
+                    format!("joint {}, {end}", joint.name),
                     "the name of a link",
                     format!("`{link}`, which is no link"),
                     "correct the name or add the link",
@@ -1039,7 +1039,7 @@ fn poses(
         }
         if let Some(other) = parent_of.insert(&joint.child.link, joint) {
             return error(
-                format!("link `{}`", joint.child.link),
+                format!("link {}", joint.child.link),
                 "one joint to a parent",
                 format!("joints `{}` and `{}`", other.name, joint.name),
                 "remove one of them; links form a tree",
@@ -1062,7 +1062,7 @@ fn poses(
     while let Some(link) = open.pop() {
         let pose = poses.get(link).copied().unwrap_or_else(Isometry3::identity);
         for joint in children.get(link).into_iter().flatten() {
-            let step = isometry(label, &format!("joint `{}`", joint.name), &joint.origin)?;
+            let step = isometry(label, &format!("joint {}", joint.name), &joint.origin)?;
             poses.insert(joint.child.link.clone(), pose * step);
             open.push(&joint.child.link);
         }
@@ -1070,7 +1070,7 @@ fn poses(
     // With one root and one parent each, links that were not reached turn in a circle.
     if let Some(lost) = names.iter().find(|n| !poses.contains_key(**n)) {
         return error(
-            format!("link `{lost}`"),
+            format!("link {lost}"),
             "a chain of joints from the root",
             "a circle of joints".into(),
             "remove one joint of the circle; links form a tree",

@@ -3,7 +3,7 @@
 //! Source: `controller_mellinger.c` and `power_distribution_quadrotor.c` of the Crazyflie firmware, after Mellinger &
 //! Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011. As in the firmware, gains are in
 //! units of motor PWM, the rotation error lacks the factor ½ of the paper, the thrust is rescaled by `mass_thrust`, and
-//! all integrals are cleared while no thrust is asked for.
+//! all integrals are cleared while no thrust is asked for, and the first tick of the attitude stage has no derivative.
 
 use super::{Due, Memory, mixer};
 use crate::math::{euler, quat, vec3};
@@ -290,11 +290,23 @@ pub fn run<S: Real>(
             m.ang_vel_cmd = m.staged_ang_vel;
         }
         let a = m.attitude_cmd;
-        let target =
-            AttitudeTarget { rpy: [a[0], a[1], a[2]], ang_vel: m.ang_vel_cmd, prev_ang_vel, thrust: a[3] };
+        // As in the firmware, the first tick has no derivative: it differs from itself.
+        let first = m.attitude_ticked[0].le(S::zero());
+        let mut prev = m.prev_ang_vel;
+        let mut prev_target = prev_ang_vel;
+        for i in 0..3 {
+            prev[i] = S::select(first, state.ang_vel[i], prev[i]);
+            prev_target[i] = S::select(first, m.ang_vel_cmd[i], prev_target[i]);
+        }
+        m.attitude_ticked = [S::one()];
+        let target = AttitudeTarget {
+            rpy: [a[0], a[1], a[2]],
+            ang_vel: m.ang_vel_cmd,
+            prev_ang_vel: prev_target,
+            thrust: a[3],
+        };
         let (gains, dt) =
             if rate_mode { (&p.body_rate, periods.body_rate) } else { (&p.attitude, periods.attitude) };
-        let prev = m.prev_ang_vel;
         m.staged_force_torque =
             attitude_to_force_torque(p, gains, state, &target, prev, &mut m.attitude_err_integral, dt);
         m.prev_ang_vel = state.ang_vel;

@@ -105,6 +105,8 @@ flat! {
         attitude_err_integral: 3,
         /// Angular velocity at the last tick of the attitude stage, rad/s.
         prev_ang_vel: 3,
+        /// 1 after the first tick of the attitude stage; before it there is no last tick to differ from.
+        attitude_ticked: 1,
         /// Force (N) and torque (N·m) waiting for the mixer.
         staged_force_torque: 4,
         /// Force and torque in force.

@@ -207,7 +207,7 @@ mod tests {
         let found = found("src/scene/model.rs", "use crate::math::vec3;\nuse crate::physics::drone;\n");
         assert_eq!(found.len(), 1);
         assert!(
-            found[0].starts_with("src/scene/model.rs:2: `scene` may import math, error, found"),
+            found[0].starts_with("src/scene/model.rs:2: `scene` may import math, random, error, found"),
             "{}",
             found[0]
         );
