@@ -67,6 +67,20 @@ impl Course {
         }
     }
 
+    /// How far from the origin the drones fly, m, seen from above.
+    fn reach_m(&self, n_drones: usize) -> f64 {
+        let grid = (n_drones as f64).sqrt() * GRID_M;
+        match self {
+            Self::Lissajous => 2.3,
+            Self::Circle => 1.0,
+            Self::Hover => grid,
+            Self::Waypoints(spline) => {
+                let far = |most: f64, (_, p, _): &(f64, [f64; 3], f64)| most.max(p[0].abs()).max(p[1].abs());
+                spline.points().iter().fold(0.0, far) + grid
+            }
+        }
+    }
+
     fn record(&self) -> serde_json::Value {
         match self {
             Self::Lissajous => json!({ "kind": "lissajous" }),
@@ -588,9 +602,14 @@ const MAP_CELLS: usize = 360;
 /// The scene from above, cut at this height so that ceilings and crowns do not hide what drones fly through, m.
 const MAP_CUT_M: f64 = 2.5;
 
+/// Room around the drones' paths that the map shows, m.
+const MAP_MARGIN_M: f64 = 4.0;
+
 /// Heights of the scene (at its model poses, without the drones) on a grid seen from above, cut at 2.5 m, by vertical
-/// rays. The map spans all geoms of limited size, at least ±3 m and at most ±15 m around the origin.
-pub fn height_map(scene: &Scene) -> Result<HeightMap> {
+/// rays. The map spans all geoms of limited size, at least ±3 m and at most 4 m more than the drones' reach.
+pub fn height_map(flight: &Flight) -> Result<HeightMap> {
+    let scene = &flight.scene;
+    let most = flight.course.reach_m(scene.n_drones()) + MAP_MARGIN_M;
     let mut worker = scene.worker()?;
     // Drones out of the way.
     for d in 0..scene.n_drones() {
@@ -604,7 +623,7 @@ pub fn height_map(scene: &Scene) -> Result<HeightMap> {
             half[k] = half[k].max(center[k].abs() + geom.bounding_radius_m.min(3.0));
         }
     }
-    let half = half.map(|h| h.min(15.0));
+    let half = half.map(|h| h.min(most));
     let cell = 2.0 * half[0].max(half[1]) / MAP_CELLS as f64;
     let columns = (2.0 * half[0] / cell).round() as usize;
     let rows = (2.0 * half[1] / cell).round() as usize;

@@ -51,7 +51,8 @@ pub enum Trajectory {
         /// Angular speed, rad/s; its sign is the direction.
         rate_rad_s: f64,
     },
-    /// x, y and z swing as sines of their own frequencies, facing along the path.
+    /// x, y and z swing as sines of their own frequencies, the whole figure turned about the vertical, facing along the
+    /// path.
     Lissajous {
         /// Centre, m.
         center_m: [f64; 3],
@@ -61,6 +62,8 @@ pub enum Trajectory {
         cycles: [f64; 3],
         /// Phases at the start, rad.
         phase_rad: [f64; 3],
+        /// Turn of the figure about the vertical through its centre, rad.
+        turn_rad: f64,
         /// Period, s.
         period_s: f64,
     },
@@ -81,17 +84,20 @@ fn ramp(t: f64) -> (f64, f64, f64) {
 }
 
 impl Trajectory {
-    /// The Lissajous figure of one world: the same shape everywhere, with phases, direction and period drawn from the
-    /// world's random numbers. Spans ±2 m in x and y and 0.6 m to 1.6 m in z around the origin.
+    /// The Lissajous figure of one world: an eight, 4 m long and 2 m wide, 0.6 m to 1.6 m above the origin, whose turn,
+    /// start, direction, heights and period are drawn from the world's random numbers. Its speed never falls to zero, so
+    /// that the heading never jumps.
     pub fn lissajous(seed: u64, world: u64, drone: u32) -> Self {
         let mut s = Key { seed, world, drone, step: 0, purpose: purpose("lissajous") }.stream();
+        let start = s.uniform(0.0, 2.0 * PI);
         let direction = if s.unit() < 0.5 { -1.0 } else { 1.0 };
         Self::Lissajous {
             center_m: [0.0, 0.0, 1.1],
-            amplitude_m: [2.0, 2.0, 0.5],
-            cycles: [1.0, 2.0 * direction, 1.0],
-            phase_rad: [s.uniform(0.0, 2.0 * PI), s.uniform(0.0, 2.0 * PI), s.uniform(0.0, 2.0 * PI)],
-            period_s: s.uniform(7.0, 10.0),
+            amplitude_m: [2.0, 1.0, 0.5],
+            cycles: [direction, 2.0 * direction, 1.0],
+            phase_rad: [start, 2.0 * start, s.uniform(0.0, 2.0 * PI)],
+            turn_rad: s.uniform(0.0, PI),
+            period_s: s.uniform(8.0, 12.0),
         }
     }
 
@@ -125,17 +131,23 @@ impl Trajectory {
                 };
                 along(path, t)
             }
-            Self::Lissajous { center_m, amplitude_m, cycles, phase_rad, period_s } => {
+            Self::Lissajous { center_m, amplitude_m, cycles, phase_rad, turn_rad, period_s } => {
+                let (turn_sin, turn_cos) = turn_rad.sin_cos();
+                let turned = |u: [f64; 3]| {
+                    [turn_cos * u[0] - turn_sin * u[1], turn_sin * u[0] + turn_cos * u[1], u[2]]
+                };
                 let path = |s: f64| {
-                    let (mut p, mut v, mut a) = (*center_m, [0.0; 3], [0.0; 3]);
+                    let (mut p, mut v, mut a) = ([0.0; 3], [0.0; 3], [0.0; 3]);
                     for i in 0..3 {
                         let w = 2.0 * PI * cycles[i] / period_s;
                         let (sin, cos) = (w * s + phase_rad[i]).sin_cos();
-                        p[i] += amplitude_m[i] * sin;
+                        p[i] = amplitude_m[i] * sin;
                         v[i] = amplitude_m[i] * w * cos;
                         a[i] = -amplitude_m[i] * w * w * sin;
                     }
-                    (p, v, a)
+                    let p = turned(p);
+                    let p = [center_m[0] + p[0], center_m[1] + p[1], center_m[2] + p[2]];
+                    (p, turned(v), turned(a))
                 };
                 along(path, t)
             }
@@ -352,6 +364,22 @@ mod tests {
                     assert!((v - b.vel_m_s[k]).abs() < 1e-6, "{} at {t}", trajectory.name());
                     assert!((acc - b.acc_m_s2[k]).abs() < 1e-3, "{} at {t}", trajectory.name());
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn no_lissajous_figure_ever_stops_so_headings_turn_smoothly() {
+        for world in 0..50 {
+            let figure = Trajectory::lissajous(3, world, 0);
+            let mut last = figure.at(1.0).yaw_rad;
+            for i in 1..1200 {
+                let r = figure.at(1.0 + f64::from(i) * 0.01);
+                assert!(r.vel_m_s[0].hypot(r.vel_m_s[1]) > 0.5 && r.pos_m[0].hypot(r.pos_m[1]) < 2.3);
+                assert!((0.599..1.601).contains(&r.pos_m[2]));
+                let turn = (r.yaw_rad - last + PI).rem_euclid(2.0 * PI) - PI;
+                assert!(turn.abs() < 0.05, "heading jumps by {turn} in world {world}");
+                last = r.yaw_rad;
             }
         }
     }

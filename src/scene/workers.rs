@@ -589,8 +589,8 @@ impl Worker {
         Ok((distance >= 0.0).then_some(distance))
     }
 
-    /// Signed distance of two geoms by mj_geomDistance, up to `max_m`. Height fields have no distance there (see
-    /// `sense::clearance`, which does).
+    /// Signed distance of two geoms by mj_geomDistance, up to `max_m`. MuJoCo 3.17.0 has none for signed distance fields
+    /// (it says the maximum) and leaves out cells of height fields; `sense::clearance` is right for both.
     ///
     /// # Errors
     /// [`SceneError::NoSuch`], [`SceneError::Engine`].

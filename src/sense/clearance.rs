@@ -1,15 +1,18 @@
 //! Distance from a drone to the nearest obstacle, with closest points.
 //!
-//! Distances are those of MuJoCo (mj_geomDistance): exact to rounding for spheres, capsules, boxes and planes, to the
-//! scene's `ccd_tolerance` (1e-6 m by default) for ellipsoids, cylinders, meshes and height fields. A mesh counts as
-//! its convex hull, as in contacts; a height field as its triangles. MuJoCo has no distance for signed distance
-//! fields: there the distance to the triangles of the field's mesh is computed here, exact for a drone's spheres, and
-//! a lower bound (by the bounding sphere of the geom) for its other shapes. Flexes have no distance.
+//! Between convex shapes distances are those of MuJoCo (mj_geomDistance): exact to rounding for spheres, capsules, boxes
+//! and planes, to the scene's `ccd_tolerance` (1e-6 m by default) for ellipsoids, cylinders and meshes. A mesh counts
+//! as its convex hull, as in contacts. Distances to height fields and signed distance fields are computed here, since
+//! MuJoCo 3.17.0 leaves out cells at the edges of the one and has none for the other: height fields as the solid
+//! prisms that contacts use, signed distance fields as the triangles of their meshes. There, the depth of a penetration
+//! is that of the deepest contact. Flexes have no distance.
 
 use serde::Serialize;
 
 use super::SenseError;
-use crate::scene::{GeomType, MeshView, Scene, Worker};
+use super::gjk::{Convex, Gap};
+use crate::math::vec3::{dot, sub};
+use crate::scene::{GeomType, HfieldView, MeshView, Scene, Worker};
 
 /// The nearest obstacle of a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -20,7 +23,7 @@ pub struct Clearance {
     pub distance_m: f64,
     /// Whether anything is nearer than the maximum; the rest is meaningless if not.
     pub found: bool,
-    /// False when `distance_m` is only a lower bound (signed distance fields).
+    /// False when `distance_m` is only a lower bound (between two fields, or to a field without triangles).
     pub exact: bool,
     /// Geom of the drone; -1 if nothing was found.
     pub drone_geom: i32,
@@ -139,7 +142,42 @@ fn nearest(
             }
         }
     }
+    if best.found && best.distance_m <= 0.0 {
+        deepest_of_field(worker, scene, &mut best)?;
+    }
     Ok(best)
+}
+
+/// Takes the depth of a penetration from MuJoCo's contacts where the nearest geom is a field.
+fn deepest_of_field(worker: &mut Worker, scene: &Scene, best: &mut Clearance) -> Result<(), SenseError> {
+    let field = |geom: i32| {
+        usize::try_from(geom).is_ok_and(|g| matches!(scene.geoms()[g].kind, GeomType::Hfield | GeomType::Sdf))
+    };
+    if !field(best.other_geom) && !field(best.drone_geom) {
+        return Ok(());
+    }
+    // A ball whose centre is outside has its depth already.
+    let solid = if field(best.drone_geom) { best.other_geom } else { best.drone_geom };
+    let core =
+        usize::try_from(solid).map_or(0.0, |g| inner_radius(scene.geoms()[g].kind, scene.geoms()[g].size_m));
+    if best.distance_m.abs() < core * (1.0 - 1e-9) || best.distance_m < -core * (1.0 + 1e-9) {
+        return Ok(());
+    }
+    for index in 0..worker.collide()? {
+        let Some(contact) = worker.contact(index) else { break };
+        let [a, b] = contact.geom;
+        let same =
+            [a, b] == [best.drone_geom, best.other_geom] || [b, a] == [best.drone_geom, best.other_geom];
+        if same && contact.distance_m < best.distance_m {
+            best.distance_m = contact.distance_m;
+            // From the first geom to the second, half the depth on either side of the point.
+            let sign = if a == best.drone_geom { 1.0 } else { -1.0 };
+            let half = 0.5 * contact.distance_m * sign;
+            best.on_drone_m = [0, 1, 2].map(|k| contact.point_m[k] - half * contact.normal[k]);
+            best.on_other_m = [0, 1, 2].map(|k| contact.point_m[k] + half * contact.normal[k]);
+        }
+    }
+    Ok(())
 }
 
 const MARGIN_M: f64 = 1e-6;
@@ -168,7 +206,8 @@ pub(super) fn box_distance(
     Ok(sum.sqrt())
 }
 
-/// Signed distance of a drone's geom and another geom, up to `max_m`.
+/// Signed distance of a drone's geom and another geom, up to `max_m`. Where a height field or a signed distance field
+/// is penetrated the distance is 0 (for balls and capsules down to minus their radius).
 pub(super) fn pair_distance(
     worker: &mut Worker,
     scene: &Scene,
@@ -176,8 +215,9 @@ pub(super) fn pair_distance(
     other: usize,
     max_m: f64,
 ) -> Result<PairDistance, SenseError> {
-    let kinds = [scene.geoms()[own].kind, scene.geoms()[other].kind];
-    if kinds.contains(&GeomType::Sdf) && !kinds.contains(&GeomType::Plane) {
+    let field = |geom: usize| matches!(scene.geoms()[geom].kind, GeomType::Sdf | GeomType::Hfield);
+    let plane = |geom: usize| scene.geoms()[geom].kind == GeomType::Plane;
+    if (field(own) || field(other)) && !plane(own) && !plane(other) {
         return field_distance(worker, scene, own, other, max_m);
     }
     let d = worker.geom_distance(own, other, max_m)?;
@@ -189,8 +229,7 @@ pub(super) fn pair_distance(
     })
 }
 
-/// Distance where one of the two is a signed distance field, by the triangles of its mesh and the other's bounding
-/// sphere.
+/// Distance where one of the two is a height field or a signed distance field.
 fn field_distance(
     worker: &mut Worker,
     scene: &Scene,
@@ -198,96 +237,138 @@ fn field_distance(
     other: usize,
     max_m: f64,
 ) -> Result<PairDistance, SenseError> {
-    let own_is_field = scene.geoms()[own].kind == GeomType::Sdf;
-    let (field, ball) = if own_is_field { (own, other) } else { (other, own) };
-    let info = &scene.geoms()[ball];
-    let far = PairDistance { distance_m: max_m, on_drone_m: [0.0; 3], on_other_m: [0.0; 3], exact: false };
-    let Some(mesh) = scene.mesh(field) else {
-        // No triangles to measure: the bounding box is a lower bound.
-        let (at, _) = worker.geom_pose(ball)?;
-        let distance_m = (box_distance(worker, scene, field, at)? - info.bounding_radius_m).min(max_m);
-        return Ok(PairDistance { distance_m, ..far });
-    };
+    let own_is_field = matches!(scene.geoms()[own].kind, GeomType::Sdf | GeomType::Hfield);
+    let (field, solid) = if own_is_field { (own, other) } else { (other, own) };
+    let info = &scene.geoms()[solid];
     let (p, r) = worker.geom_pose(field)?;
-    let (x, _) = worker.geom_pose(ball)?;
-    let radius = info.bounding_radius_m;
-    let d = [0, 1, 2].map(|k| x[k] - p[k]);
-    let local = [0, 1, 2].map(|k| r[k] * d[0] + r[3 + k] * d[1] + r[6 + k] * d[2]);
-    let (nearest, distance) = nearest_on_mesh(&mesh, local);
-    let inside = winding_number(&mesh, local) > 0.5;
-    let signed = if inside { -distance } else { distance } - radius;
-    if signed >= max_m {
-        return Ok(far);
+    let (x, m) = worker.geom_pose(solid)?;
+    // The solid in the frame of the field.
+    let d = sub(x, p);
+    let center = [0, 1, 2].map(|k| r[k] * d[0] + r[3 + k] * d[1] + r[6 + k] * d[2]);
+    let mut turned = [0.0; 9];
+    for i in 0..3 {
+        for j in 0..3 {
+            turned[3 * i + j] = r[i] * m[j] + r[3 + i] * m[3 + j] + r[6 + i] * m[6 + j];
+        }
     }
-    let on_field = [0, 1, 2]
-        .map(|k| p[k] + r[3 * k] * nearest[0] + r[3 * k + 1] * nearest[1] + r[3 * k + 2] * nearest[2]);
-    let towards = if distance > 0.0 { radius / distance * if inside { -1.0 } else { 1.0 } } else { 0.0 };
-    let on_ball = [0, 1, 2].map(|k| x[k] + (on_field[k] - x[k]) * towards);
-    let (on_drone_m, on_other_m) = if own_is_field { (on_field, on_ball) } else { (on_ball, on_field) };
-    Ok(PairDistance { distance_m: signed, on_drone_m, on_other_m, exact: info.kind == GeomType::Sphere })
+    let shape = Convex::new(info.kind, info.size_m, center, turned, hull_vertices(scene, solid));
+    let mut best = Gap { distance: max_m, on_shape: center, on_points: center };
+    let exact = match (&shape, scene.hfield(field), scene.mesh(field)) {
+        (Some(shape), Some(heights), _) => {
+            nearest_on_heights(&heights, shape, center, info.bounding_radius_m, &mut best);
+            true
+        }
+        (Some(shape), None, Some(mesh)) => {
+            nearest_on_triangles(&mesh, shape, center, info.bounding_radius_m, &mut best);
+            if best.distance > 0.0 && winding_number(&mesh, center) > 0.5 {
+                // Wholly inside: as deep as it is far from the surface.
+                best.distance = -best.distance - 2.0 * inner_radius(info.kind, info.size_m);
+            }
+            true
+        }
+        _ => {
+            // Two fields, or one without triangles: bounding boxes are a lower bound.
+            let near = box_distance(worker, scene, field, x)? - info.bounding_radius_m;
+            best.distance = near.min(max_m);
+            false
+        }
+    };
+    let out =
+        |q: [f64; 3]| [0, 1, 2].map(|k| p[k] + r[3 * k] * q[0] + r[3 * k + 1] * q[1] + r[3 * k + 2] * q[2]);
+    let (on_solid, on_field) = (out(best.on_shape), out(best.on_points));
+    let (on_drone_m, on_other_m) = if own_is_field { (on_field, on_solid) } else { (on_solid, on_field) };
+    Ok(PairDistance { distance_m: best.distance, on_drone_m, on_other_m, exact })
+}
+
+/// Radius of a shape that is blown up from a core; a ball inside a field is deeper by its diameter than its near side.
+fn inner_radius(kind: GeomType, size: [f64; 3]) -> f64 {
+    if matches!(kind, GeomType::Sphere | GeomType::Capsule) { size[0] } else { 0.0 }
+}
+
+fn hull_vertices(scene: &Scene, geom: usize) -> Vec<[f64; 3]> {
+    let (Some(mesh), Some(hull)) = (scene.mesh(geom), scene.mesh_hull(geom)) else { return Vec::new() };
+    let mut ids: Vec<i32> = hull.iter().flatten().copied().collect();
+    ids.sort_unstable();
+    ids.dedup();
+    ids.into_iter().map(|v| mesh.vertices_m[v as usize].map(f64::from)).collect()
+}
+
+/// The nearest prism of a height field. MuJoCo's own distance (3.17.0) leaves out cells at the far edges, so it is not
+/// used; its contacts are right and have the same prisms: two for each cell, split from (row, column) to (row + 1,
+/// column + 1), from the base up to the heights.
+fn nearest_on_heights(h: &HfieldView, shape: &Convex, center: [f64; 3], radius: f64, best: &mut Gap) {
+    let [rx, ry, rz, base] = h.size_m;
+    let (rows, cols) = (h.n_row - 1, h.n_col - 1);
+    let (dx, dy) = (2.0 * rx / cols as f64, 2.0 * ry / rows as f64);
+    let at = |row: usize, col: usize| {
+        [dx * col as f64 - rx, dy * row as f64 - ry, rz * f64::from(h.data[row * h.n_col + col])]
+    };
+    let cell = |value: f64, step: f64, n: usize| ((value / step).floor().max(0.0) as usize).min(n - 1);
+    let (row0, col0) = (cell(center[1] + ry, dy, rows), cell(center[0] + rx, dx, cols));
+    // Rings of cells around the nearest one, until a whole ring is too far.
+    for ring in 0..rows.max(cols) {
+        let (mut any, mut open) = (false, false);
+        let (r_low, r_high) = (row0.saturating_sub(ring), (row0 + ring).min(rows - 1));
+        let (c_low, c_high) = (col0.saturating_sub(ring), (col0 + ring).min(cols - 1));
+        for row in r_low..=r_high {
+            let edge_row = row + ring == row0 || row == row0 + ring;
+            for col in c_low..=c_high {
+                let edge_col = col + ring == col0 || col == col0 + ring;
+                if !edge_row && !edge_col {
+                    continue;
+                }
+                any = true;
+                let (a, b) = (at(row, col), at(row, col + 1));
+                let (c, d) = (at(row + 1, col), at(row + 1, col + 1));
+                let gap = |low: f64, high: f64, x: f64| (low - x).max(x - high).max(0.0);
+                let (gx, gy) = (gap(a[0], d[0], center[0]), gap(a[1], d[1], center[1]));
+                let reach = best.distance.max(0.0) + radius;
+                let flat = gx * gx + gy * gy;
+                if flat >= reach * reach {
+                    continue;
+                }
+                open = true;
+                let gz = gap(-base, a[2].max(b[2]).max(c[2]).max(d[2]), center[2]);
+                if flat + gz * gz >= reach * reach {
+                    continue;
+                }
+                for t in [[a, b, d], [a, c, d]] {
+                    let foot = |v: [f64; 3]| [v[0], v[1], -base];
+                    let prism = [t[0], t[1], t[2], foot(t[0]), foot(t[1]), foot(t[2])];
+                    let gap = shape.distance_to(&prism);
+                    if gap.distance < best.distance {
+                        *best = gap;
+                    }
+                }
+            }
+        }
+        if !any || !open {
+            break;
+        }
+    }
+}
+
+fn nearest_on_triangles(mesh: &MeshView, shape: &Convex, center: [f64; 3], radius: f64, best: &mut Gap) {
+    for face in mesh.faces {
+        let t = triangle(mesh, face);
+        let reach = best.distance.max(0.0) + radius;
+        let mut d2 = 0.0;
+        for k in 0..3 {
+            let (low, high) = (t[0][k].min(t[1][k]).min(t[2][k]), t[0][k].max(t[1][k]).max(t[2][k]));
+            d2 += (low - center[k]).max(center[k] - high).max(0.0).powi(2);
+        }
+        if d2 >= reach * reach {
+            continue;
+        }
+        let gap = shape.distance_to(&t);
+        if gap.distance < best.distance {
+            *best = gap;
+        }
+    }
 }
 
 fn triangle(mesh: &MeshView, face: &[i32; 3]) -> [[f64; 3]; 3] {
     face.map(|v| mesh.vertices_m[v as usize].map(f64::from))
-}
-
-fn nearest_on_mesh(mesh: &MeshView, point: [f64; 3]) -> ([f64; 3], f64) {
-    let mut best = ([0.0; 3], f64::INFINITY);
-    for face in mesh.faces {
-        let on = nearest_on_triangle(point, triangle(mesh, face));
-        let d2 = (0..3).map(|k| (on[k] - point[k]).powi(2)).sum::<f64>();
-        if d2 < best.1 {
-            best = (on, d2);
-        }
-    }
-    (best.0, best.1.sqrt())
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-/// Closest point of a triangle (Ericson, "Real-time collision detection", 2005, section 5.1.5: by Voronoi regions).
-pub(super) fn nearest_on_triangle(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let along =
-        |o: [f64; 3], u: [f64; 3], s: f64, v: [f64; 3], t: f64| [0, 1, 2].map(|k| o[k] + s * u[k] + t * v[k]);
-    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
-    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
-    if d1 <= 0.0 && d2 <= 0.0 {
-        return a;
-    }
-    let bp = sub(p, b);
-    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
-    if d3 >= 0.0 && d4 <= d3 {
-        return b;
-    }
-    let vc = d1 * d4 - d3 * d2;
-    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return along(a, ab, d1 / (d1 - d3), ac, 0.0);
-    }
-    let cp = sub(p, c);
-    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
-    if d6 >= 0.0 && d5 <= d6 {
-        return c;
-    }
-    let vb = d5 * d2 - d1 * d6;
-    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return along(a, ab, 0.0, ac, d2 / (d2 - d6));
-    }
-    let va = d3 * d6 - d5 * d4;
-    if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
-        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-        return along(b, sub(c, b), w, ac, 0.0);
-    }
-    let sum = va + vb + vc;
-    if sum == 0.0 {
-        return a;
-    }
-    along(a, ab, vb / sum, ac, vc / sum)
 }
 
 /// How often a closed mesh winds around a point: 1 inside, 0 outside (van Oosterom and Strackee, "The solid angle of a
@@ -302,32 +383,4 @@ fn winding_number(mesh: &MeshView, point: [f64; 3]) -> f64 {
         sum += 2.0 * dot(a, cross).atan2(down);
     }
     sum / (4.0 * std::f64::consts::PI)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn no_point_of_a_triangle_is_nearer_than_the_nearest(
-            t in prop::array::uniform9(-1.0..1.0f64), p in prop::array::uniform3(-2.0..2.0f64)
-        ) {
-            let tri = [[t[0], t[1], t[2]], [t[3], t[4], t[5]], [t[6], t[7], t[8]]];
-            let on = nearest_on_triangle(p, tri);
-            let d = |q: [f64; 3]| dot(sub(p, q), sub(p, q)).sqrt();
-            let mut sampled = f64::INFINITY;
-            for i in 0..=60 {
-                for j in 0..=(60 - i) {
-                    let (u, v) = (i as f64 / 60.0, j as f64 / 60.0);
-                    let q = [0, 1, 2].map(|k| tri[0][k] + u * (tri[1][k] - tri[0][k]) + v * (tri[2][k] - tri[0][k]));
-                    sampled = sampled.min(d(q));
-                }
-            }
-            prop_assert!(d(on) <= sampled + 1e-12);
-            // Samples are at most 1/60 of two sides of length < 2√3 apart.
-            prop_assert!(d(on) >= sampled - 0.12, "{} {}", d(on), sampled);
-        }
-    }
 }

@@ -148,6 +148,7 @@ impl Imu {
 mod tests {
     use super::*;
     use crate::math::quat;
+    use crate::physics::rigid_body::MAX_ROTORS;
 
     const G: [f64; 3] = [0.0, 0.0, -9.81];
 
@@ -155,8 +156,14 @@ mod tests {
         let mut s = State::rest();
         s.quat = quat::exp([0.3, -0.2, 0.5]);
         s.ang_vel = [0.1, -0.2, 0.3];
-        let mut r = Rate::zero();
-        r.acc = [1.0, 2.0, -3.0];
+        let r = Rate {
+            vel: [0.0; 3],
+            ang_vel: s.ang_vel,
+            acc: [1.0, 2.0, -3.0],
+            ang_acc: [0.0; 3],
+            rotor_acc: [0.0; MAX_ROTORS],
+            thrust_rate: 0.0,
+        };
         (s, r)
     }
 

@@ -4,6 +4,7 @@ pub mod clearance;
 pub mod contact;
 pub mod depth;
 mod error;
+mod gjk;
 pub mod imu;
 pub mod noise;
 pub mod swept;

@@ -45,7 +45,7 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let recorded = record(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    let map = recorder::height_map(&flight.scene)?;
+    let map = recorder::height_map(flight)?;
     Overview::from_dataset(&Dataset::open(&args.out)?, map)?.draw()?.save(&args.out.join("overview.png"))?;
     Ok(recorded)
 }
