@@ -17,7 +17,7 @@ use crate::random::{Key, purpose};
 use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::{Spline, Trajectory};
 use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
-use crate::scene::{GeomType, Pose, Scene, Worker, WorkerPool};
+use crate::scene::{GeomType, ObstacleInfo, Pose, Scene, Worker, WorkerPool};
 use crate::sense::{self, Camera, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
@@ -43,7 +43,7 @@ const GRID_M: f64 = 0.6;
 
 impl Course {
     /// The trajectory of one drone.
-    fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize) -> Trajectory {
+    fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize, attempt: u64) -> Trajectory {
         // A square grid around the centre.
         let side = (n_drones as f64).sqrt().ceil().max(1.0);
         let place = |i: f64| (i - 0.5 * (side - 1.0)) * GRID_M;
@@ -52,8 +52,8 @@ impl Course {
             _ => [place((drone as f64 / side).floor()), place(drone as f64 % side), 0.0],
         };
         match self {
-            Self::Lissajous => Trajectory::lissajous(seed, world, drone as u32),
-            Self::Circle => match Trajectory::circle(seed, world, 0) {
+            Self::Lissajous => Trajectory::lissajous(seed, world, drone as u32, attempt),
+            Self::Circle => match Trajectory::circle(seed, world, 0, attempt) {
                 Trajectory::Circle { center_m, radius_m, phase_rad, rate_rad_s } => Trajectory::Circle {
                     center_m,
                     radius_m,
@@ -161,13 +161,26 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
+    let blocked = AtomicUsize::new(0);
     progress(n_resumed, flight.n_worlds);
     let pool = WorkerPool::new(&flight.scene);
     (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        pool.with(|worker| World::new(flight, &drones, worker, w)?.fly(writer.world(w)?))??;
+        let touches = pool.with(|worker| -> Result<bool> {
+            let job = World::new(flight, &drones, worker, w)?;
+            let touches = job.start_clearance_m <= 0.0;
+            job.fly(writer.world(w)?)?;
+            Ok(touches)
+        })??;
+        blocked.fetch_add(usize::from(touches), Ordering::SeqCst);
         progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
         Ok(())
     })?;
+    let blocked = blocked.into_inner();
+    if blocked > 0 {
+        warnings.push(format!(
+            "{blocked} worlds start with a drone in contact; move the trajectory or the obstacles (info of world.json)"
+        ));
+    }
     Ok(Recorded { summary: writer.finish()?, n_resumed, warnings })
 }
 
@@ -220,6 +233,18 @@ impl Flight {
             }
         }
         self.vehicles.iter().map(|v| Ok(v.drone(&self.dynamics)?)).collect()
+    }
+
+    /// Where the movable obstacles of one world are.
+    fn obstacle_poses(&self, world: u64) -> Vec<Pose> {
+        let j = self.obstacle_jitter_m;
+        let shifted = |(i, o): (usize, &ObstacleInfo)| {
+            let key = Key { seed: self.seed, world, drone: i as u32, step: 0, purpose: purpose("obstacle") };
+            let mut stream = key.stream();
+            let shift = [stream.uniform(-j, j), stream.uniform(-j, j), 0.0];
+            Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
+        };
+        self.scene.obstacles().iter().enumerate().map(shifted).collect()
     }
 
     fn manifest(&self, drones: &[Drone<f64>]) -> Manifest {
@@ -309,6 +334,7 @@ struct World<'a> {
     world: usize,
     trajectories: Vec<Trajectory>,
     obstacles: Vec<Pose>,
+    start_clearance_m: f64,
     frames: Vec<DepthFrame>,
     noisy: Vec<DepthFrame>,
     contacts: Vec<Contact>,
@@ -336,29 +362,16 @@ impl<'a> World<'a> {
             randomization: flight.randomization.clone(),
         };
         let mut sim = Sim::new(options, slots)?;
-        let trajectories: Vec<Trajectory> =
-            (0..n).map(|d| flight.course.trajectory(flight.seed, world as u64, d, n)).collect();
+        let obstacles = flight.obstacle_poses(world as u64);
+        for (i, obstacle) in obstacles.iter().enumerate() {
+            worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
+        }
+        let (trajectories, start_clearance_m) = free_start(flight, worker, world as u64, n)?;
         for (d, trajectory) in trajectories.iter().enumerate() {
-            let start = trajectory.at(0.0);
-            let turn = quat::exp([0.0, 0.0, start.yaw_rad]);
-            sim.set_initial(0, d, State { pos: start.pos_m, quat: turn, ..State::rest() })?;
+            let start = start_pose(trajectory);
+            sim.set_initial(0, d, State { pos: start.pos_m, quat: start.quat_xyzw, ..State::rest() })?;
         }
         sim.reset(None)?;
-        let obstacles = flight
-            .scene
-            .obstacles()
-            .iter()
-            .enumerate()
-            .map(|(i, o)| {
-                let what = purpose("obstacle");
-                let key =
-                    Key { seed: flight.seed, world: world as u64, drone: i as u32, step: 0, purpose: what };
-                let mut stream = key.stream();
-                let j = flight.obstacle_jitter_m;
-                let shift = [stream.uniform(-j, j), stream.uniform(-j, j), 0.0];
-                Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
-            })
-            .collect();
         let frames: Vec<DepthFrame> = flight.cameras.iter().map(|_| DepthFrame::new()).collect();
         let last = (0..n).map(|d| pose(&sim, d)).collect();
         let reads_ground =
@@ -370,6 +383,7 @@ impl<'a> World<'a> {
             world,
             trajectories,
             obstacles,
+            start_clearance_m,
             noisy: if flight.noise.is_some() { frames.clone() } else { Vec::new() },
             frames,
             contacts: Vec::new(),
@@ -382,11 +396,12 @@ impl<'a> World<'a> {
 
     /// From the first step to the last, everything written.
     fn fly(mut self, mut out: WorldWriter) -> Result<()> {
-        for (i, obstacle) in self.obstacles.iter().enumerate() {
-            self.worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
-        }
         let places: Vec<_> = self.obstacles.iter().map(|p| p.pos_m).collect();
-        out.set_info(json!({ "obstacles_m": places, "masses_kg": self.masses() }));
+        out.set_info(json!({
+            "obstacles_m": places,
+            "masses_kg": self.masses(),
+            "start_clearance_m": self.start_clearance_m,
+        }));
         let steps = (self.flight.seconds * f64::from(self.flight.sim_hz)).round() as u64;
         for step in 0..=steps {
             let t = step as f64 / f64::from(self.flight.sim_hz);
@@ -594,6 +609,45 @@ impl<'a> World<'a> {
         }
         Ok(())
     }
+}
+
+/// Clearance that drawn trajectories leave at the start, m.
+const START_CLEARANCE_M: f64 = 0.15;
+
+/// Draws of a trajectory before the best of them is taken as it is.
+const START_ATTEMPTS: u64 = 64;
+
+/// Pose at the start of a trajectory.
+fn start_pose(trajectory: &Trajectory) -> Pose {
+    let start = trajectory.at(0.0);
+    Pose::new(start.pos_m, quat::exp([0.0, 0.0, start.yaw_rad]))
+}
+
+/// Trajectories of all drones of a world: the first draw that starts with [`START_CLEARANCE_M`] around every drone, and
+/// the least clearance of its drones. Where no draw does, and for courses that are not drawn, what comes nearest to it.
+fn free_start(flight: &Flight, worker: &mut Worker, world: u64, n: usize) -> Result<(Vec<Trajectory>, f64)> {
+    let drawn = matches!(flight.course, Course::Lissajous | Course::Circle);
+    let mut best = (Vec::new(), f64::NEG_INFINITY);
+    for attempt in 0..if drawn { START_ATTEMPTS } else { 1 } {
+        let trajectories: Vec<Trajectory> =
+            (0..n).map(|d| flight.course.trajectory(flight.seed, world, d, n, attempt)).collect();
+        for (d, trajectory) in trajectories.iter().enumerate() {
+            let start = start_pose(trajectory);
+            worker.set_drone(d, start.pos_m, start.quat_xyzw)?;
+        }
+        worker.update()?;
+        let mut least = f64::INFINITY;
+        for d in 0..n {
+            least = least.min(sense::clearance(worker, d, flight.clearance_max_m)?.distance_m);
+        }
+        if least > best.1 {
+            best = (trajectories, least);
+        }
+        if best.1 >= START_CLEARANCE_M {
+            break;
+        }
+    }
+    Ok(best)
 }
 
 /// Cells along the longer side of [`height_map`].

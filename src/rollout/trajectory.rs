@@ -86,9 +86,9 @@ fn ramp(t: f64) -> (f64, f64, f64) {
 impl Trajectory {
     /// The Lissajous figure of one world: an eight, 4 m long and 2 m wide, 0.6 m to 1.6 m above the origin, whose turn,
     /// start, direction, heights and period are drawn from the world's random numbers. Its speed never falls to zero, so
-    /// that the heading never jumps.
-    pub fn lissajous(seed: u64, world: u64, drone: u32) -> Self {
-        let mut s = Key { seed, world, drone, step: 0, purpose: purpose("lissajous") }.stream();
+    /// that the heading never jumps. Another `attempt` draws another figure.
+    pub fn lissajous(seed: u64, world: u64, drone: u32, attempt: u64) -> Self {
+        let mut s = Key { seed, world, drone, step: attempt, purpose: purpose("lissajous") }.stream();
         let start = s.uniform(0.0, 2.0 * PI);
         let direction = if s.unit() < 0.5 { -1.0 } else { 1.0 };
         Self::Lissajous {
@@ -101,9 +101,10 @@ impl Trajectory {
         }
     }
 
-    /// The circle of one world: radius 1 m at 1 m height around the origin, start angle and direction drawn.
-    pub fn circle(seed: u64, world: u64, drone: u32) -> Self {
-        let mut s = Key { seed, world, drone, step: 0, purpose: purpose("circle") }.stream();
+    /// The circle of one world: radius 1 m at 1 m height around the origin, start angle and direction drawn. Another
+    /// `attempt` draws another one.
+    pub fn circle(seed: u64, world: u64, drone: u32, attempt: u64) -> Self {
+        let mut s = Key { seed, world, drone, step: attempt, purpose: purpose("circle") }.stream();
         let direction = if s.unit() < 0.5 { -1.0 } else { 1.0 };
         Self::Circle {
             center_m: [0.0, 0.0, 1.0],
@@ -346,8 +347,8 @@ mod tests {
         let points = [(0.0, [0.0; 3], 0.0), (1.0, [1.0, 0.5, 0.2], 3.0), (2.5, [0.0, 2.0, 1.0], -3.0)];
         vec![
             Trajectory::Hover { at_m: [1.0, 2.0, 3.0] },
-            Trajectory::circle(1, 2, 0),
-            Trajectory::lissajous(1, 2, 0),
+            Trajectory::circle(1, 2, 0, 0),
+            Trajectory::lissajous(1, 2, 0, 0),
             Trajectory::Waypoints(Spline::new(&points).unwrap()),
         ]
     }
@@ -371,7 +372,7 @@ mod tests {
     #[test]
     fn no_lissajous_figure_ever_stops_so_headings_turn_smoothly() {
         for world in 0..50 {
-            let figure = Trajectory::lissajous(3, world, 0);
+            let figure = Trajectory::lissajous(3, world, 0, 0);
             let mut last = figure.at(1.0).yaw_rad;
             for i in 1..1200 {
                 let r = figure.at(1.0 + f64::from(i) * 0.01);
