@@ -27,3 +27,8 @@ pub mod dataset;
 pub mod cli;
 
 pub use error::{Error, Result};
+
+/// Compiles and runs the example of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+pub struct ReadmeDoctests;

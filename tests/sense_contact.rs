@@ -136,10 +136,10 @@ fn a_drone_does_not_touch_itself() {
 
 #[test]
 fn no_contact_is_lost_where_there_are_thousands() {
-    // 400 drones in one heap: every pair touches.
     let n = 60;
     let scene = build("<mujoco/>", &vec![ball(0.5); n]);
     let mut worker = scene.worker().unwrap();
+    // Every pair of drones touches.
     let found = touching(&mut worker, &(0..n).map(|i| [1e-3 * i as f64, 0.0, 0.0]).collect::<Vec<_>>());
     assert_eq!(found.len(), n * (n - 1) / 2);
     // The same for one drone in a field of many geoms.
@@ -196,6 +196,48 @@ fn contacts_that_do_not_fit_are_an_error_and_not_fewer_contacts() {
         contacts(&mut roomy.worker().unwrap(), &mut found).unwrap();
         assert!(found.len() >= 30, "{}", found.len());
     }
+}
+
+#[test]
+fn a_pair_with_more_contacts_than_mujoco_reports_is_said() {
+    let heights: Vec<String> = (0..3600).map(|i| if i % 2 == 0 { "1" } else { "0" }.to_string()).collect();
+    let xml = format!(
+        "<mujoco><asset><hfield name='h' nrow='60' ncol='60' size='1 1 0.05 0.1' elevation='{}'/></asset><worldbody>\
+         <geom type='hfield' hfield='h'/></worldbody></mujoco>",
+        heights.join(" ")
+    );
+    let scene = build(&xml, &[shell("<geom type='box' size='0.5 0.5 0.1'/>")]);
+    let mut worker = scene.worker().unwrap();
+    worker.set_drone(0, [0.0, 0.0, 0.1], LEVEL).unwrap();
+    worker.update().unwrap();
+    let mut found = Vec::new();
+    assert_eq!(contacts(&mut worker, &mut found).unwrap(), 1);
+    assert_eq!(found.len(), propwash::sense::MAX_PER_PAIR);
+    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    assert!(c.distance_m <= 0.0 && !c.exact, "{c:?}");
+    worker.set_drone(0, [0.0, 0.0, 0.3], LEVEL).unwrap();
+    worker.update().unwrap();
+    assert_eq!(contacts(&mut worker, &mut found).unwrap(), 0);
+    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    assert!(c.exact && (c.distance_m - 0.15).abs() < 1e-6, "{c:?}");
+}
+
+#[test]
+fn the_deepest_of_many_overlaps_is_the_clearance() {
+    let xml = "<mujoco><worldbody><geom type='box' size='1 1 1' pos='0 0 0.05'/><geom type='box' size='1 1 1' pos='0 0 -0.3'/>
+        <geom type='sphere' size='0.1' pos='0 0 1.2'/></worldbody></mujoco>";
+    let scene = build(xml, &[ball(0.2), ball(0.2)]);
+    let mut worker = scene.worker().unwrap();
+    // 0.15 into the upper box, 0.2 into the sphere, 0.3 into the other drone.
+    worker.set_drone(0, [0.0, 0.0, 1.1], LEVEL).unwrap();
+    worker.set_drone(1, [0.1, 0.0, 1.1], LEVEL).unwrap();
+    worker.update().unwrap();
+    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    assert!((c.distance_m + 0.3).abs() < 1e-9 && c.other_drone == Some(1), "{c:?}");
+    worker.set_drone(1, [9.0, 0.0, 1.1], LEVEL).unwrap();
+    worker.update().unwrap();
+    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    assert!((c.distance_m + 0.2).abs() < 1e-9 && c.other_geom == 2, "{c:?}");
 }
 
 /// Distance of a point to a segment.

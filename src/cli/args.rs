@@ -12,30 +12,91 @@ pub struct Args {
     pub command: Command,
 }
 
+/// Ends the help of the program.
 const EXAMPLES: &str = "\
 Examples:
-  propwash drones                                    which vehicles there are, with their sources
+  propwash drones                        which vehicles there are
   propwash scene new forest --seed 3 --trees 60 --out forest.xml
-  propwash scene lint forest.xml                     what depth and contacts will and will not see, and why
+  propwash scene lint forest.xml         what depth and contacts will and will not see, and why
   propwash depth --scene forest.xml --pos 0,0,1 --look 1,0,0 --out view.png
   propwash fly --scene forest.xml --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
 
-Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points forward, y left.
-Exit codes: 0 fine, 1 a check found a problem, 2 error.";
+Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
+forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
+
+/// Ends the help of `propwash fly`.
+const FLY_EXAMPLES: &str = "\
+Examples:
+  propwash fly --scene xml/forest.xml --drone cf2x_L250 --worlds 16 --out data/forest
+  propwash fly --scene xml/room.xml --drone cf2x_L250 --drone hb_x500 --trajectory circle --out data/two
+  propwash fly --scene xml/room.xml --drone cf2x_L250 --trajectory waypoints path.csv --out data/path
+
+The folder gets a manifest, one folder per world (states, contacts and clearances as Parquet, depth as
+16-bit PNG of millimetres and as exact numbers in frames.npz) and overview.png to look at.
+Units are SI: m, s, rad, Hz; angles of view are in degrees. World z is up.
+The same options give the same bytes, with any number of threads and after any interruption.";
+
+/// Ends the help of `propwash depth`.
+const DEPTH_EXAMPLES: &str = "\
+Examples:
+  propwash depth --scene xml/forest.xml --pos 0,0,1 --look 1,0,0 --out view.png --preview view_colours.png
+  propwash depth --scene xml/zoo.xml --camera overview --size 640x480 --out zoo.png --json
+
+Lengths are in m, angles in degrees. World z is up.";
+
+/// Ends the help of `propwash drones`.
+const DRONES_EXAMPLES: &str = "\
+Examples:
+  propwash drones
+  propwash drones cf2x_L250              every value with its unit and source
+  propwash drones my_drone.toml --json
+
+Units are SI: kg, m, s, N, rad; rotor speeds in this list are in rpm.";
+
+/// Ends the help of `propwash scene lint`.
+const LINT_EXAMPLES: &str = "\
+Examples:
+  propwash scene lint xml/zoo.xml
+  propwash scene lint my_scene.xml --spawn 0,0,2 --spawn-radius 0.5 --json
+
+Lengths are in m. Exit codes: 0 depth and contacts perceive every geom and the start is free, 1 not so,
+2 the scene cannot be loaded.";
+
+/// Ends the help of `propwash scene` and `propwash scene new`.
+const NEW_EXAMPLES: &str = "\
+Examples:
+  propwash scene new forest --seed 3 --trees 60 --out forest.xml
+  propwash scene new corridor --gates 6 --width 2 --out corridor.xml
+  propwash scene new boxes --count 40 --moving 4 --out boxes.xml
+
+Lengths are in m. The same options and seed give the same file.";
+
+/// Ends the help of `propwash urdf`.
+const URDF_EXAMPLES: &str = "\
+Examples:
+  propwash urdf quad.urdf --controller-from cf2x_L250 --out vehicles
+  propwash urdf gate.urdf --obstacle --search ~/ros_ws/src --out obstacles
+
+Units are SI: m, kg, kg·m². xacro files are refused; run xacro on them first.";
 
 /// The sub-commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Fly drones through a scene and write a data set: states, depth, segmentation, contacts, clearances, overview.
+    #[command(after_help = FLY_EXAMPLES, allow_negative_numbers = true)]
     Fly(FlyArgs),
     /// One depth image of a scene from one pose.
+    #[command(after_help = DEPTH_EXAMPLES, allow_negative_numbers = true)]
     Depth(DepthArgs),
     /// List the vehicles, or show one with all its values and sources.
+    #[command(after_help = DRONES_EXAMPLES, allow_negative_numbers = true)]
     Drones(DronesArgs),
     /// Check scenes and make new ones.
+    #[command(after_help = NEW_EXAMPLES)]
     Scene(SceneArgs),
     /// Turn a drone's URDF into a vehicle file and a shell, or any URDF into an obstacle.
+    #[command(after_help = URDF_EXAMPLES, allow_negative_numbers = true)]
     Urdf(UrdfArgs),
 }
 
@@ -91,6 +152,19 @@ fn triple(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
+/// A whole number of at least zero.
+fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|_| format!("expected a whole number of at least 0, got {text:?}"))
+}
+
+/// A MuJoCo geom group.
+fn group(text: &str) -> Result<u8, String> {
+    match text.trim().parse() {
+        Ok(v @ 0..=5) => Ok(v),
+        _ => Err(format!("expected MuJoCo's geom groups 0 to 5, such as 0,1,2; got {text:?}")),
+    }
+}
+
 /// A finite number above zero.
 fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
@@ -113,7 +187,7 @@ pub struct CameraArgs {
     /// Image size in pixels.
     #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = size)]
     pub size: Size,
-    /// Vertical angle of view, degrees. Default: the camera's own.
+    /// Vertical angle of view, degrees. Default: the camera's own; 60 for --pos and --look.
     #[arg(long, value_name = "DEG", value_parser = positive)]
     pub fovy: Option<f64>,
     /// What a depth number measures.
@@ -126,7 +200,7 @@ pub struct CameraArgs {
     #[arg(long, value_name = "M", default_value_t = 20.0, value_parser = positive)]
     pub far: f64,
     /// MuJoCo geom groups that the camera sees.
-    #[arg(long, value_name = "LIST", default_value = "0,1,2", value_delimiter = ',')]
+    #[arg(long, value_name = "LIST", default_value = "0,1,2", value_delimiter = ',', value_parser = group)]
     pub groups: Vec<u8>,
 }
 
@@ -140,16 +214,16 @@ pub struct FlyArgs {
     #[arg(long, value_name = "NAME|FILE", required = true)]
     pub drone: Vec<String>,
     /// Drones per world; the --drone list is used in turn. Default: as many as --drone names.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub drones_per_world: Option<usize>,
     /// Shell (MJCF with a body named "drone") in place of the one that the vehicle file names.
     #[arg(long, value_name = "FILE")]
     pub shell: Option<PathBuf>,
     /// Equations of motion: first_principles, so_rpy, so_rpy_rotor or so_rpy_rotor_drag.
-    #[arg(long, default_value = "first_principles")]
+    #[arg(long, value_name = "NAME", default_value = "first_principles")]
     pub dynamics: String,
-    /// Number of worlds.
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    /// Number of worlds, each with draws of its own.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>)]
     pub worlds: usize,
     /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z[,yaw]).
     #[arg(long, value_name = "KIND [FILE]", num_args = 1..=2, default_value = "lissajous")]
@@ -164,19 +238,19 @@ pub struct FlyArgs {
     #[command(flatten)]
     pub view: CameraArgs,
     /// Depth frames per second.
-    #[arg(long, value_name = "HZ", default_value_t = 20)]
+    #[arg(long, value_name = "HZ", default_value_t = 20, value_parser = whole::<u32>)]
     pub fps: u32,
     /// Rows of states per second.
-    #[arg(long, value_name = "HZ", default_value_t = 100)]
+    #[arg(long, value_name = "HZ", default_value_t = 100, value_parser = whole::<u32>)]
     pub log_hz: u32,
     /// Simulation steps per second.
-    #[arg(long, value_name = "HZ", default_value_t = 500)]
+    #[arg(long, value_name = "HZ", default_value_t = 500, value_parser = whole::<u32>)]
     pub sim_hz: u32,
     /// Integration scheme.
     #[arg(long, value_enum, default_value_t = IntegratorArg::Rk4)]
     pub integrator: IntegratorArg,
     /// Seed of all random numbers.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u64>)]
     pub seed: u64,
     /// Randomisation rules (TOML, [[rule]] tables) drawn anew for every world.
     #[arg(long, value_name = "FILE")]
@@ -191,7 +265,7 @@ pub struct FlyArgs {
     #[arg(long)]
     pub normals: bool,
     /// Threads. Default: one per core. The output does not depend on it.
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub threads: Option<usize>,
     /// Folder of the data set. A run that was stopped goes on where it was.
     #[arg(long, value_name = "DIR")]
@@ -252,9 +326,10 @@ pub struct SceneArgs {
 #[derive(Clone, Debug, Subcommand)]
 pub enum SceneCommand {
     /// List every geom and whether depth and collision see it, and why not. Exit code 1 when something is unseen.
+    #[command(after_help = LINT_EXAMPLES, allow_negative_numbers = true)]
     Lint(LintArgs),
     /// Write a generated scene.
-    #[command(subcommand)]
+    #[command(subcommand, after_help = NEW_EXAMPLES)]
     New(NewScene),
 }
 
@@ -262,63 +337,66 @@ pub enum SceneCommand {
 #[derive(Clone, Debug, Subcommand)]
 pub enum NewScene {
     /// Trees of several shapes, rocks and fallen logs around a clearing.
+    #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
     Forest {
         /// Where it goes and what all kinds share.
         #[command(flatten)]
         common: NewArgs,
         /// Number of trees.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
         trees: Option<usize>,
         /// Number of rocks.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
         rocks: Option<usize>,
         /// Number of fallen logs.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
         logs: Option<usize>,
         /// Edge of the square that holds everything, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = positive)]
         extent: Option<f64>,
         /// Radius around the origin that stays free, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = not_negative)]
         clearing: Option<f64>,
         /// Least distance between trunks, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = not_negative)]
         gap: Option<f64>,
     },
     /// A winding corridor with gates to fly through.
+    #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
     Corridor {
         /// Where it goes and what all kinds share.
         #[command(flatten)]
         common: NewArgs,
         /// Number of gates.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
         gates: Option<usize>,
         /// Length of the centre line, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = positive)]
         length: Option<f64>,
         /// Width between the walls, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = positive)]
         width: Option<f64>,
         /// Height of the walls, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = positive)]
         height: Option<f64>,
     },
     /// Boxes, pillars and slabs, standing and floating.
+    #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
     Boxes {
         /// Where it goes and what all kinds share.
         #[command(flatten)]
         common: NewArgs,
         /// Number of things.
-        #[arg(long, value_name = "N")]
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
         count: Option<usize>,
         /// Edge of the square that holds everything, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = positive)]
         extent: Option<f64>,
         /// Radius around the origin that stays free, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = not_negative)]
         clearing: Option<f64>,
         /// Least distance between two things, m.
-        #[arg(long, value_name = "M")]
+        #[arg(long, value_name = "M", value_parser = not_negative)]
         gap: Option<f64>,
     },
 }
@@ -327,10 +405,10 @@ pub enum NewScene {
 #[derive(Clone, Debug, ClapArgs)]
 pub struct NewArgs {
     /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u64>)]
     pub seed: u64,
     /// Number of obstacles that can be moved (mocap bodies).
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub moving: Option<usize>,
     /// MJCF file to write.
     #[arg(long, value_name = "FILE")]
@@ -367,8 +445,8 @@ pub struct UrdfArgs {
     /// Built-in vehicle whose controller the new one takes over.
     #[arg(long, value_name = "NAME")]
     pub controller_from: Option<String>,
-    /// Name of the result. Default: the name in the URDF.
-    #[arg(long)]
+    /// Name of the result. Default: the name of the file without its ending.
+    #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
     /// Folder for NAME.toml and NAME.xml.
     #[arg(long, value_name = "DIR", default_value = ".")]

@@ -20,8 +20,41 @@ pub fn code(outcome: Result<Outcome, Error>) -> ExitCode {
         // A reader that has seen enough (`propwash … | head`) is no error.
         Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            eprintln!("error: {}", one_line(&error.to_string()));
             ExitCode::from(2)
         }
+    }
+}
+
+/// Prints what is wrong with a command line, in one line, and gives the exit code. `message` is clap's, `command` the
+/// sub-command whose help explains it.
+pub fn refuse(message: &str, command: &str) -> ExitCode {
+    let is_rest = |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");
+    let fault: Vec<&str> = message.lines().take_while(|line| !is_rest(line)).collect();
+    eprintln!("{}; `{command} --help` explains", one_line(&fault.join("\n")));
+    ExitCode::from(2)
+}
+
+/// The lines of a message as one line.
+fn one_line(text: &str) -> String {
+    let mut out = String::new();
+    for line in text.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        if !out.is_empty() {
+            let goes_on = out.ends_with([':', ';', ',']) || line.starts_with(['[', '-', '(']);
+            out.push_str(if goes_on { " " } else { "; " });
+        }
+        out.push_str(line);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::one_line;
+
+    #[test]
+    fn lines_become_one_that_reads_on() {
+        assert_eq!(one_line("a differs:\n  x: 1\n  y: 2\n\nuse other"), "a differs: x: 1; y: 2; use other");
+        assert_eq!(one_line("wrong value\n  [possible: a, b]\n"), "wrong value [possible: a, b]");
     }
 }

@@ -4,12 +4,21 @@ mod args;
 mod cmd;
 mod exit;
 
-use clap::Parser;
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
 
 /// Parses the command line, runs the command and gives the exit code: 0 fine, 1 a check found a problem, 2 error.
 pub fn run() -> ExitCode {
-    let args = args::Args::parse();
+    let args = match args::Args::try_parse() {
+        Ok(args) => args,
+        Err(error) => match error.kind() {
+            ErrorKind::DisplayHelp
+            | ErrorKind::DisplayVersion
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
+            _ => return exit::refuse(&error.render().to_string(), &subcommand()),
+        },
+    };
     let outcome = match args.command {
         args::Command::Fly(a) => cmd::fly::run(&a),
         args::Command::Depth(a) => cmd::depth::run(&a),
@@ -18,4 +27,16 @@ pub fn run() -> ExitCode {
         args::Command::Urdf(a) => cmd::urdf::run(&a),
     };
     exit::code(outcome)
+}
+
+/// The program with the sub-commands that were named, as in `propwash scene new`.
+fn subcommand() -> String {
+    let mut path = "propwash".to_string();
+    let mut command = args::Args::command();
+    for word in std::env::args_os().skip(1) {
+        let Some(inner) = command.find_subcommand(&word) else { break };
+        path = format!("{path} {}", inner.get_name());
+        command = inner.clone();
+    }
+    path
 }

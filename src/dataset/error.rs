@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 #[non_exhaustive]
 pub enum DatasetError {
     /// The system refused a file operation.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {source}; check the path, its permissions and the space on the disk", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,

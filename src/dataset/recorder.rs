@@ -159,6 +159,10 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
             }
         }
     }
+    if flight.scene.geoms().iter().all(|g| g.drone.is_some()) {
+        let name = flight.scene.name();
+        warnings.push(format!("{name} has no geoms: nothing but drones can be seen or touched in it"));
+    }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
     let blocked = AtomicUsize::new(0);
@@ -184,6 +188,9 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     Ok(Recorded { summary: writer.finish()?, n_resumed, warnings })
 }
 
+/// Most steps per second of a flight.
+const MAX_SIM_HZ: u32 = 1_000_000;
+
 impl Flight {
     fn check(&self) -> Result<()> {
         let n = self.scene.n_drones();
@@ -198,15 +205,18 @@ impl Flight {
                 got,
             );
         }
+        if !(1..=MAX_SIM_HZ).contains(&self.sim_hz) {
+            return option("sim_hz", format!("1 to {MAX_SIM_HZ} Hz"), self.sim_hz.to_string());
+        }
         if self.fps == 0 || self.fps > self.sim_hz {
             return option(
                 "fps",
-                format!("1 to {} Hz, the rate of the simulation", self.sim_hz),
+                format!("1 to {} Hz, at most one frame per step of the simulation", self.sim_hz),
                 self.fps.to_string(),
             );
         }
         if self.log_hz == 0 || !self.sim_hz.is_multiple_of(self.log_hz) {
-            let expected = format!("a divisor of the simulation's {} Hz", self.sim_hz);
+            let expected = format!("a divisor of the simulation's {} Hz (sim_hz)", self.sim_hz);
             return option("log_hz", expected, self.log_hz.to_string());
         }
         let steps = self.seconds * f64::from(self.sim_hz);

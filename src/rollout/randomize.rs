@@ -42,8 +42,13 @@ pub struct Randomization {
 impl Randomization {
     /// Reads rules from TOML text.
     pub fn from_toml(text: &str) -> Result<Self, RolloutError> {
-        let out: Self = toml::from_str(text)
-            .map_err(|e| RolloutError::Randomization { rule: "file".into(), reason: e.to_string() })?;
+        let out: Self = toml::from_str(text).map_err(|e| {
+            let line = e.span().map_or(1, |at| 1 + text[..at.start].matches('\n').count());
+            RolloutError::Randomization {
+                rule: "file".into(),
+                reason: format!("line {line}: {}", e.message().trim()),
+            }
+        })?;
         for rule in &out.rules {
             rule.check()?;
         }

@@ -405,8 +405,56 @@ fn words(error: MjEditError) -> String {
     }
 }
 
+/// Most samples of a height field, pixels of a generated texture.
+const MAX_SAMPLES: f64 = 1e8;
+/// Most copies that replicate, composite and flexcomp elements may make.
+const MAX_COPIES: f64 = 1e6;
+
+/// Refuses sizes for which MuJoCo would take all memory before it says anything. What is no XML is left to MuJoCo.
+fn refuse_absurd_sizes(what: &str, xml: &str, dir: Option<&Path>, depth: usize) -> Result<(), SceneError> {
+    let Ok(document) = roxmltree::Document::parse(xml) else { return Ok(()) };
+    for node in document.descendants().filter(|n| n.is_element()) {
+        let number = |name: &str| node.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
+        let counts = |n: roxmltree::Node| -> f64 {
+            n.attribute("count").map_or(1.0, |t| {
+                t.split_whitespace().filter_map(|w| w.parse::<f64>().ok()).map(|c| c.max(1.0)).product()
+            })
+        };
+        let tag = node.tag_name().name();
+        let (size, limit) = match tag {
+            "hfield" => (number("nrow").unwrap_or(1.0) * number("ncol").unwrap_or(1.0), MAX_SAMPLES),
+            "texture" => (number("width").unwrap_or(1.0) * number("height").unwrap_or(1.0), MAX_SAMPLES),
+            "replicate" | "composite" | "flexcomp" => {
+                // Replicates inside each other multiply.
+                let outer = node.ancestors().filter(|n| n.has_tag_name("replicate") && *n != node);
+                (counts(node) * outer.map(counts).product::<f64>(), MAX_COPIES)
+            }
+            _ => (0.0, 1.0),
+        };
+        if size > limit {
+            let line = document.text_pos_at(node.range().start).row;
+            return Err(SceneError::Parse {
+                what: what.into(),
+                message: format!(
+                    "the <{tag}> on line {line} asks for {size:.3e} elements, more than the {limit:.0e} that are allowed; \
+                     make it smaller"
+                ),
+            });
+        }
+        if tag == "include"
+            && depth < 16
+            && let (Some(dir), Some(file)) = (dir, node.attribute("file"))
+            && let Ok(text) = std::fs::read_to_string(dir.join(file))
+        {
+            refuse_absurd_sizes(what, &text, Some(dir), depth + 1)?;
+        }
+    }
+    Ok(())
+}
+
 fn parse_text(what: &str, name: &str, xml: &str, dir: Option<&Path>) -> Result<MjSpec, SceneError> {
     c_string(xml, || what.to_string())?;
+    refuse_absurd_sizes(what, xml, dir, 0)?;
     let parsed = match dir {
         None => MjSpec::from_xml_string(xml),
         Some(dir) => {
@@ -570,6 +618,9 @@ impl Scene {
             SceneSource::File(path) => {
                 check_file(path)?;
                 c_string(&path.to_string_lossy(), || what.clone())?;
+                if let Ok(text) = std::fs::read_to_string(path) {
+                    refuse_absurd_sizes(&what, &text, path.parent(), 0)?;
+                }
                 MjSpec::from_xml(path)
                     .map_err(|e| SceneError::Parse { what: what.clone(), message: words(e) })?
             }
@@ -897,13 +948,42 @@ pub(super) unsafe fn slice<'a, T>(data: *const T, n: usize) -> &'a [T] {
     }
 }
 
+/// SHA-256 of the model as MuJoCo saves it, without the places of its files.
+fn hash_of(model: &mut MjModel) -> String {
+    // SAFETY: the paths of assets are cut off while the model is saved, so that the hash does not depend on the folder:
+    // their number and the size of the buffer that holds them are set to 0 and put back, which only makes mj_saveModel
+    // write no paths; addresses of paths are never followed by the engine and stay 0.
+    unsafe {
+        let m = model.ffi_mut();
+        let (n_paths, n_buffer) = (m.npaths, m.nbuffer);
+        for (address, count) in [
+            (m.mesh_pathadr, m.nmesh),
+            (m.skin_pathadr, m.nskin),
+            (m.hfield_pathadr, m.nhfield),
+            (m.tex_pathadr, m.ntex),
+        ] {
+            for i in 0..count as usize {
+                *address.add(i) = 0;
+            }
+        }
+        m.npaths = 0;
+        m.nbuffer = 0;
+        let mut bytes = vec![0u8; ffi::mj_sizeModel(m) as usize];
+        ffi::mj_saveModel(m, std::ptr::null(), bytes.as_mut_ptr().cast(), bytes.len() as i64);
+        m.npaths = n_paths;
+        m.nbuffer = n_buffer;
+        Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect()
+    }
+}
+
 fn describe(
-    model: MjModel,
+    mut model: MjModel,
     name: String,
     shells: &[Shell],
     mut warnings: Vec<String>,
     keyframes_dropped: usize,
 ) -> Result<Inner, SceneError> {
+    let hash = hash_of(&mut model);
     let m = model.ffi();
     let n_body = m.nbody as usize;
     let n_geom = m.ngeom as usize;
@@ -1096,9 +1176,6 @@ fn describe(
             ));
         }
 
-        let mut bytes = vec![0u8; ffi::mj_sizeModel(m) as usize];
-        ffi::mj_saveModel(m, std::ptr::null(), bytes.as_mut_ptr().cast(), bytes.len() as i64);
-        let hash = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
         let (n_flex, n_skin) = (m.nflex as usize, m.nskin as usize);
         Ok(Inner {
             model,

@@ -10,6 +10,7 @@
 use serde::Serialize;
 
 use super::SenseError;
+use super::contact::MAX_PER_PAIR;
 use super::gjk::{Convex, Gap};
 use crate::math::vec3::{dot, sub};
 use crate::scene::{GeomType, HfieldView, MeshView, Scene, Worker};
@@ -23,7 +24,8 @@ pub struct Clearance {
     pub distance_m: f64,
     /// Whether anything is nearer than the maximum; the rest is meaningless if not.
     pub found: bool,
-    /// False when `distance_m` is only a lower bound (between two fields, or to a field without triangles).
+    /// False when `distance_m` is only a lower bound (between two fields, or to a field without triangles), or when a
+    /// height field is penetrated in more places than MuJoCo reports, so that the true depth may be greater.
     pub exact: bool,
     /// Geom of the drone; -1 if nothing was found.
     pub drone_geom: i32,
@@ -103,7 +105,7 @@ fn nearest(
         if geom.drone == Some(drone) || !geom.can_collide() {
             continue;
         }
-        let bound = box_distance(worker, scene, geom.id, center)? - radius;
+        let bound = lower_bound(worker, scene, geom.id, center, radius)?;
         if bound < max_m {
             bounds.push((bound, geom.id));
         }
@@ -120,7 +122,7 @@ fn nearest(
                 continue;
             }
             let (at, _) = worker.geom_pose(own)?;
-            let near = box_distance(worker, scene, other, at)? - info.bounding_radius_m;
+            let near = lower_bound(worker, scene, other, at, info.bounding_radius_m)?;
             if info.bounding_radius_m > 0.0 && near >= best.distance_m {
                 continue;
             }
@@ -163,11 +165,13 @@ fn deepest_of_field(worker: &mut Worker, scene: &Scene, best: &mut Clearance) ->
     if best.distance_m.abs() < core * (1.0 - 1e-9) || best.distance_m < -core * (1.0 + 1e-9) {
         return Ok(());
     }
+    let mut of_pair = 0;
     for index in 0..worker.collide()? {
         let Some(contact) = worker.contact(index) else { break };
         let [a, b] = contact.geom;
         let same =
             [a, b] == [best.drone_geom, best.other_geom] || [b, a] == [best.drone_geom, best.other_geom];
+        of_pair += usize::from(same);
         if same && contact.distance_m < best.distance_m {
             best.distance_m = contact.distance_m;
             // From the first geom to the second, half the depth on either side of the point.
@@ -177,7 +181,22 @@ fn deepest_of_field(worker: &mut Worker, scene: &Scene, best: &mut Clearance) ->
             best.on_other_m = [0, 1, 2].map(|k| contact.point_m[k] + half * contact.normal[k]);
         }
     }
+    // With as many contacts as MuJoCo reports at most, a deeper one may be missing.
+    best.exact &= of_pair < MAX_PER_PAIR;
     Ok(())
+}
+
+/// Lower bound of the signed distance of a geom to anything within `radius` of a point.
+fn lower_bound(
+    worker: &Worker,
+    scene: &Scene,
+    geom: usize,
+    center: [f64; 3],
+    radius: f64,
+) -> Result<f64, SenseError> {
+    let distance = box_distance(worker, scene, geom, center)?;
+    // In the box nothing is known of the depth.
+    Ok(if distance == 0.0 { f64::NEG_INFINITY } else { distance - radius })
 }
 
 const MARGIN_M: f64 = 1e-6;

@@ -1,14 +1,19 @@
 //! Contacts of drones with the scene and with each other, by MuJoCo's collision detection.
 //!
-//! Limits that are MuJoCo's own (3.17.0): at most 50 contacts for one pair of geoms (mjMAXCONPAIR; no pair of convex
-//! shapes comes near it), at most 2^31 contacts in all. Memory for contacts is the worker's arena; when it is full
-//! the call fails instead of returning fewer ([`SceneError::ContactsLost`](crate::scene::SceneError::ContactsLost)).
-//! A mesh collides as its convex hull, a plane as a whole half space.
+//! Limits that are MuJoCo's own (3.17.0): it reports at most [`MAX_PER_PAIR`] contacts for one pair of geoms. Convex
+//! shapes stay far below; a large shape on a fine height field reaches it, and then which contacts are missing, and
+//! whether the deepest is among them, is up to MuJoCo: [`contacts`] returns how many pairs did. The number of pairs has
+//! no limit but memory: when a worker's arena is full the call fails instead of returning fewer
+//! ([`SceneError::ContactsLost`](crate::scene::SceneError::ContactsLost)). A mesh collides as its convex hull, a plane
+//! as a whole half space.
 
 use serde::Serialize;
 
 use super::SenseError;
 use crate::scene::Worker;
+
+/// Most contacts that MuJoCo reports for one pair of geoms (mjMAXCONPAIR).
+pub const MAX_PER_PAIR: usize = 50;
 
 /// One contact of a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -49,11 +54,12 @@ impl Contact {
 
 /// Finds all contacts of drones at the worker's poses, in MuJoCo's order, into `out` (cleared first).
 ///
-/// Contacts of a drone with itself and of scene geoms with each other are left out.
+/// Contacts of a drone with itself and of scene geoms with each other are left out. Returns the number of pairs of geoms
+/// that reached [`MAX_PER_PAIR`]: 0 means that no contact is missing.
 ///
 /// # Errors
 /// [`SenseError::Scene`] when contacts would be lost for want of memory, or MuJoCo fails.
-pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<(), SenseError> {
+pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<usize, SenseError> {
     out.clear();
     let count = worker.collide()?;
     let scene = worker.scene();
@@ -61,6 +67,7 @@ pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<(), Sense
     let drone_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| geoms.get(g)).and_then(|g| g.drone);
     let body_of =
         |geom: i32| usize::try_from(geom).ok().and_then(|g| geoms.get(g)).map_or(-1, |g| g.body_id as i32);
+    let (mut limited, mut run, mut pair) = (0, 0, [-1; 2]);
     for index in 0..count {
         let Some(raw) = worker.contact(index) else { break };
         let sides = [drone_of(raw.geom[0]), drone_of(raw.geom[1])];
@@ -74,6 +81,9 @@ pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<(), Sense
         let Some(drone) = sides[side] else { continue };
         let other = 1 - side;
         let sign = if side == 1 { 1.0 } else { -1.0 };
+        run = if raw.geom == pair { run + 1 } else { 1 };
+        pair = raw.geom;
+        limited += usize::from(run == MAX_PER_PAIR);
         out.push(Contact {
             drone,
             other_drone: sides[other],
@@ -87,5 +97,5 @@ pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<(), Sense
             normal: raw.normal.map(|x| sign * x),
         });
     }
-    Ok(())
+    Ok(limited)
 }

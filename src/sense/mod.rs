@@ -10,7 +10,7 @@ pub mod noise;
 pub mod swept;
 
 pub use clearance::{Clearance, clearance};
-pub use contact::{Contact, contacts};
+pub use contact::{Contact, MAX_PER_PAIR, contacts};
 pub use depth::{
     Camera, DepthBatch, DepthFrame, DepthKind, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED, WorldPoses,
     render_batch,

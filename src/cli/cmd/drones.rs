@@ -53,7 +53,7 @@ fn list(as_json: bool) -> Result<()> {
             "{:<11} {:>8.4} {:>6} {:>10.0}  {:<8} {}",
             row["name"].as_str().unwrap_or(""),
             row["mass_kg"].as_f64().unwrap_or(f64::NAN),
-            row["rotors"],
+            row["rotors"].as_u64().unwrap_or(0),
             row["hover_rpm"].as_f64().unwrap_or(f64::NAN),
             row["shell"].as_str().unwrap_or(""),
             row["description"].as_str().unwrap_or(""),
@@ -80,18 +80,24 @@ fn show(vehicle: &Vehicle, as_json: bool) -> Result<()> {
         print(format_args!("warning: {warning}"))?;
     }
     let mut source = None;
+    let mut noted = None;
     for value in values {
         if source.as_ref() != Some(&value.source) {
             print(format_args!("\nsource: {}", value.source.as_deref().unwrap_or("not stated")))?;
             source = Some(value.source.clone());
+            noted = None;
         }
         let number = serde_json::to_value(&value.value).unwrap_or(Value::Null);
         let unit = value.unit.map_or(String::new(), |u| format!(" {u}"));
         let sigma = value.sigma.map_or(String::new(), |s| format!("  (sigma {s})"));
         print(format_args!("  {:<52} {number}{unit}{sigma}", value.key))?;
-        if let Some(note) = value.note {
-            print(format_args!("  {:<52} note: {note}", ""))?;
+        // A note that holds for several values in a row is said once.
+        if value.note != noted
+            && let Some(note) = &value.note
+        {
+            print(format_args!("    note: {note}"))?;
         }
+        noted = value.note;
     }
     Ok(())
 }

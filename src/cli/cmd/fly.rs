@@ -7,6 +7,7 @@ use crate::cli::exit::Outcome;
 use crate::dataset::recorder::{Course, Flight, Recorded, record};
 use crate::dataset::{Dataset, Overview, recorder};
 use crate::physics::integrate::Integrator;
+use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::Spline;
 use crate::scene::{Scene, SceneSource, Shell};
@@ -16,9 +17,14 @@ use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
 use std::path::Path;
+use std::time::Duration;
 
 /// Clearances beyond this are not looked for, m.
 const CLEARANCE_MAX_M: f64 = 5.0;
+/// Most worlds of a data set.
+const MAX_WORLDS: usize = 10_000_000;
+/// Most threads that can be asked for; more than any machine has use for.
+const MAX_THREADS: usize = 1024;
 
 /// Runs the command.
 pub fn run(args: &FlyArgs) -> Result<Outcome> {
@@ -43,6 +49,7 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} worlds, {elapsed} elapsed, {eta} to go");
     let bar = if args.json { ProgressBar::hidden() } else { ProgressBar::new(args.worlds as u64) };
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.enable_steady_tick(Duration::from_millis(200));
     let recorded = record(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     let map = recorder::height_map(flight)?;
@@ -58,11 +65,17 @@ fn flight(args: &FlyArgs) -> Result<Flight> {
     if n == 0 || n > 1024 {
         return usage("--drones-per-world", "1 to 1024 drones in one world", n.to_string());
     }
-    if args.worlds == 0 {
-        return usage("--worlds", "at least 1", "0".into());
+    if !(1..=MAX_WORLDS).contains(&args.worlds) {
+        return usage("--worlds", &format!("1 to {MAX_WORLDS}"), args.worlds.to_string());
     }
-    if args.threads == Some(0) {
-        return usage("--threads", "at least 1", "0".into());
+    if let Some(threads) = args.threads
+        && !(1..=MAX_THREADS).contains(&threads)
+    {
+        return usage("--threads", &format!("1 to {MAX_THREADS}"), threads.to_string());
+    }
+    if args.out.exists() && !args.out.is_dir() {
+        let found = format!("{}, which is a file", args.out.display());
+        return usage("--out", "a folder, there already or to be made", found);
     }
     let vehicles: Vec<Vehicle> =
         (0..n).map(|i| find(&args.drone[i % args.drone.len()])).collect::<Result<_>>()?;
@@ -87,7 +100,7 @@ fn flight(args: &FlyArgs) -> Result<Flight> {
         cameras,
         randomization: match &args.randomize {
             None => Randomization::default(),
-            Some(path) => Randomization::from_toml(&read(path)?)?,
+            Some(path) => rules(path)?,
         },
         obstacle_jitter_m: args.obstacle_jitter,
         noise: match &args.noise {
@@ -104,11 +117,25 @@ fn read(path: &Path) -> Result<String> {
     std::fs::read_to_string(path).map_err(io_error(path))
 }
 
+fn rules(path: &Path) -> Result<Randomization> {
+    Ok(Randomization::from_toml(&read(path)?).map_err(|e| match e {
+        // The text itself is wrong: say in which file.
+        RolloutError::Randomization { rule, reason } if rule == "file" => {
+            RolloutError::Randomization { rule: path.display().to_string(), reason }
+        }
+        other => other,
+    })?)
+}
+
 fn noise(path: &Path) -> Result<DepthNoise> {
-    let model: DepthNoise = toml::from_str(&read(path)?).map_err(|e| Error::Usage {
-        flag: "--noise",
-        expected: "a depth noise model in TOML (docs/formats.md)".into(),
-        got: format!("{}: {e}", path.display()),
+    let text = read(path)?;
+    let model: DepthNoise = toml::from_str(&text).map_err(|e| {
+        let line = e.span().map_or(1, |at| 1 + text[..at.start].matches('\n').count());
+        Error::Usage {
+            flag: "--noise",
+            expected: "a depth noise model in TOML (docs/formats.md)".into(),
+            got: format!("{}, line {line}: {}", path.display(), e.message().trim()),
+        }
     })?;
     model.check()?;
     Ok(model)
@@ -137,7 +164,15 @@ fn course(words: &[String]) -> Result<Course> {
         ["lissajous"] => Ok(Course::Lissajous),
         ["circle"] => Ok(Course::Circle),
         ["hover"] => Ok(Course::Hover),
-        ["waypoints", file] => Ok(Course::Waypoints(Spline::from_csv(Path::new(file))?)),
+        ["waypoints", file] => {
+            // Read here first, so that the flag is named when there is no such file.
+            std::fs::File::open(file).map_err(|e| Error::Usage {
+                flag: "--trajectory",
+                expected: "waypoints and a CSV file with the columns t,x,y,z[,yaw] (s, m, rad)".into(),
+                got: format!("{file}: {e}"),
+            })?;
+            Ok(Course::Waypoints(Spline::from_csv(Path::new(file))?))
+        }
         _ => Err(Error::Usage {
             flag: "--trajectory",
             expected: "lissajous, circle, hover, or waypoints FILE (CSV with t,x,y,z[,yaw])".into(),
@@ -160,16 +195,33 @@ fn report(args: &FlyArgs, recorded: &Recorded) -> Result<()> {
         eprintln!("warning: {warning}");
     }
     if s.n_quarantined > 0 {
-        eprintln!("warning: {} worlds were quarantined; their world.json says why", s.n_quarantined);
+        eprintln!("warning: {} quarantined; world.json says why", count(s.n_quarantined as u64, "world"));
     }
+    let there = match recorded.n_resumed {
+        0 => String::new(),
+        n => format!(" ({n} of them there already)"),
+    };
     print(format_args!(
-        "{} worlds ({} of them were there already): {} images, {} state rows, {} contact rows, {:.1} MB",
-        s.n_worlds,
-        recorded.n_resumed,
-        s.n_images,
-        s.n_states,
-        s.n_contacts,
-        s.bytes as f64 / 1e6
+        "{}{there}: {}, {}, {}, {}",
+        count(s.n_worlds as u64, "world"),
+        count(s.n_images, "depth image"),
+        count(s.n_states, "state row"),
+        count(s.n_contacts, "contact row"),
+        size(s.bytes),
     ))?;
     print(format_args!("data set  {}\noverview  {}", args.out.display(), overview.display()))
+}
+
+/// `1 world`, `2 worlds`.
+fn count(n: u64, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
+/// Bytes in words.
+fn size(bytes: u64) -> String {
+    match bytes {
+        0..100_000 => format!("{:.1} kB", bytes as f64 / 1e3),
+        100_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
+        _ => format!("{:.2} GB", bytes as f64 / 1e9),
+    }
 }

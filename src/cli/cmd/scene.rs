@@ -1,11 +1,11 @@
 //! `propwash scene`: check a scene, make a new one.
 
 use super::{io_error, print, print_json};
-use crate::Result;
 use crate::cli::args::{LintArgs, NewArgs, NewScene, SceneArgs, SceneCommand};
 use crate::cli::exit::Outcome;
-use crate::scene::generate::{self, BoxesOptions, CorridorOptions, ForestOptions};
+use crate::scene::generate::{self, BoxesOptions, CorridorOptions, ForestOptions, GenerateError};
 use crate::scene::{SceneSource, lint};
+use crate::{Error, Result};
 use serde_json::json;
 
 /// Runs the command.
@@ -41,7 +41,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
                 min_gap_m: gap.unwrap_or(d.min_gap_m),
             };
-            (common, generate::forest(&options)?)
+            (common, generate::forest(&options).map_err(named)?)
         }
         NewScene::Corridor { common, gates, length, width, height } => {
             let d = CorridorOptions::default();
@@ -53,7 +53,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 width_m: width.unwrap_or(d.width_m),
                 height_m: height.unwrap_or(d.height_m),
             };
-            (common, generate::corridor(&options)?)
+            (common, generate::corridor(&options).map_err(named)?)
         }
         NewScene::Boxes { common, count, extent, clearing, gap } => {
             let d = BoxesOptions::default();
@@ -65,10 +65,41 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
                 min_gap_m: gap.unwrap_or(d.min_gap_m),
             };
-            (common, generate::boxes(&options)?)
+            (common, generate::boxes(&options).map_err(named)?)
         }
     };
     write(common, &text)
+}
+
+/// The error with the option's name on the command line.
+fn named(error: GenerateError) -> Error {
+    let flag = |option: &str| {
+        Some(match option {
+            "trees" => "--trees",
+            "rocks" => "--rocks",
+            "logs" => "--logs",
+            "count" => "--count",
+            "gates" => "--gates",
+            "moving" => "--moving",
+            "size_m" => "--extent",
+            "clearing_radius_m" => "--clearing",
+            "min_gap_m" => "--gap",
+            "length_m" => "--length",
+            "width_m" => "--width",
+            "height_m" => "--height",
+            _ => return None,
+        })
+    };
+    match error {
+        GenerateError::OptionRange { option, found, expected, .. } if flag(option).is_some() => {
+            Error::Usage {
+                flag: flag(option).unwrap_or_default(),
+                expected: expected.replace("size_m", "--extent").replace("width_m", "--width"),
+                got: found.to_string(),
+            }
+        }
+        other => other.into(),
+    }
 }
 
 fn write(args: &NewArgs, text: &str) -> Result<Outcome> {
