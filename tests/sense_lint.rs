@@ -53,7 +53,8 @@ fn zoo() -> String {
                 geoms += &format!("<geom {shape} {variant} pos='{} {} 0'/>", 5 * i, 5 * j);
                 continue;
             }
-            geoms += &format!("{body} pos='{} {} 0'>{joint}<geom {shape} {variant} {mass}/></body>", 5 * i, 5 * j);
+            geoms +=
+                &format!("{body} pos='{} {} 0'>{joint}<geom {shape} {variant} {mass}/></body>", 5 * i, 5 * j);
         }
     }
     for (j, variant) in variants.iter().enumerate() {
@@ -73,10 +74,12 @@ fn is_seen(scene: &Scene, worker: &mut Worker, geom: usize) -> bool {
     let (p, _) = worker.geom_pose(geom).unwrap();
     // From above and a little aside, looking down: cameras look along -z.
     let pose = Pose::new([p[0] + 0.05, p[1] + 0.03, p[2] + 1.5], LEVEL);
-    let camera = Camera::in_world(scene, pose, Lens::Fovy { fovy_deg: 60.0 }).unwrap().with_size(41, 41).unwrap();
+    let camera =
+        Camera::in_world(scene, pose, Lens::Fovy { fovy_deg: 60.0 }).unwrap().with_size(41, 41).unwrap();
     let mut frame = DepthFrame::new();
     camera.render(worker, &mut frame).unwrap();
-    (0..frame.status.len()).any(|i| frame.status[i] == PixelStatus::Hit as u8 && frame.geom_id[i] == geom as i32)
+    (0..frame.status.len())
+        .any(|i| frame.status[i] == PixelStatus::Hit as u8 && frame.geom_id[i] == geom as i32)
 }
 
 /// A geom is touched when a probe that is moved over it makes a contact with it.
@@ -110,7 +113,8 @@ fn every_verdict_is_what_rays_and_contacts_do() {
         assert_eq!((info.kind, info.group), (line.kind, line.group));
         worker.set_drone(0, [-99.0, 0.0, 99.0], LEVEL).unwrap();
         worker.update().unwrap();
-        let (seen, touched) = (is_seen(&scene, &mut worker, line.id), is_touched(&scene, &mut worker, line.id));
+        let (seen, touched) =
+            (is_seen(&scene, &mut worker, line.id), is_touched(&scene, &mut worker, line.id));
         assert_eq!(line.depth.seen, seen, "depth: {line:?}");
         assert_eq!(line.contact.seen, touched, "contact: {line:?}");
         assert_eq!(line.depth.reason.is_empty(), seen);
@@ -214,7 +218,8 @@ fn what_may_surprise_is_said() {
 
 #[test]
 fn scenes_without_floor_or_geoms_and_with_flexes_are_told() {
-    let (_, notes) = remarks("<mujoco><worldbody><geom type='box' size='1 1 1' pos='9 0 0'/></worldbody></mujoco>");
+    let (_, notes) =
+        remarks("<mujoco><worldbody><geom type='box' size='1 1 1' pos='9 0 0'/></worldbody></mujoco>");
     assert!(notes.iter().any(|n| n.contains("no floor")), "{notes:?}");
     let (geoms, notes) = remarks("<mujoco/>");
     assert!(geoms.is_empty() && notes.iter().any(|n| n.contains("no geoms")), "{notes:?}");
@@ -227,14 +232,20 @@ fn scenes_without_floor_or_geoms_and_with_flexes_are_told() {
     let mut worker = scene.worker().unwrap();
     worker.set_drone(0, [0.1, 0.1, 2.05], LEVEL).unwrap();
     worker.update().unwrap();
-    let hit = worker.ray([0.1, 0.13, 5.0], [0.0, 0.0, -1.0], None, scene.drone_body(0).ok()).unwrap().unwrap();
+    let hit =
+        worker.ray([0.1, 0.13, 5.0], [0.0, 0.0, -1.0], None, scene.drone_body(0).ok()).unwrap().unwrap();
     assert!((hit.distance - 5.0).abs() < 1e-9, "{hit:?}");
     let mut found = Vec::new();
     contacts(&mut worker, &mut found).unwrap();
     assert!(found.iter().any(|c| c.other_flex == 0 && c.other_geom == -1 && c.other_body == -1), "{found:?}");
-    let (geoms, _) = remarks("<mujoco><worldbody><body><geom type='box' size='1 1 1'/></body></worldbody></mujoco>");
+    let (geoms, _) =
+        remarks("<mujoco><worldbody><body><geom type='box' size='1 1 1'/></body></worldbody></mujoco>");
     assert_eq!(geoms.len(), 1);
-    let report = lint_source(&SceneSource::text("t", "<mujoco><worldbody><body name='wall'><geom type='box' size='1 1 1'/></body></worldbody></mujoco>")).unwrap();
+    let report = lint_source(&SceneSource::text(
+        "t",
+        "<mujoco><worldbody><body name='wall'><geom type='box' size='1 1 1'/></body></worldbody></mujoco>",
+    ))
+    .unwrap();
     assert_eq!(report.geoms[0].name, "geom #0 (box in body wall)");
     assert!(lint(&SceneSource::text("t", "<mujoco/>"), [0.0; 3], -1.0).is_err());
     assert!(lint(&SceneSource::text("t", "<mujoco/>"), [f64::NAN; 3], 0.1).is_err());

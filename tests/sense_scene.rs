@@ -40,15 +40,30 @@ fn bad_scenes_give_mujocos_own_reason() {
         ("<mujoco><worldbody><geom type='blob' size='1'/></worldbody></mujoco>", "blob"),
         ("<mujoco><worldbody><geom type='mesh' mesh='nothing'/></worldbody></mujoco>", "nothing"),
         ("<mujoco><asset><mesh file='no_such_file.obj'/></asset></mujoco>", "no_such_file"),
-        ("<mujoco><asset><hfield name='h' file='no_such_file.png' size='1 1 1 1'/></asset></mujoco>", "no_such_file"),
+        (
+            "<mujoco><asset><hfield name='h' file='no_such_file.png' size='1 1 1 1'/></asset></mujoco>",
+            "no_such_file",
+        ),
         ("<mujoco><include file='no_such_file.xml'/></mujoco>", "no_such_file"),
         ("<mujoco><worldbody><geom type='sphere' size='-1'/></worldbody></mujoco>", "size"),
-        ("<mujoco><worldbody><geom name='a' size='1'/><geom name='a' size='1'/></worldbody></mujoco>", "repeated"),
+        (
+            "<mujoco><worldbody><geom name='a' size='1'/><geom name='a' size='1'/></worldbody></mujoco>",
+            "repeated",
+        ),
         ("<mujoco><asset><mesh name='m' vertex='0 0 0 1 0 0 0 1 0 nan 0 0'/></asset></mujoco>", ""),
         ("<mujoco><worldbody><geom type='sphere' size='1' plugin='x'/></worldbody></mujoco>", "plugin"),
-        ("<mujoco><asset><hfield name='h' nrow='2000000000' ncol='2000000000' size='1 1 1 1'/></asset></mujoco>", "smaller"),
-        ("<mujoco><asset><texture name='t' type='2d' builtin='flat' width='90000' height='90000'/></asset></mujoco>", "smaller"),
-        ("<mujoco><worldbody><replicate count='100000'><replicate count='100'><geom size='1'/></replicate></replicate></worldbody></mujoco>", "smaller"),
+        (
+            "<mujoco><asset><hfield name='h' nrow='2000000000' ncol='2000000000' size='1 1 1 1'/></asset></mujoco>",
+            "smaller",
+        ),
+        (
+            "<mujoco><asset><texture name='t' type='2d' builtin='flat' width='90000' height='90000'/></asset></mujoco>",
+            "smaller",
+        ),
+        (
+            "<mujoco><worldbody><replicate count='100000'><replicate count='100'><geom size='1'/></replicate></replicate></worldbody></mujoco>",
+            "smaller",
+        ),
         ("<mujoco><size memory='900000G'/></mujoco>", "memory"),
         ("<mujoco><worldbody><body><freejoint/></body></worldbody></mujoco>", "mass"),
     ];
@@ -69,9 +84,15 @@ fn bad_scenes_give_mujocos_own_reason() {
 #[test]
 fn bad_shells_say_what_a_shell_needs() {
     let shells: &[(&str, &str)] = &[
-        ("<mujoco><worldbody><body name='quad'><geom size='1'/></body></worldbody></mujoco>", "named 'drone'"),
+        (
+            "<mujoco><worldbody><body name='quad'><geom size='1'/></body></worldbody></mujoco>",
+            "named 'drone'",
+        ),
         ("<mujoco><worldbody><body name='drone'/></worldbody></mujoco>", "no geom"),
-        ("<mujoco><worldbody><body name='drone'><freejoint/><geom size='1'/></body></worldbody></mujoco>", "joint"),
+        (
+            "<mujoco><worldbody><body name='drone'><freejoint/><geom size='1'/></body></worldbody></mujoco>",
+            "joint",
+        ),
         ("<mujoco><worldbody>", "parse"),
     ];
     for (xml, word) in shells {
@@ -83,7 +104,8 @@ fn bad_shells_say_what_a_shell_needs() {
 
 #[test]
 fn a_name_that_belongs_to_a_drone_is_refused_by_name() {
-    let xml = "<mujoco><worldbody><body name='drone1/drone'><geom name='g' size='1'/></body></worldbody></mujoco>";
+    let xml =
+        "<mujoco><worldbody><body name='drone1/drone'><geom name='g' size='1'/></body></worldbody></mujoco>";
     let error = Scene::build(&text(xml), &[ball(), ball()]).unwrap_err();
     assert!(matches!(&error, SceneError::NameClash { drone: 1, .. }), "{error}");
     assert!(error.to_string().contains("drone1/drone"));
@@ -133,7 +155,11 @@ fn switches_that_would_silence_contacts_are_overridden_and_said() {
             }
             Err(e) => panic!("{xml}: {e}"),
         };
-        assert!(word == "@" || word.is_empty() || scene.warnings().iter().any(|w| w.contains(word)), "{:?}", scene.warnings());
+        assert!(
+            word == "@" || word.is_empty() || scene.warnings().iter().any(|w| w.contains(word)),
+            "{:?}",
+            scene.warnings()
+        );
         let mut worker = scene.worker().unwrap();
         worker.set_drone(0, [0.0, 0.0, 2.05], LEVEL).unwrap();
         worker.set_drone(1, [3.0, 0.0, 0.05], LEVEL).unwrap();
@@ -150,9 +176,12 @@ fn switches_that_would_silence_contacts_are_overridden_and_said() {
 #[test]
 fn a_drone_is_where_it_is_put() {
     // Neither the scene's compiler settings nor offsets inside the shell move it.
-    let odd = shell("<inertial pos='0.3 0.2 0.1' mass='3' diaginertia='1 1 1'/><geom type='sphere' size='0.1' pos='0.2 0 0'/>");
+    let odd = shell(
+        "<inertial pos='0.3 0.2 0.1' mass='3' diaginertia='1 1 1'/><geom type='sphere' size='0.1' pos='0.2 0 0'/>",
+    );
     for compiler in ["", "<compiler alignfree='true' inertiafromgeom='true'/>"] {
-        let scene = Scene::build(&text(&format!("<mujoco>{compiler}</mujoco>")), &[ball(), odd.clone()]).unwrap();
+        let scene =
+            Scene::build(&text(&format!("<mujoco>{compiler}</mujoco>")), &[ball(), odd.clone()]).unwrap();
         let mut worker = scene.worker().unwrap();
         let h = 0.5f64.sqrt();
         // Not of unit length: made so. A quarter turn about z.
@@ -172,7 +201,8 @@ fn a_drone_is_where_it_is_put() {
 
 #[test]
 fn poses_that_are_not_finite_are_refused_and_name_the_drone() {
-    let xml = "<mujoco><worldbody><body name='gate' mocap='true'><geom size='0.1'/></body></worldbody></mujoco>";
+    let xml =
+        "<mujoco><worldbody><body name='gate' mocap='true'><geom size='0.1'/></body></worldbody></mujoco>";
     let scene = Scene::build(&text(xml), &[ball(), ball()]).unwrap();
     let mut worker = scene.worker().unwrap();
     for (pos, quat) in [
@@ -254,7 +284,12 @@ fn the_ground_is_the_scenes_own() {
 #[test]
 fn an_engine_error_is_returned_with_mujocos_words_and_the_worker_lives() {
     let boxes: String = (0..30)
-        .map(|i| format!("<body pos='0 0 {}'><freejoint/><geom type='box' size='1 1 1'/></body>", 0.01 * f64::from(i)))
+        .map(|i| {
+            format!(
+                "<body pos='0 0 {}'><freejoint/><geom type='box' size='1 1 1'/></body>",
+                0.01 * f64::from(i)
+            )
+        })
         .collect();
     let xml = format!("<mujoco><size memory='100K'/><worldbody>{boxes}</worldbody></mujoco>");
     let small = Scene::build_with(&text(&xml), &[ball()], BuildOptions { raise_memory: false }).unwrap();
@@ -271,7 +306,10 @@ fn an_engine_error_is_returned_with_mujocos_words_and_the_worker_lives() {
         assert!(matches!(worker.collide(), Err(SceneError::Stale { .. })));
         worker.update().unwrap();
         assert_eq!(worker.body_pose(small.drone_body(0).unwrap()).unwrap().pos_m, [5.0, 0.0, 0.0]);
-        assert_eq!(worker.ground_below([0.0, 0.0, 5.0]).unwrap().map(|d| (d * 1e6).round()), Some(3_710_000.0));
+        assert_eq!(
+            worker.ground_below([0.0, 0.0, 5.0]).unwrap().map(|d| (d * 1e6).round()),
+            Some(3_710_000.0)
+        );
     }
     let roomy = Scene::build(&text(&xml), &[ball()]).unwrap();
     assert!(roomy.arena_bytes() >= 16 << 20);
@@ -281,7 +319,12 @@ fn an_engine_error_is_returned_with_mujocos_words_and_the_worker_lives() {
 #[test]
 fn errors_in_many_threads_at_once_stay_with_their_workers() {
     let boxes: String = (0..30)
-        .map(|i| format!("<body pos='0 0 {}'><freejoint/><geom type='box' size='1 1 1'/></body>", 0.01 * f64::from(i)))
+        .map(|i| {
+            format!(
+                "<body pos='0 0 {}'><freejoint/><geom type='box' size='1 1 1'/></body>",
+                0.01 * f64::from(i)
+            )
+        })
         .collect();
     let xml = format!("<mujoco><size memory='100K'/><worldbody>{boxes}</worldbody></mujoco>");
     let bad = Scene::build_with(&text(&xml), &[ball()], BuildOptions { raise_memory: false }).unwrap();
@@ -313,7 +356,11 @@ fn many_drones_share_their_assets() {
         "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
     )
     .unwrap();
-    std::fs::write(folder.path().join("part.xml"), "<mujoco><worldbody><body name='drone'><geom type='mesh' mesh='tetra'/></body></worldbody></mujoco>").unwrap();
+    std::fs::write(
+        folder.path().join("part.xml"),
+        "<mujoco><worldbody><body name='drone'><geom type='mesh' mesh='tetra'/></body></worldbody></mujoco>",
+    )
+    .unwrap();
     let meshed = Shell {
         name: "meshed".into(),
         xml: "<mujoco><compiler meshdir='.'/><asset><mesh name='tetra' file='tetra.obj' scale='0.1 0.1 0.1'/></asset><include file='part.xml'/></mujoco>".into(),
@@ -322,7 +369,8 @@ fn many_drones_share_their_assets() {
     let shells = vec![meshed; 64];
     let scene = Scene::build(&text("<mujoco/>"), &shells).unwrap();
     assert_eq!((scene.n_drones(), scene.geoms().len()), (64, 64));
-    let names: std::collections::BTreeSet<_> = (0..64).map(|g| scene.mesh(g).unwrap().name.to_string()).collect();
+    let names: std::collections::BTreeSet<_> =
+        (0..64).map(|g| scene.mesh(g).unwrap().name.to_string()).collect();
     assert_eq!(names.len(), 1, "{names:?}");
     assert_eq!(scene.mesh(0).unwrap().faces.len(), 4);
     assert_eq!(scene.mesh_hull(0).unwrap().len(), 4);
@@ -335,8 +383,16 @@ fn a_scene_file_finds_its_includes_and_meshes_from_anywhere() {
     let folder = tempfile::tempdir().unwrap();
     let assets = folder.path().join("assets");
     std::fs::create_dir(&assets).unwrap();
-    std::fs::write(assets.join("t.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n").unwrap();
-    std::fs::write(folder.path().join("inc.xml"), "<mujoco><worldbody><geom name='inc' type='mesh' mesh='t'/></worldbody></mujoco>").unwrap();
+    std::fs::write(
+        assets.join("t.obj"),
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+    )
+    .unwrap();
+    std::fs::write(
+        folder.path().join("inc.xml"),
+        "<mujoco><worldbody><geom name='inc' type='mesh' mesh='t'/></worldbody></mujoco>",
+    )
+    .unwrap();
     let file = folder.path().join("scene.xml");
     std::fs::write(&file, "<mujoco><compiler meshdir='assets'/><asset><mesh name='t' file='t.obj'/></asset><include file='inc.xml'/></mujoco>").unwrap();
     let scene = Scene::build(&SceneSource::file(&file), &[ball()]).unwrap();
@@ -349,11 +405,19 @@ fn the_hash_names_the_scene_and_not_the_folder() {
     let write = |text: &str| {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("scene.xml");
-        std::fs::write(folder.path().join("t.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n").unwrap();
+        std::fs::write(
+            folder.path().join("t.obj"),
+            "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n",
+        )
+        .unwrap();
         std::fs::write(&file, text).unwrap();
         (folder, file)
     };
-    let xml = |r: f64| format!("<mujoco><asset><mesh name='t' file='t.obj'/></asset><worldbody><geom type='mesh' mesh='t'/><geom size='{r}'/></worldbody></mujoco>");
+    let xml = |r: f64| {
+        format!(
+            "<mujoco><asset><mesh name='t' file='t.obj'/></asset><worldbody><geom type='mesh' mesh='t'/><geom size='{r}'/></worldbody></mujoco>"
+        )
+    };
     let (a, b, c) = (write(&xml(0.5)), write(&xml(0.5)), write(&xml(0.6)));
     let hash = |f: &Path, n: usize| Scene::build(&SceneSource::file(f), &vec![ball(); n]).unwrap().hash();
     assert_eq!(hash(&a.1, 2), hash(&b.1, 2));
@@ -364,8 +428,13 @@ fn the_hash_names_the_scene_and_not_the_folder() {
 
 #[test]
 fn huge_numbers_and_deep_trees_do_not_crash() {
-    let deep = format!("<mujoco><worldbody>{}<geom size='1'/>{}</worldbody></mujoco>", "<body>".repeat(3000), "</body>".repeat(3000));
-    let wide: String = (0..3000).map(|i| format!("<geom type='box' size='0.1 0.1 0.1' pos='{i} 0 0'/>")).collect();
+    let deep = format!(
+        "<mujoco><worldbody>{}<geom size='1'/>{}</worldbody></mujoco>",
+        "<body>".repeat(3000),
+        "</body>".repeat(3000)
+    );
+    let wide: String =
+        (0..3000).map(|i| format!("<geom type='box' size='0.1 0.1 0.1' pos='{i} 0 0'/>")).collect();
     let cases = [
         deep,
         format!("<mujoco><worldbody>{wide}</worldbody></mujoco>"),
@@ -381,7 +450,8 @@ fn huge_numbers_and_deep_trees_do_not_crash() {
                 let mut worker = scene.worker().unwrap();
                 worker.collide().unwrap();
                 clearance(&mut worker, 0, 10.0).unwrap();
-                let camera = Camera::in_world(&scene, Pose::default(), Lens::Fovy { fovy_deg: 60.0 }).unwrap();
+                let camera =
+                    Camera::in_world(&scene, Pose::default(), Lens::Fovy { fovy_deg: 60.0 }).unwrap();
                 camera.render(&mut worker, &mut DepthFrame::new()).unwrap();
             }
         }
@@ -399,7 +469,10 @@ fn wheel() -> Result<PathBuf, String> {
         .output()
         .map_err(|e| format!("{python}: {e}"))?;
     if !out.status.success() {
-        return Err(format!("{python} cannot import mujoco: {}", String::from_utf8_lossy(&out.stderr).trim()));
+        return Err(format!(
+            "{python} cannot import mujoco: {}",
+            String::from_utf8_lossy(&out.stderr).trim()
+        ));
     }
     Ok(PathBuf::from(String::from_utf8_lossy(&out.stdout).trim()))
 }
@@ -422,7 +495,10 @@ fn every_scene_of_the_mujoco_wheel_loads_or_fails_with_mujocos_reason() {
     let dir = match wheel() {
         Ok(dir) => dir,
         Err(why) => {
-            assert!(std::env::var_os("PROPWASH_REQUIRE_PEERS").is_none(), "the mujoco wheel is required: {why}");
+            assert!(
+                std::env::var_os("PROPWASH_REQUIRE_PEERS").is_none(),
+                "the mujoco wheel is required: {why}"
+            );
             println!("skipped: {why}");
             return;
         }
@@ -452,7 +528,12 @@ fn every_scene_of_the_mujoco_wheel_loads_or_fails_with_mujocos_reason() {
                 assert!(c.found && c.distance_m <= -0.15 + 1e-9, "{name} {c:?}");
                 worker.ground_distance(0).unwrap();
                 let mut frame = DepthFrame::new();
-                Camera::on_drone(&scene, 0, "fpv").unwrap().with_size(16, 16).unwrap().render(&mut worker, &mut frame).unwrap();
+                Camera::on_drone(&scene, 0, "fpv")
+                    .unwrap()
+                    .with_size(16, 16)
+                    .unwrap()
+                    .render(&mut worker, &mut frame)
+                    .unwrap();
                 for info in scene.cameras().iter().filter(|c| !c.orthographic && !c.name.is_empty()) {
                     let camera = Camera::from_scene(&scene, &info.name).unwrap().with_size(8, 8).unwrap();
                     camera.render(&mut worker, &mut frame).unwrap();

@@ -2,8 +2,8 @@
 
 use super::{
     BodyRecord, CameraRecord, ClearanceRow, ContactRow, DepthMeaning, DepthPng, FlightRecord, FrameInput,
-    GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, Quarantine, Reference, SceneRecord, StateRow,
-    Summary, VehicleRecord, View, WorldWriter, create_or_resume,
+    GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary,
+    VehicleRecord, View, WorldWriter, create_or_resume,
 };
 use crate::error::Result;
 use crate::math::{quat, vec3};
@@ -608,12 +608,7 @@ impl<'a> World<'a> {
                 command: &reference.command(),
                 attitude_command: Some([attitude[0], attitude[1], attitude[2], attitude[3]]),
                 rotor_command_rad_s: if rotors { &data.rotor_command[8 * d..8 * d + n] } else { &[] },
-                reference: Some(Reference {
-                    pos_m: reference.pos_m,
-                    vel_m_s: reference.vel_m_s,
-                    acc_m_s2: reference.acc_m_s2,
-                    yaw_rad: reference.yaw_rad,
-                }),
+                reference: Some(reference),
             };
             out.state(&row)?;
         }

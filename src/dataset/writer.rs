@@ -15,6 +15,7 @@ use super::files::{self, FileRecord, PARTIAL};
 use super::manifest::{FORMAT, FORMAT_VERSION, Manifest, differences};
 use super::npz::{self, Spool};
 use super::table::{TableWriter, clearance_columns, contact_columns, extra_command_names, state_columns};
+pub use crate::rollout::trajectory::Reference;
 
 /// File names inside a data set.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -28,19 +29,6 @@ pub(super) const FRAMES: &str = "frames.npz";
 /// Name of a world's folder: `world_00000`.
 pub fn world_dir_name(world: usize) -> String {
     format!("world_{world:05}")
-}
-
-/// A reference that a drone follows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Reference {
-    /// Position, m, world.
-    pub pos_m: [f64; 3],
-    /// Velocity, m/s, world.
-    pub vel_m_s: [f64; 3],
-    /// Acceleration, m/s², world.
-    pub acc_m_s2: [f64; 3],
-    /// Heading, rad.
-    pub yaw_rad: f64,
 }
 
 /// A row of `states.parquet`.

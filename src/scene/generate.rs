@@ -9,8 +9,7 @@ use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
 
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::{Rng, SeedableRng};
+use crate::random::{Key, Stream};
 
 /// What can be wrong with the options of a generated scene.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -197,26 +196,22 @@ enum Purpose {
 }
 
 /// A stream of random numbers for one item.
-struct Draw(ChaCha8Rng);
+struct Draw(Stream);
 
 impl Draw {
-    /// Key: seed u64, world u64 (0), drone u32 (0), purpose u32, step u64 (the item), little-endian.
+    /// The stream of one item; world and drone are 0.
     fn new(seed: u64, purpose: Purpose, item: usize) -> Self {
-        let mut key = [0u8; 32];
-        key[0..8].copy_from_slice(&seed.to_le_bytes());
-        key[20..24].copy_from_slice(&(purpose as u32).to_le_bytes());
-        key[24..32].copy_from_slice(&(item as u64).to_le_bytes());
-        Draw(ChaCha8Rng::from_seed(key))
+        Draw(Key { seed, world: 0, drone: 0, step: item as u64, purpose: purpose as u32 }.stream())
     }
 
     /// Uniform in [0, 1), 53 bits.
     fn unit(&mut self) -> f64 {
-        (self.0.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+        self.0.unit()
     }
 
     /// Uniform in [low, high).
     fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
+        self.0.uniform(low, high)
     }
 
     /// Uniform in 0..n; n is small, so the bias of 2⁻⁵³ n does not matter.
@@ -1186,6 +1181,8 @@ pub fn boxes(options: &BoxesOptions) -> Result<String, GenerateError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand_chacha::ChaCha8Rng;
+    use rand_chacha::rand_core::{Rng, SeedableRng};
     use roxmltree::{Document, Node};
 
     fn floats(node: Node, attribute: &str) -> Vec<f64> {
