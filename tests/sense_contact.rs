@@ -717,3 +717,51 @@ fn swept_checks_agree_with_fine_stepping() {
     println!("swept: {hits} hits, {misses} misses, {grazes} grazes; largest gap at a hit {latest:.1e} m");
     assert!(hits > 100 && misses > 100 && grazes < 10, "{hits} {misses} {grazes}");
 }
+
+/// What a worker did before leaves no trace in what it finds next.
+#[test]
+fn a_used_worker_finds_bit_for_bit_what_a_fresh_one_finds() {
+    let mut s = draws(500);
+    let (assets, _) = geom_xml(GeomType::Mesh, &mut s);
+    let mut geoms = String::from("<geom type='hfield' hfield='h'/>");
+    for i in 0..40 {
+        let (_, shape) = geom_xml(GeomType::ALL[2 + i % 7], &mut s);
+        let q = random_quat(&mut s);
+        let p = [0; 3].map(|_| s.uniform(-2.0, 2.0));
+        let body = if i % 2 == 0 { "<body>" } else { "<body mocap='true'>" };
+        geoms += &format!(
+            "{body}<geom {shape} pos='{} {} {}' quat='{} {} {} {}'/></body>",
+            p[0], p[1], p[2], q[0], q[1], q[2], q[3]
+        );
+    }
+    let drone = shell(
+        "<geom type='box' size='0.3 0.2 0.1'/><geom type='ellipsoid' size='0.3 0.1 0.2' pos='0.2 0 0'/>",
+    );
+    let scene =
+        build(&format!("<mujoco>{assets}<worldbody>{geoms}</worldbody></mujoco>"), &[drone.clone(), drone]);
+    let mut used = scene.worker().unwrap();
+    let mut total = 0;
+    for _ in 0..60 {
+        let poses = [0; 2].map(|_| Pose::new([0; 3].map(|_| s.uniform(-2.0, 2.0)), random_quat(&mut s)));
+        let mut fresh = scene.worker().unwrap();
+        let mut found = [Vec::new(), Vec::new()];
+        let mut distances = [Vec::new(), Vec::new()];
+        let mut hits = [Vec::new(), Vec::new()];
+        for (i, worker) in [&mut used, &mut fresh].into_iter().enumerate() {
+            for (drone, pose) in poses.iter().enumerate() {
+                worker.set_drone(drone, pose.pos_m, pose.quat_xyzw).unwrap();
+            }
+            worker.update().unwrap();
+            contacts(worker, &mut found[i]).unwrap();
+            for drone in 0..2 {
+                distances[i].push(clearance(worker, drone, 2.0).unwrap());
+            }
+            hits[i].push(swept(worker, 0, poses[0], poses[1]).unwrap());
+        }
+        total += found[0].len();
+        assert_eq!(found[0], found[1]);
+        assert_eq!(distances[0], distances[1]);
+        assert_eq!(hits[0], hits[1]);
+    }
+    assert!(total > 100, "{total}");
+}

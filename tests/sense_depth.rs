@@ -57,7 +57,7 @@ fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {
         q[3]
     );
     let shape = match kind {
-        GeomType::Plane if i % 2 == 0 => "type='plane' size='0 0 1'".to_string(),
+        GeomType::Plane if i.is_multiple_of(2) => "type='plane' size='0 0 1'".to_string(),
         GeomType::Plane => format!("type='plane' size='{} {} 1'", r(s), r(s)),
         GeomType::Hfield => "type='hfield' hfield='h'".into(),
         GeomType::Sphere => format!("type='sphere' size='{}'", r(s)),

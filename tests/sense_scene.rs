@@ -548,12 +548,104 @@ fn every_scene_of_the_mujoco_wheel_loads_or_fails_with_mujocos_reason() {
 }
 
 #[test]
+fn plugins_of_the_wheel_make_fields_that_are_seen_and_touched() {
+    let library = wheel().map(|d| d.join("plugin").join("libsdf_plugin.so"));
+    let library = match library {
+        Ok(library) if library.is_file() => library,
+        Ok(library) => return println!("skipped: no {}", library.display()),
+        Err(why) => {
+            assert!(
+                std::env::var_os("PROPWASH_REQUIRE_PEERS").is_none(),
+                "the mujoco wheel is required: {why}"
+            );
+            return println!("skipped: {why}");
+        }
+    };
+    load_plugin_library(&library).unwrap();
+    let xml = "<mujoco><extension><plugin plugin='mujoco.sdf.torus'><instance name='t'/></plugin></extension>
+        <asset><mesh name='t'><plugin instance='t'/></mesh></asset>
+        <worldbody><geom type='sdf' mesh='t'><plugin instance='t'/></geom></worldbody></mujoco>";
+    let scene = Scene::build(&text(xml), &[ball()]).unwrap();
+    let mut worker = scene.worker().unwrap();
+    // The torus of the plugin: radii 0.35 and 0.15 about z by default.
+    let reach = scene.geoms()[0].bounding_radius_m;
+    worker.set_drone(0, [reach + 1.0, 0.0, 0.0], LEVEL).unwrap();
+    worker.update().unwrap();
+    let body = scene.drone_body(0).ok();
+    let hit = worker.ray([reach + 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None, body).unwrap().unwrap();
+    assert_eq!(hit.geom_id, 0);
+    let c = clearance(&mut worker, 0, 9.0).unwrap();
+    assert!(c.exact && (c.distance_m - (hit.distance - 0.1)).abs() < 2e-2, "{c:?} {hit:?}");
+    worker.set_drone(0, [reach + 1.0 - hit.distance + 0.05, 0.0, 0.0], LEVEL).unwrap();
+    worker.update().unwrap();
+    let mut found = Vec::new();
+    contacts(&mut worker, &mut found).unwrap();
+    assert!(!found.is_empty());
+}
+
+/// Shells and scenes that come with the crate.
+#[test]
+fn the_shells_of_the_crate_fly_in_its_scenes() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("xml");
+    let mut shells = Vec::new();
+    xml_files(&root.join("shells"), &mut shells);
+    let shells: Vec<Shell> = shells
+        .iter()
+        .map(|path| Shell {
+            name: path.file_stem().unwrap().to_string_lossy().into_owned(),
+            xml: std::fs::read_to_string(path).unwrap(),
+            dir: path.parent().map(Path::to_path_buf),
+        })
+        .collect();
+    assert!(!shells.is_empty());
+    let mut scenes = vec![text("<mujoco><worldbody><geom type='plane' size='0 0 1'/></worldbody></mujoco>")];
+    let mut files = Vec::new();
+    xml_files(&root, &mut files);
+    scenes.extend(files.into_iter().filter(|f| f.parent() == Some(root.as_path())).map(SceneSource::File));
+    for source in &scenes {
+        let scene = Scene::build(source, &shells).unwrap();
+        let mut worker = scene.worker().unwrap();
+        for drone in 0..shells.len() {
+            worker.set_drone(drone, [2.0 * drone as f64, 0.0, 400.0], LEVEL).unwrap();
+        }
+        worker.update().unwrap();
+        let mut found = Vec::new();
+        contacts(&mut worker, &mut found).unwrap();
+        assert_eq!(found, [], "{source:?}");
+        for drone in 0..shells.len() {
+            assert!(scene.drone_radius_m(drone).unwrap() > 0.02);
+            let camera = Camera::on_drone(&scene, drone, "fpv").unwrap().with_size(24, 24).unwrap();
+            let mut frame = DepthFrame::new();
+            camera.render(&mut worker, &mut frame).unwrap();
+            let own =
+                frame.geom_id.iter().filter(|g| **g >= 0 && scene.geoms()[**g as usize].drone == Some(drone));
+            assert_eq!(own.count(), 0);
+        }
+    }
+    println!("{} shells in {} scenes", shells.len(), scenes.len());
+}
+
+#[test]
 fn no_log_file_is_written() {
-    // A warning of MuJoCo, which would go to MUJOCO_LOG.TXT in the current folder.
+    // MuJoCo writes its warnings to MUJOCO_LOG.TXT in the current folder: this test runs itself in an empty one.
+    const CHILD: &str = "PROPWASH_TEST_IN_EMPTY_FOLDER";
+    if std::env::var_os(CHILD).is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let child = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", "no_log_file_is_written"])
+            .env(CHILD, "1")
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        assert!(child.status.success(), "{}", String::from_utf8_lossy(&child.stdout));
+        let left: Vec<_> =
+            std::fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert!(left.is_empty(), "left behind: {left:?}");
+        return;
+    }
     let xml = "<mujoco><worldbody><flexcomp name='f' type='grid' count='3 3 1' spacing='0.1 0.1 0.1' dim='2' pos='0 0 1' radius='0.01' mass='1'/></worldbody></mujoco>";
     let scene = Scene::build(&text(xml), &[ball()]).unwrap();
     assert!(scene.warnings().iter().any(|w| w.contains("flex")), "{:?}", scene.warnings());
     scene.worker().unwrap().collide().unwrap();
-    assert!(!Path::new("MUJOCO_LOG.TXT").exists());
     assert!(matches!(load_plugin_library(Path::new("/no/such/plugin.so")), Err(SceneError::Read { .. })));
 }

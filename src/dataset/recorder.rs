@@ -18,6 +18,7 @@ use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::{Spline, Trajectory};
 use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
 use crate::scene::{GeomType, ObstacleInfo, Pose, Scene, Worker, WorkerPool};
+use crate::sense::contact::MAX_PER_PAIR;
 use crate::sense::{self, Camera, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
@@ -148,6 +149,8 @@ pub struct Recorded {
 pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
     flight.check()?;
     let drones = flight.drones()?;
+    // What a simulation refuses is refused before there is a folder.
+    flight.sim(&drones, 0)?;
     let manifest = flight.manifest(&drones);
     let (writer, done) = create_or_resume(out, &manifest)?;
     let mut warnings = flight.scene.warnings().to_vec();
@@ -165,21 +168,26 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
-    let blocked = AtomicUsize::new(0);
+    let (blocked, crowded) = (AtomicUsize::new(0), AtomicUsize::new(0));
     progress(n_resumed, flight.n_worlds);
     let pool = WorkerPool::new(&flight.scene);
     (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        let touches = pool.with(|worker| -> Result<bool> {
+        let (touches, crowds) = pool.with(|worker| -> Result<(bool, bool)> {
             let job = World::new(flight, &drones, worker, w)?;
-            let touches = job.start_clearance_m <= 0.0;
-            job.fly(writer.world(w)?)?;
-            Ok(touches)
+            Ok((job.start_clearance_m <= 0.0, job.fly(writer.world(w)?)? > 0))
         })??;
         blocked.fetch_add(usize::from(touches), Ordering::SeqCst);
+        crowded.fetch_add(usize::from(crowds), Ordering::SeqCst);
         progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
         Ok(())
     })?;
-    let blocked = blocked.into_inner();
+    let (blocked, crowded) = (blocked.into_inner(), crowded.into_inner());
+    if crowded > 0 {
+        warnings.push(format!(
+            "in {crowded} worlds a pair of geoms had {MAX_PER_PAIR} contacts at once, the most that MuJoCo reports; some \
+             of theirs may be missing (crowded_steps in world.json)"
+        ));
+    }
     if blocked > 0 {
         warnings.push(format!(
             "{blocked} worlds start with a drone in contact; move the trajectory or the obstacles (info of world.json)"
@@ -207,6 +215,15 @@ impl Flight {
         }
         if !(1..=MAX_SIM_HZ).contains(&self.sim_hz) {
             return option("sim_hz", format!("1 to {MAX_SIM_HZ} Hz"), self.sim_hz.to_string());
+        }
+        for vehicle in &self.vehicles {
+            let r = vehicle.rates;
+            let fastest = r.state_hz.max(r.attitude_hz).max(r.force_torque_hz);
+            if self.sim_hz < fastest {
+                let expected =
+                    format!("at least {fastest} Hz, the fastest control stage of {}", vehicle.name);
+                return option("sim_hz", expected, self.sim_hz.to_string());
+            }
         }
         if self.fps == 0 || self.fps > self.sim_hz {
             return option(
@@ -255,6 +272,22 @@ impl Flight {
             Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
         };
         self.scene.obstacles().iter().enumerate().map(shifted).collect()
+    }
+
+    /// The simulation of one world.
+    fn sim(&self, drones: &[Drone<f64>], world: usize) -> Result<Sim> {
+        let slots = drones.iter().zip(&self.vehicles).map(|(d, v)| (d.clone(), v.rates)).collect();
+        let options = SimOptions {
+            n_worlds: 1,
+            first_world: world as u64,
+            seed: self.seed,
+            sim_hz: self.sim_hz,
+            integrator: self.integrator,
+            control: ControlMode::State,
+            rotor_start: RotorStart::Hover,
+            randomization: self.randomization.clone(),
+        };
+        Ok(Sim::new(options, slots)?)
     }
 
     fn manifest(&self, drones: &[Drone<f64>]) -> Manifest {
@@ -354,24 +387,15 @@ struct World<'a> {
     slack: Vec<f64>,
     /// Pairs of geoms that touched at the last step.
     touching: Vec<(i32, i32)>,
+    /// Steps in which a pair of geoms had as many contacts as MuJoCo reports at most, so that some may be missing.
+    crowded_steps: u64,
     reads_ground: bool,
 }
 
 impl<'a> World<'a> {
     fn new(flight: &'a Flight, drones: &[Drone<f64>], worker: &'a mut Worker, world: usize) -> Result<Self> {
         let n = drones.len();
-        let slots = drones.iter().zip(&flight.vehicles).map(|(d, v)| (d.clone(), v.rates)).collect();
-        let options = SimOptions {
-            n_worlds: 1,
-            first_world: world as u64,
-            seed: flight.seed,
-            sim_hz: flight.sim_hz,
-            integrator: flight.integrator,
-            control: ControlMode::State,
-            rotor_start: RotorStart::Hover,
-            randomization: flight.randomization.clone(),
-        };
-        let mut sim = Sim::new(options, slots)?;
+        let mut sim = flight.sim(drones, world)?;
         let obstacles = flight.obstacle_poses(world as u64);
         for (i, obstacle) in obstacles.iter().enumerate() {
             worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
@@ -400,18 +424,13 @@ impl<'a> World<'a> {
             last,
             slack: vec![0.0; n],
             touching: Vec::new(),
+            crowded_steps: 0,
             reads_ground,
         })
     }
 
-    /// From the first step to the last, everything written.
-    fn fly(mut self, mut out: WorldWriter) -> Result<()> {
-        let places: Vec<_> = self.obstacles.iter().map(|p| p.pos_m).collect();
-        out.set_info(json!({
-            "obstacles_m": places,
-            "masses_kg": self.masses(),
-            "start_clearance_m": self.start_clearance_m,
-        }));
+    /// From the first step to the last, everything written. Returns the number of crowded steps.
+    fn fly(mut self, mut out: WorldWriter) -> Result<u64> {
         let steps = (self.flight.seconds * f64::from(self.flight.sim_hz)).round() as u64;
         for step in 0..=steps {
             let t = step as f64 / f64::from(self.flight.sim_hz);
@@ -445,8 +464,15 @@ impl<'a> World<'a> {
                 }
             }
         }
+        let places: Vec<_> = self.obstacles.iter().map(|p| p.pos_m).collect();
+        out.set_info(json!({
+            "obstacles_m": places,
+            "masses_kg": self.masses(),
+            "start_clearance_m": self.start_clearance_m,
+            "crowded_steps": self.crowded_steps,
+        }));
         out.finish()?;
-        Ok(())
+        Ok(self.crowded_steps)
     }
 
     fn masses(&self) -> Vec<f64> {
@@ -488,7 +514,7 @@ impl<'a> World<'a> {
             self.touching.clear();
             return Ok(());
         }
-        sense::contacts(self.worker, &mut self.contacts)?;
+        self.crowded_steps += u64::from(sense::contacts(self.worker, &mut self.contacts)? > 0);
         let mut now = Vec::new();
         for c in self.contacts.iter().filter(|c| c.touches()) {
             let pair = (c.drone_geom, c.other_geom);
@@ -497,21 +523,59 @@ impl<'a> World<'a> {
             }
             now.push(pair);
         }
+        let mut met: Vec<(usize, usize)> = Vec::new();
         for d in near {
-            // A drone that touches now, or did at the last step, is known already; what the step jumped over is not.
-            let known = self.contacts.iter().any(|c| c.touches() && c.involves(d));
-            if step > 0 && !known {
-                let (from, to) = (self.last[d], pose(&self.sim, d));
-                if let Some(hit) = sense::swept(self.worker, d, from, to)?
-                    && !self.touching.contains(&(hit.drone_geom, hit.other_geom))
-                {
-                    out.contact(&jumped(t, step, d, &hit, &self.flight.scene))?;
-                }
+            if step > 0 {
+                self.find_jumped(t, step, d, &mut met, out)?;
             }
             let clear = sense::clearance(self.worker, d, self.flight.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
         }
         self.touching = now;
+        Ok(())
+    }
+
+    /// What drone `d` touched between the last step and this one, and neither then nor now. `met` holds the pairs of
+    /// drones that have met in this step.
+    fn find_jumped(
+        &mut self,
+        t: f64,
+        step: u64,
+        d: usize,
+        met: &mut Vec<(usize, usize)>,
+        out: &mut WorldWriter,
+    ) -> Result<()> {
+        let scene = &self.flight.scene;
+        let drone_of =
+            |g: i32| usize::try_from(g).ok().and_then(|g| scene.geoms().get(g)).and_then(|g| g.drone);
+        let geoms_of =
+            |e: usize| scene.geoms().iter().filter(move |g| g.drone == Some(e)).map(|g| g.id as i32);
+        let now = self.contacts.iter().filter(|c| c.touches()).map(|c| (c.drone_geom, c.other_geom));
+        let mut known: Vec<i32> = Vec::new();
+        for (a, b) in now.chain(self.touching.iter().copied()) {
+            for (own, other) in [(a, b), (b, a)] {
+                if drone_of(own) == Some(d) {
+                    match drone_of(other) {
+                        Some(e) => known.extend(geoms_of(e)),
+                        None => known.push(other),
+                    }
+                }
+            }
+        }
+        for (a, b) in met.iter().filter(|(a, b)| *a == d || *b == d) {
+            known.extend(geoms_of(a + b - d));
+        }
+        let (from, to) = (self.last[d], pose(&self.sim, d));
+        while let Some(hit) = sense::swept_beyond(self.worker, d, from, to, &known)? {
+            out.contact(&jumped(t, step, d, &hit, scene))?;
+            match hit.other_drone {
+                Some(e) => {
+                    met.push((d, e));
+                    known.extend(geoms_of(e));
+                }
+                None => known.push(hit.other_geom),
+            }
+        }
         Ok(())
     }
 
@@ -753,7 +817,7 @@ fn jumped(t: f64, step: u64, drone: usize, hit: &SweptHit, scene: &Scene) -> Con
         .ok()
         .and_then(|g| scene.geoms().get(g))
         .map_or(-1, |g| g.body_id as i32);
-    ContactRow {
+    let mut row = ContactRow {
         t_s: t,
         step,
         drone,
@@ -766,7 +830,17 @@ fn jumped(t: f64, step: u64, drone: usize, hit: &SweptHit, scene: &Scene) -> Con
         normal: hit.normal.map(|v| -v),
         exact: hit.exact,
         swept_fraction: Some(hit.fraction),
+    };
+    // Of two drones the one with the lower number comes first, as in all contacts.
+    if let Some(other) = hit.other_drone
+        && other < drone
+    {
+        (row.drone, row.other_drone) = (other, Some(drone));
+        row.geoms.reverse();
+        row.bodies.reverse();
+        row.normal = hit.normal;
     }
+    row
 }
 
 fn camera_record(camera: &Camera) -> CameraRecord {

@@ -271,8 +271,7 @@ fn shape_remarks(scene: &Scene, info: &GeomInfo, remarks: &mut Vec<String>) {
         }
         GeomType::Sdf => {
             remarks.push(
-                "signed distance field: clearance to it is a lower bound for drones that are no spheres"
-                    .into(),
+                "signed distance field: contacts by descent on the field, clearance by its triangles".into(),
             );
         }
         _ => {}

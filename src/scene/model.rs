@@ -14,6 +14,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::sync;
+use super::workers::Guard;
 use super::{SceneError, Worker};
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
@@ -376,10 +377,15 @@ fn handle_log(message: &MjLogMessage) {
 pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
     check_file(path)?;
     let c_path = c_string(&path.to_string_lossy(), || format!("path {}", path.display()))?;
+    let guard = Guard::new()?;
     let _lock = build_lock();
-    // SAFETY: a NUL-terminated path; plugins register themselves under MuJoCo's own lock.
-    unsafe { ffi::mj_loadPluginLibrary(c_path.as_ptr()) };
-    Ok(())
+    let text = c_path.as_ptr();
+    // SAFETY: a NUL-terminated path that outlives the call; plugins register themselves under MuJoCo's own lock.
+    unsafe { guard.run(|| ffi::mj_loadPluginLibrary(text)) }.map_err(|message| SceneError::Engine {
+        call: "mj_loadPluginLibrary",
+        message,
+        remedy: "; give a plugin library of this MuJoCo version",
+    })
 }
 
 fn c_string(text: &str, what: impl Fn() -> String) -> Result<CString, SceneError> {

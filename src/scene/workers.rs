@@ -51,12 +51,12 @@ unsafe extern "C" {
 }
 
 /// Catches MuJoCo's errors.
-struct Guard {
+pub(super) struct Guard {
     batch: *mut Batch,
 }
 
 impl Guard {
-    fn new() -> Result<Self, SceneError> {
+    pub(super) fn new() -> Result<Self, SceneError> {
         static EMPTY: OnceLock<Option<MjModel>> = OnceLock::new();
         let engine = |message: String| SceneError::Engine { call: "mjb_makeBatch", message, remedy: "" };
         let _lock = model::build_lock();
@@ -84,7 +84,7 @@ impl Guard {
     ///
     /// # Safety
     /// What `work` does must be sound; its body creates no value that needs dropping and does not unwind.
-    unsafe fn run<F: Fn() + Copy>(&self, work: F) -> Result<(), String> {
+    pub(super) unsafe fn run<F: Fn() + Copy>(&self, work: F) -> Result<(), String> {
         unsafe extern "C" fn call<F: Fn() + Copy>(
             _: *const ffi::mjModel,
             _: *mut ffi::mjData,

@@ -148,7 +148,6 @@ impl Imu {
 mod tests {
     use super::*;
     use crate::math::quat;
-    use crate::physics::rigid_body::MAX_ROTORS;
 
     const G: [f64; 3] = [0.0, 0.0, -9.81];
 
@@ -161,7 +160,7 @@ mod tests {
             ang_vel: s.ang_vel,
             acc: [1.0, 2.0, -3.0],
             ang_acc: [0.0; 3],
-            rotor_acc: [0.0; MAX_ROTORS],
+            rotor_acc: s.rotor_vel,
             thrust_rate: 0.0,
         };
         (s, r)

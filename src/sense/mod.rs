@@ -18,4 +18,4 @@ pub use depth::{
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};
-pub use swept::{SweptHit, TOUCH_M, swept};
+pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond};

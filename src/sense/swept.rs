@@ -59,6 +59,20 @@ pub fn swept(
     from: Pose,
     to: Pose,
 ) -> Result<Option<SweptHit>, SenseError> {
+    swept_beyond(worker, drone, from, to, &[])
+}
+
+/// As [`swept`], as if the geoms `ignored` were not there: asked again with what was found, it finds what comes next.
+///
+/// # Errors
+/// As [`swept`].
+pub fn swept_beyond(
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+    ignored: &[i32],
+) -> Result<Option<SweptHit>, SenseError> {
     let scene = worker.scene().clone();
     scene.drone_body(drone)?;
     let who = format!("drone {drone} in a swept check");
@@ -75,7 +89,7 @@ pub fn swept(
     near.clear();
     let mut result = Ok(None);
     for geom in scene.geoms() {
-        if geom.drone == Some(drone) || !geom.can_collide() {
+        if geom.drone == Some(drone) || !geom.can_collide() || ignored.contains(&(geom.id as i32)) {
             continue;
         }
         match box_distance(worker, &scene, geom.id, middle) {

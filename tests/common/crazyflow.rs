@@ -80,9 +80,13 @@ fn find_or_make() -> Option<PathBuf> {
     let part = dir.with_extension(format!("part{}", process::id()));
     let _ = fs::remove_dir_all(&part);
     println!("making {} (about two minutes, once)", dir.display());
+    let folder = dir.parent().expect("target/reference").to_path_buf();
+    fs::create_dir_all(&folder).unwrap_or_else(|e| panic!("cannot make {}: {e}", folder.display()));
     let run = Command::new(&python)
         .arg(&script)
         .arg(&part)
+        // MuJoCo leaves its log in the current folder.
+        .current_dir(&folder)
         .output()
         .unwrap_or_else(|e| panic!("cannot run PROPWASH_PYTHON={}: {e}", python.display()));
     let said = String::from_utf8_lossy(&run.stderr);
