@@ -730,3 +730,40 @@ fn every_scene_of_the_project_is_flown() {
         assert!(distance(last, [0.0, 0.0, 1.0]) < 0.1, "{name}: {last:?}");
     }
 }
+
+#[test]
+fn ground_effect_feels_the_floor_of_the_scene() {
+    let dir = folder();
+    let table = |height: &str| {
+        let scene = format!(
+            "<mujoco><worldbody><geom name=\"floor\" type=\"plane\" size=\"0 0 1\" pos=\"0 0 -5\"/>\
+             <geom name=\"table\" type=\"box\" size=\"1 1 0.05\" pos=\"0 0 {height}\"/></worldbody></mujoco>"
+        );
+        write(&dir, &format!("table{height}.xml"), &scene)
+    };
+    let own = fs::read_to_string("params/cf2x_L250.toml").unwrap();
+    let effect = "\n[[effect]]\nkind = \"ground_effect\"\nstrength = 3.0\nsource = \"this test\"\n";
+    let vehicle = write(&dir, "grounded.toml", &format!("{own}{effect}"));
+    let path = write(&dir, "path.csv", "t,x,y,z\n0,0,0,0.6\n5,0,0,0.6\n");
+    let (mass, radius) = (0.0328, 0.02355);
+    // A table whose top is at 0.5 m, and one far below.
+    for (height, top) in [("0.45", 0.5), ("-3", -2.95)] {
+        let line = format!(
+            "--scene {} --drone {vehicle} --trajectory waypoints {path} --seconds 2 --fps 1",
+            table(height)
+        );
+        let (_, data) = fly(&line, &dir.path().join(height));
+        let states = data.world(0).unwrap().states(None).unwrap();
+        for i in 100..states.n_rows() {
+            let [force, thrust, z] = row(&states, ["az", "thrust", "pz"], i);
+            let ratio: f64 = radius / (4.0 * (z - top));
+            let gain = 1.0 / (1.0 - 3.0 * ratio * ratio);
+            assert!(
+                (mass * force / thrust - gain).abs() < 2e-3,
+                "{height}, z = {z}: gain {}, not {gain}",
+                mass * force / thrust
+            );
+            assert_eq!(gain > 1.01, height == "0.45", "{height}, z = {z}: gain {gain}");
+        }
+    }
+}

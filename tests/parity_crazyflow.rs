@@ -4,6 +4,7 @@
 mod common;
 
 use common::crazyflow::{Arrays, Comparison, DYNAMICS, Reference, VEHICLES, drone_from_reference, reference};
+use common::notes::tell;
 use propwash::math::{quat, vec3};
 use propwash::physics::controllers::{ControlMode, Due, Memory, Rates, mellinger};
 use propwash::physics::drone::{Drone, Dynamics};
@@ -82,7 +83,7 @@ fn command(drone: &Drone<f64>, cmd: [f64; 4]) -> Command<f64> {
 fn derivatives_of_every_model_agree() {
     let reference = reference_or_skip!();
     let data = reference.arrays("derivatives");
-    let mut models = 0;
+    let (mut models, mut samples, mut worst) = (0, 0, 0.0f64);
     for vehicle in VEHICLES {
         for dynamics in DYNAMICS.into_iter().filter(|d| reference.has(vehicle, d)) {
             models += 1;
@@ -115,11 +116,16 @@ fn derivatives_of_every_model_agree() {
             }
             for quantity in [acc, ang_acc, rotor_acc] {
                 assert!(quantity.samples() >= 1000, "{} samples", quantity.samples());
-                quantity.check(SAME);
+                samples += quantity.samples();
+                worst = worst.max(quantity.check(SAME));
             }
         }
     }
     assert_eq!(models, 19, "four models of four vehicles and three of hb_x500");
+    tell(&format!(
+        "derivatives vs {}, float64: {models} models of vehicles, {samples} states, worst {worst:.1e} relative",
+        reference.versions
+    ));
 }
 
 #[test]
@@ -226,7 +232,7 @@ fn compare_commands(
     stage: &str,
     wanted: impl Fn(f64) -> bool,
     mut integrals: impl FnMut(usize, [f64; 3]),
-) -> usize {
+) -> (usize, f64) {
     let out = data.get(&format!("{vehicle}.{stage}.out"));
     let names = match stage {
         "state" => ["attitude", "thrust"],
@@ -254,23 +260,24 @@ fn compare_commands(
         }
         integrals(i, integral);
     }
-    vector.check(SAME);
+    let mut worst = vector.check(SAME);
     if scalar.samples() > 0 {
-        scalar.check(SAME);
+        worst = worst.max(scalar.check(SAME));
     }
-    vector.samples()
+    (vector.samples(), worst)
 }
 
 #[test]
 fn every_controller_stage_agrees_while_thrust_is_asked_for() {
     let reference = reference_or_skip!();
     let data = reference.arrays("stages");
+    let (mut all, mut worst) = (0, 0.0f64);
     for vehicle in VEHICLES {
         let drone = drone_from_reference(reference, vehicle, "so_rpy");
         for stage in STAGES_WITH_INTEGRALS {
             let theirs = data.get(&format!("{vehicle}.{stage}.out_integral"));
             let mut integral = Comparison::new(format!("{vehicle} {stage} stage: integral"));
-            let samples = compare_commands(
+            let (samples, worst_command) = compare_commands(
                 &drone,
                 &data,
                 vehicle,
@@ -279,13 +286,20 @@ fn every_controller_stage_agrees_while_thrust_is_asked_for() {
                 |i, ours| integral.add(&ours, theirs.row(&[i])),
             );
             assert!(samples >= 1000, "{samples} samples");
-            integral.check(SAME);
+            all += samples;
+            worst = worst.max(worst_command).max(integral.check(SAME));
         }
         // The mixer has no integral; a force of exactly zero is another test's.
-        let samples =
+        let (samples, worst_mixer) =
             compare_commands(&drone, &data, vehicle, "force_torque", |thrust| thrust != 0.0, |_, _| ());
         assert!(samples >= 1000, "{samples} samples");
+        all += samples;
+        worst = worst.max(worst_mixer);
     }
+    tell(&format!(
+        "controller stages vs {}, float64: 5 stages of 5 vehicles, {all} inputs, worst {worst:.1e} relative",
+        reference.versions
+    ));
 }
 
 #[test]
@@ -298,7 +312,7 @@ fn without_thrust_all_integrals_are_cleared_where_crazyflow_keeps_them() {
             let theirs = data.get(&format!("{vehicle}.{stage}.out_integral"));
             let mut kept = 0;
             // The commands are the same: torques vanish in both.
-            let samples = compare_commands(
+            let (samples, _) = compare_commands(
                 &drone,
                 &data,
                 vehicle,
@@ -549,18 +563,26 @@ fn flights_of_a_thousand_steps_stay_together_in_every_mode_of_every_vehicle() {
     let (list, data) = (reference.json("runs"), reference.arrays("runs"));
     let names = run_names(&list, |n| VEHICLES.iter().any(|v| n.starts_with(v)));
     assert_eq!(names.len(), 4 * (5 + 3 * 2) + 3 * 2, "every mode that Crazyflow has");
+    let (n, mut worst) = (names.len(), 0.0f64);
     for name in names {
         let run = Run::new(reference, &list, &data, &name);
         assert_eq!(run.steps(), 1000);
         let integrator = run.integrator();
-        run.difference(|s, dt, rate| integrator.step(s, dt, rate)).check(&name);
+        let difference = run.difference(|s, dt, rate| integrator.step(s, dt, rate));
+        difference.check(&name);
+        worst = worst.max(difference.pos_m);
     }
+    tell(&format!(
+        "closed-loop flights vs {}: {n} flights of 1,000 steps × 4 worlds, worst {worst:.1e} m",
+        reference.versions
+    ));
 }
 
 #[test]
 fn the_batched_simulation_of_the_vehicle_files_flies_the_same() {
     let reference = reference_or_skip!();
     let (list, data) = (reference.json("runs"), reference.arrays("runs"));
+    let mut all = 0.0f64;
     for name in run_names(&list, |n| VEHICLES.iter().any(|v| n.starts_with(v))) {
         let run = Run::new(reference, &list, &data, &name);
         let (vehicle, dynamics) =
@@ -615,7 +637,12 @@ fn the_batched_simulation_of_the_vehicle_files_flies_the_same() {
         // The vehicle file of hb_x500 has other rotor curves than Crazyflow's placeholders; its runs are of the fitted
         // models, which do not use them.
         assert!(worst <= SAME_PLACE_M, "{name}: {worst} m");
+        all = all.max(worst);
     }
+    tell(&format!(
+        "vehicle files through the batched simulation vs {}: the same flights, worst {all:.1e} m",
+        reference.versions
+    ));
 }
 
 #[test]

@@ -3,9 +3,12 @@
 //! The reference is made by `tests/reference/mjx_reference.py` in the Python that `PROPWASH_PYTHON` names, and kept in the
 //! target folder under a hash of the script, the scenes and their assets.
 
+#[path = "common/notes.rs"]
+mod notes;
+
+use notes::tell;
 use std::collections::BTreeMap;
-use std::fs::{self, File, OpenOptions};
-use std::io::Write;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
@@ -186,16 +189,6 @@ fn load(dir: &Path) -> Reference {
         }
     }
     Reference { versions, scenes, shots }
-}
-
-/// Prints a line and adds it to what `cargo xtask test` tells at the end.
-fn tell(line: &str) {
-    println!("{line}");
-    if let Some(path) = env::var_os("PROPWASH_COMPARISONS") {
-        let mut file =
-            OpenOptions::new().create(true).append(true).open(&path).expect("PROPWASH_COMPARISONS");
-        file.write_all(format!("{line}\n").as_bytes()).expect("PROPWASH_COMPARISONS");
-    }
 }
 
 /// Quantiles 0.5, 0.99 and the largest, of at least one number.

@@ -1,5 +1,8 @@
 //! Depth images against single rays of MuJoCo for every geom type, and the rules of the image.
 
+#[path = "common/notes.rs"]
+mod notes;
+
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker, WorkerPool};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
@@ -89,6 +92,7 @@ fn every_pixel_is_what_a_single_ray_of_mujoco_says_for_every_geom_type() {
     println!(
         "type       rays    hits    |error|: median  99.9%  worst (relative, f32 image against f64 ray)"
     );
+    let mut worst = 0.0f64;
     for kind in GeomType::ALL {
         let mut s = draws(kind as u64);
         let geoms: String = (0..12).map(|i| geom_xml(kind, &mut s, i)).collect();
@@ -141,6 +145,7 @@ fn every_pixel_is_what_a_single_ray_of_mujoco_says_for_every_geom_type() {
         }
         errors.sort_by(f64::total_cmp);
         let q = |p: f64| errors[((errors.len() - 1) as f64 * p) as usize];
+        worst = worst.max(q(1.0));
         println!(
             "{:9}  {rays}  {hits:6}            {:.1e} {:.1e} {:.1e}",
             kind.name(),
@@ -152,6 +157,10 @@ fn every_pixel_is_what_a_single_ray_of_mujoco_says_for_every_geom_type() {
         // One rounding to f32.
         assert!(q(1.0) <= 6.0e-8, "{kind}: worst {}", q(1.0));
     }
+    notes::tell(&format!(
+        "depth vs mj_ray of MuJoCo {}: 9 geom types, over 100,000 rays each, no hit differs, worst {worst:.1e} relative",
+        propwash::scene::mujoco_version()
+    ));
 }
 
 /// An oracle that is not MuJoCo: closed forms for a sphere and a plane, triangles for a height field.

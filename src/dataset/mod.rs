@@ -8,6 +8,7 @@ pub mod depth_png;
 mod error;
 mod files;
 mod manifest;
+pub mod map;
 mod npz;
 mod overview;
 mod reader;

@@ -189,7 +189,7 @@ impl Sim {
             return Err(RolloutError::Option {
                 name: "parameter",
                 expected: format!("world < {}, drone < {}", self.data.n_worlds, self.nominal.len()),
-                got: format!("world {world:?}, drone {drone}"),
+                got: format!("world {}, drone {drone}", world.map_or("all".into(), |w| w.to_string())),
             });
         }
         if !value.is_finite() {

@@ -366,13 +366,14 @@ impl Comparison {
         })
     }
 
-    /// Prints what was compared, and fails where the worst difference is above `bound`.
-    pub fn check(&self, bound: f64) {
+    /// Prints what was compared, and fails where the worst difference is above `bound`. Returns the worst difference.
+    pub fn check(&self, bound: f64) -> f64 {
         let worst = self.worst();
         println!(
             "  {:<52} {:>5} samples, worst relative difference {worst:.1e}",
             self.quantity, self.samples
         );
         assert!(worst <= bound, "{}: worst relative difference {worst:e}, allowed {bound:e}", self.quantity);
+        worst
     }
 }

@@ -5,7 +5,7 @@ use super::{adjust, io_error, print, print_json};
 use crate::cli::args::{FlyArgs, IntegratorArg};
 use crate::cli::exit::Outcome;
 use crate::dataset::recorder::{Course, Flight, Recorded, record};
-use crate::dataset::{Dataset, Overview, recorder};
+use crate::dataset::{Dataset, Overview, map};
 use crate::physics::integrate::Integrator;
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
@@ -14,7 +14,7 @@ use crate::scene::{Scene, SceneSource, Shell};
 use crate::sense::{Camera, DepthNoise};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use serde_json::json;
 use std::path::Path;
 use std::time::Duration;
@@ -46,13 +46,19 @@ pub fn run(args: &FlyArgs) -> Result<Outcome> {
 }
 
 fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} worlds, {elapsed} elapsed, {eta} to go");
+    // How long it takes is known when the first world is done.
+    let left = |state: &ProgressState, text: &mut dyn std::fmt::Write| match state.eta().as_secs() {
+        0 => {}
+        s => drop(write!(text, ", about {s} s to go")),
+    };
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} worlds, {elapsed} elapsed{left}")
+        .map(|style| style.with_key("left", left));
     let bar = if args.json { ProgressBar::hidden() } else { ProgressBar::new(args.worlds as u64) };
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(200));
     let recorded = record(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    let map = recorder::height_map(flight)?;
+    let map = map::height_map(flight)?;
     Overview::from_dataset(&Dataset::open(&args.out)?, map)?.draw()?.save(&args.out.join("overview.png"))?;
     Ok(recorded)
 }
