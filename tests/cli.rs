@@ -165,7 +165,7 @@ fn wrong_command_lines_are_refused_in_one_line() {
 
 #[test]
 fn impossible_numbers_are_refused_with_the_flag_and_what_it_may_be() {
-    let cases: [(&[&str], &[&str]); 35] = [
+    let cases: [(&[&str], &[&str]); 36] = [
         (&["--size", "99999x1"], &["--size", "1 to 8192", "99999x1"]),
         (&["--size", "0x0"], &["--size", "0x0"]),
         (&["--size", "64"], &["--size", "WIDTHxHEIGHT"]),
@@ -187,6 +187,7 @@ fn impossible_numbers_are_refused_with_the_flag_and_what_it_may_be() {
         (&["--threads", "0"], &["--threads", "1 to 1024"]),
         (&["--threads", "100000"], &["--threads", "1 to 1024"]),
         (&["--drones-per-world", "0"], &["--drones-per-world", "1 to 1024"]),
+        (&["--drone", "hb_x500", "--drones-per-world", "1"], &["--drones-per-world", "at least 2", "got 1"]),
         (&["--groups", "9"], &["--groups", "0 to 5", "9"]),
         (&["--groups", "0,,1"], &["--groups", "0 to 5"]),
         (&["--near", "5", "--far", "2"], &["--near", "near < far", "5 m, 2 m"]),

@@ -465,6 +465,31 @@ fn every_wall_on_the_way_of_a_step_is_found() {
     }
 }
 
+/// Clearance does not measure flexes, so it must not decide where contacts are looked for.
+#[test]
+fn a_cloth_on_the_way_is_touched_though_nothing_else_is_near() {
+    let dir = folder();
+    let scene = write(
+        &dir,
+        "cloth.xml",
+        r#"<mujoco><worldbody><body name="cloth" pos="0 0 2">
+            <flexcomp name="cloth" type="grid" dim="2" count="5 5 1" spacing="0.2 0.2 0.2" radius="0.02" mass="1">
+                <contact selfcollide="none"/>
+            </flexcomp>
+        </body></worldbody></mujoco>"#,
+    );
+    let path = write(&dir, "up.csv", "t,x,y,z\n0,0.05,0.03,1\n2,0.05,0.03,3\n");
+    let (_, data) = fly(
+        &format!("--scene {scene} --drone cf2x_L250 --trajectory waypoints {path} --seconds 2 --fps 2"),
+        &dir.path().join("out"),
+    );
+    let contacts = data.world(0).unwrap().contacts(None).unwrap();
+    let cloth = rows_with(&contacts, "other_flex", 0);
+    assert!(!cloth.is_empty(), "the drone went through the cloth unnoticed");
+    let [geom, z] = row(&contacts, ["geom2", "z"], cloth[0]);
+    assert!(geom == -1.0 && (1.9..2.1).contains(&z), "geom {geom}, z = {z}");
+}
+
 #[test]
 fn drones_of_several_kinds_see_each_other() {
     let dir = folder();
@@ -618,6 +643,31 @@ fn randomised_masses_differ_between_worlds_and_repeat() {
     assert!(a.manifest().flight.trajectory["randomization"].to_string().contains("body.mass_kg"));
 }
 
+/// Such a world used to end the whole run with an error, and no repetition could ever finish it.
+#[test]
+fn a_world_that_flies_out_of_all_bounds_is_set_aside_and_the_others_go_on() {
+    let dir = folder();
+    for (i, (rule, quarantined)) in [
+        ("parameter = \"initial.vel.0\"\ndraw = { uniform = [1e13, 2e13] }", 3),
+        ("parameter = \"initial.pos.0\"\ndraw = { uniform = [1e13, 2e13] }", 3),
+        ("parameter = \"initial.vel.0\"\ndraw = { uniform = [0.0, 0.1] }", 0),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let rules = write(&dir, &format!("rules{i}.toml"), &format!("[[rule]]\n{rule}\n"));
+        let line =
+            format!("--scene xml/room.xml --drone cf2x_L250 --worlds 3 --seconds 0.1 --randomize {rules}");
+        let (summary, data) = fly(&line, &dir.path().join(i.to_string()));
+        assert_eq!(summary["quarantined_worlds"], quarantined, "{rule}");
+        for w in data.worlds() {
+            let reason = data.world(w).unwrap().record().quarantine.as_ref().map(|q| q.reason.clone());
+            assert_eq!(reason.is_some(), quarantined > 0);
+            assert!(reason.is_none_or(|r| r.contains("1e9 m")));
+        }
+    }
+}
+
 #[test]
 fn noise_leaves_the_clean_depth_alone() {
     let dir = folder();
@@ -766,4 +816,20 @@ fn ground_effect_feels_the_floor_of_the_scene() {
             assert_eq!(gain > 1.01, height == "0.45", "{height}, z = {z}: gain {gain}");
         }
     }
+}
+
+#[test]
+fn a_run_that_only_resumes_warns_as_the_one_that_flew() {
+    let dir = folder();
+    let scene = write(
+        &dir,
+        "inside.xml",
+        r#"<mujoco><worldbody><geom name="block" type="box" size="1 1 1" pos="0 0 1"/></worldbody></mujoco>"#,
+    );
+    let line = format!("--scene {scene} --drone cf2x_L250 --trajectory hover --worlds 2 --seconds 0.05");
+    let (first, _) = fly(&line, &dir.path().join("out"));
+    let (again, _) = fly(&line, &dir.path().join("out"));
+    assert!(first["warnings"].to_string().contains("2 worlds start with a drone in contact"), "{first}");
+    assert_eq!(again["resumed_worlds"], 2);
+    assert_eq!(first["warnings"], again["warnings"]);
 }

@@ -582,6 +582,24 @@ fn a_world_that_is_not_finite_is_named_and_harms_no_other() {
 }
 
 #[test]
+fn absurd_numbers_of_worlds_are_refused_and_no_panic() {
+    let out = &mut DepthBatch::default();
+    let view = Pose::new([0.0; 3], LOOKING_FORWARD_XYZW);
+    let empty = build("<mujoco/>", &[]);
+    let camera = [Camera::in_world(&empty, view, Lens::Fovy { fovy_deg: 60.0 }).unwrap()];
+    let none = (vec![], vec![], vec![]);
+    let message =
+        render_batch(&WorkerPool::new(&empty), &camera, &poses(usize::MAX, &none), out).unwrap_err();
+    assert!(message.to_string().contains("fewer worlds"), "{message}");
+    let scene = batch_scene();
+    let camera = [Camera::on_drone(&scene, 0, "fpv").unwrap()];
+    let data = batch_poses(1);
+    let error =
+        render_batch(&WorkerPool::new(&scene), &camera, &poses(usize::MAX / 2, &data), out).unwrap_err();
+    assert!(matches!(error, SenseError::Shape { .. }), "{error}");
+}
+
+#[test]
 fn asking_before_update_is_an_error_and_not_an_old_image() {
     let scene = batch_scene();
     let mut worker = scene.worker().unwrap();

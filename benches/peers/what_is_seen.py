@@ -1,14 +1,20 @@
-"""What MuJoCo C, MJX and Crazyflow see of every geom type: depth by rays, contact with a drone-sized sphere.
+"""What MuJoCo C, MJX, Crazyflow and Propwash see of every geom type: depth by rays, contact with a drone.
 
-Usage: python benches/peers/what_is_seen.py            prints a markdown table
+Usage: PROPWASH_BIN=target/debug/propwash python benches/peers/what_is_seen.py            prints a markdown table
 
-For each type a scene holds one such geom 1 m in front of a camera, and another scene holds it overlapping a sphere of 0.07 m,
-Crazyflow's collision shape. "yes" is a hit (or a contact with negative distance), "no" is silence, anything else is the
-program's own refusal.
+For each type a scene holds one such geom 1 m in front of a camera, and another scene holds it overlapping a drone: a sphere of
+0.07 m for MuJoCo C and MJX, Crazyflow's and Propwash's own cf21B for these two. "yes" is a hit (or a contact with negative distance),
+"no" is silence, anything else is the program's own refusal. MJX is its JAX implementation, which Crazyflow uses on a CPU.
+
+Crazyflow moves a scene's meshdir to its own assets, so that a relative path finds no file: the height field is asked again with an
+absolute path. MJX refuses a scene in which an sdf may meet a sphere: it is asked again with an sdf that cannot collide.
 """
 
+import json
 import os
+import re
 import struct
+import subprocess
 import tempfile
 import warnings
 from importlib.metadata import version
@@ -40,9 +46,17 @@ TYPES = {
         '<hfield name="h" nrow="9" ncol="9" size="0.5 0.5 0.4 0.1" file="hill.bin"/>',
         '<geom name="g" type="hfield" hfield="h" pos="0 0 -0.2"/>',
     ),
+    "hfield, absolute path": (
+        '<hfield name="h" nrow="9" ncol="9" size="0.5 0.5 0.4 0.1" file="FOLDER/hill.bin"/>',
+        '<geom name="g" type="hfield" hfield="h" pos="0 0 -0.2"/>',
+    ),
     "sdf": (
         '<mesh name="m" builtin="sphere" params="3" scale="0.3 0.3 0.3"/>',
         '<geom name="g" type="sdf" mesh="m"/>',
+    ),
+    "sdf, contacts off": (
+        '<mesh name="m" builtin="sphere" params="3" scale="0.3 0.3 0.3"/>',
+        '<geom name="g" type="sdf" mesh="m" contype="0" conaffinity="0"/>',
     ),
 }
 
@@ -67,7 +81,7 @@ def scene(kind: str, sphere: str, geom_at: str) -> str:
 def model_of(folder: Path, xml: str) -> mujoco.MjModel:
     (folder / "hill.bin").write_bytes(hill())
     path = folder / "scene.xml"
-    path.write_text(xml)
+    path.write_text(xml.replace("FOLDER", str(folder)))
     return mujoco.MjModel.from_xml_path(str(path))
 
 
@@ -78,7 +92,8 @@ def ask(question) -> str:
     try:
         return "yes" if question() else "no"
     except Exception as error:  # a refusal is an answer too
-        return f"{type(error).__name__}: {str(error).splitlines()[0][:60]}"
+        line = re.sub(r"'?/\S*/site-packages/", "", str(error).splitlines()[0])
+        return f"{type(error).__name__}: {line[:90]}"
 
 
 def depth_c(folder, kind):
@@ -101,8 +116,8 @@ def depth_mjx(folder, kind):
 def touching(kind):
     """Where the sphere stands so that it overlaps the geom at the origin a little."""
     return {
-        "plane": "-0.05 0 0", "capsule": "-0.25 0 0", "ellipsoid": "-0.25 0 0", "mesh": "-0.1 0 0", "hfield": "0 0 0.22",
-    }.get(kind, "-0.33 0 0")
+        "plane": "-0.05 0 0", "capsule": "-0.25 0 0", "ellipsoid": "-0.25 0 0", "mesh": "-0.1 0 0", "hfield": "0 0 0.2",
+    }.get(kind.split(",")[0], "-0.33 0 0")
 
 
 def contact_c(folder, kind):
@@ -141,6 +156,33 @@ def contact_crazyflow(folder, kind):
     return bool(np.asarray(sim.contacts()).any())
 
 
+def propwash(*args: str) -> dict:
+    program = os.environ.get("PROPWASH_BIN", str(Path(__file__).parents[2] / "target/debug/propwash"))
+    run = subprocess.run([program, *args, "--json"], capture_output=True, text=True)
+    if run.returncode != 0:
+        raise RuntimeError(run.stderr.strip() or f"exit code {run.returncode}")
+    return json.loads(run.stdout)
+
+
+def depth_propwash(folder, kind):
+    model_of(folder, scene(kind, "", "1 0 0"))
+    told = propwash(
+        "depth", "--scene", f"{folder}/scene.xml", "--camera", "c", "--size", "9x9", "--out", f"{folder}/depth.png"
+    )
+    return told["hit"] > 0
+
+
+def contact_propwash(folder, kind):
+    # The drone hovers at (0, 0, 1).
+    at = np.array([0, 0, 1]) - np.array([float(v) for v in touching(kind).split()])
+    model_of(folder, scene(kind, "", " ".join(map(str, at))))
+    told = propwash(
+        "fly", "--scene", f"{folder}/scene.xml", "--drone", "cf21B_500", "--trajectory", "hover", "--seconds", "0.05",
+        "--size", "8x8", "--out", f"{folder}/data",
+    )  # fmt: skip
+    return told["contact_rows"] > 0
+
+
 def main() -> None:
     versions = ", ".join(f"{p} {version(p)}" for p in ("mujoco", "mujoco-mjx", "crazyflow", "jax"))
     print(f"{versions}\n")
@@ -148,9 +190,11 @@ def main() -> None:
         "MuJoCo C depth": depth_c,
         "MJX depth": depth_mjx,
         "Crazyflow depth": depth_crazyflow,
+        "Propwash depth": depth_propwash,
         "MuJoCo C contact": contact_c,
         "MJX contact": contact_mjx,
         "Crazyflow contact": contact_crazyflow,
+        "Propwash contact": contact_propwash,
     }
     print("| geom type | " + " | ".join(columns) + " |")
     print("| --- |" + " --- |" * len(columns))

@@ -1,9 +1,9 @@
 //! The main job: worlds of drones fly through a scene, are sensed, and become a data set.
 
 use super::{
-    BodyRecord, CameraRecord, ClearanceRow, ContactRow, DepthMeaning, DepthPng, FlightRecord, FrameInput,
-    GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary, VehicleRecord,
-    View, WorldWriter, create_or_resume,
+    BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DepthMeaning, DepthPng, FlightRecord,
+    FrameInput, GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary,
+    VehicleRecord, View, WorldWriter, create_or_resume,
 };
 use crate::error::Result;
 use crate::math::{quat, vec3};
@@ -17,7 +17,7 @@ use crate::random::{Key, purpose};
 use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::{Spline, Trajectory};
 use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
-use crate::scene::{ObstacleInfo, Pose, Scene, Worker, WorkerPool};
+use crate::scene::{MAX_COORDINATE_M, ObstacleInfo, Pose, Scene, Worker, WorkerPool};
 use crate::sense::contact::MAX_PER_PAIR;
 use crate::sense::{self, Camera, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
 use crate::vehicle::Vehicle;
@@ -168,20 +168,23 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
-    let (blocked, crowded) = (AtomicUsize::new(0), AtomicUsize::new(0));
     progress(n_resumed, flight.n_worlds);
     let pool = WorkerPool::new(&flight.scene);
     (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        let (touches, crowds) = pool.with(|worker| -> Result<(bool, bool)> {
-            let job = World::new(flight, &drones, worker, w)?;
-            Ok((job.start_clearance_m <= 0.0, job.fly(writer.world(w)?)? > 0))
-        })??;
-        blocked.fetch_add(usize::from(touches), Ordering::SeqCst);
-        crowded.fetch_add(usize::from(crowds), Ordering::SeqCst);
+        pool.with(|worker| World::new(flight, &drones, worker, w)?.fly(writer.world(w)?))??;
         progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
         Ok(())
     })?;
-    let (blocked, crowded) = (blocked.into_inner(), crowded.into_inner());
+    let summary = writer.finish()?;
+    // From the files, so that worlds of an earlier, interrupted run count too.
+    let data = Dataset::open(out)?;
+    let (mut blocked, mut crowded) = (0, 0);
+    for w in data.worlds() {
+        let world = data.world(w)?;
+        let number = |name: &str| world.record().info[name].as_f64().unwrap_or(f64::NAN);
+        blocked += usize::from(number("start_clearance_m") <= 0.0);
+        crowded += usize::from(number("crowded_steps") > 0.0);
+    }
     if crowded > 0 {
         warnings.push(format!(
             "in {crowded} worlds a pair of geoms had {MAX_PER_PAIR} contacts at once, the most that MuJoCo reports; some \
@@ -193,7 +196,7 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
             "{blocked} worlds start with a drone in contact; move the trajectory or the obstacles (info of world.json)"
         ));
     }
-    Ok(Recorded { summary: writer.finish()?, n_resumed, warnings })
+    Ok(Recorded { summary, n_resumed, warnings })
 }
 
 /// Most steps per second of a flight.
@@ -390,6 +393,8 @@ struct World<'a> {
     /// Steps in which a pair of geoms had as many contacts as MuJoCo reports at most, so that some may be missing.
     crowded_steps: u64,
     reads_ground: bool,
+    /// Whether the scene has flexes: contacts find them, clearance does not, so that no slack is known.
+    has_flexes: bool,
 }
 
 impl<'a> World<'a> {
@@ -400,14 +405,29 @@ impl<'a> World<'a> {
         for (i, obstacle) in obstacles.iter().enumerate() {
             worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
         }
-        let (trajectories, start_clearance_m) = free_start(flight, worker, world as u64, n)?;
+        let (trajectories, mut start_clearance_m) = free_start(flight, worker, world as u64, n)?;
         for (d, trajectory) in trajectories.iter().enumerate() {
             let start = start_pose(trajectory);
             sim.set_initial(0, d, State { pos: start.pos_m, quat: start.quat_xyzw, ..State::rest() })?;
         }
         sim.reset(None)?;
         let frames: Vec<DepthFrame> = flight.cameras.iter().map(|_| DepthFrame::new()).collect();
-        let last = (0..n).map(|d| pose(&sim, d)).collect();
+        let last: Vec<Pose> = (0..n).map(|d| pose(&sim, d)).collect();
+        let inside = |p: &Pose| p.pos_m.iter().all(|x| x.abs() <= MAX_COORDINATE_M);
+        // Where starts are drawn anew, what counts is where they came to lie.
+        if flight.randomization.rules.iter().any(|r| r.parameter.starts_with("initial."))
+            && last.iter().all(inside)
+        {
+            for (d, at) in last.iter().enumerate() {
+                worker.set_drone(d, at.pos_m, at.quat_xyzw)?;
+            }
+            worker.update()?;
+            start_clearance_m = f64::INFINITY;
+            for d in 0..n {
+                let clear = sense::clearance(worker, d, flight.clearance_max_m)?;
+                start_clearance_m = start_clearance_m.min(clear.distance_m);
+            }
+        }
         let reads_ground =
             drones.iter().flat_map(|d| &d.effects).any(|e| matches!(e, AnyEffect::GroundEffect(_)));
         Ok(Self {
@@ -426,16 +446,21 @@ impl<'a> World<'a> {
             touching: Vec::new(),
             crowded_steps: 0,
             reads_ground,
+            has_flexes: flight.scene.n_flex() > 0,
         })
     }
 
-    /// From the first step to the last, everything written. Returns the number of crowded steps.
-    fn fly(mut self, mut out: WorldWriter) -> Result<u64> {
+    /// From the first step to the last, everything written.
+    fn fly(mut self, mut out: WorldWriter) -> Result<()> {
         let steps = (self.flight.seconds * f64::from(self.flight.sim_hz)).round() as u64;
         for step in 0..=steps {
             let t = step as f64 / f64::from(self.flight.sim_hz);
             let log = ticks(step, self.flight.log_hz, self.flight.sim_hz);
             let frame = ticks(step, self.flight.fps, self.flight.sim_hz);
+            if let Some((drone, reason)) = self.out_of_bounds() {
+                out.quarantine(Quarantine { step: step.saturating_sub(1), drone, reason });
+                break;
+            }
             self.watch(t, step, log, &mut out)?;
             if log {
                 self.log_clearance(t, step, &mut out)?;
@@ -472,7 +497,14 @@ impl<'a> World<'a> {
             "crowded_steps": self.crowded_steps,
         }));
         out.finish()?;
-        Ok(self.crowded_steps)
+        Ok(())
+    }
+
+    /// The first drone that has left what a scene can hold: such a world ends there, and the others go on.
+    fn out_of_bounds(&self) -> Option<(usize, String)> {
+        let far = |d: &usize| pose(&self.sim, *d).pos_m.iter().any(|x| x.abs() > MAX_COORDINATE_M);
+        let reason = format!("position left the ±{MAX_COORDINATE_M:e} m of a scene");
+        (0..self.last.len()).find(far).map(|d| (d, reason))
     }
 
     fn masses(&self) -> Vec<f64> {
@@ -503,7 +535,7 @@ impl<'a> World<'a> {
         for d in 0..n {
             let others = (0..n).filter(|e| *e != d).map(|e| moved[e]).fold(0.0, f64::max);
             self.slack[d] -= moved[d] + others;
-            if self.slack[d] <= sense::TOUCH_M {
+            if self.has_flexes || self.slack[d] <= sense::TOUCH_M {
                 near.push(d);
             }
         }

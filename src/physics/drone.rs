@@ -52,9 +52,14 @@ impl<S: Real> Drone<S> {
 
     /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0` …
     ///
-    /// Call [`Drone::refresh`] after changing values.
+    /// What follows from other parameters (the inverse inertia) is not among them; call [`Drone::refresh`] after changing
+    /// values.
     pub fn visit(&mut self, f: &mut dyn FnMut(&str, &mut S)) {
-        self.body.visit("body", f);
+        self.body.visit("body", &mut |name, value| {
+            if !name.starts_with("body.inertia_inverse.") {
+                f(name, value);
+            }
+        });
         for i in 0..self.airframe.n_rotors {
             self.airframe.rotors[i].visit(&format!("rotors.{i}"), f);
         }

@@ -38,7 +38,6 @@ pub(super) struct Plan {
     pub integrator: Integrator,
     pub sim_hz: u32,
     pub rates: Vec<Rates>,
-    pub gravity: Vec<[f64; 3]>,
     pub reads_neighbours: bool,
 }
 
@@ -95,7 +94,8 @@ impl<S: Pack> Block<S> {
             }
             if phase != Phase::Controllers {
                 if let Some((drone, quantity)) = self.integrate(plan, drones, dt) {
-                    return Some(Quarantine { world: 0, drone, step: self.step, quantity: quantity.into() });
+                    let (step, quantity) = (self.step, quantity.into());
+                    return Some(Quarantine { world: 0, drone, step, quantity, stage: None });
                 }
                 self.step += 1;
             }
@@ -114,8 +114,7 @@ impl<S: Pack> Block<S> {
                 attitude: period(rates.attitude_hz),
                 body_rate: period(rates.body_rate_hz),
             };
-            let gravity = plan.gravity[d];
-            let gravity = [S::lit(gravity[0]), S::lit(gravity[1]), S::lit(gravity[2])];
+            let gravity = drones[d].body.gravity_m_s2;
             let controller = &drones[d].controller;
             mellinger::run(
                 controller,
@@ -218,7 +217,7 @@ fn ground_distance<S: Real>(state: &State<S>, ground_z: S) -> S {
 }
 
 /// The first quantity of a state with a lane that is not finite.
-fn non_finite<S: Pack>(state: &State<S>) -> Option<&'static str> {
+pub(super) fn non_finite<S: Pack>(state: &State<S>) -> Option<&'static str> {
     let bad = |numbers: &[S]| numbers.iter().any(|v| (0..S::WIDTH).any(|lane| !v.lane(lane).is_finite()));
     [
         ("position", bad(&state.pos)),

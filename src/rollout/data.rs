@@ -50,7 +50,7 @@ pub struct SimData {
     pub quarantine: Vec<Option<Quarantine>>,
     /// What the on-board controllers remember. (world, drone, [`Memory::LEN`])
     pub controller_memory: Vec<f64>,
-    /// What effects remember, drone slot by drone slot. [drone] (world, memory of that drone's effects)
+    /// What effects remember, for each drone slot: (world, memory of that drone's effects)
     pub effect_memory: Vec<Vec<f64>>,
 }
 
@@ -99,8 +99,8 @@ impl SimData {
         self.steps[world] as f64 / f64::from(self.sim_hz)
     }
 
-    /// Refuses arrays whose length a stage has changed.
-    pub(super) fn check_lengths(&self) -> Result<(), RolloutError> {
+    /// Refuses arrays whose length was changed; `effect_memory_len` per drone slot.
+    pub(super) fn check_lengths(&self, effect_memory_len: &[usize]) -> Result<(), RolloutError> {
         let n = self.n_worlds * self.n_drones;
         for (name, got, width) in [
             ("pos", self.pos.len(), 3),
@@ -132,6 +132,16 @@ impl SimData {
                 let shape = format!("{} worlds", self.n_worlds);
                 return Err(RolloutError::Length { name, expected: self.n_worlds, shape, got });
             }
+        }
+        let effects: Vec<usize> = self.effect_memory.iter().map(Vec::len).collect();
+        let wanted: Vec<usize> = effect_memory_len.iter().map(|len| len * self.n_worlds).collect();
+        if effects != wanted {
+            return Err(RolloutError::Length {
+                name: "effect_memory",
+                expected: wanted.iter().sum(),
+                shape: format!("{} drones, {} worlds each", self.n_drones, self.n_worlds),
+                got: effects.iter().sum(),
+            });
         }
         Ok(())
     }

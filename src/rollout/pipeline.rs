@@ -108,7 +108,7 @@ impl Pipeline {
 }
 
 /// A stage that lets drones rest on the ground: a drone whose origin sinks below `rest_height_m` over the ground under it
-/// (`ground_z`) is put back to that height, and its downward and angular velocity are stopped.
+/// (`ground_z`) is put back to that height, and its angular, horizontal and downward velocity are stopped.
 ///
 /// Without it the ground is reported as a contact and does not hold: this crate solves no contact forces.
 pub fn rest_on_ground(rest_height_m: f64) -> StageFn {

@@ -11,15 +11,20 @@ pub struct Quarantine {
     pub step: u64,
     /// The quantity.
     pub quantity: String,
+    /// The user's stage that wrote it; `None` where the equations gave it.
+    pub stage: Option<String>,
 }
 
 impl core::fmt::Display for Quarantine {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "world {} is quarantined: {} of drone {} became non-finite in step {}; its last finite state is kept and it \
-             takes no further steps until it is reset",
+            "world {} is quarantined: {} of drone {} became non-finite in step {}",
             self.world, self.quantity, self.drone, self.step
-        )
+        )?;
+        if let Some(stage) = &self.stage {
+            write!(f, ", written by stage {stage}")?;
+        }
+        write!(f, "; its last finite state is kept and it takes no further steps until it is reset")
     }
 }

@@ -1,11 +1,11 @@
 //! The batched simulation.
 
-use super::blocks::{Block, Pack, Phase, Plan, Slot};
+use super::blocks::{Block, Pack, Phase, Plan, Slot, non_finite};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::Quarantine;
-use super::randomize::Randomization;
+use super::randomize::{Randomization, Rule};
 use super::{RolloutError, SimData, pool};
-use crate::math::{quat, vec3};
+use crate::math::quat;
 use crate::physics::airframe;
 use crate::physics::attitude_response;
 use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
@@ -69,10 +69,14 @@ impl Default for SimOptions {
 pub struct Sim {
     options: SimOptions,
     nominal: Vec<Drone<f64>>,
+    /// Per (world, drone) where a caller set parameters for single worlds: what resets draw from.
+    base: Option<Vec<Drone<f64>>>,
     /// Per (world, drone) where parameters differ between worlds.
     own: Option<Vec<Drone<f64>>>,
     initial: Vec<State<f64>>,
     rates: Vec<Rates>,
+    /// States before the stage that runs.
+    kept: Vec<State<f64>>,
     /// All arrays.
     pub data: SimData,
     /// The stages of a step.
@@ -89,11 +93,21 @@ impl Sim {
         let memory_len: Vec<usize> = nominal.iter().map(|d| d.memory_len(dt)).collect();
         let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz);
         let initial = vec![State::rest(); data.n_worlds * data.n_drones];
-        let mut sim =
-            Self { options, nominal, own: None, initial, rates, data, pipeline: Pipeline::default() };
+        let pipeline = Pipeline::default();
+        let mut sim = Self {
+            options,
+            nominal,
+            base: None,
+            own: None,
+            initial,
+            rates,
+            kept: Vec::new(),
+            data,
+            pipeline,
+        };
         for rule in &sim.options.randomization.rules.clone() {
             rule.check()?;
-            sim.check_rule(&rule.parameter, |name| rule.matches(name))?;
+            sim.check_rule(rule)?;
         }
         sim.reset(None)?;
         Ok(sim)
@@ -177,7 +191,8 @@ impl Sim {
         Ok(())
     }
 
-    /// Sets one parameter of one drone in one world, or in all worlds; names are those of [`Drone::visit`].
+    /// Sets one parameter of one drone in one world, or in all worlds; names are those of [`Drone::visit`]. Resets keep
+    /// it; randomisation draws from it.
     pub fn set_parameter(
         &mut self,
         world: Option<usize>,
@@ -196,58 +211,55 @@ impl Sim {
             let world = world.unwrap_or(0);
             return Err(RolloutError::NotFinite { name: "parameter", world, drone, entry: 0, got: value });
         }
-        self.check_rule(name, |n| n == name)?;
-        let set = |d: &mut Drone<f64>| {
+        let mut found = false;
+        let set = |d: &mut Drone<f64>, found: &mut bool| {
             d.visit(&mut |n, v| {
                 if n == name {
                     *v = value;
+                    *found = true;
                 }
             });
             d.refresh();
         };
+        let mut tried = self.nominal[drone].clone();
+        set(&mut tried, &mut found);
+        if !found {
+            let close = close_names(&mut tried, name);
+            return Err(RolloutError::NoParameter { drone, name: name.into(), close });
+        }
+        check_body(&tried, drone)?;
+        let n = self.nominal.len();
         match world {
             None => {
-                set(&mut self.nominal[drone]);
-                let n = self.nominal.len();
-                for (i, d) in self.own.iter_mut().flatten().enumerate() {
-                    if i % n == drone {
-                        set(d);
+                self.nominal[drone] = tried;
+                for list in [&mut self.base, &mut self.own] {
+                    for (_, d) in list.iter_mut().flatten().enumerate().filter(|(i, _)| i % n == drone) {
+                        set(d, &mut found);
                     }
                 }
             }
             Some(w) => {
-                let row = w * self.nominal.len() + drone;
-                set(&mut self.own_mut()[row]);
+                let row = w * n + drone;
+                for list in [&mut self.base, &mut self.own] {
+                    set(&mut per_world(list, &self.nominal, self.data.n_worlds)[row], &mut found);
+                }
             }
         }
         Ok(())
     }
 
-    fn own_mut(&mut self) -> &mut Vec<Drone<f64>> {
-        let (nominal, worlds) = (&self.nominal, self.data.n_worlds);
-        self.own.get_or_insert_with(|| {
-            (0..worlds * nominal.len()).map(|i| nominal[i % nominal.len()].clone()).collect()
-        })
-    }
-
-    /// Refuses names that no drone has.
-    fn check_rule(&mut self, wanted: &str, matches: impl Fn(&str) -> bool) -> Result<(), RolloutError> {
+    /// Refuses rules that no drone has a number for.
+    fn check_rule(&mut self, rule: &Rule) -> Result<(), RolloutError> {
         const INITIAL: [&str; 4] = ["initial.pos", "initial.vel", "initial.ang_vel", "initial.rotation"];
-        let mut found = INITIAL.iter().any(|p| (0..3).any(|i| matches(&format!("{p}.{i}"))));
-        let mut close = Vec::new();
-        let head = wanted.split('.').next().unwrap_or("");
+        let mut found = INITIAL.iter().any(|p| (0..3).any(|i| rule.matches(&format!("{p}.{i}"))));
         for drone in &mut self.nominal {
-            drone.visit(&mut |n, _| {
-                found |= matches(n);
-                if n.starts_with(head) && close.len() < 12 {
-                    close.push(n.to_string());
-                }
-            });
+            drone.visit(&mut |n, _| found |= rule.matches(n));
         }
         if found {
             return Ok(());
         }
-        Err(RolloutError::NoParameter { drone: 0, name: wanted.into(), close: close.join(", ") })
+        let close = close_names(&mut self.nominal[0], &rule.parameter);
+        Err(RolloutError::NoParameter { drone: 0, name: rule.parameter.clone(), close })
     }
 
     /// Back to the initial states, in all worlds or in those whose entry is true; controllers and effects forget, time
@@ -270,13 +282,13 @@ impl Sim {
             self.data.steps[w] = 0;
             self.data.quarantine[w] = None;
             for d in 0..self.nominal.len() {
-                self.reset_drone(w, d);
+                self.reset_drone(w, d)?;
             }
         }
         Ok(())
     }
 
-    fn reset_drone(&mut self, w: usize, d: usize) {
+    fn reset_drone(&mut self, w: usize, d: usize) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let rules = self.options.randomization.rules.clone();
         let key = Key {
@@ -287,14 +299,15 @@ impl Sim {
             purpose: 0,
         };
         if rules.iter().any(|r| !r.parameter.starts_with("initial.")) {
-            let mut drone = self.nominal[d].clone();
+            let mut drone = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]).clone();
             drone.visit(&mut |name, value| {
                 for rule in rules.iter().filter(|r| r.matches(name)) {
                     *value = rule.apply(name, *value, key);
                 }
             });
             drone.refresh();
-            self.own_mut()[row] = drone;
+            check_body(&drone, d)?;
+            per_world(&mut self.own, &self.nominal, self.data.n_worlds)[row] = drone;
         }
         let mut state = self.initial[row];
         let mut rotation = [0.0; 3];
@@ -324,10 +337,18 @@ impl Sim {
         self.data.attitude_command[row * 4..(row + 1) * 4].fill(0.0);
         let len = self.data.effect_memory[d].len() / self.data.n_worlds;
         self.data.effect_memory[d][w * len..(w + 1) * len].fill(0.0);
+        Ok(())
     }
 
     /// Advances every world that is not quarantined by `n_steps`.
+    ///
+    /// A world in which a user's stage writes a state that is not finite is quarantined at once, with the states from
+    /// before that stage.
+    ///
+    /// # Errors
+    /// [`RolloutError::Length`] and [`RolloutError::Option`] when the arrays of `data` do not have their shapes any more.
     pub fn step(&mut self, n_steps: usize) -> Result<(), RolloutError> {
+        self.check_data()?;
         if self.pipeline.is_plain() {
             self.run(n_steps, Phase::Both);
             return Ok(());
@@ -340,7 +361,8 @@ impl Sim {
             while i < stages.len() && outcome.is_ok() {
                 let both = matches!(stages[i].1, Stage::Controllers)
                     && matches!(stages.get(i + 1), Some((_, Stage::Integration)));
-                match &mut stages[i].1 {
+                let (name, stage) = &mut stages[i];
+                match stage {
                     Stage::Controllers if both => {
                         self.run(1, Phase::Both);
                         i += 1;
@@ -348,8 +370,12 @@ impl Sim {
                     Stage::Controllers => self.run(1, Phase::Controllers),
                     Stage::Integration => self.run(1, Phase::Integration),
                     Stage::User(f) => {
+                        self.keep_states();
                         f(&mut self.data);
-                        outcome = self.data.check_lengths();
+                        outcome = self.check_data();
+                        if outcome.is_ok() {
+                            self.set_aside_non_finite(name);
+                        }
                     }
                 }
                 i += 1;
@@ -358,6 +384,47 @@ impl Sim {
             outcome?;
         }
         Ok(())
+    }
+
+    fn check_data(&self) -> Result<(), RolloutError> {
+        let expected = (self.options.n_worlds, self.nominal.len(), self.options.sim_hz);
+        let got = (self.data.n_worlds, self.data.n_drones, self.data.sim_hz);
+        if got != expected {
+            let words = |(w, d, hz)| format!("{w} worlds × {d} drones at {hz} Hz");
+            return Err(RolloutError::Option {
+                name: "n_worlds, n_drones, sim_hz of data",
+                expected: format!("{} as the simulation was built", words(expected)),
+                got: words(got),
+            });
+        }
+        let dt = 1.0 / f64::from(self.options.sim_hz);
+        let effects: Vec<usize> = self.nominal.iter().map(|d| d.memory_len(dt)).collect();
+        self.data.check_lengths(&effects)
+    }
+
+    fn keep_states(&mut self) {
+        let n = self.nominal.len();
+        self.kept.clear();
+        self.kept.extend((0..self.data.n_worlds * n).map(|row| self.data.state(row / n, row % n)));
+    }
+
+    /// Quarantines the worlds whose states stage `stage` has made non-finite, and puts their states back.
+    fn set_aside_non_finite(&mut self, stage: &str) {
+        let n = self.nominal.len();
+        for w in 0..self.data.n_worlds {
+            let fault = (0..n).find_map(|d| non_finite(&self.data.state(w, d)).map(|quantity| (d, quantity)));
+            let Some((drone, quantity)) = fault else { continue };
+            for d in 0..n {
+                self.data.set_state(w, d, &self.kept[w * n + d]);
+            }
+            self.data.quarantine[w].get_or_insert(Quarantine {
+                world: self.options.first_world + w as u64,
+                drone,
+                step: self.data.steps[w],
+                quantity: quantity.into(),
+                stage: Some(stage.into()),
+            });
+        }
     }
 
     /// The first half of a step without user stages: the on-board controllers, as far as they tick. Afterwards
@@ -399,7 +466,6 @@ impl Sim {
             integrator: self.options.integrator,
             sim_hz: self.options.sim_hz,
             rates: self.rates.clone(),
-            gravity: self.nominal.iter().map(|d| d.body.gravity_m_s2).collect(),
             reads_neighbours: self.nominal.len() > 1
                 && self.nominal.iter().flat_map(|d| &d.effects).any(wash),
         }
@@ -506,6 +572,54 @@ fn hover_thrust_state(drone: &Drone<f64>) -> f64 {
     }
 }
 
+/// The list of drones per (world, drone), begun with the nominal ones.
+fn per_world<'a>(
+    list: &'a mut Option<Vec<Drone<f64>>>,
+    nominal: &[Drone<f64>],
+    n_worlds: usize,
+) -> &'a mut Vec<Drone<f64>> {
+    list.get_or_insert_with(|| {
+        (0..n_worlds * nominal.len()).map(|i| nominal[i % nominal.len()].clone()).collect()
+    })
+}
+
+/// Names of parameters that begin as `wanted` does, or, where none does, what names begin with.
+fn close_names(drone: &mut Drone<f64>, wanted: &str) -> String {
+    let head = wanted.split('.').next().unwrap_or("");
+    let (mut close, mut heads): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+    drone.visit(&mut |name, _| {
+        let own = name.split('.').next().unwrap_or(name);
+        if own == head && close.len() < 12 {
+            close.push(name.into());
+        }
+        if !heads.iter().any(|h| h.strip_suffix(".…") == Some(own)) {
+            heads.push(format!("{own}.…"));
+        }
+    });
+    if close.is_empty() { heads.join(", ") } else { close.join(", ") }
+}
+
+/// Refuses a body that cannot move as one: mass and moments of inertia above zero, gravity finite.
+fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
+    let body = &drone.body;
+    let option = |name, expected: &str, got: f64| {
+        Err(RolloutError::Option { name, expected: expected.into(), got: format!("{got} for drone {slot}") })
+    };
+    if !(body.mass_kg.is_finite() && body.mass_kg > 0.0) {
+        return option("body.mass_kg", "a finite mass above 0 kg", body.mass_kg);
+    }
+    for i in 0..3 {
+        let moment = body.inertia_kg_m2[i][i];
+        if !(moment.is_finite() && moment > 0.0) {
+            return option("body.inertia_kg_m2", "finite moments of inertia above 0 kg m²", moment);
+        }
+        if !body.gravity_m_s2[i].is_finite() {
+            return option("body.gravity_m_s2", "finite numbers", body.gravity_m_s2[i]);
+        }
+    }
+    Ok(())
+}
+
 /// Refuses options that make no sense.
 fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), RolloutError> {
     let option = |name, expected: &str, got: String| {
@@ -561,9 +675,7 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
                 );
             }
         }
-        if vec3::norm(drone.body.gravity_m_s2).is_nan() || drone.body.mass_kg.is_nan() {
-            return option("mass and gravity", "finite numbers", format!("drone {i}: {:?}", drone.body));
-        }
+        check_body(drone, i)?;
     }
     Ok(())
 }
@@ -574,7 +686,7 @@ mod tests {
     use crate::physics::effects::{constant_wind, downwash, linear_drag};
     use crate::physics::sample::{RATES, quad};
     use crate::rollout::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
-    use crate::rollout::randomize::{Draw, Rule};
+    use crate::rollout::randomize::Draw;
     use crate::rollout::trajectory::Trajectory;
 
     fn hover_command(sim: &Sim, at: [f64; 3]) -> Vec<f64> {
@@ -734,6 +846,94 @@ mod tests {
         sim.pipeline.append("bad", Box::new(|data| data.pos.truncate(1))).unwrap();
         let message = sim.step(1).unwrap_err().to_string();
         assert!(message.contains("pos") && message.contains("expected 3 numbers"), "{message}");
+    }
+
+    #[test]
+    fn a_stage_that_writes_a_number_that_is_none_sets_its_world_aside_at_once_and_no_other() {
+        let mut sim = state_sim(3, 2);
+        let command = hover_command(&sim, [0.0, 0.0, 1.0]);
+        sim.set_command(&command).unwrap();
+        let stage: super::super::pipeline::StageFn = Box::new(|data| {
+            if data.steps[1] == 5 {
+                let row = data.row(1, 1);
+                data.pos[3 * row] = f64::NAN;
+            }
+        });
+        sim.pipeline.append("bad", stage).unwrap();
+        // The stage is the last of the last step: nothing after it would notice.
+        sim.step(5).unwrap();
+        let fault = sim.data.quarantine[1].clone().unwrap();
+        assert_eq!((fault.world, fault.drone, fault.step, fault.stage.as_deref()), (1, 1, 5, Some("bad")));
+        let message = fault.to_string();
+        assert!(message.contains("position of drone 1") && message.contains("stage bad"), "{message}");
+        assert!(sim.data.pos.iter().all(|v| v.is_finite()), "the states before the stage are kept");
+        assert!(sim.data.quarantine[0].is_none() && sim.data.quarantine[2].is_none());
+        sim.step(5).unwrap();
+        assert_eq!(sim.data.steps, vec![10, 5, 10]);
+    }
+
+    #[test]
+    fn arrays_and_counts_that_were_changed_from_outside_are_errors_and_no_panics() {
+        let wash = AnyEffect::BatterySag(Default::default());
+        let mut sim = Sim::new(SimOptions::default(), vec![(quad(vec![wash]), RATES)]).unwrap();
+        sim.data.effect_memory[0].clear();
+        let message = sim.step(1).unwrap_err().to_string();
+        assert!(message.contains("effect_memory") && message.contains("expected 1 numbers"), "{message}");
+        let mut sim = state_sim(2, 1);
+        (sim.data.n_worlds, sim.data.n_drones) = (1, 2);
+        assert!(sim.step(1).unwrap_err().to_string().contains("2 worlds × 1 drones"));
+        let mut sim = state_sim(1, 1);
+        sim.data.pos.truncate(1);
+        assert!(sim.step(1).unwrap_err().to_string().contains("pos"));
+    }
+
+    #[test]
+    fn a_parameter_set_for_one_world_stays_at_a_reset_that_draws_others() {
+        let mut sim = randomized(2, 0);
+        sim.set_parameter(Some(1), 0, "controller.mass_kg", 0.7).unwrap();
+        sim.set_parameter(Some(1), 0, "body.mass_kg", 2.0).unwrap();
+        sim.reset(None).unwrap();
+        assert_eq!(sim.drone(1, 0).controller.mass_kg, 0.7);
+        assert!((1.8..2.2).contains(&sim.drone(1, 0).body.mass_kg), "drawn around what was set");
+        assert!((0.9..1.1).contains(&sim.drone(0, 0).body.mass_kg));
+        sim.set_parameter(None, 0, "controller.mass_kg", 0.8).unwrap();
+        sim.reset(None).unwrap();
+        assert_eq!((sim.drone(0, 0).controller.mass_kg, sim.drone(1, 0).controller.mass_kg), (0.8, 0.8));
+    }
+
+    #[test]
+    fn a_parameter_that_this_drone_has_not_is_refused_and_so_is_a_body_without_mass() {
+        let wash = AnyEffect::Downwash(downwash::Params { drag_area_m2: 0.02, spread: 0.1 });
+        let drones = vec![(quad(vec![wash]), RATES), (quad(vec![]), RATES)];
+        let mut sim = Sim::new(SimOptions::default(), drones).unwrap();
+        sim.set_parameter(None, 0, "effect.downwash.spread", 0.2).unwrap();
+        let message = sim.set_parameter(None, 1, "effect.downwash.spread", 0.2).unwrap_err().to_string();
+        assert!(message.contains("drone 1 has no parameter") && message.contains("body.…"), "{message}");
+        assert!(sim.set_parameter(None, 0, "initial.pos.0", 1.0).is_err());
+        assert!(
+            sim.set_parameter(None, 0, "body.inertia_inverse.0.0", 1.0).is_err(),
+            "it follows from others"
+        );
+        assert!(sim.set_parameter(Some(0), 0, "body.mass_kg", 0.0).is_err());
+        let rule =
+            Rule { parameter: "body.mass_kg".into(), draw: Draw::Uniform([-2.0, -1.0]), shared: false };
+        let randomization = Randomization { rules: vec![rule] };
+        let options = SimOptions { randomization, ..SimOptions::default() };
+        let message = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap_err().to_string();
+        assert!(message.contains("body.mass_kg") && message.contains("above 0 kg"), "{message}");
+    }
+
+    #[test]
+    fn controllers_reckon_with_the_gravity_of_their_own_world() {
+        let mut sim = state_sim(2, 1);
+        sim.set_parameter(Some(1), 0, "body.gravity_m_s2.2", -1.62).unwrap();
+        sim.reset(None).unwrap();
+        let command = hover_command(&sim, [0.0; 3]);
+        sim.set_command(&command).unwrap();
+        sim.step(250).unwrap();
+        for w in 0..2 {
+            assert!(sim.data.state(w, 0).pos[2].abs() < 0.01, "world {w}: {}", sim.data.state(w, 0).pos[2]);
+        }
     }
 
     #[test]

@@ -649,6 +649,7 @@ impl Scene {
         let mut model =
             compiled.map_err(|e| SceneError::Compile { what: what.clone(), message: words(e) })?;
         drop(spec);
+        widen_bounds(&mut model);
         if options.raise_memory {
             let m = model.ffi();
             let wanted = wanted_arena(m.nbody + m.nflex, m.ngeom, shells.len() as i64).max(m.narena);
@@ -1172,7 +1173,8 @@ fn describe(
         }
         if m.nflex > 0 {
             warnings.push(format!(
-                "{} flex(es): contacts find them, depth does not see them, clearance does not measure them",
+                "{} flex(es): contacts find them, depth does not see them, clearance does not measure them, the \
+                 swept check between steps passes through them",
                 m.nflex
             ));
         }
@@ -1203,6 +1205,39 @@ fn describe(
             n_flex,
             n_skin,
         })
+    }
+}
+
+/// Grows each body's bounding box until its centre is the origin of the body's inertial frame and it holds all geoms.
+///
+/// mj_multiRay of MuJoCo 3.17.0 passes over a body when a ray misses the sphere around this box. The compiler leaves
+/// geoms that cannot collide out of the box, and mj_multiRay places the box's centre without the rotation of the
+/// inertial frame: either way rays that mj_ray finds get lost. A centre at the origin is right in any rotation. The box
+/// only ever excludes, in collisions too, so that a larger one changes no result.
+fn widen_bounds(model: &mut MjModel) {
+    // SAFETY: a compiled model that nothing else holds yet. body_bvhadr has nbody entries, each -1 or the row of the
+    // body's root in bvh_aabb, whose rows are centre and half sizes; the geoms of a body are in range.
+    unsafe {
+        let m = model.ffi_mut();
+        for body in 0..m.nbody as usize {
+            let Ok(root) = usize::try_from(*m.body_bvhadr.add(body)) else { continue };
+            let centre = *m.body_ipos.cast::<[f64; 3]>().add(body);
+            let first = usize::try_from(*m.body_geomadr.add(body)).unwrap_or(0);
+            let mut radius = 0.0f64;
+            for geom in first..first + *m.body_geomnum.add(body) as usize {
+                // Planes have no radius.
+                let own = *m.geom_rbound.add(geom);
+                let own = if own > 0.0 { own } else { ffi::mjMAXVAL };
+                let at = *m.geom_pos.cast::<[f64; 3]>().add(geom);
+                let offset = (0..3).map(|k| (at[k] - centre[k]).powi(2)).sum::<f64>().sqrt();
+                radius = radius.max(offset + own);
+            }
+            let bounds = &mut *m.bvh_aabb.cast::<[f64; 6]>().add(root);
+            for axis in 0..3 {
+                bounds[3 + axis] = (bounds[3 + axis] + bounds[axis].abs()).max(radius / 3.0f64.sqrt());
+                bounds[axis] = 0.0;
+            }
+        }
     }
 }
 

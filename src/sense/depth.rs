@@ -671,18 +671,19 @@ impl WorldPoses<'_> {
         let check = |what, expected: usize, found: usize, shape: String| {
             if expected == found { Ok(()) } else { Err(SenseError::Shape { what, shape, expected, found }) }
         };
-        check("drone positions", w * d * 3, self.drone_pos_m.len(), format!("({w} worlds, {d} drones, 3)"))?;
+        let rows = |n: usize, width: usize| w.saturating_mul(n).saturating_mul(width);
+        check("drone positions", rows(d, 3), self.drone_pos_m.len(), format!("({w} worlds, {d} drones, 3)"))?;
         check(
             "drone quaternions",
-            w * d * 4,
+            rows(d, 4),
             self.drone_quat_xyzw.len(),
             format!("({w} worlds, {d} drones, 4)"),
         )?;
         if let Some(p) = self.obstacle_pos_m {
-            check("obstacle positions", w * o * 3, p.len(), format!("({w} worlds, {o} obstacles, 3)"))?;
+            check("obstacle positions", rows(o, 3), p.len(), format!("({w} worlds, {o} obstacles, 3)"))?;
         }
         if let Some(q) = self.obstacle_quat_xyzw {
-            check("obstacle quaternions", w * o * 4, q.len(), format!("({w} worlds, {o} obstacles, 4)"))?;
+            check("obstacle quaternions", rows(o, 4), q.len(), format!("({w} worlds, {o} obstacles, 4)"))?;
         }
         Ok(())
     }
@@ -752,6 +753,9 @@ pub struct DepthBatch {
     pub pose: Vec<Pose>,
 }
 
+/// Most pixels of a [`DepthBatch`].
+const MAX_BATCH_PIXELS: usize = 1 << 36;
+
 /// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
 ///
 /// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN
@@ -781,7 +785,18 @@ pub fn render_batch(
         });
     }
     let pixels = first.rays.len();
-    let images = poses.n_worlds * cameras.len();
+    let images = poses.n_worlds.saturating_mul(cameras.len());
+    // Four planes come to 13 bytes a pixel; refuse what no machine holds before asking for it.
+    if images.saturating_mul(pixels) > MAX_BATCH_PIXELS {
+        return Err(SenseError::Parameter {
+            what: format!(
+                "a batch holds at most {MAX_BATCH_PIXELS} pixels (about 0.9 TB), got {} worlds x {} cameras x {pixels} \
+                 pixels; render fewer worlds at once",
+                poses.n_worlds,
+                cameras.len()
+            ),
+        });
+    }
     out.n_worlds = poses.n_worlds;
     out.n_cameras = cameras.len();
     out.n_pixels = pixels;

@@ -79,6 +79,12 @@ pub fn from_urdf(path: impl AsRef<Path>, options: &UrdfOptions) -> Result<UrdfIm
                  (docs/vehicles.md) or add the element",
                 urdf.label
             ));
+            if let Some(name) = &options.controller_from {
+                warnings.push(format!(
+                    "{}: the controller of {name} was not used, since there is no vehicle file to take it",
+                    urdf.label
+                ));
+            }
             None
         }
     };

@@ -71,6 +71,10 @@ fn flight(args: &FlyArgs) -> Result<Flight> {
     if n == 0 || n > 1024 {
         return usage("--drones-per-world", "1 to 1024 drones in one world", n.to_string());
     }
+    if n < args.drone.len() {
+        let expected = format!("at least {}, one for each --drone", args.drone.len());
+        return usage("--drones-per-world", &expected, n.to_string());
+    }
     if !(1..=MAX_WORLDS).contains(&args.worlds) {
         return usage("--worlds", &format!("1 to {MAX_WORLDS}"), args.worlds.to_string());
     }
