@@ -508,7 +508,7 @@ impl<'a> World<'a> {
     }
 
     fn masses(&self) -> Vec<f64> {
-        (0..self.last.len()).map(|d| self.sim.drone(0, d).body.mass_kg).collect()
+        (0..self.last.len()).map(|d| self.sim.drone(0, d).parts().body.mass_kg).collect()
     }
 
     /// Writes the poses of this step into the worker.

@@ -3,7 +3,7 @@
 use super::airframe;
 use super::attitude_response;
 use super::controllers::mellinger;
-use super::effects::{AnyEffect, Command, Effect, View};
+use super::effects::{AnyEffect, Command, Effect, Parts, View};
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, Rate, State, Wrench};
 use super::rotor;
@@ -78,19 +78,55 @@ impl<S: Real> Drone<S> {
         self.body.refresh();
     }
 
-    /// Rotor speed (rad/s) at which all rotors together carry the weight, each its equal share.
+    /// What the vehicle is built of where effects change it (payload, weak rotor …); `None` where none does.
+    #[inline(always)]
+    fn built(&self) -> Option<Parts<S>> {
+        self.effects.iter().any(Effect::builds).then(|| self.parts())
+    }
+
+    /// What the vehicle is built of, with all effects.
+    #[inline(always)]
+    pub fn parts(&self) -> Parts<S> {
+        let response = match &self.dynamics {
+            Dynamics::Rotors => None,
+            Dynamics::AttitudeResponse(p) => Some(*p),
+        };
+        let mut parts =
+            Parts { body: self.body, airframe: self.airframe, response, thrust_point_m: [S::zero(); 3] };
+        for effect in &self.effects {
+            effect.build(&mut parts);
+        }
+        parts
+    }
+
+    /// Rotor speed (rad/s) at which all rotors together carry the weight, each its equal share; where effects make rotors
+    /// unequal, shares are those of the same speeds.
     pub fn hover_rotor_vel(&self) -> [S; MAX_ROTORS] {
-        let share = self.hover_thrust() / S::lit(self.airframe.n_rotors.max(1) as f64);
+        let n_rotors = self.airframe.n_rotors;
+        let equal = self.hover_thrust() / S::lit(n_rotors.max(1) as f64);
         let mut out = [S::zero(); MAX_ROTORS];
-        for i in 0..self.airframe.n_rotors {
-            out[i] = rotor::speed_for_thrust(self.airframe.rotors[i].thrust_curve, share);
+        for i in 0..n_rotors {
+            out[i] = rotor::speed_for_thrust(self.airframe.rotors[i].thrust_curve, equal);
+        }
+        let Some(parts) = self.built() else { return out };
+        let given = airframe::loads(&parts.airframe, &out).thrust;
+        let mut sum = S::zero();
+        for i in 0..n_rotors {
+            sum = sum + given[i];
+        }
+        let some = S::zero().lt(sum);
+        let scale = self.hover_thrust() / S::select(some, sum, S::one());
+        for i in 0..n_rotors {
+            let share = S::select(some, scale * given[i], equal);
+            out[i] = rotor::speed_for_thrust(parts.airframe.rotors[i].thrust_curve, share);
         }
         out
     }
 
-    /// Weight, N.
+    /// Weight with all that is fixed to the vehicle, N.
     pub fn hover_thrust(&self) -> S {
-        self.body.mass_kg * vec3::norm(self.body.gravity_m_s2)
+        let body = self.built().map_or(self.body, |parts| parts.body);
+        body.mass_kg * vec3::norm(body.gravity_m_s2)
     }
 
     /// Radius of the disc that has the area of all rotors, m.
@@ -115,15 +151,55 @@ impl<S: Real> Drone<S> {
     /// Time derivative of `state` under `command`.
     #[inline(always)]
     pub fn rate(&self, state: &State<S>, command: &Command<S>, surroundings: &Surroundings<S>) -> Rate<S> {
+        if self.effects.iter().any(Effect::builds) {
+            return self.rate_as_built(state, command, surroundings);
+        }
+        let response = match &self.dynamics {
+            Dynamics::Rotors => None,
+            Dynamics::AttitudeResponse(p) => Some(p),
+        };
+        self.rate_of((&self.body, &self.airframe, response), None, state, command, surroundings)
+    }
+
+    /// [`Drone::rate`] where effects change what the vehicle is built of; apart, so that the others stay fast.
+    #[inline(never)]
+    fn rate_as_built(
+        &self,
+        state: &State<S>,
+        command: &Command<S>,
+        surroundings: &Surroundings<S>,
+    ) -> Rate<S> {
+        let parts = self.parts();
+        let of = (&parts.body, &parts.airframe, parts.response.as_ref());
+        self.rate_of(of, Some(parts.thrust_point_m), state, command, surroundings)
+    }
+
+    /// [`Drone::rate`] of a vehicle of these parts; `thrust_point_m` as in [`Parts`].
+    #[inline(always)]
+    fn rate_of(
+        &self,
+        (body, airframe, response): (
+            &rigid_body::Params<S>,
+            &airframe::Params<S>,
+            Option<&attitude_response::Params<S>>,
+        ),
+        thrust_point_m: Option<[S; 3]>,
+        state: &State<S>,
+        command: &Command<S>,
+        surroundings: &Surroundings<S>,
+    ) -> Rate<S> {
+        let collective_n = match (response, command) {
+            (Some(p), Command::Attitude(c)) => Some(attitude_response::thrust(p, state.thrust, c[3])),
+            _ => None,
+        };
         let mut surroundings = *surroundings;
         let mut wind = surroundings.wind_m_s;
         for effect in &self.effects {
-            let view =
-                View { body: &self.body, airframe: &self.airframe, state, surroundings: &surroundings };
+            let view = View { body, airframe, state, surroundings: &surroundings, collective_n };
             wind = vec3::add(wind, effect.air(&view));
         }
         surroundings.wind_m_s = wind;
-        let view = View { body: &self.body, airframe: &self.airframe, state, surroundings: &surroundings };
+        let view = View { body, airframe, state, surroundings: &surroundings, collective_n };
 
         let mut outer = Wrench {
             force: surroundings.disturbance_force_n,
@@ -136,31 +212,34 @@ impl<S: Real> Drone<S> {
         let zero = S::zero();
         let mut rotor_acc = [zero; MAX_ROTORS];
         let mut thrust_rate = zero;
-        let (acc, ang_acc) = match (&self.dynamics, command) {
-            (Dynamics::Rotors, Command::Rotors(speeds)) => {
-                for i in 0..self.airframe.n_rotors {
-                    rotor_acc[i] =
-                        rotor::acceleration(&self.airframe.rotors[i], state.rotor_vel[i], speeds[i]);
+        let (acc, ang_acc) = match (response, command) {
+            (None, Command::Rotors(speeds)) => {
+                for i in 0..airframe.n_rotors {
+                    rotor_acc[i] = rotor::acceleration(&airframe.rotors[i], state.rotor_vel[i], speeds[i]);
                 }
-                let mut loads = airframe::loads(&self.airframe, &state.rotor_vel);
-                for i in 0..self.airframe.n_rotors {
+                let mut loads = airframe::loads(airframe, &state.rotor_vel);
+                for i in 0..airframe.n_rotors {
                     loads.thrust[i] =
-                        loads.thrust[i] * self.thrust_gain(&view, self.airframe.rotors[i].position_m);
+                        loads.thrust[i] * self.thrust_gain(&view, airframe.rotors[i].position_m);
                 }
                 let (force, torque) =
-                    airframe::wrench(&self.airframe, &loads, &state.rotor_vel, &rotor_acc, state.ang_vel);
+                    airframe::wrench(airframe, &loads, &state.rotor_vel, &rotor_acc, state.ang_vel);
                 outer.add_body_force(state.quat, force);
                 outer.torque = vec3::add(outer.torque, torque);
-                rigid_body::accelerations(&self.body, state.ang_vel, &outer)
+                rigid_body::accelerations(body, state.ang_vel, &outer)
             }
-            (Dynamics::AttitudeResponse(p), Command::Attitude(c)) => {
+            (Some(p), Command::Attitude(c)) => {
                 thrust_rate = attitude_response::thrust_rate(p, state.thrust, c[3]);
                 let thrust =
                     attitude_response::thrust(p, state.thrust, c[3]) * self.thrust_gain(&view, [zero; 3]);
-                attitude_response::accelerations(p, &self.body, state, *c, thrust, &outer)
+                if let Some(point) = thrust_point_m {
+                    let torque = vec3::cross(point, [zero, zero, thrust]);
+                    outer.torque = vec3::add(outer.torque, torque);
+                }
+                attitude_response::accelerations(p, body, state, *c, thrust, &outer)
             }
             // A command of the other kind drives nothing; `rollout` never mixes them.
-            _ => rigid_body::accelerations(&self.body, state.ang_vel, &outer),
+            _ => rigid_body::accelerations(body, state.ang_vel, &outer),
         };
         Rate { vel: state.vel, ang_vel: state.ang_vel, acc, ang_acc, rotor_acc, thrust_rate }
     }
@@ -168,6 +247,17 @@ impl<S: Real> Drone<S> {
     /// Numbers of memory that all effects keep between steps of `dt_s` seconds.
     pub fn memory_len(&self, dt_s: f64) -> usize {
         self.effects.iter().map(|e| e.memory_len(dt_s)).sum()
+    }
+
+    /// Lets every effect fill its memory (zero until then) at a reset that starts with `command` in force;
+    /// `memory_len` gives [`Effect::memory_len`] at the simulation's steps.
+    pub fn start(&self, command: &Command<S>, memory_len: impl Fn(&AnyEffect<S>) -> usize, memory: &mut [S]) {
+        let mut rest = memory;
+        for effect in &self.effects {
+            let (mine, others) = rest.split_at_mut(memory_len(effect));
+            effect.start(command, mine);
+            rest = others;
+        }
     }
 
     /// Lets every effect change the command, once per step of `dt_s` seconds; `memory` has
@@ -181,7 +271,19 @@ impl<S: Real> Drone<S> {
         command: &mut Command<S>,
         memory: &mut [S],
     ) {
-        let view = View { body: &self.body, airframe: &self.airframe, state, surroundings };
+        let built = self.built();
+        let (body, airframe) = match &built {
+            Some(parts) => (&parts.body, &parts.airframe),
+            None => (&self.body, &self.airframe),
+        };
+        let collective_n = match (&self.dynamics, &command) {
+            (Dynamics::AttitudeResponse(filed), Command::Attitude(c)) => {
+                let p = built.as_ref().and_then(|parts| parts.response.as_ref()).unwrap_or(filed);
+                Some(attitude_response::thrust(p, state.thrust, c[3]))
+            }
+            _ => None,
+        };
+        let view = View { body, airframe, state, surroundings, collective_n };
         let mut rest = memory;
         for effect in &self.effects {
             let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));

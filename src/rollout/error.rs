@@ -85,6 +85,18 @@ pub enum RolloutError {
         /// Names like it.
         close: String,
     },
+    /// A parameter is outside the bounds within which its formula holds.
+    #[error("parameter {name} of drone {drone}: expected {expected}, got {got}")]
+    Parameter {
+        /// Drone slot.
+        drone: usize,
+        /// The parameter.
+        name: String,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        got: f64,
+    },
     /// A randomisation file or rule is wrong.
     #[error("randomisation rule {rule}: {reason}")]
     Randomization {

@@ -10,10 +10,11 @@ use crate::physics::airframe;
 use crate::physics::attitude_response;
 use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
 use crate::physics::drone::{Drone, Dynamics};
-use crate::physics::effects::AnyEffect;
+use crate::physics::effects::{AnyEffect, Command, Effect};
 use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
 use crate::random::Key;
+use crate::vehicle::effects::out_of_range;
 
 /// How rotors start after a reset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -336,7 +337,15 @@ impl Sim {
         self.data.rotor_command[row * MAX_ROTORS..(row + 1) * MAX_ROTORS].fill(0.0);
         self.data.attitude_command[row * 4..(row + 1) * 4].fill(0.0);
         let len = self.data.effect_memory[d].len() / self.data.n_worlds;
-        self.data.effect_memory[d][w * len..(w + 1) * len].fill(0.0);
+        let mut memory = vec![0.0; len];
+        let drone = self.drone(w, d);
+        let in_force = match drone.dynamics {
+            Dynamics::Rotors => Command::Rotors(state.rotor_vel),
+            Dynamics::AttitudeResponse(_) => Command::Attitude([0.0, 0.0, 0.0, state.thrust]),
+        };
+        let dt_s = 1.0 / f64::from(self.options.sim_hz);
+        drone.start(&in_force, |effect| effect.memory_len(dt_s), &mut memory);
+        self.data.effect_memory[d][w * len..(w + 1) * len].copy_from_slice(&memory);
         Ok(())
     }
 
@@ -446,13 +455,14 @@ impl Sim {
         self.load::<f64>(world).rate(&plan, &drones, drone)
     }
 
-    /// Collective thrust of one drone at its present rotor speeds or thrust state, N, without effects.
+    /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
+    /// the air adds.
     pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {
-        let d = self.drone(world, drone);
+        let parts = self.drone(world, drone).parts();
         let s = self.data.state(world, drone);
-        match &d.dynamics {
-            Dynamics::Rotors => airframe::loads(&d.airframe, &s.rotor_vel).thrust.iter().sum(),
-            Dynamics::AttitudeResponse(p) => {
+        match &parts.response {
+            None => airframe::loads(&parts.airframe, &s.rotor_vel).thrust.iter().sum(),
+            Some(p) => {
                 let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3];
                 attitude_response::thrust(p, s.thrust, command)
             }
@@ -566,9 +576,9 @@ impl Sim {
 
 /// Thrust state (N) at which the abstracted model carries the weight.
 fn hover_thrust_state(drone: &Drone<f64>) -> f64 {
-    match &drone.dynamics {
-        Dynamics::Rotors => 0.0,
-        Dynamics::AttitudeResponse(p) => (drone.hover_thrust() - p.thrust_offset_n) / p.thrust_scale,
+    match drone.parts().response {
+        None => 0.0,
+        Some(p) => (drone.hover_thrust() - p.thrust_offset_n) / p.thrust_scale,
     }
 }
 
@@ -615,6 +625,20 @@ fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
         }
         if !body.gravity_m_s2[i].is_finite() {
             return option("body.gravity_m_s2", "finite numbers", body.gravity_m_s2[i]);
+        }
+        let (a, b) = (body.inertia_kg_m2[i][(i + 1) % 3], body.inertia_kg_m2[(i + 1) % 3][i]);
+        if a != b {
+            return option("body.inertia_kg_m2", &format!("a symmetric matrix; {a} stands across from"), b);
+        }
+    }
+    for effect in &drone.effects {
+        if let Some(fault) = out_of_range(&mut effect.clone()) {
+            return Err(RolloutError::Parameter {
+                drone: slot,
+                name: format!("effect.{}.{}", effect.kind(), fault.parameter),
+                expected: fault.expected,
+                got: fault.found,
+            });
         }
     }
     Ok(())
@@ -683,7 +707,7 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::effects::{constant_wind, downwash, linear_drag};
+    use crate::physics::effects::{command_delay, constant_wind, downwash, linear_drag};
     use crate::physics::sample::{RATES, quad};
     use crate::rollout::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
     use crate::rollout::randomize::Draw;
@@ -1019,6 +1043,19 @@ mod tests {
             }
         }
         assert_eq!(whole.data, halves.data);
+    }
+
+    #[test]
+    fn a_delayed_drone_that_starts_in_hover_does_not_dip() {
+        let late = AnyEffect::CommandDelay(command_delay::Params { delay_s: 0.05 });
+        let mut sim = Sim::new(SimOptions::default(), vec![(quad(vec![late]), RATES)]).unwrap();
+        sim.set_command(&[0.0, 0.0, 0.0, 9.81]).unwrap();
+        sim.step(20).unwrap();
+        assert!(sim.data.vel[2].abs() < 1e-9, "{}", sim.data.vel[2]);
+        let message =
+            sim.set_parameter(None, 0, "effect.command_delay.delay_s", 0.7).unwrap_err().to_string();
+        assert!(message.contains("delay_s") && message.contains("0.5"), "{message}");
+        assert!(sim.set_parameter(None, 0, "body.inertia_kg_m2.0.1", 0.001).is_err(), "not symmetric");
     }
 
     #[test]

@@ -115,42 +115,74 @@ impl Check<'_> {
         Ok(effect)
     }
 
-    /// Bounds outside which the formula of an effect does not hold.
+    /// Refuses parameters outside the bounds of [`out_of_range`].
     fn effect_range(&self, key: &str, effect: &mut AnyEffect<f64>) -> Result<(), VehicleError> {
-        const MOST: f64 = f64::INFINITY;
-        // (effect, parameter, least, greatest, whether the least itself is allowed)
-        const RANGES: &[(&str, &str, f64, f64, bool)] = &[
-            ("command_delay", "delay_s", 0.0, command_delay::MAX_DELAY_S, true),
-            ("battery_sag", "full_v", 0.0, MOST, false),
-            ("battery_sag", "nominal_v", 0.0, MOST, false),
-            ("battery_sag", "resistance_ohm", 0.0, MOST, true),
-            ("battery_sag", "drop_v_per_a_s", 0.0, MOST, true),
-            ("battery_sag", "efficiency", 0.0, 1.0, false),
-            ("downwash", "drag_area_m2", 0.0, MOST, true),
-            ("downwash", "spread", 0.0, MOST, true),
-            ("ground_effect", "strength", 0.0, MOST, true),
-        ];
-        let kind = effect.kind();
-        let mut found = Ok(());
-        effect.visit("", &mut |name, value| {
-            let name = name.trim_start_matches('.');
-            for (of, param, least, most, closed) in RANGES {
-                let inside = *value <= *most && (*value > *least || (*closed && *value == *least));
-                if *of == kind && *param == name && !inside {
-                    let from = if *closed { "from" } else { "above" };
-                    let to = if most.is_finite() { format!(" to {most}") } else { String::new() };
-                    let expected = format!("a number {from} {least}{to}");
-                    found = Err(self.wrong(
-                        format!("{key}.{name}"),
-                        &expected,
-                        *value,
-                        "write a value in this range",
-                    ));
-                }
-            }
-        });
-        found
+        match out_of_range(effect) {
+            None => Ok(()),
+            Some(fault) => Err(self.wrong(
+                format!("{key}.{}", fault.parameter),
+                &fault.expected,
+                fault.found,
+                "write a value in this range",
+            )),
+        }
     }
+}
+
+/// A parameter of an effect outside the bounds within which its formula holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutOfRange {
+    /// The parameter.
+    pub parameter: String,
+    /// What it may be, in words.
+    pub expected: String,
+    /// What it is.
+    pub found: f64,
+}
+
+/// The first parameter of an effect outside the bounds within which its formula holds.
+pub fn out_of_range(effect: &mut AnyEffect<f64>) -> Option<OutOfRange> {
+    const MOST: f64 = f64::INFINITY;
+    // (effect, parameter, least, greatest, whether the least itself is allowed)
+    const RANGES: &[(&str, &str, f64, f64, bool)] = &[
+        ("command_delay", "delay_s", 0.0, command_delay::MAX_DELAY_S, true),
+        ("battery_sag", "full_v", 0.0, MOST, false),
+        ("battery_sag", "nominal_v", 0.0, MOST, false),
+        ("battery_sag", "resistance_ohm", 0.0, MOST, true),
+        ("battery_sag", "drop_v_per_a_s", 0.0, MOST, true),
+        ("battery_sag", "efficiency", 0.0, 1.0, false),
+        ("downwash", "drag_area_m2", 0.0, MOST, true),
+        ("downwash", "spread", 0.0, MOST, true),
+        ("ground_effect", "strength", 0.0, MOST, true),
+        ("quadratic_drag", "drag_n_s2_per_m2", 0.0, MOST, true),
+        ("rotor_drag", "drag_n_s2_per_rad_m", 0.0, MOST, true),
+        ("inflow", "loss_n_s2_per_rad_m", 0.0, MOST, true),
+        ("translational_lift", "lift_n_s2_per_m2", 0.0, MOST, true),
+        ("gust", "frequency_hz", 0.0, MOST, true),
+        ("payload", "mass_kg", 0.0, MOST, true),
+        ("thrust_scale", "factor", 0.0, MOST, false),
+        ("weak_rotor", "factor", 0.0, MOST, false),
+        ("torque_scale", "factor", 0.0, MOST, true),
+        ("motor_lag", "spin_up_factor", 0.0, MOST, false),
+        ("motor_lag", "spin_down_factor", 0.0, MOST, false),
+        ("actuator_saturation", "max_rotor_vel_rad_s", 0.0, MOST, false),
+    ];
+    let kind = effect.kind();
+    let mut found = None;
+    effect.visit("", &mut |name, value| {
+        let name = name.trim_start_matches('.');
+        for (of, param, least, most, closed) in RANGES {
+            let inside = *value <= *most && (*value > *least || (*closed && *value == *least));
+            // A range of an array holds for each of its numbers.
+            if *of == kind && index_of(name, param).is_some() && !inside {
+                let from = if *closed { "from" } else { "above" };
+                let to = if most.is_finite() { format!(" to {most}") } else { String::new() };
+                let expected = format!("a number {from} {least}{to}");
+                found.get_or_insert(OutOfRange { parameter: name.into(), expected, found: *value });
+            }
+        }
+    });
+    found
 }
 
 /// The indices of the visited `name` within parameter `param`, if it belongs to it.

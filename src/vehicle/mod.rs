@@ -9,7 +9,7 @@
 //! # Ok::<(), propwash::vehicle::VehicleError>(())
 //! ```
 
-mod effects;
+pub mod effects;
 mod error;
 mod file;
 mod mixer;

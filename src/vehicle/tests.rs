@@ -365,7 +365,7 @@ const REFUSED: &[(&str, &str, &[&str])] = &[
     ("state_hz = 100", "state_hz = -5", &["invalid value", "state_hz = -5", "u32"]),
     ("thrust_rate_per_s = 11.531559320597035\n", "", &["`attitude_response.so_rpy_rotor.thrust_rate_per_s`", "found nothing", "so_rpy"]),
     ("thrust_scale = 1.023224599403443", "thrust_scale = 1.0\nthrust_rate_per_s = 3.0", &["`attitude_response.so_rpy.thrust_rate_per_s`", "at once", "so_rpy_rotor"]),
-    ("kind = \"linear_drag\"", "kind = \"quadratic_drag\"", &["`effect.0.kind`", "linear_drag, constant_wind", "quadratic_drag", "correct the name"]),
+    ("kind = \"linear_drag\"", "kind = \"cubic_drag\"", &["`effect.0.kind`", "linear_drag, constant_wind", "cubic_drag", "correct the name"]),
     ("models = [\"first_principles\"", "models = [\"first_principle\"", &["`effect.0.models.0`", "first_principles, so_rpy", "correct the name"]),
     ("drag_n_s_per_m = [", "drag = 1.0\ndrag_n_s_per_m = [", &["`effect.0.drag`", "linear_drag (drag_n_s_per_m)", "correct or remove"]),
     ("    [0.0, 0.0, 0.013900090000325344],\n", "", &["`effect.0.drag_n_s_per_m`", "9 numbers (3 × 3)", "6 numbers (2 × 3)", "as many numbers"]),

@@ -34,9 +34,19 @@ fn history(dt_s: f64) -> usize {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
-    /// Past commands, newest first. Before the first command, motors are off.
+    /// Past commands, newest first. Before the first command stands what was in force at the start.
     fn memory_len(&self, dt_s: f64) -> usize {
         history(dt_s) * WIDTH
+    }
+
+    fn start(&self, command: &Command<S>, memory: &mut [S]) {
+        let numbers: &[S] = match command {
+            Command::Rotors(c) => c,
+            Command::Attitude(c) => c,
+        };
+        for row in memory.chunks_exact_mut(WIDTH) {
+            row[..numbers.len()].copy_from_slice(numbers);
+        }
     }
 
     fn command(&self, _: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {

@@ -1,35 +1,117 @@
 //! Effects: what acts on a vehicle beyond rigid body, rotors and gravity. One file each; this is the one list of them.
 //!
 //! A vehicle lists the effects that it has; an effect that is not listed does nothing. During one evaluation of the
-//! forces every effect first says what the air does ([`Effect::air`]), then how each rotor's thrust changes
-//! ([`Effect::thrust_gain`]), then what else pushes and turns the body ([`Effect::wrench`]). Once per simulation step,
-//! before integration, it may change the command on its way to the motors ([`Effect::command`]).
+//! forces every effect first says how the vehicle is built otherwise than its file says ([`Effect::build`]), then what
+//! the air does ([`Effect::air`]), then how each rotor's thrust changes ([`Effect::thrust_gain`]), then what else pushes
+//! and turns the body ([`Effect::wrench`]). Once per simulation step, before integration, it may change the command on
+//! its way to the motors ([`Effect::command`]).
 
-use super::airframe;
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, State, Wrench};
 use super::surroundings::Surroundings;
+use super::{airframe, attitude_response, rotor};
+use crate::math::{quat, vec3};
 use crate::scalar::Real;
 
+pub mod actuator_saturation;
 pub mod battery_sag;
+pub mod blade_flapping;
+pub mod com_offset;
 pub mod command_delay;
 pub mod constant_wind;
 pub mod disturbance;
 pub mod downwash;
 pub mod ground_effect;
+pub mod gust;
+pub mod inflow;
 pub mod linear_drag;
+pub mod motor_lag;
+pub mod payload;
+pub mod quadratic_drag;
+pub mod rotor_drag;
+pub mod thrust_scale;
+pub mod torque_scale;
+pub mod translational_lift;
+pub mod weak_rotor;
 
 /// What an effect may read.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, S> {
-    /// Mass properties.
+    /// Mass properties, as built by the effects.
     pub body: &'a rigid_body::Params<S>,
-    /// Rotors.
+    /// Rotors, as built by the effects.
     pub airframe: &'a airframe::Params<S>,
     /// State of the vehicle.
     pub state: &'a State<S>,
     /// The world around it; `wind_m_s` already holds what the effects' `air` added.
     pub surroundings: &'a Surroundings<'a, S>,
+    /// Collective thrust of the abstracted model, N; `None` for a vehicle whose state has rotor speeds.
+    pub collective_n: Option<S>,
+}
+
+impl<S: Real> View<'_, S> {
+    /// Rotor speeds, rad/s. In the abstracted model: those at which every rotor has an equal share of the thrust, which
+    /// is held above 1 µN so that the slope stays finite.
+    #[inline(always)]
+    pub fn rotor_vel(&self) -> [S; MAX_ROTORS] {
+        let Some(thrust) = self.collective_n else { return self.state.rotor_vel };
+        let share = thrust.max(S::lit(1e-6)) / S::lit(self.airframe.n_rotors.max(1) as f64);
+        let mut out = [S::zero(); MAX_ROTORS];
+        for i in 0..self.airframe.n_rotors {
+            out[i] = rotor::speed_for_thrust(self.airframe.rotors[i].thrust_curve, share);
+        }
+        out
+    }
+
+    /// Velocity of the centre of mass through the air, m/s, body.
+    #[inline(always)]
+    pub fn air_velocity(&self) -> [S; 3] {
+        let relative = vec3::sub(self.state.vel, self.surroundings.wind_m_s);
+        quat::rotate_inverse(self.state.quat, relative)
+    }
+
+    /// Velocity of the hub of rotor `i` through the air for that of the centre of mass, m/s, body: along the rotor's
+    /// axis, and across it.
+    #[inline(always)]
+    pub fn hub_velocity(&self, i: usize, air_velocity: [S; 3]) -> (S, [S; 3]) {
+        let r = &self.airframe.rotors[i];
+        let hub = vec3::add(air_velocity, vec3::cross(self.state.ang_vel, r.position_m));
+        let along = vec3::dot(hub, r.axis);
+        (along, vec3::sub(hub, vec3::scale(r.axis, along)))
+    }
+}
+
+/// The parts of a vehicle that effects may build otherwise than its file says. The on-board controller is none of them:
+/// it goes on believing in the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts<S> {
+    /// Mass properties.
+    pub body: rigid_body::Params<S>,
+    /// Rotors.
+    pub airframe: airframe::Params<S>,
+    /// The abstracted attitude response, where the vehicle flies by it.
+    pub response: Option<attitude_response::Params<S>>,
+    /// Where the thrust of the abstracted model acts, m from the centre of mass, body; the origin as filed.
+    pub thrust_point_m: [S; 3],
+}
+
+impl<S: Real> Parts<S> {
+    /// Moves the centre of mass by `offset_m` (body): everything else is then seen from there.
+    #[inline(always)]
+    pub fn shift_com(&mut self, offset_m: [S; 3]) {
+        for i in 0..self.airframe.n_rotors {
+            let position = &mut self.airframe.rotors[i].position_m;
+            *position = vec3::sub(*position, offset_m);
+        }
+        self.thrust_point_m = vec3::sub(self.thrust_point_m, offset_m);
+    }
+}
+
+/// Adds the force of rotor `i` (N, body), which acts at its hub, to a wrench.
+#[inline(always)]
+fn add_hub_force<S: Real>(view: &View<S>, i: usize, force: [S; 3], out: &mut Wrench<S>) {
+    out.add_body_force(view.state.quat, force);
+    out.torque = vec3::add(out.torque, vec3::cross(view.airframe.rotors[i].position_m, force));
 }
 
 /// What goes to the motors, or to the abstracted attitude response.
@@ -43,6 +125,14 @@ pub enum Command<S> {
 
 /// One physical effect. Every hook does nothing unless the effect says otherwise.
 pub trait Effect<S: Real> {
+    /// Whether [`Effect::build`] does anything.
+    fn builds(&self) -> bool {
+        false
+    }
+    /// Changes what the vehicle is built of.
+    fn build(&self, parts: &mut Parts<S>) {
+        let _ = parts;
+    }
     /// Numbers of memory that [`Effect::command`] keeps between steps of `dt_s` seconds.
     fn memory_len(&self, dt_s: f64) -> usize {
         let _ = dt_s;
@@ -62,8 +152,12 @@ pub trait Effect<S: Real> {
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         let _ = (view, out);
     }
+    /// Fills the memory, zero until then, at a reset that starts with `command` in force.
+    fn start(&self, command: &Command<S>, memory: &mut [S]) {
+        let _ = (command, memory);
+    }
     /// Changes the command, once per step of `dt_s` seconds. `memory` has [`Effect::memory_len`] numbers, zero after a
-    /// reset.
+    /// reset but for what [`Effect::start`] wrote.
     fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
         let _ = (view, dt_s, command, memory);
     }
@@ -98,6 +192,13 @@ macro_rules! effects {
         }
 
         impl<S: Real> Effect<S> for AnyEffect<S> {
+            fn builds(&self) -> bool {
+                match self { $(Self::$variant(p) => Effect::<S>::builds(p),)* }
+            }
+            #[inline(always)]
+            fn build(&self, parts: &mut Parts<S>) {
+                match self { $(Self::$variant(p) => p.build(parts),)* }
+            }
             fn memory_len(&self, dt_s: f64) -> usize {
                 match self { $(Self::$variant(p) => p.memory_len(dt_s),)* }
             }
@@ -112,6 +213,10 @@ macro_rules! effects {
             #[inline(always)]
             fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
                 match self { $(Self::$variant(p) => p.wrench(view, out),)* }
+            }
+            #[inline(always)]
+            fn start(&self, command: &Command<S>, memory: &mut [S]) {
+                match self { $(Self::$variant(p) => p.start(command, memory),)* }
             }
             #[inline(always)]
             fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
@@ -146,32 +251,133 @@ effects! {
     battery_sag => BatterySag,
     /// Commands that arrive late.
     command_delay => CommandDelay,
+    /// Force against the velocity relative to the air, growing with its square.
+    quadratic_drag => QuadraticDrag,
+    /// Drag of every rotor in its own plane, growing with its speed.
+    rotor_drag => RotorDrag,
+    /// Moment of blades that flap in a flow from the side.
+    blade_flapping => BladeFlapping,
+    /// Less thrust the faster a rotor climbs through the air.
+    inflow => Inflow,
+    /// More thrust in a flow from the side.
+    translational_lift => TranslationalLift,
+    /// Wind that swings as a sine.
+    gust => Gust,
+    /// Mass fixed to the vehicle.
+    payload => Payload,
+    /// Centre of mass elsewhere than filed.
+    com_offset => ComOffset,
+    /// All rotors give more or less thrust than filed.
+    thrust_scale => ThrustScale,
+    /// Each rotor gives more or less thrust and torque than filed.
+    weak_rotor => WeakRotor,
+    /// All rotors meet more or less torque than filed.
+    torque_scale => TorqueScale,
+    /// Motors slower or faster than filed.
+    motor_lag => MotorLag,
+    /// Motors that cannot turn faster than a limit.
+    actuator_saturation => ActuatorSaturation,
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::physics::drone::{Drone, Dynamics};
     use crate::physics::sample::quad;
     use crate::physics::surroundings::Surroundings;
+    use crate::scalar::dual::Dual;
 
     #[test]
     fn every_effect_does_nothing_at_its_defaults() {
-        let plain = quad(vec![]);
-        let mut state = State { rotor_vel: plain.hover_rotor_vel(), vel: [1.0, 2.0, 3.0], ..State::rest() };
-        state.ang_vel = [0.3, 0.2, 0.1];
-        let near = Surroundings { ground_distance_m: 0.1, ..Surroundings::calm() };
-        for kind in KINDS {
-            let drone = quad(vec![AnyEffect::by_kind(kind).unwrap()]);
-            assert_eq!(drone.effects[0].kind(), *kind);
-            let mut command = Command::Rotors([400.0; MAX_ROTORS]);
-            let mut memory = vec![0.0; drone.memory_len(0.002)];
-            for _ in 0..3 {
-                command = Command::Rotors([400.0; MAX_ROTORS]);
-                drone.transmit(&state, &near, (0.002, 0.002), &mut command, &mut memory);
+        let response = Dynamics::AttitudeResponse(attitude_response::Params {
+            thrust_offset_n: 0.1,
+            thrust_scale: 1.1,
+            thrust_rate_per_s: 12.0,
+            angle_gain_per_s2: [-400.0; 3],
+            rate_gain_per_s: [-30.0; 3],
+            command_gain_per_s2: [400.0; 3],
+            thrust_dynamics: true,
+        });
+        let rotors = Command::Rotors([400.0; MAX_ROTORS]);
+        let attitude = Command::Attitude([0.1, -0.2, 0.3, 9.0]);
+        for (dynamics, sent) in [(Dynamics::Rotors, rotors), (response, attitude)] {
+            let plain = Drone { dynamics, ..quad(vec![]) };
+            let mut state =
+                State { rotor_vel: plain.hover_rotor_vel(), vel: [1.0, 2.0, 3.0], ..State::rest() };
+            state.quat = crate::math::euler::to_quat([0.2, -0.3, 0.4]);
+            state.ang_vel = [0.3, 0.2, 0.1];
+            state.thrust = 8.0;
+            let near = Surroundings {
+                ground_distance_m: 0.1,
+                time_s: 0.2,
+                wind_m_s: [0.5, 0.0, 0.0],
+                ..Surroundings::calm()
+            };
+            for kind in KINDS {
+                let drone = Drone { dynamics, ..quad(vec![AnyEffect::by_kind(kind).unwrap()]) };
+                assert_eq!(drone.effects[0].kind(), *kind);
+                let mut command = sent;
+                let mut memory = vec![0.0; drone.memory_len(0.002)];
+                for _ in 0..3 {
+                    command = sent;
+                    drone.transmit(&state, &near, (0.002, 0.002), &mut command, &mut memory);
+                }
+                assert_eq!(command, sent, "{kind}");
+                assert_eq!(
+                    drone.rate(&state, &command, &near),
+                    plain.rate(&state, &command, &near),
+                    "{kind}"
+                );
+                assert_eq!(drone.hover_rotor_vel(), plain.hover_rotor_vel(), "{kind}");
             }
-            assert_eq!(command, Command::Rotors([400.0; MAX_ROTORS]), "{kind}");
-            assert_eq!(drone.rate(&state, &command, &near), plain.rate(&state, &command, &near), "{kind}");
         }
         assert_eq!(AnyEffect::by_kind("propwash"), None);
+    }
+
+    #[test]
+    fn what_effects_build_reaches_the_other_effects_in_order() {
+        // 0.5 kg at 0.3 m ahead: the centre of mass of 1.5 kg lies at 0.1 m; the second one counts from there.
+        let first = payload::Params { mass_kg: 0.5, position_m: [0.3, 0.0, 0.0] };
+        let then = com_offset::Params { offset_m: [0.0, 0.01, 0.0] };
+        let parts = quad(vec![AnyEffect::Payload(first), AnyEffect::ComOffset(then)]).parts();
+        let [x, y, _] = parts.airframe.rotors[0].position_m;
+        assert!((x - 0.0).abs() < 1e-15 && (y + 0.11).abs() < 1e-15, "{x} {y}");
+        assert!((parts.thrust_point_m[0] + 0.1).abs() < 1e-15);
+        // The battery sees the thrust of the weak rotors.
+        let battery = battery_sag::Params {
+            full_v: 12.0,
+            nominal_v: 12.0,
+            resistance_ohm: 0.0,
+            drop_v_per_a_s: 0.01,
+            efficiency: 0.5,
+        };
+        let charge = |factor: f64| {
+            let scale = AnyEffect::ThrustScale(thrust_scale::Params { factor });
+            let drone = quad(vec![AnyEffect::BatterySag(battery), scale]);
+            let state = State { rotor_vel: quad(vec![]).hover_rotor_vel(), ..State::rest() };
+            let mut memory = vec![0.0];
+            let mut command = Command::Rotors([500.0; MAX_ROTORS]);
+            drone.transmit(&state, &Surroundings::calm(), (0.01, 0.01), &mut command, &mut memory);
+            memory[0]
+        };
+        assert!((charge(0.64) / charge(1.0) - 0.64f64.powf(1.5)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_effect_has_finite_derivatives_at_rest() {
+        type D = Dual<f64, 3>;
+        for kind in KINDS {
+            let mut effect = AnyEffect::by_kind(kind).unwrap();
+            effect.visit("", &mut |_, v| *v = if *v == 0.0 { 0.1 } else { *v * 1.1 });
+            let drone = quad(vec![effect]).map(&mut D::lit);
+            let mut state = State::<D>::rest();
+            for i in 0..3 {
+                state.vel[i] = D::input(0.0, i);
+            }
+            let rate = drone.rate(&state, &Command::Rotors([D::lit(0.0); MAX_ROTORS]), &Surroundings::calm());
+            for a in rate.acc.iter().chain(&rate.ang_acc).chain(&rate.rotor_acc) {
+                assert!(a.value.is_finite() && a.partials.iter().all(|p| p.is_finite()), "{kind}: {a:?}");
+            }
+        }
     }
 }

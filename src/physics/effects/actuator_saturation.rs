@@ -1,0 +1,72 @@
+//! Motors that cannot turn faster than a limit: Ω_cmd ← min(Ω_cmd, Ω_max), whatever the controller asks for.
+//!
+//! Source: Faessler, Falanga & Scaramuzza, "Thrust mixing, saturation, and body-rate control for accurate aggressive
+//! quadrotor flight", IEEE Robotics and Automation Letters 2(2), 2017.
+
+use super::{Command, Effect, View};
+use crate::physics::params::parameters;
+use crate::physics::rotor;
+use crate::scalar::Real;
+
+/// Limit that stands for none, rad/s: far above any motor.
+pub const NO_LIMIT_RAD_S: f64 = 1e6;
+
+parameters! {
+    /// Parameters of the saturation.
+    pub struct Params {
+        /// Highest rotor speed, rad/s.
+        max_rotor_vel_rad_s: S,
+    }
+}
+
+impl Default for Params<f64> {
+    fn default() -> Self {
+        Self { max_rotor_vel_rad_s: NO_LIMIT_RAD_S }
+    }
+}
+
+impl<S: Real> Effect<S> for Params<S> {
+    #[inline(always)]
+    fn command(&self, view: &View<S>, _: S, command: &mut Command<S>, _: &mut [S]) {
+        let limit = self.max_rotor_vel_rad_s;
+        match command {
+            Command::Rotors(speeds) => {
+                for i in 0..view.airframe.n_rotors {
+                    speeds[i] = speeds[i].min(limit);
+                }
+            }
+            Command::Attitude(c) => {
+                let mut most = S::zero();
+                for i in 0..view.airframe.n_rotors {
+                    most = most + rotor::curve(view.airframe.rotors[i].thrust_curve, limit);
+                }
+                c[3] = c[3].min(most);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::effects::AnyEffect;
+    use crate::physics::rigid_body::State;
+    use crate::physics::sample::quad;
+    use crate::physics::surroundings::Surroundings;
+
+    #[test]
+    fn speeds_above_the_limit_are_held_there_and_others_pass() {
+        let drone = quad(vec![AnyEffect::ActuatorSaturation(Params { max_rotor_vel_rad_s: 600.0 })]);
+        let send = |mut command: Command<f64>| {
+            let calm = Surroundings::calm();
+            drone.transmit(&State::rest(), &calm, (0.01, 0.01), &mut command, &mut []);
+            command
+        };
+        let sent = send(Command::Rotors([599.0, 601.0, 0.0, 1e4, 700.0, 0.0, 0.0, 0.0]));
+        assert_eq!(sent, Command::Rotors([599.0, 600.0, 0.0, 600.0, 700.0, 0.0, 0.0, 0.0]));
+        // Four rotors of 1e-5 N·s²/rad² at 600 rad/s give 14.4 N; angles pass.
+        let Command::Attitude(c) = send(Command::Attitude([0.1, 0.2, 0.3, 20.0])) else { panic!("attitude") };
+        assert!((c[3] - 14.4).abs() < 1e-12 && c[..3] == [0.1, 0.2, 0.3]);
+        assert_eq!(send(Command::Attitude([0.0, 0.0, 0.0, 14.0])), Command::Attitude([0.0, 0.0, 0.0, 14.0]));
+    }
+}

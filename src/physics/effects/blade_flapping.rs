@@ -1,0 +1,91 @@
+//! Moment of blades that flap in a flow across the axis: τᵢ = k Ωᵢ vᵢ × aᵢ, which lifts the side that the flow meets.
+//!
+//! The blade that runs against the flow lifts more and rises a quarter turn later, in front; stiff blades hand that
+//! tilt to the hub as a moment. Its force, a thrust that leans back, has the form of [`super::rotor_drag`].
+//! Source: Mahony, Kumar & Corke, "Multirotor aerial vehicles: modeling, estimation, and control of quadrotor", IEEE
+//! Robotics & Automation Magazine 19(3), 2012; Hoffmann, Huang, Waslander & Tomlin, "Quadrotor helicopter flight dynamics
+//! and control: theory and experiment", AIAA GNC 2007.
+
+use super::{Effect, View};
+use crate::math::vec3;
+use crate::physics::params::parameters;
+use crate::physics::rigid_body::Wrench;
+use crate::scalar::Real;
+
+parameters! {
+    /// Parameters of blade flapping.
+    pub struct Params {
+        /// Moment of one rotor per rotor speed and flow across its axis, N·s²/rad; positive numbers lift the side that
+        /// the flow meets.
+        moment_n_s2_per_rad: S,
+    }
+}
+
+impl Default for Params<f64> {
+    fn default() -> Self {
+        Self { moment_n_s2_per_rad: 0.0 }
+    }
+}
+
+impl<S: Real> Effect<S> for Params<S> {
+    #[inline(always)]
+    fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
+        let speeds = view.rotor_vel();
+        let air = view.air_velocity();
+        for i in 0..view.airframe.n_rotors {
+            let (_, across) = view.hub_velocity(i, air);
+            let moment = vec3::cross(across, view.airframe.rotors[i].axis);
+            let size = self.moment_n_s2_per_rad * speeds[i];
+            out.torque = vec3::add(out.torque, vec3::scale(moment, size));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::physics::effects::{AnyEffect, Command};
+    use crate::physics::rigid_body::State;
+    use crate::physics::sample::quad;
+    use crate::physics::surroundings::Surroundings;
+
+    #[test]
+    fn a_flow_from_ahead_lifts_the_nose_and_one_from_the_left_lifts_the_left_side() {
+        let drone = quad(vec![AnyEffect::BladeFlapping(Params { moment_n_s2_per_rad: 1e-6 })]);
+        let turn = |vel: [f64; 3], wind_m_s: [f64; 3]| {
+            let mut state = State { vel, ..State::rest() };
+            state.rotor_vel[..4].fill(500.0);
+            let around = Surroundings { wind_m_s, ..Surroundings::calm() };
+            let rate = drone.rate(&state, &Command::Rotors([500.0; 8]), &around);
+            assert!(rate.acc[0].abs() < 1e-12 && rate.acc[1].abs() < 1e-12, "a moment without a force");
+            rate.ang_acc
+        };
+        let size = 4.0 * 1e-6 * 500.0 * 3.0 / 0.01;
+        // About +y the nose goes down, about +x the left side goes up.
+        let ahead = turn([3.0, 0.0, 2.0], [0.0; 3]);
+        assert!((ahead[1] + size).abs() < 1e-12 && ahead[0].abs() < 1e-12, "{ahead:?}");
+        let left = turn([0.0; 3], [0.0, -3.0, 0.0]);
+        assert!((left[0] - size).abs() < 1e-12 && left[1].abs() < 1e-12, "{left:?}");
+    }
+
+    #[test]
+    fn the_abstracted_model_flaps_at_the_speed_of_its_thrust() {
+        use crate::physics::attitude_response;
+        use crate::physics::drone::Dynamics;
+        let mut drone = quad(vec![AnyEffect::BladeFlapping(Params { moment_n_s2_per_rad: 1e-6 })]);
+        drone.dynamics = Dynamics::AttitudeResponse(attitude_response::Params {
+            thrust_offset_n: 0.0,
+            thrust_scale: 1.0,
+            thrust_rate_per_s: 0.0,
+            angle_gain_per_s2: [0.0; 3],
+            rate_gain_per_s: [0.0; 3],
+            command_gain_per_s2: [0.0; 3],
+            thrust_dynamics: false,
+        });
+        // The rotor speeds of the state are not those of this model and must not count.
+        let state = State { vel: [3.0, 0.0, 0.0], rotor_vel: [7.0; 8], ..State::rest() };
+        // 10 N over four rotors of 1e-5 N·s²/rad²: 500 rad/s.
+        let rate = drone.rate(&state, &Command::Attitude([0.0, 0.0, 0.0, 10.0]), &Surroundings::calm());
+        assert!((rate.ang_acc[1] + 4.0 * 1e-6 * 500.0 * 3.0 / 0.01).abs() < 1e-12, "{:?}", rate.ang_acc);
+    }
+}

@@ -1,0 +1,311 @@
+//! Every effect flies from a vehicle file and moves the vehicle the way its page says.
+
+use propwash::physics::controllers::ControlMode;
+use propwash::physics::effects::KINDS;
+use propwash::physics::rigid_body::State;
+use propwash::rollout::{RotorStart, Sim, SimOptions};
+use propwash::vehicle::Vehicle;
+
+/// A Crazyflie without its own drag, with what `effects` (TOML) lists.
+fn vehicle(effects: &str) -> Vehicle {
+    let mut file = Vehicle::builtin("cf2x_L250").unwrap().file().clone();
+    file.effect.clear();
+    let plain = Vehicle::from_file("plain", file).unwrap();
+    Vehicle::from_toml("with effects", &format!("{}\n{effects}", plain.to_toml())).unwrap()
+}
+
+fn entry(kind: &str, parameters: &str) -> String {
+    format!("[[effect]]\nkind = \"{kind}\"\n{parameters}\n")
+}
+
+/// One flight: state after `steps` steps of 2 ms from `start`, with rotors at the plain vehicle's hover speed times
+/// `rotors`, both at the start and as command; and the collective thrust then.
+struct Flight {
+    start: State<f64>,
+    start_speed: f64,
+    rotors: [f64; 4],
+    wind_m_s: [f64; 3],
+    ground_z: f64,
+    steps: usize,
+}
+
+/// From rest, level, all rotors at hover, 0.1 s.
+const HOVER: Flight = Flight {
+    start: State {
+        pos: [0.0; 3],
+        quat: [0.0, 0.0, 0.0, 1.0],
+        vel: [0.0; 3],
+        ang_vel: [0.0; 3],
+        rotor_vel: [0.0; 8],
+        thrust: 0.0,
+    },
+    start_speed: 1.0,
+    rotors: [1.0; 4],
+    wind_m_s: [0.0; 3],
+    ground_z: f64::NEG_INFINITY,
+    steps: 50,
+};
+
+impl Flight {
+    fn moving(vel: [f64; 3]) -> Self {
+        Self { start: State { vel, ..HOVER.start }, ..HOVER }
+    }
+
+    /// End of the flight with these effects.
+    fn end(&self, effects: &str) -> State<f64> {
+        let hover = vehicle("").drone("first_principles").unwrap().hover_rotor_vel();
+        let with = vehicle(effects);
+        let options = SimOptions {
+            control: ControlMode::RotorVel,
+            rotor_start: RotorStart::Off,
+            ..SimOptions::default()
+        };
+        let drone = with.drone("first_principles").unwrap();
+        let mut sim = Sim::new(options, vec![(drone, with.rates)]).unwrap();
+        let mut start = self.start;
+        for i in 0..4 {
+            start.rotor_vel[i] = hover[i] * self.start_speed;
+        }
+        sim.set_initial(0, 0, start).unwrap();
+        sim.reset(None).unwrap();
+        sim.data.ground_z[0] = self.ground_z;
+        sim.data.wind[..3].copy_from_slice(&self.wind_m_s);
+        let command: Vec<f64> = (0..4).map(|i| hover[i] * self.rotors[i]).collect();
+        sim.set_command(&command).unwrap();
+        sim.step(self.steps).unwrap();
+        assert!(sim.data.quarantine[0].is_none());
+        sim.data.state(0, 0)
+    }
+
+    /// (with the effect, without it)
+    fn pair(&self, kind: &str, parameters: &str) -> (State<f64>, State<f64>) {
+        (self.end(&entry(kind, parameters)), self.end(""))
+    }
+}
+
+const DRAG: &str = "drag_n_s_per_m = [[0.015, 0, 0], [0, 0.015, 0], [0, 0, 0.015]]";
+
+#[test]
+fn the_drags_brake_and_rotor_drag_more_so_at_higher_rotor_speeds() {
+    let ahead = Flight::moving([5.0, 0.0, 0.0]);
+    for (kind, parameters) in [
+        ("linear_drag", DRAG),
+        ("quadratic_drag", "drag_n_s2_per_m2 = [0.002, 0.002, 0.002]"),
+        ("rotor_drag", "drag_n_s2_per_rad_m = 1.0e-6"),
+    ] {
+        let (with, without) = ahead.pair(kind, parameters);
+        assert!(with.vel[0] < without.vel[0] - 0.02 && with.vel[0] > 4.0, "{kind}: {:?}", with.vel);
+    }
+    let lost = |flight: Flight| {
+        let (with, without) = flight.pair("rotor_drag", "drag_n_s2_per_rad_m = 1.0e-6");
+        without.vel[0] - with.vel[0]
+    };
+    let fast = Flight { start_speed: 1.2, rotors: [1.2; 4], ..Flight::moving([5.0, 0.0, 0.0]) };
+    let ratio = lost(fast) / lost(Flight::moving([5.0, 0.0, 0.0]));
+    assert!((ratio - 1.2).abs() < 0.01, "{ratio}");
+    let square = |speed: f64| {
+        let flight = Flight { steps: 1, ..Flight::moving([speed, 0.0, 0.0]) };
+        let (with, without) = flight.pair("quadratic_drag", "drag_n_s2_per_m2 = [0.002, 0, 0]");
+        without.vel[0] - with.vel[0]
+    };
+    assert!((square(6.0) / square(3.0) - 4.0).abs() < 1e-6);
+}
+
+#[test]
+fn flapping_lifts_the_nose_in_forward_flight() {
+    let (with, without) =
+        Flight::moving([5.0, 0.0, 0.0]).pair("blade_flapping", "moment_n_s2_per_rad = 1.0e-9");
+    assert!(without.ang_vel[1].abs() < 1e-9);
+    assert!(with.ang_vel[1] < -0.1, "{:?}", with.ang_vel);
+}
+
+#[test]
+fn inflow_takes_lift_in_a_climb_and_gives_it_in_a_descent() {
+    for climb in [1.0, -1.0] {
+        let (with, without) =
+            Flight::moving([0.0, 0.0, climb]).pair("inflow", "loss_n_s2_per_rad_m = 1.0e-6");
+        let change = with.vel[2] - without.vel[2];
+        assert!(change * climb < 0.0 && change.abs() > 0.01, "{change} at {climb}");
+    }
+}
+
+#[test]
+fn translational_lift_raises_a_vehicle_that_flies_ahead_and_not_one_that_hovers() {
+    let lift = "lift_n_s2_per_m2 = 0.0005";
+    let (with, without) = Flight::moving([5.0, 0.0, 0.0]).pair("translational_lift", lift);
+    assert!(with.vel[2] > without.vel[2] + 0.05, "{:?}", with.vel);
+    let (with, without) = HOVER.pair("translational_lift", lift);
+    assert!((with.vel[2] - without.vel[2]).abs() < 1e-9);
+}
+
+#[test]
+fn winds_and_gusts_carry_the_vehicle_along() {
+    let drag = entry("linear_drag", DRAG);
+    let wind = format!("{drag}{}", entry("constant_wind", "velocity_m_s = [3.0, 0, 0]"));
+    assert!(HOVER.end(&wind).vel[0] > 0.05);
+    // Half a period of 0.2 s blows one way, the second half the other way.
+    let gust = "amplitude_m_s = [0, 3.0, 0]\nfrequency_hz = 5.0\nphase_rad = 0.0";
+    let gust = format!("{drag}{}", entry("gust", gust));
+    let half = HOVER.end(&gust).vel[1];
+    let full = Flight { steps: 100, ..HOVER }.end(&gust).vel[1];
+    assert!(half > 0.05 && full.abs() < 0.2 * half, "{half} {full}");
+}
+
+#[test]
+fn outer_forces_push() {
+    let (with, _) = HOVER.pair("disturbance", "force_n = [0, 0.05, 0]\ntorque_n_m = [0, 0, 0]");
+    assert!(with.vel[1] > 0.1, "{:?}", with.vel);
+    let near = Flight { ground_z: -0.03, ..HOVER };
+    let (with, without) = near.pair("ground_effect", "strength = 1.0");
+    assert!(with.vel[2] > without.vel[2] + 0.01, "{:?}", with.vel);
+}
+
+#[test]
+fn a_payload_ahead_makes_the_vehicle_sink_and_drops_its_nose() {
+    let (with, without) = HOVER.pair("payload", "mass_kg = 0.005\nposition_m = [0.02, 0, 0]");
+    assert!(with.vel[2] < without.vel[2] - 0.05, "{:?}", with.vel);
+    assert!(with.ang_vel[1] > 0.1, "{:?}", with.ang_vel);
+}
+
+#[test]
+fn a_centre_of_mass_to_the_left_drops_the_left_side_without_sinking() {
+    let flight = Flight { steps: 5, ..HOVER };
+    let (with, without) = flight.pair("com_offset", "offset_m = [0, 0.001, 0]");
+    assert!(with.ang_vel[0] < -0.1 && with.ang_vel[1].abs() < 1e-9, "{:?}", with.ang_vel);
+    assert!((with.vel[2] - without.vel[2]).abs() < 1e-3);
+}
+
+#[test]
+fn weaker_rotors_lift_less_and_a_weak_one_drops_its_corner() {
+    let (with, without) = HOVER.pair("thrust_scale", "factor = 0.9");
+    // 10 % of the weight missing for 0.1 s.
+    assert!((with.vel[2] - without.vel[2] + 0.0981).abs() < 1e-3, "{:?}", with.vel);
+    // Rotor 1 is ahead on the right.
+    let flight = Flight { steps: 5, ..HOVER };
+    let (with, _) = flight.pair("weak_rotor", "factor = [0.9, 1, 1, 1, 1, 1, 1, 1]");
+    assert!(with.ang_vel[0] > 0.1 && with.ang_vel[1] > 0.1 && with.vel[2] < 0.0, "{with:?}");
+}
+
+#[test]
+fn more_rotor_torque_turns_faster_and_slow_motors_answer_later() {
+    // The two rotors that turn clockwise faster, the other two slower: a turn to the left.
+    let yaw = Flight { rotors: [0.95, 1.05, 0.95, 1.05], steps: 250, ..HOVER };
+    let (with, without) = yaw.pair("torque_scale", "factor = 1.5");
+    let ratio = with.ang_vel[2] / without.ang_vel[2];
+    assert!(without.ang_vel[2] > 0.1 && ratio > 1.3 && ratio < 1.5, "{ratio}");
+    let up = Flight { rotors: [1.3; 4], ..HOVER };
+    let (with, without) = up.pair("motor_lag", "spin_up_factor = 2.0");
+    assert!(with.rotor_vel[0] < without.rotor_vel[0] - 10.0 && with.vel[2] < without.vel[2]);
+    let down = Flight { rotors: [0.7; 4], ..HOVER };
+    let (same, without) = down.pair("motor_lag", "spin_up_factor = 2.0");
+    assert_eq!(same, without, "spinning down has its own factor");
+    let (with, without) = down.pair("motor_lag", "spin_down_factor = 2.0");
+    assert!(with.rotor_vel[0] > without.rotor_vel[0] + 10.0);
+}
+
+#[test]
+fn what_stands_between_controller_and_motor_holds_the_rotors_back() {
+    let up = Flight { rotors: [1.3; 4], steps: 500, ..HOVER };
+    let hover = vehicle("").drone("first_principles").unwrap().hover_rotor_vel()[0];
+    let limit = 1.1 * hover;
+    let (with, without) = up.pair("actuator_saturation", &format!("max_rotor_vel_rad_s = {limit}"));
+    assert!((with.rotor_vel[0] - limit).abs() < 0.01 * hover, "{} {limit}", with.rotor_vel[0]);
+    // The filed greatest thrust stops the others at 1.22 times hover.
+    assert!(without.rotor_vel[0] > 1.2 * hover && with.vel[2] < without.vel[2]);
+    let short = Flight { rotors: [1.3; 4], ..HOVER };
+    let (with, without) = short.pair("command_delay", "delay_s = 0.02");
+    assert!(with.rotor_vel[0] < without.rotor_vel[0] - 10.0);
+    let battery =
+        "full_v = 3.6\nnominal_v = 4.0\nresistance_ohm = 0.0\ndrop_v_per_a_s = 0.0\nefficiency = 0.5";
+    let (with, without) = short.pair("battery_sag", battery);
+    assert!(with.rotor_vel[0] < without.rotor_vel[0] - 10.0);
+}
+
+#[test]
+fn the_vehicle_above_pushes_the_one_below() {
+    let with = vehicle(&entry("downwash", "drag_area_m2 = 0.002\nspread = 0.1"));
+    let options = SimOptions { control: ControlMode::RotorVel, ..SimOptions::default() };
+    let drone = with.drone("first_principles").unwrap();
+    let hover = drone.hover_rotor_vel();
+    let mut sim = Sim::new(options, vec![(drone.clone(), with.rates), (drone, with.rates)]).unwrap();
+    sim.set_initial(0, 1, State { pos: [0.0, 0.0, 0.5], ..HOVER.start }).unwrap();
+    sim.reset(None).unwrap();
+    sim.set_command(&[&hover[..4], &hover[..4]].concat()).unwrap();
+    sim.step(50).unwrap();
+    let (below, above) = (sim.data.state(0, 0), sim.data.state(0, 1));
+    assert!(below.vel[2] < -0.01 && above.vel[2].abs() < 1e-9, "{:?} {:?}", below.vel, above.vel);
+}
+
+/// End of 0.2 s of the abstracted model under a level command of its plain hover thrust.
+fn abstracted(effects: &str, vel: [f64; 3]) -> State<f64> {
+    let hover = vehicle("").drone("so_rpy_rotor").unwrap().hover_thrust();
+    let with = vehicle(effects);
+    let options = SimOptions { control: ControlMode::Attitude, ..SimOptions::default() };
+    let mut sim = Sim::new(options, vec![(with.drone("so_rpy_rotor").unwrap(), with.rates)]).unwrap();
+    sim.set_initial(0, 0, State { vel, ..HOVER.start }).unwrap();
+    sim.reset(None).unwrap();
+    sim.set_command(&[0.0, 0.0, 0.0, hover]).unwrap();
+    sim.step(100).unwrap();
+    sim.data.state(0, 0)
+}
+
+#[test]
+fn the_abstracted_model_feels_them_too() {
+    let plain = abstracted("", [3.0, 0.0, 0.0]);
+    let end = |kind: &str, parameters: &str| abstracted(&entry(kind, parameters), [3.0, 0.0, 0.0]);
+    let drag = end("rotor_drag", "drag_n_s2_per_rad_m = 1.0e-6");
+    assert!(drag.vel[0] < plain.vel[0] - 0.02, "{:?}", drag.vel);
+    let lift = end("translational_lift", "lift_n_s2_per_m2 = 0.0005");
+    assert!(lift.vel[2] > plain.vel[2] + 0.02, "{:?}", lift.vel);
+    let weak = end("thrust_scale", "factor = 0.9");
+    assert!(weak.vel[2] < plain.vel[2] - 0.01, "{:?}", weak.vel);
+    let limited = end("actuator_saturation", "max_rotor_vel_rad_s = 1500.0");
+    assert!(limited.vel[2] < plain.vel[2] - 0.02, "{:?}", limited.vel);
+    let tilted = end("com_offset", "offset_m = [0.001, 0, 0]");
+    // The fitted response holds the attitude against it: a lean nose down, which speeds up.
+    assert!(tilted.vel[0] > plain.vel[0] + 0.001, "{:?} {:?}", tilted.vel, plain.vel);
+    let loaded = end("payload", "mass_kg = 0.005\nposition_m = [0, 0, 0]");
+    assert!(loaded.vel[2] < plain.vel[2] - 0.05, "{:?}", loaded.vel);
+}
+
+#[test]
+fn an_on_board_controller_that_does_not_know_the_payload_holds_its_place_a_little_lower() {
+    let hold = |effects: &str| {
+        let with = vehicle(effects);
+        let options = SimOptions { control: ControlMode::State, ..SimOptions::default() };
+        let drone = with.drone("first_principles").unwrap();
+        let mut sim = Sim::new(options, vec![(drone, with.rates)]).unwrap();
+        let mut command = [0.0; 16];
+        command[12] = 1.0;
+        sim.set_command(&command[..sim.command_width()]).unwrap();
+        sim.step(1000).unwrap();
+        sim.data.state(0, 0).pos[2]
+    };
+    let (plain, loaded) = (hold(""), hold(&entry("payload", "mass_kg = 0.004\nposition_m = [0, 0, -0.01]")));
+    assert!(loaded < plain - 0.005 && loaded > -0.5, "{loaded} {plain}");
+}
+
+#[test]
+fn every_effect_of_the_list_is_flown_here() {
+    let here = include_str!("effects_fly.rs");
+    for kind in KINDS {
+        assert!(here.contains(&format!("\"{kind}\"")), "no flight of {kind}");
+    }
+}
+
+#[test]
+fn parameters_outside_their_range_are_refused() {
+    let text = vehicle("").to_toml().to_string();
+    for (kind, parameters) in [
+        ("payload", "mass_kg = -0.001"),
+        ("weak_rotor", "factor = [1, 1, 0, 1, 1, 1, 1, 1]"),
+        ("motor_lag", "spin_down_factor = 0.0"),
+        ("quadratic_drag", "drag_n_s2_per_m2 = [0.1, -0.1, 0.1]"),
+        ("actuator_saturation", "max_rotor_vel_rad_s = 0.0"),
+    ] {
+        let wrong = format!("{text}\n{}", entry(kind, parameters));
+        let message = Vehicle::from_toml("wrong", &wrong).unwrap_err().to_string();
+        let key = parameters.split(' ').next().unwrap();
+        assert!(message.contains(&format!("effect.0.{key}")), "{message}");
+    }
+}
