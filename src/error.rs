@@ -36,6 +36,9 @@ pub enum Error {
     /// Options of a generated scene.
     #[error(transparent)]
     Generate(#[from] crate::scene::generate::GenerateError),
+    /// A flight log could not be read, or cannot be right.
+    #[error(transparent)]
+    Flight(#[from] crate::flight::FlightError),
     /// Cameras, contacts, clearances.
     #[error(transparent)]
     Sense(#[from] crate::sense::SenseError),

@@ -4,6 +4,7 @@
 //!
 //! ```text
 //! vehicle + command → physics → rollout → scene → sense → dataset
+//! flight
 //! ```
 
 pub mod error;
@@ -21,6 +22,8 @@ pub mod rollout;
 
 pub mod scene;
 pub mod sense;
+
+pub mod flight;
 
 pub mod dataset;
 

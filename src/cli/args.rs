@@ -21,6 +21,7 @@ Examples:
   propwash depth --scene forest.xml --pos 0,0,1 --look 1,0,0 --out view.png
   propwash fly --scene forest.xml --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
+  propwash log check flight.csv                      what is wrong with a flight log, in words
 
 Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
 forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
@@ -98,6 +99,8 @@ pub enum Command {
     /// Turn a drone's URDF into a vehicle file and a shell, or any URDF into an obstacle.
     #[command(after_help = URDF_EXAMPLES, allow_negative_numbers = true)]
     Urdf(UrdfArgs),
+    /// Check flight logs, or convert them to the contract of docs/logs.md.
+    Log(LogArgs),
 }
 
 /// What a depth number measures.
@@ -450,5 +453,59 @@ pub struct UrdfArgs {
     pub name: Option<String>,
     /// Folder for NAME.toml and NAME.xml.
     #[arg(long, value_name = "DIR", default_value = ".")]
+    pub out: PathBuf,
+}
+
+/// Ends the help of `propwash log check`.
+const LOG_CHECK_EXAMPLES: &str = "\
+Examples:
+  propwash log check flight.csv
+  propwash log check flight.ulg --json
+  propwash log check usd01.csv --mapping crazyflie.toml
+
+Exit codes: 0 nothing wrong, 1 warnings or a log that cannot be right, 2 the file cannot be read.";
+
+/// `propwash log`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct LogArgs {
+    /// What to do with the log.
+    #[command(subcommand)]
+    pub command: LogCommand,
+}
+
+/// Sub-commands of `propwash log`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum LogCommand {
+    /// Say what is in a log and what in it cannot be right. Exit code 1 when something is found.
+    #[command(after_help = LOG_CHECK_EXAMPLES)]
+    Check(LogCheckArgs),
+    /// Write a log in the contract's columns and units, as CSV or Parquet.
+    Convert(LogConvertArgs),
+}
+
+/// `propwash log check`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct LogCheckArgs {
+    /// Logs: .csv, .parquet, .ulg.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash log convert`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct LogConvertArgs {
+    /// The log: .csv, .parquet, .ulg.
+    pub file: PathBuf,
+    /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Where it goes: a name that ends in .csv or .parquet.
+    #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }

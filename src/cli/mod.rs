@@ -25,6 +25,7 @@ pub fn run() -> ExitCode {
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),
         args::Command::Urdf(a) => cmd::urdf::run(&a),
+        args::Command::Log(a) => cmd::log::run(&a),
     };
     exit::code(outcome)
 }

@@ -3,6 +3,7 @@
 pub mod depth;
 pub mod drones;
 pub mod fly;
+pub mod log;
 pub mod scene;
 pub mod urdf;
 

@@ -380,4 +380,68 @@ mod tests {
             }
         }
     }
+
+    /// A moving state near the ground, in wind, and the rate of a vehicle whose one effect has its parameter number
+    /// `which` at `value`.
+    fn rate_at<S: Real>(kind: &str, which: usize, value: S) -> crate::physics::rigid_body::Rate<S> {
+        let mut effect = AnyEffect::by_kind(kind).unwrap();
+        effect.visit("", &mut |_, v| *v = moved(*v));
+        let drag =
+            linear_drag::Params { drag_n_s_per_m: [[0.1, 0.02, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]] };
+        let mut drone = quad(vec![effect, AnyEffect::LinearDrag(drag)]).map(&mut S::lit);
+        let mut index = 0;
+        drone.effects[0].visit("", &mut |_, v| {
+            if index == which {
+                *v = value;
+            }
+            index += 1;
+        });
+        let list = |a: [f64; 3]| a.map(S::lit);
+        let mut state = State::<S>::rest();
+        state.vel = list([1.0, -2.0, 1.5]);
+        state.ang_vel = list([0.3, -0.2, 0.5]);
+        state.quat = crate::math::euler::to_quat(list([0.2, -0.3, 0.4]));
+        let speeds = [480.0, 500.0, 520.0, 470.0, 0.0, 0.0, 0.0, 0.0].map(S::lit);
+        state.rotor_vel = speeds;
+        let near = Surroundings {
+            ground_distance_m: S::lit(0.2),
+            time_s: S::lit(0.13),
+            wind_m_s: list([0.5, 0.2, -0.1]),
+            ..Surroundings::calm()
+        };
+        drone.rate(&state, &Command::Rotors([S::lit(510.0); MAX_ROTORS]), &near)
+    }
+
+    /// A parameter away from its default.
+    fn moved(default: f64) -> f64 {
+        if default == 0.0 { 0.05 } else { 1.1 * default }
+    }
+
+    #[test]
+    fn the_derivatives_of_the_rate_by_every_parameter_are_exact() {
+        type D = Dual<f64, 1>;
+        let mut counted = 0;
+        for kind in KINDS {
+            let mut values = Vec::new();
+            AnyEffect::by_kind(kind).unwrap().visit("", &mut |_, v| values.push(moved(*v)));
+            for (which, value) in values.into_iter().enumerate() {
+                let step = 1e-5 * value;
+                let (up, down) = (rate_at(kind, which, value + step), rate_at(kind, which, value - step));
+                let exact = rate_at::<D>(kind, which, D::input(value, 0));
+                let pick = |r: &crate::physics::rigid_body::Rate<f64>| {
+                    [&r.acc[..], &r.ang_acc, &r.rotor_acc].concat()
+                };
+                let (up, down) = (pick(&up), pick(&down));
+                let exact: Vec<D> = [&exact.acc[..], &exact.ang_acc, &exact.rotor_acc].concat();
+                for i in 0..exact.len() {
+                    let difference = (up[i] - down[i]) / (2.0 * step);
+                    let slope = exact[i].partials[0];
+                    let near = 1e-6 * slope.abs() + 1e-6 * exact[i].value.abs().max(1.0) / value.min(1.0);
+                    assert!((slope - difference).abs() < near, "{kind} {which} {i}: {slope} {difference}");
+                    counted += usize::from(slope != 0.0);
+                }
+            }
+        }
+        assert!(counted > 100, "{counted}");
+    }
 }

@@ -1,0 +1,47 @@
+//! `propwash log`: check flight logs, convert them to the contract.
+
+use super::{print, print_json};
+use crate::Result;
+use crate::cli::args::{LogArgs, LogCheckArgs, LogCommand, LogConvertArgs};
+use crate::cli::exit::Outcome;
+use crate::flight::{FlightLog, Severity, check};
+use serde_json::json;
+
+/// Runs the command.
+pub fn run(args: &LogArgs) -> Result<Outcome> {
+    match &args.command {
+        LogCommand::Check(a) => check_logs(a),
+        LogCommand::Convert(a) => convert(a),
+    }
+}
+
+fn check_logs(args: &LogCheckArgs) -> Result<Outcome> {
+    let mut worst = Severity::Info;
+    let mut reports = Vec::new();
+    for (i, file) in args.files.iter().enumerate() {
+        let report = check(&FlightLog::load(file, args.mapping.as_deref())?);
+        worst = worst.max(report.verdict);
+        if args.json {
+            reports.push(report);
+        } else {
+            if i > 0 {
+                print("")?;
+            }
+            print(&report)?;
+        }
+    }
+    if args.json {
+        print_json(&json!(reports))?;
+    }
+    Ok(if worst == Severity::Info { Outcome::Fine } else { Outcome::Found })
+}
+
+fn convert(args: &LogConvertArgs) -> Result<Outcome> {
+    let log = FlightLog::load(&args.file, args.mapping.as_deref())?;
+    for warning in &log.warnings {
+        eprintln!("warning: {warning}");
+    }
+    log.save(&args.out)?;
+    print(format_args!("wrote {} ({:.1} s)", args.out.display(), log.duration_s))?;
+    Ok(Outcome::Fine)
+}

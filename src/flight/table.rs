@@ -1,0 +1,207 @@
+//! CSV and Parquet files as columns of numbers. Only columns that are used are read as numbers.
+
+use super::error::{FlightError, Result};
+use parquet::column::reader::ColumnReader;
+use parquet::errors::ParquetError;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use std::path::Path;
+
+/// Columns of numbers; NaN is an empty cell.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Table {
+    /// All names in the file, in its order.
+    pub names: Vec<String>,
+    /// Columns that were asked for, by index in `names`; others are `None`.
+    pub columns: Vec<Option<Vec<f64>>>,
+    /// Line of each row in the file (header 1) for CSV, number from 1 for Parquet.
+    pub rows: Vec<usize>,
+}
+
+impl Table {
+    /// A column by its name in the file.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        let i = self.names.iter().position(|n| n == name)?;
+        self.columns[i].as_deref()
+    }
+}
+
+/// How cells are to be read.
+pub(super) struct CellRules<'a> {
+    /// Between cells.
+    pub delimiter: u8,
+    /// Texts that mean "not measured", beside the empty cell.
+    pub missing: &'a [String],
+    /// Which columns are wanted.
+    pub wanted: &'a dyn Fn(&str) -> bool,
+}
+
+const NOT_A_NUMBER: &str =
+    "leave the cell empty where nothing was measured, or list the text under `missing` in the mapping file";
+
+/// Reads a CSV file with a header line.
+pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<Table> {
+    let format = |expected: &str, found: String, remedy: &str| FlightError::Format {
+        path: path.to_path_buf(),
+        expected: expected.into(),
+        found,
+        remedy: remedy.into(),
+    };
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if bytes.iter().all(u8::is_ascii_whitespace) {
+        return Err(format(
+            "a header line and rows of samples",
+            "an empty file".into(),
+            "check that the log was written and copied whole",
+        ));
+    }
+    let mut reader =
+        csv::ReaderBuilder::new().delimiter(rules.delimiter).trim(csv::Trim::All).from_reader(bytes);
+    let wrong = |e: csv::Error| match e.kind() {
+        csv::ErrorKind::UnequalLengths { pos, expected_len, len } => format(
+            &format!("{expected_len} cells in every row, as in the header"),
+            format!("{len} cells in row {}", pos.as_ref().map_or(0, csv::Position::line)),
+            "repair the row; a last row that was cut short can be deleted",
+        ),
+        csv::ErrorKind::Utf8 { pos, .. } => format(
+            "text in UTF-8",
+            format!("other bytes in row {}", pos.as_ref().map_or(0, csv::Position::line)),
+            "export the log as CSV text; a binary log needs its own decoder first",
+        ),
+        _ => format("a CSV file", e.to_string(), "export the log as CSV with a header line"),
+    };
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(wrong)?
+        .iter()
+        .enumerate()
+        .map(|(i, n)| if i == 0 { n.trim_start_matches('#').trim().to_string() } else { n.to_string() })
+        .collect();
+    if let Some(twice) = names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)).map(|(_, n)| n) {
+        return Err(format(
+            "every column once",
+            format!("the column `{twice}` twice"),
+            "rename or delete one of them",
+        ));
+    }
+    let mut columns: Vec<Option<Vec<f64>>> = names.iter().map(|n| (rules.wanted)(n).then(Vec::new)).collect();
+    let mut rows = Vec::new();
+    let mut record = csv::StringRecord::new();
+    while reader.read_record(&mut record).map_err(wrong)? {
+        let line = record.position().map_or(rows.len() + 2, |p| p.line() as usize);
+        for (i, column) in columns.iter_mut().enumerate() {
+            let Some(column) = column else { continue };
+            let cell = &record[i];
+            if cell.is_empty() || rules.missing.iter().any(|m| m == cell) {
+                column.push(f64::NAN);
+                continue;
+            }
+            match cell.parse::<f64>() {
+                Ok(v) if v.is_finite() => column.push(v),
+                other => {
+                    let expected =
+                        if other.is_ok() { "a finite number or an empty cell" } else { "a number" };
+                    return Err(FlightError::Cell {
+                        path: path.to_path_buf(),
+                        row: line,
+                        column: names[i].as_str().into(),
+                        expected,
+                        found: cell.chars().take(40).collect::<String>().into(),
+                        remedy: NOT_A_NUMBER,
+                    });
+                }
+            }
+        }
+        rows.push(line);
+    }
+    Ok(Table { names, columns, rows })
+}
+
+/// Reads a Parquet file; nulls are empty cells.
+pub(super) fn read_parquet(path: &Path, rules: &CellRules) -> Result<Table> {
+    let damaged = |e: ParquetError| FlightError::Format {
+        path: path.to_path_buf(),
+        expected: "a whole Parquet file of flat number columns, uncompressed or snappy".into(),
+        found: e.to_string(),
+        remedy: "write it again, for example with `propwash log convert`".into(),
+    };
+    let file = std::fs::File::open(path)
+        .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+    let reader = SerializedFileReader::new(file).map_err(damaged)?;
+    let schema = reader.metadata().file_metadata().schema_descr_ptr();
+    let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
+    let mut columns: Vec<Option<Vec<f64>>> = names.iter().map(|n| (rules.wanted)(n).then(Vec::new)).collect();
+    let nan_is_missing = rules.missing.iter().any(|m| m.eq_ignore_ascii_case("nan"));
+    let mut n_rows = 0;
+    for g in 0..reader.num_row_groups() {
+        let group = reader.get_row_group(g).map_err(damaged)?;
+        let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
+        for (i, column) in columns.iter_mut().enumerate() {
+            let Some(column) = column else { continue };
+            let descriptor = schema.column(i);
+            if descriptor.max_rep_level() > 0 {
+                return Err(damaged(ParquetError::General(format!("a list in column `{}`", names[i]))));
+            }
+            let chunk = group.get_column_reader(i).map_err(damaged)?;
+            let cells = read_chunk(chunk, rows, descriptor.max_def_level()).map_err(damaged)?;
+            if cells.len() != rows {
+                return Err(damaged(ParquetError::General(format!(
+                    "{} of {rows} rows in column `{}`",
+                    cells.len(),
+                    names[i]
+                ))));
+            }
+            for (k, cell) in cells.into_iter().enumerate() {
+                match cell {
+                    None => column.push(f64::NAN),
+                    Some(v) if v.is_finite() => column.push(v),
+                    Some(v) if v.is_nan() && nan_is_missing => column.push(f64::NAN),
+                    Some(v) => {
+                        return Err(FlightError::Cell {
+                            path: path.to_path_buf(),
+                            row: n_rows + k + 1,
+                            column: names[i].as_str().into(),
+                            expected: "a finite number or an empty (null) cell",
+                            found: v.to_string().into(),
+                            remedy: NOT_A_NUMBER,
+                        });
+                    }
+                }
+            }
+        }
+        n_rows += rows;
+    }
+    Ok(Table { names, columns, rows: (1..=n_rows).collect() })
+}
+
+/// A column chunk as numbers.
+fn read_chunk(reader: ColumnReader, rows: usize, full: i16) -> Result<Vec<Option<f64>>, ParquetError> {
+    /// Reads a typed chunk and spreads its values over the empty cells.
+    macro_rules! chunk {
+        ($reader:expr, $to:expr) => {{
+            let (mut levels, mut values) = (Vec::new(), Vec::new());
+            let mut reader = $reader;
+            let mut read = 0;
+            while read < rows {
+                let (n, _, _) = reader.read_records(rows - read, Some(&mut levels), None, &mut values)?;
+                if n == 0 {
+                    break;
+                }
+                read += n;
+            }
+            let mut values = values.into_iter().map($to);
+            if full > 0 {
+                levels.iter().map(|l| if *l == full { values.next() } else { None }).collect()
+            } else {
+                values.map(Some).collect()
+            }
+        }};
+    }
+    Ok(match reader {
+        ColumnReader::DoubleColumnReader(r) => chunk!(r, |v: f64| v),
+        ColumnReader::FloatColumnReader(r) => chunk!(r, f64::from),
+        ColumnReader::Int64ColumnReader(r) => chunk!(r, |v: i64| v as f64),
+        ColumnReader::Int32ColumnReader(r) => chunk!(r, f64::from),
+        ColumnReader::BoolColumnReader(r) => chunk!(r, |v: bool| f64::from(u8::from(v))),
+        _ => return Err(ParquetError::General("a column that is neither number nor boolean".into())),
+    })
+}
