@@ -1,7 +1,6 @@
 //! The reference data of Crazyflow 0.4.0, made by `tests/reference/crazyflow_reference.py` and kept in the target folder.
 
-// Every test program uses its own part of this.
-#![allow(dead_code)]
+#![allow(dead_code, reason = "every test program uses its own part of this")]
 
 use std::collections::HashMap;
 use std::fs::{self, File};
