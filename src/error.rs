@@ -39,6 +39,15 @@ pub enum Error {
     /// A flight log could not be read, or cannot be right.
     #[error(transparent)]
     Flight(#[from] crate::flight::FlightError),
+    /// Comparing a model with a measurement.
+    #[error(transparent)]
+    Gap(#[from] crate::gap::GapError),
+    /// A fitted effect could not be written into a vehicle file, or removed from it.
+    #[error(transparent)]
+    Accept(#[from] crate::gap::accept::AcceptError),
+    /// The attitude model could not be identified.
+    #[error(transparent)]
+    AttitudeModel(#[from] crate::gap::attitude_model::AttitudeModelError),
     /// Cameras, contacts, clearances.
     #[error(transparent)]
     Sense(#[from] crate::sense::SenseError),

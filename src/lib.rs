@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! vehicle + command → physics → rollout → scene → sense → dataset
-//! flight
+//! flight → gap → vehicle
 //! ```
 
 pub mod error;
@@ -24,6 +24,7 @@ pub mod scene;
 pub mod sense;
 
 pub mod flight;
+pub mod gap;
 
 pub mod dataset;
 

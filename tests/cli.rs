@@ -83,6 +83,10 @@ fn every_command_explains_itself_with_units_and_examples() {
         "scene new corridor",
         "scene new boxes",
         "urdf",
+        "remove",
+        "vehicle",
+        "vehicle diff",
+        "log from-dataset",
     ] {
         let help = expect(command, &["--help"], 0);
         assert!(
@@ -541,4 +545,112 @@ fn a_urdf_becomes_a_vehicle_that_flies_and_an_obstacle_that_is_seen() {
         0,
     ));
     assert!(seen["hit"].as_u64().unwrap() > 0, "{seen}");
+}
+
+#[test]
+fn an_effect_is_removed_and_the_difference_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("bare.toml");
+    let bare = path.to_str().unwrap();
+    let remove = ["linear_drag", "--vehicle", "cf2x_L250", "--out", bare];
+    assert!(expect("remove", &remove, 0).contains(bare));
+    let file = fs::read_to_string(&path).unwrap();
+    let built_in = fs::read_to_string("params/cf2x_L250.toml").unwrap();
+    assert!(built_in.starts_with(file.trim_end()) && !file.contains("linear_drag"), "{file}");
+
+    assert!(expect("vehicle diff cf2x_L250 params/cf2x_L250.toml", &[], 0).contains("are the same"));
+    let said = expect("vehicle diff cf2x_L250", &[bare], 1);
+    assert!(said.contains("effect linear_drag removed in first_principles, so_rpy_rotor_drag"), "{said}");
+    assert!(
+        said.contains("drag_n_s_per_m.2.2") && said.contains("0.01390009 → -") && said.contains("N·s/m"),
+        "{said}"
+    );
+    let said = json(&expect("vehicle diff --json", &["cf2x_L250", bare], 1));
+    assert_eq!(said["same"], false);
+    assert_eq!(said["diff"]["effects"][0]["change"], "removed");
+    assert_eq!(said["diff"]["parameters"], serde_json::json!([]));
+
+    // A changed number with its sigma, in SI and in per cent.
+    let heavy = built_in.replace("mass_kg = 0.0328\n", "mass_kg = 0.0361\nsigma = { mass_kg = 0.0002 }\n");
+    let heavy = write(dir.path(), "heavy.toml", heavy);
+    let said = expect("vehicle diff cf2x_L250", &[&heavy], 1);
+    assert!(
+        said.contains("body.mass_kg  0.0328 → 0.0361 ± 0.0002  kg") && said.contains("+10.06 %"),
+        "{said}"
+    );
+
+    // Nothing is replaced unasked, the input included.
+    refused("remove", &remove, &["bare.toml", "there is no file yet", "--force"]);
+    let own = ["linear_drag", "--vehicle", &heavy, "--out", &heavy];
+    refused("remove", &own, &["heavy.toml", "--force"]);
+    expect("remove --force", &own, 0);
+    assert!(!fs::read_to_string(&heavy).unwrap().contains("linear_drag"));
+    refused("remove --force", &own, &["heavy.toml", "`linear_drag`", "no effects"]);
+    refused("remove --force payload --vehicle cf3 --out", &[bare], &["cf3", "cf2x_L250"]);
+    refused("remove payload --vehicle cf2x_L250 --out x/y.toml", &[], &["`payload`", "found linear_drag"]);
+    refused("vehicle diff cf2x_L250 nowhere.toml", &[], &["nowhere.toml", "check the path"]);
+
+    // A shell beside the file is missed where the copy lies.
+    let odd = built_in.replace("shell = \"cf2x\"", "shell = \"mine_shell.xml\"");
+    let odd = write(dir.path(), "odd.toml", odd);
+    let out = propwash("remove linear_drag --vehicle", &[&odd, "--out", &format!("{odd}.toml")]);
+    assert_eq!(out.status.code(), Some(0));
+    assert!(
+        text(&out.stderr).contains("warning: the shell of") && text(&out.stderr).contains("mine_shell.xml")
+    );
+}
+
+#[test]
+fn a_recorded_flight_becomes_a_log_that_the_checker_passes() {
+    let dir = tempfile::tempdir().unwrap();
+    let vehicle = fs::read_to_string("params/cf2x_L250.toml").unwrap()
+        + "\n[[effect]]\nkind = \"constant_wind\"\nvelocity_m_s = [0.5, -0.2, 0.1]\n\
+           \n[[effect]]\nkind = \"gust\"\nsine_m_s = [0.0, 0.3, 0.0]\nfrequency_hz = 0.5\n\
+           \n[[effect]]\nkind = \"battery_sag\"\nfull_v = 4.2\nnominal_v = 4.1\nresistance_ohm = 0.1\ndrop_v_per_a_s = 0.002\n";
+    let mine = write(dir.path(), "windy.toml", vehicle);
+    let data = dir.path().join("data");
+    let shown = data.to_str().unwrap();
+    let fly = "fly --scene xml/room.xml --worlds 2 --seconds 6 --fps 1 --size 8x8 --json --drone";
+    expect(fly, &[&mine, "--drone", "cf2x_L250", "--out", shown], 0);
+    let log = dir.path().join("flight.csv");
+    let log = log.to_str().unwrap();
+    assert!(expect("log from-dataset --world 1 --drone 0", &[shown, "--out", log], 0).contains("6.0 s"));
+    let report = json(&expect("log check --json", &[log], 0));
+    assert_eq!(report[0]["verdict"], "info", "{report}");
+
+    let set = propwash::dataset::Dataset::open(&data).unwrap();
+    let states = set.world(1).unwrap().states(None).unwrap();
+    let column = |name: &str| states.column(name).unwrap();
+    let flight = propwash::flight::FlightLog::load(Path::new(log), None).unwrap();
+    assert_eq!((flight.position_m.len(), states.n_rows()), (601, 1202));
+    assert_eq!((flight.rotor_speed_rad_s.len(), flight.cmd_rotor_rad_s.len()), (4, 4));
+    assert_eq!(flight.objects_m.keys().collect::<Vec<_>>(), ["drone1"]);
+    for i in [0, 77, 600] {
+        let row = 2 * i;
+        assert_eq!(flight.position_m.t_s[i], column("t")[row]);
+        assert_eq!(flight.position_m.values[i], ["px", "py", "pz"].map(|n| column(n)[row]));
+        assert_eq!(flight.objects_m["drone1"].values[i], ["px", "py", "pz"].map(|n| column(n)[row + 1]));
+        assert_eq!(flight.ref_position_m.values[i], ["ref_x", "ref_y", "ref_z"].map(|n| column(n)[row]));
+        assert_eq!(flight.rotor_speed_rad_s[3].values[i][0], column("rotor4")[row]);
+        let gust = 0.3 * (core::f64::consts::PI * column("t")[row]).sin();
+        let [x, y, z] = flight.wind_m_s.values[i];
+        assert!(
+            (x - 0.5).abs() < 1e-12 && (y - gust + 0.2).abs() < 1e-9 && (z - 0.1).abs() < 1e-12,
+            "{x} {y} {z}"
+        );
+        assert_eq!(["wind_x", "wind_y", "wind_z"].map(|n| column(n)[row + 1]), [0.0; 3]);
+        assert!(column("vbat")[row + 1].is_nan(), "no battery");
+    }
+    let v: Vec<f64> = flight.vbat_v.component(0);
+    assert!(v.len() == 601 && v[0] < 4.2 && v[600] < v[0] && v[600] > 3.0, "{} {}", v[0], v[600]);
+
+    // The other drone, as Parquet.
+    let other = dir.path().join("other.parquet");
+    expect("log from-dataset --world 1 --drone 1", &[shown, "--out", other.to_str().unwrap()], 0);
+    let other = propwash::flight::FlightLog::load(&other, None).unwrap();
+    assert!(other.vbat_v.is_empty() && other.wind_m_s.len() == 601);
+    refused("log from-dataset --world 2", &[shown, "--out", log], &["world 2", "0 to 1"]);
+    refused("log from-dataset --drone 2", &[shown, "--out", log], &["drone 0 to 1", "got 2"]);
+    refused("log from-dataset nowhere --out x.csv", &[], &["nowhere", "no folder"]);
+    refused("log from-dataset", &[shown, "--out", "x.txt"], &["x.txt", ".csv or .parquet"]);
 }

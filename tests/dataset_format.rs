@@ -160,6 +160,8 @@ fn fill(writer: &Writer, world: usize) -> dataset::WorldWriter {
                 attitude_command: Some(numbers(world, 28, k)),
                 rotor_command_rad_s: if i % 2 == 0 { &[] } else { &rotors[..m.vehicles[drone].n_rotors] },
                 reference: (i % 3 != 0).then(|| reference(world, k)),
+                battery_v: (drone == 1).then_some(number(world, 14, k)),
+                wind_m_s: (i % 2 == 0).then(|| numbers(world, 15, k)),
             })
             .unwrap();
             w.clearance(&ClearanceRow {
@@ -313,6 +315,13 @@ fn what_is_written_is_read_back_bit_for_bit() {
                 } else {
                     empty(&names);
                 }
+                if drone == 1 {
+                    check(&["vbat"], &[number(world, 14, k)])
+                } else {
+                    empty(&["vbat"])
+                }
+                let wind = ["wind_x", "wind_y", "wind_z"];
+                if i % 2 == 0 { check(&wind, &numbers::<3>(world, 15, k)) } else { empty(&wind) }
             }
         }
 
@@ -644,6 +653,8 @@ fn rows_and_frames_that_break_the_manifest_are_refused() {
         attitude_command: None,
         rotor_command_rad_s: &[],
         reference: None,
+        battery_v: None,
+        wind_m_s: None,
     };
     w.state(&good).unwrap();
     for bad in [
@@ -734,6 +745,8 @@ fn each_control_mode_has_its_command_columns() {
             attitude_command: None,
             rotor_command_rad_s: &[],
             reference: None,
+            battery_v: None,
+            wind_m_s: None,
         };
         w.state(&row).unwrap();
         match mode {
@@ -874,6 +887,8 @@ fn write_forest(dir: &Path, n: usize) -> usize {
                 attitude_command: None,
                 rotor_command_rad_s: &[],
                 reference: None,
+                battery_v: None,
+                wind_m_s: None,
             })
             .unwrap();
             let gap = |trunk: &[f64; 3]| (pos[0] - trunk[0]).hypot(pos[1] - trunk[1]) - trunk[2] - 0.08;

@@ -1,10 +1,14 @@
 //! Every effect flies from a vehicle file and moves the vehicle the way its page says.
 
 use propwash::physics::controllers::ControlMode;
-use propwash::physics::effects::KINDS;
+use propwash::physics::effects::{Command, KINDS};
 use propwash::physics::rigid_body::State;
+use propwash::physics::surroundings::Surroundings;
+use propwash::random::{Key, purpose};
+use propwash::rollout::randomize::{Draw, Randomization, Rule};
 use propwash::rollout::{RotorStart, Sim, SimOptions};
 use propwash::vehicle::Vehicle;
+use std::f64::consts::TAU;
 
 /// A Crazyflie without its own drag, with what `effects` (TOML) lists.
 fn vehicle(effects: &str) -> Vehicle {
@@ -26,6 +30,7 @@ struct Flight {
     rotors: [f64; 4],
     wind_m_s: [f64; 3],
     ground_z: f64,
+    ceiling_z: f64,
     steps: usize,
 }
 
@@ -43,6 +48,7 @@ const HOVER: Flight = Flight {
     rotors: [1.0; 4],
     wind_m_s: [0.0; 3],
     ground_z: f64::NEG_INFINITY,
+    ceiling_z: f64::INFINITY,
     steps: 50,
 };
 
@@ -69,6 +75,7 @@ impl Flight {
         sim.set_initial(0, 0, start).unwrap();
         sim.reset(None).unwrap();
         sim.data.ground_z[0] = self.ground_z;
+        sim.data.ceiling_z[0] = self.ceiling_z;
         sim.data.wind[..3].copy_from_slice(&self.wind_m_s);
         let command: Vec<f64> = (0..4).map(|i| hover[i] * self.rotors[i]).collect();
         sim.set_command(&command).unwrap();
@@ -144,7 +151,7 @@ fn winds_and_gusts_carry_the_vehicle_along() {
     let wind = format!("{drag}{}", entry("constant_wind", "velocity_m_s = [3.0, 0, 0]"));
     assert!(HOVER.end(&wind).vel[0] > 0.05);
     // Half a period of 0.2 s blows one way, the second half the other way.
-    let gust = "amplitude_m_s = [0, 3.0, 0]\nfrequency_hz = 5.0\nphase_rad = 0.0";
+    let gust = "sine_m_s = [0, 3.0, 0]\nfrequency_hz = 5.0";
     let gust = format!("{drag}{}", entry("gust", gust));
     let half = HOVER.end(&gust).vel[1];
     let full = Flight { steps: 100, ..HOVER }.end(&gust).vel[1];
@@ -158,6 +165,11 @@ fn outer_forces_push() {
     let near = Flight { ground_z: -0.03, ..HOVER };
     let (with, without) = near.pair("ground_effect", "strength = 1.0");
     assert!(with.vel[2] > without.vel[2] + 0.01, "{:?}", with.vel);
+    let below = Flight { ceiling_z: 0.03, ..HOVER };
+    let (with, without) = below.pair("ceiling_effect", "strength = 1.0");
+    assert!(with.vel[2] > without.vel[2] + 0.01, "{:?}", with.vel);
+    let (far, without) = HOVER.pair("ceiling_effect", "strength = 1.0");
+    assert!((far.vel[2] - without.vel[2]).abs() < 1e-9);
 }
 
 #[test]
@@ -165,6 +177,62 @@ fn a_payload_ahead_makes_the_vehicle_sink_and_drops_its_nose() {
     let (with, without) = HOVER.pair("payload", "mass_kg = 0.005\nposition_m = [0.02, 0, 0]");
     assert!(with.vel[2] < without.vel[2] - 0.05, "{:?}", with.vel);
     assert!(with.ang_vel[1] > 0.1, "{:?}", with.ang_vel);
+}
+
+#[test]
+fn wrong_masses_and_inertias_sink_and_turn_otherwise() {
+    let (with, without) = HOVER.pair("wrong_mass", "factor = 1.1");
+    // Thrust of 1/1.1 of the weight for 0.1 s.
+    assert!((with.vel[2] - without.vel[2] + 0.0892).abs() < 1e-3, "{:?}", with.vel);
+    // The left side faster: a roll to the right, which half the inertia doubles.
+    let roll = Flight { rotors: [0.98, 0.98, 1.02, 1.02], steps: 20, ..HOVER };
+    let (with, without) = roll.pair("wrong_inertia", "factor = [0.5, 1, 1]");
+    let ratio = with.ang_vel[0] / without.ang_vel[0];
+    assert!(without.ang_vel[0] > 0.1 && (ratio - 2.0).abs() < 0.05, "{ratio} {:?}", without.ang_vel);
+    // Rotors that spin up push the body round before their drag does.
+    let yaw = Flight { rotors: [0.9, 1.1, 0.9, 1.1], steps: 10, ..HOVER };
+    let (with, without) = yaw.pair("rotor_inertia", "factor = 2.0");
+    assert!(without.ang_vel[2] > 0.0 && with.ang_vel[2] > 1.1 * without.ang_vel[2], "{with:?} {without:?}");
+}
+
+#[test]
+fn bent_thrust_curves_and_leaning_rotors_push_as_their_pages_say() {
+    let hover = vehicle("").drone("first_principles").unwrap().hover_rotor_vel()[0];
+    let bent = format!("shape = 0.2\nhover_rad_s = {hover}");
+    let (with, without) = HOVER.pair("thrust_curve", &bent);
+    assert!((with.vel[2] - without.vel[2]).abs() < 1e-9, "hover stays");
+    let up = Flight { start_speed: 1.2, rotors: [1.2; 4], ..HOVER };
+    let (with, without) = up.pair("thrust_curve", &bent);
+    assert!(with.vel[2] < without.vel[2] - 0.02, "{:?}", with.vel);
+    let (with, _) = HOVER.pair("rotor_tilt", "lean_rad = [0, 0.02]\ntwist_rad = 0.0");
+    assert!((with.vel[0] - 0.1 * 9.81 * 0.02).abs() < 1e-3, "{:?}", with.vel);
+    let (with, without) = HOVER.pair("rotor_tilt", "lean_rad = [0, 0]\ntwist_rad = 0.02");
+    assert!(with.ang_vel[2] > without.ang_vel[2] + 0.05, "{:?}", with.ang_vel);
+}
+
+#[test]
+fn what_sensors_do_leaves_the_flight_alone_and_changes_what_is_read() {
+    let flight = Flight { rotors: [0.99, 1.0, 1.01, 1.02], ..Flight::moving([1.0, 0.5, 0.2]) };
+    let plain = flight.end("");
+    for (kind, parameters) in [
+        ("mount", "rotation_rad = [0.01, 0.02, 0.03]"),
+        ("world_tilt", "tilt_rad = [0.01, 0.02]"),
+        ("sensor_offset", "position_m = [0.01, 0, 0]"),
+        ("gyro_bias", "bias_rad_s = [0.01, 0, 0]"),
+        ("gyro_scale", "factor = [1.01, 1.02, 1.03]"),
+        ("accel_bias", "bias_m_s2 = [0.1, 0, 0]"),
+        ("clock_offset", "pose_s = 0.005\ngyro_s = -0.002\naccel_s = 0.001"),
+    ] {
+        let effect = entry(kind, parameters);
+        assert_eq!(flight.end(&effect), plain, "{kind}");
+        let drone = |effects: &str| vehicle(effects).drone("first_principles").unwrap();
+        let (with, without) = (drone(&effect), drone(""));
+        let command = Command::Rotors(plain.rotor_vel);
+        let rate = without.rate(&plain, &command, &Surroundings::calm());
+        let same = with.read(&plain, &rate) == without.read(&plain, &rate);
+        assert_eq!(same, kind == "clock_offset", "{kind}");
+        assert_eq!(with.clock() == without.clock(), kind != "clock_offset", "{kind}");
+    }
 }
 
 #[test]
@@ -180,6 +248,9 @@ fn weaker_rotors_lift_less_and_a_weak_one_drops_its_corner() {
     let (with, without) = HOVER.pair("thrust_scale", "factor = 0.9");
     // 10 % of the weight missing for 0.1 s.
     assert!((with.vel[2] - without.vel[2] + 0.0981).abs() < 1e-3, "{:?}", with.vel);
+    let (with, without) = HOVER.pair("thrust_fade", "rate_per_s = 1.0");
+    // 1 − t: half of 0.1 s is missing on the mean, for 0.1 s.
+    assert!((with.vel[2] - without.vel[2] + 0.04905).abs() < 2e-3, "{:?}", with.vel);
     // Rotor 1 is ahead on the right.
     let flight = Flight { steps: 5, ..HOVER };
     let (with, _) = flight.pair("weak_rotor", "factor = [0.9, 1, 1, 1, 1, 1, 1, 1]");
@@ -236,6 +307,101 @@ fn the_vehicle_above_pushes_the_one_below() {
     assert!(below.vel[2] < -0.01 && above.vel[2].abs() < 1e-9, "{:?} {:?}", below.vel, above.vel);
 }
 
+/// A flight of the vehicle with these effects by commands of `control` over (step, its width), 2 ms a step.
+fn commanded(
+    effects: &str,
+    control: ControlMode,
+    steps: usize,
+    command: impl Fn(usize, &mut [f64]),
+) -> Vec<State<f64>> {
+    let with = vehicle(effects);
+    let options = SimOptions { control, ..SimOptions::default() };
+    let drone = with.drone("first_principles").unwrap();
+    let mut sim = Sim::new(options, vec![(drone, with.rates)]).unwrap();
+    let mut numbers = vec![0.0; sim.command_width()];
+    let fly = |step| {
+        command(step, &mut numbers);
+        sim.set_command(&numbers).unwrap();
+        sim.step(1).unwrap();
+        assert!(sim.data.quarantine[0].is_none());
+        sim.data.state(0, 0)
+    };
+    (0..steps).map(fly).collect()
+}
+
+#[test]
+fn a_slung_payload_sinks_the_vehicle_and_swings_it_after_a_stop() {
+    let load = "mass_kg = 0.004\ncable_length_m = 0.5\nattachment_m = [0, 0, -0.01]\ndamping_per_s = 0.0";
+    // A vehicle that starts with its own hover thrust falls with m_l g / (m + m_l).
+    let (with, without) = HOVER.pair("slung_payload", load);
+    let mass = vehicle("").drone("first_principles").unwrap().body.mass_kg;
+    let expected = 9.81 * 0.004 / (mass + 0.004) * 0.1;
+    assert!((without.vel[2] - with.vel[2] - expected).abs() < 0.02 * expected, "{:?}", with.vel);
+
+    // A fifth of the mass: half a second nose down, then level. Vehicle and load swing about each other.
+    let heavy = entry("slung_payload", &format!("mass_kg = {}\ncable_length_m = 0.5", 0.2 * mass));
+    let thrust = 1.2 * 9.81 * mass;
+    let flight = commanded(&heavy, ControlMode::Attitude, 5000, |step, command| {
+        command.copy_from_slice(&[0.0, if step < 250 { 0.15 } else { 0.0 }, 0.0, thrust]);
+    });
+    let late = &flight[500..];
+    let speeds: Vec<f64> = late.iter().map(|s| s.vel[0]).collect();
+    let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
+    let rises: Vec<usize> =
+        (1..speeds.len()).filter(|i| speeds[i - 1] < mean && speeds[*i] >= mean).collect();
+    let period = (rises[rises.len() - 1] - rises[0]) as f64 * 0.002 / (rises.len() - 1) as f64;
+    // What gravity seems to be on board, as the vehicle may climb or sink.
+    let climb = (late[late.len() - 1].vel[2] - late[0].vel[2]) / (0.002 * (late.len() - 1) as f64);
+    let expected = TAU / ((9.81 + climb) / 0.5 * 1.2).sqrt();
+    assert!((period / expected - 1.0).abs() < 0.02, "{period} {expected} {climb}");
+    let spread =
+        |x: &[f64]| x.iter().fold(f64::MIN, |a, b| a.max(*b)) - x.iter().fold(f64::MAX, |a, b| a.min(*b));
+    assert!(spread(&speeds) > 0.05, "{}", spread(&speeds));
+
+    // The position controller, which does not know the load, still brings the vehicle where it shall be.
+    let held =
+        commanded(&heavy, ControlMode::State, 10_000, |_, command| (command[0], command[12]) = (0.3, 1.0));
+    let end = held[held.len() - 1];
+    assert!((end.pos[0] - 0.3).abs() < 0.02 && end.vel[0].abs() < 0.02, "{end:?}");
+}
+
+#[test]
+fn turbulence_has_the_spread_and_the_memory_that_its_page_says() {
+    let with = vehicle(&entry("turbulence", "sigma_m_s = [1.5, 1.0, 0.5]\nlength_m = [5.0, 3.0, 2.0]"));
+    let drone = with.drone("first_principles").unwrap();
+    let (dt, n) = (0.05, 200_000u64);
+    let mut memory = vec![0.0; drone.memory_len(dt)];
+    let mut winds: [Vec<f64>; 3] = Default::default();
+    for step in 0..n {
+        let mut stream = Key { seed: 1, world: 0, drone: 0, step, purpose: purpose("test") }.stream();
+        let normals = [stream.normal(), stream.normal(), stream.normal()];
+        let mut around = Surroundings { wind_m_s: [4.0, 0.0, 0.0], normals, ..Surroundings::calm() };
+        let mut command = Command::Rotors([0.0; 8]);
+        drone.transmit(&HOVER.start, &mut around, (dt, dt), &mut command, &mut memory);
+        for i in 0..3 {
+            winds[i].push(around.wind_m_s[i] - [4.0, 0.0, 0.0][i]);
+        }
+    }
+    let speed = (16.0f64 + 2.25 + 1.0 + 0.25).sqrt();
+    for (i, (sigma, length)) in [(1.5, 5.0), (1.0, 3.0), (0.5, 2.0)].into_iter().enumerate() {
+        let w = &winds[i];
+        let product =
+            |lag: usize| w[lag..].iter().zip(w).map(|(a, b)| a * b).sum::<f64>() / (w.len() - lag) as f64;
+        // 10 000 s hold thousands of correlation times: one standard error is about 1.5 %.
+        let variance = product(0) / (sigma * sigma);
+        assert!((variance - 1.0).abs() < 0.06, "{i}: {variance}");
+        let lag = (length / speed / dt).round();
+        let expected = (-lag * dt * speed / length).exp();
+        let correlation = product(lag as usize) / product(0);
+        assert!((correlation - expected).abs() < 0.04, "{i}: {correlation} {expected}");
+    }
+    let drag = entry("linear_drag", DRAG);
+    let gusty = format!("{drag}{}", entry("turbulence", "sigma_m_s = [2.0, 2.0, 2.0]"));
+    let (calm, blown) = (HOVER.end(&drag), HOVER.end(&gusty));
+    assert!((blown.vel[0] - calm.vel[0]).abs() > 1e-3, "{:?}", blown.vel);
+    assert_eq!(blown, HOVER.end(&gusty), "the same seed gives the same air");
+}
+
 /// End of 0.2 s of the abstracted model under a level command of its plain hover thrust.
 fn abstracted(effects: &str, vel: [f64; 3]) -> State<f64> {
     let hover = vehicle("").drone("so_rpy_rotor").unwrap().hover_thrust();
@@ -266,6 +432,43 @@ fn the_abstracted_model_feels_them_too() {
     assert!(tilted.vel[0] > plain.vel[0] + 0.001, "{:?} {:?}", tilted.vel, plain.vel);
     let loaded = end("payload", "mass_kg = 0.005\nposition_m = [0, 0, 0]");
     assert!(loaded.vel[2] < plain.vel[2] - 0.05, "{:?}", loaded.vel);
+}
+
+#[test]
+fn a_tether_that_a_user_wrote_as_an_expression_holds_the_vehicle_back() {
+    let tether = entry(
+        "expression",
+        "name = \"tether\"\nforce_world_n = [\"-k * x - c * vx\", \"0\", \"0\"]\n\
+         parameter.k = { value = 0.0, unit = \"N/m\", slab = 0.5 }\n\
+         parameter.c = { value = 0.01, unit = \"N·s/m\", slab = 0.02 }",
+    );
+    let drag = entry("linear_drag", "drag_n_s_per_m = [[0.01, 0, 0], [0, 0, 0], [0, 0, 0]]");
+    let ahead = Flight::moving([2.0, 0.0, 0.0]);
+    assert!((ahead.end(&tether).vel[0] - ahead.end(&drag).vel[0]).abs() < 1e-9);
+    // The same by the name of its parameter, in every world its own.
+    let with = vehicle(&tether);
+    let rule = Rule {
+        parameter: "effect.expression.tether.k".into(),
+        draw: Draw::Uniform([0.01, 0.05]),
+        shared: false,
+    };
+    let options = SimOptions {
+        n_worlds: 2,
+        control: ControlMode::RotorVel,
+        randomization: Randomization { rules: vec![rule] },
+        ..SimOptions::default()
+    };
+    let drone = with.drone("first_principles").unwrap();
+    let hover = drone.hover_rotor_vel();
+    let mut sim = Sim::new(options, vec![(drone, with.rates)]).unwrap();
+    for world in 0..2 {
+        sim.set_initial(world, 0, State { pos: [1.0, 0.0, 0.0], ..HOVER.start }).unwrap();
+    }
+    sim.reset(None).unwrap();
+    sim.set_command(&hover[..4].repeat(2)).unwrap();
+    sim.step(50).unwrap();
+    let (a, b) = (sim.data.state(0, 0).vel[0], sim.data.state(1, 0).vel[0]);
+    assert!(a < -0.02 && b < -0.02 && a != b, "{a} {b}");
 }
 
 #[test]
@@ -301,7 +504,17 @@ fn parameters_outside_their_range_are_refused() {
         ("weak_rotor", "factor = [1, 1, 0, 1, 1, 1, 1, 1]"),
         ("motor_lag", "spin_down_factor = 0.0"),
         ("quadratic_drag", "drag_n_s2_per_m2 = [0.1, -0.1, 0.1]"),
+        ("slung_payload", "cable_length_m = 0.0"),
+        ("turbulence", "length_m = [1, 0, 1]"),
         ("actuator_saturation", "max_rotor_vel_rad_s = 0.0"),
+        ("thrust_fade", "rate_per_s = -0.1"),
+        ("wrong_mass", "factor = 0.0"),
+        ("wrong_inertia", "factor = [1, 1, 0]"),
+        ("rotor_inertia", "factor = -0.1"),
+        ("thrust_curve", "shape = 1.0"),
+        ("thrust_curve", "hover_rad_s = 0.0"),
+        ("ceiling_effect", "strength = -1.0"),
+        ("gyro_scale", "factor = [1, 0, 1]"),
     ] {
         let wrong = format!("{text}\n{}", entry(kind, parameters));
         let message = Vehicle::from_toml("wrong", &wrong).unwrap_err().to_string();

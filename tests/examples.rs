@@ -34,7 +34,8 @@ fn there_is_a_test_for_every_example() {
         .map(|e| e.unwrap().file_name().to_string_lossy().into_owned())
         .collect();
     names.sort();
-    assert_eq!(names, ["custom_stage.rs", "fly_and_see.rs", "randomize.rs", "read_dataset.rs"]);
+    let tested = ["custom_stage.rs", "fly_and_see.rs", "hidden_flight.rs", "randomize.rs", "read_dataset.rs"];
+    assert_eq!(names, tested);
 }
 
 #[test]
@@ -63,6 +64,24 @@ fn custom_stage() {
     assert_eq!(aside.len(), 4, "{said}");
     assert!(aside.windows(2).all(|w| w[0] > w[1]), "the heavier, the less: {said}");
     assert!(aside.iter().all(|cm| (1.0..200.0).contains(cm)), "{said}");
+}
+
+#[test]
+fn hidden_flight() {
+    let dir = tempfile::tempdir().unwrap();
+    let (log, truth) = (dir.path().join("flight.csv"), dir.path().join("truth.json"));
+    let words = |text: &'static str| text.split(' ').map(Path::new);
+    let mut args: Vec<&Path> = words("--effect rotor_drag,payload --seed 3 --seconds 2 --out").collect();
+    args.push(&log);
+    args.push(Path::new("--truth"));
+    args.push(&truth);
+    let said = example("hidden_flight", &args);
+    assert!(said.contains("rows, 2 s") && said.contains("what was hidden"), "{said}");
+    let truth: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(truth).unwrap()).unwrap();
+    assert_eq!(truth["hidden"][0]["id"], "rotor_drag");
+    assert!(truth["hidden"][1]["parameters"]["mass_kg"].as_f64().unwrap() > 0.03, "{truth}");
+    let (log, _) = propwash::flight::FlightLog::open(&log, None).unwrap();
+    assert!((log.duration_s - 2.0).abs() < 0.02 && log.cmd_rotor_rad_s.len() == 4);
 }
 
 #[test]

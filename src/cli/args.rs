@@ -1,5 +1,9 @@
 //! Flags and sub-commands, each defined once.
 
+use super::gap_args::{
+    ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
+};
+use super::gap_logs::DriveArg;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -22,6 +26,12 @@ Examples:
   propwash fly --scene forest.xml --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
   propwash log check flight.csv                      what is wrong with a flight log, in words
+  propwash vehicle diff cf2x_L250 mine.toml          what differs between two vehicles
+  propwash identify flight.csv --model attitude --vehicle cf2x_L250 --out better.toml
+  propwash compare flight.csv --vehicle quad.toml    where the model departs from the flight
+  propwash diagnose flight.csv --vehicle quad.toml   which physics the model lacks
+  propwash add rotor_drag --vehicle quad.toml --fit flight.csv --out better.toml
+  propwash excite --vehicle quad.toml --want linear_drag --out path.csv    what to fly to find it
 
 Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
 forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
@@ -101,6 +111,69 @@ pub enum Command {
     Urdf(UrdfArgs),
     /// Check flight logs, or convert them to the contract of docs/logs.md.
     Log(LogArgs),
+    /// Take an effect out of a vehicle file.
+    #[command(after_help = REMOVE_EXAMPLES)]
+    Remove(RemoveArgs),
+    /// Say what differs between two vehicles.
+    #[command(after_help = VEHICLE_EXAMPLES)]
+    Vehicle(VehicleArgs),
+    /// Identify the parameters of a model from a flight log, with intervals.
+    #[command(after_help = IDENTIFY_EXAMPLES)]
+    Identify(IdentifyArgs),
+    /// Compare a vehicle's model with flights: where it fails, by how much, and with what that goes.
+    #[command(after_help = COMPARE_EXAMPLES, allow_negative_numbers = true)]
+    Compare(CompareArgs),
+    /// Say which effects a vehicle's model lacks, by its flights: with values, intervals, look-alikes and what to fly next.
+    #[command(after_help = DIAGNOSE_EXAMPLES, allow_negative_numbers = true)]
+    Diagnose(DiagnoseArgs),
+    /// Fit effects to flights and write them into a vehicle file.
+    #[command(after_help = ADD_EXAMPLES, allow_negative_numbers = true)]
+    Add(AddArgs),
+    /// Plan a flight that makes wanted parameters visible, with the intervals to expect, as waypoints to fly.
+    #[command(after_help = EXCITE_EXAMPLES, allow_negative_numbers = true)]
+    Excite(ExciteArgs),
+}
+
+/// Ends the help of `propwash identify`.
+const IDENTIFY_EXAMPLES: &str = "\
+Examples:
+  propwash identify flight.csv --model attitude --vehicle cf2x_L250
+  propwash identify flight.csv --model attitude --vehicle my.toml --dynamics so_rpy_rotor --out my2.toml
+
+The log needs position, attitude, cmd_roll cmd_pitch cmd_yaw (rad) and cmd_thrust (N). The mass is taken from
+the vehicle file: motion tells thrust and drag by mass only. docs/identify.md explains.";
+
+/// Which model to identify.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ModelArg {
+    /// The abstracted attitude response: roll, pitch, yaw and thrust answer commands.
+    Attitude,
+}
+
+/// `propwash identify`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct IdentifyArgs {
+    /// The log: .csv, .parquet, .ulg.
+    #[arg(value_name = "LOG")]
+    pub file: PathBuf,
+    /// The model.
+    #[arg(long, value_enum)]
+    pub model: ModelArg,
+    /// Setting of the model: so_rpy, so_rpy_rotor (thrust lags) or so_rpy_rotor_drag (with linear drag).
+    #[arg(long, default_value = "so_rpy_rotor_drag", value_name = "NAME")]
+    pub dynamics: String,
+    /// A built-in vehicle or a vehicle file: mass, gravity, and what cannot be identified.
+    #[arg(long, value_name = "V.toml")]
+    pub vehicle: String,
+    /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Write the vehicle with the identified values.
+    #[arg(long, value_name = "V2.toml")]
+    pub out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// What a depth number measures.
@@ -481,6 +554,9 @@ pub enum LogCommand {
     Check(LogCheckArgs),
     /// Write a log in the contract's columns and units, as CSV or Parquet.
     Convert(LogConvertArgs),
+    /// Write a flight of a data set as a log, to be checked, compared and diagnosed as a real one.
+    #[command(after_help = FROM_DATASET_EXAMPLES)]
+    FromDataset(FromDatasetArgs),
 }
 
 /// `propwash log check`.
@@ -497,6 +573,30 @@ pub struct LogCheckArgs {
     pub json: bool,
 }
 
+/// Ends the help of `propwash log from-dataset`.
+const FROM_DATASET_EXAMPLES: &str = "\
+Examples:
+  propwash log from-dataset data/forest --out flight.csv
+  propwash log from-dataset data/two --world 3 --drone 1 --out flight.parquet
+
+All columns are in SI units (docs/logs.md).";
+
+/// `propwash log from-dataset`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct FromDatasetArgs {
+    /// Folder of the data set, as `propwash fly` writes it.
+    pub dir: PathBuf,
+    /// Which of its worlds, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>)]
+    pub world: usize,
+    /// Which drone of that world, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>)]
+    pub drone: usize,
+    /// Where it goes: a name that ends in .csv or .parquet.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+}
+
 /// `propwash log convert`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct LogConvertArgs {
@@ -508,4 +608,142 @@ pub struct LogConvertArgs {
     /// Where it goes: a name that ends in .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+}
+
+/// Ends the help of `propwash remove`.
+const REMOVE_EXAMPLES: &str = "\
+Examples:
+  propwash remove linear_drag --vehicle cf2x_L250 --out bare.toml
+  propwash remove payload --vehicle mine.toml --out mine.toml --force
+
+Comments, order and layout of the file stay; its values are in the units that their keys name, SI for effects.";
+
+/// `propwash remove`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct RemoveArgs {
+    /// Kind of the effect, such as linear_drag; all its entries go.
+    pub effect: String,
+    /// Vehicle to start from: a built-in name or a vehicle file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub vehicle: String,
+    /// Vehicle file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Replace the file at --out, which may be that of --vehicle.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Ends the help of `propwash vehicle` and `propwash vehicle diff`.
+const VEHICLE_EXAMPLES: &str = "\
+Examples:
+  propwash vehicle diff cf2x_L250 mine.toml
+  propwash vehicle diff before.toml after.toml --json
+
+Values are in SI units, whatever the files are written in. Sources, notes and layout do not count.
+Exit codes: 0 the same, 1 different, 2 error.";
+
+/// `propwash vehicle`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VehicleArgs {
+    /// What to do with vehicles.
+    #[command(subcommand)]
+    pub command: VehicleCommand,
+}
+
+/// Sub-commands of `propwash vehicle`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum VehicleCommand {
+    /// List every number and effect that differs: old, new, change. Exit code 1 when something does.
+    #[command(after_help = VEHICLE_EXAMPLES)]
+    Diff(VehicleDiffArgs),
+}
+
+/// `propwash vehicle diff`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VehicleDiffArgs {
+    /// First vehicle: a built-in name or a vehicle file.
+    pub a: String,
+    /// Second vehicle: a built-in name or a vehicle file.
+    pub b: String,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Ends the help of `propwash excite`.
+const EXCITE_EXAMPLES: &str = "\
+Examples:
+  propwash excite --vehicle quad.toml --want linear_drag --want rotor_drag --out path.csv
+  propwash excite --vehicle cf2x_L250 --want com_offset --box 4,4,2.5 --seconds 40
+  propwash excite --vehicle quad.toml --want com_offset --from weak_rotor.2
+
+Every manoeuvre is flown in simulation by the vehicle's own controller; the intervals are those that the fit of
+propwash diagnose would give with the sensors named. docs/excite.md explains. Exit codes: 0 every parameter gets as
+narrow as wanted, 1 not so, 2 error.";
+
+/// `propwash excite`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct ExciteArgs {
+    /// Vehicle: a built-in name or a vehicle file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub vehicle: String,
+    /// Effect whose parameters are wanted, as linear_drag or weak_rotor.2; a kind stands for all of it. Repeat it, or
+    /// separate by commas.
+    #[arg(long, value_name = "EFFECT", required = true, num_args = 1.., value_delimiter = ',')]
+    pub want: Vec<String>,
+    /// Plan nothing, but name the manoeuvres that tell the wanted effects from these.
+    #[arg(long, value_name = "EFFECT", num_args = 1.., value_delimiter = ',')]
+    pub from: Vec<String>,
+    /// Longest flight, s.
+    #[arg(long, value_name = "S", default_value_t = 60.0, value_parser = positive)]
+    pub seconds: f64,
+    /// Standard deviation that is wanted, as a share of the effect's plausible size.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.1, value_parser = positive)]
+    pub share: f64,
+    /// Length, width and height of the space, m: x and y from minus to plus half of theirs, z from 0 up.
+    #[arg(long = "box", value_name = "X,Y,Z", default_value = "6,6,3")]
+    pub room: String,
+    /// There is no ground at z = 0: nothing is flown low, no ground effect is reckoned with.
+    #[arg(long)]
+    pub scene_free: bool,
+    /// Height of a ceiling that can be flown under, m. Default: none.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub ceiling_z: Option<f64>,
+    /// What of the log will drive the model. Default: rotor commands.
+    #[arg(long, value_enum)]
+    pub drive: Option<DriveArg>,
+    /// Poses per second. Default: 240.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub pose_hz: Option<u32>,
+    /// Noise of positions, mm. Default: 1.
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    pub position_noise: Option<f64>,
+    /// Noise of attitudes, deg. Default: 0.2.
+    #[arg(long, value_name = "DEG", value_parser = positive)]
+    pub attitude_noise: Option<f64>,
+    /// Samples of the gyroscope per second, 0 for none. Default: 500.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub gyro_hz: Option<u32>,
+    /// Noise of the gyroscope, rad/s. Default: 0.01.
+    #[arg(long, value_name = "RAD/S", value_parser = positive)]
+    pub gyro_noise: Option<f64>,
+    /// Samples of the accelerometer per second, 0 for none. Default: 500.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub accel_hz: Option<u32>,
+    /// Noise of the accelerometer, m/s². Default: 0.1.
+    #[arg(long, value_name = "M/S2", value_parser = positive)]
+    pub accel_noise: Option<f64>,
+    /// Accelerations by moving air that no model explains, m/s². Default: 0.03.
+    #[arg(long, value_name = "M/S2", value_parser = positive)]
+    pub air: Option<f64>,
+    /// Seed of noise and disturbances.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u64>)]
+    pub seed: u64,
+    /// Where to write the waypoints (CSV with t,x,y,z,yaw).
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Print JSON, complete.
+    #[arg(long)]
+    pub json: bool,
 }

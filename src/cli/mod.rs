@@ -3,6 +3,8 @@
 mod args;
 mod cmd;
 mod exit;
+mod gap_args;
+mod gap_logs;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
@@ -26,6 +28,13 @@ pub fn run() -> ExitCode {
         args::Command::Scene(a) => cmd::scene::run(&a),
         args::Command::Urdf(a) => cmd::urdf::run(&a),
         args::Command::Log(a) => cmd::log::run(&a),
+        args::Command::Remove(a) => cmd::remove::run(&a),
+        args::Command::Vehicle(a) => cmd::vehicle::run(&a),
+        args::Command::Identify(a) => cmd::identify::run(&a),
+        args::Command::Compare(a) => cmd::compare::run(&a),
+        args::Command::Diagnose(a) => cmd::diagnose::run(&a),
+        args::Command::Add(a) => cmd::add::run(&a),
+        args::Command::Excite(a) => cmd::excite::run(&a),
     };
     exit::code(outcome)
 }

@@ -7,6 +7,7 @@ mod canvas;
 pub mod depth_png;
 mod error;
 mod files;
+mod flight_log;
 mod manifest;
 pub mod map;
 mod npz;

@@ -184,6 +184,15 @@ impl WorldReader<'_> {
         &self.record
     }
 
+    pub(super) fn manifest(&self) -> &Manifest {
+        self.manifest
+    }
+
+    /// Path and hash of `states.parquet`.
+    pub(super) fn states_file(&self) -> Result<(PathBuf, String)> {
+        Ok((self.folder.join(STATES), files::record(&self.folder, STATES)?.sha256))
+    }
+
     fn table(&self, name: &str, names: Option<&[&str]>, rows: u64) -> Result<Table> {
         let path = self.folder.join(name);
         let table = Table::read(&path, names)?;

@@ -113,6 +113,8 @@ pub fn state_columns(manifest: &Manifest) -> Vec<Column> {
     floats(&["ref_vx", "ref_vy", "ref_vz"], "m/s, world", true);
     floats(&["ref_ax", "ref_ay", "ref_az"], "m/s2, world", true);
     floats(&["ref_yaw"], "rad", true);
+    floats(&["vbat"], "V, under load", true);
+    floats(&["wind_x", "wind_y", "wind_z"], "m/s, world", true);
     columns
 }
 

@@ -64,6 +64,10 @@ pub struct StateRow<'a> {
     pub rotor_command_rad_s: &'a [f64],
     /// Where the drone should be.
     pub reference: Option<Reference>,
+    /// Voltage of the battery under load, V; `None` for a vehicle without one.
+    pub battery_v: Option<f64>,
+    /// Velocity of the air at the drone, m/s, world.
+    pub wind_m_s: Option<[f64; 3]>,
 }
 
 /// A row of `contacts.parquet`.
@@ -760,6 +764,8 @@ impl WorldWriter {
             t.maybe_floats(part.as_ref().map_or(&[], |p| p), 3);
         }
         t.maybe(row.reference.map(|r| r.yaw_rad));
+        t.maybe(row.battery_v);
+        t.maybe_floats(row.wind_m_s.as_ref().map_or(&[], |w| w), 3);
         t.end_row().inspect_err(|_| self.failed = true)
     }
 

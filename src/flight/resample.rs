@@ -91,10 +91,14 @@ pub struct Local<const N: usize> {
     pub value: [f64; N],
     /// Derivative, unit of the channel per s.
     pub slope: [f64; N],
+    /// Second derivative, unit of the channel per s².
+    pub curvature: [f64; N],
     /// Standard deviation of the value for white noise of standard deviation 1 in the samples.
     pub value_gain: f64,
     /// Standard deviation of the slope (1/s) for white noise of standard deviation 1 in the samples.
     pub slope_gain: f64,
+    /// Standard deviation of the second derivative (1/s²) for white noise of standard deviation 1 in the samples.
+    pub curvature_gain: f64,
 }
 
 /// Fits a parabola by least squares to the samples within `half_s` of each time of `at_s` (s) and gives value, slope
@@ -143,6 +147,8 @@ fn fit<const N: usize>(channel: &Channel<N>, at: f64, half_s: f64) -> Option<Loc
         slope: std::array::from_fn(|k| vec3::dot(inverse[1], y[k]) / half_s),
         value_gain: inverse[0][0].max(0.0).sqrt(),
         slope_gain: inverse[1][1].max(0.0).sqrt() / half_s,
+        curvature: std::array::from_fn(|k| 2.0 * vec3::dot(inverse[2], y[k]) / (half_s * half_s)),
+        curvature_gain: 2.0 * inverse[2][2].max(0.0).sqrt() / (half_s * half_s),
     })
 }
 
@@ -184,6 +190,7 @@ mod tests {
             let local = local.unwrap();
             assert!((local.value[0] - (1.0 + 2.0 * t - 3.0 * t * t)).abs() < 1e-11);
             assert!((local.slope[0] - (2.0 - 6.0 * t)).abs() < 1e-9);
+            assert!((local.curvature[0] + 6.0).abs() < 1e-7);
         }
         assert!(local_parabola(&channel, &[-0.2, 0.0, 0.9], 0.05).iter().all(Option::is_none));
     }
@@ -195,6 +202,8 @@ mod tests {
         let local = local_parabola(&channel, &[0.2], 0.2)[0].unwrap();
         assert!((local.slope_gain - (0.1f64).sqrt() / 0.1).abs() < 1e-12);
         assert!((local.value_gain - (17.0f64 / 35.0).sqrt()).abs() < 1e-12);
+        // … and of the second derivative 4/(14 h⁴).
+        assert!((local.curvature_gain - (2.0f64 / 7.0).sqrt() / 0.01).abs() < 1e-9);
     }
 
     #[test]

@@ -65,6 +65,17 @@ pub fn wrench<S: Real>(
     (force, torque)
 }
 
+/// Force (N, body) of a known collective thrust (N) that all rotors share alike, each along its own axis.
+#[inline(always)]
+pub fn collective<S: Real>(p: &Params<S>, thrust: S) -> [S; 3] {
+    let share = thrust / S::lit(p.n_rotors.max(1) as f64);
+    let mut force = [S::zero(); 3];
+    for i in 0..p.n_rotors {
+        force = vec3::add(force, vec3::scale(p.rotors[i].axis, share));
+    }
+    force
+}
+
 impl<S: Real> Params<S> {
     /// Visits only the rotors in use; see [`Parameters::visit`].
     pub fn visit_used(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S)) {

@@ -4,6 +4,7 @@ use super::airframe;
 use super::attitude_response;
 use super::controllers::mellinger;
 use super::effects::{AnyEffect, Command, Effect, Parts, View};
+use super::measure::{Clock, Reading};
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, Rate, State, Wrench};
 use super::rotor;
@@ -18,6 +19,22 @@ pub enum Dynamics<S> {
     Rotors,
     /// Attitude and thrust commands are answered by fitted second-order systems.
     AttitudeResponse(attitude_response::Params<S>),
+}
+
+/// What a measurement says about the drive of a vehicle; see [`Drone::rate_measured`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Measured<S> {
+    /// The rotors' accelerations, rad/s²; their speeds are in the state.
+    RotorAcc([S; MAX_ROTORS]),
+    /// Collective thrust before what effects do to it, N.
+    Thrust(S),
+}
+
+/// What drives a vehicle.
+enum Drive<'a, S> {
+    Command(&'a Command<S>),
+    RotorAcc(&'a [S; MAX_ROTORS]),
+    Thrust(S),
 }
 
 /// All parameters of one vehicle.
@@ -50,7 +67,8 @@ impl<S: Real> Drone<S> {
         }
     }
 
-    /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0` …
+    /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0`,
+    /// `effect.expression.NAME.PARAMETER` …
     ///
     /// What follows from other parameters (the inverse inertia) is not among them; call [`Drone::refresh`] after changing
     /// values.
@@ -68,7 +86,7 @@ impl<S: Real> Drone<S> {
         }
         self.controller.visit("controller", f);
         for effect in &mut self.effects {
-            let prefix = format!("effect.{}", effect.kind());
+            let prefix = format!("effect.{}", effect.label());
             effect.visit(&prefix, f);
         }
     }
@@ -91,8 +109,13 @@ impl<S: Real> Drone<S> {
             Dynamics::Rotors => None,
             Dynamics::AttitudeResponse(p) => Some(*p),
         };
-        let mut parts =
-            Parts { body: self.body, airframe: self.airframe, response, thrust_point_m: [S::zero(); 3] };
+        let mut parts = Parts {
+            body: self.body,
+            airframe: self.airframe,
+            response,
+            thrust_point_m: [S::zero(); 3],
+            thrust_factor: S::one(),
+        };
         for effect in &self.effects {
             effect.build(&mut parts);
         }
@@ -123,10 +146,11 @@ impl<S: Real> Drone<S> {
         out
     }
 
-    /// Weight with all that is fixed to the vehicle, N.
+    /// Weight with all that the vehicle carries, N.
     pub fn hover_thrust(&self) -> S {
         let body = self.built().map_or(self.body, |parts| parts.body);
-        body.mass_kg * vec3::norm(body.gravity_m_s2)
+        let mass_kg = self.effects.iter().fold(body.mass_kg, |sum, effect| sum + effect.carried_kg());
+        mass_kg * vec3::norm(body.gravity_m_s2)
     }
 
     /// Radius of the disc that has the area of all rotors, m.
@@ -148,6 +172,66 @@ impl<S: Real> Drone<S> {
         gain
     }
 
+    /// Velocity of the air, m/s, world: that of the surroundings with what the effects add.
+    #[inline(always)]
+    fn air(&self, view: &View<S>) -> [S; 3] {
+        let mut wind = view.surroundings.wind_m_s;
+        for effect in &self.effects {
+            wind = vec3::add(wind, effect.air(view));
+        }
+        wind
+    }
+
+    /// Thrust of the abstracted model under `command`, N; `None` for a vehicle whose state has rotor speeds.
+    #[inline(always)]
+    fn collective_n(&self, built: Option<&Parts<S>>, state: &State<S>, command: &Command<S>) -> Option<S> {
+        match (&self.dynamics, command) {
+            (Dynamics::AttitudeResponse(filed), Command::Attitude(c)) => {
+                let p = built.and_then(|parts| parts.response.as_ref()).unwrap_or(filed);
+                Some(attitude_response::thrust(p, state.thrust, c[3]))
+            }
+            _ => None,
+        }
+    }
+
+    /// Velocity of the air at the vehicle, m/s, world: that of the surroundings with what the effects add (wind,
+    /// gusts).
+    pub fn wind_m_s(&self, state: &State<S>, command: &Command<S>, surroundings: &Surroundings<S>) -> [S; 3] {
+        let built = self.built();
+        let (body, airframe) =
+            built.as_ref().map_or((&self.body, &self.airframe), |parts| (&parts.body, &parts.airframe));
+        let collective_n = self.collective_n(built.as_ref(), state, command);
+        self.air(&View { body, airframe, state, surroundings, collective_n })
+    }
+
+    /// Voltage of the battery under the load of this step, V; `None` without a battery among the effects. Arguments as
+    /// in [`Drone::transmit`], of which this is the part up to the battery; `command` and `memory` are left as there, so
+    /// hand in copies.
+    pub fn battery_v(
+        &self,
+        state: &State<S>,
+        surroundings: &Surroundings<S>,
+        dt_s: (S, f64),
+        command: &mut Command<S>,
+        memory: &mut [S],
+    ) -> Option<S> {
+        let built = self.built();
+        let (body, airframe) =
+            built.as_ref().map_or((&self.body, &self.airframe), |parts| (&parts.body, &parts.airframe));
+        let collective_n = self.collective_n(built.as_ref(), state, command);
+        let view = View { body, airframe, state, surroundings, collective_n };
+        let mut rest = memory;
+        for effect in &self.effects {
+            let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
+            if let AnyEffect::BatterySag(battery) = effect {
+                return Some(battery.voltage(&view, command, mine[0]));
+            }
+            effect.command(&view, dt_s.0, command, mine);
+            rest = others;
+        }
+        None
+    }
+
     /// Time derivative of `state` under `command`.
     #[inline(always)]
     pub fn rate(&self, state: &State<S>, command: &Command<S>, surroundings: &Surroundings<S>) -> Rate<S> {
@@ -158,7 +242,8 @@ impl<S: Real> Drone<S> {
             Dynamics::Rotors => None,
             Dynamics::AttitudeResponse(p) => Some(p),
         };
-        self.rate_of((&self.body, &self.airframe, response), None, state, command, surroundings)
+        let of = (&self.body, &self.airframe, response);
+        self.rate_of(of, None, state, &Drive::Command(command), surroundings)
     }
 
     /// [`Drone::rate`] where effects change what the vehicle is built of; apart, so that the others stay fast.
@@ -171,10 +256,56 @@ impl<S: Real> Drone<S> {
     ) -> Rate<S> {
         let parts = self.parts();
         let of = (&parts.body, &parts.airframe, parts.response.as_ref());
-        self.rate_of(of, Some(parts.thrust_point_m), state, command, surroundings)
+        self.rate_of(of, Some(&parts), state, &Drive::Command(command), surroundings)
     }
 
-    /// [`Drone::rate`] of a vehicle of these parts; `thrust_point_m` as in [`Parts`].
+    /// Time derivative of `state` where not a command but a measurement drives the vehicle: rotors that turn as
+    /// `state.rotor_vel` says and speed up as given, or a known collective thrust.
+    ///
+    /// A known thrust acts along body z at the centre of mass and leaves the angular acceleration without the rotors'
+    /// torque, which is unknown then.
+    pub fn rate_measured(
+        &self,
+        state: &State<S>,
+        measured: &Measured<S>,
+        surroundings: &Surroundings<S>,
+    ) -> Rate<S> {
+        self.rate_measured_of(&self.parts(), state, measured, surroundings)
+    }
+
+    /// [`Drone::rate_measured`] with [`Drone::parts`] computed before.
+    #[inline(never)]
+    pub fn rate_measured_of(
+        &self,
+        parts: &Parts<S>,
+        state: &State<S>,
+        measured: &Measured<S>,
+        surroundings: &Surroundings<S>,
+    ) -> Rate<S> {
+        let of = (&parts.body, &parts.airframe, parts.response.as_ref());
+        let drive = match measured {
+            Measured::RotorAcc(acc) => Drive::RotorAcc(acc),
+            Measured::Thrust(thrust) => Drive::Thrust(*thrust),
+        };
+        self.rate_of(of, Some(parts), state, &drive, surroundings)
+    }
+
+    /// What the vehicle's sensors read.
+    #[inline(always)]
+    pub fn read(&self, state: &State<S>, rate: &Rate<S>) -> Reading<S> {
+        let mut reading = Reading::ideal(state, rate, self.body.gravity_m_s2);
+        for effect in &self.effects {
+            effect.measure(&mut reading);
+        }
+        reading
+    }
+
+    /// How late the sensors' clocks are.
+    pub fn clock(&self) -> Clock<S> {
+        self.effects.iter().fold(Clock::zero(), |clock, effect| clock.plus(effect.clock()))
+    }
+
+    /// [`Drone::rate`] of a vehicle of these parts; `built` where effects changed them.
     #[inline(always)]
     fn rate_of(
         &self,
@@ -183,22 +314,21 @@ impl<S: Real> Drone<S> {
             &airframe::Params<S>,
             Option<&attitude_response::Params<S>>,
         ),
-        thrust_point_m: Option<[S; 3]>,
+        built: Option<&Parts<S>>,
         state: &State<S>,
-        command: &Command<S>,
+        drive: &Drive<S>,
         surroundings: &Surroundings<S>,
     ) -> Rate<S> {
-        let collective_n = match (response, command) {
-            (Some(p), Command::Attitude(c)) => Some(attitude_response::thrust(p, state.thrust, c[3])),
+        let collective_n = match (response, drive) {
+            (Some(p), Drive::Command(Command::Attitude(c))) => {
+                Some(attitude_response::thrust(p, state.thrust, c[3]))
+            }
+            (_, Drive::Thrust(thrust)) => Some(*thrust),
             _ => None,
         };
         let mut surroundings = *surroundings;
-        let mut wind = surroundings.wind_m_s;
-        for effect in &self.effects {
-            let view = View { body, airframe, state, surroundings: &surroundings, collective_n };
-            wind = vec3::add(wind, effect.air(&view));
-        }
-        surroundings.wind_m_s = wind;
+        surroundings.wind_m_s =
+            self.air(&View { body, airframe, state, surroundings: &surroundings, collective_n });
         let view = View { body, airframe, state, surroundings: &surroundings, collective_n };
 
         let mut outer = Wrench {
@@ -212,11 +342,22 @@ impl<S: Real> Drone<S> {
         let zero = S::zero();
         let mut rotor_acc = [zero; MAX_ROTORS];
         let mut thrust_rate = zero;
-        let (acc, ang_acc) = match (response, command) {
-            (None, Command::Rotors(speeds)) => {
+        let mut turned = false;
+        match (response, drive) {
+            (None, Drive::Command(Command::Rotors(speeds))) => {
                 for i in 0..airframe.n_rotors {
                     rotor_acc[i] = rotor::acceleration(&airframe.rotors[i], state.rotor_vel[i], speeds[i]);
                 }
+                turned = true;
+            }
+            (_, Drive::RotorAcc(given)) => {
+                rotor_acc = **given;
+                turned = true;
+            }
+            _ => {}
+        }
+        let (acc, ang_acc) = match (response, drive) {
+            _ if turned => {
                 let mut loads = airframe::loads(airframe, &state.rotor_vel);
                 for i in 0..airframe.n_rotors {
                     loads.thrust[i] =
@@ -228,15 +369,22 @@ impl<S: Real> Drone<S> {
                 outer.torque = vec3::add(outer.torque, torque);
                 rigid_body::accelerations(body, state.ang_vel, &outer)
             }
-            (Some(p), Command::Attitude(c)) => {
+            (Some(p), Drive::Command(Command::Attitude(c))) => {
                 thrust_rate = attitude_response::thrust_rate(p, state.thrust, c[3]);
                 let thrust =
                     attitude_response::thrust(p, state.thrust, c[3]) * self.thrust_gain(&view, [zero; 3]);
-                if let Some(point) = thrust_point_m {
-                    let torque = vec3::cross(point, [zero, zero, thrust]);
+                if let Some(parts) = built {
+                    let torque = vec3::cross(parts.thrust_point_m, [zero, zero, thrust]);
                     outer.torque = vec3::add(outer.torque, torque);
                 }
                 attitude_response::accelerations(p, body, state, *c, thrust, &outer)
+            }
+            (_, Drive::Thrust(thrust)) => {
+                let factor = built.map_or(S::one(), |parts| parts.thrust_factor);
+                let gain = factor * self.thrust_gain(&view, [zero; 3]);
+                let thrust = airframe::collective(airframe, *thrust * gain);
+                outer.add_body_force(state.quat, thrust);
+                rigid_body::accelerations(body, state.ang_vel, &outer)
             }
             // A command of the other kind drives nothing; `rollout` never mixes them.
             _ => rigid_body::accelerations(body, state.ang_vel, &outer),
@@ -260,13 +408,13 @@ impl<S: Real> Drone<S> {
         }
     }
 
-    /// Lets every effect change the command, once per step of `dt_s` seconds; `memory` has
-    /// [`Drone::memory_len`] numbers.
+    /// Lets every effect change the command, and then add to the surroundings, once per step of `dt_s` seconds; `memory`
+    /// has [`Drone::memory_len`] numbers.
     #[inline(always)]
     pub fn transmit(
         &self,
         state: &State<S>,
-        surroundings: &Surroundings<S>,
+        surroundings: &mut Surroundings<S>,
         dt_s: (S, f64),
         command: &mut Command<S>,
         memory: &mut [S],
@@ -276,18 +424,23 @@ impl<S: Real> Drone<S> {
             Some(parts) => (&parts.body, &parts.airframe),
             None => (&self.body, &self.airframe),
         };
-        let collective_n = match (&self.dynamics, &command) {
-            (Dynamics::AttitudeResponse(filed), Command::Attitude(c)) => {
-                let p = built.as_ref().and_then(|parts| parts.response.as_ref()).unwrap_or(filed);
-                Some(attitude_response::thrust(p, state.thrust, c[3]))
-            }
-            _ => None,
-        };
-        let view = View { body, airframe, state, surroundings, collective_n };
-        let mut rest = memory;
+        let collective_n = self.collective_n(built.as_ref(), state, command);
+        let mut windy = *surroundings;
+        for effect in &self.effects {
+            let view = View { body, airframe, state, surroundings, collective_n };
+            windy.wind_m_s = vec3::add(windy.wind_m_s, effect.air(&view));
+        }
+        let view = View { body, airframe, state, surroundings: &windy, collective_n };
+        let mut rest = &mut *memory;
         for effect in &self.effects {
             let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
             effect.command(&view, dt_s.0, command, mine);
+            rest = others;
+        }
+        let mut rest = &*memory;
+        for effect in &self.effects {
+            let (mine, others) = rest.split_at(effect.memory_len(dt_s.1));
+            effect.surround(mine, surroundings);
             rest = others;
         }
     }

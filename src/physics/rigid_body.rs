@@ -130,3 +130,30 @@ pub fn accelerations<S: Real>(p: &Params<S>, ang_vel: [S; 3], wrench: &Wrench<S>
     let torque = vec3::sub(wrench.torque, vec3::cross(ang_vel, momentum));
     (acc, vec3::mat_vec(p.inertia_inverse, torque))
 }
+
+/// The wrench under which a body that turns with `ang_vel` has these accelerations (m/s² world, rad/s² body): the same
+/// equations as [`accelerations`], read the other way.
+#[inline(always)]
+pub fn wrench<S: Real>(p: &Params<S>, ang_vel: [S; 3], acc: [S; 3], ang_acc: [S; 3]) -> Wrench<S> {
+    let momentum = vec3::mat_vec(p.inertia_kg_m2, ang_vel);
+    Wrench {
+        force: vec3::scale(vec3::sub(acc, p.gravity_m_s2), p.mass_kg),
+        torque: vec3::add(vec3::mat_vec(p.inertia_kg_m2, ang_acc), vec3::cross(ang_vel, momentum)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_wrench_of_accelerations_gives_them_back() {
+        let inertia = [[0.01, 0.001, 0.0], [0.001, 0.02, -0.002], [0.0, -0.002, 0.03]];
+        let p = Params::new(0.7, inertia, [0.0, 0.0, -9.81]);
+        let (turn, acc, ang_acc) = ([1.0, -2.0, 3.0], [0.3, -0.4, 5.0], [10.0, 20.0, -7.0]);
+        let (a, b) = accelerations(&p, turn, &wrench(&p, turn, acc, ang_acc));
+        for k in 0..3 {
+            assert!((a[k] - acc[k]).abs() < 1e-12 && (b[k] - ang_acc[k]).abs() < 1e-10, "{a:?} {b:?}");
+        }
+    }
+}

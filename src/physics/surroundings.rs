@@ -15,8 +15,33 @@ pub struct Neighbour<S> {
     pub disc_radius_m: S,
 }
 
+/// A load that hangs from the vehicle on a cable: where it is and how it moves, from a pendulum in simulation or from a
+/// measurement.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Load<S> {
+    /// Position, m, world.
+    pub position_m: [S; 3],
+    /// Velocity, m/s, world.
+    pub velocity_m_s: [S; 3],
+    /// Acceleration, m/s², world.
+    pub acceleration_m_s2: [S; 3],
+    /// 1 where there is a load, 0 where there is none.
+    pub present: S,
+}
+
+impl<S: Real> Load<S> {
+    /// No load.
+    pub fn absent() -> Self {
+        let zero = S::zero();
+        Self { position_m: [zero; 3], velocity_m_s: [zero; 3], acceleration_m_s2: [zero; 3], present: zero }
+    }
+}
+
 /// Distance to the ground that stands for "no ground below", m.
 pub const NO_GROUND_M: f64 = 1e6;
+
+/// Distance to the ceiling that stands for "no ceiling above", m.
+pub const NO_CEILING_M: f64 = 1e6;
 
 /// Surroundings of one vehicle during one step.
 #[derive(Clone, Copy, Debug)]
@@ -29,12 +54,18 @@ pub struct Surroundings<'a, S> {
     pub wind_m_s: [S; 3],
     /// Height of the centre of mass above what lies below it, m; [`NO_GROUND_M`] without ground.
     pub ground_distance_m: S,
+    /// Distance from the centre of mass up to what lies above it, m; [`NO_CEILING_M`] without ceiling.
+    pub ceiling_distance_m: S,
     /// Disturbance force set by the user, N, world.
     pub disturbance_force_n: [S; 3],
     /// Disturbance torque set by the user, N·m, world.
     pub disturbance_torque_n_m: [S; 3],
     /// The other vehicles of this world.
     pub neighbours: &'a [Neighbour<S>],
+    /// The load on the vehicle's cable; what the caller fills in goes before what an effect computes.
+    pub load: Load<S>,
+    /// Standard normal numbers of this step, where [`crate::physics::effects::Effect::noises`] asks for them.
+    pub normals: [S; 3],
 }
 
 /// Density of air at sea level, 15 °C: ISO 2533 standard atmosphere, kg/m³.
@@ -49,9 +80,12 @@ impl<S: Real> Surroundings<'_, S> {
             air_density_kg_m3: S::lit(AIR_DENSITY_KG_M3),
             wind_m_s: [zero; 3],
             ground_distance_m: S::lit(NO_GROUND_M),
+            ceiling_distance_m: S::lit(NO_CEILING_M),
             disturbance_force_n: [zero; 3],
             disturbance_torque_n_m: [zero; 3],
             neighbours: &[],
+            load: Load::absent(),
+            normals: [zero; 3],
         }
     }
 }

@@ -6,7 +6,10 @@ use crate::physics::drone::{Drone, Dynamics};
 use crate::physics::effects::Command;
 use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
-use crate::physics::surroundings::{AIR_DENSITY_KG_M3, NO_GROUND_M, Neighbour, Surroundings};
+use crate::physics::surroundings::{
+    AIR_DENSITY_KG_M3, Load, NO_CEILING_M, NO_GROUND_M, Neighbour, Surroundings,
+};
+use crate::random::{Key, purpose};
 use crate::scalar::Real;
 
 /// A number type that holds one number for each of several worlds.
@@ -39,6 +42,36 @@ pub(super) struct Plan {
     pub sim_hz: u32,
     pub rates: Vec<Rates>,
     pub reads_neighbours: bool,
+    /// Per drone slot: whether an effect wants random numbers.
+    pub noises: Vec<bool>,
+    pub seed: u64,
+}
+
+/// Purposes of the random numbers that effects may read.
+const NORMALS: [u32; 3] =
+    [purpose("effects.normal.0"), purpose("effects.normal.1"), purpose("effects.normal.2")];
+
+/// Names the random numbers of a block.
+#[derive(Clone, Debug)]
+pub(super) struct Source {
+    /// First world, counted over the whole run.
+    pub world: u64,
+    /// Episodes begun, per lane.
+    pub episodes: Vec<u64>,
+}
+
+impl Source {
+    /// Standard normal numbers of one drone in one step.
+    fn normals<S: Pack>(&self, seed: u64, drone: usize, step: u64) -> [S; 3] {
+        core::array::from_fn(|i| {
+            S::gather(|lane| {
+                // Episodes count from the top bits down, so that steps of two episodes never share a number.
+                let step = self.episodes[lane].rotate_left(40) ^ step;
+                let world = self.world + lane as u64;
+                Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
+            })
+        })
+    }
 }
 
 /// Which part of a step to run.
@@ -61,6 +94,7 @@ pub(super) struct Slot<S> {
     pub disturbance_torque: [S; 3],
     pub wind: [S; 3],
     pub ground_z: S,
+    pub ceiling_z: S,
     pub effect_memory: Vec<S>,
 }
 
@@ -69,14 +103,15 @@ pub(super) struct Slot<S> {
 pub(super) struct Block<S> {
     pub step: u64,
     pub slots: Vec<Slot<S>>,
+    source: Source,
     next: Vec<State<S>>,
     neighbours: Vec<Neighbour<S>>,
 }
 
 impl<S: Pack> Block<S> {
-    pub fn new(step: u64, slots: Vec<Slot<S>>) -> Self {
+    pub fn new(step: u64, slots: Vec<Slot<S>>, source: Source) -> Self {
         let next = slots.iter().map(|s| s.state).collect();
-        Self { step, neighbours: Vec::with_capacity(slots.len()), slots, next }
+        Self { step, neighbours: Vec::with_capacity(slots.len()), slots, source, next }
     }
 
     /// Advances the block by `n_steps`, or until a lane turns non-finite: then the step is undone and its place returned.
@@ -159,9 +194,16 @@ impl<S: Pack> Block<S> {
             air_density_kg_m3: S::lit(AIR_DENSITY_KG_M3),
             wind_m_s: slot.wind,
             ground_distance_m: ground_distance(&slot.state, slot.ground_z),
+            ceiling_distance_m: ceiling_distance(&slot.state, slot.ceiling_z),
             disturbance_force_n: slot.disturbance_force,
             disturbance_torque_n_m: slot.disturbance_torque,
             neighbours: &self.neighbours,
+            load: Load::absent(),
+            normals: if plan.noises[d] {
+                self.source.normals(plan.seed, d, self.step)
+            } else {
+                [S::zero(); 3]
+            },
         }
     }
 
@@ -180,6 +222,24 @@ impl<S: Pack> Block<S> {
         drones[d].rate(&self.slots[d].state, &command, &self.surroundings(plan, d))
     }
 
+    /// Velocity of the air at slot `d`, m/s, world, with what effects add.
+    pub fn wind_m_s(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) -> [S; 3] {
+        self.fill_neighbours(plan, drones, d);
+        let command = self.command(drones[d], d);
+        drones[d].wind_m_s(&self.slots[d].state, &command, &self.surroundings(plan, d))
+    }
+
+    /// Voltage of the battery of slot `d` in the step to come, V; `None` without one.
+    pub fn battery_v(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) -> Option<S> {
+        self.fill_neighbours(plan, drones, d);
+        let dt_f64 = 1.0 / f64::from(plan.sim_hz);
+        let dt = S::lit(1.0) / S::lit(f64::from(plan.sim_hz));
+        let mut command = self.command(drones[d], d);
+        let mut memory = self.slots[d].effect_memory.clone();
+        let state = &self.slots[d].state;
+        drones[d].battery_v(state, &self.surroundings(plan, d), (dt, dt_f64), &mut command, &mut memory)
+    }
+
     /// All drones from the same instant to the next. On a non-finite result nothing changes.
     fn integrate(&mut self, plan: &Plan, drones: &[&Drone<S>], dt: S) -> Option<(usize, &'static str)> {
         let dt_f64 = 1.0 / f64::from(plan.sim_hz);
@@ -190,9 +250,10 @@ impl<S: Pack> Block<S> {
             let mut memory = core::mem::take(&mut self.slots[d].effect_memory);
             let mut surroundings = self.surroundings(plan, d);
             let slot = &self.slots[d];
-            drone.transmit(&slot.state, &surroundings, (dt, dt_f64), &mut command, &mut memory);
+            drone.transmit(&slot.state, &mut surroundings, (dt, dt_f64), &mut command, &mut memory);
             let next = plan.integrator.step(&slot.state, dt, |s| {
                 surroundings.ground_distance_m = ground_distance(s, slot.ground_z);
+                surroundings.ceiling_distance_m = ceiling_distance(s, slot.ceiling_z);
                 drone.rate(s, &command, &surroundings)
             });
             self.slots[d].effect_memory = memory;
@@ -214,6 +275,12 @@ impl<S: Pack> Block<S> {
 #[inline(always)]
 fn ground_distance<S: Real>(state: &State<S>, ground_z: S) -> S {
     (state.pos[2] - ground_z).min(S::lit(NO_GROUND_M))
+}
+
+/// Distance to the ceiling, m, held at [`NO_CEILING_M`].
+#[inline(always)]
+fn ceiling_distance<S: Real>(state: &State<S>, ceiling_z: S) -> S {
+    (ceiling_z - state.pos[2]).min(S::lit(NO_CEILING_M))
 }
 
 /// The first quantity of a state with a lane that is not finite.

@@ -42,6 +42,9 @@ pub struct SimData {
     pub wind: Vec<f64>,
     /// Height of the ground below each drone, m, world frame; −∞ where there is none. (world, drone)
     pub ground_z: Vec<f64>,
+    /// Height of the ceiling above each drone, m, world frame; ∞ where there is none. The caller fills it; scenes do not.
+    /// (world, drone)
+    pub ceiling_z: Vec<f64>,
     /// Steps since the last reset. (world)
     pub steps: Vec<u64>,
     /// Episodes begun so far: resets, the first included. (world)
@@ -80,6 +83,7 @@ impl SimData {
             disturbance_torque: vec![0.0; n * 3],
             wind: vec![0.0; n * 3],
             ground_z: vec![f64::NEG_INFINITY; n],
+            ceiling_z: vec![f64::INFINITY; n],
             steps: vec![0; n_worlds],
             episodes: vec![0; n_worlds],
             quarantine: vec![None; n_worlds],
@@ -116,6 +120,7 @@ impl SimData {
             ("disturbance_torque", self.disturbance_torque.len(), 3),
             ("wind", self.wind.len(), 3),
             ("ground_z", self.ground_z.len(), 1),
+            ("ceiling_z", self.ceiling_z.len(), 1),
             ("controller_memory", self.controller_memory.len(), Memory::<f64>::LEN),
         ] {
             if got != n * width {

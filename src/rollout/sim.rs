@@ -1,6 +1,6 @@
 //! The batched simulation.
 
-use super::blocks::{Block, Pack, Phase, Plan, Slot, non_finite};
+use super::blocks::{Block, Pack, Phase, Plan, Slot, Source, non_finite};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::Quarantine;
 use super::randomize::{Randomization, Rule};
@@ -455,6 +455,19 @@ impl Sim {
         self.load::<f64>(world).rate(&plan, &drones, drone)
     }
 
+    /// Velocity of the air at one drone, m/s, world: `data.wind` with what its effects add (wind, gusts).
+    pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
+        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
+        self.load::<f64>(world).wind_m_s(&self.plan(), &drones, drone)
+    }
+
+    /// Voltage of one drone's battery under the load of the next step, V; `None` for a vehicle without one (effect
+    /// `battery_sag`).
+    pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
+        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
+        self.load::<f64>(world).battery_v(&self.plan(), &drones, drone)
+    }
+
     /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
     /// the air adds.
     pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {
@@ -478,6 +491,8 @@ impl Sim {
             rates: self.rates.clone(),
             reads_neighbours: self.nominal.len() > 1
                 && self.nominal.iter().flat_map(|d| &d.effects).any(wash),
+            noises: self.nominal.iter().map(|d| d.effects.iter().any(Effect::noises)).collect(),
+            seed: self.options.seed,
         }
     }
 
@@ -532,13 +547,15 @@ impl Sim {
                     disturbance_torque: core::array::from_fn(|i| at(&data.disturbance_torque, 3, i)),
                     wind: core::array::from_fn(|i| at(&data.wind, 3, i)),
                     ground_z: at(&data.ground_z, 1, 0),
+                    ceiling_z: at(&data.ceiling_z, 1, 0),
                     effect_memory: (0..own)
                         .map(|i| S::gather(|lane| data.effect_memory[d][(w + lane) * own + i]))
                         .collect(),
                 }
             })
             .collect();
-        Block::new(data.steps[w], slots)
+        let episodes = (0..S::WIDTH).map(|lane| data.episodes[w + lane]).collect();
+        Block::new(data.steps[w], slots, Source { world: self.options.first_world + w as u64, episodes })
     }
 
     /// Writes a block back to the worlds from `w` on.
@@ -635,7 +652,7 @@ fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
         if let Some(fault) = out_of_range(&mut effect.clone()) {
             return Err(RolloutError::Parameter {
                 drone: slot,
-                name: format!("effect.{}.{}", effect.kind(), fault.parameter),
+                name: format!("effect.{}.{}", effect.label(), fault.parameter),
                 expected: fault.expected,
                 got: fault.found,
             });
@@ -707,7 +724,7 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::effects::{command_delay, constant_wind, downwash, linear_drag};
+    use crate::physics::effects::{command_delay, constant_wind, downwash, linear_drag, turbulence};
     use crate::physics::sample::{RATES, quad};
     use crate::rollout::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
     use crate::rollout::randomize::Draw;
@@ -1043,6 +1060,44 @@ mod tests {
             }
         }
         assert_eq!(whole.data, halves.data);
+    }
+
+    #[test]
+    fn turbulence_is_the_same_for_any_thread_count_and_split_and_another_in_every_world_and_episode() {
+        let sim = |n_worlds: usize, first_world: u64| {
+            let drag = [[0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]];
+            let drone = quad(vec![
+                AnyEffect::LinearDrag(linear_drag::Params { drag_n_s_per_m: drag }),
+                AnyEffect::Turbulence(turbulence::Params { sigma_m_s: [2.0; 3], length_m: [3.0; 3] }),
+            ]);
+            let options = SimOptions { n_worlds, first_world, seed: 3, ..SimOptions::default() };
+            let mut sim = Sim::new(options, vec![(drone, RATES); 2]).unwrap();
+            sim.set_command(&[0.0, 0.0, 0.0, 9.81].repeat(2 * n_worlds)).unwrap();
+            sim
+        };
+        let run = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| {
+                let mut sim = sim(16, 0);
+                for _ in 0..4 {
+                    sim.step(50).unwrap();
+                }
+                sim.data
+            })
+        };
+        let one = run(1);
+        assert_eq!(one, run(4));
+        let mut part = sim(4, 12);
+        part.step(200).unwrap();
+        assert_eq!(part.data.vel, one.vel[12 * 2 * 3..]);
+        let speeds: Vec<f64> = one.vel.iter().step_by(3).copied().collect();
+        assert!(speeds.iter().all(|v| v.abs() > 1e-9), "{speeds:?}");
+        for (i, a) in speeds.iter().enumerate() {
+            assert!(speeds[..i].iter().all(|b| a != b), "drone and world {i} fly in the air of others");
+        }
+        part.reset(None).unwrap();
+        part.step(200).unwrap();
+        assert_ne!(part.data.vel[0], one.vel[12 * 2 * 3], "the next episode has its own wind");
     }
 
     #[test]

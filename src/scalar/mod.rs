@@ -8,6 +8,7 @@
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 pub mod dual;
+pub mod program;
 
 /// A real number that flight physics can be computed with.
 pub trait Real:

@@ -6,8 +6,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::SenseError;
-use crate::physics::measure;
-use crate::physics::measure::{Rate, State};
+use crate::physics::measure::{Rate, Reading, State};
 use crate::random::{Key, purpose};
 
 /// Errors of an inertial sensor. [`Default`] is none, with no limits.
@@ -115,6 +114,20 @@ impl Imu {
         dt_s: f64,
         step: u64,
     ) -> Result<ImuReading, SenseError> {
+        self.read_as(&Reading::ideal(state, rate, gravity_m_s2), dt_s, step)
+    }
+
+    /// As [`Imu::read`], of what effects of the vehicle let its sensors read (`Drone::read`: mounted askew, biased …)
+    /// before noise.
+    ///
+    /// # Errors
+    /// [`SenseError::Parameter`] for a time step that is not positive and finite.
+    pub fn read_as(
+        &mut self,
+        reading: &Reading<f64>,
+        dt_s: f64,
+        step: u64,
+    ) -> Result<ImuReading, SenseError> {
         if !(dt_s > 0.0 && dt_s.is_finite()) {
             return Err(SenseError::Parameter {
                 what: format!(
@@ -125,8 +138,7 @@ impl Imu {
         let mut draws = Key { step, purpose: purpose("imu noise"), ..self.key }.stream();
         let n = &self.noise;
         let root = dt_s.sqrt();
-        let mut acc = measure::accelerometer(state, rate, gravity_m_s2);
-        let mut gyro = measure::gyroscope(state);
+        let (mut acc, mut gyro) = (reading.accel, reading.gyro);
         let mut saturated = false;
         for k in 0..3 {
             acc[k] +=
@@ -177,6 +189,20 @@ mod tests {
         }
         assert_eq!(reading.gyroscope_rad_s, s.ang_vel);
         assert!(!reading.saturated);
+    }
+
+    #[test]
+    fn it_reads_what_effects_leave_of_the_truth() {
+        let (s, r) = state();
+        let mut seen = Reading::ideal(&s, &r, G);
+        seen.gyro[1] += 0.5;
+        seen.accel[2] -= 0.25;
+        let mut imu = Imu::new(ImuNoise::default(), 1, 2, 3).unwrap();
+        let plain = imu.read(&s, &r, G, 0.01, 7).unwrap();
+        let reading = imu.read_as(&seen, 0.01, 8).unwrap();
+        assert_eq!(reading.gyroscope_rad_s[1], plain.gyroscope_rad_s[1] + 0.5);
+        assert_eq!(reading.accelerometer_m_s2[2], plain.accelerometer_m_s2[2] - 0.25);
+        assert!(imu.read_as(&seen, 0.0, 9).is_err());
     }
 
     #[test]

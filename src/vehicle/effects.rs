@@ -3,8 +3,10 @@
 
 use super::DYNAMICS;
 use super::error::VehicleError;
+use super::expression;
 use super::file::{Check, join, shape};
 use super::schema::EffectEntry;
+use crate::physics::effects::expression::Declared;
 use crate::physics::effects::{AnyEffect, KINDS, command_delay};
 use crate::physics::params::Parameters;
 use std::collections::BTreeMap;
@@ -27,7 +29,7 @@ impl Check<'_> {
     /// All effects of the file.
     pub(super) fn effects(&self, entries: &[EffectEntry]) -> Result<Vec<ListedEffect>, VehicleError> {
         let mut out = Vec::new();
-        let mut seen: BTreeMap<(&str, &str), usize> = BTreeMap::new();
+        let mut seen: BTreeMap<(String, &str), usize> = BTreeMap::new();
         for (i, entry) in entries.iter().enumerate() {
             let key = format!("effect.{i}");
             if let Some(models) = &entry.models {
@@ -50,11 +52,11 @@ impl Check<'_> {
             let effect = self.effect(&key, entry)?;
             for model in DYNAMICS {
                 let has = entry.models.as_ref().is_none_or(|m| m.iter().any(|name| name == model));
-                if has && seen.insert((effect.kind(), model), i).is_some() {
+                if has && seen.insert((effect.label(), model), i).is_some() {
                     return Err(self.wrong(
                         format!("{key}.kind"),
                         &format!("each effect once for {model}"),
-                        format!("{} a second time", entry.kind),
+                        format!("{} a second time", effect.label()),
                         "merge the two entries, or part them with `models`",
                     ));
                 }
@@ -74,6 +76,9 @@ impl Check<'_> {
                 "correct the name of the effect",
             ));
         };
+        if entry.kind == expression::KIND {
+            return self.expression(key, entry);
+        }
         let mut names: Vec<String> = Vec::new();
         effect.visit("", &mut |name, _| names.push(name.trim_start_matches('.').to_string()));
         let mut values: BTreeMap<String, f64> = BTreeMap::new();
@@ -160,15 +165,32 @@ pub fn out_of_range(effect: &mut AnyEffect<f64>) -> Option<OutOfRange> {
         ("translational_lift", "lift_n_s2_per_m2", 0.0, MOST, true),
         ("gust", "frequency_hz", 0.0, MOST, true),
         ("payload", "mass_kg", 0.0, MOST, true),
+        ("slung_payload", "mass_kg", 0.0, MOST, true),
+        ("slung_payload", "cable_length_m", 0.0, MOST, false),
+        ("slung_payload", "damping_per_s", 0.0, MOST, true),
+        ("turbulence", "sigma_m_s", 0.0, MOST, true),
+        ("turbulence", "length_m", 0.0, MOST, false),
         ("thrust_scale", "factor", 0.0, MOST, false),
+        ("thrust_fade", "rate_per_s", 0.0, MOST, true),
         ("weak_rotor", "factor", 0.0, MOST, false),
         ("torque_scale", "factor", 0.0, MOST, true),
         ("motor_lag", "spin_up_factor", 0.0, MOST, false),
         ("motor_lag", "spin_down_factor", 0.0, MOST, false),
+        ("wrong_mass", "factor", 0.0, MOST, false),
+        ("wrong_inertia", "factor", 0.0, MOST, false),
+        ("rotor_inertia", "factor", 0.0, MOST, true),
+        ("thrust_curve", "shape", -1.0, 0.9, true),
+        ("thrust_curve", "hover_rad_s", 0.0, MOST, false),
+        ("ceiling_effect", "strength", 0.0, MOST, true),
+        ("gyro_scale", "factor", 0.0, MOST, false),
         ("actuator_saturation", "max_rotor_vel_rad_s", 0.0, MOST, false),
     ];
     let kind = effect.kind();
     let mut found = None;
+    if let AnyEffect::Expression(p) = effect {
+        let faults = p.formula.parameters.iter().zip(p.value).filter(|(d, v)| !d.bounds.holds(*v));
+        found = faults.map(|(d, v)| out_of_bounds(d, v)).next();
+    }
     effect.visit("", &mut |name, value| {
         let name = name.trim_start_matches('.');
         for (of, param, least, most, closed) in RANGES {
@@ -185,8 +207,20 @@ pub fn out_of_range(effect: &mut AnyEffect<f64>) -> Option<OutOfRange> {
     found
 }
 
+fn out_of_bounds(declared: &Declared, found: f64) -> OutOfRange {
+    OutOfRange { parameter: declared.freedom.name.clone(), expected: declared.bounds.words(), found }
+}
+
 /// The indices of the visited `name` within parameter `param`, if it belongs to it.
 fn index_of<'a>(name: &'a str, param: &str) -> Option<&'a str> {
     let rest = name.strip_prefix(param)?;
     if rest.is_empty() { Some("") } else { rest.strip_prefix('.') }
+}
+
+/// Names of the parameters of an effect as [`Parameters::visit`] gives them without prefix (`factor.2`), with their values.
+pub fn named_parameters(effect: &AnyEffect<f64>) -> Vec<(String, f64)> {
+    let mut out = Vec::new();
+    let mut effect = *effect;
+    effect.visit("", &mut |name, value| out.push((name.trim_start_matches('.').to_string(), *value)));
+    out
 }

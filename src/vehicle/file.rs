@@ -294,12 +294,29 @@ impl Check<'_> {
                     };
                     let (mut want, mut have) = (Vec::new(), Vec::new());
                     self.numbers(&join(key, name), "", of, &mut want)?;
-                    self.numbers(&place, "", s, &mut have)?;
-                    if want.iter().map(|(k, _)| k).ne(have.iter().map(|(k, _)| k)) {
+                    let by_index = s.is_table();
+                    self.sigma_numbers(&place, "", s, &mut have)?;
+                    let known = |index: &str| want.iter().any(|(k, _)| k == index);
+                    if let Some((index, _)) = have.iter().find(|(index, _)| by_index && !known(index)) {
+                        let expected =
+                            format!("an index into {name}, {}", shape(want.iter().map(|(k, _)| k.as_str())));
+                        return Err(self.wrong(
+                            join(&place, index),
+                            &expected,
+                            index,
+                            "count from 0, one index for each pair of brackets around the number",
+                        ));
+                    }
+                    if !by_index && want.iter().map(|(k, _)| k).ne(have.iter().map(|(k, _)| k)) {
                         let expected =
                             format!("the shape of {name}, {}", shape(want.iter().map(|(k, _)| k.as_str())));
                         let found = shape(have.iter().map(|(k, _)| k.as_str()));
-                        return Err(self.wrong(place, &expected, found, "write one sigma per number"));
+                        return Err(self.wrong(
+                            place,
+                            &expected,
+                            found,
+                            "write one sigma per number, or those that are known by index",
+                        ));
                     }
                     for (index, s) in have {
                         self.not_negative(join(&place, &index), s)?;
@@ -338,6 +355,28 @@ impl Check<'_> {
             }
         }
         Ok(())
+    }
+
+    /// [`Check::numbers`] of a sigma, which may be a table by index.
+    fn sigma_numbers(
+        &self,
+        key: &str,
+        index: &str,
+        value: &toml::Value,
+        out: &mut Vec<(String, f64)>,
+    ) -> Result<(), VehicleError> {
+        match value {
+            toml::Value::Table(table) if table.is_empty() => Err(self.wrong(
+                join(key, index),
+                "a number for at least one index",
+                "an empty table",
+                "write e.g. 2 = 0.01, or remove the table",
+            )),
+            toml::Value::Table(table) => table
+                .iter()
+                .try_for_each(|(name, inner)| self.sigma_numbers(key, &join(index, name), inner, out)),
+            other => self.numbers(key, index, other, out),
+        }
     }
 
     fn body(

@@ -9,14 +9,17 @@
 //! # Ok::<(), propwash::vehicle::VehicleError>(())
 //! ```
 
+mod diff;
 pub mod effects;
 mod error;
+pub mod expression;
 mod file;
 mod mixer;
 pub mod provenance;
 pub mod schema;
 pub mod urdf;
 
+pub use diff::{EffectDiff, ParameterDiff, VehicleDiff, diff};
 pub use error::VehicleError;
 pub use provenance::Provenance;
 pub use schema::VehicleFile;
@@ -71,9 +74,13 @@ pub struct Vehicle {
 impl Vehicle {
     /// A built-in vehicle, one of [`BUILTIN`].
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
-        let text = builtin_text(name)
-            .ok_or_else(|| VehicleError::UnknownVehicle { name: name.into(), known: BUILTIN.join(", ") })?;
-        Self::from_toml(name, text)
+        Self::from_toml(name, Self::builtin_file(name)?)
+    }
+
+    /// Text of a built-in vehicle's file, with its comments.
+    pub fn builtin_file(name: &str) -> Result<&'static str, VehicleError> {
+        builtin_text(name)
+            .ok_or_else(|| VehicleError::UnknownVehicle { name: name.into(), known: BUILTIN.join(", ") })
     }
 
     /// A vehicle file (TOML, see `docs/vehicles.md`).

@@ -1,5 +1,6 @@
 //! Where each number of a vehicle comes from, how certain it is, and in which unit it stands.
 
+use super::expression::intern_text;
 use super::file::join;
 use super::schema::VehicleFile;
 use serde::Serialize;
@@ -15,13 +16,13 @@ pub struct Provenance {
     pub key: String,
     /// The value in the unit of its key: a number, or nested arrays of numbers.
     pub value: toml::Value,
-    /// Unit, as the end of the key names it.
+    /// Unit, as the end of the key names it, or as the file does for a parameter of an expression.
     pub unit: Option<&'static str>,
     /// Where the value comes from: what its table or the nearest table above says; for fitted effects the log.
     pub source: Option<String>,
     /// What is to be known about it.
     pub note: Option<String>,
-    /// Standard deviation in the unit of the value, of the value's shape.
+    /// Standard deviation in the unit of the value: of the value's shape, or a table by index where only some are known.
     pub sigma: Option<toml::Value>,
 }
 
@@ -41,6 +42,9 @@ const UNITS: &[(&str, &str)] = &[
     ("_pwm", "PWM"),
     ("pwm_min", "PWM"),
     ("pwm_max", "PWM"),
+    ("_n_s2_per_m2", "N·s²/m²"),
+    ("_n_s2_per_rad_m", "N·s²/(rad·m)"),
+    ("_n_s2_per_rad", "N·s²/rad"),
     ("_n_s_per_m", "N·s/m"),
     ("_n_per_m_s", "N/(m·s)"),
     ("_n_per_m", "N/m"),
@@ -56,6 +60,7 @@ const UNITS: &[(&str, &str)] = &[
     ("_per_s2", "1/s²"),
     ("_per_s", "1/s"),
     ("_rad_s", "rad/s"),
+    ("_rad", "rad"),
     ("_ohm", "Ω"),
     ("_hz", "Hz"),
     ("_m2", "m²"),
@@ -68,6 +73,15 @@ const UNITS: &[(&str, &str)] = &[
 pub fn unit_of(key: &str) -> Option<&'static str> {
     let last = key.rsplit('.').next().unwrap_or(key);
     UNITS.iter().find(|(end, _)| last.ends_with(end)).map(|(_, unit)| *unit)
+}
+
+/// Whether a value is text (names, expressions) rather than numbers.
+fn is_text(value: &toml::Value) -> bool {
+    match value {
+        toml::Value::String(_) => true,
+        toml::Value::Array(items) => items.iter().any(is_text),
+        _ => false,
+    }
 }
 
 /// All values of a file, tables in the order of their names.
@@ -87,9 +101,15 @@ fn walk(
     out: &mut Vec<Provenance>,
 ) {
     let text = |name: &str| table.get(name).and_then(|v| v.as_str()).map(str::to_string);
-    let fitted = text("source_log_sha256").map(|sha| match text("date") {
-        Some(date) => format!("fitted to the log of sha256 {sha} on {date}"),
-        None => format!("fitted to the log of sha256 {sha}"),
+    let hashes: Vec<&str> = match table.get("source_log_sha256") {
+        Some(toml::Value::Array(items)) => items.iter().filter_map(|v| v.as_str()).collect(),
+        Some(one) => one.as_str().into_iter().collect(),
+        None => Vec::new(),
+    };
+    let fitted = (!hashes.is_empty()).then(|| {
+        let logs = if hashes.len() == 1 { "log" } else { "logs" };
+        let on = text("date").map_or(String::new(), |date| format!(" on {date}"));
+        format!("fitted to the {logs} of sha256 {}{on}", hashes.join(", "))
     });
     let source = match (text("source"), fitted) {
         (Some(source), Some(fitted)) => Some(format!("{source}; {fitted}")),
@@ -97,8 +117,10 @@ fn walk(
     };
     let note = text("note").or(above.1);
     let sigma = table.get("sigma").and_then(|v| v.as_table());
+    // A parameter of an expression names its unit itself.
+    let unit = text("unit").filter(|_| table.contains_key("value"));
     for (name, value) in table {
-        if META.contains(&name.as_str()) {
+        if META.contains(&name.as_str()) || is_text(value) {
             continue;
         }
         let key = join(prefix, name);
@@ -112,7 +134,7 @@ fn walk(
                 }
             }
             value => out.push(Provenance {
-                unit: unit_of(&key),
+                unit: unit.as_deref().map(intern_text).filter(|u| *u != "1").or_else(|| unit_of(&key)),
                 value: value.clone(),
                 source: source.clone(),
                 note: note.clone(),

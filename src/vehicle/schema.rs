@@ -5,7 +5,8 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Standard deviations by key: a number, or an array of the value's shape, in the value's unit.
+/// Standard deviations by key, in the value's unit: a number; an array of the value's shape; or, where not all numbers
+/// of the array have one, a table by index (`factor.2 = 0.01`, `drag_n_s_per_m.0.0 = 0.001`).
 pub type Sigma = BTreeMap<String, toml::Value>;
 
 /// Declares a table of the file. Every table may say where its values come from (`source`), what is to be known about
@@ -269,7 +270,8 @@ table! {
 }
 
 /// `[[effect]]`: one effect of [`crate::physics::effects`]. Its parameters carry the names of the effect's `Params`
-/// fields; those that are absent keep their defaults.
+/// fields; those that are absent keep their defaults. Those of an `expression` are described in
+/// `docs/effects/expression.md`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct EffectEntry {
     /// Name of the effect, one of [`crate::physics::effects::KINDS`].
@@ -280,9 +282,9 @@ pub struct EffectEntry {
     /// Where the values come from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub source: Option<String>,
-    /// SHA-256 of the log to which the values were fitted.
+    /// SHA-256 of the log or logs to which the values were fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub source_log_sha256: Option<String>,
+    pub source_log_sha256: Option<LogHashes>,
     /// When they were fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
@@ -295,4 +297,24 @@ pub struct EffectEntry {
     /// Standard deviations by parameter.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub sigma: Sigma,
+}
+
+/// `source_log_sha256`: one text, or a list of them.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged, expecting = "invalid type: expected a SHA-256 in quotes or a list of them")]
+pub enum LogHashes {
+    /// One log.
+    One(String),
+    /// Several logs.
+    Several(Vec<String>),
+}
+
+impl LogHashes {
+    /// The hashes.
+    pub fn as_slice(&self) -> &[String] {
+        match self {
+            Self::One(hash) => std::slice::from_ref(hash),
+            Self::Several(hashes) => hashes,
+        }
+    }
 }

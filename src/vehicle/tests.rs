@@ -260,6 +260,42 @@ date = "2025-01-02"
         assert_eq!(p.delay_s, 0.012);
     }
     assert_eq!(Vehicle::from_toml("fit", vehicle.to_toml()).unwrap(), vehicle);
+    // Several logs, and sigmas of only those numbers of an array that were fitted.
+    let partial = r#"
+[[effect]]
+kind = "weak_rotor"
+factor = [1.0, 1.0, 0.93, 1.0]
+sigma = { factor.2 = 0.004 }
+source_log_sha256 = ["abc", "def"]
+"#;
+    let n = named_factor_count();
+    let factors = (0..n).map(|i| if i == 2 { "0.93" } else { "1.0" }).collect::<Vec<_>>().join(", ");
+    let partial = partial.replace("1.0, 1.0, 0.93, 1.0", &factors);
+    let vehicle = Vehicle::from_toml("fit", &format!("{BASE}{partial}")).unwrap();
+    let factor = vehicle.provenance().into_iter().find(|p| p.key == "effect.1.factor").unwrap();
+    assert_eq!(factor.sigma.unwrap().to_string(), "{ 2 = 0.004 }");
+    assert_eq!(factor.source.as_deref(), Some("fitted to the logs of sha256 abc, def"));
+    assert_eq!(vehicle.file().effect[1].source_log_sha256.as_ref().unwrap().as_slice(), ["abc", "def"]);
+    assert_eq!(Vehicle::from_toml("fit", vehicle.to_toml()).unwrap(), vehicle);
+    for (sigma, words) in [
+        ("{ factor.9 = 0.1 }", &["`effect.1.sigma.factor.9`", "an index into factor", "count from 0"][..]),
+        ("{ factor.2 = -0.1 }", &["`effect.1.sigma.factor.2`", "not negative"]),
+        ("{ factor.2.0 = 0.1 }", &["`effect.1.sigma.factor.2.0`", "an index into factor"]),
+        ("{ factor.2 = \"x\" }", &["`effect.1.sigma.factor.2`", "a number"]),
+        ("{ factor = {} }", &["`effect.1.sigma.factor`", "empty table"]),
+        ("{ factor = [0.1, 0.1] }", &["`effect.1.sigma.factor`", "2 numbers", "by index"]),
+    ] {
+        let text = format!("{BASE}{}", partial.replace("{ factor.2 = 0.004 }", sigma));
+        let error = Vehicle::from_toml("fit", &text).unwrap_err().to_string();
+        for word in words {
+            assert!(error.contains(word), "no {word:?} in {error}");
+        }
+    }
+    let text = format!("{BASE}{}", partial.replace("[\"abc\", \"def\"]", "12"));
+    let error = Vehicle::from_toml("fit", &text).unwrap_err().to_string();
+    assert!(error.contains("expected a SHA-256 in quotes or a list of them"), "{error}");
+    assert!(error.contains("write the value in the type"), "{error}");
+
     let body = changed("mass_kg = 0.0328", "mass_kg = 0.0328\nsigma = { mass_kg = 0.0001 }").unwrap();
     let mass = body.provenance().into_iter().find(|p| p.key == "body.mass_kg").unwrap();
     assert_eq!(mass.sigma, Some(toml::Value::Float(0.0001)));
@@ -478,4 +514,88 @@ fn the_example_of_the_handbook_is_a_vehicle() {
     for name in BUILTIN {
         assert!(handbook.contains(&format!("`{name}`")), "{name} is not in the table");
     }
+}
+
+/// Numbers in the `factor` of `weak_rotor`.
+fn named_factor_count() -> usize {
+    effects::named_parameters(&AnyEffect::by_kind("weak_rotor").unwrap()).len()
+}
+
+#[test]
+fn the_parameters_of_every_effect_have_the_unit_of_their_page() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/effects");
+    for kind in crate::physics::effects::KINDS {
+        let page = std::fs::read_to_string(folder.join(format!("{kind}.md"))).unwrap();
+        for (name, _) in effects::named_parameters(&AnyEffect::by_kind(kind).unwrap()) {
+            let field = name.split('.').next().unwrap();
+            let row = page.lines().find(|l| l.starts_with(&format!("| `{field}` |"))).unwrap();
+            let unit = row.split('|').nth(2).unwrap().trim();
+            assert_eq!(provenance::unit_of(field).unwrap_or("1"), unit, "{kind}: {field}");
+        }
+    }
+}
+
+#[test]
+fn equal_vehicles_have_no_difference_and_layout_is_none() {
+    for vehicle in all() {
+        let again = Vehicle::from_toml("again", vehicle.to_toml()).unwrap();
+        assert!(diff(&vehicle, &again).is_same(), "{:?}", diff(&vehicle, &again));
+    }
+    let a = Vehicle::builtin("cf2x_L250").unwrap();
+    for other in all().filter(|v| v.name != a.name) {
+        let d = diff(&a, &other);
+        assert!(
+            d.parameters.iter().any(|p| p.name == "body.mass_kg" && p.unit == Some("kg")),
+            "{}",
+            other.name
+        );
+    }
+}
+
+#[test]
+fn differences_are_told_in_si_with_their_sigmas() {
+    let a = Vehicle::from_toml("a", BASE).unwrap();
+    let mut text = BASE.replace("mass_kg = 0.0328", "mass_kg = 0.0361\nsigma = { mass_kg = 0.0002 }");
+    text = text
+        .replace("2.4582929831265485e-10]", "3e-10]\nsigma = { thrust_curve_n_per_rpm = [0.0, 0.0, 1e-12] }");
+    text = text.replace("thrust_to_torque_m = 0.007350862856566459", "thrust_to_torque_m = 0.008");
+    text += "[[effect]]\nkind = \"payload\"\nmass_kg = 0.004\nsigma = { mass_kg = 0.0003 }\n";
+    let b = Vehicle::from_toml("b", &text).unwrap();
+    let d = diff(&a, &b);
+    let names: Vec<&str> = d.parameters.iter().map(|p| p.name.as_str()).collect();
+    let curves = (0..4).map(|i| format!("rotors.{i}.thrust_curve.2"));
+    let mut want: Vec<String> = vec!["body.mass_kg".into()];
+    want.extend(curves);
+    want.push("controller.thrust_to_torque_m".into());
+    assert_eq!(names, want);
+    let mass = &d.parameters[0];
+    assert_eq!((mass.old, mass.new, mass.new_sigma), (Some(0.0328), Some(0.0361), Some(0.0002)));
+    assert!((mass.change_percent.unwrap() - 100.0 * 0.0033 / 0.0328).abs() < 1e-9);
+    let curve = &d.parameters[1];
+    assert_eq!(curve.unit, Some("N·s²/rad²"));
+    let scale = crate::units::RAD_S_PER_RPM.powi(2);
+    assert!((curve.new.unwrap() * scale / 3e-10 - 1.0).abs() < 1e-12);
+    assert!((curve.new_sigma.unwrap() * scale / 1e-12 - 1.0).abs() < 1e-12);
+    let [payload] = d.effects.as_slice() else { panic!("{:?}", d.effects) };
+    assert_eq!(
+        (payload.kind.as_str(), payload.change, &payload.dynamics[..]),
+        ("payload", "added", &DYNAMICS[..])
+    );
+    assert_eq!(payload.parameters.len(), 4);
+    assert_eq!(payload.parameters[0].new_sigma, Some(0.0003));
+    let back = diff(&b, &a);
+    assert_eq!((back.effects[0].change, back.effects[0].parameters[0].new), ("removed", None));
+    assert_eq!(back.parameters[0].old_sigma, Some(0.0002));
+
+    // One dynamics only, and the order of effects.
+    let drag = "[[effect]]\nkind = \"linear_drag\"\nmodels = [\"so_rpy\"]\n";
+    let c = Vehicle::from_toml("c", &format!("{BASE}{drag}")).unwrap();
+    assert_eq!(diff(&a, &c).effects[0].dynamics, ["so_rpy"]);
+    let two = |x: &str, y: &str| {
+        Vehicle::from_toml("two", &format!("{BASE}[[effect]]\nkind = \"{x}\"\n[[effect]]\nkind = \"{y}\"\n"))
+            .unwrap()
+    };
+    let order = diff(&two("payload", "com_offset"), &two("com_offset", "payload"));
+    assert!(order.effects.is_empty() && order.other.len() == 4, "{order:?}");
+    assert!(order.other[0].contains("payload, com_offset → "), "{}", order.other[0]);
 }

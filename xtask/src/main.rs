@@ -2,6 +2,7 @@
 
 use std::process::ExitCode;
 
+mod bench;
 mod ci;
 mod demo;
 mod python;
@@ -18,6 +19,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--fresh deletes out/demo first; without it a finished run is kept)
   cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
                                (ARGS go to `cargo test`, and Python tests are then left out)
+  cargo xtask bench gap [ARGS...]
+                               hide effects in simulated flights and tell how often the diagnosis names them
+                               (`cargo xtask bench gap --help`)
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
 
@@ -33,6 +37,7 @@ fn main() -> ExitCode {
         Some("setup") => run::no_arguments("setup", rest).and_then(|()| setup::run()),
         Some("demo") => demo::run(rest),
         Some("test") => test::run(rest),
+        Some("bench") => bench::run(rest),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
         Some("help" | "--help" | "-h") => {

@@ -9,10 +9,14 @@ use crate::vehicle::{BUILTIN, Vehicle};
 use serde_json::{Value, json};
 use std::path::Path;
 
+/// Whether a vehicle is meant by its path, and not by a built-in name.
+pub fn is_file(name: &str) -> bool {
+    name.ends_with(".toml") || Path::new(name).components().count() > 1
+}
+
 /// A built-in vehicle by name, or a vehicle file by path.
 pub fn find(name: &str) -> Result<Vehicle> {
-    let is_file = name.ends_with(".toml") || Path::new(name).components().count() > 1;
-    Ok(if is_file { Vehicle::load(name)? } else { Vehicle::builtin(name)? })
+    Ok(if is_file(name) { Vehicle::load(name)? } else { Vehicle::builtin(name)? })
 }
 
 /// Runs the command.
@@ -37,7 +41,7 @@ fn list(as_json: bool) -> Result<()> {
             "hover_rpm": hover,
             "shell": vehicle.shell,
             "dynamics": vehicle.available_dynamics(),
-            "effects": drone.effects.iter().map(|e| e.kind()).collect::<Vec<_>>(),
+            "effects": drone.effects.iter().map(|e| e.label()).collect::<Vec<_>>(),
             "description": vehicle.file().description,
         }));
     }

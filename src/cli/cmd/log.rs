@@ -2,16 +2,19 @@
 
 use super::{print, print_json};
 use crate::Result;
-use crate::cli::args::{LogArgs, LogCheckArgs, LogCommand, LogConvertArgs};
+use crate::cli::args::{FromDatasetArgs, LogArgs, LogCheckArgs, LogCommand, LogConvertArgs};
 use crate::cli::exit::Outcome;
+use crate::dataset::Dataset;
 use crate::flight::{FlightLog, Severity, check};
 use serde_json::json;
+use std::path::Path;
 
 /// Runs the command.
 pub fn run(args: &LogArgs) -> Result<Outcome> {
     match &args.command {
         LogCommand::Check(a) => check_logs(a),
         LogCommand::Convert(a) => convert(a),
+        LogCommand::FromDataset(a) => from_dataset(a),
     }
 }
 
@@ -37,11 +40,18 @@ fn check_logs(args: &LogCheckArgs) -> Result<Outcome> {
 }
 
 fn convert(args: &LogConvertArgs) -> Result<Outcome> {
-    let log = FlightLog::load(&args.file, args.mapping.as_deref())?;
+    save(&FlightLog::load(&args.file, args.mapping.as_deref())?, &args.out)
+}
+
+fn from_dataset(args: &FromDatasetArgs) -> Result<Outcome> {
+    save(&Dataset::open(&args.dir)?.world(args.world)?.flight_log(args.drone)?, &args.out)
+}
+
+fn save(log: &FlightLog, out: &Path) -> Result<Outcome> {
     for warning in &log.warnings {
         eprintln!("warning: {warning}");
     }
-    log.save(&args.out)?;
-    print(format_args!("wrote {} ({:.1} s)", args.out.display(), log.duration_s))?;
+    log.save(out)?;
+    print(format_args!("wrote {} ({:.1} s)", out.display(), log.duration_s))?;
     Ok(Outcome::Fine)
 }

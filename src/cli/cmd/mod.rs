@@ -1,11 +1,19 @@
 //! The commands, each short.
 
+pub mod add;
+pub mod compare;
 pub mod depth;
+pub mod diagnose;
 pub mod drones;
+pub mod excite;
 pub mod fly;
+pub mod identify;
 pub mod log;
+pub mod remove;
+mod report;
 pub mod scene;
 pub mod urdf;
+pub mod vehicle;
 
 use crate::cli::args::{CameraArgs, KindArg};
 use crate::dataset::MAX_DISTANCE;

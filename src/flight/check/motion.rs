@@ -46,6 +46,9 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelDelay> 
     } else {
         Channel::default()
     };
+    if log.velocity_m_s.is_empty() && far_too_fast(&v, found) {
+        return delays;
+    }
     if !velocity_holds {
         found.info(
             Fault::TooLittle,
@@ -59,6 +62,28 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelDelay> 
     }
     drive(log, &mut delays);
     delays
+}
+
+/// Fastest plausible flight, m/s; the fastest multirotors reach about 170 m/s for seconds.
+const FASTEST_M_S: f64 = 100.0;
+
+/// Whether the slope of the positions is faster than multirotors fly, which is said then.
+fn far_too_fast(v: &Channel<3>, found: &mut Findings) -> bool {
+    let speeds: Vec<f64> = v.values.iter().map(|v| vec3::norm(*v)).collect();
+    let Some(usual) = crate::flight::clean::quantile(&speeds, 0.75).filter(|s| *s > FASTEST_M_S) else {
+        return false;
+    };
+    found.refuse(
+        Fault::Unit,
+        "position",
+        None,
+        format!(
+            "by its positions the vehicle is faster than {usual:.0} m/s for a quarter of the time, expected less than \
+             {FASTEST_M_S:.0} m/s: the positions are in mm or cm (or the times too short); give `unit = \"mm\"` in a \
+             mapping file"
+        ),
+    );
+    true
 }
 
 /// Half width for a channel: at least four samples on either side.

@@ -4,6 +4,8 @@
 //! quadrotor flight", IEEE Robotics and Automation Letters 2(2), 2017.
 
 use super::{Command, Effect, View};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rotor;
 use crate::scalar::Real;
@@ -46,6 +48,23 @@ impl<S: Real> Effect<S> for Params<S> {
     }
 }
 
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // The filed limit is none, and up to the fastest command a limit does nothing: who tries this seeds the limit just below
+    // the largest speeds of the data.
+    let slab = 0.3 * Scale::of(drone).hover_rad_s;
+    vec![
+        Candidate::new(
+            "actuator_saturation",
+            "motors that cannot turn faster than a limit (tried from the largest speeds in the data down)",
+            Area::Drive,
+            vec![Freedom::down("max_rotor_vel_rad_s", "rad/s", 0.0, slab)],
+            "climb as hard as possible, and roll and pitch at full thrust",
+        )
+        .needing(Needs::Commands),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -59,7 +78,7 @@ mod tests {
         let drone = quad(vec![AnyEffect::ActuatorSaturation(Params { max_rotor_vel_rad_s: 600.0 })]);
         let send = |mut command: Command<f64>| {
             let calm = Surroundings::calm();
-            drone.transmit(&State::rest(), &calm, (0.01, 0.01), &mut command, &mut []);
+            drone.transmit(&State::rest(), &mut { calm }, (0.01, 0.01), &mut command, &mut []);
             command
         };
         let sent = send(Command::Rotors([599.0, 601.0, 0.0, 1e4, 700.0, 0.0, 0.0, 0.0]));

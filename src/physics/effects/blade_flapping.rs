@@ -8,6 +8,8 @@
 
 use super::{Effect, View};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -39,6 +41,20 @@ impl<S: Real> Effect<S> for Params<S> {
             out.torque = vec3::add(out.torque, vec3::scale(moment, size));
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // 2 % of weight times rotor radius per m/s: what a stiff rotor has whose tips run at 50 m/s.
+    let scale = Scale::of(drone);
+    let slab = 0.02 * scale.weight_n * scale.radius_m / scale.speed_sum_rad_s;
+    vec![Candidate::new(
+        "blade_flapping",
+        "moment of blades that flap in a flow from the side",
+        Area::Airframe,
+        vec![Freedom::any("moment_n_s2_per_rad", "N·s²/rad", 0.02 * slab, slab)],
+        "fly level legs forward, backward and sideways, fast and slow",
+    )]
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 //! manipulation", IROS 2017.
 
 use super::{Effect, Parts};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Scale, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -31,6 +33,20 @@ impl<S: Real> Effect<S> for Params<S> {
     fn build(&self, parts: &mut Parts<S>) {
         parts.shift_com(self.offset_m);
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    let size = Scale::of(drone).size;
+    let mut freedoms = along("offset_m", 0..2, "m", (0.0002 * size, 0.003 * size));
+    freedoms.extend(along("offset_m", 2..3, "m", (0.0008 * size, 0.008 * size)));
+    vec![Candidate::new(
+        "com_offset",
+        "centre of mass elsewhere than filed",
+        Area::Mass,
+        freedoms,
+        "climb and sink hard, so that thrust changes while the vehicle stays level, and fly fast sideways",
+    )]
 }
 
 #[cfg(test)]

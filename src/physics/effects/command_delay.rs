@@ -5,6 +5,8 @@
 //! derivative with respect to the delay.
 
 use super::{Command, Effect, View};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -70,6 +72,20 @@ impl<S: Real> Effect<S> for Params<S> {
     }
 }
 
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    vec![
+        Candidate::new(
+            "command_delay",
+            "commands that arrive late",
+            Area::Drive,
+            vec![Freedom::up("delay_s", "s", 0.001, 0.015)],
+            "make sharp steps of roll, pitch and thrust",
+        )
+        .needing(Needs::Commands),
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,7 +102,13 @@ mod tests {
         let seen: Vec<f64> = (0..6)
             .map(|_| {
                 let mut command = Command::Rotors([100.0; 8]);
-                drone.transmit(&State::rest(), &Surroundings::calm(), (dt, dt), &mut command, &mut memory);
+                drone.transmit(
+                    &State::rest(),
+                    &mut Surroundings::calm(),
+                    (dt, dt),
+                    &mut command,
+                    &mut memory,
+                );
                 let Command::Rotors(c) = command else { panic!("rotor command expected") };
                 c[0]
             })
@@ -105,7 +127,7 @@ mod tests {
         let mut last = 0.0;
         for step in 0..60 {
             let mut command = Command::Attitude([0.0, 0.0, 0.0, f64::from(step)]);
-            drone.transmit(&State::rest(), &Surroundings::calm(), (dt, dt), &mut command, &mut memory);
+            drone.transmit(&State::rest(), &mut Surroundings::calm(), (dt, dt), &mut command, &mut memory);
             let Command::Attitude(c) = command else { panic!("attitude command expected") };
             last = c[3];
         }

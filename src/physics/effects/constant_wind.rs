@@ -1,6 +1,8 @@
 //! Wind that is the same everywhere and always.
 
 use super::{Effect, View};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -23,6 +25,19 @@ impl<S: Real> Effect<S> for Params<S> {
     fn air(&self, _: &View<S>) -> [S; 3] {
         self.velocity_m_s
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    let mut freedoms = along("velocity_m_s", 0..2, "m/s", (0.02, 1.0));
+    freedoms.extend(along("velocity_m_s", 2..3, "m/s", (0.02, 0.3)));
+    vec![Candidate::new(
+        "constant_wind",
+        "steady wind",
+        Area::Airframe,
+        freedoms,
+        "fly legs at several speeds in opposite directions, and hover at several yaw angles",
+    )]
 }
 
 #[cfg(test)]

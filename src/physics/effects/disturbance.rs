@@ -2,6 +2,8 @@
 
 use super::{Effect, View};
 use crate::math::{quat, vec3};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::Candidate;
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -28,6 +30,11 @@ impl<S: Real> Effect<S> for Params<S> {
         out.force = vec3::add(out.force, self.force_n);
         out.torque = vec3::add(out.torque, quat::rotate_inverse(view.state.quat, self.torque_n_m));
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`]. None: a constant force of unknown cause is no explanation.
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    Vec::new()
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 //! (Khan & Nahon, "Toward an accurate physics-based UAV thruster model", IEEE/ASME T. Mechatronics 18(4), 2013).
 
 use super::{Effect, View};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -48,6 +50,22 @@ impl<S: Real> Effect<S> for Params<S> {
             out.force[2] = out.force[2] - S::select(above, force, S::zero());
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // The discs of all rotors with a drag coefficient of 1.
+    let slab = core::f64::consts::PI * drone.disc_radius_m().powi(2);
+    vec![
+        Candidate::new(
+            "downwash",
+            "push from the air that another vehicle above throws down",
+            Area::Airframe,
+            vec![Freedom::up("drag_area_m2", "m²", 0.002 * slab, slab)],
+            "fly under the other vehicle at several distances, and away from it",
+        )
+        .needing(Needs::Neighbour),
+    ]
 }
 
 #[cfg(test)]

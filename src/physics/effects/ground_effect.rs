@@ -6,6 +6,8 @@
 
 use super::{Effect, View};
 use crate::math::quat;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -32,6 +34,20 @@ impl<S: Real> Effect<S> for Params<S> {
         // Held below a gain of 4, which only strengths above 3 reach.
         S::one() / (S::one() - self.strength * ratio * ratio).max(S::lit(0.25))
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    vec![
+        Candidate::new(
+            "ground_effect",
+            "more thrust near the ground",
+            Area::Airframe,
+            vec![Freedom::up("strength", "1", 0.05, 1.0)],
+            "hover and fly slowly at half, one and two rotor diameters above the ground, and high above it",
+        )
+        .needing(Needs::Ground),
+    ]
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 
 use super::{Effect, View, add_hub_force};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -36,6 +38,20 @@ impl<S: Real> Effect<S> for Params<S> {
             add_hub_force(view, i, vec3::scale(view.airframe.rotors[i].axis, thrust), out);
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // 6 % of the weight per m/s of climb.
+    let scale = Scale::of(drone);
+    let slab = 0.06 * scale.weight_n / scale.speed_sum_rad_s;
+    vec![Candidate::new(
+        "inflow",
+        "less thrust the faster a rotor climbs through the air",
+        Area::Airframe,
+        vec![Freedom::up("loss_n_s2_per_rad_m", "N·s²/(rad·m)", 0.02 * slab, slab)],
+        "climb and sink at several speeds, and roll and pitch quickly in place",
+    )]
 }
 
 #[cfg(test)]

@@ -2,6 +2,8 @@
 
 use super::{Effect, View};
 use crate::math::{quat, vec3};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -28,6 +30,24 @@ impl<S: Real> Effect<S> for Params<S> {
         let drag = vec3::mat_vec(self.drag_n_s_per_m, body);
         out.add_body_force(view.state.quat, [-drag[0], -drag[1], -drag[2]]);
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // Small quadrotors: 0.25 to 0.45 1/s, divided by mass (measured flights; see docs/effects/linear_drag.md).
+    let mass = drone.body.mass_kg;
+    let freedom =
+        |i: usize| Freedom::up(format!("drag_n_s_per_m.{i}.{i}"), "N·s/m", 0.03 * mass, 0.35 * mass);
+    vec![Candidate {
+        id: "linear_drag".into(),
+        kind: "linear_drag",
+        title: "drag in proportion to speed".into(),
+        area: Area::Airframe,
+        needs: Needs::Nothing,
+        freedoms: (0..3).map(freedom).collect(),
+        preset: vec![],
+        manoeuvre: "fly level legs at several speeds along every body axis",
+    }]
 }
 
 #[cfg(test)]

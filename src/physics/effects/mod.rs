@@ -4,8 +4,14 @@
 //! forces every effect first says how the vehicle is built otherwise than its file says ([`Effect::build`]), then what
 //! the air does ([`Effect::air`]), then how each rotor's thrust changes ([`Effect::thrust_gain`]), then what else pushes
 //! and turns the body ([`Effect::wrench`]). Once per simulation step, before integration, it may change the command on
-//! its way to the motors ([`Effect::command`]).
+//! its way to the motors ([`Effect::command`]) and what surrounds the vehicle ([`Effect::surround`]). What sensors make of
+//! the motion is an effect too ([`Effect::measure`], [`Effect::clock`]).
+//!
+//! Every file also says how far its parameters may be off on a carefully built vehicle and how far where the effect is
+//! really there (`candidates`): what [`Candidate`]s a search for missing physics has.
 
+use super::drone::Drone;
+use super::measure::{Clock, Reading};
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, State, Wrench};
 use super::surroundings::Surroundings;
@@ -13,26 +19,46 @@ use super::{airframe, attitude_response, rotor};
 use crate::math::{quat, vec3};
 use crate::scalar::Real;
 
+pub mod accel_bias;
 pub mod actuator_saturation;
 pub mod battery_sag;
 pub mod blade_flapping;
+pub mod candidate;
+pub mod ceiling_effect;
+pub mod clock_offset;
 pub mod com_offset;
 pub mod command_delay;
 pub mod constant_wind;
 pub mod disturbance;
 pub mod downwash;
+pub mod expression;
 pub mod ground_effect;
 pub mod gust;
+pub mod gyro_bias;
+pub mod gyro_scale;
 pub mod inflow;
 pub mod linear_drag;
 pub mod motor_lag;
+pub mod mount;
 pub mod payload;
 pub mod quadratic_drag;
 pub mod rotor_drag;
+pub mod rotor_inertia;
+pub mod rotor_tilt;
+pub mod sensor_offset;
+pub mod slung_payload;
+pub mod thrust_curve;
+pub mod thrust_fade;
 pub mod thrust_scale;
 pub mod torque_scale;
 pub mod translational_lift;
+pub mod turbulence;
 pub mod weak_rotor;
+pub mod world_tilt;
+pub mod wrong_inertia;
+pub mod wrong_mass;
+
+pub use candidate::{Area, Candidate, Freedom, Needs, Scale, Sign};
 
 /// What an effect may read.
 #[derive(Clone, Copy, Debug)]
@@ -93,6 +119,8 @@ pub struct Parts<S> {
     pub response: Option<attitude_response::Params<S>>,
     /// Where the thrust of the abstracted model acts, m from the centre of mass, body; the origin as filed.
     pub thrust_point_m: [S; 3],
+    /// True thrust over a collective thrust that was measured by the filed curves.
+    pub thrust_factor: S,
 }
 
 impl<S: Real> Parts<S> {
@@ -133,10 +161,18 @@ pub trait Effect<S: Real> {
     fn build(&self, parts: &mut Parts<S>) {
         let _ = parts;
     }
+    /// Mass that the vehicle carries without its being fixed to it, kg.
+    fn carried_kg(&self) -> S {
+        S::zero()
+    }
     /// Numbers of memory that [`Effect::command`] keeps between steps of `dt_s` seconds.
     fn memory_len(&self, dt_s: f64) -> usize {
         let _ = dt_s;
         0
+    }
+    /// Whether [`Effect::command`] reads [`Surroundings::normals`].
+    fn noises(&self) -> bool {
+        false
     }
     /// Adds the wind of this effect, m/s, world.
     fn air(&self, view: &View<S>) -> [S; 3] {
@@ -161,6 +197,19 @@ pub trait Effect<S: Real> {
     fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
         let _ = (view, dt_s, command, memory);
     }
+    /// Adds to the surroundings what the effect's memory holds (a load on a cable), once per step after
+    /// [`Effect::command`].
+    fn surround(&self, memory: &[S], surroundings: &mut Surroundings<S>) {
+        let _ = (memory, surroundings);
+    }
+    /// Changes what sensors read.
+    fn measure(&self, reading: &mut Reading<S>) {
+        let _ = reading;
+    }
+    /// How late sensors' clocks are.
+    fn clock(&self) -> Clock<S> {
+        Clock::zero()
+    }
 }
 
 macro_rules! effects {
@@ -184,6 +233,13 @@ macro_rules! effects {
             }
         }
 
+        /// What may be missing in the model of `drone`, from all effects; see [`Candidate`].
+        pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+            let mut out = Vec::new();
+            $(out.extend($module::candidates(drone));)*
+            out
+        }
+
         impl<S: Real> AnyEffect<S> {
             /// Name of the effect, as vehicle files spell it.
             pub fn kind(&self) -> &'static str {
@@ -198,6 +254,12 @@ macro_rules! effects {
             #[inline(always)]
             fn build(&self, parts: &mut Parts<S>) {
                 match self { $(Self::$variant(p) => p.build(parts),)* }
+            }
+            fn noises(&self) -> bool {
+                match self { $(Self::$variant(p) => Effect::<S>::noises(p),)* }
+            }
+            fn carried_kg(&self) -> S {
+                match self { $(Self::$variant(p) => p.carried_kg(),)* }
             }
             fn memory_len(&self, dt_s: f64) -> usize {
                 match self { $(Self::$variant(p) => p.memory_len(dt_s),)* }
@@ -221,6 +283,18 @@ macro_rules! effects {
             #[inline(always)]
             fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
                 match self { $(Self::$variant(p) => p.command(view, dt_s, command, memory),)* }
+            }
+            #[inline(always)]
+            fn surround(&self, memory: &[S], surroundings: &mut Surroundings<S>) {
+                match self { $(Self::$variant(p) => p.surround(memory, surroundings),)* }
+            }
+            #[inline(always)]
+            fn measure(&self, reading: &mut Reading<S>) {
+                match self { $(Self::$variant(p) => p.measure(reading),)* }
+            }
+            #[inline(always)]
+            fn clock(&self) -> Clock<S> {
+                match self { $(Self::$variant(p) => p.clock(),)* }
             }
         }
 
@@ -263,8 +337,12 @@ effects! {
     translational_lift => TranslationalLift,
     /// Wind that swings as a sine.
     gust => Gust,
+    /// Wind that changes at random.
+    turbulence => Turbulence,
     /// Mass fixed to the vehicle.
     payload => Payload,
+    /// Mass that hangs from the vehicle on a cable.
+    slung_payload => SlungPayload,
     /// Centre of mass elsewhere than filed.
     com_offset => ComOffset,
     /// All rotors give more or less thrust than filed.
@@ -277,6 +355,47 @@ effects! {
     motor_lag => MotorLag,
     /// Motors that cannot turn faster than a limit.
     actuator_saturation => ActuatorSaturation,
+    /// Thrust that falls with time.
+    thrust_fade => ThrustFade,
+    /// A vehicle heavier or lighter than filed.
+    wrong_mass => WrongMass,
+    /// Inertia other than filed, axis by axis.
+    wrong_inertia => WrongInertia,
+    /// Rotors with more or less inertia than filed.
+    rotor_inertia => RotorInertia,
+    /// A thrust curve of another shape through the same hover.
+    thrust_curve => ThrustCurve,
+    /// Rotors whose axes lean.
+    rotor_tilt => RotorTilt,
+    /// More thrust under a ceiling.
+    ceiling_effect => CeilingEffect,
+    /// A tracked point beside the centre of mass.
+    sensor_offset => SensorOffset,
+    /// Sensors mounted askew.
+    mount => Mount,
+    /// A motion capture whose world is tilted.
+    world_tilt => WorldTilt,
+    /// A gyroscope that reads in another proportion.
+    gyro_scale => GyroScale,
+    /// A gyroscope that reads a rate at rest.
+    gyro_bias => GyroBias,
+    /// An accelerometer that reads a constant too much.
+    accel_bias => AccelBias,
+    /// Sensors whose samples are stamped late.
+    clock_offset => ClockOffset,
+    /// What a user wrote as expressions in the vehicle file.
+    expression => Expression,
+}
+
+impl<S: Real> AnyEffect<S> {
+    /// Name of the effect within its vehicle, with which names of parameters begin after `effect.`: its kind, and for an
+    /// expression `expression.NAME`.
+    pub fn label(&self) -> String {
+        match self {
+            Self::Expression(p) if !p.formula.name.is_empty() => format!("expression.{}", p.formula.name),
+            other => other.kind().into(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -284,7 +403,7 @@ mod tests {
     use super::*;
     use crate::physics::drone::{Drone, Dynamics};
     use crate::physics::sample::quad;
-    use crate::physics::surroundings::Surroundings;
+    use crate::physics::surroundings::{Neighbour, Surroundings};
     use crate::scalar::dual::Dual;
 
     #[test]
@@ -309,6 +428,7 @@ mod tests {
             state.thrust = 8.0;
             let near = Surroundings {
                 ground_distance_m: 0.1,
+                ceiling_distance_m: 0.15,
                 time_s: 0.2,
                 wind_m_s: [0.5, 0.0, 0.0],
                 ..Surroundings::calm()
@@ -320,7 +440,7 @@ mod tests {
                 let mut memory = vec![0.0; drone.memory_len(0.002)];
                 for _ in 0..3 {
                     command = sent;
-                    drone.transmit(&state, &near, (0.002, 0.002), &mut command, &mut memory);
+                    drone.transmit(&state, &mut { near }, (0.002, 0.002), &mut command, &mut memory);
                 }
                 assert_eq!(command, sent, "{kind}");
                 assert_eq!(
@@ -329,6 +449,9 @@ mod tests {
                     "{kind}"
                 );
                 assert_eq!(drone.hover_rotor_vel(), plain.hover_rotor_vel(), "{kind}");
+                let rate = plain.rate(&state, &command, &near);
+                assert_eq!(drone.read(&state, &rate), plain.read(&state, &rate), "{kind}");
+                assert_eq!(drone.clock(), plain.clock(), "{kind}");
             }
         }
         assert_eq!(AnyEffect::by_kind("propwash"), None);
@@ -357,7 +480,7 @@ mod tests {
             let state = State { rotor_vel: quad(vec![]).hover_rotor_vel(), ..State::rest() };
             let mut memory = vec![0.0];
             let mut command = Command::Rotors([500.0; MAX_ROTORS]);
-            drone.transmit(&state, &Surroundings::calm(), (0.01, 0.01), &mut command, &mut memory);
+            drone.transmit(&state, &mut Surroundings::calm(), (0.01, 0.01), &mut command, &mut memory);
             memory[0]
         };
         assert!((charge(0.64) / charge(1.0) - 0.64f64.powf(1.5)).abs() < 1e-12);
@@ -405,6 +528,7 @@ mod tests {
         state.rotor_vel = speeds;
         let near = Surroundings {
             ground_distance_m: S::lit(0.2),
+            ceiling_distance_m: S::lit(0.15),
             time_s: S::lit(0.13),
             wind_m_s: list([0.5, 0.2, -0.1]),
             ..Surroundings::calm()
@@ -443,5 +567,108 @@ mod tests {
             }
         }
         assert!(counted > 100, "{counted}");
+    }
+
+    /// What a vehicle does and reads in one moment of a busy flight: rate, sensors, command at the motors, clocks.
+    fn behaviour(effects: Vec<AnyEffect<f64>>) -> Vec<f64> {
+        let drone = quad(effects);
+        let mut state = State::rest();
+        state.pos = [0.3, -0.2, 0.1];
+        state.vel = [1.0, -2.0, 1.5];
+        state.ang_vel = [0.3, -0.2, 0.5];
+        state.quat = crate::math::euler::to_quat([0.2, -0.3, 0.4]);
+        state.rotor_vel = [480.0, 500.0, 520.0, 470.0, 0.0, 0.0, 0.0, 0.0];
+        let above = Neighbour { pos: [0.3, -0.2, 0.6], vel: [0.0; 3], weight_n: 9.81, disc_radius_m: 0.12 };
+        let mut around = Surroundings {
+            ground_distance_m: 0.2,
+            ceiling_distance_m: 0.15,
+            time_s: 0.13,
+            wind_m_s: [0.5, 0.2, -0.1],
+            neighbours: &[above],
+            ..Surroundings::calm()
+        };
+        let mut memory = vec![0.0; drone.memory_len(0.002)];
+        let mut command = Command::Rotors([400.0; MAX_ROTORS]);
+        drone.start(&command, |effect| effect.memory_len(0.002), &mut memory);
+        for faster in [400.0, 900.0] {
+            command = Command::Rotors([faster, 300.0, faster, 300.0, 0.0, 0.0, 0.0, 0.0]);
+            drone.transmit(&state, &mut around, (0.002, 0.002), &mut command, &mut memory);
+        }
+        let rate = drone.rate(&state, &command, &around);
+        let (reading, clock) = (drone.read(&state, &rate), drone.clock());
+        let Command::Rotors(speeds) = command else { panic!("rotor command expected") };
+        [
+            &rate.acc[..],
+            &rate.ang_acc,
+            &rate.rotor_acc,
+            &speeds,
+            &reading.pos,
+            &reading.quat,
+            &reading.vel,
+            &reading.gyro,
+            &reading.accel,
+            &[clock.pose_s, clock.gyro_s, clock.accel_s],
+        ]
+        .concat()
+    }
+
+    /// The effect of a candidate with its presets and with all freedoms but number `but` moved by their slabs.
+    fn opened(candidate: &Candidate, but: Option<usize>) -> AnyEffect<f64> {
+        let mut effect = AnyEffect::by_kind(candidate.kind).unwrap();
+        let mut missing: Vec<&str> = candidate.freedoms.iter().map(|f| f.name.as_str()).collect();
+        missing.extend(candidate.preset.iter().map(|(name, _)| name.as_str()));
+        effect.visit("", &mut |name, value| {
+            let name = name.trim_start_matches('.');
+            missing.retain(|m| *m != name);
+            // A limit far above every motor: moved from the largest speed of the flight instead.
+            if candidate.kind == "actuator_saturation" {
+                *value = 900.0;
+            }
+            if let Some((_, preset)) = candidate.preset.iter().find(|(n, _)| n == name) {
+                *value = *preset;
+            }
+            for (i, freedom) in candidate.freedoms.iter().enumerate() {
+                if freedom.name == name && Some(i) != but {
+                    *value += if freedom.sign == Sign::Down { -freedom.slab } else { freedom.slab };
+                }
+            }
+        });
+        assert!(missing.is_empty(), "{} has no {missing:?}", candidate.kind);
+        effect
+    }
+
+    #[test]
+    fn every_candidate_names_parameters_that_change_what_the_vehicle_does_or_reads() {
+        let drag =
+            linear_drag::Params { drag_n_s_per_m: [[0.1, 0.02, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.3]] };
+        let hubs = AnyEffect::RotorDrag(rotor_drag::Params { drag_n_s2_per_rad_m: 1e-4 });
+        let all = candidates(&quad(vec![]));
+        for candidate in &all {
+            // Winds act through drag, and a centre of mass too high through forces across at the hubs.
+            let flown = |but: Option<usize>| {
+                behaviour(vec![opened(candidate, but), AnyEffect::LinearDrag(drag), hubs])
+            };
+            let open = flown(None);
+            assert!(open.iter().all(|v| v.is_finite()), "{}", candidate.id);
+            assert!(!candidate.freedoms.is_empty() && !candidate.title.is_empty(), "{}", candidate.id);
+            assert!(candidate.id.split('.').next() == Some(candidate.kind), "{}", candidate.id);
+            for (i, freedom) in candidate.freedoms.iter().enumerate() {
+                let (id, name) = (&candidate.id, &freedom.name);
+                assert!(freedom.slab > freedom.spike && freedom.spike >= 0.0, "{id} {name}");
+                assert!(flown(Some(i)) != open, "{id}: {name} changes nothing");
+            }
+        }
+        // What sensors do moves nothing: rate and command, the first 22 numbers, stay.
+        let still = behaviour(vec![]);
+        for candidate in all.iter().filter(|c| c.area == Area::Measurement) {
+            let read = behaviour(vec![opened(candidate, None)]);
+            assert!(read[..22] == still[..22] && read[22..] != still[22..], "{}", candidate.id);
+        }
+        let ids: std::collections::BTreeSet<&str> = all.iter().map(|c| c.id.as_str()).collect();
+        assert_eq!(ids.len(), all.len(), "two candidates of one name");
+        for kind in KINDS {
+            let none = ["disturbance", "battery_sag", "turbulence", "expression"].contains(kind);
+            assert_eq!(all.iter().any(|c| c.kind == *kind), !none, "{kind}");
+        }
     }
 }

@@ -4,6 +4,8 @@
 //! Crazyflie 2.0 nano quadrocopter", ETH Zürich 2015, for the size and the difference of the two time constants.
 
 use super::{Effect, Parts};
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -43,6 +45,21 @@ impl<S: Real> Effect<S> for Params<S> {
             p.thrust_rate_per_s = p.thrust_rate_per_s / mean;
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    let freedom = |name: &str| Freedom::any(name, "1", 0.05, 0.4);
+    vec![
+        Candidate::new(
+            "motor_lag",
+            "motors slower or faster than filed",
+            Area::Drive,
+            vec![freedom("spin_up_factor"), freedom("spin_down_factor")],
+            "make sharp steps of thrust, roll and pitch, up and down",
+        )
+        .needing(Needs::Commands),
+    ]
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 
 use super::{Effect, Parts};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -47,6 +49,25 @@ impl<S: Real> Effect<S> for Params<S> {
         parts.body.refresh();
         parts.shift_com(vec3::scale(r, share));
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // A place below the middle, so that the derivative by mass knows the lever; without mass the place has no influence.
+    let scale = Scale::of(drone);
+    let reach = 0.03 * scale.size.max(0.67);
+    let mut freedoms = vec![Freedom::up("mass_kg", "kg", 0.0, 0.15 * scale.mass_kg)];
+    freedoms.extend(along("position_m", 0..3, "m", (0.0, reach)));
+    vec![
+        Candidate::new(
+            "payload",
+            "mass fixed to the vehicle",
+            Area::Mass,
+            freedoms,
+            "climb and sink hard, roll, pitch and yaw quickly, and drop for a moment with little thrust",
+        )
+        .preset("position_m.2", -reach),
+    ]
 }
 
 #[cfg(test)]

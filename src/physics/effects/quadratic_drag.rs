@@ -4,6 +4,8 @@
 
 use super::{Effect, View};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -29,6 +31,21 @@ impl<S: Real> Effect<S> for Params<S> {
         let drag = vec3::scale(vec3::mul(self.drag_n_s2_per_m2, v), -vec3::norm(v));
         out.add_body_force(view.state.quat, drag);
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // A bluff body of the size of a small quadrotor: ½ ρ c_d A over mass, 1/m.
+    let mass = drone.parts().body.mass_kg;
+    let freedom =
+        |i: usize| Freedom::up(format!("drag_n_s2_per_m2.{i}"), "N·s²/m²", 0.004 * mass, 0.08 * mass);
+    vec![Candidate::new(
+        "quadratic_drag",
+        "drag that grows with the square of speed",
+        Area::Airframe,
+        (0..3).map(freedom).collect(),
+        "fly level and vertical legs, slow and as fast as possible, along every body axis",
+    )]
 }
 
 #[cfg(test)]

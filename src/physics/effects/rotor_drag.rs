@@ -6,6 +6,8 @@
 
 use super::{Effect, View, add_hub_force};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -34,6 +36,20 @@ impl<S: Real> Effect<S> for Params<S> {
             add_hub_force(view, i, vec3::scale(across, -(self.drag_n_s2_per_rad_m * speeds[i])), out);
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // Measured quadrotors lose 0.2 to 0.5 1/s of their speed through the air in hover.
+    let scale = Scale::of(drone);
+    let slab = 0.3 * scale.mass_kg / scale.speed_sum_rad_s;
+    vec![Candidate::new(
+        "rotor_drag",
+        "drag of the rotors, in proportion to their speed and to the flow from the side",
+        Area::Airframe,
+        vec![Freedom::up("drag_n_s2_per_rad_m", "N·s²/(rad·m)", 0.02 * slab, slab)],
+        "fly level legs while climbing hard and while sinking, so that rotor speed changes at the same flow",
+    )]
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 
 use super::{Effect, Parts};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -33,11 +35,23 @@ impl<S: Real> Effect<S> for Params<S> {
             let curve = &mut parts.airframe.rotors[i].thrust_curve;
             *curve = vec3::scale(*curve, self.factor);
         }
+        parts.thrust_factor = parts.thrust_factor * self.factor;
         if let Some(p) = &mut parts.response {
             p.thrust_offset_n = p.thrust_offset_n * self.factor;
             p.thrust_scale = p.thrust_scale * self.factor;
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    vec![Candidate::new(
+        "thrust_scale",
+        "all rotors give more or less thrust than filed",
+        Area::Drive,
+        vec![Freedom::any("factor", "1", 0.012, 0.12)],
+        "climb and sink hard, roll and pitch quickly, and drop for a moment with little thrust",
+    )]
 }
 
 #[cfg(test)]

@@ -5,6 +5,8 @@
 
 use super::{Effect, Parts};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -34,6 +36,17 @@ impl<S: Real> Effect<S> for Params<S> {
             *curve = vec3::scale(*curve, self.factor);
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
+    vec![Candidate::new(
+        "torque_scale",
+        "all rotors meet more or less torque than filed",
+        Area::Drive,
+        vec![Freedom::any("factor", "1", 0.03, 0.3)],
+        "yaw to and fro, slowly and quickly, at low and at high thrust",
+    )]
 }
 
 #[cfg(test)]

@@ -7,6 +7,8 @@
 
 use super::{Effect, View, add_hub_force};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -35,6 +37,20 @@ impl<S: Real> Effect<S> for Params<S> {
             add_hub_force(view, i, vec3::scale(view.airframe.rotors[i].axis, thrust), out);
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    // 1 % of the weight per (m/s)².
+    let scale = Scale::of(drone);
+    let slab = 0.01 * scale.weight_n / scale.n_rotors;
+    vec![Candidate::new(
+        "translational_lift",
+        "more thrust in a flow from the side",
+        Area::Airframe,
+        vec![Freedom::up("lift_n_s2_per_m2", "N·s²/m²", 0.02 * slab, slab)],
+        "fly level legs at several speeds and hover between them",
+    )]
 }
 
 #[cfg(test)]

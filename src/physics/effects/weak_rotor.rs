@@ -5,6 +5,8 @@
 
 use super::{Effect, Parts};
 use crate::math::vec3;
+use crate::physics::drone::Drone;
+use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
@@ -41,8 +43,9 @@ impl<S: Real> Effect<S> for Params<S> {
             moment = vec3::add(moment, vec3::scale(rotor.position_m, excess));
         }
         // Equal shares of the abstracted model's thrust become unequal ones: a mean factor, and another point of attack.
+        let mean = sum / S::lit(n_rotors.max(1) as f64);
+        parts.thrust_factor = parts.thrust_factor * mean;
         if let Some(p) = &mut parts.response {
-            let mean = sum / S::lit(n_rotors.max(1) as f64);
             p.thrust_offset_n = p.thrust_offset_n * mean;
             p.thrust_scale = p.thrust_scale * mean;
             let some = S::zero().lt(sum);
@@ -50,6 +53,21 @@ impl<S: Real> Effect<S> for Params<S> {
             parts.thrust_point_m = vec3::add(parts.thrust_point_m, shift);
         }
     }
+}
+
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    let candidate = |i: usize| {
+        Candidate::new(
+            "weak_rotor",
+            &format!("rotor {} gives more or less thrust than filed", i + 1),
+            Area::Drive,
+            vec![Freedom::any(format!("factor.{i}"), "1", 0.007, 0.12)],
+            "climb and sink hard, so that thrust changes while the vehicle stays level, and yaw quickly",
+        )
+        .part(i + 1)
+    };
+    (0..drone.airframe.n_rotors).map(candidate).collect()
 }
 
 #[cfg(test)]

@@ -10,6 +10,12 @@ const PAGES: &str = "docs/effects/";
 const HEADINGS: &[&str] =
     &["What it models", "Equation", "Parameters", "What it looks like in a log", "Source"];
 
+/// Effects whose keys their users choose: names of parameters are not checked against the code.
+const FREE: &[&str] = &["expression"];
+
+/// Files of the folder that are no effects.
+const HELPERS: &[&str] = &["mod", "README", "candidate"];
+
 /// Checks that code, list and pages name the same effects, and that every page is whole.
 pub fn check(files: &[File]) -> Vec<Finding> {
     let mut out = Vec::new();
@@ -43,11 +49,12 @@ pub fn check(files: &[File]) -> Vec<Finding> {
     out
 }
 
-/// Names and texts of the files directly in `folder` that end in `ending`, but for `mod.rs` and `README.md`.
+/// Names and texts of the files directly in `folder` that end in `ending`, but for `mod.rs`, `candidate.rs` and
+/// `README.md`.
 fn names<'a>(files: &'a [File], folder: &str, ending: &str) -> Vec<(&'a str, &'a str)> {
     let of = |f: &'a File| {
         let name = f.path.strip_prefix(folder)?.strip_suffix(ending)?;
-        let counts = !name.contains('/') && name != "mod" && name != "README";
+        let counts = !name.contains('/') && !HELPERS.contains(&name);
         counts.then(|| (name, f.text().unwrap_or_default()))
     };
     files.iter().filter_map(of).collect()
@@ -107,6 +114,9 @@ fn page_faults(name: &str, page: &str, fields: &[String]) -> Vec<String> {
     let kind = format!("kind = \"{name}\"");
     if !example.contains("[[effect]]") || !example.lines().any(|l| l.trim() == kind) {
         out.push(format!("the example lacks `[[effect]]` or `{kind}`"));
+    }
+    if FREE.contains(&name) {
+        return out;
     }
     for field in fields {
         if !keys.contains(&field.as_str()) {

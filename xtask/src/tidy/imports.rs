@@ -17,7 +17,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("scalar", &[]),
     ("math", &["scalar"]),
     ("physics", &["math", "scalar"]),
-    ("vehicle", &["physics", "units", "math", "error"]),
+    ("vehicle", &["physics", "units", "math", "scalar", "error"]),
     ("flight", &["units", "math"]),
     ("kernels", &["scalar"]),
     ("rollout", &["physics", "kernels", "vehicle", "scalar", "math", "random", "error"]),
@@ -25,7 +25,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("sense", &["scene", "physics::measure", "math", "random", "error"]),
     ("dataset", &["rollout", "scene", "sense", "flight", "vehicle", "physics", "math", "random", "error"]),
     ("env", &["rollout", "scene", "sense", "vehicle", "math", "error"]),
-    ("gap", &["rollout", "flight", "vehicle", "physics", "math", "error"]),
+    ("gap", &["rollout", "flight", "vehicle", "physics", "math", "scalar", "random", "error"]),
     ("export", &["scalar", "physics", "vehicle", "error"]),
     ("cli", &["*"]),
 ];

@@ -7,6 +7,9 @@ const NUMBER: &str = "one number type";
 const BRANCH: &str = "no branch on a number";
 const PURE: &str = "no input or output";
 
+/// Sizes of parameters, which no formula reads.
+const PRIORS: &str = "src/physics/effects/candidate.rs";
+
 /// Checks the files of physics, and the purity of what it stands on.
 pub fn check(files: &[File]) -> Vec<Finding> {
     let mut out = Vec::new();
@@ -18,16 +21,17 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             let message = message.to_string();
             out.push(Finding { rule, file: file.path.clone(), line, message, text: line_text(text, line) });
         };
-        let physics = file.path.starts_with("src/physics/");
-        let pure = physics || ["src/math/", "src/scalar/"].iter().any(|f| file.path.starts_with(f));
+        let physics = file.path.starts_with("src/physics/") && file.path != PRIORS;
+        let pure = ["src/physics/", "src/math/", "src/scalar/"].iter().any(|f| file.path.starts_with(f));
         let list = tokens(&code);
-        let tests = test_ranges(&code);
+        let mut exempt = test_ranges(&code);
+        exempt.extend(priors(&code, &list));
         let inside = |ranges: &[(usize, usize)], at| ranges.iter().any(|(a, b)| (*a..*b).contains(&at));
         if physics {
             let literal = literal_ranges(&code, &list);
             for token in &list {
                 let concrete = matches!(token.text, "f64" | "f32");
-                if concrete && !inside(&tests, token.at) && !inside(&literal, token.at) {
+                if concrete && !inside(&exempt, token.at) && !inside(&literal, token.at) {
                     let message =
                         "a number type in a formula: write it over `S: Real`, with `S::lit` for constants";
                     add(NUMBER, token.at, message);
@@ -35,7 +39,7 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             }
             for (start, end) in conditions(&list) {
                 let at = list[start].at;
-                if !inside(&tests, at) && compares(&code, &list[start..end]) {
+                if !inside(&exempt, at) && compares(&code, &list[start..end]) {
                     add(
                         BRANCH,
                         at,
@@ -45,6 +49,7 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             }
         }
         if pure {
+            let tests = test_ranges(&code);
             for (k, token) in list.iter().enumerate() {
                 let next = |n: usize| list.get(k + n).map_or("", |t| t.text);
                 let library = token.text == "std"
@@ -59,6 +64,12 @@ pub fn check(files: &[File]) -> Vec<Finding> {
         }
     }
     out
+}
+
+/// The functions `candidates`: they declare how large parameters may be, once, in plain numbers.
+fn priors(code: &str, list: &[Token]) -> Vec<(usize, usize)> {
+    let named = |k: usize| list[k].text == "fn" && list.get(k + 1).is_some_and(|t| t.text == "candidates");
+    (0..list.len()).filter(|k| named(*k)).map(|k| (list[k].at, item_end(code, list[k].at))).collect()
 }
 
 /// Where a number type may be named: arguments of `lit(…)`, constants, `impl Default`, `memory_len`.
@@ -181,6 +192,16 @@ mod tests {
     fn a_constant_hides_nothing_after_it() {
         assert_eq!(found("const A: f64 = 1.0; fn f(x: f64) {}"), [NUMBER]);
         assert_eq!(found("fn f<const N: usize>(x: f64) {}"), [NUMBER]);
+    }
+
+    #[test]
+    fn sizes_of_parameters_are_plain_numbers_and_hide_nothing_after_them() {
+        let sizes = "pub fn candidates(x: f64) -> V { if x == 0.0 { v() } }";
+        assert_eq!(found(sizes), [""; 0]);
+        assert_eq!(found(&format!("{sizes} fn f(x: f64) {{}}")), [NUMBER]);
+        assert_eq!(found("pub fn candidates(x: f64) { println!() }"), [PURE]);
+        assert_eq!(check(&[file(PRIORS, "fn f(x: f64) {}")]), []);
+        assert_eq!(check(&[file(PRIORS, "use std::io;")]).len(), 1);
     }
 
     #[test]

@@ -1,0 +1,160 @@
+//! `propwash compare`: a vehicle's model against flights.
+
+use super::{print, print_json, report};
+use crate::cli::exit::Outcome;
+use crate::cli::gap_args::CompareArgs;
+use crate::gap::compare::{Axes, Comparison, Horizon, LogComparison, Pooled};
+use crate::gap::{GapError, compare};
+use crate::{Error, Result};
+
+/// Runs the command.
+pub fn run(args: &CompareArgs) -> Result<Outcome> {
+    let (vehicle, tracks) = args.logs.open()?;
+    let comparison = compare(&tracks, &vehicle)?;
+    if let Some(path) = &args.report {
+        report::of_comparison(path, &comparison, &tracks, &vehicle)?;
+    }
+    if args.json {
+        print_json(
+            &serde_json::to_value(&comparison)
+                .map_err(|e| Error::Gap(GapError::Numbers { what: "JSON", reason: e.to_string() }))?,
+        )?;
+    } else {
+        show(&comparison)?;
+    }
+    Ok(if comparison.agrees { Outcome::Fine } else { Outcome::Found })
+}
+
+fn show(c: &Comparison) -> Result<()> {
+    for log in &c.logs {
+        show_log(log)?;
+        print("")?;
+    }
+    if let Some(pooled) = &c.pooled {
+        show_pooled(pooled, c.logs.len())?;
+        print("")?;
+    }
+    print(format_args!("{}: {}", c.vehicle, c.verdict))
+}
+
+fn show_log(c: &LogComparison) -> Result<()> {
+    print(format_args!(
+        "{}  {:.1} s, driven by {}, sha256 {}",
+        c.log.name,
+        c.log.duration_s,
+        c.log.drive,
+        &c.log.sha256.get(..16).unwrap_or(&c.log.sha256)
+    ))?;
+    for warning in &c.warnings {
+        print(format_args!("  warning: {warning}"))?;
+    }
+    print("\n  roll-outs from measured states, error at the end (times what the sensors' noise makes)")?;
+    header()?;
+    for h in &c.horizons {
+        row(h)?;
+    }
+    print(format_args!("\n  force and torque that the model lacks: {}", c.one_step.certainty))?;
+    show_axes("force", "N", 1.0, &c.one_step.force)?;
+    if let Some(torque) = &c.one_step.torque {
+        show_axes("torque", "mN·m", 1e3, torque)?;
+    }
+    if let Some(flown) = &c.closed_loop {
+        print(format_args!(
+            "\n  whole flight with our controller, {:.1} s: {:.3} m from the measured flight; from the references: measured \
+             {:.3} m, model {:.3} m",
+            flown.duration_s, flown.position_m, flown.tracking_measured_m, flown.tracking_model_m
+        ))?;
+        for note in &flown.notes {
+            print(format_args!("    {note}"))?;
+        }
+    } else if let Some(why) = &c.closed_loop_missing {
+        print(format_args!("\n  no whole flight with our controller: {why}"))?;
+    }
+    if !c.worst.is_empty() {
+        print("\n  worst segments")?;
+        print(format_args!("    {:>15}  {:>9}  {:>11}  going on", "time s", "force N", "torque mN·m"))?;
+        for s in &c.worst {
+            let torque = s.torque_rms_n_m.map_or("–".into(), |t| format!("{:.3}", 1e3 * t));
+            let span = format!("{:.1}–{:.1}", s.from_s, s.to_s);
+            print(format_args!("    {span:>15}  {:>9.4}  {torque:>11}  {}", s.force_rms_n, s.text))?;
+        }
+    }
+    show_findings(&c.findings)
+}
+
+fn show_findings(findings: &[String]) -> Result<()> {
+    if findings.is_empty() {
+        return print("\n  the residuals go with nothing that was looked at");
+    }
+    print("\n  what the residuals go with")?;
+    for text in findings {
+        print(format_args!("    {text}"))?;
+    }
+    Ok(())
+}
+
+fn header() -> Result<()> {
+    print(format_args!(
+        "    {:>6} {:>18} {:>18} {:>18} {:>18} {:>6}",
+        "s", "position mm", "velocity mm/s", "attitude mrad", "rate mrad/s", "n"
+    ))
+}
+
+fn row(h: &Horizon) -> Result<()> {
+    let e = &h.error;
+    let cell = |value: f64, times: Option<f64>| match times {
+        Some(times) => format!("{:.2} ({times:.1}×)", 1e3 * value),
+        None => "–".into(),
+    };
+    let [p, v, a, w] = h.times_expected;
+    print(format_args!(
+        "    {:>6} {:>18} {:>18} {:>18} {:>18} {:>6}",
+        e.horizon_s,
+        cell(e.position_m, p),
+        cell(e.velocity_m_s, v),
+        cell(e.attitude_rad, a),
+        cell(e.rate_rad_s, w),
+        e.n
+    ))
+}
+
+fn show_axes(what: &str, unit: &str, scale: f64, a: &Axes) -> Result<()> {
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        let explained =
+            a.explained[k].map_or("hardly varies".into(), |e| format!("model explains {:.0} %", 100.0 * e));
+        print(format_args!(
+            "    {what:<6} {axis}  rms {:>9.4} {unit} ({:.1}× noise), mean {:>9.4} {unit}, {explained}",
+            scale * a.rms[k],
+            a.in_sigmas[k],
+            scale * a.mean[k]
+        ))?;
+    }
+    Ok(())
+}
+
+fn show_pooled(c: &Pooled, n: usize) -> Result<()> {
+    print(format_args!("all {n} logs"))?;
+    print(format_args!(
+        "    {:>6} {:>13} {:>13} {:>13} {:>13} {:>6}",
+        "s", "position mm", "velocity mm/s", "attitude mrad", "rate mrad/s", "n"
+    ))?;
+    let cell = |value: f64, known: bool| if known { format!("{:.2}", 1e3 * value) } else { "–".into() };
+    let turning = c.torque_rms_n_m.is_some();
+    for e in &c.horizons {
+        print(format_args!(
+            "    {:>6} {:>13} {:>13} {:>13} {:>13} {:>6}",
+            e.horizon_s,
+            cell(e.position_m, true),
+            cell(e.velocity_m_s, true),
+            cell(e.attitude_rad, turning),
+            cell(e.rate_rad_s, turning),
+            e.n
+        ))?;
+    }
+    let [x, y, z] = c.force_rms_n;
+    print(format_args!("    residual force rms {x:.4}, {y:.4}, {z:.4} N (body x, y, z)"))?;
+    if let Some([x, y, z]) = c.torque_rms_n_m.map(|t| t.map(|v| 1e3 * v)) {
+        print(format_args!("    residual torque rms {x:.4}, {y:.4}, {z:.4} mN·m (body x, y, z)"))?;
+    }
+    show_findings(&c.findings)
+}

@@ -1,0 +1,163 @@
+//! `propwash diagnose`: which physics a vehicle's model lacks.
+
+use super::vehicle::text_of;
+use super::{print, print_json, report};
+use crate::cli::exit::Outcome;
+use crate::cli::gap_args::{DiagnoseArgs, HeldOutArgs};
+use crate::cli::gap_logs::ReadingArgs;
+use crate::gap::accept::{Source, today_utc};
+use crate::gap::complete::{Steps, steps};
+use crate::gap::diagnose::{Diagnosed, Settings, diagnose};
+use crate::gap::ladder::Flights;
+use crate::gap::report::{ladder_png, text};
+use crate::gap::{Diagnosis, GapError, compare};
+use crate::vehicle::Vehicle;
+use crate::{Error, Result};
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
+
+/// Runs the command.
+pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
+    let outputs = [("--out", &args.out), ("--report", &args.report), ("--ladder", &args.ladder)];
+    for (flag, path) in outputs {
+        refuse_log(flag, path.as_deref(), &args.logs.logs, &args.held_out)?;
+    }
+    let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
+    let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
+    let settings = Settings { only, ..Settings::default() };
+    let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", true)?;
+    let verdict = &fitted.diagnosed.verdict;
+    if let Some(path) = &args.out {
+        let text = serde_json::to_string_pretty(verdict).map_err(json_error)?;
+        report::write(path, format!("{text}\n").as_bytes())?;
+    }
+    if let Some(path) = &args.ladder {
+        report::write(path, &ladder_png(verdict)?)?;
+    }
+    if let Some(path) = &args.report {
+        report::of_diagnosis(path, verdict, &flights, &vehicle, fitted.after())?;
+    }
+    if args.json {
+        print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
+    } else {
+        print(text(verdict).trim_end())?;
+    }
+    Ok(outcome(verdict))
+}
+
+/// Exit code of a verdict: found where something is missing or unexplained.
+pub fn outcome(verdict: &Diagnosis) -> Outcome {
+    if verdict.findings.is_empty() && !verdict.remainder.unexplained { Outcome::Fine } else { Outcome::Found }
+}
+
+/// An error of writing JSON.
+pub fn json_error(e: serde_json::Error) -> Error {
+    Error::Gap(GapError::Numbers { what: "JSON", reason: e.to_string() })
+}
+
+/// Refuses an output that is one of the logs.
+pub fn refuse_log(
+    flag: &'static str,
+    path: Option<&Path>,
+    logs: &[PathBuf],
+    more: &HeldOutArgs,
+) -> Result<()> {
+    let same = |log: &PathBuf| Some(log.as_path()) == path;
+    match logs.iter().chain(&more.held_out).find(|l| same(l)) {
+        Some(log) => Err(Error::Usage {
+            flag,
+            expected: "a file to write that is none of the logs".into(),
+            got: log.display().to_string(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// The vehicle and the flights, parted into what the fit sees and what checks it.
+pub fn open(reading: &ReadingArgs, logs: &[PathBuf], held_out: &HeldOutArgs) -> Result<(Vehicle, Flights)> {
+    if let Some(both) = held_out.held_out.iter().find(|l| logs.contains(l)) {
+        return Err(Error::Usage {
+            flag: "--held-out",
+            expected: "flights that the fit does not see".into(),
+            got: format!("{}, which is one of the logs to fit", both.display()),
+        });
+    }
+    let (vehicle, tracks) = reading.open(logs)?;
+    let (_, unseen) = reading.open(&held_out.held_out)?;
+    let flights = Flights::new(tracks, unseen, held_out.hold_out);
+    compare::one_vehicle(&flights.all())?;
+    Ok((vehicle, flights))
+}
+
+/// A diagnosis with the vehicles that follow from it.
+pub struct Fitted {
+    /// With its ladder.
+    pub diagnosed: Diagnosed,
+    /// Vehicles and texts.
+    pub steps: Steps,
+}
+
+impl Fitted {
+    /// The vehicle with all that was found, where that changes it.
+    pub fn after(&self) -> Option<&Vehicle> {
+        self.steps.rungs[1..].last().map(|(_, vehicle)| vehicle)
+    }
+}
+
+/// Diagnoses flights and completes the vehicle, with a bar on a terminal. `name` is the vehicle as it was asked for,
+/// `command` names the command in the file's sources.
+pub fn fit(
+    name: &str,
+    vehicle: &Vehicle,
+    flights: &Flights,
+    settings: Settings,
+    command: &str,
+    calibrate: bool,
+) -> Result<Fitted> {
+    let style = ProgressStyle::with_template("{bar:40} fitting, {elapsed} elapsed");
+    let bar = ProgressBar::new(1).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let progress = |done: usize, of: usize| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    };
+    let settings = Settings { progress: Some(&progress), ..settings };
+    let result = diagnose(&flights.fit, vehicle, &settings);
+    bar.finish_and_clear();
+    let mut diagnosed = result?;
+    let verdict = &mut diagnosed.verdict;
+    verdict.logs = flights.summaries();
+    let held: Vec<String> = flights
+        .whole
+        .iter()
+        .zip(&flights.cut_s)
+        .map(|(t, cut)| match cut {
+            Some(cut) => format!("{} to {cut:.1} s", t.name),
+            None => t.name.clone(),
+        })
+        .collect();
+    let mut log_sha256: Vec<String> = flights.whole.iter().map(|t| t.log.sha256.clone()).collect();
+    log_sha256.dedup();
+    let source = Source {
+        log_sha256,
+        date: today_utc(),
+        text: format!(
+            "propwash {command} on {}, driven by {}",
+            held.join(", "),
+            flights.whole.first().map_or("nothing", |t| t.drive.title())
+        ),
+    };
+    let mut complete = verdict.clone();
+    if !calibrate {
+        complete.adjusted.clear();
+    }
+    let mut steps = steps(&complete, vehicle, text_of(name)?, name, source)?;
+    // A rung whose roll-outs run away is no rung; the others stand.
+    match flights.ladder(&steps.rungs) {
+        Ok(ladder) => verdict.ladder = ladder,
+        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+    }
+    verdict.warnings.extend(flights.warnings.iter().cloned());
+    verdict.warnings.append(&mut steps.remarks.clone());
+    steps.remarks.dedup();
+    Ok(Fitted { diagnosed, steps })
+}

@@ -1,0 +1,130 @@
+//! Flags of the commands that hold a vehicle against flights: compare, diagnose, add.
+
+use super::gap_logs::{GapLogArgs, ReadingArgs};
+use clap::Args as ClapArgs;
+use std::path::PathBuf;
+
+/// Ends the help of `propwash compare`.
+pub const COMPARE_EXAMPLES: &str = "\
+Examples:
+  propwash compare flight.csv --vehicle my_quad.toml
+  propwash compare flights/*.csv --vehicle cf2x_L250 --drive rotor-commands --json
+  propwash compare usd01.csv --vehicle cf2x_L250 --mapping crazyflie.toml --ground-z 0.02
+
+Three ways: force and torque that the model lacks at every instant, errors of 0.1 to 1 s roll-outs from
+measured states, and a whole flight along the log's references. Exit codes: 0 the model agrees to the
+noise of the sensors, 1 a gap was found, 2 error.";
+
+/// `propwash compare`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct CompareArgs {
+    /// The flights and how to read them.
+    #[command(flatten)]
+    pub logs: GapLogArgs,
+    /// Print JSON, complete.
+    #[arg(long)]
+    pub json: bool,
+    /// Write one page for a browser: errors, overlays, residuals over time and against their causes.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+}
+
+/// Which part of the flights a fit does not see.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct HeldOutArgs {
+    /// Flights that only check the result; the fit sees nothing of them. Default: the end of each log.
+    #[arg(long, value_name = "LOG", num_args = 1..)]
+    pub held_out: Vec<PathBuf>,
+    /// Share of each log, its end, that only checks the result; 0 for none, at most 0.5.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = half, conflicts_with = "held_out")]
+    pub hold_out: f64,
+}
+
+/// A number from 0 to 0.5.
+fn half(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if (0.0..=0.5).contains(&v) => Ok(v),
+        _ => Err(format!("expected a share from 0 to 0.5, got {text:?}")),
+    }
+}
+
+/// Ends the help of `propwash diagnose`.
+pub const DIAGNOSE_EXAMPLES: &str = "\
+Examples:
+  propwash diagnose flight.csv --vehicle my_quad.toml --report diagnosis.html
+  propwash diagnose a.csv b.csv --held-out c.csv --vehicle my_quad.toml --out diagnosis.json
+  propwash diagnose flight.csv --vehicle my_quad.toml --candidates rotor_drag,linear_drag,quadratic_drag
+
+All values are SI. Exit codes: 0 nothing is missing, 1 something is missing or unexplained, 2 error.";
+
+/// `propwash diagnose`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct DiagnoseArgs {
+    /// The flights and how to read them.
+    #[command(flatten)]
+    pub logs: GapLogArgs,
+    /// What the fit does not see.
+    #[command(flatten)]
+    pub held_out: HeldOutArgs,
+    /// Search among these candidates only; the others stay within their tolerance.
+    #[arg(long, value_name = "ID,ID", value_delimiter = ',')]
+    pub candidates: Vec<String>,
+    /// Print JSON, complete.
+    #[arg(long)]
+    pub json: bool,
+    /// Write the diagnosis as JSON, for `propwash add --from-diagnosis`.
+    #[arg(long, value_name = "FILE.json")]
+    pub out: Option<PathBuf>,
+    /// Write one page for a browser: verdict, error ladder, overlays, residuals before and after.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Write a picture of the error ladder.
+    #[arg(long, value_name = "FILE.png")]
+    pub ladder: Option<PathBuf>,
+}
+
+/// Ends the help of `propwash add`.
+pub const ADD_EXAMPLES: &str = "\
+Examples:
+  propwash add rotor_drag --vehicle my_quad.toml --fit flight.csv --out better.toml
+  propwash add payload weak_rotor.2 --vehicle my_quad.toml --fit a.csv b.csv --held-out c.csv --out better.toml
+  propwash add --from-diagnosis diagnosis.json --vehicle my_quad.toml --out better.toml
+
+Values, standard deviations, the logs' SHA-256 and the date go into the file, in SI units. Parameters that were
+within tolerance are set to their estimates too, unless --effects-only is given.";
+
+/// `propwash add`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct AddArgs {
+    /// Effects, by the ids that diagnose names (rotor_drag, weak_rotor.2). With --from-diagnosis: all of it if not given.
+    #[arg(value_name = "EFFECT")]
+    pub effects: Vec<String>,
+    /// Flights to fit the effects to: .csv, .parquet, .ulg.
+    #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis", requires = "effects")]
+    pub fit: Vec<PathBuf>,
+    /// A diagnosis that `propwash diagnose --out` wrote; nothing is fitted again.
+    #[arg(long, value_name = "FILE.json",
+          conflicts_with_all = ["fit", "held_out", "drive", "ground_z", "ceiling_z", "neighbour", "load", "mapping", "report"])]
+    pub from_diagnosis: Option<PathBuf>,
+    /// The vehicle, and how the flights are read.
+    #[command(flatten)]
+    pub reading: ReadingArgs,
+    /// What the fit does not see.
+    #[command(flatten)]
+    pub held_out: HeldOutArgs,
+    /// Vehicle file to write.
+    #[arg(long, value_name = "V2.toml")]
+    pub out: PathBuf,
+    /// Replace the file at --out, which may be that of --vehicle; write effects that the flights cannot determine too.
+    #[arg(long)]
+    pub force: bool,
+    /// Leave parameters that are within tolerance as they are filed.
+    #[arg(long)]
+    pub effects_only: bool,
+    /// Write one page for a browser: error ladder, overlays, residuals before and after.
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}

@@ -1,0 +1,139 @@
+//! Flags that every command takes which holds a vehicle against flights, and what they make.
+
+use super::cmd::drones;
+use crate::flight::{FlightLog, Severity};
+use crate::gap::{Drive, Options, Track};
+use crate::vehicle::Vehicle;
+use crate::{Error, Result};
+use clap::{Args, ValueEnum};
+use rayon::prelude::*;
+use std::path::PathBuf;
+
+/// What drives the model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum DriveArg {
+    /// Measured rotor speeds.
+    RotorSpeeds,
+    /// Commanded rotor speeds, through the model's motors.
+    RotorCommands,
+    /// Commanded attitude and thrust, through the abstracted response.
+    AttitudeCommands,
+    /// Collective thrust with the measured attitude: forces only.
+    Thrust,
+}
+
+impl From<DriveArg> for Drive {
+    fn from(arg: DriveArg) -> Self {
+        match arg {
+            DriveArg::RotorSpeeds => Self::RotorSpeeds,
+            DriveArg::RotorCommands => Self::RotorCommands,
+            DriveArg::AttitudeCommands => Self::AttitudeCommands,
+            DriveArg::Thrust => Self::Thrust,
+        }
+    }
+}
+
+/// Flights, the vehicle, and how to read both.
+#[derive(Clone, Debug, Args)]
+pub struct GapLogArgs {
+    /// Flight logs of one vehicle: .csv, .parquet, .ulg (docs/logs.md).
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// The vehicle, and how the flights are read.
+    #[command(flatten)]
+    pub reading: ReadingArgs,
+}
+
+/// The vehicle, and how flights are read for it.
+#[derive(Clone, Debug, Args)]
+pub struct ReadingArgs {
+    /// Vehicle: a built-in name or a vehicle file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub vehicle: String,
+    /// What drives the model. Default: the first that log and vehicle have of rotor commands, measured rotor speeds,
+    /// attitude and thrust commands, thrust.
+    #[arg(long, value_enum)]
+    pub drive: Option<DriveArg>,
+    /// Height of the ground, m, world. Default: 0.
+    #[arg(long, value_name = "M", value_parser = finite, allow_hyphen_values = true)]
+    pub ground_z: Option<f64>,
+    /// Height of the ceiling, m, world. Default: none.
+    #[arg(long, value_name = "M", value_parser = finite, allow_hyphen_values = true)]
+    pub ceiling_z: Option<f64>,
+    /// Tracked object that is another vehicle; repeat it for several. Default: all that are no loads.
+    #[arg(long, value_name = "NAME")]
+    pub neighbour: Vec<String>,
+    /// Tracked object that hangs on a cable. Default: the one whose name has "load" in it.
+    #[arg(long, value_name = "NAME")]
+    pub load: Option<String>,
+    /// Mapping of the logs' names, units and frames. Default: the file beside each log that ends in .toml.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+}
+
+/// A finite number.
+fn finite(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(format!("expected a finite number, got {text:?}")),
+    }
+}
+
+impl GapLogArgs {
+    /// The vehicle, and the logs made ready for it, as [`ReadingArgs::open`].
+    pub fn open(&self) -> Result<(Vehicle, Vec<Track>)> {
+        self.reading.open(&self.logs)
+    }
+}
+
+impl ReadingArgs {
+    /// The vehicle, and the logs made ready for it. Every log is checked first: one that cannot be right is refused, and
+    /// what else the checker says goes into the warnings of its track.
+    ///
+    /// # Errors
+    /// Those of vehicle files, of [`FlightLog::open`] and of [`Track::new`]; [`Error::Usage`] for a ceiling that is not
+    /// above the ground or a log that is named twice.
+    pub fn open(&self, logs: &[PathBuf]) -> Result<(Vehicle, Vec<Track>)> {
+        let ground = self.ground_z.unwrap_or(0.0);
+        if let Some(ceiling) = self.ceiling_z.filter(|c| *c <= ground) {
+            return Err(Error::Usage {
+                flag: "--ceiling-z",
+                expected: format!("a height above the ground at {ground} m"),
+                got: format!("{ceiling} m"),
+            });
+        }
+        if let Some(twice) = logs.iter().enumerate().find(|(i, l)| logs[..*i].contains(l)) {
+            return Err(Error::Usage {
+                flag: "LOG",
+                expected: "each log once".into(),
+                got: format!("{} twice", twice.1.display()),
+            });
+        }
+        let vehicle = drones::find(&self.vehicle)?;
+        let options = Options {
+            drive: self.drive.map(Drive::from),
+            ground_z_m: self.ground_z,
+            ceiling_z_m: self.ceiling_z,
+            neighbours: (!self.neighbour.is_empty()).then(|| self.neighbour.clone()),
+            load: self.load.clone(),
+        };
+        let tracks = logs
+            .par_iter()
+            .map(|path| {
+                let (log, report) = FlightLog::open(path, self.mapping.as_deref())?;
+                let found = report.findings.iter().filter(|f| f.severity == Severity::Warning);
+                let mut said: Vec<String> = log.warnings.clone();
+                for text in found.map(|f| f.text.clone()) {
+                    if !said.contains(&text) {
+                        said.push(text);
+                    }
+                }
+                let mut track = Track::new(log, &vehicle, &options)?;
+                said.append(&mut track.warnings);
+                track.warnings = said;
+                Ok(track)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        Ok((vehicle, tracks))
+    }
+}

@@ -1,0 +1,301 @@
+//! A verdict's effects and calibration into a vehicle: step by step, so that what a ladder shows is what a file holds.
+
+use super::accept::{self, AcceptError, FittedEffect, FittedParameter, Source};
+use super::diagnose::Diagnosed;
+use super::verdict::{Calibration, Diagnosis, Finding, ParameterFit};
+use crate::physics::effects::Area;
+use crate::vehicle::{DYNAMICS, Vehicle};
+
+/// Kinds that describe the air or the limits of one flight; a vehicle file gets them as findings only.
+const OF_THE_FLIGHT: [&str; 5] =
+    ["constant_wind", "gust", "turbulence", "disturbance", "actuator_saturation"];
+/// Tolerance parameters that the log moves by less than so many of their standard deviations stay as filed. Estimates are
+/// correlated and hold together only: with those above one standard deviation alone, the body rate after 1 s on an unseen
+/// flight was off by 106 mrad/s, with all of them by 31 (rotor drag hidden, 20 s of excited flight).
+const NEGLIGIBLE_SIGMAS: f64 = 0.1;
+/// An effect is undetermined where the data narrow none of its parameters below this share of its plausible size.
+const UNDETERMINED: f64 = 0.7;
+
+/// An effect as a file is to hold it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Entry {
+    /// Candidate id, or `calibration`.
+    pub id: String,
+    /// Effect kind.
+    pub kind: String,
+    /// Fitted parameters.
+    pub parameters: Vec<ParameterFit>,
+    /// Parameters that were set and not fitted, SI.
+    pub set: Vec<(String, f64)>,
+    /// Whether it describes sensors, which hold for all dynamics.
+    pub sensor: bool,
+    /// What is to be known about it.
+    pub note: Option<String>,
+}
+
+impl Entry {
+    /// A finding.
+    pub fn of(f: &Finding) -> Self {
+        let sensor = f.area == Area::Measurement;
+        Self {
+            id: f.id.clone(),
+            kind: f.kind.clone(),
+            parameters: f.parameters.clone(),
+            set: f.set.clone(),
+            sensor,
+            note: note(sensor, &f.kind),
+        }
+    }
+}
+
+/// What is to be known about a finding that is no property of the vehicle.
+pub fn note(sensor: bool, kind: &str) -> Option<String> {
+    if sensor {
+        return Some("of the sensors that made the log".into());
+    }
+    OF_THE_FLIGHT.contains(&kind).then(|| "of the flight that it was fitted to".into())
+}
+
+/// Tolerance parameters that the log moves, by kind.
+pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
+    let mut out: Vec<Entry> = Vec::new();
+    for c in adjusted {
+        let p = &c.parameter;
+        let off = p.sigma > 0.0 && (p.value - p.filed).abs() > NEGLIGIBLE_SIGMAS * p.sigma;
+        if !off || OF_THE_FLIGHT.contains(&c.kind.as_str()) || c.kind == "slung_payload" {
+            continue;
+        }
+        match out.iter_mut().find(|e| e.kind == c.kind && e.id == own_id(c)) {
+            Some(entry) => entry.parameters.push(p.clone()),
+            None => out.push(Entry {
+                id: own_id(c),
+                kind: c.kind.clone(),
+                parameters: vec![p.clone()],
+                set: Vec::new(),
+                sensor: false,
+                note: Some("within tolerance, adjusted".into()),
+            }),
+        }
+    }
+    out
+}
+
+/// Expressions of the user's are told apart by their id.
+fn own_id(c: &Calibration) -> String {
+    if c.kind == "expression" { c.id.clone() } else { "calibration".into() }
+}
+
+/// A vehicle file's text under completion.
+#[derive(Clone, Debug)]
+pub struct Completion {
+    /// The text.
+    pub text: String,
+    /// What was left at its filed value, and why.
+    pub remarks: Vec<String>,
+    label: String,
+    dynamics: String,
+    only_dynamics: bool,
+    source: Source,
+}
+
+impl Completion {
+    /// Starts from the text of `vehicle`'s file; `label` names it in messages.
+    pub fn new(vehicle: &Vehicle, text: String, label: &str, dynamics: &str, source: Source) -> Self {
+        let n = DYNAMICS.iter().filter(|d| vehicle.drone(d).is_ok()).count();
+        Self {
+            text,
+            remarks: Vec::new(),
+            label: label.into(),
+            dynamics: dynamics.into(),
+            only_dynamics: n == 1,
+            source,
+        }
+    }
+
+    /// Adds an effect. A value that physics excludes stays as filed where the fit allows that (within one standard
+    /// deviation), which is said in the remarks.
+    ///
+    /// # Errors
+    /// [`AcceptError`]; the text is then as before.
+    pub fn add(&mut self, entry: &Entry) -> Result<(), AcceptError> {
+        let mut parameters = entry.parameters.clone();
+        loop {
+            let fitted = parameters.iter().map(|p| FittedParameter {
+                name: p.name.clone(),
+                value: p.value,
+                // An estimate that a one-sided bound holds is no measurement.
+                sigma: if p.sigma > 0.0 { p.sigma } else { f64::NAN },
+            });
+            let set = entry.set.iter().map(|(name, value)| FittedParameter {
+                name: name.clone(),
+                value: *value,
+                sigma: f64::NAN,
+            });
+            let effect = FittedEffect {
+                kind: entry.kind.clone(),
+                models: (!entry.sensor && !self.only_dynamics).then(|| vec![self.dynamics.clone()]),
+                parameters: fitted.chain(set).collect(),
+                note: entry.note.clone(),
+            };
+            let added = if entry.kind == "expression" {
+                let (text, source) = (&self.text, &self.source);
+                accept::set_expression(text, &self.label, &entry.id, &effect.parameters, source)
+            } else {
+                accept::add(&self.text, &self.label, &[effect], &self.source)
+            };
+            match added {
+                Ok(text) => {
+                    self.text = text;
+                    return Ok(());
+                }
+                Err(AcceptError::OutOfRange { effect, parameter, expected, found }) => {
+                    let near = |p: &&mut ParameterFit| {
+                        p.name == parameter
+                            && p.value != p.filed
+                            && (p.sigma <= 0.0 || (p.value - p.filed).abs() <= p.sigma)
+                    };
+                    let Some(p) = parameters.iter_mut().find(near) else {
+                        return Err(AcceptError::OutOfRange { effect, parameter, expected, found });
+                    };
+                    self.remarks.push(format!(
+                        "{}: {} stays at {} (fitted {found}, expected {expected})",
+                        entry.kind, p.name, p.filed
+                    ));
+                    p.value = p.filed;
+                    p.sigma = f64::NAN;
+                }
+                Err(other) => return Err(other),
+            }
+        }
+    }
+
+    /// Adds the calibration, without the values that physics excludes.
+    ///
+    /// # Errors
+    /// [`AcceptError`] but for values out of range.
+    pub fn calibrate(&mut self, adjusted: &[Calibration]) -> Result<usize, AcceptError> {
+        let mut n = 0;
+        for mut entry in calibration(adjusted) {
+            while !entry.parameters.is_empty() {
+                match self.add(&entry) {
+                    Ok(()) => {
+                        n += entry.parameters.len();
+                        break;
+                    }
+                    Err(AcceptError::OutOfRange { parameter, expected, found, .. })
+                        if entry.parameters.iter().any(|p| p.name == parameter) =>
+                    {
+                        self.remarks.push(format!(
+                            "{}: {parameter} stays as filed (the fit gives {found}, expected {expected})",
+                            entry.kind
+                        ));
+                        entry.parameters.retain(|p| p.name != parameter);
+                    }
+                    Err(other) => return Err(other),
+                }
+            }
+        }
+        Ok(n)
+    }
+
+    /// The vehicle that the text describes, under the name of `like`.
+    ///
+    /// # Errors
+    /// [`AcceptError::Vehicle`].
+    pub fn vehicle(&self, like: &Vehicle) -> Result<Vehicle, AcceptError> {
+        Ok(Vehicle::from_toml(&like.name, &self.text)?)
+    }
+}
+
+/// A finding that the data say nothing about.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Undetermined {
+    /// Candidate id.
+    pub id: String,
+    /// Its parameters with their standard deviations and plausible sizes, in words.
+    pub found: String,
+    /// What to fly.
+    pub manoeuvre: String,
+}
+
+impl Diagnosed {
+    /// Findings none of whose parameters the data narrow below 0.7 of its plausible size, or whose estimate physics excludes.
+    pub fn undetermined(&self) -> Vec<Undetermined> {
+        let mut out = Vec::new();
+        for c in &self.solution.set {
+            let sigma = |k: usize| self.solution.posterior.sigma[k];
+            let open = |k: usize| sigma(k) >= UNDETERMINED * self.model.parameters[k].slab;
+            // A one-sided bound that holds an estimate leaves it no width.
+            let held = |k: usize| sigma(k) <= 0.0;
+            if !self.model.of(*c).all(|k| open(k) || held(k)) {
+                continue;
+            }
+            let found: Vec<String> = self
+                .model
+                .of(*c)
+                .map(|k| {
+                    let p = &self.model.parameters[k];
+                    let unit = if p.unit == "1" { "" } else { p.unit };
+                    if held(k) {
+                        return format!(
+                            "{} would have to be on the wrong side of {:e} {unit}",
+                            p.name, p.filed
+                        );
+                    }
+                    let sigma = sigma(k);
+                    format!("{} ± {sigma:.3e} {unit} where {:.3e} is a plausible size", p.name, p.slab)
+                })
+                .collect();
+            let candidate = &self.model.candidates[*c];
+            out.push(Undetermined {
+                id: candidate.id.clone(),
+                found: found.join(", "),
+                manoeuvre: candidate.manoeuvre.into(),
+            });
+        }
+        out
+    }
+}
+
+/// Vehicles of the ladder: as filed, with one finding more each, with the calibration; and the text of the last.
+pub struct Steps {
+    /// Label and vehicle of each rung.
+    pub rungs: Vec<(String, Vehicle)>,
+    /// The vehicle file with all findings.
+    pub effects_text: String,
+    /// The vehicle file with all findings and the calibration.
+    pub text: String,
+    /// What could not be written, and what was left as filed.
+    pub remarks: Vec<String>,
+}
+
+/// Completes a vehicle by a verdict, step by step. A finding that no file can hold gets no rung but a remark.
+///
+/// # Errors
+/// [`AcceptError`] where the text is no vehicle file.
+pub fn steps(
+    verdict: &Diagnosis,
+    vehicle: &Vehicle,
+    text: String,
+    label: &str,
+    source: Source,
+) -> Result<Steps, AcceptError> {
+    let mut completion = Completion::new(vehicle, text, label, &verdict.dynamics, source);
+    let mut rungs = vec![("as filed".to_string(), vehicle.clone())];
+    let mut remarks = Vec::new();
+    for finding in &verdict.findings {
+        match completion.add(&Entry::of(finding)) {
+            Ok(()) => rungs.push((format!("+ {}", finding.id), completion.vehicle(vehicle)?)),
+            Err(error @ (AcceptError::OutOfRange { .. } | AcceptError::Effect { .. })) => {
+                remarks.push(format!("the ladder is without {}: {error}", finding.id));
+            }
+            Err(other) => return Err(other),
+        }
+    }
+    let effects_text = completion.text.clone();
+    if completion.calibrate(&verdict.adjusted)? > 0 {
+        rungs.push(("+ calibration".into(), completion.vehicle(vehicle)?));
+    }
+    remarks.append(&mut completion.remarks);
+    Ok(Steps { rungs, effects_text, text: completion.text, remarks })
+}

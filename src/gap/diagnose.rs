@@ -1,0 +1,489 @@
+//! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
+
+use super::GapError;
+use super::fit::{Disturbance, Prepared, left_over, linearise};
+use super::free_form::{self, Sample};
+use super::model::Model;
+use super::replay::{STEP, drone_for};
+use super::search::THRESHOLD;
+use super::solve::{Solution, chi2, solve, sum};
+use super::track::{Drive, Track};
+use super::verdict::{
+    Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
+};
+use crate::flight::clean;
+use crate::math::{euler, quat};
+use crate::physics::drone::{self, Drone};
+use crate::physics::effects::Area;
+use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::surroundings::Surroundings;
+use crate::vehicle::Vehicle;
+use nalgebra::DVector;
+
+/// What a diagnosis is asked.
+#[derive(Default)]
+pub struct Settings<'a> {
+    /// Fits exactly these candidates instead of searching.
+    pub given: Option<Vec<String>>,
+    /// Searches among these candidates only; the others stay within their tolerance.
+    pub only: Option<Vec<String>>,
+    /// Hears of progress: (done, of).
+    pub progress: Option<&'a dyn Fn(usize, usize)>,
+}
+
+/// Windows that are held out together, and number of folds.
+const TOGETHER: usize = 4;
+const FOLDS: usize = 8;
+
+/// A diagnosis with the fit behind it.
+pub struct Diagnosed {
+    /// What it says.
+    pub verdict: Diagnosis,
+    pub(crate) solution: Solution,
+    pub(crate) model: Model,
+}
+
+/// Diagnoses flights of one vehicle. `held_out` logs take no part in the fit.
+///
+/// # Errors
+/// [`GapError`] where the logs do not hold what the fit needs, belong to different vehicles, or a name is unknown.
+pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Result<Diagnosed, GapError> {
+    let first =
+        tracks.first().ok_or(GapError::Numbers { what: "a diagnosis", reason: "no log was given".into() })?;
+    let drone = drone_for(first, vehicle)?;
+    if let Some(other) = tracks.iter().find(|t| t.dynamics != first.dynamics) {
+        return Err(GapError::DifferentVehicles {
+            first: first.name.clone(),
+            second: other.name.clone(),
+            reason: format!("one is driven by {}, the other by {}", first.drive.title(), other.drive.title()),
+        });
+    }
+    let tracks = &tracks.iter().map(|t| scattered(t, &drone)).collect::<Result<Vec<_>, _>>()?[..];
+    let all: Vec<&Track> = tracks.iter().collect();
+    let logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
+    let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
+    let mut model = Model::new(&drone, &all, &arounds)?;
+    let given = settings.given.as_ref().map(|ids| indices(&model, ids)).transpose()?;
+    if let Some(ids) = &settings.only {
+        let chosen = indices(&model, ids)?;
+        model.may = (0..model.candidates.len()).map(|c| chosen.contains(&c)).collect();
+    }
+    let quiet = |_: usize, _: usize| {};
+    let progress = settings.progress.unwrap_or(&quiet);
+    let solution = solve(&logs, &mut model, given.as_deref(), progress)?;
+    let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
+    Ok(Diagnosed { verdict, solution, model })
+}
+
+/// A log with the noise that its sensors have beside the model, where only forces are modelled.
+///
+/// The scatter of neighbouring samples is far too small a figure for channels that an estimator or a filter has smoothed.
+/// What the plain model leaves when every window has its own start and disturbances is the better one.
+fn scattered(track: &Track, drone: &Drone<f64>) -> Result<Track, GapError> {
+    let mut track = track.clone();
+    if track.drive != Drive::Thrust {
+        return Ok(track);
+    }
+    for _ in 0..2 {
+        let log = Prepared::new(&track, drone);
+        let model = Model::new(drone, &[&track], &[&log.around])?;
+        let filed = model.filed();
+        let logs = [log];
+        let linear = linearise(&logs, &model, &filed, &[], 0.1);
+        let nothing = vec![0.0; filed.len()];
+        let mut disturbance = Disturbance::unknown();
+        for _ in 0..3 {
+            disturbance = linear.disturbance(&disturbance, &nothing);
+        }
+        let left = left_over(&logs, &model, &linear, &disturbance, &filed);
+        let [position, _, _, accel] = left.map(|(times, n)| if n < 100 { 1.0 } else { times.max(1.0) });
+        track.noise.position_m *= position;
+        track.noise.accel_m_s2 *= accel;
+    }
+    Ok(track)
+}
+
+/// Indices of candidates by their ids.
+fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
+    let mut out = Vec::new();
+    for id in ids {
+        let found = model.candidates.iter().position(|c| c.id == *id);
+        match found {
+            Some(index) => out.push(index),
+            None => {
+                if let Some((_, reason)) = model.not_tried.iter().find(|(of, _)| of == id) {
+                    return Err(GapError::Log {
+                        log: "the logs".into(),
+                        expected: format!("what {id} needs"),
+                        found: reason.clone(),
+                        remedy: "give a log that has it, or another effect".into(),
+                    });
+                }
+                let known: Vec<&str> = model.candidates.iter().map(|c| c.id.as_str()).collect();
+                return Err(GapError::Unknown {
+                    name: id.clone(),
+                    what: "candidate",
+                    known: known.join(", "),
+                });
+            }
+        }
+    }
+    out.sort_unstable();
+    out.dedup();
+    Ok(out)
+}
+
+fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
+    let p = &model.parameters[k];
+    ParameterFit {
+        name: p.name.clone(),
+        unit: p.unit.into(),
+        filed: p.filed,
+        value: solution.posterior.mean[k],
+        sigma: solution.posterior.sigma[k],
+    }
+}
+
+/// Share of the excess error that candidate `of` removes on windows that the fit has not seen.
+fn removed_share(model: &Model, solution: &Solution, of: usize) -> Result<f64, GapError> {
+    use super::search::Evidence;
+    let reduced = &solution.reduced;
+    let fold = |i: usize| (i / TOGETHER) % FOLDS;
+    let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != of).collect();
+    let (mut with, mut without) = (0.0, 0.0);
+    for f in 0..FOLDS.min(reduced.len() / TOGETHER).max(2) {
+        let (h, g) = sum(reduced, |i| fold(i) != f);
+        let evidence = Evidence::new(model, &h, &g, &solution.linear.at, solution.dispersion)?;
+        for (set, total) in [(&solution.set, &mut with), (&rest, &mut without)] {
+            let posterior = evidence.posterior(set)?;
+            let delta = DVector::from_iterator(
+                posterior.mean.len(),
+                posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a),
+            );
+            *total += reduced
+                .iter()
+                .enumerate()
+                .filter(|(i, _)| fold(*i) == f)
+                .map(|(_, r)| chi2(r, &delta))
+                .sum::<f64>();
+        }
+    }
+    let rows: usize = solution.linear.windows.iter().map(|w| w.n_rows).sum();
+    let noise = rows.saturating_sub(12 * solution.linear.windows.len()) as f64;
+    Ok((without - with) / (without - noise.min(with)).max(1e-9))
+}
+
+fn speak(
+    tracks: &[Track],
+    vehicle: &Vehicle,
+    model: &Model,
+    logs: &[Prepared],
+    solution: &Solution,
+) -> Result<Diagnosis, GapError> {
+    let evidence = solution.evidence(model)?;
+    let whole = evidence.of(&solution.set);
+    let mut findings = Vec::new();
+    for c in &solution.set {
+        let candidate = &model.candidates[*c];
+        let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+        let look_alikes: Vec<LookAlike> = evidence
+            .in_place_of(&solution.set, *c, THRESHOLD)
+            .into_iter()
+            .take(8)
+            .map(|(ids, worse)| LookAlike {
+                title: ids
+                    .iter()
+                    .map(|i| model.candidates[*i].title.as_str())
+                    .collect::<Vec<_>>()
+                    .join(" with "),
+                manoeuvre: model.candidates[ids[0]].manoeuvre.into(),
+                ids: ids.iter().map(|i| model.candidates[*i].id.clone()).collect(),
+                worse_by_nats: worse,
+            })
+            .collect();
+        findings.push(Finding {
+            id: candidate.id.clone(),
+            kind: candidate.kind.into(),
+            title: candidate.title.clone(),
+            area: candidate.area,
+            parameters: model.of(*c).map(|k| parameter_fit(model, solution, k)).collect(),
+            set: model.preset_values(*c),
+            evidence_nats: whole - evidence.of(&rest),
+            removed_share: removed_share(model, solution, *c)?,
+            certain: look_alikes.is_empty(),
+            look_alikes,
+        });
+    }
+    findings.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
+    let mut singles: Vec<(String, f64)> =
+        model.candidates.iter().enumerate().map(|(i, c)| (c.id.clone(), evidence.of(&[i]))).collect();
+    singles.sort_by(|a, b| b.1.total_cmp(&a.1));
+
+    let mut calibration = Vec::new();
+    let mut adjusted = Vec::new();
+    for (k, p) in model.parameters.iter().enumerate() {
+        if solution.set.contains(&p.candidate) {
+            continue;
+        }
+        let candidate = &model.candidates[p.candidate];
+        let entry = Calibration {
+            id: candidate.id.clone(),
+            kind: candidate.kind.into(),
+            parameter: parameter_fit(model, solution, k),
+        };
+        let off = (entry.parameter.value - p.filed).abs();
+        if off > 2.0 * entry.parameter.sigma && off > 0.5 * p.spike {
+            calibration.push(entry.clone());
+        }
+        if candidate.area != Area::Measurement {
+            adjusted.push(entry);
+        }
+    }
+    let remainder = remainder(logs, solution);
+    let mut nearest = Vec::new();
+    // A log of thrust alone always leaves more than a well-known vehicle: the attitude's error is in its force.
+    let whole = tracks.iter().all(|t| t.drive != Drive::Thrust);
+    if whole && only_lean(&remainder, &findings) {
+        nearest = findings.drain(..).map(|f| f.id).collect();
+    }
+    let drift = remainder.unexplained && findings.is_empty();
+    if let Some(weather) = drift.then(|| turbulence(model, logs, solution, &remainder)).flatten() {
+        findings.push(weather);
+    }
+    let explained = findings.iter().any(|f| f.kind == "turbulence");
+    let remainder = Remainder { unexplained: remainder.unexplained && !explained, ..remainder };
+    let verdict = sentence(&findings, &remainder, &nearest);
+    let mut warnings: Vec<String> = Vec::new();
+    for t in tracks {
+        for w in &t.warnings {
+            warnings.push(if tracks.len() > 1 { format!("{}: {w}", t.name) } else { w.clone() });
+        }
+    }
+    let mut advice: Vec<String> = Vec::new();
+    for f in findings.iter().filter(|f| !f.certain) {
+        let names: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
+        let own = model.candidates.iter().find(|c| c.id == f.id).map_or("", |c| c.manoeuvre);
+        let text = format!("to tell {} from {}: {own}", f.id, names.join(", "));
+        advice.push(text);
+    }
+    Ok(Diagnosis {
+        vehicle: vehicle.name.clone(),
+        vehicle_sha256: vehicle.sha256(),
+        dynamics: tracks.first().map_or_else(String::new, |t| t.dynamics.into()),
+        logs: tracks
+            .iter()
+            .map(|t| LogSummary {
+                name: t.name.clone(),
+                sha256: t.log.sha256.clone(),
+                duration_s: t.duration_s(),
+                drive: t.drive.title().into(),
+                noise: t.noise,
+                held_out: false,
+            })
+            .collect(),
+        verdict,
+        findings,
+        calibration,
+        adjusted,
+        remainder,
+        ladder: Vec::new(),
+        advice,
+        not_tried: model.not_tried.clone(),
+        singles,
+        dispersion: solution.dispersion,
+        warnings,
+    })
+}
+
+/// The verdict "turbulence": a force without pattern, at no particular time, of the size that wind of up to 3 m/s makes on this
+/// vehicle.
+fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Remainder) -> Option<Finding> {
+    if regular(&left.terms, left.force_m_s2, left.torque_rad_s2)
+        || left.force_m_s2 <= LARGE_FORCE_M_S2
+        || left.text.contains("an event")
+    {
+        return None;
+    }
+    // Acceleration by 1 m/s of wind in hover.
+    let drone = model.plain_at(&solution.linear.at, &[]);
+    let hovering = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
+    let acceleration = |wind_m_s: [f64; 3]| {
+        let around = Surroundings { wind_m_s, ..Surroundings::calm() };
+        let held = drone::Measured::RotorAcc([0.0; MAX_ROTORS]);
+        drone.rate_measured(&hovering, &held, &around).acc
+    };
+    let still = acceleration([0.0; 3]);
+    let gain = |axis: usize| {
+        let mut wind = [0.0; 3];
+        wind[axis] = 1.0;
+        (acceleration(wind)[axis] - still[axis]).abs()
+    };
+    let n = solution.linear.windows.len().max(1) as f64;
+    let [across, up, ..] = solution.disturbance_before.common;
+    let parameters: Vec<ParameterFit> = [(0, across), (1, across), (2, up)]
+        .into_iter()
+        .filter(|(axis, _)| gain(*axis) > 1e-6)
+        .map(|(axis, force)| {
+            let value = force / gain(axis);
+            ParameterFit {
+                name: format!("sigma_m_s.{axis}"),
+                unit: "m/s".into(),
+                filed: 0.0,
+                value,
+                // Windows within a second are not independent.
+                sigma: value / (0.5 * n).sqrt(),
+            }
+        })
+        .collect();
+    let believable = !parameters.is_empty() && parameters.iter().all(|p| p.value < 3.0);
+    let flat = logs.iter().all(|l| l.track.drive != Drive::Thrust);
+    (believable && flat).then(|| Finding {
+        id: "turbulence".into(),
+        kind: "turbulence".into(),
+        title: "gusty air without a rhythm".into(),
+        area: Area::Airframe,
+        set: Vec::new(),
+        parameters,
+        evidence_nats: 0.5 * n * (left.force_m_s2 / LARGE_FORCE_M_S2).powi(2).ln(),
+        removed_share: 0.0,
+        certain: true,
+        look_alikes: Vec::new(),
+    })
+}
+
+/// What the windows' disturbances say about what is left.
+fn remainder(logs: &[Prepared], solution: &Solution) -> Remainder {
+    let delta: Vec<f64> =
+        solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
+    let mut samples = Vec::new();
+    for w in &solution.linear.windows {
+        let Some((mean, variance)) = w.push_estimate(&solution.disturbance, &delta) else { continue };
+        let p = &logs[w.log];
+        let middle = w.from + STEP * (((solution.linear.horizon_s / super::replay::STEP_S) as usize) / 2);
+        let here = p.around.measured(middle).copied().unwrap_or(w.start);
+        let body = |v: [f64; 3]| quat::rotate_inverse(here.quat, v);
+        let acc = body([mean[0], mean[1], mean[2]]);
+        let rpy = euler::from_quat(here.quat);
+        samples.push(Sample {
+            push: [acc[0], acc[1], acc[2], mean[3], mean[4], mean[5]],
+            variance,
+            vel: body(here.vel),
+            ang_vel: here.ang_vel,
+            tilt: [rpy[0], rpy[1]],
+            height_m: here.pos[2],
+            rotor: 1.0,
+            time: (p.around.time_s(middle) - p.track.span_s[0]) / p.track.duration_s(),
+        });
+    }
+    let (force, torque) = solution.disturbance.sizes();
+    let (force0, torque0) = solution.disturbance_before.sizes();
+    let terms = free_form::describe(&samples);
+    let regular = regular(&terms, force, torque);
+    let large = force > LARGE_FORCE_M_S2 || torque > LARGE_TORQUE_RAD_S2;
+    Remainder {
+        force_m_s2: force,
+        torque_rad_s2: torque,
+        force_before_m_s2: force0,
+        torque_before_rad_s2: torque0,
+        unexplained: regular || large,
+        terms,
+        text: String::new(),
+    }
+    .told(concentrated(&samples))
+}
+
+/// Whether a term describes something that is both regular and large enough to matter.
+fn regular(terms: &[FreeTerm], force_m_s2: f64, torque_rad_s2: f64) -> bool {
+    terms.iter().any(|t| {
+        let share = t.explained_share.max(0.0).sqrt();
+        let (size, least) = if t.on.starts_with("force") {
+            (share * force_m_s2, REGULAR_FORCE_M_S2)
+        } else {
+            (share * torque_rad_s2, REGULAR_TORQUE_RAD_S2)
+        };
+        t.explained_share >= REGULAR_SHARE && size >= least
+    })
+}
+
+/// Size of what a term describes from which on it matters.
+const REGULAR_FORCE_M_S2: f64 = 0.03;
+const REGULAR_TORQUE_RAD_S2: f64 = 0.06;
+/// Share of the scatter from which on a term says that something regular is missing.
+const REGULAR_SHARE: f64 = 0.2;
+/// Force over mass and torque over inertia that a well-known vehicle in calm air does not leave.
+const LARGE_FORCE_M_S2: f64 = 0.06;
+const LARGE_TORQUE_RAD_S2: f64 = 0.8;
+/// Scatter of the worst two seconds over that of usual ones from which on a disturbance is an event and no weather.
+const EVENT: f64 = 3.5;
+
+/// Where the disturbing force is concentrated: middle of the worst two seconds (share of the log's length) and its scatter
+/// over that of the median two seconds.
+fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
+    let blocks = samples.chunks(8);
+    let rms: Vec<(f64, f64)> = blocks
+        .map(|b| {
+            let square: f64 = b.iter().map(|s| s.push[..3].iter().map(|p| p * p).sum::<f64>()).sum();
+            (b[b.len() / 2].time, (square / b.len() as f64).sqrt())
+        })
+        .collect();
+    let usual = clean::median(rms.iter().map(|r| r.1).collect())?;
+    let worst = rms.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some((worst.0, worst.1 / usual.max(1e-12)))
+}
+
+impl Remainder {
+    /// Puts the remainder into words.
+    fn told(mut self, concentrated: Option<(f64, f64)>) -> Self {
+        let size = format!(
+            "what stays over 0.25 s: force {:.3} m/s² (before: {:.3}), torque {:.2} rad/s² (before: {:.2})",
+            self.force_m_s2, self.force_before_m_s2, self.torque_rad_s2, self.torque_before_rad_s2
+        );
+        self.text = match (&self.terms.first(), concentrated) {
+            (Some(t), _) if t.explained_share >= REGULAR_SHARE => format!(
+                "{size}; {} goes with {} ({:.0} % of it)",
+                t.on,
+                t.variable,
+                100.0 * t.explained_share
+            ),
+            (_, Some((at, times))) if self.unexplained && times > EVENT => {
+                format!("{size}; most of it at {:.0} % of the flight: an event", 100.0 * at)
+            }
+            _ => size,
+        };
+        self
+    }
+}
+
+/// Whether none of the findings takes away half of the excess error on windows that the fit has not seen: then they only
+/// lean on what is really missing.
+fn only_lean(remainder: &Remainder, findings: &[Finding]) -> bool {
+    remainder.unexplained && findings.iter().all(|f| f.removed_share < 0.5)
+}
+
+fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String]) -> String {
+    let names: Vec<String> = findings
+        .iter()
+        .map(|f| {
+            if f.certain {
+                f.id.clone()
+            } else {
+                let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
+                format!("{} (or {})", f.id, others.join(", or "))
+            }
+        })
+        .collect();
+    match (findings.is_empty(), remainder.unexplained) {
+        (true, false) => "nothing is missing".into(),
+        (false, false) => format!("missing: {}", names.join("; ")),
+        (false, true) => {
+            format!("missing: {}; and something unexplained is left", names.join("; "))
+        }
+        (true, true) if nearest.is_empty() => {
+            "unexplained: something is missing that is not in the list".into()
+        }
+        (true, true) => format!(
+            "unexplained: something is missing that is not in the list (nearest, but not enough: {})",
+            nearest.join(", ")
+        ),
+    }
+}

@@ -1,0 +1,47 @@
+//! What can go wrong when a model meets a measurement.
+
+/// Errors of comparing, diagnosing and fitting. Each says what was expected, what was found, and what to do.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GapError {
+    /// A log lacks what the analysis needs.
+    #[error("{log}: expected {expected}, found {found}: {remedy}")]
+    Log {
+        /// Name of the log.
+        log: String,
+        /// What is needed.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// What to do.
+        remedy: String,
+    },
+    /// A name that is none of those known.
+    #[error("`{name}` is no {what}; there are {known}")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// What it should be: `candidate`, `manoeuvre` …
+        what: &'static str,
+        /// What there is.
+        known: String,
+    },
+    /// Logs that cannot belong to one vehicle.
+    #[error("{first} and {second} cannot be flights of one vehicle: {reason}; give them one by one")]
+    DifferentVehicles {
+        /// Name of the first log.
+        first: String,
+        /// Name of the other.
+        second: String,
+        /// What tells them apart.
+        reason: String,
+    },
+    /// The numbers of the problem cannot be solved.
+    #[error("{what} cannot be computed: {reason}")]
+    Numbers {
+        /// What was to be computed.
+        what: &'static str,
+        /// Why not.
+        reason: String,
+    },
+}

@@ -1,0 +1,139 @@
+//! What a flight would tell about parameters: Fisher information by the fit's own linearisation, and the intervals that
+//! follow from it.
+//!
+//! With normal priors and a likelihood that is a quadratic, the inverse of information plus prior precision is the
+//! covariance of the estimates (Cramér–Rao; Goodwin & Payne, "Dynamic system identification", 1977, ch. 6).
+
+use super::Air;
+use crate::gap::GapError;
+use crate::gap::fit::{Disturbance, Prepared, linearise};
+use crate::gap::model::Model;
+use crate::gap::track::Track;
+use nalgebra::{Cholesky, DMatrix};
+
+/// Length of windows, s: the longest that the fit uses.
+const HORIZON_S: f64 = 0.25;
+
+/// Information of each track about the model's parameters at their filed values, in units of slabs.
+pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
+    let drone = model.plain_at(&model.filed(), &[]);
+    let logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
+    of_logs(&logs, model, air)
+}
+
+/// The same for flights that are prepared already.
+pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
+    let n = model.parameters.len();
+    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S);
+    let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
+    let disturbance = Disturbance { common: sizes, quick: sizes };
+    let mut out = vec![DMatrix::zeros(n, n); logs.len()];
+    for window in &linear.windows {
+        if let Some(reduced) = window.reduce(&disturbance) {
+            out[window.log] += reduced.h;
+        }
+    }
+    for h in &mut out {
+        for i in 0..n {
+            for j in 0..n {
+                h[(i, j)] *= model.parameters[i].slab * model.parameters[j].slab;
+            }
+        }
+    }
+    out
+}
+
+/// How well one wanted parameter would be known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Width {
+    /// Standard deviation with everything that is not wanted within its tolerance, in slabs.
+    pub closed: f64,
+    /// The same with the one look-alike that hurts most as large as it may be, in slabs.
+    pub opened: f64,
+    /// That look-alike, a candidate.
+    pub look_alike: Option<usize>,
+}
+
+/// Turns information into widths of wanted parameters.
+pub(super) struct Judge<'a> {
+    model: &'a Model,
+    wanted: Vec<usize>,
+    /// The wanted candidates' parameters.
+    pub parameters: Vec<usize>,
+    /// Prior precision in slabs, with the wanted candidates open.
+    precision: Vec<f64>,
+}
+
+impl<'a> Judge<'a> {
+    pub fn new(model: &'a Model, wanted: &[usize]) -> Self {
+        let parameters = wanted.iter().flat_map(|c| model.of(*c)).collect();
+        let precision = model
+            .parameters
+            .iter()
+            .map(|p| if wanted.contains(&p.candidate) { 1.0 } else { (p.slab / p.spike).powi(2) })
+            .collect();
+        Self { model, wanted: wanted.to_vec(), parameters, precision }
+    }
+
+    /// The model.
+    pub fn model(&self) -> &'a Model {
+        self.model
+    }
+
+    /// Widths of [`Judge::parameters`] after flights of this information (in slabs).
+    pub fn widths(&self, a: &DMatrix<f64>) -> Result<Vec<Width>, GapError> {
+        let mut precision = a.clone();
+        for (k, p) in self.precision.iter().enumerate() {
+            precision[(k, k)] += p;
+        }
+        let factor = Cholesky::new(precision).ok_or_else(|| GapError::Numbers {
+            what: "the predicted intervals",
+            reason: "the information of the planned flight is no positive definite matrix".into(),
+        })?;
+        let cov = factor.inverse();
+        let mut out: Vec<Width> = self
+            .parameters
+            .iter()
+            .map(|k| {
+                let closed = cov[(*k, *k)].max(0.0).sqrt();
+                Width { closed, opened: closed, look_alike: None }
+            })
+            .collect();
+        for c in (0..self.model.candidates.len()).filter(|c| !self.wanted.contains(c)) {
+            let free: Vec<usize> = self.model.of(c).collect();
+            // Opening changes the prior precision by 1 − p; K' = K − Kₒ (Δ⁻¹ + Kₒₒ)⁻¹ Kₒᵀ, a matrix that is negative definite.
+            let m = free.len();
+            let core = DMatrix::from_fn(m, m, |i, j| {
+                let change = if i == j { 1.0 / (1.0 - self.precision[free[i]]) } else { 0.0 };
+                -(cov[(free[i], free[j])] + change)
+            });
+            let Some(core) = Cholesky::new(core) else { continue };
+            for (width, k) in out.iter_mut().zip(&self.parameters) {
+                let row = DMatrix::from_fn(m, 1, |i, _| cov[(*k, free[i])]);
+                let more = (row.transpose() * core.solve(&row))[(0, 0)];
+                let opened = (cov[(*k, *k)] + more).max(0.0).sqrt();
+                if opened > width.opened {
+                    width.opened = opened;
+                    if opened > 1.05 * width.closed {
+                        width.look_alike = Some(c);
+                    }
+                }
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// How well wanted parameters `w` stand apart from look-alikes `l`: their information with the look-alikes free within
+/// the given prior precision (1: as large as they may be), in slabs.
+pub(super) fn apart(a: &DMatrix<f64>, w: &[usize], l: &[usize], precision: &[f64]) -> Option<DMatrix<f64>> {
+    let part = |rows: &[usize], columns: &[usize]| {
+        DMatrix::from_fn(rows.len(), columns.len(), |i, j| a[(rows[i], columns[j])])
+    };
+    let mut own = part(l, l);
+    for (i, p) in precision.iter().enumerate() {
+        own[(i, i)] += p;
+    }
+    let across = part(l, w);
+    Some(part(w, w) - across.transpose() * Cholesky::new(own)?.solve(&across))
+}

@@ -1,0 +1,903 @@
+//! The linear problem of a log: how every window's measurements answer to every free parameter.
+//!
+//! The log is cut into windows. Each has unknowns of its own, which nobody asks for: its initial state (12) and, for every
+//! 50 ms, a disturbance (3 accelerations, 3 angular accelerations), which is a part common to the window and a part of its
+//! own. The Jacobian of the rate by state and parameters is exact
+//! (duals); it is carried along the window by the variational equation. What a window says is kept as one Gram matrix; its
+//! own unknowns are then eliminated (Schur complement), and the sum over windows is the log. Source of the method: output
+//! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
+//! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
+
+use super::model::{Enters, Model};
+use super::replay::{Around, PUSH_STEPS, Plant, Point, Push, Raw, STEP, STEP_S, Tick, between, drive};
+use super::residual::believed;
+use super::track::{Drive, Measured, Track};
+use crate::flight::resample::rotation_vector;
+use crate::math::quat;
+use crate::physics::drone::Drone;
+use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::surroundings::Neighbour;
+use crate::scalar::Real;
+use crate::scalar::dual::Dual;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
+
+/// Directions of one pass of duals.
+const N: usize = 12;
+type Wide = Dual<f64, N>;
+/// Drive parameters of one pass.
+const N_DRIVE: usize = 8;
+type DriveDual = Dual<f64, N_DRIVE>;
+
+/// Unknowns of a window's initial state; its disturbances follow, six for every [`PUSH_STEPS`].
+const START_STATE: usize = 12;
+/// Steps between two nodes of the variational equation.
+const NODE: usize = 2;
+/// Numbers that sensors read: position, attitude, rates, specific force.
+const OUTPUTS: usize = 12;
+
+/// What does not change while a log is fitted.
+pub(crate) struct Prepared<'a> {
+    pub track: &'a Track,
+    pub around: Around,
+    pub raw: Raw,
+}
+
+impl<'a> Prepared<'a> {
+    pub fn new(track: &'a Track, drone: &Drone<f64>) -> Self {
+        let around = Around::new(track, drone);
+        let raw = Raw::new(track, &around);
+        Self { track, around, raw }
+    }
+}
+
+/// One window: where it lies and what it says.
+#[derive(Clone, Debug)]
+pub(crate) struct Window {
+    /// Index of the log.
+    pub log: usize,
+    /// First tick.
+    pub from: usize,
+    /// Measured state at its start.
+    pub start: Measured,
+    /// JᵀJ of [own unknowns | parameters | residual], each row divided by its noise.
+    pub gram: DMatrix<f64>,
+    /// Number of rows.
+    pub n_rows: usize,
+    /// Number of its disturbances, each of six numbers.
+    pub pushes: usize,
+}
+
+/// Unknowns of its own of a window with so many disturbances.
+fn own_len(pushes: usize) -> usize {
+    START_STATE + 6 * pushes
+}
+
+/// All windows at one point.
+pub(crate) struct Linear {
+    pub windows: Vec<Window>,
+    /// Parameter values that it was computed at.
+    pub at: Vec<f64>,
+    /// Length of the windows, s.
+    pub horizon_s: f64,
+}
+
+/// A window after its own unknowns were eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
+#[derive(Clone, Debug)]
+pub(crate) struct Reduced {
+    pub h: DMatrix<f64>,
+    pub g: DVector<f64>,
+    pub c: f64,
+}
+
+/// Standard deviations of the disturbances: force across and up (m/s²), torque across and about z (rad/s²).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Disturbance {
+    /// Of the part that stays over a window.
+    pub common: [f64; 4],
+    /// Of the part that changes every [`PUSH_STEPS`].
+    pub quick: [f64; 4],
+}
+
+/// Which of the four sizes each of the six disturbances has.
+const SIZE_OF: [usize; 6] = [0, 0, 1, 2, 2, 3];
+
+impl Disturbance {
+    /// Before anything is known.
+    pub fn unknown() -> Self {
+        Self { common: [0.2, 0.2, 2.0, 1.0], quick: [0.2, 0.2, 2.0, 1.0] }
+    }
+
+    /// Root mean square of the common parts: force (m/s²), torque (rad/s²).
+    pub fn sizes(&self) -> (f64, f64) {
+        let [f, fz, t, tz] = self.common;
+        let mean = |a: f64, b: f64| ((2.0 * a * a + b * b) / 3.0).sqrt();
+        (mean(f, fz), mean(t, tz))
+    }
+}
+
+/// Prior standard deviations of a window's initial state about its start value: m, m/s, rad, rad/s.
+const START: [f64; 4] = [0.1, 1.0, 0.2, 1.0];
+
+/// Parameter inputs with their slopes at every node of a log.
+struct DriveInputs {
+    ticks: Vec<Tick<f64>>,
+    /// For every drive parameter: rotor speeds' and rotor rates' slopes, thrust's, commands', by node tick.
+    slopes: Vec<(usize, Vec<Tick<f64>>)>,
+}
+
+fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
+    let plain = model.plain_at(values, chosen);
+    let ticks = drive(log.track, &log.around, &log.raw, &plain);
+    let free: Vec<usize> =
+        (0..values.len()).filter(|k| model.parameters[*k].enters == Enters::Drive).collect();
+    let mut slopes = Vec::new();
+    if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
+        return DriveInputs { ticks, slopes };
+    }
+    // A limit that no command reaches has no slope: until it is found, its column is what half a slab below would do.
+    let (limits, free): (Vec<usize>, Vec<usize>) = free.into_iter().partition(|k| {
+        let p = &model.parameters[*k];
+        p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
+    });
+    for k in limits {
+        let p = &model.parameters[k];
+        let far = -0.5 * p.slab;
+        let mut there = values.to_vec();
+        there[k] += far;
+        let mut keep = model.effects_of(chosen);
+        keep[p.effect] = true;
+        let limited = drive(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v));
+        let slope = |a: f64, b: f64| (b - a) / far;
+        let secant: Vec<Tick<f64>> = ticks
+            .iter()
+            .zip(&limited)
+            .map(|(a, b)| Tick {
+                rotor_vel: core::array::from_fn(|i| slope(a.rotor_vel[i], b.rotor_vel[i])),
+                rotor_acc: core::array::from_fn(|i| slope(a.rotor_acc[i], b.rotor_acc[i])),
+                thrust: slope(a.thrust, b.thrust),
+                command: core::array::from_fn(|i| slope(a.command[i], b.command[i])),
+            })
+            .collect();
+        let secant = around_nodes(&secant);
+        slopes.push((k, secant));
+    }
+    for group in free.chunks(N_DRIVE) {
+        let mut keep = model.effects_of(chosen);
+        group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
+        let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
+            Some(slot) => DriveDual::input(v, slot),
+            None => DriveDual::lit(v),
+        });
+        let all = drive(log.track, &log.around, &log.raw, &drone);
+        for (slot, k) in group.iter().enumerate() {
+            let part = |d: DriveDual| d.partials[slot];
+            let list: Vec<Tick<f64>> = all
+                .iter()
+                .map(|t| Tick {
+                    rotor_vel: t.rotor_vel.map(part),
+                    rotor_acc: t.rotor_acc.map(part),
+                    thrust: part(t.thrust),
+                    command: t.command.map(part),
+                })
+                .collect();
+            let list = around_nodes(&list);
+            slopes.push((*k, list));
+        }
+    }
+    DriveInputs { ticks, slopes }
+}
+
+/// Means around every node, weighted by a hat that falls to zero at the nodes beside it: what jumps from tick to tick is
+/// not sampled by luck, and its sum over a window stays.
+fn around_nodes(ticks: &[Tick<f64>]) -> Vec<Tick<f64>> {
+    let apart = (STEP * NODE) as isize;
+    (0..ticks.len())
+        .step_by(STEP * NODE)
+        .map(|at| {
+            let mut out = Tick {
+                rotor_vel: [0.0; MAX_ROTORS],
+                rotor_acc: [0.0; MAX_ROTORS],
+                thrust: 0.0,
+                command: [0.0; 4],
+            };
+            for offset in 1 - apart..apart {
+                let weight = (apart - offset.abs()) as f64 / (apart * apart) as f64;
+                let place = (at as isize + offset).clamp(0, ticks.len() as isize - 1) as usize;
+                let tick = &ticks[place];
+                for i in 0..MAX_ROTORS {
+                    out.rotor_vel[i] += weight * tick.rotor_vel[i];
+                    out.rotor_acc[i] += weight * tick.rotor_acc[i];
+                }
+                out.thrust += weight * tick.thrust;
+                for i in 0..4 {
+                    out.command[i] += weight * tick.command[i];
+                }
+            }
+            out
+        })
+        .collect()
+}
+
+/// Parameters that share a pass of duals.
+struct Pass {
+    parameters: Vec<usize>,
+    drone: Drone<Wide>,
+}
+
+/// Passes over all parameters that enter the dynamics, the drive or the readings.
+fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pass> {
+    let constant = model.effects_of(chosen);
+    let mut free: Vec<usize> =
+        (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(_))).collect();
+    // Those of one effect together, so that a pass has few effects.
+    free.sort_by_key(|k| (model.parameters[*k].enters == Enters::Reading, model.parameters[*k].effect));
+    let mut out = Vec::new();
+    for group in free.chunks(N) {
+        let mut keep = constant.clone();
+        group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
+        let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
+            Some(slot) => Wide::input(v, slot),
+            None => Wide::lit(v),
+        });
+        out.push(Pass { parameters: group.to_vec(), drone });
+    }
+    out
+}
+
+/// Slopes at one node.
+struct Node {
+    /// Of acceleration and angular acceleration by the state, (6, 12).
+    a: [[f64; 12]; 6],
+    /// Of the same by the parameters, (6, parameter).
+    g: Vec<[f64; 6]>,
+    /// Of the readings by the state, (output, 12).
+    cx: [[f64; 12]; OUTPUTS],
+    /// Of the readings by the parameters, (parameter, output).
+    cp: Vec<[f64; OUTPUTS]>,
+}
+
+/// Makes the Gram matrices of all windows of `horizon_s` at parameter values `values`, with the effects of the file and of
+/// the candidates `chosen` at work.
+pub(crate) fn linearise(
+    logs: &[Prepared],
+    model: &Model,
+    values: &[f64],
+    chosen: &[usize],
+    horizon_s: f64,
+) -> Linear {
+    let steps = ((horizon_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
+    let plain = model.plain_at(values, chosen);
+    let clock = plain.clock();
+    let mut windows = Vec::new();
+    for (index, p) in logs.iter().enumerate() {
+        let inputs = drive_inputs(p, model, values, chosen);
+        // Where the attitude is an input, it is the one that the model's sensors read as the measured one.
+        let believed = (p.track.drive == Drive::Thrust)
+            .then(|| Around { measured: believed(p.track, &p.around, &plain), ..p.around.clone() });
+        let around = believed.as_ref().unwrap_or(&p.around);
+        let passes = passes(model, values, chosen);
+        let base = model.drone_at(values, &model.effects_of(chosen), |_, v| Wide::lit(v));
+        let job = Job {
+            p,
+            model,
+            inputs: &inputs,
+            around,
+            plant: Plant::new(&plain, p.track, around),
+            base: Plant::new(&base, p.track, around),
+            passes: passes
+                .iter()
+                .map(|pass| (pass.parameters.as_slice(), Plant::new(&pass.drone, p.track, around)))
+                .collect(),
+            delays: [clock.pose_s, clock.gyro_s, clock.accel_s],
+            steps,
+            index,
+        };
+        let starts: Vec<usize> = (0..)
+            .map(|w| w * steps * STEP)
+            .take_while(|from| from + steps * STEP < p.around.n_ticks)
+            .collect();
+        windows.par_extend(starts.into_par_iter().filter_map(|from| job.window(from)));
+    }
+    windows.sort_by_key(|w| (w.log, w.from));
+    Linear { windows, at: values.to_vec(), horizon_s: steps as f64 * STEP_S }
+}
+
+struct Job<'a> {
+    p: &'a Prepared<'a>,
+    around: &'a Around,
+    model: &'a Model,
+    inputs: &'a DriveInputs,
+    plant: Plant<'a, f64>,
+    base: Plant<'a, Wide>,
+    passes: Vec<(&'a [usize], Plant<'a, Wide>)>,
+    delays: [f64; 3],
+    steps: usize,
+    index: usize,
+}
+
+impl Job<'_> {
+    fn window(&self, from: usize) -> Option<Window> {
+        let p = self.p;
+        let ends = from + self.steps * STEP;
+        if !p.raw.valid[from..=ends].iter().all(|v| *v) {
+            return None;
+        }
+        let start = *self.around.measured(from)?;
+        if p.track.drive == Drive::Thrust
+            && !(from..=ends).step_by(STEP).all(|tick| self.around.measured(tick).is_some())
+        {
+            return None;
+        }
+        let mut points = Vec::new();
+        self.plant.roll(&self.inputs.ticks, from, self.steps, &start, &[], &mut points);
+        if !points.iter().all(|q| q.state.pos.iter().chain(&q.state.vel).all(|x| x.is_finite())) {
+            return None;
+        }
+        let pushes = self.steps.div_ceil(PUSH_STEPS);
+        let width = own_len(pushes) + self.model.parameters.len();
+        let outputs = self.sensitivities(from, &points, own_len(pushes), width);
+        let rows = self.rows(from, &points, &outputs, own_len(pushes), width);
+        let n_rows = rows.len() / (width + 1);
+        // A window with little in it says nothing reliable about its own unknowns.
+        if n_rows < 2 * START_STATE {
+            return None;
+        }
+        let matrix = DMatrix::from_vec(width + 1, n_rows, rows);
+        let gram = &matrix * matrix.transpose();
+        Some(Window { log: self.index, from, start, gram, n_rows, pushes })
+    }
+
+    /// Slopes of all outputs by all columns at every node: (node, column, output).
+    fn sensitivities(
+        &self,
+        from: usize,
+        points: &[Point],
+        own: usize,
+        width: usize,
+    ) -> Vec<Vec<[f64; OUTPUTS]>> {
+        let n_parameters = self.model.parameters.len();
+        let mut neighbours = Vec::new();
+        // State slopes, (column, 12): position, velocity, rotation vector (body), body rate.
+        let mut s = vec![[0.0; 12]; width];
+        for k in 0..12 {
+            s[k][k] = 1.0;
+        }
+        if self.p.track.drive == Drive::Thrust {
+            for k in 6..12 {
+                s[k][k] = 0.0;
+            }
+        }
+        let mut out = Vec::with_capacity(points.len() / NODE + 1);
+        let mut before: Option<(Node, [f64; 3])> = None;
+        let dt = STEP_S * NODE as f64;
+        let mut rate0 = vec![[0.0; 12]; width];
+        // What drives column `c` over the step from point `i`.
+        let column = |c: usize, i: usize| {
+            if c >= own {
+                Drives::Parameter(c - own)
+            } else if c >= START_STATE && (c - START_STATE) / 6 == i / PUSH_STEPS {
+                Drives::Push((c - START_STATE) % 6)
+            } else {
+                Drives::Nothing
+            }
+        };
+        for i in (0..points.len()).step_by(NODE) {
+            let node = self.node(from + i * STEP, &points[i], n_parameters, &mut neighbours);
+            let turn = points[i].state.ang_vel;
+            if let Some((last, last_turn)) = &before {
+                // Heun's scheme on the variational equation.
+                for c in 0..width {
+                    rate0[c] = slope_rate(last, last_turn, &s[c], column(c, i - NODE), self.p.track.drive);
+                    let ahead: [f64; 12] = core::array::from_fn(|k| s[c][k] + dt * rate0[c][k]);
+                    let rate1 = slope_rate(&node, &turn, &ahead, column(c, i - NODE), self.p.track.drive);
+                    for k in 0..12 {
+                        s[c][k] += 0.5 * dt * (rate0[c][k] + rate1[k]);
+                    }
+                }
+            }
+            if self.p.track.drive == Drive::Thrust {
+                // The measured attitude is given: what a sensor turns it by, the vehicle is turned back.
+                for c in own..width {
+                    for k in 0..3 {
+                        s[c][6 + k] = match self.model.parameters[c - own].enters {
+                            Enters::Reading => -node.cp[c - own][3 + k],
+                            Enters::Clock(0) => turn[k],
+                            _ => 0.0,
+                        };
+                    }
+                }
+            }
+            let mut readings = vec![[0.0; OUTPUTS]; width];
+            for c in 0..width {
+                for o in 0..OUTPUTS {
+                    let mut sum = if c >= own { node.cp[c - own][o] } else { 0.0 };
+                    for k in 0..12 {
+                        sum += node.cx[o][k] * s[c][k];
+                    }
+                    readings[c][o] = sum;
+                }
+            }
+            // A disturbance is felt by the accelerometer at once.
+            let q = points[i].state.quat;
+            for k in 0..3 {
+                let mut unit = [0.0; 3];
+                unit[k] = 1.0;
+                let body = quat::rotate_inverse(q, unit);
+                let push = (i / PUSH_STEPS).min((own - START_STATE) / 6 - 1);
+                for o in 0..3 {
+                    readings[START_STATE + 6 * push + k][9 + o] += body[o];
+                }
+            }
+            out.push(readings);
+            before = Some((node, turn));
+        }
+        out
+    }
+
+    fn node(&self, tick: usize, point: &Point, n: usize, neighbours: &mut Vec<Neighbour<Wide>>) -> Node {
+        let input = &self.inputs.ticks[tick];
+        let lit = |v: [f64; 3]| v.map(Wide::lit);
+        let plain = State::<Wide> {
+            pos: lit(point.state.pos),
+            quat: point.state.quat.map(Wide::lit),
+            vel: lit(point.state.vel),
+            ang_vel: lit(point.state.ang_vel),
+            ..State::rest()
+        };
+        let constant = Tick {
+            rotor_vel: input.rotor_vel.map(Wide::lit),
+            rotor_acc: input.rotor_acc.map(Wide::lit),
+            thrust: Wide::lit(input.thrust),
+            command: input.command.map(Wide::lit),
+        };
+        // By the state.
+        let mut state = plain;
+        for k in 0..3 {
+            state.pos[k].partials[k] = 1.0;
+            state.vel[k].partials[3 + k] = 1.0;
+            state.ang_vel[k].partials[9 + k] = 1.0;
+            let mut half = [0.0; 4];
+            half[k] = 0.5;
+            let turned = quat::mul(point.state.quat, half);
+            for j in 0..4 {
+                state.quat[j].partials[6 + k] = turned[j];
+            }
+        }
+        let rate = self.base.rate(tick, &constant, &mut state, neighbours);
+        let reading = self.base.drone.read(&state, &rate);
+        let mut node = Node {
+            a: [[0.0; 12]; 6],
+            g: vec![[0.0; 6]; n],
+            cx: [[0.0; 12]; OUTPUTS],
+            cp: vec![[0.0; OUTPUTS]; n],
+        };
+        for k in 0..12 {
+            for r in 0..3 {
+                node.a[r][k] = rate.acc[r].partials[k];
+                node.a[3 + r][k] = rate.ang_acc[r].partials[k];
+            }
+            let slopes = output_slopes(&reading, k);
+            for o in 0..OUTPUTS {
+                node.cx[o][k] = slopes[o];
+            }
+        }
+        // By the parameters.
+        for (parameters, plant) in &self.passes {
+            let mut state = plain;
+            let mut driven = constant;
+            for (slot, k) in parameters.iter().enumerate() {
+                if let Some((_, list)) = self.inputs.slopes.iter().find(|(of, _)| of == k) {
+                    let slopes = &list[tick / (STEP * NODE)];
+                    for r in 0..MAX_ROTORS {
+                        driven.rotor_vel[r].partials[slot] = slopes.rotor_vel[r];
+                        driven.rotor_acc[r].partials[slot] = slopes.rotor_acc[r];
+                    }
+                    driven.thrust.partials[slot] = slopes.thrust;
+                    for r in 0..4 {
+                        driven.command[r].partials[slot] = slopes.command[r];
+                    }
+                }
+            }
+            let rate = plant.rate(tick, &driven, &mut state, neighbours);
+            let reading = plant.drone.read(&state, &rate);
+            for (slot, k) in parameters.iter().enumerate() {
+                for r in 0..3 {
+                    node.g[*k][r] = rate.acc[r].partials[slot];
+                    node.g[*k][3 + r] = rate.ang_acc[r].partials[slot];
+                }
+                node.cp[*k] = output_slopes(&reading, slot);
+            }
+        }
+        node
+    }
+
+    /// Rows [own unknowns | parameters | residual] over noise of every measurement in the window, row after row.
+    fn rows(
+        &self,
+        from: usize,
+        points: &[Point],
+        outputs: &[Vec<[f64; OUTPUTS]>],
+        own: usize,
+        width: usize,
+    ) -> Vec<f64> {
+        let track = self.p.track;
+        let mut out = Vec::new();
+        let begin = self.p.around.time_s(from);
+        let end = begin + self.steps as f64 * STEP_S;
+        let node_s = STEP_S * NODE as f64;
+        // Slopes of output `o` at a time after the window's start, and the reading there.
+        let mut push =
+            |after: f64, which: core::ops::Range<usize>, residual: [f64; 3], sigma: f64, channel: usize| {
+                let place = (after / node_s).min(outputs.len() as f64 - 1.0 - 1e-9).max(0.0);
+                let (i, f) = (place.floor() as usize, place.fract());
+                let (a, b) = (&outputs[i], &outputs[i + 1]);
+                let step = ((after / STEP_S) as usize).min(points.len() - 2);
+                let moving = self.moving(points, step, after - step as f64 * STEP_S);
+                for (r, o) in which.enumerate() {
+                    for c in 0..width {
+                        let mut slope = a[c][o] + f * (b[c][o] - a[c][o]);
+                        // A sample that is late shows what was a moment ago.
+                        if c >= own && self.model.parameters[c - own].enters == Enters::Clock(channel) {
+                            slope -= moving[o];
+                        }
+                        out.push(slope / sigma);
+                    }
+                    out.push(residual[r] / sigma);
+                }
+            };
+        let inside = |t: &[f64], delay: f64| {
+            let a = t.partition_point(|t| t - delay < begin);
+            let b = t.partition_point(|t| t - delay < end);
+            a..b
+        };
+        let reading_at = |after: f64| {
+            let step = ((after / STEP_S) as usize).min(points.len() - 2);
+            self.plant.reading(points, step, after - step as f64 * STEP_S)
+        };
+        let delay = self.delays[0];
+        for i in inside(&track.position.t_s, delay) {
+            let after = track.position.t_s[i] - delay - begin;
+            let reading = reading_at(after);
+            let residual = core::array::from_fn(|k| track.position.values[i][k] - reading.pos[k]);
+            push(after, 0..3, residual, track.noise.position_m, 0);
+        }
+        if track.drive != Drive::Thrust {
+            for i in inside(&track.attitude.t_s, delay) {
+                let after = track.attitude.t_s[i] - delay - begin;
+                let reading = reading_at(after);
+                let turn = quat::mul(quat::conjugate(reading.quat), track.attitude.values[i]);
+                push(after, 3..6, rotation_vector(turn), track.noise.attitude_rad, 0);
+            }
+        }
+        // Fast sensors are averaged over a step: between nodes the model is as good as straight.
+        for (channel, sigma, which, of) in
+            [(&track.gyro, track.noise.gyro_rad_s, 6..9, 1), (&track.accel, track.noise.accel_m_s2, 9..12, 2)]
+        {
+            if track.drive == Drive::Thrust && of == 1 {
+                continue;
+            }
+            let delay = self.delays[of];
+            let range = inside(&channel.t_s, delay);
+            let mut i = range.start;
+            while i < range.end {
+                let bin = ((channel.t_s[i] - delay - begin) / STEP_S) as usize;
+                let (mut sum, mut time, mut n) = ([0.0; 3], 0.0, 0.0);
+                while i < range.end && ((channel.t_s[i] - delay - begin) / STEP_S) as usize == bin {
+                    let after = channel.t_s[i] - delay - begin;
+                    let reading = reading_at(after);
+                    let read = if of == 1 { reading.gyro } else { reading.accel };
+                    for k in 0..3 {
+                        sum[k] += channel.values[i][k] - read[k];
+                    }
+                    time += after;
+                    n += 1.0;
+                    i += 1;
+                }
+                push(time / n, which.clone(), sum.map(|s| s / n), sigma / n.sqrt(), of);
+            }
+        }
+        out
+    }
+
+    /// How fast the outputs change, per s.
+    fn moving(&self, points: &[Point], step: usize, after_s: f64) -> [f64; OUTPUTS] {
+        let here = between(points, step, after_s);
+        let (a, b) = (
+            self.plant.drone.read(&points[step].state, &points[step].rate),
+            self.plant.drone.read(&points[step + 1].state, &points[step + 1].rate),
+        );
+        let mut out = [0.0; OUTPUTS];
+        for k in 0..3 {
+            out[k] = here.state.vel[k];
+            out[3 + k] = here.state.ang_vel[k];
+            out[6 + k] = here.rate.ang_acc[k];
+            out[9 + k] = (b.accel[k] - a.accel[k]) / STEP_S;
+        }
+        out
+    }
+}
+
+/// What drives a column of the state's slopes, beside the slopes themselves.
+#[derive(Clone, Copy)]
+enum Drives {
+    /// An initial state, or a disturbance at another time.
+    Nothing,
+    /// One of the six components of a disturbance.
+    Push(usize),
+    /// A parameter.
+    Parameter(usize),
+}
+
+/// Rate of one column of the state's slopes.
+#[inline]
+fn slope_rate(node: &Node, turn: &[f64; 3], s: &[f64; 12], column: Drives, drive: Drive) -> [f64; 12] {
+    let mut out = [0.0; 12];
+    for r in 0..6 {
+        let mut sum = 0.0;
+        for k in 0..12 {
+            sum += node.a[r][k] * s[k];
+        }
+        sum += match column {
+            Drives::Parameter(k) => node.g[k][r],
+            Drives::Push(k) if k == r => 1.0,
+            _ => 0.0,
+        };
+        // Rows: acceleration (3..6 of the state), angular acceleration (9..12).
+        out[if r < 3 { 3 + r } else { 6 + r }] = sum;
+    }
+    out[..3].copy_from_slice(&s[3..6]);
+    // θ̇ = δω − ω × θ.
+    let (w, theta) = (turn, [s[6], s[7], s[8]]);
+    out[6] = s[9] - (w[1] * theta[2] - w[2] * theta[1]);
+    out[7] = s[10] - (w[2] * theta[0] - w[0] * theta[2]);
+    out[8] = s[11] - (w[0] * theta[1] - w[1] * theta[0]);
+    if drive == Drive::Thrust {
+        for k in 6..12 {
+            out[k] = 0.0;
+        }
+    }
+    out
+}
+
+/// Slopes of a reading by dual direction `k`: position, rotation vector (body), rates, specific force.
+fn output_slopes(reading: &crate::physics::measure::Reading<Wide>, k: usize) -> [f64; OUTPUTS] {
+    let mut out = [0.0; OUTPUTS];
+    let value = reading.quat.map(|q| q.value);
+    let slope = reading.quat.map(|q| q.partials[k]);
+    let turn = quat::mul(quat::conjugate(value), slope);
+    for r in 0..3 {
+        out[r] = reading.pos[r].partials[k];
+        out[3 + r] = 2.0 * turn[r];
+        out[6 + r] = reading.gyro[r].partials[k];
+        out[9 + r] = reading.accel[r].partials[k];
+    }
+    out
+}
+
+impl Window {
+    /// Cholesky factor of the precision of its own unknowns, prior included.
+    fn own(&self, disturbance: &Disturbance) -> Option<Cholesky<f64, nalgebra::Dyn>> {
+        let len = own_len(self.pushes);
+        let mut own = self.gram.view((0, 0), (len, len)).into_owned();
+        for k in 0..START_STATE {
+            own[(k, k)] += START[k / 3].powi(-2);
+        }
+        // Covariance common² 11ᵀ + quick² I over the pushes of one component.
+        let n = self.pushes as f64;
+        for r in 0..6 {
+            let (common, quick) = (disturbance.common[SIZE_OF[r]], disturbance.quick[SIZE_OF[r]]);
+            let apart = quick.powi(-2);
+            let together = 1.0 / (quick * quick + n * common * common);
+            for i in 0..self.pushes {
+                for j in 0..self.pushes {
+                    let both = (together - apart) / n + if i == j { apart } else { 0.0 };
+                    own[(START_STATE + 6 * i + r, START_STATE + 6 * j + r)] += both;
+                }
+            }
+        }
+        Cholesky::new(own)
+    }
+
+    /// Without its own unknowns.
+    pub fn reduce(&self, disturbance: &Disturbance) -> Option<Reduced> {
+        let len = own_len(self.pushes);
+        let n = self.gram.nrows() - len;
+        let factor = self.own(disturbance)?;
+        let mut x = self.gram.view((0, len), (len, n)).into_owned();
+        factor.l_dirty().solve_lower_triangular_mut(&mut x);
+        let mut rest = self.gram.view((len, len), (n, n)).into_owned();
+        rest.gemm_tr(-1.0, &x, &x, 1.0);
+        let p = n - 1;
+        Some(Reduced {
+            h: rest.view((0, 0), (p, p)).into_owned(),
+            g: rest.view((0, p), (p, 1)).column(0).into_owned(),
+            c: rest[(p, p)],
+        })
+    }
+
+    /// Its own unknowns where the parameters are `delta` away, and their covariance.
+    fn own_solution(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let len = own_len(self.pushes);
+        let n = self.gram.nrows() - len - 1;
+        let factor = self.own(disturbance)?;
+        let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
+        b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
+        Some((factor.solve(&b), factor.inverse()))
+    }
+
+    /// Mean of the disturbance over the window, and its variance from the sensors' noise.
+    pub fn push_estimate(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<([f64; 6], [f64; 6])> {
+        let (mean, cov) = self.own_solution(disturbance, delta)?;
+        let n = self.pushes as f64;
+        let at = |i: usize, r: usize| START_STATE + 6 * i + r;
+        let mut out = ([0.0; 6], [0.0; 6]);
+        for r in 0..6 {
+            for i in 0..self.pushes {
+                out.0[r] += mean[at(i, r)] / n;
+                for j in 0..self.pushes {
+                    out.1[r] += cov[(at(i, r), at(j, r))] / (n * n);
+                }
+            }
+        }
+        Some(out)
+    }
+}
+
+impl Linear {
+    /// All windows without their own unknowns.
+    pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
+        self.windows.par_iter().filter_map(|w| w.reduce(disturbance)).collect()
+    }
+
+    /// One step of expectation maximisation for the disturbances' sizes, with the parameters `delta` away.
+    pub fn disturbance(&self, now: &Disturbance, delta: &[f64]) -> Disturbance {
+        // For each component: mean square of the pushes' sum over their number, and of what differs from their mean.
+        let parts: Vec<[[f64; 2]; 6]> = self
+            .windows
+            .par_iter()
+            .filter_map(|w| {
+                let (mean, cov) = w.own_solution(now, delta)?;
+                let at = |i: usize, r: usize| START_STATE + 6 * i + r;
+                let n = w.pushes as f64;
+                Some(core::array::from_fn(|r| {
+                    let (mut all, mut trace) = (0.0, 0.0);
+                    for i in 0..w.pushes {
+                        for j in 0..w.pushes {
+                            let second = mean[at(i, r)] * mean[at(j, r)] + cov[(at(i, r), at(j, r))];
+                            all += second / n;
+                            if i == j {
+                                trace += second;
+                            }
+                        }
+                    }
+                    [all, (trace - all) / (n - 1.0).max(1.0)]
+                }))
+            })
+            .collect();
+        let pushes = self.windows.first().map_or(1, |w| w.pushes) as f64;
+        let count = parts.len().max(1) as f64;
+        let mut out = Disturbance { common: [0.0; 4], quick: [0.0; 4] };
+        let mut members = [0.0; 4];
+        for r in 0..6 {
+            let mean = |which: usize| parts.iter().map(|p| p[r][which]).sum::<f64>() / count;
+            let (together, apart) = (mean(0), mean(1));
+            out.common[SIZE_OF[r]] += ((together - apart) / pushes).max(0.0);
+            out.quick[SIZE_OF[r]] += apart;
+            members[SIZE_OF[r]] += 1.0;
+        }
+        const LEAST: [f64; 4] = [2e-3, 2e-3, 2e-2, 2e-2];
+        for s in 0..4 {
+            out.common[s] = (out.common[s] / members[s]).sqrt().max(LEAST[s]);
+            out.quick[s] = (out.quick[s] / members[s]).sqrt().max(LEAST[s]);
+        }
+        out
+    }
+}
+
+/// Root mean square of what remains of position, attitude, gyroscope and accelerometer, each over its noise, when every
+/// window starts at its own estimate: (value, number of samples).
+pub(crate) fn left_over(
+    logs: &[Prepared],
+    model: &Model,
+    linear: &Linear,
+    disturbance: &Disturbance,
+    values: &[f64],
+) -> [(f64, usize); 4] {
+    let all: Vec<usize> = (0..model.candidates.len()).collect();
+    let drone = model.plain_at(values, &all);
+    let clock = drone.clock();
+    let delta: Vec<f64> = values.iter().zip(&linear.at).map(|(v, a)| v - a).collect();
+    let steps = (linear.horizon_s / STEP_S).round() as usize;
+    let mut sums = [(0.0, 0usize); 4];
+    for (index, p) in logs.iter().enumerate() {
+        let ticks = drive(p.track, &p.around, &p.raw, &drone);
+        let believed = (p.track.drive == Drive::Thrust)
+            .then(|| Around { measured: believed(p.track, &p.around, &drone), ..p.around.clone() });
+        let plant = Plant::new(&drone, p.track, believed.as_ref().unwrap_or(&p.around));
+        let parts: Vec<[(f64, usize); 4]> = linear
+            .windows
+            .par_iter()
+            .filter(|w| w.log == index)
+            .filter_map(|w| {
+                let (own, _) = w.own_solution(disturbance, &delta)?;
+                let mut start = w.start;
+                for k in 0..3 {
+                    start.pos[k] += own[k];
+                    start.vel[k] += own[3 + k];
+                    start.ang_vel[k] += own[9 + k];
+                }
+                start.quat = quat::normalize(quat::mul(start.quat, quat::exp([own[6], own[7], own[8]])));
+                let push: Vec<Push> = (0..w.pushes)
+                    .map(|i| {
+                        let at = START_STATE + 6 * i;
+                        Push {
+                            acc: core::array::from_fn(|k| own[at + k]),
+                            ang_acc: core::array::from_fn(|k| own[at + 3 + k]),
+                        }
+                    })
+                    .collect();
+                let mut points = Vec::new();
+                plant.roll(&ticks, w.from, steps, &start, &push, &mut points);
+                Some(window_left_over(
+                    p,
+                    &plant,
+                    &points,
+                    w.from,
+                    [clock.pose_s, clock.gyro_s, clock.accel_s],
+                ))
+            })
+            .collect();
+        for part in parts {
+            for c in 0..4 {
+                sums[c].0 += part[c].0;
+                sums[c].1 += part[c].1;
+            }
+        }
+    }
+    sums.map(|(sum, n)| ((sum / (3 * n.max(1)) as f64).sqrt(), n))
+}
+
+fn window_left_over(
+    p: &Prepared,
+    plant: &Plant<f64>,
+    points: &[Point],
+    from: usize,
+    delays: [f64; 3],
+) -> [(f64, usize); 4] {
+    let track = p.track;
+    let begin = p.around.time_s(from);
+    let end = begin + (points.len() - 1) as f64 * STEP_S;
+    let reading_at = |after: f64| {
+        let step = ((after / STEP_S) as usize).min(points.len() - 2);
+        plant.reading(points, step, after - step as f64 * STEP_S)
+    };
+    let mut out = [(0.0, 0); 4];
+    let mut add = |c: usize, residual: [f64; 3], sigma: f64| {
+        out[c].0 += residual.iter().map(|r| (r / sigma).powi(2)).sum::<f64>();
+        out[c].1 += 1;
+    };
+    let range = |t: &[f64], delay: f64| {
+        t.partition_point(|t| t - delay < begin)..t.partition_point(|t| t - delay < end)
+    };
+    for i in range(&track.position.t_s, delays[0]) {
+        let reading = reading_at(track.position.t_s[i] - delays[0] - begin);
+        let r = core::array::from_fn(|k| track.position.values[i][k] - reading.pos[k]);
+        add(0, r, track.noise.position_m);
+    }
+    let turns = track.drive != Drive::Thrust;
+    for i in range(&track.attitude.t_s, delays[0]).filter(|_| turns) {
+        let reading = reading_at(track.attitude.t_s[i] - delays[0] - begin);
+        let turn = quat::mul(quat::conjugate(reading.quat), track.attitude.values[i]);
+        add(1, rotation_vector(turn), track.noise.attitude_rad);
+    }
+    for i in range(&track.gyro.t_s, delays[1]).filter(|_| turns) {
+        let reading = reading_at(track.gyro.t_s[i] - delays[1] - begin);
+        add(2, core::array::from_fn(|k| track.gyro.values[i][k] - reading.gyro[k]), track.noise.gyro_rad_s);
+    }
+    for i in range(&track.accel.t_s, delays[2]) {
+        let reading = reading_at(track.accel.t_s[i] - delays[2] - begin);
+        add(3, core::array::from_fn(|k| track.accel.values[i][k] - reading.accel[k]), track.noise.accel_m_s2);
+    }
+    out
+}

@@ -1,0 +1,225 @@
+//! What no listed effect explains, described by few physical variables: sparse regression of the windows' disturbances.
+//!
+//! Forward selection from a library of variables, each term judged on blocks of time that its coefficient has not seen
+//! (after Brunton, Proctor & Kutz, "Discovering governing equations from data by sparse identification of nonlinear
+//! dynamical systems", PNAS 113(15), 2016, with cross-validation in place of a fixed threshold).
+
+use super::verdict::FreeTerm;
+
+/// One window: what pushed it, and what it was doing.
+#[derive(Clone, Debug)]
+pub(crate) struct Sample {
+    /// Acceleration along body axes, m/s², then angular acceleration, rad/s².
+    pub push: [f64; 6],
+    /// Variance of each from the sensors alone.
+    pub variance: [f64; 6],
+    /// Velocity along body axes, m/s.
+    pub vel: [f64; 3],
+    /// Body rates, rad/s.
+    pub ang_vel: [f64; 3],
+    /// Roll and pitch, rad.
+    pub tilt: [f64; 2],
+    /// Height, m.
+    pub height_m: f64,
+    /// Mean rotor speed over its mean in the log; 1 where unknown.
+    pub rotor: f64,
+    /// Time over the length of the log, 0 to 1.
+    pub time: f64,
+}
+
+/// Blocks of the cross-validation.
+const BLOCKS: usize = 8;
+/// Least share of the scatter that a term must explain on unseen blocks.
+const LEAST_SHARE: f64 = 0.1;
+/// Most terms per component.
+const MOST: usize = 2;
+
+const ON: [&str; 6] = [
+    "force along body x",
+    "force along body y",
+    "force along body z",
+    "torque about body x",
+    "torque about body y",
+    "torque about body z",
+];
+
+/// The library: names and values.
+fn variables(s: &Sample) -> Vec<(String, f64)> {
+    let mut out = Vec::new();
+    let axes = ["x", "y", "z"];
+    let speed = (s.vel[0].powi(2) + s.vel[1].powi(2) + s.vel[2].powi(2)).sqrt();
+    for k in 0..3 {
+        out.push((format!("v_{}", axes[k]), s.vel[k]));
+        out.push((format!("|v| v_{}", axes[k]), speed * s.vel[k]));
+        out.push((format!("|v|² v_{}", axes[k]), speed * speed * s.vel[k]));
+        out.push((format!("tanh(v_{} / 3 m/s)", axes[k]), (s.vel[k] / 3.0).tanh()));
+        out.push((format!("ω_{}", axes[k]), s.ang_vel[k]));
+        for j in k..3 {
+            out.push((format!("v_{} v_{}", axes[k], axes[j]), s.vel[k] * s.vel[j]));
+        }
+        for j in 0..3 {
+            out.push((format!("v_{} ω_{}", axes[k], axes[j]), s.vel[k] * s.ang_vel[j]));
+        }
+    }
+    out.push(("|v|".into(), speed));
+    out.push(("|v|²".into(), speed * speed));
+    for (name, angle) in [("roll", s.tilt[0]), ("pitch", s.tilt[1])] {
+        out.push((format!("sin({name})"), angle.sin()));
+        out.push((format!("sin(2 {name})"), (2.0 * angle).sin()));
+        out.push((format!("sin²({name})"), angle.sin().powi(2)));
+    }
+    out.push(("rotor speed".into(), s.rotor - 1.0));
+    out.push(("rotor speed²".into(), s.rotor * s.rotor - 1.0));
+    out.push(("1 / height".into(), 1.0 / s.height_m.max(0.05)));
+    out.push(("time".into(), s.time - 0.5));
+    out
+}
+
+/// Terms that describe what remains, best first; empty where nothing of it is regular.
+pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
+    let mut out = Vec::new();
+    if samples.len() < 5 * BLOCKS {
+        return out;
+    }
+    let library: Vec<Vec<(String, f64)>> = samples.iter().map(variables).collect();
+    for component in 0..6 {
+        let y: Vec<f64> = samples.iter().map(|s| s.push[component]).collect();
+        let noise = samples.iter().map(|s| s.variance[component]).sum::<f64>() / samples.len() as f64;
+        let spread = y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
+        // Where the sensors' own uncertainty is as large as the scatter there is nothing to describe.
+        if spread < 1.5 * noise {
+            continue;
+        }
+        let mut chosen: Vec<usize> = Vec::new();
+        let mut share = 0.0;
+        for _ in 0..MOST {
+            let mut best: Option<(f64, usize)> = None;
+            for v in (0..library[0].len()).filter(|v| !chosen.contains(v)) {
+                let with: Vec<usize> = chosen.iter().copied().chain([v]).collect();
+                let explained = unseen_share(&library, &with, &y);
+                if best.is_none_or(|(b, _)| explained > b) {
+                    best = Some((explained, v));
+                }
+            }
+            let Some((explained, v)) = best else { break };
+            if explained - share < LEAST_SHARE {
+                break;
+            }
+            chosen.push(v);
+            let (coefficients, sigmas) = fit(&library, &chosen, &y, |_| true);
+            let last = chosen.len() - 1;
+            out.push(FreeTerm {
+                on: ON[component].into(),
+                variable: library[0][v].0.clone(),
+                coefficient: coefficients[last],
+                sigma: sigmas[last],
+                explained_share: explained - share,
+            });
+            share = explained;
+        }
+    }
+    out.sort_by(|a, b| b.explained_share.total_cmp(&a.explained_share));
+    out
+}
+
+/// Share of `y`² that the variables explain on blocks of time that the fit has not seen.
+fn unseen_share(library: &[Vec<(String, f64)>], chosen: &[usize], y: &[f64]) -> f64 {
+    let n = y.len();
+    let block = |i: usize| i * BLOCKS / n;
+    let (mut left, mut all) = (0.0, 0.0);
+    for b in 0..BLOCKS {
+        let (c, _) = fit(library, chosen, y, |i| block(i) != b);
+        for i in (0..n).filter(|i| block(*i) == b) {
+            let predicted: f64 = chosen.iter().zip(&c).map(|(v, c)| c * library[i][*v].1).sum();
+            left += (y[i] - predicted).powi(2);
+            all += y[i] * y[i];
+        }
+    }
+    1.0 - left / all.max(1e-300)
+}
+
+/// Least squares without a constant: coefficients and standard deviations.
+fn fit(
+    library: &[Vec<(String, f64)>],
+    chosen: &[usize],
+    y: &[f64],
+    take: impl Fn(usize) -> bool,
+) -> (Vec<f64>, Vec<f64>) {
+    let m = chosen.len();
+    let (mut a, mut b) = (nalgebra::DMatrix::<f64>::zeros(m, m), nalgebra::DVector::<f64>::zeros(m));
+    let mut n = 0usize;
+    for i in (0..y.len()).filter(|i| take(*i)) {
+        n += 1;
+        for p in 0..m {
+            let x = library[i][chosen[p]].1;
+            b[p] += x * y[i];
+            for q in 0..m {
+                a[(p, q)] += x * library[i][chosen[q]].1;
+            }
+        }
+    }
+    let ridge = 1e-9 * a.trace() + 1e-300;
+    for p in 0..m {
+        a[(p, p)] += ridge;
+    }
+    let Some(inverse) = a.clone().try_inverse() else { return (vec![0.0; m], vec![f64::INFINITY; m]) };
+    let c = &inverse * &b;
+    let left: f64 = (0..y.len())
+        .filter(|i| take(*i))
+        .map(|i| {
+            let predicted: f64 = (0..m).map(|p| c[p] * library[i][chosen[p]].1).sum();
+            (y[i] - predicted).powi(2)
+        })
+        .sum();
+    let variance = left / n.saturating_sub(m).max(1) as f64;
+    ((0..m).map(|p| c[p]).collect(), (0..m).map(|p| (variance * inverse[(p, p)]).max(0.0).sqrt()).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn samples(push: impl Fn(&Sample, usize) -> [f64; 6]) -> Vec<Sample> {
+        (0..200)
+            .map(|i| {
+                let t = i as f64 * 0.25;
+                let mut s = Sample {
+                    push: [0.0; 6],
+                    variance: [1e-4; 6],
+                    vel: [3.0 * (0.7 * t).sin(), 2.0 * (1.1 * t).cos(), (0.4 * t).sin()],
+                    ang_vel: [(1.3 * t).sin(), (1.7 * t).cos(), (0.9 * t).sin()],
+                    tilt: [0.3 * (0.8 * t).sin(), 0.2 * (1.2 * t).cos()],
+                    height_m: 1.5 + 0.5 * (0.3 * t).sin(),
+                    rotor: 1.0 + 0.2 * (2.1 * t).sin(),
+                    time: i as f64 / 200.0,
+                };
+                s.push = push(&s, i);
+                s
+            })
+            .collect()
+    }
+
+    /// A number without pattern in [−1, 1).
+    fn jumble(i: usize) -> f64 {
+        ((i * 7919 + 104_729) % 1009) as f64 / 504.5 - 1.0
+    }
+
+    #[test]
+    fn a_planted_term_is_named_with_its_coefficient() {
+        let found = describe(&samples(|s, i| {
+            let speed2: f64 = s.vel.iter().map(|v| v * v).sum();
+            [-0.05 * speed2 * s.vel[0] + 0.02 * jumble(i), 0.0, 0.0, 0.0, 0.0, 0.4 * s.vel[0] * s.ang_vel[2]]
+        }));
+        assert_eq!(found.len(), 2, "{found:?}");
+        let drag = found.iter().find(|t| t.on == ON[0]).unwrap();
+        assert!(drag.variable == "|v|² v_x" && (drag.coefficient + 0.05).abs() < 0.002, "{drag:?}");
+        let turn = found.iter().find(|t| t.on == ON[5]).unwrap();
+        assert!(turn.variable == "v_x ω_z" && (turn.coefficient - 0.4).abs() < 1e-6, "{turn:?}");
+    }
+
+    #[test]
+    fn what_has_no_pattern_gets_no_term() {
+        let found = describe(&samples(|_, i| core::array::from_fn(|k| jumble(i * 6 + k * 31))));
+        assert!(found.is_empty(), "{found:?}");
+    }
+}

@@ -1,0 +1,171 @@
+//! The error ladder: roll-outs of the model as filed and with one effect after the other, on the flight that the fit has
+//! seen and on flight that it has not.
+
+use super::GapError;
+use super::compare::HORIZONS_S;
+use super::replay::{Around, Raw, drone_for};
+use super::residual::horizon_errors;
+use super::track::{SHORTEST_S, Track};
+use super::verdict::{HorizonError, LogSummary, Rung};
+use crate::vehicle::Vehicle;
+use rayon::prelude::*;
+
+/// Flights parted into what a fit sees and what only checks it.
+pub struct Flights {
+    /// What the fit sees.
+    pub fit: Vec<Track>,
+    /// The same logs at their full length.
+    pub whole: Vec<Track>,
+    /// Logs of which the fit sees nothing.
+    pub held_out: Vec<Track>,
+    /// Time in each log (s) from which on the fit sees nothing; none where it sees the log whole.
+    pub cut_s: Vec<Option<f64>>,
+    /// What could not be held out.
+    pub warnings: Vec<String>,
+}
+
+impl Flights {
+    /// Logs for a fit and logs that check it. Without the latter, the last `share` (0 to 0.5) of each log is kept out of
+    /// the fit, where both parts stay at least [`SHORTEST_S`] long.
+    pub fn new(logs: Vec<Track>, held_out: Vec<Track>, share: f64) -> Self {
+        let mut out = Self {
+            fit: logs.clone(),
+            cut_s: vec![None; logs.len()],
+            whole: logs,
+            held_out,
+            warnings: vec![],
+        };
+        if !out.held_out.is_empty() || share <= 0.0 {
+            return out;
+        }
+        for (i, track) in out.whole.iter().enumerate() {
+            let [from, to] = track.span_s;
+            let cut = to - share * (to - from);
+            if to - cut >= SHORTEST_S && cut - from >= SHORTEST_S {
+                out.fit[i] = track.cut([from, cut]);
+                out.cut_s[i] = Some(cut);
+            } else {
+                out.warnings.push(format!(
+                    "{}: {:.1} s are too short to hold a part out: the fit sees all of it",
+                    track.name,
+                    to - from
+                ));
+            }
+        }
+        out
+    }
+
+    /// All logs at their full length, those of the fit first.
+    pub fn all(&self) -> Vec<Track> {
+        self.whole.iter().chain(&self.held_out).cloned().collect()
+    }
+
+    /// The logs as a verdict lists them: a parted log twice.
+    pub fn summaries(&self) -> Vec<LogSummary> {
+        let one = |t: &Track, name: String, span_s: [f64; 2], held_out| LogSummary {
+            name,
+            sha256: t.log.sha256.clone(),
+            duration_s: span_s[1] - span_s[0],
+            drive: t.drive.title().into(),
+            noise: t.noise,
+            held_out,
+        };
+        let mut out = Vec::new();
+        for (t, cut) in self.whole.iter().zip(&self.cut_s) {
+            let [from, to] = t.span_s;
+            match cut {
+                Some(cut) => {
+                    out.push(one(t, format!("{} to {cut:.1} s", t.name), [from, *cut], false));
+                    out.push(one(t, format!("{} from {cut:.1} s", t.name), [*cut, to], true));
+                }
+                None => out.push(one(t, t.name.clone(), t.span_s, false)),
+            }
+        }
+        out.extend(self.held_out.iter().map(|t| one(t, t.name.clone(), t.span_s, true)));
+        out
+    }
+
+    /// Errors of a vehicle's roll-outs by horizon: on flight that the fit sees, and on flight that it does not see (empty
+    /// where there is none).
+    ///
+    /// # Errors
+    /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
+    pub fn errors(&self, vehicle: &Vehicle) -> Result<(Vec<HorizonError>, Vec<HorizonError>), GapError> {
+        type Part = (Vec<HorizonError>, Vec<HorizonError>);
+        let one = |track: &Track, cut: Option<f64>, seen: bool| -> Result<Part, GapError> {
+            let drone = drone_for(track, vehicle)?;
+            let around = Around::new(track, &drone);
+            let raw = Raw::new(track, &around);
+            let of = |span| horizon_errors(track, &around, &raw, &drone, &HORIZONS_S, Some(&[span]));
+            let [from, to] = track.span_s;
+            let (training, unseen) = match (cut, seen) {
+                (Some(cut), _) => (of([from, cut]), of([cut, to])),
+                (None, true) => (of([from, to]), Vec::new()),
+                (None, false) => (Vec::new(), of([from, to])),
+            };
+            let finite = |e: &HorizonError| {
+                (e.position_m + e.velocity_m_s + e.attitude_rad + e.rate_rad_s).is_finite()
+            };
+            if !training.iter().chain(&unseen).all(finite) {
+                return Err(GapError::Numbers {
+                    what: "roll-outs",
+                    reason: format!(
+                        "with {} the model does not stay finite on {}: check the vehicle file's values",
+                        track.drive.title(),
+                        track.name
+                    ),
+                });
+            }
+            Ok((training, unseen))
+        };
+        let mut parts: Vec<Part> = self
+            .whole
+            .par_iter()
+            .zip(&self.cut_s)
+            .map(|(t, cut)| one(t, *cut, true))
+            .collect::<Result<_, _>>()?;
+        parts.extend(self.held_out.par_iter().map(|t| one(t, None, false)).collect::<Result<Vec<_>, _>>()?);
+        let training: Vec<&[HorizonError]> = parts.iter().map(|p| p.0.as_slice()).collect();
+        let unseen: Vec<&[HorizonError]> = parts.iter().map(|p| p.1.as_slice()).collect();
+        Ok((pooled(&training), pooled(&unseen)))
+    }
+
+    /// One rung for each vehicle, under its label.
+    ///
+    /// # Errors
+    /// Those of [`Flights::errors`].
+    pub fn ladder(&self, rungs: &[(String, Vehicle)]) -> Result<Vec<Rung>, GapError> {
+        rungs
+            .par_iter()
+            .map(|(label, vehicle)| {
+                let (training, held_out) = self.errors(vehicle)?;
+                Ok(Rung { label: label.clone(), training, held_out })
+            })
+            .collect()
+    }
+}
+
+/// Root mean squares over all roll-outs; horizons that no roll-out reached are left out.
+fn pooled(parts: &[&[HorizonError]]) -> Vec<HorizonError> {
+    let mut out: Vec<HorizonError> = Vec::new();
+    for horizon_s in HORIZONS_S {
+        let list: Vec<&HorizonError> =
+            parts.iter().flat_map(|p| p.iter()).filter(|e| e.horizon_s == horizon_s && e.n > 0).collect();
+        let n: usize = list.iter().map(|e| e.n).sum();
+        if n == 0 {
+            continue;
+        }
+        let mean = |pick: fn(&HorizonError) -> f64| {
+            (list.iter().map(|e| pick(e).powi(2) * e.n as f64).sum::<f64>() / n as f64).sqrt()
+        };
+        out.push(HorizonError {
+            horizon_s,
+            position_m: mean(|e| e.position_m),
+            velocity_m_s: mean(|e| e.velocity_m_s),
+            attitude_rad: mean(|e| e.attitude_rad),
+            rate_rad_s: mean(|e| e.rate_rad_s),
+            n,
+        });
+    }
+    out
+}

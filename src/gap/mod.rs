@@ -1,0 +1,31 @@
+//! Model against measurement: where does a vehicle's model fail, which effect is missing, how well is it then.
+
+pub mod accept;
+pub mod attitude_model;
+mod causes;
+pub mod compare;
+pub mod complete;
+pub mod diagnose;
+mod error;
+pub mod excite;
+pub(crate) mod fit;
+pub(crate) mod free_form;
+pub mod ladder;
+pub(crate) mod model;
+pub mod overlay;
+pub(crate) mod replay;
+pub mod report;
+pub(crate) mod residual;
+pub(crate) mod search;
+pub(crate) mod solve;
+pub mod track;
+pub mod verdict;
+
+pub use causes::{Cause, Response};
+pub use compare::{Comparison, compare};
+pub use error::GapError;
+pub use track::{Drive, Options, Track};
+pub use verdict::Diagnosis;
+
+#[cfg(test)]
+mod tests;

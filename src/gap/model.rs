@@ -1,0 +1,338 @@
+//! A vehicle with everything that may be missing in it: all candidates' effects at their filed or default values, and
+//! which numbers of them are free.
+
+use super::GapError;
+use super::replay::Around;
+use super::track::{Drive, Track};
+use crate::flight::clean;
+use crate::physics::drone::Drone;
+use crate::physics::effects::{AnyEffect, Area, Candidate, Freedom, Needs, Sign, candidates};
+use crate::physics::params::Parameters;
+use crate::scalar::Real;
+
+/// Where a parameter enters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Enters {
+    /// In forces and torques.
+    Dynamics,
+    /// In what arrives at the motors, and how they follow.
+    Drive,
+    /// In what sensors read.
+    Reading,
+    /// In a sensor's clock: 0 pose, 1 gyroscope, 2 accelerometer.
+    Clock(usize),
+}
+
+/// One free parameter.
+#[derive(Clone, Debug)]
+pub(crate) struct Parameter {
+    /// Index of its candidate.
+    pub candidate: usize,
+    /// Index of its effect in the drone.
+    pub effect: usize,
+    /// Its place among the effect's visited parameters.
+    pub ordinal: usize,
+    /// Name within the effect.
+    pub name: String,
+    /// SI unit.
+    pub unit: &'static str,
+    /// Value without the effect.
+    pub filed: f64,
+    /// Tolerance.
+    pub spike: f64,
+    /// Plausible size.
+    pub slab: f64,
+    /// Which way it can go.
+    pub sign: Sign,
+    /// Where it enters.
+    pub enters: Enters,
+}
+
+/// The vehicle and all that may be missing.
+#[derive(Clone, Debug)]
+pub(crate) struct Model {
+    /// With the effects of all candidates.
+    pub drone: Drone<f64>,
+    /// Whether the file lists the effect, by index.
+    pub listed: Vec<bool>,
+    /// What may be missing.
+    pub candidates: Vec<Candidate>,
+    /// Free parameters, those of one candidate together.
+    pub parameters: Vec<Parameter>,
+    /// Candidates that a search may choose, by index; all others stay within their tolerance.
+    pub may: Vec<bool>,
+    /// Candidates that these logs cannot decide, with the reason.
+    pub not_tried: Vec<(String, String)>,
+}
+
+/// Smallest spike over slab; where a candidate says that a parameter is free only with the effect.
+const CLOSED: f64 = 1e-3;
+
+impl Model {
+    /// A vehicle and the candidates that the logs can say something about.
+    pub fn new(drone: &Drone<f64>, tracks: &[&Track], arounds: &[&Around]) -> Result<Self, GapError> {
+        let mut model = Self {
+            drone: drone.clone(),
+            listed: vec![true; drone.effects.len()],
+            candidates: Vec::new(),
+            parameters: Vec::new(),
+            may: Vec::new(),
+            not_tried: Vec::new(),
+        };
+        for candidate in candidates(drone) {
+            match reason_against(&candidate, tracks) {
+                Some(reason) => model.not_tried.push((candidate.id.clone(), reason)),
+                None => model.admit(adapted(candidate, tracks, arounds))?,
+            }
+        }
+        Ok(model)
+    }
+
+    /// Adds a candidate with its parameters.
+    pub fn admit(&mut self, candidate: Candidate) -> Result<(), GapError> {
+        let unknown = |what: &str| GapError::Unknown {
+            name: what.to_string(),
+            what: "effect or parameter of a candidate",
+            known: crate::physics::effects::KINDS.join(", "),
+        };
+        let of_kind = self.drone.effects.iter().position(|e| is(e, &candidate));
+        let effect = match of_kind {
+            Some(index) => index,
+            None => {
+                let mut effect = AnyEffect::by_kind(candidate.kind).ok_or_else(|| unknown(candidate.kind))?;
+                effect.visit("", &mut |name, value| {
+                    let name = name.trim_start_matches('.');
+                    if let Some((_, preset)) = candidate.preset.iter().find(|(n, _)| n == name) {
+                        *value = *preset;
+                    }
+                });
+                self.drone.effects.push(effect);
+                self.listed.push(false);
+                self.drone.effects.len() - 1
+            }
+        };
+        let mut visited: Vec<(String, f64)> = Vec::new();
+        let mut copy = self.drone.effects[effect];
+        copy.visit("", &mut |name, v| visited.push((name.trim_start_matches('.').to_string(), *v)));
+        for freedom in &candidate.freedoms {
+            let ordinal = visited
+                .iter()
+                .position(|(name, _)| *name == freedom.name)
+                .ok_or_else(|| unknown(&format!("{}.{}", candidate.kind, freedom.name)))?;
+            let enters = match (candidate.area, candidate.kind) {
+                (_, "clock_offset") => Enters::Clock(match freedom.name.as_str() {
+                    "gyro_s" => 1,
+                    "accel_s" => 2,
+                    _ => 0,
+                }),
+                (Area::Measurement, _) => Enters::Reading,
+                _ if candidate.needs == Needs::Commands => Enters::Drive,
+                _ => Enters::Dynamics,
+            };
+            self.parameters.push(Parameter {
+                candidate: self.candidates.len(),
+                effect,
+                ordinal,
+                name: freedom.name.clone(),
+                unit: freedom.unit,
+                filed: visited[ordinal].1,
+                spike: freedom.spike.max(CLOSED * freedom.slab),
+                slab: freedom.slab,
+                sign: freedom.sign,
+                enters,
+            });
+        }
+        self.candidates.push(candidate);
+        self.may.push(true);
+        Ok(())
+    }
+
+    /// Values without any missing effect.
+    pub fn filed(&self) -> Vec<f64> {
+        self.parameters.iter().map(|p| p.filed).collect()
+    }
+
+    /// Sets the value at which a parameter of an effect that the file does not list is tried; whether there is such a one.
+    pub fn preset_of(&mut self, kind: &str, name: &str, value: f64) -> bool {
+        let mut found = false;
+        for p in &mut self.parameters {
+            let effect = &mut self.drone.effects[p.effect];
+            if effect.kind() == kind && p.name == name && !self.listed[p.effect] {
+                p.filed = value;
+                found = true;
+                let mut ordinal = 0;
+                effect.visit("", &mut |_, slot| {
+                    if ordinal == p.ordinal {
+                        *slot = value;
+                    }
+                    ordinal += 1;
+                });
+            }
+        }
+        found
+    }
+
+    /// Values that a candidate sets and does not fit, where the file does not list its effect.
+    pub fn preset_values(&self, candidate: usize) -> Vec<(String, f64)> {
+        let free = |name: &str| self.of(candidate).any(|k| self.parameters[k].name == name);
+        let listed = self.of(candidate).all(|k| self.listed[self.parameters[k].effect]);
+        let preset = self.candidates[candidate].preset.iter();
+        preset.filter(|(name, _)| !listed && !free(name)).cloned().collect()
+    }
+
+    /// The model with those candidates only whose id `keep` wants.
+    pub fn only(&self, keep: &dyn Fn(&str) -> bool) -> Self {
+        let kept: Vec<usize> = (0..self.candidates.len()).filter(|c| keep(&self.candidates[*c].id)).collect();
+        let parameters = self
+            .parameters
+            .iter()
+            .filter_map(|p| {
+                let candidate = kept.iter().position(|c| *c == p.candidate)?;
+                Some(Parameter { candidate, ..p.clone() })
+            })
+            .collect();
+        Self {
+            drone: self.drone.clone(),
+            listed: self.listed.clone(),
+            may: kept.iter().map(|c| self.may[*c]).collect(),
+            candidates: kept.iter().map(|c| self.candidates[*c].clone()).collect(),
+            parameters,
+            not_tried: self.not_tried.clone(),
+        }
+    }
+
+    /// Parameters of a candidate.
+    pub fn of(&self, candidate: usize) -> impl Iterator<Item = usize> + '_ {
+        (0..self.parameters.len()).filter(move |k| self.parameters[*k].candidate == candidate)
+    }
+
+    /// The drone with the parameters at `values`, with the effects of `keep` only, over another number type: `seed(k)`
+    /// gives parameter `k`'s number for its value.
+    pub fn drone_at<S: Real>(
+        &self,
+        values: &[f64],
+        keep: &[bool],
+        mut seed: impl FnMut(usize, f64) -> S,
+    ) -> Drone<S> {
+        let mut out = Drone { effects: Vec::new(), ..self.drone.clone() }.map(&mut S::lit);
+        for (e, effect) in self.drone.effects.iter().enumerate() {
+            if !keep[e] {
+                continue;
+            }
+            let mut over = effect.map(&mut S::lit);
+            let mut ordinal = 0;
+            over.visit("", &mut |_, slot| {
+                for (k, p) in self.parameters.iter().enumerate() {
+                    if p.effect == e && p.ordinal == ordinal {
+                        *slot = seed(k, values[k]);
+                    }
+                }
+                ordinal += 1;
+            });
+            out.effects.push(over);
+        }
+        out
+    }
+
+    /// Effects that the file lists, and those of the given candidates.
+    pub fn effects_of(&self, chosen: &[usize]) -> Vec<bool> {
+        let mut keep = self.listed.clone();
+        for p in &self.parameters {
+            keep[p.effect] |= chosen.contains(&p.candidate);
+        }
+        keep
+    }
+
+    /// The plain drone with the parameters at `values` and the effects of the file and of `chosen`.
+    pub fn plain_at(&self, values: &[f64], chosen: &[usize]) -> Drone<f64> {
+        self.drone_at(values, &self.effects_of(chosen), |_, v| v)
+    }
+}
+
+/// A candidate as these logs can tell it.
+fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> Candidate {
+    match candidate.kind {
+        // How the load moves is known before the fit: from its track, or from a pendulum of the preset length.
+        "slung_payload" => {
+            candidate.freedoms.retain(|f| f.name == "mass_kg");
+            // Where the cable is fixed shows in torques only.
+            if tracks.iter().all(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds)) {
+                for axis in 0..3 {
+                    candidate.freedoms.push(Freedom::any(format!("attachment_m.{axis}"), "m", 0.0, 0.03));
+                }
+            }
+            if let Some(length) = arounds.iter().find_map(|a| a.cable_length_m) {
+                candidate.preset = vec![("cable_length_m".into(), length)];
+            }
+        }
+        // Up to the fastest command a limit does nothing: the search starts there.
+        "actuator_saturation" => {
+            let speeds = || {
+                tracks
+                    .iter()
+                    .filter(|t| t.drive == Drive::RotorCommands)
+                    .flat_map(|t| t.inputs.rotors.iter().flat_map(|c| c.values.iter().map(|v| v[0])))
+            };
+            let all: Vec<f64> = speeds().step_by(7).collect();
+            let most = speeds().fold(0.0, f64::max);
+            if let Some(usual) = clean::quantile(&all, 0.75).filter(|u| *u < most) {
+                candidate.preset = vec![("max_rotor_vel_rad_s".into(), most)];
+                for f in &mut candidate.freedoms {
+                    f.slab = most - usual;
+                    f.spike = 1e-3 * f.slab;
+                }
+            }
+        }
+        _ => {}
+    }
+    candidate
+}
+
+/// Whether an effect of a drone is what a candidate frees.
+fn is(effect: &AnyEffect<f64>, candidate: &Candidate) -> bool {
+    match effect {
+        AnyEffect::Expression(_) => effect.label() == format!("expression.{}", candidate.id),
+        _ => effect.kind() == candidate.kind,
+    }
+}
+
+/// Why these logs cannot say anything about a candidate.
+fn reason_against(candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
+    let any = |f: &dyn Fn(&Track) -> bool| tracks.iter().any(|t| f(t));
+    let drives = |list: &[Drive]| any(&|t| list.contains(&t.drive));
+    let rotors = [Drive::RotorSpeeds, Drive::RotorCommands];
+    let reason = match candidate.needs {
+        Needs::Commands if !drives(&[Drive::RotorCommands, Drive::AttitudeCommands]) => {
+            "needs motor commands to drive the model"
+        }
+        Needs::Ground if !any(&|t| t.ground_z_m.is_some()) => "needs the height of the ground",
+        Needs::Ceiling if !any(&|t| t.ceiling_z_m.is_some()) => "needs the height of the ceiling",
+        Needs::Neighbour if !any(&|t| !t.neighbours.is_empty()) => "needs another tracked vehicle",
+        Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
+        Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
+        Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",
+        _ if candidate.kind == "rotor_drag" && !drives(&rotors) => {
+            "needs rotor speeds: with a collective thrust alone it looks like linear_drag"
+        }
+        _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive != Drive::Thrust) => {
+            "needs rotor speeds or commands: the log gives the thrust itself"
+        }
+        _ if torque_only(candidate.kind) && !drives(&rotors) => "needs rotor speeds: torques are unknown",
+        _ => return None,
+    };
+    Some(reason.to_string())
+}
+
+/// Effects that only turn the vehicle.
+fn torque_only(kind: &str) -> bool {
+    matches!(
+        kind,
+        "blade_flapping"
+            | "com_offset"
+            | "weak_rotor"
+            | "torque_scale"
+            | "wrong_inertia"
+            | "rotor_inertia"
+            | "rotor_tilt"
+    )
+}

@@ -1,0 +1,676 @@
+//! A model flown along a log: what drives it at every instant, and roll-outs from measured states.
+
+use super::GapError;
+use super::track::{Drive, Measured, SETTLE_S, Track};
+use crate::flight::{Channel, clean, resample};
+use crate::math::{quat, vec3};
+use crate::physics::attitude_response;
+use crate::physics::drone::{self, Drone, Dynamics};
+use crate::physics::effects::slung_payload::Pendulum;
+use crate::physics::effects::{AnyEffect, Command, Effect, Parts};
+use crate::physics::integrate::Integrator;
+use crate::physics::measure::Reading;
+use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
+use crate::physics::rotor;
+use crate::physics::surroundings::{Load, Neighbour, Surroundings};
+use crate::scalar::Real;
+use crate::scalar::dual::Dual;
+
+/// Distance of the instants at which inputs are known, s.
+pub(crate) const TICK_S: f64 = 0.0025;
+/// Ticks of one step of a roll-out (Runge–Kutta needs its middle too).
+pub(crate) const STEP: usize = 2;
+/// Step of roll-outs, s.
+pub(crate) const STEP_S: f64 = TICK_S * STEP as f64;
+/// Longest hole in an input that is bridged, s.
+const LONGEST_HOLE_S: f64 = 0.1;
+
+/// What drives the vehicle at one tick.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tick<S> {
+    /// Rotor speeds, rad/s, and their rates, rad/s².
+    pub rotor_vel: [S; MAX_ROTORS],
+    pub rotor_acc: [S; MAX_ROTORS],
+    /// Collective thrust, or the thrust state of the abstracted model, N.
+    pub thrust: S,
+    /// Roll, pitch, yaw (rad) and thrust (N) commands that have arrived.
+    pub command: [S; 4],
+}
+
+/// What does not depend on the model: the world around the vehicle at every tick of a log.
+#[derive(Clone, Debug)]
+pub(crate) struct Around {
+    /// First tick's time, s.
+    pub from_s: f64,
+    /// Measured states, every [`STEP`] ticks; `None` in gaps.
+    pub measured: Vec<Option<Measured>>,
+    /// Measured wind, m/s, world, every [`STEP`] ticks; empty where none was measured.
+    pub wind: Vec<[f64; 3]>,
+    /// Other vehicles, every [`STEP`] ticks; empty where there are none.
+    pub neighbours: Vec<Vec<Neighbour<f64>>>,
+    /// What hangs on a cable, every [`STEP`] ticks: from where it was tracked, else a pendulum under the measured motion.
+    pub load: Vec<Load<f64>>,
+    /// Distance at which the tracked load hung, m.
+    pub cable_length_m: Option<f64>,
+    /// Number of ticks.
+    pub n_ticks: usize,
+}
+
+impl Around {
+    /// What a log says about the world around the vehicle.
+    pub fn new(track: &Track, drone: &Drone<f64>) -> Self {
+        // Motors and filters start before the span, with what was sent then; states count within the span only.
+        let settle = (SETTLE_S / STEP_S).round() as usize;
+        let n_steps = settle + (track.duration_s() / STEP_S).floor() as usize;
+        let from_s = track.span_s[0] - settle as f64 * STEP_S;
+        let at: Vec<f64> = (0..=n_steps).map(|i| from_s + i as f64 * STEP_S).collect();
+        let mut measured = vec![None; settle];
+        measured.extend(track.measured_state(&at[settle..]));
+        let wind = if track.log.wind_m_s.len() > 1 { held(&track.log.wind_m_s, &at) } else { Vec::new() };
+        let mut neighbours = Vec::new();
+        if !track.neighbours.is_empty() {
+            let weight_n = drone.hover_thrust();
+            let disc_radius_m = drone.disc_radius_m();
+            neighbours = vec![Vec::new(); at.len()];
+            for name in &track.neighbours {
+                let Some(channel) = track.log.objects_m.get(name) else { continue };
+                let places = resample::local_parabola(channel, &at, 0.05);
+                for (list, place) in neighbours.iter_mut().zip(places) {
+                    if let Some(p) = place {
+                        list.push(Neighbour { pos: p.value, vel: p.slope, weight_n, disc_radius_m });
+                    }
+                }
+            }
+        }
+        let (load, cable_length_m) = loads(track, drone, &at, &measured);
+        Self { from_s, measured, wind, neighbours, load, cable_length_m, n_ticks: n_steps * STEP + 1 }
+    }
+
+    /// Time of a tick, s.
+    pub fn time_s(&self, tick: usize) -> f64 {
+        self.from_s + tick as f64 * TICK_S
+    }
+
+    /// Measured state at a tick; between two of them, the one before.
+    pub fn measured(&self, tick: usize) -> Option<&Measured> {
+        self.measured.get(tick / STEP).and_then(Option::as_ref)
+    }
+}
+
+/// Half width of the smoothing of the acceleration with which a load is pulled along, s. A load swings slowly. What the
+/// vehicle shakes with is felt by the accelerometer too, whose errors must not stand on both sides of the fit.
+const PULL_HALF_S: f64 = 0.12;
+
+/// Relative change of a tracked load's distance beyond which the tracker is not believed.
+const CABLE_STRETCH: f64 = 0.04;
+
+/// Motion of a load on a cable at the times `at_s`, and the length of the cable where the load was tracked.
+///
+/// Only its direction is taken from the track; the tension follows from the vehicle's acceleration, which is that of the
+/// accelerometer where there is one, else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
+fn loads(
+    track: &Track,
+    drone: &Drone<f64>,
+    at_s: &[f64],
+    measured: &[Option<Measured>],
+) -> (Vec<Load<f64>>, Option<f64>) {
+    let gravity = drone.body.gravity_m_s2;
+    let absent = vec![Load::absent(); at_s.len()];
+    let listed = drone.effects.iter().find_map(|e| match e {
+        AnyEffect::SlungPayload(p) => Some(*p),
+        _ => None,
+    });
+    let Some(AnyEffect::SlungPayload(mut params)) = AnyEffect::by_kind("slung_payload") else {
+        return (absent, None);
+    };
+    // A length is needed for the shape of the swing; 0.5 m where neither the file nor a track tells.
+    params.cable_length_m = 0.5;
+    if let Some(filed) = listed {
+        params = filed;
+    }
+    let mut velocity = Channel::<3>::default();
+    for (t, m) in at_s.iter().zip(measured) {
+        if let Some(m) = m {
+            velocity.push(*t, m.vel);
+        }
+    }
+    let accel = resample::local_parabola(&track.accel, at_s, PULL_HALF_S);
+    let slopes = resample::local_parabola(&velocity, at_s, PULL_HALF_S);
+    let acceleration = |k: usize| -> Option<[f64; 3]> {
+        let state = measured[k].as_ref()?;
+        match &accel[k] {
+            Some(a) => Some(vec3::add(quat::rotate(state.quat, a.value), gravity)),
+            None => slopes[k].as_ref().map(|s| s.slope),
+        }
+    };
+    let state_of = |m: &Measured| State {
+        pos: m.pos,
+        quat: m.quat,
+        vel: m.vel,
+        ang_vel: m.ang_vel,
+        ..State::<f64>::rest()
+    };
+    let tracked = track.load.as_ref().and_then(|name| track.log.objects_m.get(name));
+    let mut length = None;
+    let mut places = None;
+    if let Some(channel) = tracked {
+        let apart: Vec<f64> = resample::linear(&track.position, &channel.t_s, LONGEST_HOLE_S)
+            .iter()
+            .zip(&channel.values)
+            .map(|(p, load)| p.map_or(f64::NAN, |p| vec3::norm(vec3::sub(*load, p))))
+            .collect();
+        length =
+            clean::median(apart.iter().copied().filter(|l| l.is_finite()).collect()).filter(|l| *l > 0.01);
+        params.cable_length_m = length.unwrap_or(params.cable_length_m);
+        // A cable does not stretch: elsewhere the tracker had lost the load.
+        let lost: Vec<f64> = (0..apart.len())
+            .filter(|i| !((apart[*i] / params.cable_length_m - 1.0).abs() <= CABLE_STRETCH))
+            .map(|i| channel.t_s[i])
+            .collect();
+        let near_lost = |t: f64| {
+            let i = lost.partition_point(|l| *l < t - 0.1);
+            i < lost.len() && lost[i] <= t + 0.1
+        };
+        let marks: Vec<bool> = channel.t_s.iter().map(|t| near_lost(*t)).collect();
+        places = Some(resample::local_parabola(&clean::without(channel, &marks), at_s, 0.05));
+    }
+    let mut pendulum = Pendulum::hanging(gravity);
+    let mut out = absent;
+    for k in 0..at_s.len() {
+        let (Some(m), Some(acc)) = (&measured[k], acceleration(k)) else { continue };
+        let pivot = params.pivot(&state_of(m), acc, [0.0; 3]);
+        // Where the load was not seen it swings on.
+        if let Some(place) = places.as_ref().and_then(|places| places[k].as_ref()) {
+            pendulum = Pendulum::seen(place.value, place.slope, &pivot);
+        }
+        out[k] = params.load(&pendulum, &pivot, gravity);
+        pendulum = params.advance(&pendulum, acc, gravity, STEP_S);
+    }
+    (out, length)
+}
+
+/// The last value at or before each time; the first before the channel begins.
+fn held<const N: usize>(channel: &Channel<N>, at_s: &[f64]) -> Vec<[f64; N]> {
+    at_s.iter()
+        .map(|at| {
+            let i = channel.t_s.partition_point(|t| t <= at).saturating_sub(1);
+            channel.values[i]
+        })
+        .collect()
+}
+
+/// All channels together: every time at which one of them changes, with what is in force from then on. Before its first
+/// sample a channel has that sample's value.
+fn merged(channels: &[&Channel<1>]) -> Vec<(f64, [f64; MAX_ROTORS])> {
+    let mut times: Vec<f64> = channels.iter().flat_map(|c| c.t_s.iter().copied()).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    let mut next = [0; MAX_ROTORS];
+    let mut now = [0.0; MAX_ROTORS];
+    for (value, c) in now.iter_mut().zip(channels) {
+        *value = c.values.first().map_or(0.0, |v| v[0]);
+    }
+    times
+        .into_iter()
+        .map(|t| {
+            for (i, c) in channels.iter().enumerate() {
+                while next[i] < c.len() && c.t_s[next[i]] <= t {
+                    now[i] = c.values[next[i]][0];
+                    next[i] += 1;
+                }
+            }
+            (t, now)
+        })
+        .collect()
+}
+
+/// Whether a channel has samples near every tick.
+fn covered(t: &[f64], from_s: f64, n: usize) -> Vec<bool> {
+    (0..n)
+        .map(|k| {
+            let at = from_s + k as f64 * TICK_S;
+            let i = t.partition_point(|t| *t <= at);
+            i > 0 && i < t.len() && t[i] - t[i - 1] <= LONGEST_HOLE_S
+        })
+        .collect()
+}
+
+/// The inputs of a log before the model's motors see them, at every tick.
+#[derive(Clone, Debug)]
+pub(crate) struct Raw {
+    rotors: Vec<[f64; MAX_ROTORS]>,
+    rotor_acc: Vec<[f64; MAX_ROTORS]>,
+    thrust: Vec<f64>,
+    /// Commands with the times at which they were sent, each in force until the next: rotor speeds, or roll, pitch, yaw and
+    /// thrust.
+    sent: Vec<(f64, [f64; MAX_ROTORS])>,
+    /// Whether all inputs were there.
+    pub valid: Vec<bool>,
+}
+
+impl Raw {
+    /// Inputs of a log.
+    pub fn new(track: &Track, around: &Around) -> Self {
+        let (from, n) = (around.from_s, around.n_ticks);
+        let mut out = Self {
+            rotors: Vec::new(),
+            rotor_acc: Vec::new(),
+            thrust: Vec::new(),
+            sent: Vec::new(),
+            valid: vec![true; n],
+        };
+        let mut cover = |t: &[f64]| {
+            for (a, b) in out.valid.iter_mut().zip(covered(t, from, n)) {
+                *a &= b;
+            }
+        };
+        let at: Vec<f64> = (0..n).map(|k| from + k as f64 * TICK_S).collect();
+        let inputs = &track.inputs;
+        inputs.rotors.iter().for_each(|c| cover(&c.t_s));
+        match track.drive {
+            Drive::RotorCommands => {
+                let all: Vec<&Channel<1>> = inputs.rotors.iter().collect();
+                out.sent = merged(&all);
+            }
+            Drive::RotorSpeeds => {
+                out.rotors = vec![[0.0; MAX_ROTORS]; n];
+                out.rotor_acc = vec![[0.0; MAX_ROTORS]; n];
+                for (i, c) in inputs.rotors.iter().enumerate() {
+                    let period = c.period_s().unwrap_or(0.004);
+                    let local = resample::local_parabola(c, &at, 0.01f64.max(3.2 * period));
+                    let plain = resample::linear(c, &at, LONGEST_HOLE_S);
+                    for k in 0..n {
+                        match (&local[k], plain[k]) {
+                            (Some(l), _) => {
+                                out.rotors[k][i] = l.value[0];
+                                out.rotor_acc[k][i] = l.slope[0];
+                            }
+                            (None, Some(v)) => out.rotors[k][i] = v[0],
+                            (None, None) => out.valid[k] = false,
+                        }
+                    }
+                }
+            }
+            Drive::AttitudeCommands => {
+                cover(&inputs.attitude.t_s);
+                cover(&inputs.thrust.t_s);
+                let angles: [Channel<1>; 3] = core::array::from_fn(|k| {
+                    Channel::new(
+                        inputs.attitude.t_s.clone(),
+                        inputs.attitude.values.iter().map(|v| [v[k]]).collect(),
+                    )
+                });
+                let [roll, pitch, yaw] = &angles;
+                out.sent = merged(&[roll, pitch, yaw, &inputs.thrust]);
+            }
+            Drive::Thrust => {
+                cover(&inputs.thrust.t_s);
+                for (k, v) in resample::linear(&inputs.thrust, &at, LONGEST_HOLE_S).into_iter().enumerate() {
+                    out.thrust.push(v.map_or(0.0, |v| v[0]));
+                    out.valid[k] &= v.is_some();
+                }
+            }
+        }
+        out
+    }
+}
+
+/// A number type whose plain value can be had: where in a log to look is no matter of derivatives.
+pub(crate) trait Plain: Real {
+    /// The value.
+    fn plain(self) -> f64;
+}
+
+impl Plain for f64 {
+    fn plain(self) -> f64 {
+        self
+    }
+}
+
+impl<const N: usize> Plain for Dual<f64, N> {
+    fn plain(self) -> f64 {
+        self.value
+    }
+}
+
+/// What drives a model along a log: delays, motors and whatever else acts on commands, for the whole log at once.
+pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>) -> Vec<Tick<S>> {
+    let zero = S::zero();
+    let idle = Tick {
+        rotor_vel: [zero; MAX_ROTORS],
+        rotor_acc: [zero; MAX_ROTORS],
+        thrust: zero,
+        command: [zero; 4],
+    };
+    let n = around.n_ticks;
+    let mut out = vec![idle; n];
+    match track.drive {
+        Drive::RotorSpeeds => {
+            for k in 0..n {
+                out[k].rotor_vel = raw.rotors[k].map(S::lit);
+                out[k].rotor_acc = raw.rotor_acc[k].map(S::lit);
+            }
+        }
+        Drive::Thrust => {
+            for k in 0..n {
+                out[k].thrust = S::lit(raw.thrust[k]);
+            }
+        }
+        Drive::RotorCommands | Drive::AttitudeCommands => {
+            commanded(around, raw, drone, track.drive, &mut out)
+        }
+    }
+    out
+}
+
+/// Ticks of a vehicle under commands: motors and thrust move from one arrival of a command to the next, so that sample
+/// times of the log need not be those of the ticks, and a delay moves the arrivals (its derivative those of their lengths).
+fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive, out: &mut [Tick<S>]) {
+    let mut late = S::zero();
+    let mut drone = drone.clone();
+    drone.effects.retain(|e| match e {
+        AnyEffect::CommandDelay(p) => {
+            late = late + p.delay_s;
+            false
+        }
+        _ => true,
+    });
+    let parts = drone.parts();
+    let command = |j: usize| {
+        let v = raw.sent[j].1.map(S::lit);
+        match kind {
+            Drive::AttitudeCommands => Command::Attitude([v[0], v[1], v[2], v[3]]),
+            _ => Command::Rotors(v),
+        }
+    };
+    let last = raw.sent.len() - 1;
+    let sent_before = around.from_s - late.plain();
+    let mut j = raw.sent.partition_point(|(t, _)| *t <= sent_before).saturating_sub(1);
+    let mut memory = vec![S::zero(); drone.memory_len(TICK_S)];
+    drone.start(&command(j), |e| e.memory_len(TICK_S), &mut memory);
+    let mut state = State::<S>::rest();
+    let mut surroundings = Surroundings::calm();
+    for k in 0..around.n_ticks {
+        let begin = around.time_s(k);
+        surroundings.time_s = S::lit(begin);
+        let tick = &mut out[k];
+        let mut at = S::lit(begin);
+        let end = S::lit(begin + TICK_S);
+        let mut first = true;
+        let mut mean = [S::zero(); 4];
+        loop {
+            // This command is in force until the next one arrives, or to the end of the tick.
+            let arrives = if j < last { Some(S::lit(raw.sent[j + 1].0) + late) } else { None };
+            let until = match arrives {
+                Some(t) if t.plain() < end.plain() => t,
+                _ => end,
+            };
+            let dt = until - at;
+            let mut now = command(j);
+            if let (true, Command::Rotors(speeds)) = (k == 0 && first, now) {
+                state.rotor_vel = speeds;
+            }
+            drone.transmit(&state, &mut surroundings, (dt, TICK_S), &mut now, &mut memory);
+            match (now, &parts.response) {
+                (Command::Attitude(c), Some(p)) => {
+                    if k == 0 && first {
+                        state.thrust = c[3];
+                    }
+                    if first {
+                        tick.thrust = state.thrust;
+                    }
+                    for i in 0..4 {
+                        mean[i] = mean[i] + c[i] * dt * S::lit(1.0 / TICK_S);
+                    }
+                    state.thrust = rk4(state.thrust, dt, |x| attitude_response::thrust_rate(p, x, c[3]));
+                }
+                (Command::Rotors(speeds), _) => {
+                    if k == 0 && first {
+                        state.rotor_vel = speeds;
+                    }
+                    if first {
+                        tick.rotor_vel = state.rotor_vel;
+                    }
+                    for i in 0..parts.airframe.n_rotors {
+                        let p = &parts.airframe.rotors[i];
+                        let rate = |x: S| rotor::acceleration(p, x, speeds[i]);
+                        state.rotor_vel[i] = rk4(state.rotor_vel[i], dt, rate);
+                    }
+                }
+                _ => {}
+            }
+            first = false;
+            at = until;
+            match arrives {
+                Some(t) if t.plain() < end.plain() => j += 1,
+                _ => break,
+            }
+        }
+        tick.command = mean;
+    }
+    // A rate that jumps with every command would be sampled by luck: the change over two ticks stands for it, whose sum over
+    // a flight is that of the speeds.
+    let last = out.len() - 1;
+    for k in 0..out.len() {
+        let (a, b) = (k.saturating_sub(1), (k + 1).min(last));
+        let per_s = S::lit(1.0 / (TICK_S * (b - a).max(1) as f64));
+        for i in 0..parts.airframe.n_rotors {
+            out[k].rotor_acc[i] = (out[b].rotor_vel[i] - out[a].rotor_vel[i]) * per_s;
+        }
+    }
+}
+
+/// One step of the classical Runge–Kutta scheme for a single number.
+fn rk4<S: Real>(x: S, dt: S, rate: impl Fn(S) -> S) -> S {
+    let (half, two) = (S::lit(0.5) * dt, S::lit(2.0));
+    let a = rate(x);
+    let b = rate(x + half * a);
+    let c = rate(x + half * b);
+    let d = rate(x + dt * c);
+    x + dt * S::lit(1.0 / 6.0) * (a + two * (b + c) + d)
+}
+
+/// A model at work on a log.
+pub(crate) struct Plant<'a, S> {
+    pub drone: &'a Drone<S>,
+    pub parts: Parts<S>,
+    pub track: &'a Track,
+    pub around: &'a Around,
+}
+
+impl<'a, S: Real> Plant<'a, S> {
+    pub fn new(drone: &'a Drone<S>, track: &'a Track, around: &'a Around) -> Self {
+        Self { drone, parts: drone.parts(), track, around }
+    }
+
+    /// Time derivative of `state` at a tick; `state` gets what the inputs say about it. `neighbours` is room for those.
+    #[inline]
+    pub fn rate(
+        &self,
+        tick: usize,
+        input: &Tick<S>,
+        state: &mut State<S>,
+        neighbours: &mut Vec<Neighbour<S>>,
+    ) -> Rate<S> {
+        let place = tick / STEP;
+        neighbours.clear();
+        if let Some(list) = self.around.neighbours.get(place) {
+            neighbours.extend(list.iter().map(|n| Neighbour {
+                pos: n.pos.map(S::lit),
+                vel: n.vel.map(S::lit),
+                weight_n: S::lit(n.weight_n),
+                disc_radius_m: S::lit(n.disc_radius_m),
+            }));
+        }
+        let wind = self.around.wind.get(place).copied().unwrap_or([0.0; 3]);
+        let mut surroundings = Surroundings::<S> {
+            time_s: S::lit(self.around.time_s(tick)),
+            wind_m_s: wind.map(S::lit),
+            neighbours,
+            ..Surroundings::calm()
+        };
+        if let Some(load) = self.around.load.get(place) {
+            surroundings.load = Load {
+                position_m: load.position_m.map(S::lit),
+                velocity_m_s: load.velocity_m_s.map(S::lit),
+                acceleration_m_s2: load.acceleration_m_s2.map(S::lit),
+                present: S::lit(load.present),
+            };
+        }
+        if let Some(ceiling) = self.track.ceiling_z_m {
+            surroundings.ceiling_distance_m = S::lit(ceiling) - state.pos[2];
+        }
+        if let Some(ground) = self.track.ground_z_m {
+            surroundings.ground_distance_m = state.pos[2] - S::lit(ground);
+        }
+        match self.track.drive {
+            Drive::RotorSpeeds | Drive::RotorCommands => {
+                state.rotor_vel = input.rotor_vel;
+                let measured = drone::Measured::RotorAcc(input.rotor_acc);
+                self.drone.rate_measured_of(&self.parts, state, &measured, &surroundings)
+            }
+            Drive::AttitudeCommands => {
+                state.thrust = input.thrust;
+                self.drone.rate(state, &Command::Attitude(input.command), &surroundings)
+            }
+            Drive::Thrust => {
+                let measured = drone::Measured::Thrust(input.thrust);
+                let mut rate = self.drone.rate_measured_of(&self.parts, state, &measured, &surroundings);
+                // The attitude is an input.
+                rate.ang_acc = [S::zero(); 3];
+                rate
+            }
+        }
+    }
+}
+
+/// One point of a roll-out.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Point {
+    pub state: State<f64>,
+    pub rate: Rate<f64>,
+}
+
+/// Steps over which a disturbance of a roll-out is constant: 50 ms.
+pub(crate) const PUSH_STEPS: usize = 10;
+
+/// Accelerations that are added to the model's over [`PUSH_STEPS`]: force (m/s², world) and torque (rad/s², body).
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Push {
+    pub acc: [f64; 3],
+    pub ang_acc: [f64; 3],
+}
+
+impl Plant<'_, f64> {
+    /// Rolls the model out from a state at tick `from` over `steps` steps of [`STEP_S`]; fills `out` with `steps + 1` points.
+    /// `push` holds the disturbances one after the other; the last one stays.
+    pub fn roll(
+        &self,
+        ticks: &[Tick<f64>],
+        from: usize,
+        steps: usize,
+        start: &Measured,
+        push: &[Push],
+        out: &mut Vec<Point>,
+    ) {
+        let mut neighbours = Vec::new();
+        let mut state = State {
+            pos: start.pos,
+            quat: start.quat,
+            vel: start.vel,
+            ang_vel: start.ang_vel,
+            ..State::rest()
+        };
+        let add = |step: usize, mut rate: Rate<f64>| {
+            let Some(push) = push.get(step / PUSH_STEPS).or(push.last()) else { return rate };
+            for k in 0..3 {
+                rate.acc[k] += push.acc[k];
+                rate.ang_acc[k] += push.ang_acc[k];
+            }
+            rate
+        };
+        out.clear();
+        for s in 0..steps {
+            let at = from + s * STEP;
+            self.measured_attitude(at, &mut state);
+            let rate = add(s, self.rate(at, &ticks[at], &mut state, &mut neighbours));
+            out.push(Point { state, rate });
+            let mut stage = 0;
+            state = Integrator::Rk4.step(&state, STEP_S, |x| {
+                let tick = at + [0, 1, 1, 2][stage.min(3)];
+                stage += 1;
+                if stage == 1 {
+                    return rate;
+                }
+                let mut x = *x;
+                add(s, self.rate(tick, &ticks[tick], &mut x, &mut neighbours))
+            });
+            // Rotor speeds and thrust are inputs, not results.
+            state.rotor_vel = [0.0; MAX_ROTORS];
+            state.thrust = 0.0;
+        }
+        let at = from + steps * STEP;
+        self.measured_attitude(at, &mut state);
+        let rate = add(steps, self.rate(at, &ticks[at], &mut state, &mut neighbours));
+        out.push(Point { state, rate });
+    }
+
+    /// Where the attitude is an input, the state gets it from the measurement.
+    fn measured_attitude(&self, tick: usize, state: &mut State<f64>) {
+        let given = (self.track.drive == Drive::Thrust).then(|| self.around.measured(tick)).flatten();
+        if let Some(m) = given {
+            state.quat = m.quat;
+            state.ang_vel = m.ang_vel;
+        }
+    }
+
+    /// What the sensors read `after_s` seconds after point `i` of a roll-out; between points a cubic with their slopes.
+    pub fn reading(&self, points: &[Point], i: usize, after_s: f64) -> Reading<f64> {
+        let point = between(points, i, after_s);
+        self.drone.read(&point.state, &point.rate)
+    }
+}
+
+/// State and rate `after_s` s after point `i`.
+pub(crate) fn between(points: &[Point], i: usize, after_s: f64) -> Point {
+    let (a, b) = (&points[i], &points[(i + 1).min(points.len() - 1)]);
+    let s = after_s / STEP_S;
+    let hermite = |x0: f64, v0: f64, x1: f64, v1: f64| {
+        let (g, rise) = (1.0 - s, x1 - x0);
+        x0 + s * rise + s * g * (g * (v0 * STEP_S - rise) - s * (v1 * STEP_S - rise))
+    };
+    let line = |x0: f64, x1: f64| x0 + s * (x1 - x0);
+    let mut out = *a;
+    let turn = resample::rotation_vector(quat::mul(quat::conjugate(a.state.quat), b.state.quat));
+    let mut part = [0.0; 3];
+    for k in 0..3 {
+        out.state.pos[k] = hermite(a.state.pos[k], a.state.vel[k], b.state.pos[k], b.state.vel[k]);
+        out.state.vel[k] = hermite(a.state.vel[k], a.rate.acc[k], b.state.vel[k], b.rate.acc[k]);
+        out.state.ang_vel[k] =
+            hermite(a.state.ang_vel[k], a.rate.ang_acc[k], b.state.ang_vel[k], b.rate.ang_acc[k]);
+        out.rate.acc[k] = line(a.rate.acc[k], b.rate.acc[k]);
+        out.rate.ang_acc[k] = line(a.rate.ang_acc[k], b.rate.ang_acc[k]);
+        part[k] = hermite(0.0, a.state.ang_vel[k], turn[k], b.state.ang_vel[k]);
+    }
+    for k in 0..MAX_ROTORS {
+        out.state.rotor_vel[k] = line(a.state.rotor_vel[k], b.state.rotor_vel[k]);
+    }
+    out.state.quat = quat::mul(a.state.quat, quat::exp(part));
+    out.rate.vel = out.state.vel;
+    out.rate.ang_vel = out.state.ang_vel;
+    out
+}
+
+/// The parameters of a vehicle for a log's dynamics.
+pub(crate) fn drone_for(track: &Track, vehicle: &crate::vehicle::Vehicle) -> Result<Drone<f64>, GapError> {
+    let drone = vehicle.drone(track.dynamics).map_err(|e| GapError::Log {
+        log: track.name.clone(),
+        expected: format!("a vehicle with the dynamics {}", track.dynamics),
+        found: e.to_string(),
+        remedy: "choose another vehicle file".into(),
+    })?;
+    debug_assert!(
+        track.drive != Drive::AttitudeCommands || matches!(drone.dynamics, Dynamics::AttitudeResponse(_))
+    );
+    Ok(drone)
+}

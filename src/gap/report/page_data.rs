@@ -1,0 +1,266 @@
+//! The charts of a page as plain JSON: traces with a role instead of a colour, which the page's script draws in the
+//! colours of its theme.
+
+use super::quantity::{HALF_95, Scale, quantity};
+use super::text::{LADDER_CHANNELS, at, horizons};
+use super::{Against, Bin, Overlay, ResidualSeries};
+use crate::gap::verdict::Rung;
+use serde::Serialize;
+
+/// Most points of a drawn line.
+pub(super) const MOST_POINTS: usize = 3000;
+
+/// One chart.
+#[derive(Serialize)]
+pub(super) struct Chart {
+    /// Id of its element in the page.
+    pub id: String,
+    /// In words, for those who do not see it.
+    pub title: String,
+    pub x_title: String,
+    pub y_title: String,
+    /// Logarithmic y axis.
+    pub log: bool,
+    /// Names along x instead of numbers.
+    pub categories: Option<Vec<String>>,
+    pub traces: Vec<Trace>,
+    /// Marked stretches of x: from, to, label.
+    pub marks: Vec<(f64, f64, String)>,
+    /// A band about zero that noise explains: its half-height.
+    pub noise: Option<f64>,
+    /// Whether lines were thinned out to be drawn.
+    #[serde(skip)]
+    pub thinned: bool,
+}
+
+/// One line of a chart.
+#[derive(Serialize)]
+pub(super) struct Trace {
+    pub name: String,
+    /// `ink`, `filed`, `found`, `c0` … : a colour of the page's style sheet.
+    pub role: String,
+    /// `lines`, `markers` or `lines+markers`.
+    pub mode: &'static str,
+    pub dashed: bool,
+    /// Number of the marker's shape.
+    pub symbol: usize,
+    pub width: f64,
+    pub x: Vec<f64>,
+    pub y: Vec<Option<f64>>,
+    /// Half-lengths of error bars.
+    pub bars: Vec<f64>,
+}
+
+/// A unit that keeps SI, but for angles, which are shown in degrees.
+fn shown(unit: &str) -> Scale {
+    Scale::for_size(1.0, unit)
+}
+
+/// The unit that suits the largest of some values.
+fn fitting<'a>(unit: &str, values: impl Iterator<Item = &'a f64>) -> Scale {
+    let most = values.filter(|v| v.is_finite()).fold(0.0f64, |most, v| most.max(v.abs()));
+    Scale::for_size(most, unit)
+}
+
+fn axis(name: &str, unit: &str) -> String {
+    if unit.is_empty() { name.to_string() } else { format!("{name}, {unit}") }
+}
+
+/// Seven digits are enough for a screen.
+fn short(v: f64) -> Option<f64> {
+    v.is_finite().then(|| format!("{v:.6e}").parse().unwrap_or(v))
+}
+
+/// The ladder, one chart per channel.
+pub(super) fn ladder(rungs: &[Rung]) -> Vec<Chart> {
+    let horizons = horizons(rungs);
+    let mut out = Vec::new();
+    if horizons.is_empty() {
+        return out;
+    }
+    for (k, (name, unit, error)) in LADDER_CHANNELS.iter().enumerate() {
+        let values = rungs.iter().flat_map(|r| r.training.iter().chain(&r.held_out)).map(error);
+        let logs: Vec<f64> = values.filter(|v| v.is_finite() && *v > 0.0).map(f64::ln).collect();
+        let middle = if logs.is_empty() { 1.0 } else { (logs.iter().sum::<f64>() / logs.len() as f64).exp() };
+        let scale = Scale::for_size(middle, unit);
+        let mut traces = Vec::new();
+        for held_out in [false, true] {
+            for (h, horizon) in horizons.iter().enumerate() {
+                let errors = |r: &Rung| {
+                    let errors = if held_out { &r.held_out } else { &r.training };
+                    at(errors, *horizon).map(error).filter(|v| *v > 0.0).and_then(|v| short(v * scale.factor))
+                };
+                let y: Vec<Option<f64>> = rungs.iter().map(errors).collect();
+                if y.iter().all(Option::is_none) {
+                    continue;
+                }
+                let of = if held_out { "unseen flight" } else { "flight of the fit" };
+                traces.push(Trace {
+                    name: format!("{}, {of}", quantity(*horizon, "s", 2)),
+                    role: format!("c{}", h % 6),
+                    mode: "lines+markers",
+                    dashed: !held_out,
+                    symbol: h,
+                    width: if held_out { 2.5 } else { 1.5 },
+                    x: (0..rungs.len()).map(|i| i as f64).collect(),
+                    y,
+                    bars: Vec::new(),
+                });
+            }
+        }
+        out.push(Chart {
+            id: format!("ladder-{k}"),
+            title: format!("Error of the {name}"),
+            x_title: String::new(),
+            y_title: scale.unit,
+            log: true,
+            categories: Some(rungs.iter().map(|r| r.label.clone()).collect()),
+            traces,
+            marks: Vec::new(),
+            noise: None,
+            thinned: false,
+        });
+    }
+    out
+}
+
+/// Measured against simulated.
+pub(super) fn overlay(k: usize, o: &Overlay) -> Chart {
+    let scale = shown(&o.unit);
+    let mut chart = over_time(format!("overlay-{k}"), &o.channel, &scale);
+    chart.line("measured", "ink", 2.6, &o.t_s, &o.measured, scale.factor);
+    chart.line("as filed", "filed", 1.6, &o.t_s, &o.as_filed, scale.factor);
+    chart.line("with what was found", "found", 1.6, &o.t_s, &o.with_effects, scale.factor);
+    chart
+}
+
+/// A residual over time, with its worst segments.
+pub(super) fn residual(k: usize, r: &ResidualSeries) -> Chart {
+    let scale = fitting(&r.unit, r.before.iter().chain(&r.after));
+    let mut chart = over_time(format!("residual-{k}"), &r.name, &scale);
+    chart.line("as filed", "filed", 1.4, &r.t_s, &r.before, scale.factor);
+    chart.line("with what was found", "found", 1.4, &r.t_s, &r.after, scale.factor);
+    chart.marks = r.worst.iter().enumerate().map(|(i, w)| (w.from_s, w.to_s, (i + 1).to_string())).collect();
+    chart.noise = r.sigma.filter(|s| s.is_finite() && *s > 0.0).map(|s| HALF_95 * s * scale.factor);
+    chart
+}
+
+/// A residual against its cause.
+pub(super) fn against(k: usize, a: &Against) -> Chart {
+    let y = fitting(&a.unit, a.before.iter().chain(&a.after).map(|b| &b.mean));
+    let x = shown(&a.cause_unit);
+    let trace = |name: &str, role: &str, symbol, bins: &[Bin]| Trace {
+        name: name.into(),
+        role: role.into(),
+        mode: "lines+markers",
+        dashed: false,
+        symbol,
+        width: 1.6,
+        x: bins.iter().map(|b| short(b.cause * x.factor).unwrap_or(0.0)).collect(),
+        y: bins.iter().map(|b| short(b.mean * y.factor)).collect(),
+        bars: bins.iter().map(|b| short(HALF_95 * b.sigma * y.factor).unwrap_or(0.0)).collect(),
+    };
+    // A bin without a place on the axis cannot be drawn.
+    let placed = |bins: &[Bin]| bins.iter().copied().filter(|b| b.cause.is_finite()).collect::<Vec<_>>();
+    let (before, after) = (placed(&a.before), placed(&a.after));
+    let mut traces = vec![trace("as filed", "filed", 0, &before)];
+    if !after.is_empty() {
+        traces.push(trace("with what was found", "found", 1, &after));
+    }
+    Chart {
+        id: format!("cause-{k}"),
+        title: format!("{} against {}", a.residual, a.cause),
+        x_title: axis(&a.cause, &x.unit),
+        y_title: y.unit,
+        log: false,
+        categories: None,
+        traces,
+        marks: Vec::new(),
+        noise: None,
+        thinned: false,
+    }
+}
+
+fn over_time(id: String, name: &str, scale: &Scale) -> Chart {
+    Chart {
+        id,
+        title: name.to_string(),
+        x_title: "time, s".into(),
+        y_title: scale.unit.clone(),
+        log: false,
+        categories: None,
+        traces: Vec::new(),
+        marks: Vec::new(),
+        noise: None,
+        thinned: false,
+    }
+}
+
+impl Chart {
+    fn line(&mut self, name: &str, role: &str, width: f64, t: &[f64], y: &[f64], factor: f64) {
+        if y.is_empty() {
+            return;
+        }
+        let kept = thin(t, y);
+        self.thinned |= kept.len() < t.len().min(y.len());
+        self.traces.push(Trace {
+            name: name.into(),
+            role: role.into(),
+            mode: "lines",
+            dashed: false,
+            symbol: 0,
+            width,
+            x: kept.iter().map(|k| short(t[*k]).unwrap_or(0.0)).collect(),
+            y: kept.iter().map(|k| short(y[*k] * factor)).collect(),
+            bars: Vec::new(),
+        });
+    }
+}
+
+/// Indices of the samples to draw: of each stretch the smallest, the largest and a gap, in order; all when they are few.
+/// Samples without a time are left out.
+fn thin(t: &[f64], y: &[f64]) -> Vec<usize> {
+    let n = t.len().min(y.len());
+    let all: Vec<usize> = (0..n).filter(|k| t[*k].is_finite()).collect();
+    if all.len() <= MOST_POINTS {
+        return all;
+    }
+    let mut out = Vec::new();
+    for stretch in all.chunks(all.len().div_ceil(MOST_POINTS / 3)) {
+        let finite = || stretch.iter().copied().filter(|k| y[*k].is_finite());
+        let mut kept: Vec<usize> = [
+            finite().min_by(|a, b| y[*a].total_cmp(&y[*b])),
+            finite().max_by(|a, b| y[*a].total_cmp(&y[*b])),
+            stretch.iter().copied().find(|k| !y[*k].is_finite()),
+        ]
+        .into_iter()
+        .flatten()
+        .collect();
+        kept.sort_unstable();
+        kept.dedup();
+        out.extend(kept);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thinned_line_keeps_its_peaks_and_its_gaps() {
+        let n = 100_000;
+        let t: Vec<f64> = (0..n).map(|k| k as f64 * 0.01).collect();
+        let mut y: Vec<f64> = t.iter().map(|t| t.sin()).collect();
+        y[43_210] = 7.0;
+        y[60_001] = -9.0;
+        y[77_777] = f64::NAN;
+        let kept = thin(&t, &y);
+        assert!(kept.len() <= MOST_POINTS, "{}", kept.len());
+        for k in [43_210, 60_001, 77_777] {
+            assert!(kept.contains(&k), "{k}");
+        }
+        assert!(kept.windows(2).all(|w| w[0] < w[1]));
+        assert_eq!(thin(&t[..10], &y[..10]).len(), 10);
+    }
+}

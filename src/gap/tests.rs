@@ -1,0 +1,195 @@
+//! The linear problem against finite differences, on a flight that is made here.
+
+use super::fit::{Prepared, linearise};
+use super::model::{Enters, Model};
+use super::replay::{Around, Raw, drive};
+use super::track::{Options, Track};
+use crate::flight::{FlightLog, Format};
+use crate::physics::drone::Drone;
+use crate::physics::effects::Command;
+use crate::physics::integrate::Integrator;
+use crate::physics::measure::Reading;
+use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::surroundings::Surroundings;
+use crate::scalar::Real;
+use crate::scalar::dual::Dual;
+use crate::vehicle::Vehicle;
+use std::path::Path;
+
+fn vehicle() -> Vehicle {
+    Vehicle::from_toml("quad", include_str!("../../tests/data/planted_quad.toml")).unwrap()
+}
+
+/// Three seconds that turn and climb, by commands that change every 4 ms, with ideal sensors; attitude is held by a simple
+/// law so that the vehicle stays upright.
+fn flight(drone: &Drone<f64>) -> FlightLog {
+    let mut log = FlightLog::empty(Path::new("made.csv"), "0".repeat(64), Format::Csv);
+    log.cmd_rotor_rad_s = vec![Default::default(); 4];
+    let hover = drone.hover_rotor_vel()[0];
+    let mut state = State { pos: [0.0, 0.0, 1.2], rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
+    let mut command = [0.0; MAX_ROTORS];
+    for k in 0..3000 {
+        let t = k as f64 * 1e-3;
+        if k % 4 == 0 {
+            let q = state.quat;
+            let want = [0.35 * (2.0 * t).sin(), 0.3 * (1.7 * t).cos(), 0.0];
+            let error = [want[0] - 2.0 * q[0], want[1] - 2.0 * q[1], 0.6 * (1.1 * t).sin()];
+            let torque: [f64; 3] =
+                core::array::from_fn(|i| 0.09 * error[i] - [0.02, 0.02, 0.004][i] * state.ang_vel[i]);
+            let lift = 0.06 * (3.1 * t).sin() + 0.03 * (9.0 * t).sin();
+            for i in 0..4 {
+                let r = &drone.airframe.rotors[i];
+                let along = r.position_m[1] * torque[0] - r.position_m[0] * torque[1];
+                let share = lift + 10.0 * along + 4.0 * r.spin * torque[2];
+                command[i] = hover * (1.0 + share).clamp(0.5, 1.4);
+            }
+            for i in 0..4 {
+                log.cmd_rotor_rad_s[i].push(t, [command[i]]);
+            }
+        }
+        let around = Surroundings { ground_distance_m: state.pos[2], ..Surroundings::calm() };
+        let rate = drone.rate(&state, &Command::Rotors(command), &around);
+        let reading = Reading::ideal(&state, &rate, drone.body.gravity_m_s2);
+        if k % 4 == 0 {
+            log.position_m.push(t, reading.pos);
+            log.attitude.push(t, reading.quat);
+        }
+        if k % 2 == 0 {
+            log.angular_velocity_rad_s.push(t, reading.gyro);
+            log.specific_force_m_s2.push(t, reading.accel);
+        }
+        state = Integrator::Rk4.step(&state, 1e-3, |s| drone.rate(s, &Command::Rotors(command), &around));
+    }
+    log.duration_s = 3.0;
+    log
+}
+
+fn made() -> (Vehicle, Drone<f64>, Track) {
+    let vehicle = vehicle();
+    let drone = vehicle.drone("first_principles").unwrap();
+    let options = Options { ceiling_z_m: Some(3.0), ..Options::default() };
+    let track = Track::new(flight(&drone), &vehicle, &options).unwrap();
+    (vehicle, drone, track)
+}
+
+#[test]
+fn slopes_of_what_drives_the_motors_are_those_of_finite_differences() {
+    let (_, drone, track) = made();
+    let around = Around::new(&track, &drone);
+    let raw = Raw::new(&track, &around);
+    let model = Model::new(&drone, &[&track], &[&around]).unwrap();
+    let mut counted = 0;
+    for (k, p) in model.parameters.iter().enumerate() {
+        if p.enters != Enters::Drive || p.name == "max_rotor_vel_rad_s" {
+            continue;
+        }
+        // Where a command arrives just at a tick the speed there has no slope: values that avoid it.
+        for offset in [0.3137, 1.1171] {
+            let mut at = model.filed();
+            at[k] += offset * p.slab;
+            let keep = vec![true; model.drone.effects.len()];
+            let seeded: Drone<Dual<f64, 1>> =
+                model.drone_at(&at, &keep, |j, v| if j == k { Dual::input(v, 0) } else { Dual::lit(v) });
+            let exact = drive(&track, &around, &raw, &seeded);
+            let step = 1e-4 * p.slab;
+            let moved = |by: f64| {
+                let mut there = at.clone();
+                there[k] += by;
+                drive(&track, &around, &raw, &model.drone_at(&there, &keep, |_, v| v))
+            };
+            let (up, down) = (moved(step), moved(-step));
+            let largest = exact.iter().map(|t| t.rotor_vel[0].partials[0].abs()).fold(0.0, f64::max);
+            for i in 100..exact.len() {
+                let difference = (up[i].rotor_vel[0] - down[i].rotor_vel[0]) / (2.0 * step);
+                let slope = exact[i].rotor_vel[0].partials[0];
+                assert!(
+                    (slope - difference).abs() < 2e-3 * largest,
+                    "{} tick {i}: {slope} {difference}",
+                    p.name
+                );
+            }
+            assert!(largest > 0.0, "{} does nothing", p.name);
+            counted += 1;
+        }
+    }
+    assert!(counted >= 6, "{counted}");
+}
+
+#[test]
+fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
+    let (_, drone, track) = made();
+    let logs = [Prepared::new(&track, &drone)];
+    let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
+    let all: Vec<usize> = (0..model.candidates.len()).collect();
+    // Away from the file, so that products of parameters count too.
+    let at: Vec<f64> = model
+        .parameters
+        .iter()
+        .map(|p| {
+            let side = if p.sign == crate::physics::effects::Sign::Down { -1.0 } else { 1.0 };
+            p.filed + 0.2137 * side * p.slab
+        })
+        .collect();
+    let horizon = 0.25;
+    let here = linearise(&logs, &model, &at, &all, horizon);
+    let own = |w: &super::fit::Window| w.gram.nrows() - 1 - model.parameters.len();
+    for (k, p) in model.parameters.iter().enumerate() {
+        // The residual's square changes by −2 Jᵀr: its second difference is JᵀJ.
+        let step = 2e-3 * p.slab;
+        let moved = |by: f64| {
+            let mut there = at.clone();
+            there[k] += by;
+            linearise(&logs, &model, &there, &all, horizon)
+        };
+        let (up, down) = (moved(step), moved(-step));
+        // A limit that no command reaches has no slope; its column is a secant by design.
+        if p.name == "max_rotor_vel_rad_s" {
+            continue;
+        }
+        let (mut exact, mut difference, mut squares) = (0.0, 0.0, 0.0);
+        for ((w, u), d) in here.windows.iter().zip(&up.windows).zip(&down.windows) {
+            let last = w.gram.nrows() - 1;
+            let column = own(w) + k;
+            if w.n_rows != u.n_rows || w.n_rows != d.n_rows {
+                continue;
+            }
+            exact += -2.0 * w.gram[(column, last)];
+            difference += (u.gram[(last, last)] - d.gram[(last, last)]) / (2.0 * step);
+            squares += 2.0 * (w.gram[(column, column)] * w.gram[(last, last)]).sqrt();
+        }
+        assert!(squares > 0.0, "{} does nothing", p.name);
+        let id = &model.candidates[p.candidate].id;
+        assert!(
+            (exact - difference).abs() < 0.02 * squares,
+            "{id} {}: {exact} {difference} of {squares}",
+            p.name
+        );
+    }
+}
+
+#[test]
+fn a_delay_of_commands_is_all_sensors_being_late() {
+    let (_, drone, track) = made();
+    let logs = [Prepared::new(&track, &drone)];
+    let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
+    let linear = linearise(&logs, &model, &model.filed(), &[], 0.25);
+    let reduced = linear.reduce(&super::fit::Disturbance::unknown());
+    let (h, _) = super::solve::sum(&reduced, |_| true);
+    let index = |id: &str| {
+        (0..model.parameters.len())
+            .find(|k| model.candidates[model.parameters[*k].candidate].id == id)
+            .unwrap()
+    };
+    let mut v = nalgebra::DVector::zeros(model.parameters.len());
+    v[index("command_delay")] = 1.0;
+    let one = v.dot(&(&h * &v));
+    for id in ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"] {
+        v[index(id)] = -1.0;
+    }
+    let both = v.dot(&(&h * &v));
+    for id in ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"] {
+        let k = index(id);
+        println!("{id} {:e} cross {:e}", h[(k, k)], h[(k, index("command_delay"))]);
+    }
+    assert!(both < 0.06 * one, "{both} of {one}");
+}

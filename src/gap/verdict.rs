@@ -1,0 +1,183 @@
+//! What a diagnosis says: plain data for text, JSON and pages.
+
+use super::track::Noise;
+use crate::physics::effects::Area;
+use serde::{Deserialize, Serialize};
+
+/// A fitted parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct ParameterFit {
+    /// Name within the effect: `drag_n_s_per_m.0.0`.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Value in the vehicle file (the effect's default where the file does not list it).
+    pub filed: f64,
+    /// Estimate.
+    pub value: f64,
+    /// Standard deviation of the estimate.
+    pub sigma: f64,
+}
+
+/// An effect that fits almost as well as the chosen one.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LookAlike {
+    /// Candidate ids that stand together in place of the chosen effect.
+    pub ids: Vec<String>,
+    /// In plain words.
+    pub title: String,
+    /// Evidence by which it fits worse than the chosen one, nats.
+    pub worse_by_nats: f64,
+    /// The manoeuvre that would tell them apart.
+    pub manoeuvre: String,
+}
+
+/// An effect that the verdict names.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Finding {
+    /// Candidate id: `weak_rotor.2`.
+    pub id: String,
+    /// Effect kind: `weak_rotor`.
+    pub kind: String,
+    /// In plain words.
+    pub title: String,
+    /// Where it acts.
+    pub area: Area,
+    /// Parameters with values and intervals.
+    pub parameters: Vec<ParameterFit>,
+    /// Other parameters of the effect at values that were set before the fit (a cable's length), SI.
+    pub set: Vec<(String, f64)>,
+    /// Evidence that is lost without it, nats.
+    pub evidence_nats: f64,
+    /// Share of the excess error that it removes on segments that the fit has not seen, 0 to 1; negative: it makes it worse.
+    pub removed_share: f64,
+    /// Whether no other effect explains the log about as well.
+    pub certain: bool,
+    /// Others that the log cannot tell from it.
+    pub look_alikes: Vec<LookAlike>,
+}
+
+/// A parameter within its tolerance whose estimate differs from the file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Candidate id.
+    pub id: String,
+    /// Effect kind.
+    pub kind: String,
+    /// The parameter.
+    pub parameter: ParameterFit,
+}
+
+/// A term of the free-form description of what remains.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FreeTerm {
+    /// What is pushed: `force along body x`, `torque about body z` …
+    pub on: String,
+    /// The physical variable: `v_x |v|`, `sin(2 roll) · thrust` …
+    pub variable: String,
+    /// Coefficient, per SI unit of the variable, of an acceleration (m/s² or rad/s²).
+    pub coefficient: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Share of the remaining scatter that it explains on segments that it has not seen.
+    pub explained_share: f64,
+}
+
+/// What remains when all that was found is in the model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Remainder {
+    /// Standard deviation of the force that no effect explains, over the mass, m/s² (constant over 0.25 s).
+    pub force_m_s2: f64,
+    /// Standard deviation of the torque that no effect explains, over the inertia, rad/s².
+    pub torque_rad_s2: f64,
+    /// The same before anything was found.
+    pub force_before_m_s2: f64,
+    /// The same before anything was found.
+    pub torque_before_rad_s2: f64,
+    /// Whether more is left than a well-known vehicle leaves: something is missing that is not in the list.
+    pub unexplained: bool,
+    /// Terms that describe it, best first.
+    pub terms: Vec<FreeTerm>,
+    /// In words.
+    pub text: String,
+}
+
+/// Root-mean-square error of roll-outs of one length.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HorizonError {
+    /// Length of the roll-outs, s.
+    pub horizon_s: f64,
+    /// Position at the end, m.
+    pub position_m: f64,
+    /// Velocity at the end, m/s.
+    pub velocity_m_s: f64,
+    /// Attitude at the end, rad.
+    pub attitude_rad: f64,
+    /// Body rate at the end, rad/s.
+    pub rate_rad_s: f64,
+    /// Number of roll-outs.
+    pub n: usize,
+}
+
+/// One rung of the ladder: the model with the first effects that were found.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Rung {
+    /// `as filed`, `+ linear_drag` …
+    pub label: String,
+    /// Errors on the flights of the fit, by horizon.
+    pub training: Vec<HorizonError>,
+    /// Errors on flights (or segments) that the fit has not seen, by horizon.
+    pub held_out: Vec<HorizonError>,
+}
+
+/// One log of a diagnosis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LogSummary {
+    /// File name.
+    pub name: String,
+    /// SHA-256 of the file.
+    pub sha256: String,
+    /// Usable span, s.
+    pub duration_s: f64,
+    /// What drove the model.
+    pub drive: String,
+    /// Noise of its channels.
+    pub noise: Noise,
+    /// Whether it was kept out of the fit.
+    pub held_out: bool,
+}
+
+/// The verdict.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// Name of the vehicle.
+    pub vehicle: String,
+    /// SHA-256 of its file's contents.
+    pub vehicle_sha256: String,
+    /// Dynamics of the vehicle that were fitted, one of [`crate::vehicle::DYNAMICS`].
+    pub dynamics: String,
+    /// The logs.
+    pub logs: Vec<LogSummary>,
+    /// One sentence: what is missing, or that nothing is.
+    pub verdict: String,
+    /// The missing effects, most important first; empty where nothing is missing.
+    pub findings: Vec<Finding>,
+    /// Parameters within tolerance that the log corrects by more than two standard deviations.
+    pub calibration: Vec<Calibration>,
+    /// All tolerance parameters at their estimates, for a vehicle file that is adjusted as well as completed.
+    pub adjusted: Vec<Calibration>,
+    /// What remains.
+    pub remainder: Remainder,
+    /// Baseline, + effect 1, + effect 2 …
+    pub ladder: Vec<Rung>,
+    /// What to fly next, and why.
+    pub advice: Vec<String>,
+    /// Candidates that were not tried, with the reason.
+    pub not_tried: Vec<(String, String)>,
+    /// Every candidate tried alone: id, evidence for it, nats.
+    pub singles: Vec<(String, f64)>,
+    /// Dispersion by which evidence and intervals were divided (1: residuals as noisy as the sensors).
+    pub dispersion: f64,
+    /// What was assumed or left out.
+    pub warnings: Vec<String>,
+}

@@ -1,0 +1,227 @@
+//! What may be missing in a model: an effect, which of its parameters are free, and how large they may be.
+//!
+//! Every parameter has two widths. The *spike* is its tolerance on a carefully measured vehicle: "the effect is absent"
+//! means that the parameter stays within it. The *slab* is a plausible size where the effect is there. Spike-and-slab
+//! priors: George & McCulloch, "Variable selection via Gibbs sampling", JASA 88(423), 1993.
+
+use crate::physics::drone::Drone;
+use crate::physics::rigid_body::MAX_ROTORS;
+
+/// Which sign an effect's parameter can have, counted from its value in the vehicle file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sign {
+    /// Both.
+    Any,
+    /// Only larger than filed.
+    Up,
+    /// Only smaller than filed.
+    Down,
+}
+
+/// One free parameter.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Freedom {
+    /// Name as [`crate::physics::params::Parameters::visit`] gives it, without the effect's prefix: `offset_m.0`.
+    pub name: String,
+    /// SI unit, `1` where it has none.
+    pub unit: &'static str,
+    /// Standard deviation about the filed value on a carefully built vehicle; 0 where the parameter is only free together
+    /// with the effect.
+    pub spike: f64,
+    /// Standard deviation about the filed value where the effect is there.
+    pub slab: f64,
+    /// Which way it can go.
+    pub sign: Sign,
+}
+
+impl Freedom {
+    /// A parameter that can be off either way.
+    pub fn any(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
+        Self { name: name.into(), unit, spike, slab, sign: Sign::Any }
+    }
+
+    /// A parameter that can only be larger than filed.
+    pub fn up(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
+        Self { name: name.into(), unit, spike, slab, sign: Sign::Up }
+    }
+
+    /// A parameter that can only be smaller than filed.
+    pub fn down(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
+        Self { name: name.into(), unit, spike, slab, sign: Sign::Down }
+    }
+}
+
+/// Where a parameter may lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    /// Least value allowed; −∞ for none.
+    pub least: f64,
+    /// Greatest value allowed; ∞ for none.
+    pub most: f64,
+}
+
+impl Bounds {
+    /// Whether a value is allowed.
+    pub fn holds(&self, value: f64) -> bool {
+        (self.least..=self.most).contains(&value)
+    }
+
+    /// The bounds in words: `a number from 0 to 1`.
+    pub fn words(&self) -> String {
+        let from = Some(self.least).filter(|v| v.is_finite()).map(|v| format!(" from {v}"));
+        let to = Some(self.most).filter(|v| v.is_finite()).map(|v| format!(" to {v}"));
+        format!("a number{}{}", from.unwrap_or_default(), to.unwrap_or_default())
+    }
+}
+
+/// Where on the vehicle an effect acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Area {
+    /// Air on the airframe.
+    Airframe,
+    /// Mass properties.
+    Mass,
+    /// Rotors, motors, battery.
+    Drive,
+    /// Sensors and frames.
+    Measurement,
+}
+
+/// What the data must hold for a candidate to be tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Needs {
+    /// Nothing beyond a pose and what drives the vehicle.
+    Nothing,
+    /// Commands to the motors (not only measured rotor speeds).
+    Commands,
+    /// A ground of known height.
+    Ground,
+    /// A ceiling of known height.
+    Ceiling,
+    /// The position of another vehicle.
+    Neighbour,
+    /// A gyroscope.
+    Gyro,
+    /// An accelerometer.
+    Accelerometer,
+    /// Battery voltage.
+    Voltage,
+}
+
+/// An effect that may be missing, with what is free in it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Candidate {
+    /// Name in verdicts: the effect's kind, with a suffix where one kind gives several (`weak_rotor.2`).
+    pub id: String,
+    /// The effect's kind.
+    pub kind: &'static str,
+    /// What it is, in plain words, lower case: `drag that grows with speed`.
+    pub title: String,
+    /// Where it acts.
+    pub area: Area,
+    /// What the data must hold.
+    pub needs: Needs,
+    /// Free parameters.
+    pub freedoms: Vec<Freedom>,
+    /// Values that parameters take while the effect is tried, where the default would hide the others (a frequency).
+    pub preset: Vec<(String, f64)>,
+    /// The manoeuvre that shows it best, in plain words: `fly fast and slow, level, in all directions`.
+    pub manoeuvre: &'static str,
+}
+
+impl Candidate {
+    /// A candidate that needs nothing and is called after its kind.
+    pub fn new(
+        kind: &'static str,
+        title: &str,
+        area: Area,
+        freedoms: Vec<Freedom>,
+        manoeuvre: &'static str,
+    ) -> Self {
+        Self {
+            id: kind.into(),
+            kind,
+            title: title.into(),
+            area,
+            needs: Needs::Nothing,
+            freedoms,
+            preset: Vec::new(),
+            manoeuvre,
+        }
+    }
+
+    /// The same with `.suffix` behind its name.
+    #[must_use]
+    pub fn part(mut self, suffix: impl core::fmt::Display) -> Self {
+        self.id = format!("{}.{suffix}", self.kind);
+        self
+    }
+
+    /// The same where the data must hold something.
+    #[must_use]
+    pub fn needing(mut self, needs: Needs) -> Self {
+        self.needs = needs;
+        self
+    }
+
+    /// The same with a parameter that takes `value` while the effect is tried.
+    #[must_use]
+    pub fn preset(mut self, name: &str, value: f64) -> Self {
+        self.preset.push((name.into(), value));
+        self
+    }
+}
+
+/// Sizes of a vehicle that the sizes of effects go with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    /// Mass with all that is fixed to the vehicle, kg.
+    pub mass_kg: f64,
+    /// Its weight, N.
+    pub weight_n: f64,
+    /// Mean speed of the rotors in hover, rad/s.
+    pub hover_rad_s: f64,
+    /// Sum of the speeds of the rotors in hover, rad/s.
+    pub speed_sum_rad_s: f64,
+    /// Mean radius of the rotors, m.
+    pub radius_m: f64,
+    /// Number of rotors, at least 1.
+    pub n_rotors: f64,
+    /// Rotor radius over that of a 5 inch propeller, 1: what lengths on the airframe go with.
+    pub size: f64,
+}
+
+/// Radius of a 5 inch propeller, m.
+const FIVE_INCH_M: f64 = 0.0635;
+
+impl Scale {
+    /// The sizes of `drone`.
+    pub fn of(drone: &Drone<f64>) -> Self {
+        let used = drone.airframe.n_rotors.min(MAX_ROTORS);
+        let n_rotors = used.max(1) as f64;
+        let speed_sum_rad_s: f64 = drone.hover_rotor_vel()[..used].iter().sum();
+        let radius_m = drone.airframe.rotors[..used].iter().map(|r| r.radius_m).sum::<f64>() / n_rotors;
+        Self {
+            mass_kg: drone.parts().body.mass_kg,
+            weight_n: drone.hover_thrust(),
+            hover_rad_s: speed_sum_rad_s / n_rotors,
+            speed_sum_rad_s,
+            radius_m,
+            n_rotors,
+            size: radius_m / FIVE_INCH_M,
+        }
+    }
+}
+
+/// Two or three freedoms of one kind along the axes of an array parameter: `name.0`, `name.1` …
+pub fn along(
+    name: &str,
+    axes: core::ops::Range<usize>,
+    unit: &'static str,
+    (spike, slab): (f64, f64),
+) -> Vec<Freedom> {
+    axes.map(|i| Freedom::any(format!("{name}.{i}"), unit, spike, slab)).collect()
+}

@@ -1,0 +1,200 @@
+//! Arithmetic that is written down as data: what a text of a user becomes, and evaluates over any number type.
+//!
+//! A program is a list of operations on a stack (postfix notation). It is checked once, when it is built; running it
+//! allocates nothing and branches on no number.
+
+use super::Real;
+
+/// Greatest depth of the stack that a program may need.
+pub const MAX_DEPTH: usize = 32;
+
+/// One operation on the stack.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Op {
+    /// Pushes a constant.
+    Literal(f64),
+    /// Pushes an input.
+    Input(u16),
+    /// −a.
+    Negate,
+    /// a + b.
+    Add,
+    /// a − b.
+    Subtract,
+    /// a b.
+    Multiply,
+    /// a / b.
+    Divide,
+    /// a to an integer power.
+    Power(i8),
+    /// Magnitude.
+    Abs,
+    /// Square root.
+    Sqrt,
+    /// e to the power of a.
+    Exp,
+    /// Sine of an angle in radians.
+    Sin,
+    /// Cosine of an angle in radians.
+    Cos,
+    /// Hyperbolic tangent.
+    Tanh,
+    /// The smaller of a and b.
+    Min,
+    /// The larger of a and b.
+    Max,
+}
+
+impl Op {
+    /// How many numbers it takes from the stack; it puts one back.
+    pub fn takes(self) -> usize {
+        match self {
+            Self::Literal(_) | Self::Input(_) => 0,
+            Self::Negate | Self::Power(_) | Self::Abs | Self::Sqrt => 1,
+            Self::Exp | Self::Sin | Self::Cos | Self::Tanh => 1,
+            Self::Add | Self::Subtract | Self::Multiply | Self::Divide | Self::Min | Self::Max => 2,
+        }
+    }
+}
+
+/// A checked program that leaves one number.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    ops: Vec<Op>,
+}
+
+/// Why a list of operations is no program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProgramError {
+    /// It needs too much at once.
+    #[error("needs {0} numbers at once, more than {MAX_DEPTH}")]
+    TooDeep(usize),
+    /// It takes what is not there, or leaves other than one number.
+    #[error("does not leave exactly one number")]
+    Unbalanced,
+}
+
+impl Program {
+    /// Checks the operations.
+    ///
+    /// # Errors
+    /// [`ProgramError`] where they need a deeper stack than [`MAX_DEPTH`] or do not leave exactly one number.
+    pub fn new(ops: Vec<Op>) -> Result<Self, ProgramError> {
+        let (mut depth, mut deepest) = (0usize, 0usize);
+        for op in &ops {
+            depth = depth.checked_sub(op.takes()).ok_or(ProgramError::Unbalanced)? + 1;
+            deepest = deepest.max(depth);
+        }
+        if deepest > MAX_DEPTH {
+            return Err(ProgramError::TooDeep(deepest));
+        }
+        if depth != 1 {
+            return Err(ProgramError::Unbalanced);
+        }
+        Ok(Self { ops })
+    }
+
+    /// The operations.
+    pub fn ops(&self) -> &[Op] {
+        &self.ops
+    }
+
+    /// The value, where `input` gives the inputs.
+    pub fn eval<S: Real>(&self, input: impl Fn(u16) -> S) -> S {
+        let mut stack = [S::zero(); MAX_DEPTH];
+        let mut top = 0;
+        for op in &self.ops {
+            let first = top - op.takes();
+            let (a, b) = (stack[first.min(MAX_DEPTH - 1)], stack[(first + 1).min(MAX_DEPTH - 1)]);
+            stack[first] = match *op {
+                Op::Literal(v) => S::lit(v),
+                Op::Input(i) => input(i),
+                Op::Negate => -a,
+                Op::Add => a + b,
+                Op::Subtract => a - b,
+                Op::Multiply => a * b,
+                Op::Divide => a / b,
+                Op::Power(n) => power(a, n),
+                Op::Abs => a.abs(),
+                Op::Sqrt => a.sqrt(),
+                Op::Exp => a.exp(),
+                Op::Sin => a.sin_cos().0,
+                Op::Cos => a.sin_cos().1,
+                Op::Tanh => tanh(a),
+                Op::Min => a.min(b),
+                Op::Max => a.max(b),
+            };
+            top = first + 1;
+        }
+        stack[0]
+    }
+}
+
+/// `a` to the power of `n`, by products.
+fn power<S: Real>(a: S, n: i8) -> S {
+    let product = (0..n.unsigned_abs()).fold(S::one(), |product, _| product * a);
+    if n < 0 { S::one() / product } else { product }
+}
+
+/// Hyperbolic tangent, 1 − 2 / (e^(2a) + 1). Beyond ±20 it differs from ±1 by less than a number can tell.
+fn tanh<S: Real>(a: S) -> S {
+    let held = a.clamp(S::lit(-20.0), S::lit(20.0));
+    let two = S::lit(2.0);
+    S::one() - two / ((two * held).exp() + S::one())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scalar::dual::Dual;
+
+    #[test]
+    fn programs_compute_over_any_number_type() {
+        // max(x, 1) · sin(y)² − |x| / 2^−2
+        let ops = vec![
+            Op::Input(0),
+            Op::Literal(1.0),
+            Op::Max,
+            Op::Input(1),
+            Op::Sin,
+            Op::Power(2),
+            Op::Multiply,
+            Op::Input(0),
+            Op::Abs,
+            Op::Literal(2.0),
+            Op::Power(-2),
+            Op::Divide,
+            Op::Subtract,
+        ];
+        let program = Program::new(ops).unwrap();
+        let value = |x: f64, y: f64| program.eval(|i| [x, y][usize::from(i)]);
+        for (x, y) in [(3.0f64, 0.4f64), (-2.0, 1.3)] {
+            let expected = f64::max(x, 1.0) * y.sin().powi(2) - x.abs() * 4.0;
+            assert!((value(x, y) - expected).abs() < 1e-14);
+            let dual = program.eval(|i| Dual::<f64, 2>::input([x, y][usize::from(i)], i.into()));
+            let slope = (value(x + 1e-6, y) - value(x - 1e-6, y)) / 2e-6;
+            assert!((dual.partials[0] - slope).abs() < 1e-8 && dual.value == value(x, y));
+        }
+        assert!((program.eval(|i| [3.0f32, 0.4][usize::from(i)]) - value(3.0, 0.4) as f32).abs() < 1e-5);
+    }
+
+    #[test]
+    fn tanh_is_right_and_flat_far_out() {
+        let program = Program::new(vec![Op::Input(0), Op::Tanh]).unwrap();
+        for x in [-700.0, -3.0, -1e-3, 0.0, 0.5, 30.0, 1e9] {
+            let dual = program.eval(|_| Dual::<f64, 1>::input(x, 0));
+            assert!((dual.value - x.tanh()).abs() < 1e-15, "{x}");
+            assert!((dual.partials[0] - (1.0 - x.tanh().powi(2))).abs() < 1e-14, "{x}");
+        }
+    }
+
+    #[test]
+    fn lists_that_are_no_programs_are_refused() {
+        assert_eq!(Program::new(vec![]), Err(ProgramError::Unbalanced));
+        assert_eq!(Program::new(vec![Op::Literal(1.0), Op::Add]), Err(ProgramError::Unbalanced));
+        assert_eq!(Program::new(vec![Op::Literal(1.0); 2]), Err(ProgramError::Unbalanced));
+        let sum = |n: usize| [vec![Op::Literal(1.0); n], vec![Op::Add; n - 1]].concat();
+        assert_eq!(Program::new(sum(32)).unwrap().eval(|_| 0.0), 32.0);
+        assert_eq!(Program::new(sum(33)), Err(ProgramError::TooDeep(33)));
+    }
+}

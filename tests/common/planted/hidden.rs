@@ -1,0 +1,573 @@
+//! How the true vehicle, its air and its sensors differ from the vehicle file: tolerances of manufacture, and effects that
+//! are hidden on purpose.
+//!
+//! Equations: docs/effects/*.md; sizes: of a quadrotor of 0.75 kg, scaled with mass and hover speed for others.
+
+use super::linear::{V, mul, norm, unit};
+use propwash::random::{Key, Stream, purpose};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Effects that a diagnosis is to know, by the id of the candidate.
+pub const HIDDEN: &[&str] = &[
+    "linear_drag",
+    "quadratic_drag",
+    "rotor_drag",
+    "blade_flapping",
+    "inflow",
+    "translational_lift",
+    "ground_effect",
+    "ceiling_effect",
+    "downwash",
+    "constant_wind",
+    "gust",
+    "turbulence",
+    "rotor_tilt",
+    "payload",
+    "wrong_mass",
+    "slung_payload",
+    "com_offset",
+    "wrong_inertia.x",
+    "wrong_inertia.y",
+    "wrong_inertia.z",
+    "rotor_inertia",
+    "thrust_scale",
+    "thrust_curve",
+    "weak_rotor.1",
+    "weak_rotor.2",
+    "weak_rotor.3",
+    "weak_rotor.4",
+    "torque_scale",
+    "motor_lag",
+    "command_delay",
+    "battery_sag",
+    "actuator_saturation",
+    "mount",
+    "world_tilt",
+    "sensor_offset",
+    "gyro_bias",
+    "gyro_scale",
+    "accel_bias",
+    "clock_offset.pose",
+    "clock_offset.gyro",
+    "clock_offset.accel",
+];
+
+/// Effects that no list of candidates has, for the verdict "unexplained".
+pub const UNLISTED: &[&str] =
+    &["cubic_drag", "roll_dependent_thrust", "sudden_push", "swing_torque", "speed_thrust_loss"];
+
+/// Height of the ceiling of the hall in which [`super::Excitation::NearCeiling`] is flown, m, world.
+pub const CEILING_Z_M: f64 = 3.0;
+
+/// The id among [`HIDDEN`] and [`UNLISTED`] that is called `name`.
+///
+/// # Errors
+/// A sentence with all ids where there is none.
+pub fn id(name: &str) -> Result<&'static str, String> {
+    HIDDEN.iter().chain(UNLISTED).find(|known| **known == name).copied().ok_or_else(|| {
+        format!(
+            "expected the id of an effect, found `{name}`: take one of {}, {}, or none",
+            HIDDEN.join(", "),
+            UNLISTED.join(", ")
+        )
+    })
+}
+
+/// What the sizes of hidden effects are scaled by.
+#[derive(Clone, Copy, Debug)]
+pub struct Scale {
+    /// Mass over 0.75 kg.
+    pub mass: f64,
+    /// Rotor speed at hover, rad/s.
+    pub hover_rad_s: f64,
+    /// Thrust of one rotor at hover, N.
+    pub hover_n: f64,
+    /// Mean distance of the hubs from the middle over 0.113 m.
+    pub arm: f64,
+    /// Inertia about x over 2.5e-3 kg·m².
+    pub inertia: f64,
+    /// Length of the flight, s.
+    pub seconds: f64,
+}
+
+/// Everything in which truth and vehicle file differ. Factors are 1 and the rest 0 where they agree.
+#[derive(Clone, Debug, Serialize, PartialEq)]
+pub struct Deviations {
+    /// True mass over the filed one, without payload.
+    pub mass_factor: f64,
+    /// True inertia over the filed one, x, y, z.
+    pub inertia_factor: V,
+    /// True rotor inertia over the filed one.
+    pub rotor_inertia_factor: f64,
+    /// From the filed to the true centre of mass, m, body.
+    pub com_offset_m: V,
+    /// Mass of a rigid payload, kg.
+    pub payload_kg: f64,
+    /// Its place from the centre of mass, m, body.
+    pub payload_position_m: V,
+    /// Mass on a cable, kg.
+    pub slung_kg: f64,
+    /// Length of the cable, m.
+    pub cable_m: f64,
+    /// Place at which the cable hangs, from the centre of mass, m, body.
+    pub hook_m: V,
+    /// Thrust over the filed one, all rotors.
+    pub thrust_factor: f64,
+    /// Share s of the hover thrust that is linear in the rotor speed: T = (1 − s) k Ω² + s k Ω_hover Ω.
+    pub thrust_curve_share: f64,
+    /// Thrust over the filed one, of each rotor.
+    pub rotor_factor: [f64; 4],
+    /// Torque over the filed one.
+    pub torque_factor: f64,
+    /// Time to spin up and down over the filed one.
+    pub lag_factor: [f64; 2],
+    /// Delay of the commands, s.
+    pub delay_s: f64,
+    /// Share of thrust that is lost at the end of the flight; it grows linearly with time.
+    pub sag_share: f64,
+    /// Greatest rotor speed, rad/s; infinite where there is none below the command's own.
+    pub max_rotor_rad_s: f64,
+    /// Lean of all thrust axes: rotation vector about body x and y, rad.
+    pub lean_rad: [f64; 2],
+    /// Lean of each thrust axis about its own arm, times its spin, rad.
+    pub twist_rad: f64,
+    /// Lean of each single thrust axis about body x and y, rad.
+    pub rotor_lean_rad: [[f64; 2]; 4],
+    /// Linear drag over the filed one, x, y, z.
+    pub linear_drag_factor: V,
+    /// Linear drag beyond that, N·s/m, body x, y, z.
+    pub linear_drag_n_s_per_m: V,
+    /// Quadratic drag, N·s²/m², body x, y, z.
+    pub quadratic_drag_n_s2_per_m2: V,
+    /// Rotor drag, N·s²/(rad·m).
+    pub rotor_drag_n_s2_per_rad_m: f64,
+    /// Blade flapping, N·s²/rad.
+    pub flapping_n_s2_per_rad: f64,
+    /// Loss of thrust by inflow, N·s²/(rad·m).
+    pub inflow_n_s2_per_rad_m: f64,
+    /// Translational lift, N·s²/m².
+    pub lift_n_s2_per_m2: f64,
+    /// Strength of the ground effect.
+    pub ground_strength: f64,
+    /// Strength of the effect of the ceiling at [`CEILING_Z_M`].
+    pub ceiling_strength: f64,
+    /// Area that a neighbour's jet meets, m².
+    pub downwash_area_m2: f64,
+    /// Growth of that jet's radius per depth.
+    pub downwash_spread: f64,
+    /// Constant wind, m/s, world.
+    pub wind_m_s: V,
+    /// Amplitude of the gust, m/s, world.
+    pub gust_m_s: V,
+    /// Its frequency, Hz.
+    pub gust_hz: f64,
+    /// Its phase at time 0, rad.
+    pub gust_phase_rad: f64,
+    /// Standard deviation of hidden turbulence, m/s; the air of every flight has its own beside it.
+    pub turbulence_m_s: f64,
+    /// Rotation vector from the body to the frame of attitude, gyroscope and accelerometer, rad, body.
+    pub mount_rad: V,
+    /// Rotation vector of the position system's world about the true x and y, rad.
+    pub tilt_rad: [f64; 2],
+    /// Place of the position marker from the centre of mass, m, body.
+    pub marker_m: V,
+    /// Bias of the gyroscope, rad/s.
+    pub gyro_bias_rad_s: V,
+    /// Scale error of the gyroscope, x, y, z (0: none).
+    pub gyro_scale: V,
+    /// Bias of the accelerometer, m/s².
+    pub accel_bias_m_s2: V,
+    /// How late the times of poses, gyroscope and accelerometer are written, s.
+    pub clock_s: V,
+    /// Drag with the cube of the speed, N·s³/m³.
+    pub cubic_drag_n_s3_per_m3: f64,
+    /// a of thrust × (1 + a sin 2·roll).
+    pub roll_thrust: f64,
+    /// Force of the push, N, body.
+    pub push_n: V,
+    /// When the push begins and ends, s.
+    pub push_s: [f64; 2],
+    /// Torque about body x and y per v_x ω_z, N·m·s²/(m·rad).
+    pub swing_n_m: [f64; 2],
+    /// Share k of thrust × (1 − k tanh(|v|/3 m/s)).
+    pub speed_loss: f64,
+}
+
+impl Deviations {
+    /// The vehicle as filed, in still air, with perfect sensors.
+    pub fn none() -> Self {
+        Self {
+            mass_factor: 1.0,
+            inertia_factor: [1.0; 3],
+            rotor_inertia_factor: 1.0,
+            com_offset_m: [0.0; 3],
+            payload_kg: 0.0,
+            payload_position_m: [0.0; 3],
+            slung_kg: 0.0,
+            cable_m: 0.5,
+            hook_m: [0.0; 3],
+            thrust_factor: 1.0,
+            thrust_curve_share: 0.0,
+            rotor_factor: [1.0; 4],
+            torque_factor: 1.0,
+            lag_factor: [1.0; 2],
+            delay_s: 0.0,
+            sag_share: 0.0,
+            max_rotor_rad_s: f64::INFINITY,
+            lean_rad: [0.0; 2],
+            twist_rad: 0.0,
+            rotor_lean_rad: [[0.0; 2]; 4],
+            linear_drag_factor: [1.0; 3],
+            linear_drag_n_s_per_m: [0.0; 3],
+            quadratic_drag_n_s2_per_m2: [0.0; 3],
+            rotor_drag_n_s2_per_rad_m: 0.0,
+            flapping_n_s2_per_rad: 0.0,
+            inflow_n_s2_per_rad_m: 0.0,
+            lift_n_s2_per_m2: 0.0,
+            ground_strength: 0.0,
+            ceiling_strength: 0.0,
+            downwash_area_m2: 0.0,
+            downwash_spread: 0.1,
+            wind_m_s: [0.0; 3],
+            gust_m_s: [0.0; 3],
+            gust_hz: 0.5,
+            gust_phase_rad: 0.0,
+            turbulence_m_s: 0.0,
+            mount_rad: [0.0; 3],
+            tilt_rad: [0.0; 2],
+            marker_m: [0.0; 3],
+            gyro_bias_rad_s: [0.0; 3],
+            gyro_scale: [0.0; 3],
+            accel_bias_m_s2: [0.0; 3],
+            clock_s: [0.0; 3],
+            cubic_drag_n_s3_per_m3: 0.0,
+            roll_thrust: 0.0,
+            push_n: [0.0; 3],
+            push_s: [0.0; 2],
+            swing_n_m: [0.0; 2],
+            speed_loss: 0.0,
+        }
+    }
+
+    /// Tolerances of a carefully built and measured vehicle, `width` times as wide as usual. The standard deviations are
+    /// those of careful weighing and bench tests: mass 0.5 %, thrust 1.2 %, inertia 3 %, torque 3 %, each rotor 0.7 %, …
+    pub fn tolerances(seed: u64, width: f64) -> Self {
+        let draw = |name: &str| -> Box<dyn FnMut(f64) -> f64> {
+            let mut stream = stream(seed, 0, name);
+            // Beyond three standard deviations a part would have been sent back.
+            Box::new(move |sigma| sigma * width * stream.normal().clamp(-3.0, 3.0))
+        };
+        let three = |name: &str, sigma: f64| {
+            let mut d = draw(name);
+            [d(sigma), d(sigma), d(sigma)]
+        };
+        let one = |name: &str, sigma: f64| draw(name)(sigma);
+        let factors = |v: V| [1.0 + v[0], 1.0 + v[1], 1.0 + v[2]];
+        const DEG: f64 = std::f64::consts::PI / 180.0;
+        let com = three("com", 1.0);
+        let wind = three("wind", 0.02);
+        let mut rotor = draw("rotor");
+        let mut lean = draw("rotor lean");
+        let tilt = three("tilt", 0.05 * DEG);
+        let mut lag = draw("lag");
+        Self {
+            mass_factor: 1.0 + one("mass", 0.005),
+            inertia_factor: factors(three("inertia", 0.03)),
+            rotor_inertia_factor: 1.0 + one("rotor inertia", 0.05),
+            com_offset_m: [0.2e-3 * com[0], 0.2e-3 * com[1], 0.8e-3 * com[2]],
+            thrust_factor: 1.0 + one("thrust", 0.012),
+            rotor_factor: std::array::from_fn(|_| 1.0 + rotor(0.007)),
+            torque_factor: 1.0 + one("torque", 0.03),
+            lag_factor: std::array::from_fn(|_| 1.0 + lag(0.05)),
+            delay_s: one("delay", 0.001).abs(),
+            rotor_lean_rad: std::array::from_fn(|_| [lean(0.05 * DEG), lean(0.05 * DEG)]),
+            linear_drag_factor: factors(three("drag", 0.1)),
+            wind_m_s: [wind[0], wind[1], 0.3 * wind[2]],
+            mount_rad: three("mount", 0.17 * DEG),
+            tilt_rad: [tilt[0], tilt[1]],
+            marker_m: three("marker", 0.5e-3),
+            gyro_bias_rad_s: three("gyro bias", 0.002),
+            gyro_scale: three("gyro scale", 0.002),
+            accel_bias_m_s2: three("accel bias", 0.03),
+            clock_s: three("clock", 0.3e-3),
+            ..Self::none()
+        }
+    }
+
+    /// Adds the hidden effect `id`, drawn from `seed`; `size` 1 is the size as drawn, 0 is nothing.
+    pub fn plant(&mut self, id: &'static str, seed: u64, size: f64, scale: &Scale) {
+        let mut s = stream(seed, 1, id);
+        let sign = |s: &mut Stream| if s.below(2) == 0 { 1.0 } else { -1.0 };
+        let level = |s: &mut Stream| {
+            let angle = s.uniform(0.0, std::f64::consts::TAU);
+            [angle.cos(), angle.sin(), 0.0]
+        };
+        let anywhere = |s: &mut Stream| unit([s.normal(), s.normal(), s.normal()]);
+        // Factors are scaled so that a shrunk effect comes closer to 1.
+        let towards = |factor: f64| 1.0 + size * (factor - 1.0);
+        let plus = |a: &mut V, b: V| (0..3).for_each(|i| a[i] += b[i]);
+        let m = scale.mass;
+        let per_speed = m * 1072.0 / scale.hover_rad_s;
+        const DEG: f64 = std::f64::consts::PI / 180.0;
+        match id {
+            "linear_drag" => {
+                let k = size * m * s.uniform(0.14, 0.3);
+                self.linear_drag_n_s_per_m = std::array::from_fn(|_| k * s.uniform(0.75, 1.25));
+            }
+            "quadratic_drag" => {
+                let k = size * m * s.uniform(0.02, 0.04);
+                self.quadratic_drag_n_s2_per_m2 = std::array::from_fn(|_| k * s.uniform(0.8, 1.2));
+            }
+            "rotor_drag" => self.rotor_drag_n_s2_per_rad_m = size * per_speed * s.uniform(3e-5, 7e-5),
+            "blade_flapping" => {
+                self.flapping_n_s2_per_rad = size * scale.inertia * per_speed / m * s.uniform(1e-7, 2.5e-7);
+            }
+            "inflow" => self.inflow_n_s2_per_rad_m = size * per_speed * s.uniform(0.7e-4, 2e-4),
+            "translational_lift" => self.lift_n_s2_per_m2 = size * m * s.uniform(0.004, 0.01),
+            "ground_effect" => self.ground_strength = size * s.uniform(1.5, 3.5),
+            "ceiling_effect" => self.ceiling_strength = size * s.uniform(1.5, 3.5),
+            "downwash" => {
+                self.downwash_area_m2 = size * scale.arm * scale.arm * s.uniform(0.005, 0.012);
+                self.downwash_spread = s.uniform(0.07, 0.14);
+            }
+            "constant_wind" => plus(&mut self.wind_m_s, mul(level(&mut s), size * s.uniform(0.8, 2.5))),
+            "gust" => {
+                self.gust_m_s = mul(level(&mut s), size * s.uniform(0.8, 2.0));
+                self.gust_hz = s.uniform(0.2, 1.5);
+                self.gust_phase_rad = s.uniform(0.0, std::f64::consts::TAU);
+            }
+            "turbulence" => self.turbulence_m_s = size * s.uniform(0.5, 1.5),
+            "rotor_tilt" => {
+                let lean = mul(level(&mut s), size * s.uniform(1.0, 3.0) * DEG);
+                self.lean_rad = [lean[0], lean[1]];
+                let twist = sign(&mut s) * size * s.uniform(0.5, 1.5) * DEG;
+                self.twist_rad = if s.below(3) == 0 { twist } else { 0.0 };
+            }
+            "payload" => {
+                self.payload_kg = size * m * s.uniform(0.05, 0.15);
+                let aside = mul(level(&mut s), s.uniform(0.0, 0.015));
+                self.payload_position_m = mul([aside[0], aside[1], -s.uniform(0.02, 0.06)], scale.arm);
+            }
+            "wrong_mass" => self.mass_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.08, 0.15)),
+            "slung_payload" => {
+                self.slung_kg = size * 0.75 * m * s.uniform(0.05, 0.1);
+                self.cable_m = s.uniform(0.3, 0.8);
+                self.hook_m = [0.0, 0.0, -0.02];
+            }
+            "com_offset" => {
+                let vertical = sign(&mut s) * s.uniform(5e-3, 15e-3) * (s.below(2) as f64);
+                let aside = mul(level(&mut s), s.uniform(3e-3, 8e-3));
+                plus(&mut self.com_offset_m, mul([aside[0], aside[1], vertical], size * scale.arm));
+            }
+            "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
+                let axis = axis_of(id);
+                self.inertia_factor[axis] *= towards(1.0 + sign(&mut s) * s.uniform(0.15, 0.3));
+            }
+            "rotor_inertia" => self.rotor_inertia_factor *= towards(s.uniform(2.0, 4.0)),
+            "thrust_scale" => self.thrust_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.06, 0.12)),
+            "thrust_curve" => self.thrust_curve_share = size * sign(&mut s) * s.uniform(0.2, 0.45),
+            "weak_rotor.1" | "weak_rotor.2" | "weak_rotor.3" | "weak_rotor.4" => {
+                let which = usize::from(id.as_bytes()[id.len() - 1] - b'1');
+                self.rotor_factor[which] *= towards(1.0 - s.uniform(0.08, 0.2));
+            }
+            "torque_scale" => self.torque_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.2, 0.4)),
+            "motor_lag" => {
+                let slow = s.below(2) == 0;
+                let mut one = || if slow { s.uniform(1.4, 2.0) } else { s.uniform(0.5, 0.7) };
+                let factors = [one(), one()];
+                for i in 0..2 {
+                    self.lag_factor[i] *= towards(factors[i]);
+                }
+            }
+            "command_delay" => self.delay_s += size * s.uniform(0.008, 0.025),
+            "battery_sag" => self.sag_share = size * s.uniform(0.1, 0.25),
+            "actuator_saturation" => {
+                let drawn = s.uniform(1.28, 1.38);
+                // Shrinking moves the limit up to where nothing reaches it.
+                self.max_rotor_rad_s = scale.hover_rad_s * (drawn + (1.0 - size) * 0.5);
+            }
+            "mount" => plus(&mut self.mount_rad, mul(anywhere(&mut s), size * s.uniform(1.5, 4.0) * DEG)),
+            "world_tilt" => {
+                let tilt = mul(level(&mut s), size * s.uniform(0.7, 2.0) * DEG);
+                self.tilt_rad[0] += tilt[0];
+                self.tilt_rad[1] += tilt[1];
+            }
+            "sensor_offset" => plus(&mut self.marker_m, mul(anywhere(&mut s), size * s.uniform(0.01, 0.03))),
+            "gyro_bias" => {
+                plus(&mut self.gyro_bias_rad_s, mul(anywhere(&mut s), size * s.uniform(0.03, 0.1)));
+            }
+            "gyro_scale" => {
+                let each = std::array::from_fn(|_| size * sign(&mut s) * s.uniform(0.03, 0.08));
+                plus(&mut self.gyro_scale, each);
+            }
+            "accel_bias" => {
+                plus(&mut self.accel_bias_m_s2, mul(anywhere(&mut s), size * s.uniform(0.3, 0.8)));
+            }
+            "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
+                self.clock_s[channel_of(id)] += size * sign(&mut s) * s.uniform(0.01, 0.025);
+            }
+            "cubic_drag" => self.cubic_drag_n_s3_per_m3 = size * m * s.uniform(0.008, 0.014),
+            "roll_dependent_thrust" => self.roll_thrust = size * sign(&mut s) * s.uniform(0.12, 0.25),
+            "sudden_push" => {
+                self.push_n = mul(anywhere(&mut s), size * m * s.uniform(0.7, 1.4));
+                let from = scale.seconds * s.uniform(0.3, 0.5);
+                self.push_s = [from, from + s.uniform(4.0, 8.0).min(0.4 * scale.seconds)];
+            }
+            "swing_torque" => {
+                let k = size * scale.inertia * s.uniform(6e-4, 1.2e-3);
+                let way = level(&mut s);
+                self.swing_n_m = [k * way[0], k * way[1]];
+            }
+            "speed_thrust_loss" => self.speed_loss = size * s.uniform(0.08, 0.16),
+            _ => unreachable!("{id} is checked by `id`"),
+        }
+    }
+
+    /// The true values of the parameters of the effect `id`, tolerances included, by name with unit. For effects that
+    /// [`propwash::physics::effects`] has, names are those of its parameters.
+    pub fn parameters(&self, id: &str, filed: &Filed) -> BTreeMap<String, f64> {
+        let mut out = BTreeMap::new();
+        let mut one = |name: &str, v: f64| {
+            out.insert(name.to_string(), v);
+        };
+        let list = |name: &str, v: &[f64]| -> Vec<(String, f64)> {
+            v.iter().enumerate().map(|(i, v)| (format!("{name}.{i}"), *v)).collect()
+        };
+        let mut many: Vec<(String, f64)> = Vec::new();
+        match id {
+            "linear_drag" => {
+                for i in 0..3 {
+                    let total = filed.linear_drag_n_s_per_m[i] * self.linear_drag_factor[i]
+                        + self.linear_drag_n_s_per_m[i];
+                    one(&format!("drag_n_s_per_m.{i}.{i}"), total);
+                }
+            }
+            "quadratic_drag" => many = list("drag_n_s2_per_m2", &self.quadratic_drag_n_s2_per_m2),
+            "rotor_drag" => one("drag_n_s2_per_rad_m", self.rotor_drag_n_s2_per_rad_m),
+            "blade_flapping" => one("moment_n_s2_per_rad", self.flapping_n_s2_per_rad),
+            "inflow" => one("loss_n_s2_per_rad_m", self.inflow_n_s2_per_rad_m),
+            "translational_lift" => one("lift_n_s2_per_m2", self.lift_n_s2_per_m2),
+            "ground_effect" => one("strength", self.ground_strength),
+            "ceiling_effect" => {
+                one("strength", self.ceiling_strength);
+                one("ceiling_z_m", CEILING_Z_M);
+            }
+            "downwash" => {
+                one("drag_area_m2", self.downwash_area_m2);
+                one("spread", self.downwash_spread);
+            }
+            "constant_wind" => many = list("velocity_m_s", &self.wind_m_s),
+            "gust" => {
+                many = list("amplitude_m_s", &self.gust_m_s);
+                one("frequency_hz", self.gust_hz);
+                one("phase_rad", self.gust_phase_rad);
+            }
+            "turbulence" => one("sigma_m_s", self.turbulence_m_s),
+            "rotor_tilt" => {
+                let mean = |k: usize| self.rotor_lean_rad.iter().map(|r| r[k]).sum::<f64>() / 4.0;
+                one("lean_x_rad", self.lean_rad[0] + mean(0));
+                one("lean_y_rad", self.lean_rad[1] + mean(1));
+                one("twist_rad", self.twist_rad);
+            }
+            "payload" => {
+                one("mass_kg", self.payload_kg);
+                many = list("position_m", &self.payload_position_m);
+            }
+            "wrong_mass" => one("factor", self.mass_factor),
+            "slung_payload" => {
+                one("mass_kg", self.slung_kg);
+                one("cable_m", self.cable_m);
+                many = list("hook_m", &self.hook_m);
+            }
+            "com_offset" => many = list("offset_m", &self.com_offset_m),
+            "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
+                one("factor", self.inertia_factor[axis_of(id)]);
+            }
+            "rotor_inertia" => one("factor", self.rotor_inertia_factor),
+            "thrust_scale" => one("factor", self.thrust_factor),
+            "thrust_curve" => {
+                let k = filed.thrust_n_s2_per_rad2;
+                one("hover_share_linear", self.thrust_curve_share);
+                one("linear_n_s_per_rad", self.thrust_curve_share * k * filed.hover_rad_s);
+                one("quadratic_n_s2_per_rad2", -self.thrust_curve_share * k);
+            }
+            "weak_rotor.1" => one("factor", self.rotor_factor[0]),
+            "weak_rotor.2" => one("factor", self.rotor_factor[1]),
+            "weak_rotor.3" => one("factor", self.rotor_factor[2]),
+            "weak_rotor.4" => one("factor", self.rotor_factor[3]),
+            "torque_scale" => one("factor", self.torque_factor),
+            "motor_lag" => {
+                one("spin_up_factor", self.lag_factor[0]);
+                one("spin_down_factor", self.lag_factor[1]);
+            }
+            "command_delay" => one("delay_s", self.delay_s),
+            "battery_sag" => {
+                one("thrust_loss_share", self.sag_share);
+                one("thrust_loss_per_s", self.sag_share / filed.seconds);
+            }
+            "actuator_saturation" => one("max_rotor_vel_rad_s", self.max_rotor_rad_s),
+            "mount" => many = list("rotation_rad", &self.mount_rad),
+            "world_tilt" => many = list("rotation_rad", &self.tilt_rad),
+            "sensor_offset" => many = list("position_m", &self.marker_m),
+            "gyro_bias" => many = list("bias_rad_s", &self.gyro_bias_rad_s),
+            "gyro_scale" => many = list("factor", &self.gyro_scale.map(|e| 1.0 + e)),
+            "accel_bias" => many = list("bias_m_s2", &self.accel_bias_m_s2),
+            "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
+                one("late_s", self.clock_s[channel_of(id)]);
+            }
+            "cubic_drag" => one("drag_n_s3_per_m3", self.cubic_drag_n_s3_per_m3),
+            "roll_dependent_thrust" => one("share", self.roll_thrust),
+            "sudden_push" => {
+                many = list("force_n", &self.push_n);
+                one("from_s", self.push_s[0]);
+                one("until_s", self.push_s[1]);
+            }
+            "swing_torque" => many = list("torque_n_m_s2_per_m_rad", &self.swing_n_m),
+            "speed_thrust_loss" => one("share", self.speed_loss),
+            _ => {}
+        }
+        out.extend(many);
+        out
+    }
+
+    /// Whether a slung payload hangs below the vehicle.
+    pub fn has_cable(&self) -> bool {
+        self.slung_kg > 0.0
+    }
+
+    /// Whether the wind does anything but stand still.
+    pub fn gusts(&self) -> bool {
+        norm(self.gust_m_s) > 0.0
+    }
+}
+
+/// What the vehicle file says where a true parameter is a share of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Filed {
+    /// Diagonal of the linear drag.
+    pub linear_drag_n_s_per_m: V,
+    /// Quadratic coefficient of the first rotor's thrust curve.
+    pub thrust_n_s2_per_rad2: f64,
+    /// Rotor speed at hover.
+    pub hover_rad_s: f64,
+    /// Length of the flight.
+    pub seconds: f64,
+}
+
+/// Random numbers for one thing: `seed` and `flight` as in [`super::Plan`].
+pub fn stream(seed: u64, flight: u64, name: &str) -> Stream {
+    Key { seed, world: flight, drone: 0, step: 0, purpose: purpose(name) }.stream()
+}
+
+fn axis_of(id: &str) -> usize {
+    usize::from(id.as_bytes()[id.len() - 1] - b'x')
+}
+
+fn channel_of(id: &str) -> usize {
+    match id {
+        "clock_offset.pose" => 0,
+        "clock_offset.gyro" => 1,
+        _ => 2,
+    }
+}

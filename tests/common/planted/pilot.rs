@@ -1,0 +1,528 @@
+//! What is flown: reference tracks, dither, and a geometric controller that believes in the vehicle file.
+
+use super::hidden::{CEILING_Z_M, stream};
+use super::linear::{V, add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, solve4, sub, unit};
+use super::world::{Nominal, State, attitude, part, speed_for};
+use propwash::random::Stream;
+use serde::Serialize;
+use std::f64::consts::{PI, TAU};
+
+/// What the pilot does, for the whole flight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Excitation {
+    /// Fast and slow legs, steps, turns about yaw, with multi-sine dither on all rates and on thrust.
+    MultiSine,
+    /// The same without dither.
+    Steps,
+    /// A figure of eight, once in about 8 s.
+    Lissajous,
+    /// A level circle at one speed.
+    Circle,
+    /// Hover while turning about yaw.
+    HoverYaw,
+    /// Random way-points at moderate speed, no dither.
+    Waypoints,
+    /// As [`Excitation::MultiSine`], mostly 0.15 to 0.4 m above the ground.
+    LowPass,
+    /// As [`Excitation::MultiSine`], mostly 0.1 to 0.4 m below the ceiling.
+    NearCeiling,
+    /// As [`Excitation::MultiSine`] in a small space, with another vehicle above.
+    BelowNeighbour,
+}
+
+impl Excitation {
+    /// All of them, by the name on the command line.
+    pub const ALL: &[(&'static str, Excitation)] = &[
+        ("multi-sine", Excitation::MultiSine),
+        ("steps", Excitation::Steps),
+        ("lissajous", Excitation::Lissajous),
+        ("circle", Excitation::Circle),
+        ("hover-yaw", Excitation::HoverYaw),
+        ("waypoints", Excitation::Waypoints),
+        ("low-pass", Excitation::LowPass),
+        ("near-ceiling", Excitation::NearCeiling),
+        ("below-neighbour", Excitation::BelowNeighbour),
+    ];
+
+    /// The one with that name.
+    ///
+    /// # Errors
+    /// A sentence with all names.
+    pub fn by_name(name: &str) -> Result<Self, String> {
+        Self::ALL.iter().find(|(known, _)| *known == name).map(|(_, e)| *e).ok_or_else(|| {
+            let names: Vec<&str> = Self::ALL.iter().map(|(n, _)| *n).collect();
+            format!("expected an excitation, found `{name}`: take one of {}", names.join(", "))
+        })
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        Self::ALL.iter().find(|(_, e)| *e == self).map_or("", |(n, _)| n)
+    }
+
+    /// The exciting flight in which the effect `id` can be seen.
+    pub fn exciting(id: &str) -> Self {
+        match id {
+            "ground_effect" => Self::LowPass,
+            "ceiling_effect" => Self::NearCeiling,
+            "downwash" => Self::BelowNeighbour,
+            _ => Self::MultiSine,
+        }
+    }
+}
+
+/// Where the vehicle is to be.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reference {
+    /// Position, m.
+    pub p: V,
+    /// Velocity, m/s.
+    pub v: V,
+    /// Acceleration, m/s².
+    pub a: V,
+    /// Yaw, rad.
+    pub yaw: f64,
+    /// Its rate, rad/s.
+    pub yaw_rate: f64,
+    /// Share of the dither.
+    pub dither: f64,
+}
+
+/// A stretch of the track: from one place to another, by a polynomial of order five or at once.
+#[derive(Clone, Copy, Debug)]
+struct Leg {
+    start_s: f64,
+    end_s: f64,
+    from: V,
+    to: V,
+    yaw: [f64; 2],
+    jump: bool,
+    dither: f64,
+}
+
+#[derive(Clone, Debug)]
+enum Shape {
+    Legs(Vec<Leg>),
+    Lissajous { size: V, period_s: f64, at: V, turn: f64 },
+    Circle { radius: f64, period_s: f64, at: V },
+}
+
+/// The track of a flight.
+#[derive(Clone, Debug)]
+pub struct Track {
+    shape: Shape,
+}
+
+/// The box and the manner of random legs.
+struct Manner {
+    half_m: f64,
+    height_m: [f64; 2],
+    speed_m_s: [f64; 2],
+    dither: f64,
+    /// Share of legs in the box of heights; others go to `else_m`.
+    inside: f64,
+    else_m: [f64; 2],
+}
+
+impl Track {
+    /// The track of the flight number `flight` with `seed`.
+    pub fn new(excitation: Excitation, seconds: f64, seed: u64, flight: u64) -> Self {
+        let mut s = stream(seed, flight, "track");
+        let plain = Manner {
+            half_m: 3.6,
+            height_m: [1.2, 3.8],
+            speed_m_s: [0.5, 6.0],
+            dither: 1.0,
+            inside: 1.0,
+            else_m: [1.0, 2.0],
+        };
+        let shape = match excitation {
+            Excitation::MultiSine => legs(&mut s, seconds, &plain),
+            Excitation::Steps => legs(&mut s, seconds, &Manner { dither: 0.0, ..plain }),
+            Excitation::LowPass => {
+                let low = Manner {
+                    height_m: [0.16, 0.4],
+                    speed_m_s: [0.5, 3.0],
+                    dither: 0.5,
+                    inside: 0.75,
+                    ..plain
+                };
+                legs(&mut s, seconds, &low)
+            }
+            Excitation::NearCeiling => {
+                let high = Manner {
+                    height_m: [CEILING_Z_M - 0.4, CEILING_Z_M - 0.16],
+                    speed_m_s: [0.5, 3.0],
+                    dither: 0.5,
+                    inside: 0.75,
+                    ..plain
+                };
+                legs(&mut s, seconds, &high)
+            }
+            Excitation::BelowNeighbour => {
+                legs(&mut s, seconds, &Manner { half_m: 0.9, height_m: [1.0, 2.2], ..plain })
+            }
+            Excitation::HoverYaw => {
+                let at = [s.uniform(-0.3, 0.3), s.uniform(-0.3, 0.3), s.uniform(1.0, 1.5)];
+                let (mut out, mut t, mut yaw) = (Vec::new(), 0.0, 0.0);
+                while t < seconds {
+                    let to = yaw + s.uniform(-PI, PI);
+                    let time = (to - yaw).abs() / s.uniform(0.3, 0.8) + 0.5;
+                    let leg = Leg {
+                        start_s: t,
+                        end_s: t + time,
+                        from: at,
+                        to: at,
+                        yaw: [yaw, to],
+                        jump: false,
+                        dither: 0.0,
+                    };
+                    out.push(leg);
+                    (t, yaw) = (t + time + s.uniform(0.2, 1.0), to);
+                }
+                Shape::Legs(out)
+            }
+            Excitation::Waypoints => {
+                let calm =
+                    Manner { half_m: 2.0, height_m: [0.8, 2.2], speed_m_s: [0.5, 2.0], dither: 0.0, ..plain };
+                legs(&mut s, seconds, &calm)
+            }
+            Excitation::Lissajous => Shape::Lissajous {
+                size: [s.uniform(1.0, 1.6), s.uniform(0.7, 1.2), s.uniform(0.15, 0.4)],
+                period_s: s.uniform(6.5, 9.0),
+                at: [0.0, 0.0, s.uniform(1.2, 1.8)],
+                turn: if s.below(2) == 0 { 0.0 } else { s.uniform(0.3, 0.8) },
+            },
+            Excitation::Circle => Shape::Circle {
+                radius: s.uniform(1.0, 1.8),
+                period_s: s.uniform(4.0, 6.0),
+                at: [0.0, 0.0, s.uniform(1.2, 1.8)],
+            },
+        };
+        Self { shape }
+    }
+
+    /// The reference at time `t`; before 0 that of rest at the start.
+    pub fn at(&self, t: f64) -> Reference {
+        match &self.shape {
+            Shape::Legs(legs) => {
+                let k = legs.partition_point(|l| l.start_s <= t).saturating_sub(1);
+                let l = &legs[k];
+                let time = l.end_s - l.start_s;
+                let s = ((t - l.start_s) / time).clamp(0.0, 1.0);
+                let way = sub(l.to, l.from);
+                let turn = l.yaw[1] - l.yaw[0];
+                // 10 s³ − 15 s⁴ + 6 s⁵ and its derivatives.
+                let smooth = s * s * s * (10.0 + s * (6.0 * s - 15.0));
+                let first = 30.0 * s * s * (1.0 - s) * (1.0 - s) / time;
+                let second = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / (time * time);
+                let mut r = Reference {
+                    yaw: l.yaw[0] + smooth * turn,
+                    yaw_rate: first * turn,
+                    dither: if t < 0.0 { 0.0 } else { l.dither },
+                    ..Reference::default()
+                };
+                if l.jump {
+                    r.p = if t < l.start_s { l.from } else { l.to };
+                } else {
+                    r.p = add(l.from, mul(way, smooth));
+                    r.v = mul(way, first);
+                    r.a = mul(way, second);
+                }
+                r
+            }
+            _ => {
+                const STEP: f64 = 1e-3;
+                let (before, now, after) = (self.curve(t - STEP), self.curve(t), self.curve(t + STEP));
+                Reference {
+                    p: now.0,
+                    v: mul(sub(after.0, before.0), 0.5 / STEP),
+                    a: mul(sub(add(after.0, before.0), mul(now.0, 2.0)), 1.0 / (STEP * STEP)),
+                    yaw: now.1,
+                    yaw_rate: (after.1 - before.1) * 0.5 / STEP,
+                    dither: 0.0,
+                }
+            }
+        }
+    }
+
+    /// Place and yaw on a closed curve, which is entered within 2 s from rest.
+    fn curve(&self, t: f64) -> (V, f64) {
+        const ENTRY_S: f64 = 2.0;
+        let run = if t < 0.0 {
+            0.0
+        } else if t < ENTRY_S {
+            t * t / (2.0 * ENTRY_S)
+        } else {
+            t - 0.5 * ENTRY_S
+        };
+        match &self.shape {
+            Shape::Lissajous { size, period_s, at, turn } => {
+                let angle = TAU * run / period_s;
+                let p = [
+                    size[0] * angle.sin(),
+                    size[1] * (2.0 * angle).sin(),
+                    size[2] * (1.0 - (2.0 * angle).cos()),
+                ];
+                (add(*at, p), turn * (0.5 * angle).sin())
+            }
+            Shape::Circle { radius, period_s, at } => {
+                let angle = TAU * run / period_s;
+                (add(*at, [radius * angle.cos(), radius * angle.sin(), 0.0]), 0.0)
+            }
+            Shape::Legs(_) => ([0.0; 3], 0.0),
+        }
+    }
+}
+
+/// Random legs: fast and slow runs, jumps of the reference, and turns on the spot.
+fn legs(s: &mut Stream, seconds: f64, manner: &Manner) -> Shape {
+    let exciting = manner.speed_m_s[1] > 2.5;
+    let height = |s: &mut Stream| {
+        let range = if s.unit() < manner.inside { manner.height_m } else { manner.else_m };
+        s.uniform(range[0], range[1])
+    };
+    let place = |s: &mut Stream| {
+        [s.uniform(-manner.half_m, manner.half_m), s.uniform(-manner.half_m, manner.half_m), height(s)]
+    };
+    let mut at =
+        [s.uniform(-0.5, 0.5), s.uniform(-0.5, 0.5), 0.5 * (manner.height_m[0] + manner.height_m[1])];
+    let mut yaw: f64 = s.uniform(-PI, PI);
+    let (mut out, mut t) = (Vec::new(), 0.0);
+    let mut round = s.below(4);
+    while t < seconds {
+        let kind = round % 4;
+        round += 1;
+        let (mut to, mut jump, mut share) = (at, false, 1.0);
+        let (yaw_to, time);
+        match kind {
+            // A fast run through the box.
+            0 => {
+                let mut best = place(s);
+                for _ in 0..6 {
+                    let other = place(s);
+                    if norm(sub(other, at)) > norm(sub(best, at)) {
+                        best = other;
+                    }
+                }
+                to = best;
+                let way = norm(sub(to, at));
+                let low = 0.5 * (manner.speed_m_s[0] + manner.speed_m_s[1]);
+                let peak = s.uniform(low, manner.speed_m_s[1]);
+                // Peak speed 1.875 d/T, peak acceleration 5.77 d/T² of at most 7 m/s².
+                time = (1.875 * way / peak).max((5.77 * way / 7.0).sqrt());
+                yaw_to = yaw + s.uniform(-1.0, 1.0);
+                share = 0.6;
+            }
+            // Jumps of the reference.
+            1 if exciting => {
+                let reach = 0.7f64.min(0.5 * manner.half_m);
+                for i in 0..2 {
+                    to[i] = (at[i] + s.uniform(-reach, reach)).clamp(-manner.half_m, manner.half_m);
+                }
+                let low = manner.height_m[1] < 0.6 || manner.height_m[0] > 2.0;
+                to[2] = if low { height(s) } else { (at[2] + s.uniform(-0.6, 0.6)).clamp(1.0, 3.9) };
+                // A jump down to the ground or up to the ceiling would end in it.
+                jump = (to[2] - at[2]).abs() < 0.7 && !low;
+                yaw_to = yaw + s.uniform(-0.6, 0.6);
+                time = s.uniform(0.9, 1.4);
+            }
+            // A turn about yaw on the spot.
+            2 => {
+                let rate = if exciting { s.uniform(1.0, 2.0) } else { s.uniform(0.3, 1.0) };
+                let turn = s.uniform(0.8, 1.6) * PI;
+                yaw_to = if s.below(2) == 0 { yaw + turn } else { yaw - turn };
+                time = 1.875 * turn / rate * 0.6;
+            }
+            // A slow run.
+            _ => {
+                let other = place(s);
+                let way = sub(other, at);
+                to = add(at, mul(way, (2.0 / norm(way).max(1e-9)).min(1.0)));
+                to[2] = other[2];
+                let peak = s.uniform(manner.speed_m_s[0], 0.35 * manner.speed_m_s[1].max(2.5));
+                time = (1.875 * norm(sub(to, at)) / peak).max(0.6);
+                yaw_to = yaw + s.uniform(-0.8, 0.8);
+            }
+        }
+        let leg = Leg {
+            start_s: t,
+            end_s: t + time,
+            from: at,
+            to,
+            yaw: [yaw, yaw_to],
+            jump,
+            dither: manner.dither * share,
+        };
+        out.push(leg);
+        t += time + s.uniform(0.1, 0.5);
+        at = to;
+        yaw = yaw_to;
+    }
+    Shape::Legs(out)
+}
+
+/// Sums of sines on the body rates and on the collective thrust.
+#[derive(Clone, Debug)]
+pub struct Dither {
+    /// (rad/s of the tone, amplitude, phase) for roll, pitch, yaw rate and thrust.
+    tones: [Vec<[f64; 3]>; 4],
+}
+
+impl Dither {
+    /// The dither of one flight; `low` leaves out slow tones of thrust, which would move the height.
+    pub fn new(seed: u64, flight: u64, low: bool) -> Self {
+        let mut s = stream(seed, flight, "dither");
+        let floor = if low { 1.6 } else { 0.7 };
+        // Lowest and highest tone (Hz), number of tones, amplitude of each (rad/s, or share of thrust).
+        let make = [(0.5, 8.0, 8, 0.55), (0.5, 8.0, 8, 0.55), (0.3, 4.0, 7, 0.55), (floor, 8.0, 7, 0.075)];
+        let tones = make.map(|(low, high, n, amplitude): (f64, f64, usize, f64)| {
+            (0..n)
+                .map(|k| {
+                    let place = (k as f64 + s.uniform(0.1, 0.9)) / n as f64;
+                    let hz = low * (high / low).powf(place);
+                    [TAU * hz, amplitude * s.uniform(0.8, 1.2), s.uniform(0.0, TAU)]
+                })
+                .collect()
+        });
+        Self { tones }
+    }
+
+    /// Value and derivative of the sum number `k`.
+    fn at(&self, k: usize, t: f64) -> (f64, f64) {
+        self.tones[k].iter().fold((0.0, 0.0), |(v, d), [w, a, phase]| {
+            let (sin, cos) = (w * t + phase).sin_cos();
+            (v + a * sin, d + a * w * cos)
+        })
+    }
+}
+
+/// The on-board controller: position, attitude and rate errors to rotor speeds through the nominal vehicle.
+#[derive(Clone, Debug)]
+pub struct Pilot {
+    mass_kg: f64,
+    inertia: [V; 3],
+    gravity: V,
+    mix: [[f64; 4]; 4],
+    curves: [V; 4],
+    thrust_n: [f64; 2],
+    limits: [f64; 2],
+    dither: Option<Dither>,
+    integral: V,
+    stream: Stream,
+}
+
+impl Pilot {
+    /// The controller of a vehicle as filed.
+    ///
+    /// # Errors
+    /// A sentence where the rotors cannot make thrust and torque about all axes.
+    pub fn new(nominal: &Nominal, dither: Option<Dither>, stream: Stream) -> Result<Self, String> {
+        let mut effect = [[0.0; 4]; 4];
+        for (i, r) in nominal.rotors.iter().enumerate() {
+            let hover = nominal.hover_rad_s();
+            let ratio = (r.torque[1] * hover + r.torque[2] * hover * hover) / nominal.hover_n();
+            let arm = cross(r.at_m, r.axis);
+            let torque = add(arm, mul(r.axis, r.spin * ratio));
+            for (k, v) in [r.axis[2], torque[0], torque[1], torque[2]].into_iter().enumerate() {
+                effect[k][i] = v;
+            }
+        }
+        let mut mix = [[0.0; 4]; 4];
+        for k in 0..4 {
+            let mut wanted = [0.0; 4];
+            wanted[k] = 1.0;
+            let column = solve4(effect, wanted).ok_or_else(|| {
+                "expected rotors that can make thrust and torque about all axes, found others: choose another vehicle"
+                    .to_string()
+            })?;
+            for i in 0..4 {
+                mix[i][k] = column[i];
+            }
+        }
+        Ok(Self {
+            mass_kg: nominal.mass_kg,
+            inertia: nominal.inertia,
+            gravity: nominal.gravity,
+            mix,
+            curves: nominal.rotors.map(|r| r.thrust),
+            thrust_n: nominal.limits.map(|w| super::world::curve(nominal.rotors[0].thrust, w)),
+            limits: nominal.limits,
+            dither,
+            integral: [0.0; 3],
+            stream,
+        })
+    }
+
+    /// Rotor speeds for one tick of `dt` s.
+    pub fn command(&mut self, t: f64, dt: f64, x: &State, r: &Reference) -> [f64; 4] {
+        let mut noise = |sigma: f64| -> V { std::array::from_fn(|_| sigma * self.stream.normal()) };
+        let p = add(part(x, 0), noise(1e-3));
+        let w = add(part(x, 10), noise(0.01));
+        let turn = matrix(attitude(x));
+        let e = sub(r.p, p).map(|e| e.clamp(-1.2, 1.2));
+        for i in 0..3 {
+            self.integral[i] = (self.integral[i] + e[i] * dt).clamp(-3.0, 3.0);
+        }
+        let e_v = sub(r.v, part(x, 7)).map(|e| e.clamp(-4.0, 4.0));
+        let mut acc: V = std::array::from_fn(|i| r.a[i] + 5.0 * e[i] + 3.6 * e_v[i] + 1.2 * self.integral[i]);
+        let level = acc[0].hypot(acc[1]);
+        if level > 9.0 {
+            acc[0] *= 9.0 / level;
+            acc[1] *= 9.0 / level;
+        }
+        acc[2] = acc[2].clamp(-5.5, 7.5);
+        let push = sub(acc, self.gravity);
+
+        // The wanted attitude: z along the wanted force, x towards the wanted yaw.
+        let z = unit(push);
+        let y = unit(cross(z, [r.yaw.cos(), r.yaw.sin(), 0.0]));
+        let x_axis = cross(y, z);
+        let wanted = |v: V| add(add(mul(x_axis, v[0]), mul(y, v[1])), mul(z, v[2]));
+        // Half of vee(Rdᵀ R − Rᵀ Rd), by columns.
+        let columns: [V; 3] =
+            [mat_vec(turn, [1.0, 0.0, 0.0]), mat_vec(turn, [0.0, 1.0, 0.0]), mat_vec(turn, [0.0, 0.0, 1.0])];
+        let goals = [wanted([1.0, 0.0, 0.0]), wanted([0.0, 1.0, 0.0]), wanted([0.0, 0.0, 1.0])];
+        let entry = |i: usize, j: usize| dot(goals[i], columns[j]) - dot(columns[i], goals[j]);
+        let error = [0.5 * entry(2, 1), 0.5 * entry(0, 2), 0.5 * entry(1, 0)];
+
+        let mut rate = [-5.5 * error[0], -5.5 * error[1], -2.5 * error[2]];
+        rate = add(rate, mat_t_vec(turn, [0.0, 0.0, r.yaw_rate]));
+        let (mut spin_up, mut gain) = ([0.0; 3], 1.0);
+        if let Some(dither) = self.dither.as_ref().filter(|_| r.dither > 0.0) {
+            for k in 0..3 {
+                let (v, d) = dither.at(k, t);
+                rate[k] += r.dither * v;
+                spin_up[k] = r.dither * d;
+            }
+            gain += r.dither * dither.at(3, t).0;
+        }
+        rate = [rate[0].clamp(-6.0, 6.0), rate[1].clamp(-6.0, 6.0), rate[2].clamp(-3.0, 3.0)];
+        const RATE_GAIN_PER_S: V = [15.0, 15.0, 8.0];
+        let ang: V = std::array::from_fn(|i| spin_up[i] + RATE_GAIN_PER_S[i] * (rate[i] - w[i]));
+        let torque = add(mat_vec(self.inertia, ang), cross(w, mat_vec(self.inertia, w)));
+        let weight = self.mass_kg * norm(self.gravity);
+        let collective = (gain * self.mass_kg * dot(push, columns[2])).clamp(0.25 * weight, 1.8 * weight);
+        self.share(collective, torque)
+    }
+
+    /// Thrust and torque to rotor speeds; where rotors come to their limits, yaw gives way first.
+    fn share(&self, collective: f64, torque: V) -> [f64; 4] {
+        let of = |yaw: f64| -> [f64; 4] {
+            let wanted = [collective, torque[0], torque[1], yaw * torque[2]];
+            std::array::from_fn(|i| (0..4).map(|k| self.mix[i][k] * wanted[k]).sum())
+        };
+        let inside = |n: &[f64; 4]| n.iter().all(|n| *n >= self.thrust_n[0] && *n <= self.thrust_n[1]);
+        let mut thrusts = of(1.0);
+        for yaw in [0.6, 0.3, 0.0] {
+            if inside(&thrusts) {
+                break;
+            }
+            thrusts = of(yaw);
+        }
+        std::array::from_fn(|i| {
+            speed_for(self.curves[i], thrusts[i].max(0.0)).clamp(self.limits[0], self.limits[1])
+        })
+    }
+}

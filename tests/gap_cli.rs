@@ -1,0 +1,267 @@
+//! `propwash diagnose` and `propwash add` as a user runs them, on flights with a hidden effect, and on wrong input.
+
+#[path = "common/planted/mod.rs"]
+mod planted;
+
+use planted::{Plan, fly};
+use propwash::flight::FlightLog;
+use propwash::gap::accept::{FittedParameter, Source, set_expression};
+use propwash::gap::ladder::Flights;
+use propwash::gap::{Options, Track};
+use propwash::vehicle::Vehicle;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output};
+
+const QUAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+
+/// A folder with the vehicle and one flight.
+struct Case {
+    folder: tempfile::TempDir,
+}
+
+impl Case {
+    fn new(effects: &[&'static str], seconds: f64) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::copy(QUAD, folder.path().join("quad.toml")).unwrap();
+        let case = Self { folder };
+        case.flight("flight.csv", effects, seconds, 0);
+        case
+    }
+
+    /// Writes a flight of the same vehicle.
+    fn flight(&self, name: &str, effects: &[&'static str], seconds: f64, number: u64) {
+        let vehicle = Vehicle::load(QUAD).unwrap();
+        let mut plan = Plan::exciting(&vehicle, effects, seconds, 3);
+        plan.flight = number;
+        fly(&plan).unwrap().write(&self.path(name)).unwrap();
+    }
+
+    fn path(&self, name: &str) -> std::path::PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn run(&self, line: &str) -> Run {
+        let out = Command::new(env!("CARGO_BIN_EXE_propwash"))
+            .args(line.split_whitespace())
+            .current_dir(self.folder.path())
+            .output()
+            .unwrap();
+        Run(out)
+    }
+}
+
+struct Run(Output);
+
+impl Run {
+    fn code(&self) -> i32 {
+        self.0.status.code().unwrap()
+    }
+    fn text(&self) -> String {
+        String::from_utf8_lossy(&self.0.stdout).into_owned()
+    }
+    fn error(&self) -> String {
+        String::from_utf8_lossy(&self.0.stderr).into_owned()
+    }
+    fn json(&self) -> Value {
+        serde_json::from_slice(&self.0.stdout)
+            .unwrap_or_else(|e| panic!("{e}: {} {}", self.text(), self.error()))
+    }
+    /// Exits 2 with one line on standard error that has all the words, prints nothing.
+    fn refuses(&self, words: &[&str]) {
+        assert_eq!(self.code(), 2, "{} {}", self.text(), self.error());
+        assert_eq!(self.text(), "", "prints nothing");
+        assert_eq!(self.error().trim_end().lines().count(), 1, "one line: {}", self.error());
+        assert!(self.error().starts_with("error: "), "{}", self.error());
+        for word in words {
+            assert!(self.error().contains(word), "{word:?} in: {}", self.error());
+        }
+    }
+}
+
+/// Error of the roll-outs of 0.5 s on unseen flight, of the ladder's first and last rung: position, m.
+fn first_and_last(diagnosis: &Value) -> [f64; 2] {
+    let rungs = diagnosis["ladder"].as_array().unwrap();
+    let of = |rung: &Value| {
+        let list = rung["held_out"].as_array().unwrap();
+        list.iter().find(|e| e["horizon_s"] == 0.5).unwrap()["position_m"].as_f64().unwrap()
+    };
+    [of(&rungs[0]), of(&rungs[rungs.len() - 1])]
+}
+
+#[test]
+fn from_a_flight_to_a_better_vehicle_and_back() {
+    let case = Case::new(&["rotor_drag"], 16.0);
+    let found = case
+        .run("diagnose flight.csv --vehicle quad.toml --json --out d.json --ladder d.png --report d.html");
+    assert_eq!(found.code(), 1, "{}", found.error());
+    let d = found.json();
+    assert_eq!(d["findings"][0]["id"], "rotor_drag");
+    assert_eq!(d["findings"].as_array().unwrap().len(), 1, "{}", d["verdict"]);
+    let labels: Vec<&str> =
+        d["ladder"].as_array().unwrap().iter().map(|r| r["label"].as_str().unwrap()).collect();
+    assert_eq!(labels, ["as filed", "+ rotor_drag", "+ calibration"]);
+    let [before, after] = first_and_last(&d);
+    assert!(after < 0.4 * before, "{before} m to {after} m on unseen flight");
+    let held: Vec<bool> =
+        d["logs"].as_array().unwrap().iter().map(|l| l["held_out"].as_bool().unwrap()).collect();
+    assert_eq!(held, [false, true], "the end of the log checks the fit");
+    assert_eq!(
+        serde_json::from_str::<Value>(&std::fs::read_to_string(case.path("d.json")).unwrap()).unwrap(),
+        d
+    );
+    assert!(std::fs::read(case.path("d.png")).unwrap().starts_with(b"\x89PNG"));
+    let page = std::fs::read_to_string(case.path("d.html")).unwrap();
+    for words in [
+        "rotor_drag",
+        "Error ladder",
+        "Measured and simulated",
+        "Residual over time",
+        "Residual against its cause",
+    ] {
+        assert!(page.contains(words), "{words} in the page");
+    }
+
+    let added = case.run("add --from-diagnosis d.json --vehicle quad.toml --out better.toml --effects-only");
+    assert_eq!(added.code(), 0, "{}", added.error());
+    let better = Vehicle::load(case.path("better.toml")).unwrap();
+    let kinds = |v: &Vehicle| v.file().effect.iter().map(|e| e.kind.clone()).collect::<Vec<_>>();
+    assert_eq!(kinds(&better), ["linear_drag", "rotor_drag"]);
+    let text = std::fs::read_to_string(case.path("better.toml")).unwrap();
+    let hash = d["logs"][0]["sha256"].as_str().unwrap();
+    assert!(text.contains(&format!("source_log_sha256 = \"{hash}\"")), "{text}");
+    assert!(text.contains("sigma = {") && text.contains("date = \"2"), "{text}");
+
+    let added = case.run("add rotor_drag --vehicle quad.toml --fit flight.csv --out adjusted.toml --json");
+    assert_eq!(added.code(), 0, "{}", added.error());
+    let again = added.json();
+    let value = |d: &Value| d["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
+    let sigma = d["findings"][0]["parameters"][0]["sigma"].as_f64().unwrap();
+    assert!((value(&d) - value(&again["diagnosis"])).abs() < sigma, "both commands fit the same");
+    let text = std::fs::read_to_string(case.path("adjusted.toml")).unwrap();
+    assert!(text.contains("within tolerance, adjusted"), "{text}");
+
+    // The new file flies better on a flight of the same vehicle that nobody has fitted.
+    case.flight("other.csv", &["rotor_drag"], 12.0, 1);
+    let error = |vehicle: &str| {
+        let c = case.run(&format!("compare other.csv --vehicle {vehicle} --json")).json();
+        c["logs"][0]["horizons"][1]["error"]["position_m"].as_f64().unwrap()
+    };
+    let [filed, effects, adjusted] = ["quad.toml", "better.toml", "adjusted.toml"].map(error);
+    assert!(effects < 0.7 * filed && adjusted < 1.05 * effects, "{filed} {effects} {adjusted}");
+
+    let quiet = case.run("diagnose flight.csv --vehicle adjusted.toml --json");
+    assert_eq!(quiet.code(), 0, "{}", quiet.json()["verdict"]);
+    assert_eq!(quiet.json()["verdict"], "nothing is missing");
+
+    let removed = case.run("remove rotor_drag --vehicle better.toml --out back.toml");
+    assert_eq!(removed.code(), 0, "{}", removed.error());
+    assert_eq!(case.run("vehicle diff quad.toml back.toml").code(), 0, "as it was");
+
+    // What cannot be: another vehicle's diagnosis, an effect that it did not find, a file that is there.
+    case.run("add --from-diagnosis d.json --vehicle better.toml --out x.toml").refuses(&[
+        "better.toml",
+        "other contents",
+        "diagnose again",
+    ]);
+    case.run("add payload --from-diagnosis d.json --vehicle quad.toml --out x.toml")
+        .refuses(&["`payload`", "rotor_drag"]);
+    case.run("add --from-diagnosis d.json --vehicle quad.toml --out better.toml")
+        .refuses(&["better.toml", "--force"]);
+    case.run("add --from-diagnosis quad.toml --vehicle quad.toml --out x.toml")
+        .refuses(&["propwash diagnose --out", "quad.toml"]);
+    assert!(!case.path("x.toml").exists(), "nothing is written");
+}
+
+#[test]
+fn what_cannot_be_fitted_is_refused_in_a_sentence() {
+    let case = Case::new(&[], 12.0);
+    case.run("diagnose flight.csv --vehicle quad.toml --candidates nonsense")
+        .refuses(&["`nonsense`", "rotor_drag"]);
+    case.run("add nonsense --vehicle quad.toml --fit flight.csv --out x.toml")
+        .refuses(&["`nonsense`", "rotor_drag"]);
+    case.run("add downwash --vehicle quad.toml --fit flight.csv --out x.toml")
+        .refuses(&["downwash", "another tracked vehicle"]);
+    // The limit lies above all commands: nothing of it can be seen.
+    case.run("add actuator_saturation --vehicle quad.toml --fit flight.csv --out x.toml")
+        .refuses(&["actuator_saturation", "--force"]);
+    case.run("diagnose flight.csv --held-out flight.csv --vehicle quad.toml")
+        .refuses(&["--held-out", "flight.csv"]);
+    case.run("diagnose flight.csv --vehicle quad.toml --out flight.csv")
+        .refuses(&["--out", "none of the logs"]);
+    case.run("diagnose flight.csv --vehicle quad.toml --hold-out 0.9").refuses(&["0.9", "0 to 0.5"]);
+    case.run("add --vehicle quad.toml --out x.toml").refuses(&["--fit"]);
+    case.run("add --vehicle quad.toml --fit flight.csv --out x.toml").refuses(&["EFFECT"]);
+    case.run("add --from-diagnosis d.json --drive thrust --vehicle quad.toml --out x.toml")
+        .refuses(&["--drive"]);
+    case.run("add --from-diagnosis d.json --vehicle quad.toml --out x.toml").refuses(&["d.json"]);
+    std::fs::write(case.path("bare.csv"), "t,cmd_rotor1\n0,1\n0.1,1\n").unwrap();
+    let bare = case.run("diagnose bare.csv --vehicle quad.toml");
+    assert_eq!(bare.code(), 2, "{}", bare.text());
+    assert!(bare.error().contains("bare.csv"), "{}", bare.error());
+    assert!(!case.path("x.toml").exists(), "nothing is written");
+
+    // Nothing is hidden in this flight.
+    let quiet = case.run("diagnose flight.csv --vehicle quad.toml");
+    assert_eq!(quiet.code(), 0, "{}", quiet.text());
+    assert!(quiet.text().contains("nothing is missing"), "{}", quiet.text());
+}
+
+fn track(path: &Path) -> Track {
+    Track::new(FlightLog::load(path, None).unwrap(), &Vehicle::load(QUAD).unwrap(), &Options::default())
+        .unwrap()
+}
+
+#[test]
+fn a_held_out_end_is_apart_from_what_is_fitted() {
+    let case = Case::new(&[], 12.0);
+    let whole = track(&case.path("flight.csv"));
+    let parted = Flights::new(vec![whole.clone()], vec![], 0.25);
+    let cut = parted.cut_s[0].unwrap();
+    assert_eq!(parted.fit[0].span_s, [whole.span_s[0], cut]);
+    assert!((cut - (whole.span_s[1] - 0.25 * whole.duration_s())).abs() < 1e-9);
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let (training, unseen) = parted.errors(&vehicle).unwrap();
+    // Roll-outs start every 0.1 s and end before the part does.
+    for (errors, length) in [(&training, cut - whole.span_s[0]), (&unseen, whole.span_s[1] - cut)] {
+        for e in errors {
+            assert!(e.n as f64 <= 10.0 * (length - e.horizon_s) + 2.0, "{e:?} in {length} s");
+            assert!(e.n > 5, "{e:?}");
+        }
+    }
+    // Pooling the two parts gives what the whole has, but for the roll-outs across the cut.
+    let (all, none) = Flights::new(vec![whole.clone()], vec![], 0.0).errors(&vehicle).unwrap();
+    assert!(none.is_empty());
+    for (k, e) in all.iter().enumerate() {
+        let n = training[k].n + unseen[k].n;
+        assert!(n <= e.n && n + (10.0 * e.horizon_s) as usize + 1 >= e.n, "{n} of {}", e.n);
+    }
+    // Too short to be parted: said, and fitted whole.
+    let short = Flights::new(vec![whole.cut([1.0, 6.0])], vec![], 0.2);
+    assert_eq!(short.cut_s, [None]);
+    assert!(short.warnings[0].contains("too short"), "{:?}", short.warnings);
+}
+
+#[test]
+fn a_fitted_expression_keeps_its_formula_and_gets_its_values() {
+    let own = r#"
+[[effect]]
+kind = "expression"
+name = "tether"  # a line to the ground
+force_world_n = ["0", "0", "-k * z"]
+parameter.k = { value = 0.0, unit = "N/m", slab = 0.5, min = 0 }
+"#;
+    let text = format!("{}{own}", std::fs::read_to_string(QUAD).unwrap());
+    let source = Source { log_sha256: vec!["0".repeat(64)], date: "2025-01-31".into(), text: "a fit".into() };
+    let k = |value: f64| FittedParameter { name: "k".into(), value, sigma: 0.01 };
+    let out = set_expression(&text, "quad", "tether", &[k(0.25)], &source).unwrap();
+    assert!(out.contains("# a line to the ground") && out.contains("-k * z"), "{out}");
+    let vehicle = Vehicle::from_toml("quad", &out).unwrap();
+    let provenance = vehicle.provenance();
+    let of = provenance.iter().find(|p| p.key.ends_with("parameter.k.value")).unwrap();
+    assert_eq!(of.source.as_deref(), Some("a fit"));
+    assert!(out.contains("value = 0.25"), "{out}");
+    assert!(set_expression(&text, "quad", "tether", &[k(-1.0)], &source).is_err(), "below its bound");
+    let error = set_expression(&text, "quad", "line", &[k(0.1)], &source).unwrap_err().to_string();
+    assert!(error.contains("expression line"), "{error}");
+}

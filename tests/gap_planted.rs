@@ -1,0 +1,88 @@
+//! Effects hidden in simulated flights by a generator of its own (`common/planted`), and what the diagnosis says: a part of
+//! what `cargo xtask bench gap` runs whole.
+
+#[path = "common/notes.rs"]
+mod notes;
+#[path = "common/planted/mod.rs"]
+mod planted;
+
+use planted::{CEILING_Z_M, Excitation, Flight, Plan};
+use propwash::flight::FlightLog;
+use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::{Diagnosis, Options, Track};
+use propwash::vehicle::Vehicle;
+
+const SECONDS: f64 = 30.0;
+
+fn verdict(hidden: &[&'static str], seed: u64) -> (Diagnosis, Flight) {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let plan = Plan::exciting(&vehicle, hidden, SECONDS, seed);
+    let flight = planted::fly(&plan).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("flight.csv");
+    flight.write(&file).unwrap();
+    let ceiling_z_m = (plan.excitation == Excitation::NearCeiling).then_some(CEILING_Z_M);
+    let log = FlightLog::load(&file, None).unwrap();
+    let track = Track::new(log, &vehicle, &Options { ceiling_z_m, ..Options::default() }).unwrap();
+    let verdict = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+    (verdict, flight)
+}
+
+fn names(d: &Diagnosis) -> Vec<&str> {
+    let mut names: Vec<&str> = d.findings.iter().map(|f| f.id.as_str()).collect();
+    names.sort_unstable();
+    names
+}
+
+#[test]
+fn one_hidden_effect_is_named_alone_and_nothing_hidden_is_nothing_missing() {
+    let ids = ["rotor_drag", "com_offset", "weak_rotor.2", "motor_lag", "gyro_bias", "gust", "thrust_scale"];
+    for id in ids {
+        let (d, _) = verdict(&[id], 0);
+        assert_eq!(names(&d), [id], "{}", d.verdict);
+        assert!(!d.remainder.unexplained, "{id}: {}", d.remainder.text);
+    }
+    for seed in 0..2 {
+        let (d, _) = verdict(&[], seed);
+        assert!(d.findings.is_empty() && !d.remainder.unexplained, "{}", d.verdict);
+        assert_eq!(d.verdict, "nothing is missing");
+    }
+    notes::tell(&format!(
+        "planted effects: {} of {} named exactly, 2 flights with nothing hidden without an alarm",
+        ids.len(),
+        ids.len()
+    ));
+}
+
+#[test]
+fn the_true_values_lie_within_four_standard_deviations() {
+    for (id, names) in [
+        ("rotor_drag", vec!["drag_n_s2_per_rad_m"]),
+        ("gyro_bias", vec!["bias_rad_s.0", "bias_rad_s.1", "bias_rad_s.2"]),
+        ("com_offset", vec!["offset_m.0", "offset_m.1"]),
+    ] {
+        let (d, flight) = verdict(&[id], 2);
+        let finding = d.findings.iter().find(|f| f.id == id).unwrap_or_else(|| panic!("{id}: {}", d.verdict));
+        for name in names {
+            let p = finding.parameters.iter().find(|p| p.name == name).unwrap();
+            let truth = flight.truth.hidden[0].parameters[name];
+            let off = (p.value - truth) / p.sigma;
+            assert!(off.abs() < 4.0, "{id} {name}: {} ± {}, true {truth}", p.value, p.sigma);
+        }
+    }
+}
+
+#[test]
+fn two_hidden_effects_are_both_named() {
+    let (d, _) = verdict(&["rotor_drag", "com_offset"], 1);
+    assert_eq!(names(&d), ["com_offset", "rotor_drag"], "{}", d.verdict);
+}
+
+#[test]
+fn an_effect_that_is_not_in_the_list_is_said_to_be_unexplained() {
+    let (d, _) = verdict(&["swing_torque"], 0);
+    assert!(d.remainder.unexplained && d.findings.is_empty(), "{}", d.verdict);
+    let best = &d.remainder.terms[0];
+    assert!(best.variable == "v_x ω_z" && best.on.starts_with("torque"), "{best:?}");
+}

@@ -1,0 +1,674 @@
+//! Reports of a diagnosis: the page, the picture of the ladder, the text. The diagnosis is made up by hand, so that
+//! every number is known.
+
+use propwash::gap::compare::{
+    Axes, ClosedLoop, Comparison, Horizon, LogComparison, OneStep, Segment, Series,
+};
+use propwash::gap::report::{
+    Against, Bin, LADDER_PNG_SIZE, Overlay, Report, ResidualSeries, TEXT_COLUMNS, WorstSegment, ladder_png,
+    text,
+};
+use propwash::gap::track::Noise;
+use propwash::gap::verdict::{
+    Calibration, Diagnosis, Finding, FreeTerm, HorizonError, LogSummary, LookAlike, ParameterFit, Remainder,
+    Rung,
+};
+use propwash::gap::{Cause, Response};
+use propwash::physics::effects::Area;
+use std::path::PathBuf;
+
+fn fit(name: &str, unit: &str, filed: f64, value: f64, sigma: f64) -> ParameterFit {
+    ParameterFit { name: name.into(), unit: unit.into(), filed, value, sigma }
+}
+
+fn log(name: &str, held_out: bool) -> LogSummary {
+    LogSummary {
+        name: name.into(),
+        sha256: "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08".into(),
+        duration_s: if held_out { 31.7 } else { 52.4 },
+        drive: "rotor speeds".into(),
+        noise: Noise {
+            position_m: if held_out { 0.00047 } else { 0.00031 },
+            attitude_rad: 0.0034,
+            gyro_rad_s: 0.0117,
+            accel_m_s2: f64::NAN,
+        },
+        held_out,
+    }
+}
+
+fn errors(scale: f64) -> Vec<HorizonError> {
+    [0.1, 0.2, 0.5, 1.0]
+        .iter()
+        .map(|h: &f64| HorizonError {
+            horizon_s: *h,
+            position_m: 0.0004 + 0.0671 * scale * h.powf(2.0),
+            velocity_m_s: 0.0021 + 0.153 * scale * h,
+            attitude_rad: 0.0029 + 0.087 * scale * h.powf(1.5),
+            rate_rad_s: 0.0119 + 0.43 * scale * h,
+            n: (50.0 / h) as usize,
+        })
+        .collect()
+}
+
+/// Two effects, one of them uncertain, and something left.
+fn sample() -> Diagnosis {
+    Diagnosis {
+        vehicle: "crazyflie_2_1".into(),
+        vehicle_sha256: "2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae".into(),
+        dynamics: "first_principles".into(),
+        logs: vec![log("chirps_and_steps.csv", false), log("figure_eight.csv", true)],
+        verdict: "missing: rotor_drag; weak_rotor.2 (or com_offset.y + torque_scale)".into(),
+        findings: vec![
+            Finding {
+                id: "rotor_drag".into(),
+                kind: "rotor_drag".into(),
+                title: "drag that grows with speed and rotor speed".into(),
+                area: Area::Airframe,
+                parameters: vec![
+                    fit("drag_n_s2_per_rad_m.0", "N·s²/(rad·m)", 0.0, 9.174e-7, 1.13e-8),
+                    fit("drag_n_s2_per_rad_m.1", "N·s²/(rad·m)", 0.0, 8.836e-7, 1.31e-8),
+                ],
+                set: vec![],
+                evidence_nats: 913.0,
+                removed_share: 0.874,
+                certain: true,
+                look_alikes: vec![],
+            },
+            Finding {
+                id: "weak_rotor.2".into(),
+                kind: "weak_rotor".into(),
+                title: "rotor 2 gives less thrust than the others".into(),
+                area: Area::Drive,
+                parameters: vec![fit("factor.1", "1", 1.0, 0.9243, 0.00382)],
+                set: vec![],
+                evidence_nats: 41.6,
+                removed_share: 0.0631,
+                certain: false,
+                look_alikes: vec![LookAlike {
+                    ids: vec!["com_offset.y".into(), "torque_scale".into()],
+                    title: "centre of mass to the side, with another torque constant".into(),
+                    worse_by_nats: 2.7,
+                    manoeuvre: "climb and sink hard, so that the collective thrust changes by half".into(),
+                }],
+            },
+        ],
+        calibration: vec![Calibration {
+            id: "motor_lag".into(),
+            kind: "motor_lag".into(),
+            parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
+        }],
+        adjusted: vec![
+            Calibration {
+                id: "motor_lag".into(),
+                kind: "motor_lag".into(),
+                parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
+            },
+            Calibration {
+                id: "inertia.x".into(),
+                kind: "wrong_inertia".into(),
+                parameter: fit("inertia_kg_m2.0", "kg·m²", 1.657e-5, 1.663e-5, 2.2e-7),
+            },
+            Calibration {
+                id: "wrong_mass".into(),
+                kind: "wrong_mass".into(),
+                parameter: fit("mass_kg", "kg", 0.0318, 0.03187, 0.00009),
+            },
+        ],
+        remainder: Remainder {
+            force_m_s2: 0.0926,
+            torque_rad_s2: 1.83,
+            force_before_m_s2: 0.557,
+            torque_before_rad_s2: 6.38,
+            unexplained: true,
+            terms: vec![
+                FreeTerm {
+                    on: "torque about body z".into(),
+                    variable: "v_x |v|".into(),
+                    coefficient: 0.3462,
+                    sigma: 0.0417,
+                    explained_share: 0.2213,
+                },
+                FreeTerm {
+                    on: "force along body x".into(),
+                    variable: "sin(2 roll) · thrust".into(),
+                    coefficient: -1.94e-5,
+                    sigma: 0.28e-5,
+                    explained_share: 0.0814,
+                },
+            ],
+            text: "A yawing moment that grows with forward speed is not in the list of effects.".into(),
+        },
+        ladder: vec![
+            Rung { label: "as filed".into(), training: errors(1.0), held_out: errors(1.13) },
+            Rung { label: "+ rotor_drag".into(), training: errors(0.143), held_out: errors(0.168) },
+            Rung { label: "+ weak_rotor.2".into(), training: errors(0.0193), held_out: errors(0.0271) },
+        ],
+        advice: vec![
+            "climb and sink hard: it tells weak_rotor.2 from com_offset.y + torque_scale".into(),
+            "fly 20 s of yaw steps at 3 m/s: it shows what turns the vehicle at speed".into(),
+        ],
+        not_tried: vec![("ceiling_effect".into(), "the logs name no ceiling".into())],
+        singles: [
+            ("rotor_drag", 871.0),
+            ("linear_drag", 842.0),
+            ("quadratic_drag", 611.0),
+            ("inflow", 187.0),
+            ("blade_flapping", 93.4),
+            ("weak_rotor.2", 38.9),
+            ("com_offset.y", 36.3),
+            ("translational_lift", 12.1),
+            ("gyro_bias", 1.24),
+            ("payload", -2.31),
+            ("thrust_scale", -2.62),
+            ("constant_wind", -3.17),
+            ("battery_sag", -3.58),
+            ("world_tilt", -4.03),
+        ]
+        .map(|(id, nats)| (id.to_string(), nats))
+        .to_vec(),
+        dispersion: 1.37,
+        warnings: vec!["chirps_and_steps.csv: the gyroscope lags the poses by 8.2 ms; shifted".into()],
+    }
+}
+
+/// Nothing is missing, and nothing else is to be said.
+fn nothing_missing() -> Diagnosis {
+    let mut d = sample();
+    d.verdict = "nothing is missing".into();
+    d.findings.clear();
+    d.calibration.clear();
+    d.adjusted.clear();
+    d.ladder.truncate(1);
+    d.advice.clear();
+    d.not_tried.clear();
+    d.singles.clear();
+    d.warnings.clear();
+    d.remainder.terms.clear();
+    d.remainder.unexplained = false;
+    d.remainder.text.clear();
+    d
+}
+
+/// A number in −1…1 that looks random.
+fn noise(k: usize) -> f64 {
+    let mut x = (k as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03;
+    x ^= x >> 31;
+    x = x.wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x ^= x >> 29;
+    (x >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+/// A page with series of every sort.
+fn full() -> Report {
+    let t: Vec<f64> = (0..5200).map(|k| k as f64 * 0.01).collect();
+    let speed = |t: f64| 2.5 * (0.4 * t).sin() + 0.8 * (1.3 * t).sin();
+    let series =
+        |f: &dyn Fn(usize, f64) -> f64| t.iter().enumerate().map(|(k, t)| f(k, *t)).collect::<Vec<f64>>();
+    let overlay = |channel: &str, unit: &str, size: f64| {
+        let restarted = |drift: f64| {
+            series(&|k, t| {
+                let since = (k % 100) as f64 * 0.01;
+                if k % 100 == 99 { f64::NAN } else { size * (speed(t) + drift * since * since * speed(t)) }
+            })
+        };
+        Overlay {
+            log: "figure_eight.csv".into(),
+            channel: channel.into(),
+            unit: unit.into(),
+            t_s: t.clone(),
+            measured: series(&|k, t| size * (speed(t) + 0.01 * noise(k))),
+            as_filed: restarted(0.45),
+            with_effects: restarted(0.02),
+        }
+    };
+    let residual = |name: &str, unit: &str, size: f64| ResidualSeries {
+        log: "figure_eight.csv".into(),
+        name: name.into(),
+        unit: unit.into(),
+        t_s: t.clone(),
+        before: series(&|k, t| size * (-0.3 * speed(t) + 0.12 * noise(k))),
+        after: series(&|k, t| size * (0.01 * speed(t) + 0.12 * noise(k + 9999))),
+        sigma: Some(size * 0.07),
+        worst: [(3.1, 5.2, "3.2 m/s, pitched 12°"), (18.4, 20.9, "3.0 m/s"), (34.2, 36.0, "turning fast")]
+            .map(|(from_s, to_s, what)| WorstSegment {
+                from_s,
+                to_s,
+                rms_before: size * 0.91,
+                rms_after: Some(size * 0.072),
+                what: what.into(),
+            })
+            .to_vec(),
+    };
+    let against = |residual: &str, unit: &str, cause: &str, cause_unit: &str, slope: f64| {
+        let bins = |slope: f64, salt: usize| {
+            (0..12)
+                .map(|k| {
+                    let cause = -3.0 + 0.5 * k as f64;
+                    let sigma = 0.004 + 0.002 * cause.abs();
+                    Bin { cause, mean: slope * cause + sigma * noise(k + salt), sigma, n: 400 }
+                })
+                .collect::<Vec<_>>()
+        };
+        Against {
+            residual: residual.into(),
+            unit: unit.into(),
+            cause: cause.into(),
+            cause_unit: cause_unit.into(),
+            before: bins(slope, 0),
+            after: bins(0.0, 77),
+        }
+    };
+    Report {
+        overlays: vec![
+            overlay("position x", "m", 0.8),
+            overlay("position z", "m", 0.3),
+            overlay("pitch", "rad", 0.06),
+            overlay("velocity x", "m/s", 1.0),
+        ],
+        residuals: vec![
+            residual("force along body x", "N", 0.031),
+            residual("torque about body z", "N·m", 2e-5),
+        ],
+        causes: vec![
+            against("force along body x", "N", "forward speed", "m/s", -0.011),
+            against("force along body y", "N", "sideways speed", "m/s", -0.0102),
+            against("torque about body z", "N·m", "forward speed", "m/s", 2e-4),
+        ],
+        warnings: vec!["figure_eight.csv: 14 frames were dropped between 12.1 and 12.2 s".into()],
+        ..Report::of(sample())
+    }
+}
+
+/// Folder for output that a person can look at, when `PROPWASH_REPORT_OUT` names one.
+fn keep(name: &str, bytes: &[u8]) {
+    if let Some(folder) = std::env::var_os("PROPWASH_REPORT_OUT") {
+        std::fs::write(PathBuf::from(folder).join(name), bytes)
+            .expect("the folder for reports can be written");
+    }
+}
+
+/// The page without the contents of its scripts and its style, and the contents apart.
+fn take_apart(page: &str) -> (String, Vec<String>) {
+    let (mut markup, mut inside, mut rest) = (String::new(), Vec::new(), page);
+    loop {
+        let starts = ["<script", "<style"].map(|tag| rest.find(tag).map(|at| (at, tag)));
+        let Some((at, tag)) = starts.into_iter().flatten().min() else { break };
+        let open = at + rest[at..].find('>').expect("a tag ends") + 1;
+        let close = format!("</{}>", &tag[1..]);
+        let end = open + rest[open..].find(&close).expect("an element ends");
+        markup.push_str(&rest[..open]);
+        inside.push(rest[open..end].to_string());
+        rest = &rest[end..];
+        markup.push_str(&close);
+        rest = &rest[close.len()..];
+    }
+    markup.push_str(rest);
+    (markup, inside)
+}
+
+/// Checks that every element that is opened is closed, in order.
+fn assert_well_formed(markup: &str) {
+    const EMPTY: [&str; 4] = ["meta", "line", "circle", "br"];
+    let mut open: Vec<String> = Vec::new();
+    let mut rest = markup;
+    while let Some(at) = rest.find('<') {
+        let end = at + rest[at..].find('>').expect("a tag ends");
+        let tag = &rest[at + 1..end];
+        rest = &rest[end + 1..];
+        if tag.starts_with('!') {
+            continue;
+        }
+        if let Some(name) = tag.strip_prefix('/') {
+            assert_eq!(open.pop().as_deref(), Some(name), "closed before: {}", &rest[..rest.len().min(80)]);
+            continue;
+        }
+        let name: String = tag.chars().take_while(|c| c.is_alphanumeric()).collect();
+        assert_eq!(tag.matches('"').count() % 2, 0, "{tag}");
+        if !EMPTY.contains(&name.as_str()) {
+            open.push(name);
+        }
+    }
+    assert_eq!(open, Vec::<String>::new());
+}
+
+fn assert_needs_no_network(markup: &str) {
+    for attribute in ["src=", "href=\"http", "href=\"//", "url(", "@import", "<link", "<iframe", "<base"] {
+        assert!(!markup.contains(attribute), "{attribute} in the page");
+    }
+    assert!(markup.contains("default-src 'none'"), "the page forbids the browser to load anything");
+}
+
+#[test]
+fn the_page_holds_every_effect_and_needs_no_network() {
+    let report = full();
+    let page = report.html();
+    keep("full.html", page.as_bytes());
+    let (markup, inside) = take_apart(&page);
+    assert_well_formed(&markup);
+    assert_needs_no_network(&markup);
+    // The style is the only one of these that a browser reads as more than script.
+    assert_needs_no_network(&format!("{} default-src 'none'", inside[0]));
+    let d = report.diagnosis.as_ref().expect("the report has a diagnosis");
+    for f in &d.findings {
+        assert!(markup.contains(&format!("<code>{}</code>", f.id)), "{}", f.id);
+    }
+    for (id, _) in
+        d.singles.iter().chain(d.not_tried.iter().map(|(id, _)| (id.clone(), 0.0)).collect::<Vec<_>>().iter())
+    {
+        assert!(markup.contains(&format!("<code>{id}</code>")), "{id}");
+    }
+    for c in &d.adjusted {
+        assert!(markup.contains(&c.id) && markup.contains(&c.parameter.name), "{}", c.id);
+    }
+    for words in [
+        "com_offset.y + torque_scale",
+        "91",
+        "87 %",
+        "(9.17 ± 0.22)×10⁻⁷ N·s²/(rad·m)",
+        "74.8 ± 1.1 ms",
+        "0.9243 ± 0.0075",
+        "climb and sink hard",
+        "14 frames were dropped",
+        "the gyroscope lags the poses",
+        "v_x |v|",
+    ] {
+        assert!(markup.contains(words), "{words}");
+    }
+    // Every link in the page leads somewhere, and every chart has its place.
+    for part in markup.split("href=\"#").skip(1) {
+        let id = part.split('"').next().expect("an attribute ends");
+        assert!(markup.contains(&format!("id=\"{id}\"")), "{id}");
+    }
+    let charts: serde_json::Value = serde_json::from_str(&inside[2]).expect("the charts are JSON");
+    let charts = charts.as_array().expect("a list of charts");
+    assert_eq!(charts.len(), 4 + 4 + 2 + 3);
+    for chart in charts {
+        let id = chart["id"].as_str().expect("a chart has an id");
+        assert_eq!(markup.matches(&format!("id=\"{id}\"")).count(), 1, "{id}");
+        assert!(!chart["traces"].as_array().expect("traces").is_empty(), "{id}");
+    }
+    let data: serde_json::Value = serde_json::from_str(&inside[1]).expect("the diagnosis is JSON");
+    assert_eq!(data["findings"][1]["look_alikes"][0]["worse_by_nats"], 2.7);
+}
+
+#[test]
+fn names_from_logs_cannot_break_the_page() {
+    let evil = "</script><script>alert(1)</script><img src=x onerror='alert(2)'>\"&";
+    let mut report = full();
+    report.title = evil.into();
+    report.warnings.push(evil.into());
+    report.overlays[0].channel = evil.into();
+    report.overlays[0].log = evil.into();
+    report.residuals[0].worst[0].what = evil.into();
+    report.causes[0].cause = evil.into();
+    let d = report.diagnosis.as_mut().expect("the report has a diagnosis");
+    d.verdict = evil.into();
+    d.vehicle = evil.into();
+    d.findings[0].id = evil.into();
+    d.findings[0].parameters[0].name = evil.into();
+    d.findings[1].look_alikes[0].ids[0] = evil.into();
+    d.ladder[1].label = evil.into();
+    d.logs[0].name = evil.into();
+    d.singles[0].0 = evil.into();
+    d.remainder.terms[0].variable = evil.into();
+    let (markup, inside) = take_apart(&report.html());
+    assert_well_formed(&markup);
+    assert!(!markup.contains("<img"), "a name became an element");
+    assert_eq!(inside.len(), 5, "style, two of data, library, script");
+    let charts: serde_json::Value = serde_json::from_str(&inside[2]).expect("the charts are JSON");
+    assert_eq!(charts[0]["categories"][1], evil);
+    assert!(ladder_png(report.diagnosis.as_ref().expect("a diagnosis")).is_ok());
+}
+
+#[test]
+fn a_page_where_nothing_is_missing_says_so() {
+    let d = nothing_missing();
+    let page = Report::of(d.clone()).html();
+    keep("nothing.html", page.as_bytes());
+    let (markup, _) = take_apart(&page);
+    assert_well_formed(&markup);
+    assert!(markup.contains("Nothing is missing."));
+    for section in ["id=\"missing\"", "id=\"alike\"", "id=\"parameters\"", "id=\"next\"", "id=\"overlays\""] {
+        assert!(!markup.contains(section), "{section} is empty and left out");
+    }
+    let words = text(&d);
+    assert!(words.starts_with("crazyflie_2_1: nothing is missing\n"), "{words}");
+    let empty = Report { title: "nothing at all".into(), ..Report::default() }.html();
+    let (markup, inside) = take_apart(&empty);
+    assert_well_formed(&markup);
+    assert_eq!(inside[1], "null");
+    assert!(markup.contains("holds no comparison and no diagnosis"));
+    assert!(empty.len() < 60_000, "a page without charts carries no library");
+}
+
+#[test]
+fn the_picture_of_the_ladder_has_its_size_and_its_lines() {
+    let decoded = |d: &Diagnosis| {
+        let bytes = ladder_png(d).expect("the picture can be drawn");
+        let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().expect("a PNG");
+        let mut pixels = vec![0; reader.output_buffer_size().expect("a size")];
+        let info = reader.next_frame(&mut pixels).expect("a whole image");
+        assert_eq!([info.width, info.height], LADDER_PNG_SIZE);
+        assert_eq!(info.color_type, png::ColorType::Rgb);
+        pixels
+    };
+    let count = |pixels: &[u8], rgb: [u8; 3]| pixels.chunks_exact(3).filter(|p| *p == rgb).count();
+    keep("ladder.png", &ladder_png(&sample()).expect("the picture can be drawn"));
+    let pixels = decoded(&sample());
+    for line in [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167]] {
+        assert!(count(&pixels, line) > 2000, "{line:?}: {}", count(&pixels, line));
+    }
+    let mut d = sample();
+    d.ladder.clear();
+    assert_eq!(count(&decoded(&d), [0, 114, 178]), 0);
+    // Errors that have no place on a logarithmic axis are left out.
+    let mut d = sample();
+    for rung in &mut d.ladder {
+        for e in rung.training.iter_mut().chain(&mut rung.held_out) {
+            (e.position_m, e.velocity_m_s, e.attitude_rad) = (0.0, f64::NAN, f64::INFINITY);
+        }
+    }
+    assert!(count(&decoded(&d), [0, 114, 178]) > 500, "the body rate is left");
+    let mut d = sample();
+    for k in 0..12 {
+        d.ladder.push(Rung {
+            label: format!("+ a_very_long_name.{k}"),
+            training: errors(0.01),
+            held_out: vec![],
+        });
+    }
+    keep("ladder_long.png", &ladder_png(&d).expect("the picture can be drawn"));
+    decoded(&d);
+}
+
+#[test]
+fn the_text_has_every_number_once() {
+    let words = text(&sample());
+    keep("diagnosis.txt", words.as_bytes());
+    println!("{words}");
+    for number in [
+        "(9.17 ± 0.22)×10⁻⁷ N·s²/(rad·m)",
+        "(8.84 ± 0.26)×10⁻⁷ N·s²/(rad·m)",
+        "0.9243 ± 0.0075",
+        "74.8 ± 1.1 ms",
+        "filed 72.10 ms",
+        "87 %",
+        "6.3 %",
+        "913 nats",
+        "41.6 nats",
+        "2.7 nats",
+        "0.346 ± 0.082",
+        "22 %",
+        "(−1.94 ± 0.55)×10⁻⁵",
+        "8.1 %",
+        "557 mm/s²",
+        "92.6 mm/s²",
+        "6.38 rad/s²",
+        "1.83 rad/s²",
+        "871",
+        "52.4 s",
+        "31.7 s",
+        "310 µm",
+        "470 µm",
+        "1.37 times",
+        "8.2 ms",
+    ] {
+        assert_eq!(words.matches(number).count(), 1, "{number} in\n{words}");
+    }
+    // The ladder: unseen flight at 1 s as filed is 0.0004 + 0.0671 · 1.13 m.
+    assert!(words.contains("76.2 (67.5)"), "{words}");
+    for (k, line) in words.lines().enumerate() {
+        assert!(line.chars().count() <= TEXT_COLUMNS, "line {k} has {}: {line}", line.chars().count());
+        assert_eq!(line.trim_end(), line, "line {k}");
+    }
+}
+
+fn axes(size: f64) -> Axes {
+    Axes {
+        rms: [size, 0.7 * size, 0.3 * size],
+        mean: [0.1 * size, -0.05 * size, 0.02 * size],
+        sigma: [0.07 * size; 3],
+        in_sigmas: [13.7, 9.31, 4.12],
+        explained: [Some(0.118), Some(0.42), None],
+    }
+}
+
+/// A model against one flight; `share` of the residual is left.
+fn comparison(share: f64) -> Comparison {
+    let t: Vec<f64> = (0..600).map(|k| 0.05 * f64::from(k)).collect();
+    let force = |t: f64| [0.02 * share * (0.4 * t).sin(), 0.01 * share * (0.7 * t).cos(), 0.004 * share];
+    let error = errors(share);
+    let mean = |v: f64| -0.008 * share * v;
+    let values: Vec<f64> = (0..10).map(|k| -2.5 + 0.5 * f64::from(k)).collect();
+    let response = |name: &str, title: &str, portion: f64| Response {
+        name: name.into(),
+        title: title.into(),
+        unit: "N".into(),
+        means: values.iter().map(|v| mean(*v)).collect(),
+        standard_errors: vec![0.0009; values.len()],
+        share: portion,
+        significance: 60.0 * portion,
+        correlation: -0.9,
+        slope: -0.008 * share,
+        slope_sigma: 0.0003,
+    };
+    Comparison {
+        vehicle: "crazyflie_2_1".into(),
+        vehicle_sha256: "2c26b46b".into(),
+        logs: vec![LogComparison {
+            log: log("figure_eight.csv", false),
+            warnings: vec!["two rows without a time were left out".into()],
+            one_step: OneStep {
+                n: 6000,
+                force_from: "poses",
+                torque_from: "gyroscope",
+                certainty: "forces come from smoothed poses: above 8 Hz nothing is seen".into(),
+                force: axes(0.017 * share),
+                torque: Some(axes(3.1e-5 * share)),
+                series: Series {
+                    t_s: t.clone(),
+                    force_body_n: t.iter().map(|t| force(*t)).collect(),
+                    force_world_n: t.iter().map(|t| force(*t)).collect(),
+                    force_sigma_n: [0.0012; 3],
+                    torque_n_m: t.iter().map(|t| (*t > 1.0).then(|| force(*t).map(|f| 1e-3 * f))).collect(),
+                    torque_sigma_n_m: [2e-6; 3],
+                },
+            },
+            horizons: error
+                .iter()
+                .map(|e| Horizon {
+                    error: e.clone(),
+                    expected: errors(0.0)[0].clone(),
+                    times_expected: [Some(17.3), Some(8.8), Some(3.4), None],
+                    times_sample_noise: [Some(31.0), None, Some(4.0), None],
+                })
+                .collect(),
+            closed_loop: Some(ClosedLoop {
+                duration_s: 29.3,
+                position_m: 0.213 * share,
+                velocity_m_s: 0.31,
+                tracking_measured_m: 0.151,
+                tracking_model_m: 0.0934,
+                notes: vec!["gains as in the vehicle file".into()],
+            }),
+            closed_loop_missing: None,
+            worst: vec![Segment {
+                from_s: 3.0,
+                to_s: 4.0,
+                force_rms_n: 0.0193,
+                torque_rms_n_m: Some(2e-5),
+                in_sigmas: 16.1,
+                context: vec![],
+                text: "fast: 2.9 m/s".into(),
+            }],
+            causes: vec![Cause {
+                name: "velocity_forward".into(),
+                title: "forward velocity".into(),
+                unit: "m/s".into(),
+                edges: (0..11).map(|k| -2.75 + 0.5 * f64::from(k)).collect(),
+                values: values.clone(),
+                counts: vec![12; values.len()],
+                responses: vec![
+                    response("force_body_x", "force along body x", 0.81),
+                    response("force_body_z", "force along body z", 0.01),
+                ],
+            }],
+            findings: vec!["force along body x falls with forward velocity".into()],
+            worst_times_noise: 17.3,
+            agrees: false,
+            verdict: "the model departs from the flight".into(),
+        }],
+        pooled: None,
+        threshold: 2.0,
+        agrees: false,
+        verdict: "the model departs from the flight: 17.3 times what noise makes".into(),
+    }
+}
+
+#[test]
+fn a_comparison_makes_a_page_with_and_without_what_was_found() {
+    let mut report = Report::of_comparison(comparison(1.0));
+    for after in [None, Some(comparison(0.04))] {
+        let added = after.is_some();
+        report.comparison_after = after;
+        let page = report.html();
+        keep(if added { "compared_after.html" } else { "compared.html" }, page.as_bytes());
+        let (markup, inside) = take_apart(&page);
+        assert_well_formed(&markup);
+        assert_needs_no_network(&markup);
+        assert!(markup.contains("The model departs from the flight: 17.3 times what noise makes."));
+        for words in [
+            "213 mm",
+            "29.3 s",
+            "smoothed poses",
+            "two rows without a time",
+            "fast: 2.9 m/s",
+            "as in the vehicle file",
+        ] {
+            assert!(markup.contains(words), "{words}");
+        }
+        // Position as filed after 1 s: 0.0004 + 0.0671 m; with what was found 0.0004 + 0.04 · 0.0671 m.
+        assert!(markup.contains("67.5 mm (17 ×)"));
+        assert_eq!(markup.contains("→ 3.08 mm"), added);
+        let charts: serde_json::Value = serde_json::from_str(&inside[2]).expect("the charts are JSON");
+        let charts = charts.as_array().expect("a list of charts");
+        assert_eq!(charts.len(), 6 + 1, "force and torque on three axes; the one cause that tells something");
+        for chart in charts {
+            assert_eq!(chart["traces"].as_array().map(Vec::len), Some(if added { 2 } else { 1 }));
+        }
+        assert_eq!(charts[0]["y_title"], "mN");
+        assert_eq!(charts[1]["traces"][0]["y"][3], serde_json::Value::Null, "no torque is known at first");
+        let bins = &charts[6]["traces"];
+        assert_eq!(bins[0]["x"][0], -2.5);
+        assert!((bins[0]["y"][0].as_f64().expect("a mean") - 20.0).abs() < 1e-6, "{bins}");
+        assert!((bins[0]["bars"][0].as_f64().expect("a bar") - 1.96 * 0.9).abs() < 1e-3);
+    }
+    // The stretch of 3 to 4 s with what was found: 4 % of the residual is left.
+    let (markup, _) = take_apart(&report.html());
+    let exact =
+        |t: f64| (0.0008 * (0.4 * t).sin()).powi(2) + (0.0004 * (0.7 * t).cos()).powi(2) + 0.00016f64.powi(2);
+    let times: Vec<f64> = (60..=80).map(|k| 0.05 * f64::from(k)).collect();
+    let rms = (times.iter().map(|t| exact(*t)).sum::<f64>() / times.len() as f64).sqrt();
+    assert!(markup.contains(&format!("{:.0} µN", 1e6 * rms)), "{} µN", 1e6 * rms);
+}
