@@ -1,43 +1,52 @@
-//! Hidden effects: how often the diagnosis names them, and in what time. `cargo bench --bench gap -- --help`.
+//! Hidden effects: how often the diagnosis names them, and in what time. `cargo xtask bench gap --help`.
+//!
+//! Without `--effects` it runs the whole table of docs/gap.md; with it, single cases with all that is known about them.
 
 #[path = "../tests/common/planted/mod.rs"]
 mod planted;
+#[path = "gap/score.rs"]
+mod score;
+#[path = "gap/table.rs"]
+mod table;
 
 use clap::Parser;
-use planted::{CEILING_Z_M, Excitation, HIDDEN, NoiseLevel, Plan, fly, id};
-use propwash::flight::FlightLog;
-use propwash::gap::diagnose::{Settings, diagnose};
-use propwash::gap::{Options, Track};
+use planted::{Excitation, HIDDEN, NoiseLevel, id};
 use propwash::vehicle::Vehicle;
-use std::time::Instant;
+use score::{Case, Outcome};
 
 /// Plants effects in simulated flights and asks the diagnosis what is missing.
 #[derive(Parser)]
 struct Args {
-    /// Effects, several at once joined by `+`; `all` for each alone, `none` for nothing.
-    #[arg(long, value_delimiter = ',', default_value = "all")]
+    /// Effects, several at once joined by `+`; `all` for each alone, `none` for nothing. Without it: the whole table.
+    #[arg(long, value_delimiter = ',')]
     effects: Vec<String>,
     /// Seeds per effect.
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, default_value_t = 5)]
     seeds: u64,
     /// First seed.
     #[arg(long, default_value_t = 0)]
     first: u64,
-    /// Length of a flight, s.
+    /// Length of an exciting flight, s.
     #[arg(long, default_value_t = 50.0)]
     seconds: f64,
     /// Rough sensors and air.
     #[arg(long)]
     rough: bool,
-    /// Track: multi-sine, lissajous, circle, hover-yaw, waypoints.
+    /// What the pilot does, where it is not what shows the effects: multi-sine, lissajous, circle, hover-yaw, way-points …
     #[arg(long)]
     excitation: Option<String>,
-    /// Says more.
+    /// Says all that is known of every case.
     #[arg(long, short)]
     verbose: bool,
     /// Width of the manufacturing tolerances.
     #[arg(long, default_value_t = 1.0)]
     tolerance: f64,
+    /// Parts of the table to run: single, pairs, none, unlisted, ordinary, time.
+    #[arg(long, value_delimiter = ',')]
+    parts: Vec<String>,
+    /// Pairs of effects per noise level.
+    #[arg(long, default_value_t = 50)]
+    pairs: u64,
     /// Ignored; `cargo bench` passes it.
     #[arg(long, hide = true)]
     bench: bool,
@@ -47,6 +56,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args = Args::parse();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
     let vehicle = Vehicle::load(path)?;
+    if args.effects.is_empty() {
+        return table::run(&vehicle, path, &args);
+    }
     let mut cases: Vec<Vec<&'static str>> = Vec::new();
     for name in &args.effects {
         match name.as_str() {
@@ -55,95 +67,64 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             several => cases.push(several.split('+').map(id).collect::<Result<_, _>>()?),
         }
     }
-    let folder = tempfile::tempdir()?;
-    let (mut right, mut first, mut all) = (0, 0, 0);
-    for case in &cases {
+    let noise = if args.rough { NoiseLevel::Rough } else { NoiseLevel::Fine };
+    let excitation = args.excitation.as_deref().map(Excitation::by_name).transpose()?;
+    let (mut right, mut all) = (0, 0);
+    for hidden in &cases {
         for seed in args.first..args.first + args.seeds {
-            let mut plan = Plan::exciting(&vehicle, case, args.seconds, seed);
-            plan.tolerance = args.tolerance;
-            if args.rough {
-                plan.noise = NoiseLevel::Rough;
-            }
-            if let Some(name) = &args.excitation {
-                plan.excitation = match name.as_str() {
-                    "lissajous" => Excitation::Lissajous,
-                    "circle" => Excitation::Circle,
-                    "hover-yaw" => Excitation::HoverYaw,
-                    "waypoints" => Excitation::Waypoints,
-                    _ => Excitation::MultiSine,
-                };
-            }
-            let flight = fly(&plan)?;
-            let file = folder.path().join("flight.csv");
-            flight.write(&file)?;
-            let begin = Instant::now();
-            let log = FlightLog::load(&file, None)?;
-            let loaded = begin.elapsed().as_secs_f64();
-            let ceiling = plan.excitation == Excitation::NearCeiling;
-            let options = Options { ceiling_z_m: ceiling.then_some(CEILING_Z_M), ..Options::default() };
-            let track = Track::new(log, &vehicle, &options)?;
-            let result = diagnose(&[track], &vehicle, &Settings::default())?;
-            let took = begin.elapsed().as_secs_f64();
-            let verdict = &result.verdict;
-            let names: Vec<&str> = verdict.findings.iter().map(|f| f.id.as_str()).collect();
-            let mut wanted = case.clone();
-            let mut found = names.clone();
-            wanted.sort_unstable();
-            found.sort_unstable();
+            let case = Case {
+                hidden: hidden.clone(),
+                seed,
+                noise,
+                excitation,
+                seconds: args.seconds,
+                tolerance: args.tolerance,
+                closure: false,
+            };
+            let outcome = case.run(&vehicle, path).map_err(|e| e.to_string())?;
             all += 1;
-            right += usize::from(wanted == found);
-            first += usize::from(names.first().copied() == case.first().copied());
-            println!(
-                "{} {:<28} seed {seed} {took:>5.1} s (read {loaded:.1})  φ {:>5.2} force {:.3} torque {:.2}  {}",
-                if wanted == found { "ok " } else { "BAD" },
-                if case.is_empty() { "none".into() } else { case.join("+") },
-                verdict.dispersion,
-                verdict.remainder.force_m_s2,
-                verdict.remainder.torque_rad_s2,
-                verdict.verdict,
-            );
+            right += usize::from(outcome.exact());
+            println!("{}", outcome.line());
             if args.verbose {
-                for f in &verdict.findings {
-                    println!(
-                        "      {} {:.0} nats, removes {:.1} %",
-                        f.id,
-                        f.evidence_nats,
-                        100.0 * f.removed_share
-                    );
-                    for p in &f.parameters {
-                        println!(
-                            "        {} = {:.5} ± {:.5} {} (filed {})",
-                            p.name, p.value, p.sigma, p.unit, p.filed
-                        );
-                    }
-                }
-                for planted in &flight.truth.hidden {
-                    println!(
-                        "      truth {} {:?} filed {:?} size {}",
-                        planted.id, planted.parameters, planted.filed, flight.truth.size
-                    );
-                }
-                for (id, nats) in verdict.singles.iter().take(6) {
-                    println!("      alone {id} {nats:.0}");
-                }
-                for c in &verdict.calibration {
-                    println!(
-                        "      calibration {} {} {:.5} ± {:.5} (filed {})",
-                        c.id, c.parameter.name, c.parameter.value, c.parameter.sigma, c.parameter.filed
-                    );
-                }
-                for t in &verdict.remainder.terms {
-                    println!(
-                        "      term {} ~ {} {:.3} ± {:.3} share {:.2}",
-                        t.on, t.variable, t.coefficient, t.sigma, t.explained_share
-                    );
-                }
-                for w in &verdict.warnings {
-                    println!("      {w}");
-                }
+                tell(&outcome);
             }
         }
     }
-    println!("{right} of {all} exact, first right {first}");
+    println!("{right} of {all} exact");
     Ok(())
+}
+
+/// All that is known of a case.
+fn tell(outcome: &Outcome) {
+    let verdict = &outcome.verdict;
+    for f in &verdict.findings {
+        let share = 100.0 * f.removed_share;
+        println!("      {} {:.0} nats, removes {share:.1} %", f.id, f.evidence_nats);
+        for p in &f.parameters {
+            let (name, unit) = (&p.name, &p.unit);
+            println!("        {name} = {:.5} ± {:.5} {unit} (filed {})", p.value, p.sigma, p.filed);
+        }
+    }
+    for planted in &outcome.truth.hidden {
+        let (values, filed) = (&planted.parameters, &planted.filed);
+        println!("      truth {} {values:?} filed {filed:?} size {}", planted.id, outcome.truth.size);
+    }
+    for (id, nats) in verdict.singles.iter().take(6) {
+        println!("      alone {id} {nats:.0}");
+    }
+    for c in &verdict.calibration {
+        let p = &c.parameter;
+        println!("      calibration {} {} {:.5} ± {:.5} (filed {})", c.id, p.name, p.value, p.sigma, p.filed);
+    }
+    for t in &verdict.remainder.terms {
+        let share = t.explained_share;
+        println!(
+            "      term {} ~ {} {:.3} ± {:.3} share {share:.2}",
+            t.on, t.variable, t.coefficient, t.sigma
+        );
+    }
+    println!("      {}", verdict.remainder.text);
+    for line in verdict.advice.iter().chain(&verdict.warnings) {
+        println!("      {line}");
+    }
 }

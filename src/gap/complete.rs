@@ -158,8 +158,11 @@ impl Completion {
                         return Err(AcceptError::OutOfRange { effect, parameter, expected, found });
                     };
                     self.remarks.push(format!(
-                        "{}: {} stays at {} (fitted {found}, expected {expected})",
-                        entry.kind, p.name, p.filed
+                        "{}: {} stays at {} (fitted {}, expected {expected})",
+                        entry.kind,
+                        p.name,
+                        p.filed,
+                        short(&found)
                     ));
                     p.value = p.filed;
                     p.sigma = f64::NAN;
@@ -186,8 +189,9 @@ impl Completion {
                         if entry.parameters.iter().any(|p| p.name == parameter) =>
                     {
                         self.remarks.push(format!(
-                            "{}: {parameter} stays as filed (the fit gives {found}, expected {expected})",
-                            entry.kind
+                            "{}: {parameter} stays as filed (the fit gives {}, expected {expected})",
+                            entry.kind,
+                            short(&found)
                         ));
                         entry.parameters.retain(|p| p.name != parameter);
                     }
@@ -298,4 +302,8 @@ pub fn steps(
     }
     remarks.append(&mut completion.remarks);
     Ok(Steps { rungs, effects_text, text: completion.text, remarks })
+}
+/// A number in a message with as many digits as a reader needs.
+fn short(number: &str) -> String {
+    number.parse::<f64>().map_or_else(|_| number.to_string(), |v| format!("{v:.2e}"))
 }

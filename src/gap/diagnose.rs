@@ -1,10 +1,11 @@
 //! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
 
 use super::GapError;
-use super::fit::{Disturbance, Prepared, left_over, linearise};
-use super::free_form::{self, Sample};
+use super::excite;
+use super::fit::{Disturbance, Prepared, Starts, left_over, linearise};
+use super::free_form::{self, Doing, Sample};
 use super::model::Model;
-use super::replay::{STEP, drone_for};
+use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::solve::{Solution, chi2, solve, sum};
 use super::track::{Drive, Track};
@@ -31,6 +32,8 @@ pub struct Settings<'a> {
     pub progress: Option<&'a dyn Fn(usize, usize)>,
 }
 
+/// Share of the error on flight that the fit has not seen which an effect beside others must take away.
+const LEAST_SHARE: f64 = 0.1;
 /// Windows that are held out together, and number of folds.
 const TOGETHER: usize = 4;
 const FOLDS: usize = 8;
@@ -70,7 +73,21 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     }
     let quiet = |_: usize, _: usize| {};
     let progress = settings.progress.unwrap_or(&quiet);
-    let solution = solve(&logs, &mut model, given.as_deref(), progress)?;
+    let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
+    while given.is_none() && solution.set.len() > 1 {
+        // What takes hardly anything from the error on unseen flight leans on another effect's rest.
+        let mut shares = Vec::new();
+        for c in &solution.set {
+            shares.push((removed_share(&model, &solution, &[*c])?, *c));
+        }
+        let Some((_, least)) =
+            shares.into_iter().filter(|s| s.0 < LEAST_SHARE).min_by(|a, b| a.0.total_cmp(&b.0))
+        else {
+            break;
+        };
+        let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
+        solution = solve(&logs, &mut model, Some(&rest), progress)?;
+    }
     let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     Ok(Diagnosed { verdict, solution, model })
 }
@@ -89,7 +106,7 @@ fn scattered(track: &Track, drone: &Drone<f64>) -> Result<Track, GapError> {
         let model = Model::new(drone, &[&track], &[&log.around])?;
         let filed = model.filed();
         let logs = [log];
-        let linear = linearise(&logs, &model, &filed, &[], 0.1);
+        let linear = linearise(&logs, &model, &filed, &[], 0.1, &Starts::new());
         let nothing = vec![0.0; filed.len()];
         let mut disturbance = Disturbance::unknown();
         for _ in 0..3 {
@@ -144,22 +161,30 @@ fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
     }
 }
 
-/// Share of the excess error that candidate `of` removes on windows that the fit has not seen.
-fn removed_share(model: &Model, solution: &Solution, of: usize) -> Result<f64, GapError> {
+/// Share of the excess error that the candidates `of` remove on windows that the fit has not seen: what is left with them,
+/// against what is left when their numbers go back to the file and everything else stays.
+fn removed_share(model: &Model, solution: &Solution, of: &[usize]) -> Result<f64, GapError> {
     use super::search::Evidence;
     let reduced = &solution.reduced;
     let fold = |i: usize| (i / TOGETHER) % FOLDS;
-    let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != of).collect();
     let (mut with, mut without) = (0.0, 0.0);
     for f in 0..FOLDS.min(reduced.len() / TOGETHER).max(2) {
         let (h, g) = sum(reduced, |i| fold(i) != f);
-        let evidence = Evidence::new(model, &h, &g, &solution.linear.at, solution.dispersion)?;
-        for (set, total) in [(&solution.set, &mut with), (&rest, &mut without)] {
-            let posterior = evidence.posterior(set)?;
-            let delta = DVector::from_iterator(
+        let evidence =
+            Evidence::new(model, &h, &g, &solution.linear.at, solution.dispersion, solution.tolerance)?;
+        let posterior = evidence.posterior(&solution.set)?;
+        let delta = |keep: bool| {
+            DVector::from_iterator(
                 posterior.mean.len(),
-                posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a),
-            );
+                (0..posterior.mean.len()).map(|k| {
+                    let p = &model.parameters[k];
+                    let value = if keep || !of.contains(&p.candidate) { posterior.mean[k] } else { p.filed };
+                    value - solution.linear.at[k]
+                }),
+            )
+        };
+        for (keep, total) in [(true, &mut with), (false, &mut without)] {
+            let delta = delta(keep);
             *total += reduced
                 .iter()
                 .enumerate()
@@ -170,7 +195,8 @@ fn removed_share(model: &Model, solution: &Solution, of: usize) -> Result<f64, G
     }
     let rows: usize = solution.linear.windows.iter().map(|w| w.n_rows).sum();
     let noise = rows.saturating_sub(12 * solution.linear.windows.len()) as f64;
-    Ok((without - with) / (without - noise.min(with)).max(1e-9))
+    let excess = without - noise.min(with);
+    Ok(if excess > 0.0 { (without - with) / excess } else { 0.0 })
 }
 
 fn speak(
@@ -209,7 +235,7 @@ fn speak(
             parameters: model.of(*c).map(|k| parameter_fit(model, solution, k)).collect(),
             set: model.preset_values(*c),
             evidence_nats: whole - evidence.of(&rest),
-            removed_share: removed_share(model, solution, *c)?,
+            removed_share: removed_share(model, solution, &[*c])?,
             certain: look_alikes.is_empty(),
             look_alikes,
         });
@@ -239,14 +265,40 @@ fn speak(
             adjusted.push(entry);
         }
     }
-    let remainder = remainder(logs, solution);
+    let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
+    let left = samples(logs, model, solution, &end);
+    let (mut remainder, event) = remainder(solution, &left);
     let mut nearest = Vec::new();
-    // A log of thrust alone always leaves more than a well-known vehicle: the attitude's error is in its force.
-    let whole = tracks.iter().all(|t| t.drive != Drive::Thrust);
-    if whole && only_lean(&remainder, &findings) {
-        nearest = findings.drain(..).map(|f| f.id).collect();
+    for c in &solution.set {
+        if model.candidates[*c].area != Area::Airframe {
+            continue;
+        }
+        if let Some(term) = other_shape(logs, model, solution, *c, &left) {
+            let id = &model.candidates[*c].id;
+            remainder.unexplained = true;
+            remainder.text = format!("{}; {id} leaves a shape that goes with {term}", remainder.text);
+            // What was found beside it, on less evidence, was found beside the wrong shape.
+            let own = findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
+            for f in findings.extract_if(.., |f| f.evidence_nats <= own) {
+                nearest.push(f.id);
+            }
+        }
     }
-    let drift = remainder.unexplained && findings.is_empty();
+    let doubtful_shape = !nearest.is_empty();
+    // Findings that together take away too little of the error on unseen flight, or of the disturbances, only lean on what is
+    // really missing; so do those beside an event. A log of thrust alone always leaves more than a well-known vehicle: the attitude's error is in its force.
+    let whole = tracks.iter().all(|t| t.drive != Drive::Thrust);
+    let together = removed_share(model, solution, &solution.set)?;
+    let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
+    let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
+        .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
+    if whole
+        && remainder.unexplained
+        && (together < 0.5 || explained < LEANING || (event && explained < EVENTFUL))
+    {
+        nearest.extend(findings.drain(..).map(|f| f.id));
+    }
+    let drift = remainder.unexplained && findings.is_empty() && !doubtful_shape && !event;
     if let Some(weather) = drift.then(|| turbulence(model, logs, solution, &remainder)).flatten() {
         findings.push(weather);
     }
@@ -262,8 +314,23 @@ fn speak(
     let mut advice: Vec<String> = Vec::new();
     for f in findings.iter().filter(|f| !f.certain) {
         let names: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
-        let own = model.candidates.iter().find(|c| c.id == f.id).map_or("", |c| c.manoeuvre);
-        let text = format!("to tell {} from {}: {own}", f.id, names.join(", "));
+        let alike: Vec<String> = f.look_alikes.iter().flat_map(|l| l.ids.iter().cloned()).collect();
+        let planned = tracks.first().and_then(|t| {
+            excite::advice(
+                vehicle,
+                t.drive,
+                &excite::Sensors::of(t),
+                model,
+                std::slice::from_ref(&f.id),
+                &alike,
+            )
+        });
+        // Where the vehicle cannot be flown in simulation, or nothing of the library tells them apart, the effect's own page.
+        let manoeuvre = match planned.as_deref() {
+            Some([(name, text), ..]) => format!("{name} ({text})"),
+            _ => model.candidates.iter().find(|c| c.id == f.id).map_or("", |c| c.manoeuvre).to_string(),
+        };
+        let text = format!("to tell {} from {}: {manoeuvre}", f.id, names.join(", "));
         advice.push(text);
     }
     Ok(Diagnosis {
@@ -298,10 +365,9 @@ fn speak(
 /// The verdict "turbulence": a force without pattern, at no particular time, of the size that wind of up to 3 m/s makes on this
 /// vehicle.
 fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Remainder) -> Option<Finding> {
-    if regular(&left.terms, left.force_m_s2, left.torque_rad_s2)
-        || left.force_m_s2 <= LARGE_FORCE_M_S2
-        || left.text.contains("an event")
-    {
+    // Weather has no pattern.
+    let pattern = |t: &FreeTerm| t.on.starts_with("force") && t.explained_share > WEATHER_SHARE;
+    if left.terms.iter().any(pattern) || left.force_m_s2 <= LARGE_FORCE_M_S2 {
         return None;
     }
     // Acceleration by 1 m/s of wind in hover.
@@ -335,7 +401,9 @@ fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Rema
             }
         })
         .collect();
-    let believable = !parameters.is_empty() && parameters.iter().all(|p| p.value < 3.0);
+    // Air is as restless across as along, and not more so up and down (Dryden: σ_w ≤ σ_u).
+    let flat_air = parameters.iter().all(|p| p.value < 1.6 * parameters[0].value);
+    let believable = !parameters.is_empty() && parameters.iter().all(|p| p.value < 3.0) && flat_air;
     let flat = logs.iter().all(|l| l.track.drive != Drive::Thrust);
     (believable && flat).then(|| Finding {
         id: "turbulence".into(),
@@ -351,36 +419,106 @@ fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Rema
     })
 }
 
-/// What the windows' disturbances say about what is left.
-fn remainder(logs: &[Prepared], solution: &Solution) -> Remainder {
-    let delta: Vec<f64> =
-        solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
-    let mut samples = Vec::new();
+/// What pushes the windows with the parameters `delta` from where they were linearised.
+fn samples(logs: &[Prepared], model: &Model, solution: &Solution, delta: &[f64]) -> Vec<Sample> {
+    let plain = model.plain_at(&solution.linear.at, &solution.set);
+    // Mean rotor speed (or the root of the thrust) over that of the flight.
+    let rotors: Vec<Vec<f64>> = logs
+        .iter()
+        .map(|p| {
+            let ticks = drive(p.track, &p.around, &p.raw, &plain);
+            let speeds: Vec<f64> = ticks
+                .iter()
+                .map(|t| {
+                    let sum: f64 = t.rotor_vel.iter().sum();
+                    if sum > 0.0 { sum } else { t.thrust.max(0.0).sqrt() }
+                })
+                .collect();
+            let mean = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
+            speeds.iter().map(|s| if mean > 0.0 { s / mean } else { 1.0 }).collect()
+        })
+        .collect();
+    let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
+    let mut out = Vec::new();
     for w in &solution.linear.windows {
-        let Some((mean, variance)) = w.push_estimate(&solution.disturbance, &delta) else { continue };
+        let Some((mean, variance)) = w.push_estimate(&solution.disturbance, delta) else { continue };
         let p = &logs[w.log];
-        let middle = w.from + STEP * (((solution.linear.horizon_s / super::replay::STEP_S) as usize) / 2);
-        let here = p.around.measured(middle).copied().unwrap_or(w.start);
-        let body = |v: [f64; 3]| quat::rotate_inverse(here.quat, v);
-        let acc = body([mean[0], mean[1], mean[2]]);
-        let rpy = euler::from_quat(here.quat);
-        samples.push(Sample {
-            push: [acc[0], acc[1], acc[2], mean[3], mean[4], mean[5]],
-            variance,
-            vel: body(here.vel),
-            ang_vel: here.ang_vel,
-            tilt: [rpy[0], rpy[1]],
-            height_m: here.pos[2],
-            rotor: 1.0,
-            time: (p.around.time_s(middle) - p.track.span_s[0]) / p.track.duration_s(),
-        });
+        let measured = |tick: usize| p.around.measured(tick).copied().unwrap_or(w.start);
+        let doing = (0..PLACES)
+            .map(|i| {
+                let tick = w.from + STEP * (steps * (2 * i + 1) / (2 * PLACES));
+                let here = measured(tick);
+                let rpy = euler::from_quat(here.quat);
+                Doing {
+                    vel: quat::rotate_inverse(here.quat, here.vel),
+                    ang_vel: here.ang_vel,
+                    tilt: [rpy[0], rpy[1]],
+                    height_m: here.pos[2],
+                    rotor: rotors[w.log].get(tick).copied().unwrap_or(1.0),
+                    time: (p.around.time_s(tick) - p.track.span_s[0]) / p.track.duration_s(),
+                }
+            })
+            .collect();
+        let middle = measured(w.from + STEP * (steps / 2));
+        let acc = quat::rotate_inverse(middle.quat, [mean[0], mean[1], mean[2]]);
+        let push = [acc[0], acc[1], acc[2], mean[3], mean[4], mean[5]];
+        out.push(Sample { push, variance, doing });
     }
+    out
+}
+
+/// Times of a window at which the library's variables are taken.
+const PLACES: usize = 5;
+
+/// The term that clearly describes what finding `of` leaves, where that comes of its shape: then its shape is not that of what
+/// is missing.
+fn other_shape(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    of: usize,
+    left: &[Sample],
+) -> Option<String> {
+    let delta: Vec<f64> = (0..model.parameters.len())
+        .map(|k| {
+            let p = &model.parameters[k];
+            // With the tolerances of the air, which would lend themselves to its shape.
+            let air = model.candidates[p.candidate].area == Area::Airframe
+                && (p.candidate == of || !solution.set.contains(&p.candidate));
+            let value = if air { p.filed } else { solution.posterior.mean[k] };
+            value - solution.linear.at[k]
+        })
+        .collect();
+    // What it explains is a disturbance then, and as free to be one as it is large.
+    let free = Solution { disturbance: Disturbance::unknown(), ..solution.clone() };
+    let pushed = samples(logs, model, &free, &delta);
+    let left: Vec<[f64; 6]> = left.iter().map(|s| s.push).collect();
+    if pushed.len() != left.len() {
+        return None;
+    }
+    let drag_too = model.candidates[of].kind != "linear_drag";
+    let (term, nats) = free_form::instead(&pushed, &left, drag_too)?;
+    (nats > SURE_NATS).then_some(term)
+}
+
+/// Share of the disturbances' variance that findings must explain, where something regular or large is left.
+const LEANING: f64 = 0.7;
+/// The same where what is left is an event.
+const EVENTFUL: f64 = 0.9;
+
+/// Evidence by which a term must describe what an effect leaves.
+const SURE_NATS: f64 = 25.0;
+
+/// What the windows' disturbances say about what is left.
+fn remainder(solution: &Solution, samples: &[Sample]) -> (Remainder, bool) {
     let (force, torque) = solution.disturbance.sizes();
     let (force0, torque0) = solution.disturbance_before.sizes();
-    let terms = free_form::describe(&samples);
+    let mut terms = free_form::describe(samples);
+    terms.retain(|t| size_of(t, force, torque) >= 0.5);
     let regular = regular(&terms, force, torque);
     let large = force > LARGE_FORCE_M_S2 || torque > LARGE_TORQUE_RAD_S2;
-    Remainder {
+    let event = concentrated(samples).filter(|(_, times)| large && *times > EVENT);
+    let remainder = Remainder {
         force_m_s2: force,
         torque_rad_s2: torque,
         force_before_m_s2: force0,
@@ -388,23 +526,27 @@ fn remainder(logs: &[Prepared], solution: &Solution) -> Remainder {
         unexplained: regular || large,
         terms,
         text: String::new(),
+    };
+    (remainder.told(event.map(|e| e.0)), event.is_some())
+}
+
+/// Size of what a term describes, over that from which on it matters.
+fn size_of(t: &FreeTerm, force_m_s2: f64, torque_rad_s2: f64) -> f64 {
+    let share = t.explained_share.max(0.0).sqrt();
+    if t.on.starts_with("force") {
+        share * force_m_s2 / REGULAR_FORCE_M_S2
+    } else {
+        share * torque_rad_s2 / REGULAR_TORQUE_RAD_S2
     }
-    .told(concentrated(&samples))
 }
 
 /// Whether a term describes something that is both regular and large enough to matter.
 fn regular(terms: &[FreeTerm], force_m_s2: f64, torque_rad_s2: f64) -> bool {
-    terms.iter().any(|t| {
-        let share = t.explained_share.max(0.0).sqrt();
-        let (size, least) = if t.on.starts_with("force") {
-            (share * force_m_s2, REGULAR_FORCE_M_S2)
-        } else {
-            (share * torque_rad_s2, REGULAR_TORQUE_RAD_S2)
-        };
-        t.explained_share >= REGULAR_SHARE && size >= least
-    })
+    terms.iter().any(|t| t.explained_share >= REGULAR_SHARE && size_of(t, force_m_s2, torque_rad_s2) >= 1.0)
 }
 
+/// Share of the scatter that a term may describe by chance, where the wind itself sets the vehicle in motion.
+const WEATHER_SHARE: f64 = 0.14;
 /// Size of what a term describes from which on it matters.
 const REGULAR_FORCE_M_S2: f64 = 0.03;
 const REGULAR_TORQUE_RAD_S2: f64 = 0.06;
@@ -423,7 +565,8 @@ fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
     let rms: Vec<(f64, f64)> = blocks
         .map(|b| {
             let square: f64 = b.iter().map(|s| s.push[..3].iter().map(|p| p * p).sum::<f64>()).sum();
-            (b[b.len() / 2].time, (square / b.len() as f64).sqrt())
+            let middle = &b[b.len() / 2].doing;
+            (middle[middle.len() / 2].time, (square / b.len() as f64).sqrt())
         })
         .collect();
     let usual = clean::median(rms.iter().map(|r| r.1).collect())?;
@@ -433,31 +576,23 @@ fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
 
 impl Remainder {
     /// Puts the remainder into words.
-    fn told(mut self, concentrated: Option<(f64, f64)>) -> Self {
+    fn told(mut self, event_at: Option<f64>) -> Self {
         let size = format!(
             "what stays over 0.25 s: force {:.3} m/s² (before: {:.3}), torque {:.2} rad/s² (before: {:.2})",
             self.force_m_s2, self.force_before_m_s2, self.torque_rad_s2, self.torque_before_rad_s2
         );
-        self.text = match (&self.terms.first(), concentrated) {
+        self.text = match (&self.terms.first(), event_at) {
+            (_, Some(at)) => format!("{size}; most of it at {:.0} % of the flight: an event", 100.0 * at),
             (Some(t), _) if t.explained_share >= REGULAR_SHARE => format!(
                 "{size}; {} goes with {} ({:.0} % of it)",
                 t.on,
                 t.variable,
                 100.0 * t.explained_share
             ),
-            (_, Some((at, times))) if self.unexplained && times > EVENT => {
-                format!("{size}; most of it at {:.0} % of the flight: an event", 100.0 * at)
-            }
             _ => size,
         };
         self
     }
-}
-
-/// Whether none of the findings takes away half of the excess error on windows that the fit has not seen: then they only
-/// lean on what is really missing.
-fn only_lean(remainder: &Remainder, findings: &[Finding]) -> bool {
-    remainder.unexplained && findings.iter().all(|f| f.removed_share < 0.5)
 }
 
 fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String]) -> String {

@@ -9,7 +9,9 @@
 //! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
 
 use super::model::{Enters, Model};
-use super::replay::{Around, PUSH_STEPS, Plant, Point, Push, Raw, STEP, STEP_S, Tick, between, drive};
+use super::replay::{
+    Around, PUSH_STEPS, Plant, Point, Push, Raw, STEP, STEP_S, Tick, between, by_pose, delays, drive_by_pose,
+};
 use super::residual::believed;
 use super::track::{Drive, Measured, Track};
 use crate::flight::resample::rotation_vector;
@@ -21,6 +23,7 @@ use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
+use std::collections::HashMap;
 
 /// Directions of one pass of duals.
 const N: usize = 12;
@@ -73,7 +76,12 @@ fn own_len(pushes: usize) -> usize {
     START_STATE + 6 * pushes
 }
 
+/// States at which windows start as the last fit has them, by log and tick. Near a wall the force bends within the noise of a
+/// measured place: then a window has to be linearised where it is, not where it was seen.
+pub(crate) type Starts = HashMap<(usize, usize), Measured>;
+
 /// All windows at one point.
+#[derive(Clone)]
 pub(crate) struct Linear {
     pub windows: Vec<Window>,
     /// Parameter values that it was computed at.
@@ -88,6 +96,8 @@ pub(crate) struct Reduced {
     pub h: DMatrix<f64>,
     pub g: DVector<f64>,
     pub c: f64,
+    /// Half the logarithm of how much narrower the measurements make its own unknowns: the price of their freedom.
+    pub occam: f64,
 }
 
 /// Standard deviations of the disturbances: force across and up (m/s²), torque across and about z (rad/s²).
@@ -106,6 +116,12 @@ impl Disturbance {
     /// Before anything is known.
     pub fn unknown() -> Self {
         Self { common: [0.2, 0.2, 2.0, 1.0], quick: [0.2, 0.2, 2.0, 1.0] }
+    }
+
+    /// Whether no size differs by more than 3 %.
+    pub fn near(&self, other: &Self) -> bool {
+        let pairs = self.common.iter().zip(&other.common).chain(self.quick.iter().zip(&other.quick));
+        pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03)
     }
 
     /// Root mean square of the common parts: force (m/s²), torque (rad/s²).
@@ -128,9 +144,10 @@ struct DriveInputs {
 
 fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
     let plain = model.plain_at(values, chosen);
-    let ticks = drive(log.track, &log.around, &log.raw, &plain);
-    let free: Vec<usize> =
-        (0..values.len()).filter(|k| model.parameters[*k].enters == Enters::Drive).collect();
+    let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
+    let free: Vec<usize> = (0..values.len())
+        .filter(|k| matches!(model.parameters[*k].enters, Enters::Drive | Enters::Clock(0)))
+        .collect();
     let mut slopes = Vec::new();
     if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
         return DriveInputs { ticks, slopes };
@@ -147,7 +164,8 @@ fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize])
         there[k] += far;
         let mut keep = model.effects_of(chosen);
         keep[p.effect] = true;
-        let limited = drive(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v));
+        let limited =
+            drive_by_pose(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v));
         let slope = |a: f64, b: f64| (b - a) / far;
         let secant: Vec<Tick<f64>> = ticks
             .iter()
@@ -169,7 +187,7 @@ fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize])
             Some(slot) => DriveDual::input(v, slot),
             None => DriveDual::lit(v),
         });
-        let all = drive(log.track, &log.around, &log.raw, &drone);
+        let all = drive_by_pose(log.track, &log.around, &log.raw, &drone);
         for (slot, k) in group.iter().enumerate() {
             let part = |d: DriveDual| d.partials[slot];
             let list: Vec<Tick<f64>> = all
@@ -229,7 +247,7 @@ struct Pass {
 fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pass> {
     let constant = model.effects_of(chosen);
     let mut free: Vec<usize> =
-        (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(_))).collect();
+        (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(1 | 2))).collect();
     // Those of one effect together, so that a pass has few effects.
     free.sort_by_key(|k| (model.parameters[*k].enters == Enters::Reading, model.parameters[*k].effect));
     let mut out = Vec::new();
@@ -265,10 +283,10 @@ pub(crate) fn linearise(
     values: &[f64],
     chosen: &[usize],
     horizon_s: f64,
+    starts: &Starts,
 ) -> Linear {
     let steps = ((horizon_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
     let plain = model.plain_at(values, chosen);
-    let clock = plain.clock();
     let mut windows = Vec::new();
     for (index, p) in logs.iter().enumerate() {
         let inputs = drive_inputs(p, model, values, chosen);
@@ -289,9 +307,10 @@ pub(crate) fn linearise(
                 .iter()
                 .map(|pass| (pass.parameters.as_slice(), Plant::new(&pass.drone, p.track, around)))
                 .collect(),
-            delays: [clock.pose_s, clock.gyro_s, clock.accel_s],
+            delays: delays(p.track, &plain),
             steps,
             index,
+            known: starts,
         };
         let starts: Vec<usize> = (0..)
             .map(|w| w * steps * STEP)
@@ -314,6 +333,7 @@ struct Job<'a> {
     delays: [f64; 3],
     steps: usize,
     index: usize,
+    known: &'a Starts,
 }
 
 impl Job<'_> {
@@ -323,7 +343,11 @@ impl Job<'_> {
         if !p.raw.valid[from..=ends].iter().all(|v| *v) {
             return None;
         }
-        let start = *self.around.measured(from)?;
+        let measured = *self.around.measured(from)?;
+        let start = match self.known.get(&(self.index, from)) {
+            Some(known) => *known,
+            None => self.on_time(measured, self.p.around.time_s(from)),
+        };
         if p.track.drive == Drive::Thrust
             && !(from..=ends).step_by(STEP).all(|tick| self.around.measured(tick).is_some())
         {
@@ -346,6 +370,27 @@ impl Job<'_> {
         let matrix = DMatrix::from_vec(width + 1, n_rows, rows);
         let gram = &matrix * matrix.transpose();
         Some(Window { log: self.index, from, start, gram, n_rows, pushes })
+    }
+
+    /// A measured state with the rate that the gyroscope read at its time, where the two clocks differ.
+    fn on_time(&self, mut state: Measured, at_s: f64) -> Measured {
+        let late = self.delays[1];
+        let gyro = &self.p.track.gyro;
+        if late == 0.0 || gyro.is_empty() || self.p.track.drive == Drive::Thrust {
+            return state;
+        }
+        let mean = |at: f64| -> Option<[f64; 3]> {
+            let a = gyro.t_s.partition_point(|t| *t < at - STEP_S);
+            let b = gyro.t_s.partition_point(|t| *t < at + STEP_S);
+            let n = (b - a) as f64;
+            (b > a).then(|| core::array::from_fn(|k| gyro.values[a..b].iter().map(|v| v[k]).sum::<f64>() / n))
+        };
+        if let (Some(then), Some(now)) = (mean(at_s + late), mean(at_s)) {
+            for k in 0..3 {
+                state.ang_vel[k] += then[k] - now[k];
+            }
+        }
+        state
     }
 
     /// Slopes of all outputs by all columns at every node: (node, column, output).
@@ -526,6 +571,7 @@ impl Job<'_> {
         let begin = self.p.around.time_s(from);
         let end = begin + self.steps as f64 * STEP_S;
         let node_s = STEP_S * NODE as f64;
+        let by_pose = by_pose(track.drive);
         // Slopes of output `o` at a time after the window's start, and the reading there.
         let mut push =
             |after: f64, which: core::ops::Range<usize>, residual: [f64; 3], sigma: f64, channel: usize| {
@@ -538,8 +584,15 @@ impl Job<'_> {
                     for c in 0..width {
                         let mut slope = a[c][o] + f * (b[c][o] - a[c][o]);
                         // A sample that is late shows what was a moment ago.
-                        if c >= own && self.model.parameters[c - own].enters == Enters::Clock(channel) {
-                            slope -= moving[o];
+                        if c >= own
+                            && let Enters::Clock(of) = self.model.parameters[c - own].enters
+                        {
+                            let here = if by_pose && of == 0 {
+                                -f64::from(channel != 0)
+                            } else {
+                                f64::from(of == channel)
+                            };
+                            slope -= here * moving[o];
                         }
                         out.push(slope / sigma);
                     }
@@ -570,7 +623,8 @@ impl Job<'_> {
                 push(after, 3..6, rotation_vector(turn), track.noise.attitude_rad, 0);
             }
         }
-        // Fast sensors are averaged over a step: between nodes the model is as good as straight.
+        // Fast sensors are averaged over a step: between nodes the model is as good as straight. Which samples stand together
+        // does not depend on the clocks, or their noise would decide between clocks.
         for (channel, sigma, which, of) in
             [(&track.gyro, track.noise.gyro_rad_s, 6..9, 1), (&track.accel, track.noise.accel_m_s2, 9..12, 2)]
         {
@@ -578,23 +632,26 @@ impl Job<'_> {
                 continue;
             }
             let delay = self.delays[of];
-            let range = inside(&channel.t_s, delay);
-            let mut i = range.start;
-            while i < range.end {
-                let bin = ((channel.t_s[i] - delay - begin) / STEP_S) as usize;
-                let (mut sum, mut time, mut n) = ([0.0; 3], 0.0, 0.0);
-                while i < range.end && ((channel.t_s[i] - delay - begin) / STEP_S) as usize == bin {
-                    let after = channel.t_s[i] - delay - begin;
-                    let reading = reading_at(after);
-                    let read = if of == 1 { reading.gyro } else { reading.accel };
-                    for k in 0..3 {
-                        sum[k] += channel.values[i][k] - read[k];
+            let t = &channel.t_s;
+            let mut i = t.partition_point(|t| t - delay < begin - STEP_S);
+            let last = t.partition_point(|t| t - delay < end + STEP_S);
+            while i < last {
+                let bin = (t[i] / STEP_S).floor();
+                let next = i + t[i..last].iter().take_while(|t| (*t / STEP_S).floor() == bin).count();
+                let n = (next - i) as f64;
+                let after = t[i..next].iter().sum::<f64>() / n - delay - begin;
+                if after >= 0.0 && after < end - begin {
+                    let mut sum = [0.0; 3];
+                    for j in i..next {
+                        let reading = reading_at(t[j] - delay - begin);
+                        let read = if of == 1 { reading.gyro } else { reading.accel };
+                        for k in 0..3 {
+                            sum[k] += channel.values[j][k] - read[k];
+                        }
                     }
-                    time += after;
-                    n += 1.0;
-                    i += 1;
+                    push(after, which.clone(), sum.map(|s| s / n), sigma / n.sqrt(), of);
                 }
-                push(time / n, which.clone(), sum.map(|s| s / n), sigma / n.sqrt(), of);
+                i = next;
             }
         }
         out
@@ -704,16 +761,33 @@ impl Window {
         let len = own_len(self.pushes);
         let n = self.gram.nrows() - len;
         let factor = self.own(disturbance)?;
+        let posterior: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
+        let occam = posterior - 0.5 * self.prior_log_det(disturbance);
         let mut x = self.gram.view((0, len), (len, n)).into_owned();
         factor.l_dirty().solve_lower_triangular_mut(&mut x);
         let mut rest = self.gram.view((len, len), (n, n)).into_owned();
-        rest.gemm_tr(-1.0, &x, &x, 1.0);
+        rest.gemm(-1.0, &x.transpose(), &x, 1.0);
         let p = n - 1;
         Some(Reduced {
             h: rest.view((0, 0), (p, p)).into_owned(),
             g: rest.view((0, p), (p, 1)).column(0).into_owned(),
             c: rest[(p, p)],
+            occam,
         })
+    }
+
+    /// Logarithm of the determinant of the prior precision of its own unknowns.
+    fn prior_log_det(&self, disturbance: &Disturbance) -> f64 {
+        let n = self.pushes as f64;
+        let start: f64 = START.iter().map(|s| -6.0 * s.ln()).sum();
+        let pushes: f64 = SIZE_OF
+            .iter()
+            .map(|size| {
+                let (common, quick) = (disturbance.common[*size].powi(2), disturbance.quick[*size].powi(2));
+                -(quick + n * common).ln() - (n - 1.0) * quick.ln()
+            })
+            .sum();
+        start + pushes
     }
 
     /// Its own unknowns where the parameters are `delta` away, and their covariance.
@@ -724,6 +798,18 @@ impl Window {
         let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
         b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
         Some((factor.solve(&b), factor.inverse()))
+    }
+
+    /// Its start with its own unknowns at `own`.
+    fn moved(&self, own: &DVector<f64>) -> Measured {
+        let mut start = self.start;
+        for k in 0..3 {
+            start.pos[k] += own[k];
+            start.vel[k] += own[3 + k];
+            start.ang_vel[k] += own[9 + k];
+        }
+        start.quat = quat::normalize(quat::mul(start.quat, quat::exp([own[6], own[7], own[8]])));
+        start
     }
 
     /// Mean of the disturbance over the window, and its variance from the sensors' noise.
@@ -748,6 +834,15 @@ impl Linear {
     /// All windows without their own unknowns.
     pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
         self.windows.par_iter().filter_map(|w| w.reduce(disturbance)).collect()
+    }
+
+    /// Where the windows start with the parameters `delta` away.
+    pub fn starts(&self, disturbance: &Disturbance, delta: &[f64]) -> Starts {
+        let one = |w: &Window| {
+            let (own, _) = w.own_solution(disturbance, delta)?;
+            Some(((w.log, w.from), w.moved(&own)))
+        };
+        self.windows.par_iter().filter_map(one).collect()
     }
 
     /// One step of expectation maximisation for the disturbances' sizes, with the parameters `delta` away.
@@ -806,12 +901,11 @@ pub(crate) fn left_over(
 ) -> [(f64, usize); 4] {
     let all: Vec<usize> = (0..model.candidates.len()).collect();
     let drone = model.plain_at(values, &all);
-    let clock = drone.clock();
     let delta: Vec<f64> = values.iter().zip(&linear.at).map(|(v, a)| v - a).collect();
     let steps = (linear.horizon_s / STEP_S).round() as usize;
     let mut sums = [(0.0, 0usize); 4];
     for (index, p) in logs.iter().enumerate() {
-        let ticks = drive(p.track, &p.around, &p.raw, &drone);
+        let ticks = drive_by_pose(p.track, &p.around, &p.raw, &drone);
         let believed = (p.track.drive == Drive::Thrust)
             .then(|| Around { measured: believed(p.track, &p.around, &drone), ..p.around.clone() });
         let plant = Plant::new(&drone, p.track, believed.as_ref().unwrap_or(&p.around));
@@ -821,13 +915,7 @@ pub(crate) fn left_over(
             .filter(|w| w.log == index)
             .filter_map(|w| {
                 let (own, _) = w.own_solution(disturbance, &delta)?;
-                let mut start = w.start;
-                for k in 0..3 {
-                    start.pos[k] += own[k];
-                    start.vel[k] += own[3 + k];
-                    start.ang_vel[k] += own[9 + k];
-                }
-                start.quat = quat::normalize(quat::mul(start.quat, quat::exp([own[6], own[7], own[8]])));
+                let start = w.moved(&own);
                 let push: Vec<Push> = (0..w.pushes)
                     .map(|i| {
                         let at = START_STATE + 6 * i;
@@ -839,13 +927,7 @@ pub(crate) fn left_over(
                     .collect();
                 let mut points = Vec::new();
                 plant.roll(&ticks, w.from, steps, &start, &push, &mut points);
-                Some(window_left_over(
-                    p,
-                    &plant,
-                    &points,
-                    w.from,
-                    [clock.pose_s, clock.gyro_s, clock.accel_s],
-                ))
+                Some(window_left_over(p, &plant, &points, w.from, delays(p.track, &drone)))
             })
             .collect();
         for part in parts {

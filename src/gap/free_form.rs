@@ -13,6 +13,13 @@ pub(crate) struct Sample {
     pub push: [f64; 6],
     /// Variance of each from the sensors alone.
     pub variance: [f64; 6],
+    /// What the vehicle was doing at evenly spaced times of the window.
+    pub doing: Vec<Doing>,
+}
+
+/// What a vehicle is doing at one time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Doing {
     /// Velocity along body axes, m/s.
     pub vel: [f64; 3],
     /// Body rates, rad/s.
@@ -43,8 +50,23 @@ const ON: [&str; 6] = [
     "torque about body z",
 ];
 
-/// The library: names and values.
+/// The library: names and means over a window.
 fn variables(s: &Sample) -> Vec<(String, f64)> {
+    let mut out: Vec<(String, f64)> = Vec::new();
+    for d in &s.doing {
+        let now = variables_at(d);
+        if out.is_empty() {
+            out = now;
+        } else {
+            out.iter_mut().zip(now).for_each(|(sum, (_, v))| sum.1 += v);
+        }
+    }
+    let n = s.doing.len().max(1) as f64;
+    out.iter_mut().for_each(|(_, sum)| *sum /= n);
+    out
+}
+
+fn variables_at(s: &Doing) -> Vec<(String, f64)> {
     let mut out = Vec::new();
     let axes = ["x", "y", "z"];
     let speed = (s.vel[0].powi(2) + s.vel[1].powi(2) + s.vel[2].powi(2)).sqrt();
@@ -122,6 +144,49 @@ pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
     out
 }
 
+/// Whether what an effect explains has the effect's shape. `samples` are pushed by what the effect explains and by what it
+/// leaves, which is `left`. An effect of the wrong shape leaves the difference of two shapes: per axis, the force `left` is
+/// described by the term that is most like the effect together with one other. That other term where it is clearest, and by
+/// how much the two describe what is left, nats. With `drag_too`, linear drag within its tolerance goes with them.
+pub(crate) fn instead(samples: &[Sample], left: &[[f64; 6]], drag_too: bool) -> Option<(String, f64)> {
+    if samples.len() < 5 * BLOCKS {
+        return None;
+    }
+    let library: Vec<Vec<(String, f64)>> = samples.iter().map(variables).collect();
+    let n = samples.len() as f64;
+    let (mut most, mut name) = (0.0, None);
+    for component in 0..3 {
+        let there: Vec<f64> = samples.iter().map(|s| s.push[component]).collect();
+        let rest: Vec<f64> = left.iter().map(|l| l[component]).collect();
+        let own: Vec<f64> = there.iter().zip(&rest).map(|(y, l)| y - l).collect();
+        let square = |y: &[f64]| y.iter().map(|v| v * v).sum::<f64>();
+        if square(&rest) >= EXPLAINED * square(&there) {
+            continue;
+        }
+        let drag =
+            library[0].iter().position(|(n, _)| drag_too && Some(n.as_str()) == DRAG.get(component).copied());
+        let best = |with: &[usize], y: &[f64]| {
+            (0..library[0].len())
+                .filter(|v| !with.contains(v))
+                .map(|v| (unseen_share(&library, &[with, &[v]].concat(), y), v))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let mut with: Vec<usize> = drag.into_iter().collect();
+        with.push(best(&with, &own)?.1);
+        let (share, term) = best(&with, &rest)?;
+        let nats = -0.5 * n * (1.0 - share).max(1e-12).ln();
+        if nats > most {
+            (most, name) = (nats, Some(format!("{} ~ {}", ON[component], library[0][term].0)));
+        }
+    }
+    Some((name?, most))
+}
+
+/// Part of the scatter that an effect may leave where its shape is looked at.
+const EXPLAINED: f64 = 0.5;
+/// The variable of linear drag, by component.
+const DRAG: [&str; 3] = ["v_x", "v_y", "v_z"];
+
 /// Share of `y`² that the variables explain on blocks of time that the fit has not seen.
 fn unseen_share(library: &[Vec<(String, f64)>], chosen: &[usize], y: &[f64]) -> f64 {
     let n = y.len();
@@ -179,13 +244,11 @@ fn fit(
 mod tests {
     use super::*;
 
-    fn samples(push: impl Fn(&Sample, usize) -> [f64; 6]) -> Vec<Sample> {
+    fn samples(push: impl Fn(&Doing, usize) -> [f64; 6]) -> Vec<Sample> {
         (0..200)
             .map(|i| {
                 let t = i as f64 * 0.25;
-                let mut s = Sample {
-                    push: [0.0; 6],
-                    variance: [1e-4; 6],
+                let doing = Doing {
                     vel: [3.0 * (0.7 * t).sin(), 2.0 * (1.1 * t).cos(), (0.4 * t).sin()],
                     ang_vel: [(1.3 * t).sin(), (1.7 * t).cos(), (0.9 * t).sin()],
                     tilt: [0.3 * (0.8 * t).sin(), 0.2 * (1.2 * t).cos()],
@@ -193,8 +256,7 @@ mod tests {
                     rotor: 1.0 + 0.2 * (2.1 * t).sin(),
                     time: i as f64 / 200.0,
                 };
-                s.push = push(&s, i);
-                s
+                Sample { push: push(&doing, i), variance: [1e-4; 6], doing: vec![doing] }
             })
             .collect()
     }
@@ -221,5 +283,28 @@ mod tests {
     fn what_has_no_pattern_gets_no_term() {
         let found = describe(&samples(|_, i| core::array::from_fn(|k| jumble(i * 6 + k * 31))));
         assert!(found.is_empty(), "{found:?}");
+    }
+
+    #[test]
+    fn a_cube_is_told_from_a_square() {
+        let cube = samples(|s, i| {
+            let speed2: f64 = s.vel.iter().map(|v| v * v).sum();
+            [-0.05 * speed2 * s.vel[0] + 0.005 * jumble(i), 0.0, 0.0, 0.0, 0.0, 0.0]
+        });
+        // What the best square leaves.
+        let square = |s: &Sample| {
+            let v = s.doing[0].vel;
+            v[0] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
+        };
+        let (a, b) =
+            cube.iter().fold((0.0, 0.0), |(a, b), s| (a + square(s) * s.push[0], b + square(s) * square(s)));
+        let left: Vec<[f64; 6]> =
+            cube.iter().map(|s| [s.push[0] - a / b * square(s), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
+        let (term, nats) = instead(&cube, &left, true).unwrap();
+        assert!(term == "force along body x ~ |v|² v_x" && nats > 50.0, "{term} {nats}");
+        // An effect of the right shape is not replaced.
+        let noise: Vec<[f64; 6]> =
+            (0..cube.len()).map(|i| [0.005 * jumble(i), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
+        assert!(instead(&cube, &noise, true).is_none_or(|(_, nats)| nats < 1.0));
     }
 }

@@ -201,6 +201,14 @@ impl Model {
         }
     }
 
+    /// Candidates that move samples or commands in time. Half a millisecond is within tolerance, but too far for a straight line
+    /// through what sensors read: the model follows them whether they are found or not.
+    pub fn timing(&self) -> Vec<usize> {
+        (0..self.candidates.len())
+            .filter(|c| matches!(self.candidates[*c].kind, "clock_offset" | "command_delay"))
+            .collect()
+    }
+
     /// Parameters of a candidate.
     pub fn of(&self, candidate: usize) -> impl Iterator<Item = usize> + '_ {
         (0..self.parameters.len()).filter(move |k| self.parameters[*k].candidate == candidate)

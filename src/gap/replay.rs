@@ -333,8 +333,39 @@ impl<const N: usize> Plain for Dual<f64, N> {
     }
 }
 
+/// Whether time can be counted by the stamps of the poses: commands then come later by what poses are late.
+///
+/// All sensors late by the same time is the same as late commands. Counted like this the two are the same in every digit:
+/// windows hold the same samples, whose noise would else decide between them.
+pub(crate) fn by_pose(drive: Drive) -> bool {
+    matches!(drive, Drive::RotorCommands | Drive::AttitudeCommands)
+}
+
+/// Delays of pose, gyroscope and accelerometer on the time by which [`drive_by_pose`] counts.
+pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
+    let clock = drone.clock();
+    let all = [clock.pose_s, clock.gyro_s, clock.accel_s].map(S::plain);
+    let zero = if by_pose(track.drive) { all[0] } else { 0.0 };
+    all.map(|delay| delay - zero)
+}
+
+/// As [`drive`], by the time of the poses' stamps where [`by_pose`] says so.
+pub(crate) fn drive_by_pose<S: Plain>(
+    track: &Track,
+    around: &Around,
+    raw: &Raw,
+    drone: &Drone<S>,
+) -> Vec<Tick<S>> {
+    let late = if by_pose(track.drive) { drone.clock().pose_s } else { S::zero() };
+    driven(track, around, raw, drone, late)
+}
+
 /// What drives a model along a log: delays, motors and whatever else acts on commands, for the whole log at once.
 pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>) -> Vec<Tick<S>> {
+    driven(track, around, raw, drone, S::zero())
+}
+
+fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>, late: S) -> Vec<Tick<S>> {
     let zero = S::zero();
     let idle = Tick {
         rotor_vel: [zero; MAX_ROTORS],
@@ -357,7 +388,7 @@ pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: 
             }
         }
         Drive::RotorCommands | Drive::AttitudeCommands => {
-            commanded(around, raw, drone, track.drive, &mut out)
+            commanded(around, raw, drone, (track.drive, late), &mut out)
         }
     }
     out
@@ -365,8 +396,15 @@ pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: 
 
 /// Ticks of a vehicle under commands: motors and thrust move from one arrival of a command to the next, so that sample
 /// times of the log need not be those of the ticks, and a delay moves the arrivals (its derivative those of their lengths).
-fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive, out: &mut [Tick<S>]) {
-    let mut late = S::zero();
+/// A tick holds the mean under a hat that falls to zero at the ticks beside it: commands that jump every 2 ms, sampled every
+/// 2.5 ms, would beat.
+fn commanded<S: Plain>(
+    around: &Around,
+    raw: &Raw,
+    drone: &Drone<S>,
+    (kind, mut late): (Drive, S),
+    out: &mut [Tick<S>],
+) {
     let mut drone = drone.clone();
     drone.effects.retain(|e| match e {
         AnyEffect::CommandDelay(p) => {
@@ -390,10 +428,14 @@ fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive
     drone.start(&command(j), |e| e.memory_len(TICK_S), &mut memory);
     let mut state = State::<S>::rest();
     let mut surroundings = Surroundings::calm();
+    // Under the rising half of the hat, from the tick before.
+    let mut rising = Hat::<S>::empty();
     for k in 0..around.n_ticks {
         let begin = around.time_s(k);
         surroundings.time_s = S::lit(begin);
         let tick = &mut out[k];
+        let mut falling = Hat::<S>::empty();
+        let mut next = Hat::<S>::empty();
         let mut at = S::lit(begin);
         let end = S::lit(begin + TICK_S);
         let mut first = true;
@@ -406,6 +448,8 @@ fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive
                 _ => end,
             };
             let dt = until - at;
+            // Where in the tick, 0 to 1.
+            let place = [at, until].map(|t| (t - S::lit(begin)) * S::lit(1.0 / TICK_S));
             let mut now = command(j);
             if let (true, Command::Rotors(speeds)) = (k == 0 && first, now) {
                 state.rotor_vel = speeds;
@@ -416,25 +460,27 @@ fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive
                     if k == 0 && first {
                         state.thrust = c[3];
                     }
-                    if first {
-                        tick.thrust = state.thrust;
-                    }
                     for i in 0..4 {
                         mean[i] = mean[i] + c[i] * dt * S::lit(1.0 / TICK_S);
                     }
-                    state.thrust = rk4(state.thrust, dt, |x| attitude_response::thrust_rate(p, x, c[3]));
+                    let before = state.thrust;
+                    state.thrust = rk4(before, dt, |x| attitude_response::thrust_rate(p, x, c[3]));
+                    let (down, up) = hat_sums(place, [before, state.thrust]);
+                    falling.thrust = falling.thrust + down;
+                    next.thrust = next.thrust + up;
                 }
                 (Command::Rotors(speeds), _) => {
                     if k == 0 && first {
                         state.rotor_vel = speeds;
                     }
-                    if first {
-                        tick.rotor_vel = state.rotor_vel;
-                    }
                     for i in 0..parts.airframe.n_rotors {
                         let p = &parts.airframe.rotors[i];
                         let rate = |x: S| rotor::acceleration(p, x, speeds[i]);
-                        state.rotor_vel[i] = rk4(state.rotor_vel[i], dt, rate);
+                        let before = state.rotor_vel[i];
+                        state.rotor_vel[i] = rk4(before, dt, rate);
+                        let (down, up) = hat_sums(place, [before, state.rotor_vel[i]]);
+                        falling.rotor_vel[i] = falling.rotor_vel[i] + down;
+                        next.rotor_vel[i] = next.rotor_vel[i] + up;
                     }
                 }
                 _ => {}
@@ -447,6 +493,13 @@ fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive
             }
         }
         tick.command = mean;
+        // The first tick has the falling half only.
+        let times = S::lit(if k == 0 { 2.0 } else { 1.0 });
+        tick.thrust = (rising.thrust + falling.thrust) * times;
+        for i in 0..parts.airframe.n_rotors {
+            tick.rotor_vel[i] = (rising.rotor_vel[i] + falling.rotor_vel[i]) * times;
+        }
+        rising = next;
     }
     // A rate that jumps with every command would be sampled by luck: the change over two ticks stands for it, whose sum over
     // a flight is that of the speeds.
@@ -458,6 +511,29 @@ fn commanded<S: Plain>(around: &Around, raw: &Raw, drone: &Drone<S>, kind: Drive
             out[k].rotor_acc[i] = (out[b].rotor_vel[i] - out[a].rotor_vel[i]) * per_s;
         }
     }
+}
+
+/// What has been summed under one half of a tick's hat.
+struct Hat<S> {
+    rotor_vel: [S; MAX_ROTORS],
+    thrust: S,
+}
+
+impl<S: Real> Hat<S> {
+    fn empty() -> Self {
+        Self { rotor_vel: [S::zero(); MAX_ROTORS], thrust: S::zero() }
+    }
+}
+
+/// Integral of what goes straight from `value[0]` at `place[0]` to `value[1]` at `place[1]`, under the half of a hat that
+/// falls from one to zero over 0..1, and under the half that rises.
+fn hat_sums<S: Real>(place: [S; 2], value: [S; 2]) -> (S, S) {
+    let length = place[1] - place[0];
+    let (third, sixth, half) = (S::lit(1.0 / 3.0), S::lit(1.0 / 6.0), S::lit(0.5));
+    let up = length
+        * (third * (place[0] * value[0] + place[1] * value[1])
+            + sixth * (place[0] * value[1] + place[1] * value[0]));
+    (half * length * (value[0] + value[1]) - up, up)
 }
 
 /// One step of the classical Runge–Kutta scheme for a single number.

@@ -54,13 +54,15 @@ pub(crate) struct Posterior {
 }
 
 impl<'a> Evidence<'a> {
-    /// From the sums over windows: information `h` and score `g` (per unit of the parameters, at values `at`).
+    /// From the sums over windows: information `h` and score `g` (per unit of the parameters, at values `at`). `tolerance` is how
+    /// many times wider than usual the vehicle's tolerances are.
     pub fn new(
         model: &'a Model,
         h: &DMatrix<f64>,
         g: &DVector<f64>,
         at: &[f64],
         dispersion: f64,
+        tolerance: f64,
     ) -> Result<Self, GapError> {
         let n = model.parameters.len();
         let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
@@ -69,7 +71,8 @@ impl<'a> Evidence<'a> {
         let about = g + h * from;
         let a = DMatrix::from_fn(n, n, |i, j| h[(i, j)] * slab[i] * slab[j] / dispersion);
         let b = DVector::from_fn(n, |i, _| about[i] * slab[i] / dispersion);
-        let closed: Vec<f64> = model.parameters.iter().map(|p| (p.spike / p.slab).powi(2)).collect();
+        let closed: Vec<f64> =
+            model.parameters.iter().map(|p| (tolerance * p.spike / p.slab).powi(2).min(0.5)).collect();
         let mut precision = a.clone();
         for k in 0..n {
             precision[(k, k)] += 1.0 / closed[k];
@@ -91,12 +94,14 @@ impl<'a> Evidence<'a> {
         let n = at.len();
         let from = DVector::from_fn(n, |k, _| at[k] - self.model.parameters[k].filed);
         let filed = chi2 + 2.0 * g.dot(&from) + from.dot(&(h * &from));
-        let empty = 0.5 * self.b.dot(&self.m0)
-            + 0.5
-                * Cholesky::new(self.k0.clone())
-                    .map_or(0.0, |f| f.l_dirty().diagonal().map(|d| 2.0 * d.ln()).sum())
-            - 0.5 * self.closed.iter().map(|c| c.ln()).sum::<f64>();
-        -0.5 * filed / self.dispersion + empty + self.of(set)
+        -0.5 * filed / self.dispersion + self.empty() + self.of(set)
+    }
+
+    /// Log evidence of nothing missing over that of a vehicle exactly as filed: what the tolerances explain, less their price.
+    pub fn empty(&self) -> f64 {
+        let narrower: f64 = Cholesky::new(self.k0.clone())
+            .map_or(0.0, |f| f.l_dirty().diagonal().map(|d| 2.0 * d.ln()).sum());
+        0.5 * (self.b.dot(&self.m0) + narrower - self.closed.iter().map(|c| c.ln()).sum::<f64>())
     }
 
     /// Log evidence of a set over that of the empty set.

@@ -6,7 +6,7 @@
 
 use super::Air;
 use crate::gap::GapError;
-use crate::gap::fit::{Disturbance, Prepared, linearise};
+use crate::gap::fit::{Disturbance, Prepared, Starts, linearise};
 use crate::gap::model::Model;
 use crate::gap::track::Track;
 use nalgebra::{Cholesky, DMatrix};
@@ -24,7 +24,7 @@ pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMat
 /// The same for flights that are prepared already.
 pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let n = model.parameters.len();
-    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S);
+    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S, &Starts::new());
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
     let disturbance = Disturbance { common: sizes, quick: sizes };
     let mut out = vec![DMatrix::zeros(n, n); logs.len()];

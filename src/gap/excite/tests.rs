@@ -105,7 +105,7 @@ fn predicted_widths_are_those_of_the_posterior_of_the_fit() {
     let n = model.parameters.len();
     let slab = |k: usize| model.parameters[k].slab;
     let h = DMatrix::from_fn(n, n, |i, j| a[(i, j)] / (slab(i) * slab(j)));
-    let evidence = Evidence::new(&model, &h, &DVector::zeros(n), &model.filed(), 1.0).unwrap();
+    let evidence = Evidence::new(&model, &h, &DVector::zeros(n), &model.filed(), 1.0, 1.0).unwrap();
     let judge = Judge::new(&model, &wanted);
     let alone = evidence.posterior(&wanted).unwrap();
     let widths = judge.widths(&a).unwrap();

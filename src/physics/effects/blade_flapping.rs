@@ -52,7 +52,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         "blade_flapping",
         "moment of blades that flap in a flow from the side",
         Area::Airframe,
-        vec![Freedom::any("moment_n_s2_per_rad", "N·s²/rad", 0.02 * slab, slab)],
+        vec![Freedom::any("moment_n_s2_per_rad", "N·s²/rad", 0.01 * slab, slab)],
         "fly level legs forward, backward and sideways, fast and slow",
     )]
 }

@@ -321,7 +321,7 @@ impl Deviations {
             }
             "rotor_drag" => self.rotor_drag_n_s2_per_rad_m = size * per_speed * s.uniform(3e-5, 7e-5),
             "blade_flapping" => {
-                self.flapping_n_s2_per_rad = size * scale.inertia * per_speed / m * s.uniform(1e-7, 2.5e-7);
+                self.flapping_n_s2_per_rad = size * scale.inertia * per_speed / m * s.uniform(3e-7, 7.5e-7);
             }
             "inflow" => self.inflow_n_s2_per_rad_m = size * per_speed * s.uniform(0.7e-4, 2e-4),
             "translational_lift" => self.lift_n_s2_per_m2 = size * m * s.uniform(0.004, 0.01),

@@ -82,7 +82,7 @@ pub struct Plan<'a> {
     pub marker: Marker,
     /// Size of the hidden effects: 1 as drawn, 0 nothing.
     pub size: f64,
-    /// Width of the tolerances, times that of the noise level: 1 as usual, 0 for a vehicle exactly as filed.
+    /// Width of the tolerances: 1 as usual, 0 for a vehicle exactly as filed.
     pub tolerance: f64,
 }
 
@@ -273,7 +273,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     let scale = nominal.scale(plan.seconds);
     let filed = nominal.filed(plan.seconds);
     let figures = Figures::new(plan.noise, plan.seed, plan.flight);
-    let mut dev = Deviations::tolerances(plan.seed, plan.tolerance * figures.tolerance_factor);
+    let mut dev = Deviations::tolerances(plan.seed, plan.tolerance);
     for id in &plan.hidden {
         dev.plant(id, plan.seed, size, &scale);
     }

@@ -81,8 +81,6 @@ pub struct Figures {
     pub dropout: f64,
     /// Standard deviation of the turbulence that is always there, m/s.
     pub turbulence_m_s: f64,
-    /// Width of the tolerances.
-    pub tolerance_factor: f64,
 }
 
 impl Figures {
@@ -104,7 +102,6 @@ impl Figures {
             imu_jitter_s: 0.03e-3,
             dropout: 0.01,
             turbulence_m_s: calm,
-            tolerance_factor: 1.0,
         };
         match level {
             NoiseLevel::Fine => fine,
@@ -119,7 +116,6 @@ impl Figures {
                 imu_jitter_s: 0.1e-3,
                 dropout: 0.02,
                 turbulence_m_s: 3.0 * calm,
-                tolerance_factor: 2.0,
                 ..fine
             },
         }

@@ -266,7 +266,7 @@ impl World {
             let arm = unit([nominal.rotors[i].at_m[0], nominal.rotors[i].at_m[1], 0.0]);
             let own = dev.rotor_lean_rad[i];
             let lean = [dev.lean_rad[0] + own[0], dev.lean_rad[1] + own[1], 0.0];
-            let turn = add(lean, mul(arm, dev.twist_rad * r.spin));
+            let turn = add(lean, mul(arm, -dev.twist_rad));
             r.axis = mat_vec(matrix(quat_exp(turn)), r.axis);
         }
         let mut linear_drag = nominal.linear_drag;

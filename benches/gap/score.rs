@@ -1,0 +1,258 @@
+//! One flight with hidden effects, its diagnosis, and how right that is.
+
+use super::planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan, Truth, UNLISTED, fly};
+use propwash::flight::FlightLog;
+use propwash::gap::accept::Source;
+use propwash::gap::complete::{Completion, Entry, steps};
+use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::ladder::Flights;
+use propwash::gap::verdict::ParameterFit;
+use propwash::gap::{Diagnosis, Options, Track};
+use propwash::physics::effects::{Area, candidates};
+use propwash::vehicle::Vehicle;
+use std::time::Instant;
+
+type Failure = Box<dyn std::error::Error + Send + Sync>;
+
+/// Effects of the air of one day, which no vehicle file keeps.
+const OF_THE_DAY: [&str; 4] = ["constant_wind", "gust", "turbulence", "actuator_saturation"];
+/// Horizon at which models are compared on an unseen flight, s.
+const CLOSURE_S: f64 = 0.5;
+
+/// What is flown and asked.
+#[derive(Clone)]
+pub struct Case {
+    /// Hidden effects.
+    pub hidden: Vec<&'static str>,
+    /// The vehicle, and the flight.
+    pub seed: u64,
+    /// Sensors and air.
+    pub noise: NoiseLevel,
+    /// What the pilot does; what shows the hidden effects where `None`.
+    pub excitation: Option<Excitation>,
+    /// Length, s.
+    pub seconds: f64,
+    /// Width of the tolerances.
+    pub tolerance: f64,
+    /// Whether the completed vehicle is tried on a second flight.
+    pub closure: bool,
+}
+
+/// What came of a case.
+pub struct Outcome {
+    /// The case.
+    pub case: Case,
+    /// What was hidden.
+    pub truth: Truth,
+    /// What the diagnosis says.
+    pub verdict: Diagnosis,
+    /// Time of reading and diagnosing, s.
+    pub took_s: f64,
+    /// Error of the completed vehicle on an unseen flight, over that of the vehicle with all true values.
+    pub closure: Option<f64>,
+}
+
+/// Names that mean the same: a battery that sags with the time is two candidates, by voltage and by time.
+fn same(a: &str, b: &str) -> bool {
+    let sag = |x: &str| matches!(x, "battery_sag" | "thrust_fade");
+    a == b || (sag(a) && sag(b))
+}
+
+impl Case {
+    fn plan<'a>(&self, vehicle: &'a Vehicle, flight: u64) -> Plan<'a> {
+        let mut plan = Plan::exciting(vehicle, &self.hidden, self.seconds, self.seed);
+        plan.tolerance = self.tolerance;
+        plan.noise = self.noise;
+        plan.flight = flight;
+        if let Some(excitation) = self.excitation {
+            plan.excitation = excitation;
+        }
+        plan
+    }
+
+    fn track(&self, vehicle: &Vehicle, flight: &Flight) -> Result<Track, Failure> {
+        let folder = tempfile::tempdir()?;
+        let file = folder.path().join("flight.csv");
+        flight.write(&file)?;
+        let log = FlightLog::load(&file, None)?;
+        let ceiling = flight.truth.excitation == Excitation::NearCeiling;
+        let options = Options { ceiling_z_m: ceiling.then_some(CEILING_Z_M), ..Options::default() };
+        Ok(Track::new(log, vehicle, &options)?)
+    }
+
+    /// Flies it and asks.
+    pub fn run(&self, vehicle: &Vehicle, path: &str) -> Result<Outcome, Failure> {
+        let flight = fly(&self.plan(vehicle, 0))?;
+        let begin = Instant::now();
+        let track = self.track(vehicle, &flight)?;
+        let result = diagnose(&[track], vehicle, &Settings::default())?;
+        let took_s = begin.elapsed().as_secs_f64();
+        let mut out = Outcome {
+            case: self.clone(),
+            truth: flight.truth,
+            verdict: result.verdict,
+            took_s,
+            closure: None,
+        };
+        if self.closure && out.exact() && !self.hidden.iter().any(|h| OF_THE_DAY.contains(h)) {
+            let unseen = self.track(vehicle, &fly(&self.plan(vehicle, 1))?)?;
+            let text = std::fs::read_to_string(path)?;
+            let source = source();
+            let found = steps(&out.verdict, vehicle, text.clone(), "vehicle", source.clone())?;
+            let found = found.rungs.last().ok_or("no rung")?.1.clone();
+            let truth = true_vehicle(vehicle, text, &out, source)?;
+            let flights = Flights::new(Vec::new(), vec![unseen], 0.0);
+            let error = |v: &Vehicle| -> Result<f64, Failure> {
+                let (_, held_out) = flights.errors(v)?;
+                let at = held_out.iter().find(|e| (e.horizon_s - CLOSURE_S).abs() < 1e-9);
+                Ok(at.ok_or("the unseen flight is too short")?.position_m)
+            };
+            out.closure = Some(error(&found)? / error(&truth)?);
+        }
+        Ok(out)
+    }
+}
+
+fn source() -> Source {
+    Source { log_sha256: vec!["0".repeat(64)], date: "2026-01-01".into(), text: "bench".into() }
+}
+
+/// True value of a parameter of a candidate, where the generator has it.
+pub fn true_value(truth: &Truth, id: &str, name: &str) -> Option<f64> {
+    let values = truth.all.get(if id == "thrust_fade" { "battery_sag" } else { id })?;
+    let other = match (id, name) {
+        ("rotor_tilt", "lean_rad.0") => "lean_x_rad".to_string(),
+        ("rotor_tilt", "lean_rad.1") => "lean_y_rad".to_string(),
+        ("thrust_curve", "shape") => "hover_share_linear".to_string(),
+        ("thrust_fade", "rate_per_s") => "thrust_loss_per_s".to_string(),
+        ("slung_payload", _) => name.replace("attachment_m", "hook_m").replace("cable_length_m", "cable_m"),
+        _ if id.starts_with("clock_offset") => "late_s".to_string(),
+        _ if id.starts_with("weak_rotor") || id.starts_with("wrong_inertia") => "factor".to_string(),
+        _ => name.to_string(),
+    };
+    values.get(&other).copied()
+}
+
+/// The vehicle with all true values.
+fn true_vehicle(vehicle: &Vehicle, text: String, out: &Outcome, source: Source) -> Result<Vehicle, Failure> {
+    let dynamics = &out.verdict.dynamics;
+    let mut completion = Completion::new(vehicle, text, "vehicle", dynamics, source);
+    for c in candidates(&vehicle.drone(dynamics)?) {
+        let hidden = out.case.hidden.iter().any(|h| same(h, &c.id));
+        let only_hidden = matches!(c.kind, "payload" | "slung_payload" | "thrust_fade");
+        if OF_THE_DAY.contains(&c.kind) || (only_hidden && !hidden) {
+            continue;
+        }
+        let parameters: Option<Vec<ParameterFit>> = c
+            .freedoms
+            .iter()
+            .map(|f| {
+                let value = true_value(&out.truth, &c.id, &f.name)?;
+                let name = f.name.clone();
+                Some(ParameterFit { name, unit: f.unit.into(), filed: value, value, sigma: f64::NAN })
+            })
+            .collect();
+        let Some(parameters) = parameters else { continue };
+        let free = |name: &str| parameters.iter().any(|p| p.name == name);
+        let set: Vec<(String, f64)> = c
+            .preset
+            .iter()
+            .filter(|(name, _)| !free(name))
+            .map(|(name, v)| (name.clone(), true_value(&out.truth, &c.id, name).unwrap_or(*v)))
+            .collect();
+        let sensor = c.area == Area::Measurement;
+        let kind = c.kind.to_string();
+        completion.add(&Entry { id: c.id.clone(), kind, parameters, set, sensor, note: None })?;
+    }
+    Ok(completion.vehicle(vehicle)?)
+}
+
+impl Outcome {
+    /// Names that the verdict gives.
+    pub fn found(&self) -> Vec<&str> {
+        self.verdict.findings.iter().map(|f| f.id.as_str()).collect()
+    }
+
+    /// Whether all that was hidden and nothing else is named; where it is in no list: whether it is left unexplained.
+    pub fn exact(&self) -> bool {
+        if self.case.hidden.iter().any(|h| UNLISTED.contains(h)) {
+            return self.found().is_empty() && self.verdict.remainder.unexplained;
+        }
+        let (found, hidden) = (self.found(), &self.case.hidden);
+        found.len() == hidden.len() && hidden.iter().all(|h| found.iter().any(|f| same(f, h)))
+    }
+
+    /// Whether the first name, or one in the group of look-alikes that the verdict gives with it, is right.
+    pub fn first_right(&self) -> bool {
+        let Some(first) = self.verdict.findings.first() else { return self.case.hidden.is_empty() };
+        self.case.hidden.iter().any(|h| self.names(first.id.as_str(), h))
+    }
+
+    /// Whether finding `id` is `hidden`, or names it among its look-alikes.
+    fn names(&self, id: &str, hidden: &str) -> bool {
+        let finding = self.verdict.findings.iter().find(|f| f.id == id);
+        same(id, hidden)
+            || finding
+                .is_some_and(|f| f.look_alikes.iter().any(|l| l.ids.len() == 1 && same(&l.ids[0], hidden)))
+    }
+
+    /// Whether every hidden effect is named by a finding or in its group, with as many findings as effects.
+    pub fn group_right(&self) -> bool {
+        let found = self.found();
+        found.len() == self.case.hidden.len()
+            && self.case.hidden.iter().all(|h| found.iter().any(|f| self.names(f, h)))
+    }
+
+    /// Whether a hidden effect is in a group, whatever else is named.
+    pub fn in_a_group(&self) -> bool {
+        self.case.hidden.iter().all(|h| self.found().iter().any(|f| self.names(f, h)))
+    }
+
+    /// Whether a name without look-alikes is wrong.
+    pub fn confidently_wrong(&self) -> bool {
+        self.verdict.findings.iter().any(|f| f.certain && !self.case.hidden.iter().any(|h| same(&f.id, h)))
+    }
+
+    /// Names nothing and sees nothing left.
+    pub fn silent(&self) -> bool {
+        self.verdict.findings.is_empty() && !self.verdict.remainder.unexplained
+    }
+
+    /// Intervals of 95 % of the found parameters whose true values are known: (those that hold them, all).
+    pub fn intervals(&self) -> (usize, usize) {
+        let mut out = (0, 0);
+        for f in self.verdict.findings.iter().filter(|f| self.case.hidden.iter().any(|h| same(&f.id, h))) {
+            for p in f.parameters.iter().filter(|p| p.sigma > 0.0 && f.kind != "turbulence") {
+                if let Some(truth) = true_value(&self.truth, &f.id, &p.name) {
+                    out.1 += 1;
+                    out.0 += usize::from((p.value - truth).abs() <= 1.96 * p.sigma);
+                }
+            }
+        }
+        out
+    }
+
+    /// What was hidden, in one word.
+    pub fn hidden(&self) -> String {
+        if self.case.hidden.is_empty() { "none".into() } else { self.case.hidden.join("+") }
+    }
+
+    /// One line.
+    pub fn line(&self) -> String {
+        let verdict = &self.verdict;
+        let closure = self.closure.map_or_else(String::new, |c| format!(" closure {c:.3}"));
+        format!(
+            "{} {:<28} {:?} {} seed {} {:>5.1} s  φ {:>5.2} force {:.3} torque {:.2}{closure}  {}",
+            if self.exact() { "ok " } else { "BAD" },
+            self.hidden(),
+            self.case.noise,
+            self.truth.excitation.name(),
+            self.case.seed,
+            self.took_s,
+            verdict.dispersion,
+            verdict.remainder.force_m_s2,
+            verdict.remainder.torque_rad_s2,
+            verdict.verdict,
+        )
+    }
+}

@@ -1,0 +1,212 @@
+//! The whole table: effects alone, in pairs, none, unlisted, on ordinary flights; closure, intervals, times.
+
+use super::Args;
+use super::planted::hidden::stream as planted_stream;
+use super::planted::{Excitation, HIDDEN, NoiseLevel, UNLISTED};
+use super::score::{Case, Outcome};
+use propwash::vehicle::Vehicle;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+const LEVELS: [NoiseLevel; 2] = [NoiseLevel::Fine, NoiseLevel::Rough];
+const PARTS: [&str; 6] = ["single", "pairs", "none", "unlisted", "ordinary", "time"];
+/// Length of an ordinary flight, s.
+const ORDINARY_S: f64 = 30.0;
+
+/// Runs the parts that were asked for (all, where none was named) and prints the table.
+pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std::error::Error>> {
+    if let Some(unknown) = args.parts.iter().find(|p| !PARTS.contains(&p.as_str())) {
+        let known = PARTS.join(", ");
+        return Err(format!("expected parts among {known}, found `{unknown}`: take one of them").into());
+    }
+    let wanted = |part: &str| args.parts.is_empty() || args.parts.iter().any(|p| p == part);
+    let seeds = args.first..args.first + args.seeds;
+    let base = Case {
+        hidden: vec![],
+        seed: 0,
+        noise: NoiseLevel::Fine,
+        excitation: None,
+        seconds: args.seconds,
+        tolerance: args.tolerance,
+        closure: false,
+    };
+    let mut rows: Vec<[String; 4]> = Vec::new();
+    let mut row = |what: &str, reached: String, of: usize, goal: &str| {
+        rows.push([what.into(), reached, of.to_string(), goal.into()]);
+    };
+    for noise in LEVELS {
+        let base = Case { noise, ..base.clone() };
+        let level = format!("{noise:?}").to_lowercase();
+        let over = |effects: &[&'static str], seeds: std::ops::Range<u64>, like: &Case| -> Vec<Case> {
+            let each = effects.iter().flat_map(|e| seeds.clone().map(move |seed| (*e, seed)));
+            each.map(|(e, seed)| Case { hidden: vec![e], seed, ..like.clone() }).collect()
+        };
+        if wanted("single") {
+            let like = Case { closure: true, ..base.clone() };
+            let out = all(&over(HIDDEN, seeds.clone(), &like), vehicle, path)?;
+            let n = out.len();
+            row(&format!("one effect, {level}: first"), share(&out, Outcome::first_right), n, "≥ 97 %");
+            row(&format!("one effect, {level}: it and nothing else"), share(&out, Outcome::exact), n, "");
+            let (inside, of) = out.iter().map(Outcome::intervals).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+            row(
+                &format!("intervals of 95 % that hold the truth, {level}"),
+                percent(inside, of),
+                of,
+                "90–99 %",
+            );
+            let mut closures: Vec<f64> = out.iter().filter_map(|o| o.closure).collect();
+            closures.sort_by(f64::total_cmp);
+            let at = |q: f64| closures.get((q * (closures.len() as f64 - 1.0)) as usize).copied();
+            if let (Some(median), Some(worst)) = (at(0.5), at(0.9)) {
+                let text = format!("{median:.3} (9 of 10 below {worst:.3})");
+                row(
+                    &format!("error after adding, over that of the true values, {level}"),
+                    text,
+                    closures.len(),
+                    "≤ 1.05",
+                );
+            }
+            confusion(&out);
+        }
+        if wanted("pairs") {
+            let out = all(&pairs(args.pairs, &base), vehicle, path)?;
+            row(
+                &format!("two effects, {level}: both and nothing else"),
+                share(&out, Outcome::group_right),
+                out.len(),
+                "≥ 90 %",
+            );
+            row(&format!("two effects, {level}: both"), share(&out, Outcome::in_a_group), out.len(), "");
+        }
+        if wanted("none") {
+            let many = args.first..args.first + 4 * args.seeds;
+            let cases: Vec<Case> = many.map(|seed| Case { seed, ..base.clone() }).collect();
+            let out = all(&cases, vehicle, path)?;
+            row(
+                &format!("nothing hidden, {level}: nothing missing"),
+                share(&out, Outcome::silent),
+                out.len(),
+                "≥ 98 %",
+            );
+        }
+        if wanted("unlisted") {
+            let out = all(&over(UNLISTED, seeds.clone(), &base), vehicle, path)?;
+            row(
+                &format!("not in the list, {level}: unexplained"),
+                share(&out, Outcome::exact),
+                out.len(),
+                "≥ 90 %",
+            );
+        }
+    }
+    if wanted("ordinary") {
+        for (name, excitation) in [
+            ("Lissajous", Excitation::Lissajous),
+            ("circle", Excitation::Circle),
+            ("hover with yaw", Excitation::HoverYaw),
+        ] {
+            let cases: Vec<Case> = HIDDEN
+                .iter()
+                .enumerate()
+                .map(|(i, e)| Case {
+                    hidden: vec![e],
+                    seed: args.first + i as u64 % args.seeds.max(1),
+                    excitation: Some(excitation),
+                    seconds: ORDINARY_S,
+                    ..base.clone()
+                })
+                .collect();
+            let out = all(&cases, vehicle, path)?;
+            let n = out.len();
+            row(&format!("{name}: named, or in the named group"), share(&out, Outcome::in_a_group), n, "");
+            row(&format!("{name}: nothing to be seen"), share(&out, Outcome::silent), n, "");
+            row(
+                &format!("{name}: a wrong name without doubt"),
+                share(&out, Outcome::confidently_wrong),
+                n,
+                "≤ 5 %",
+            );
+            let seen: Vec<Outcome> = out.into_iter().filter(|o| !o.silent()).collect();
+            row(
+                &format!("{name}: in the group, where anything is seen"),
+                share(&seen, Outcome::in_a_group),
+                seen.len(),
+                "≥ 95 %",
+            );
+        }
+    }
+    if wanted("time") {
+        let case = Case { hidden: vec!["rotor_drag"], seconds: 60.0, ..base.clone() };
+        let mut took = Vec::new();
+        for seed in 0..5 {
+            took.push(Case { seed, ..case.clone() }.run(vehicle, path).map_err(|e| e.to_string())?.took_s);
+        }
+        took.sort_by(f64::total_cmp);
+        row(
+            "60 s at 240 Hz, all candidates, alone: median time",
+            format!("{:.1} s", took[2]),
+            5,
+            "≤ 5 s on 2 cores",
+        );
+    }
+    println!("\n| what | reached | cases | goal |\n|---|---|---|---|");
+    for [what, reached, of, goal] in rows {
+        println!("| {what} | {reached} | {of} | {goal} |");
+    }
+    Ok(())
+}
+
+/// All cases, several at a time; prints those that are not exact.
+fn all(cases: &[Case], vehicle: &Vehicle, path: &str) -> Result<Vec<Outcome>, Box<dyn std::error::Error>> {
+    let out: Result<Vec<Outcome>, _> = cases
+        .par_iter()
+        .map(|case| {
+            let outcome = case.run(vehicle, path)?;
+            if !outcome.exact() {
+                println!("{}", outcome.line());
+            }
+            Ok(outcome)
+        })
+        .collect();
+    out.map_err(|e: Box<dyn std::error::Error + Send + Sync>| e.to_string().into())
+}
+
+fn share(out: &[Outcome], right: impl Fn(&Outcome) -> bool) -> String {
+    percent(out.iter().filter(|o| right(o)).count(), out.len())
+}
+
+fn percent(part: usize, of: usize) -> String {
+    format!("{:.1} %", 100.0 * part as f64 / of.max(1) as f64)
+}
+
+/// Pairs of different effects that one kind of flight shows, drawn evenly.
+fn pairs(n: u64, like: &Case) -> Vec<Case> {
+    let usual: Vec<&'static str> =
+        HIDDEN.iter().copied().filter(|e| Excitation::exciting(e) == Excitation::MultiSine).collect();
+    (0..n)
+        .map(|i| {
+            let mut draw = planted_stream(i, 0, "pair");
+            let mut one = || usual[draw.below(usual.len() as u64) as usize];
+            let first = one();
+            let mut second = one();
+            while second == first {
+                second = one();
+            }
+            Case { hidden: vec![first, second], seed: i, ..like.clone() }
+        })
+        .collect()
+}
+
+/// Prints what was taken for what.
+fn confusion(out: &[Outcome]) {
+    let mut taken: BTreeMap<(String, String), usize> = BTreeMap::new();
+    for o in out.iter().filter(|o| !o.exact()) {
+        let said = if o.found().is_empty() { "nothing".to_string() } else { o.found().join(" + ") };
+        *taken.entry((o.hidden(), said)).or_default() += 1;
+    }
+    println!("\n| hidden | taken for | times |\n|---|---|---|");
+    for ((hidden, said), times) in taken {
+        println!("| {hidden} | {said} | {times} |");
+    }
+    println!();
+}
