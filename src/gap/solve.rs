@@ -175,7 +175,8 @@ pub(crate) fn solve(
 }
 
 /// Without the effects that the log does not miss after all: one on little evidence, which only stands because the model was
-/// bent towards it (a limit that few commands reach), goes where the log is as likely without it.
+/// bent towards it (a limit that few commands reach), goes where the model without it does not ask for it. Wider tolerances,
+/// which would explain any small effect, do not count as a model without it.
 fn pruned(
     logs: &[Prepared],
     model: &mut Model,
@@ -204,9 +205,13 @@ fn pruned(
             let start =
                 Start { values, set: rest.clone(), disturbance: best.disturbance, horizon: 1, held: 0 };
             let other = settle(logs, model, Some(&rest), Some(start), progress)?;
-            // Wider tolerances would explain any small effect.
-            let fair = other.tolerance <= best.tolerance;
-            if fair && other.better_than(&best, model)? {
+            let without = other.evidence(model)?;
+            let mut with = rest.clone();
+            with.push(c);
+            with.sort_unstable();
+            let gain = without.of(&with) - without.of(&rest);
+            drop(without);
+            if other.tolerance <= best.tolerance && gain < super::search::THRESHOLD {
                 better = Some(other);
                 break;
             }
