@@ -74,7 +74,9 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let quiet = |_: usize, _: usize| {};
     let progress = settings.progress.unwrap_or(&quiet);
     let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
-    while given.is_none() && solution.set.len() > 1 {
+    // In a log of thrust alone the attitude's error is in every force: there small shares are all that small effects can take.
+    let forces_only = tracks.iter().any(|t| t.drive == Drive::Thrust);
+    while given.is_none() && !forces_only && solution.set.len() > 1 {
         // What takes hardly anything from the error on unseen flight leans on another effect's rest.
         let mut shares = Vec::new();
         for c in &solution.set {
@@ -270,7 +272,8 @@ fn speak(
     let (mut remainder, event) = remainder(solution, &left);
     let mut nearest = Vec::new();
     for c in &solution.set {
-        if model.candidates[*c].area != Area::Airframe {
+        // In a log of thrust alone the attitude's error is in what every force leaves.
+        if model.candidates[*c].area != Area::Airframe || tracks.iter().any(|t| t.drive == Drive::Thrust) {
             continue;
         }
         if let Some(term) = other_shape(logs, model, solution, *c, &left) {

@@ -183,6 +183,9 @@ fn pruned(
     mut best: Solution,
     progress: &dyn Fn(usize, usize),
 ) -> Result<Solution, GapError> {
+    if logs.iter().any(|l| l.track.drive == super::track::Drive::Thrust) {
+        return Ok(best);
+    }
     loop {
         let evidence = best.evidence(model)?;
         let all = evidence.of(&best.set);
@@ -335,6 +338,7 @@ fn settle(
     let mut done = 0;
     let mut last = None;
     let timing = model.timing();
+    let forces_only = logs.iter().any(|l| l.track.drive == super::track::Drive::Thrust);
     let mut tolerance = 1.0;
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
         let mut settled = false;
@@ -400,7 +404,8 @@ fn settle(
             let (mut most, mut best) = choose(model, 1.0)?;
             tolerance = 1.0;
             // Short windows, seen from far off, would take a missing effect for carelessness.
-            for wider in TOLERANCES.into_iter().filter(|_| horizon_s == HORIZONS_S[1]) {
+            // A log of thrust alone has the attitude's error in every force, which is no carelessness of the vehicle either.
+            for wider in TOLERANCES.into_iter().filter(|_| horizon_s == HORIZONS_S[1] && !forces_only) {
                 let (total, scored) = choose(model, wider)?;
                 if total <= most {
                     break;
@@ -420,7 +425,9 @@ fn settle(
                 }
             }
             let delta = difference(&posterior, &linear.at);
-            starts = linear.starts(&disturbance, &delta);
+            if !forces_only {
+                starts = linear.starts(&disturbance, &delta);
+            }
             let same = best.set == set;
             set = best.set.clone();
             values = next;
