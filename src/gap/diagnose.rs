@@ -2,7 +2,7 @@
 
 use super::GapError;
 use super::excite;
-use super::fit::{Disturbance, Prepared, Starts, left_over, linearise};
+use super::fit::{Disturbance, Prepared, Starts, forces_only, left_over, linearise};
 use super::free_form::{self, Doing, Sample};
 use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
@@ -74,9 +74,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let quiet = |_: usize, _: usize| {};
     let progress = settings.progress.unwrap_or(&quiet);
     let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
-    // In a log of thrust alone the attitude's error is in every force: there small shares are all that small effects can take.
-    let forces_only = tracks.iter().any(|t| t.drive == Drive::Thrust);
-    while given.is_none() && !forces_only && solution.set.len() > 1 {
+    while given.is_none() && !forces_only(&logs) && solution.set.len() > 1 {
         // What takes hardly anything from the error on unseen flight leans on another effect's rest.
         let mut shares = Vec::new();
         for c in &solution.set {
@@ -268,14 +266,12 @@ fn speak(
         }
     }
     let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
-    let left = samples(logs, model, solution, &end);
+    let left = samples(logs, model, solution, &solution.disturbance, &end);
     let (mut remainder, event) = remainder(solution, &left);
     let mut nearest = Vec::new();
-    for c in &solution.set {
-        // In a log of thrust alone the attitude's error is in what every force leaves.
-        if model.candidates[*c].area != Area::Airframe || tracks.iter().any(|t| t.drive == Drive::Thrust) {
-            continue;
-        }
+    let wholly_driven = !forces_only(logs);
+    let of_the_air = |c: &&usize| model.candidates[**c].area == Area::Airframe;
+    for c in solution.set.iter().filter(of_the_air).filter(|_| wholly_driven) {
         if let Some(term) = other_shape(logs, model, solution, *c, &left) {
             let id = &model.candidates[*c].id;
             remainder.unexplained = true;
@@ -289,13 +285,12 @@ fn speak(
     }
     let doubtful_shape = !nearest.is_empty();
     // Findings that together take away too little of the error on unseen flight, or of the disturbances, only lean on what is
-    // really missing; so do those beside an event. A log of thrust alone always leaves more than a well-known vehicle: the attitude's error is in its force.
-    let whole = tracks.iter().all(|t| t.drive != Drive::Thrust);
+    // really missing; so do those beside an event.
     let together = removed_share(model, solution, &solution.set)?;
     let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
     let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
         .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
-    if whole
+    if wholly_driven
         && remainder.unexplained
         && (together < 0.5 || explained < LEANING || (event && explained < EVENTFUL))
     {
@@ -407,8 +402,7 @@ fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Rema
     // Air is as restless across as along, and not more so up and down (Dryden: σ_w ≤ σ_u).
     let flat_air = parameters.iter().all(|p| p.value < 1.6 * parameters[0].value);
     let believable = !parameters.is_empty() && parameters.iter().all(|p| p.value < 3.0) && flat_air;
-    let flat = logs.iter().all(|l| l.track.drive != Drive::Thrust);
-    (believable && flat).then(|| Finding {
+    (believable && !forces_only(logs)).then(|| Finding {
         id: "turbulence".into(),
         kind: "turbulence".into(),
         title: "gusty air without a rhythm".into(),
@@ -423,7 +417,13 @@ fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Rema
 }
 
 /// What pushes the windows with the parameters `delta` from where they were linearised.
-fn samples(logs: &[Prepared], model: &Model, solution: &Solution, delta: &[f64]) -> Vec<Sample> {
+fn samples(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    disturbance: &Disturbance,
+    delta: &[f64],
+) -> Vec<Sample> {
     let plain = model.plain_at(&solution.linear.at, &solution.set);
     // Mean rotor speed (or the root of the thrust) over that of the flight.
     let rotors: Vec<Vec<f64>> = logs
@@ -444,7 +444,7 @@ fn samples(logs: &[Prepared], model: &Model, solution: &Solution, delta: &[f64])
     let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
     let mut out = Vec::new();
     for w in &solution.linear.windows {
-        let Some((mean, variance)) = w.push_estimate(&solution.disturbance, delta) else { continue };
+        let Some((mean, variance)) = w.push_estimate(disturbance, delta) else { continue };
         let p = &logs[w.log];
         let measured = |tick: usize| p.around.measured(tick).copied().unwrap_or(w.start);
         let doing = (0..PLACES)
@@ -493,8 +493,7 @@ fn other_shape(
         })
         .collect();
     // What it explains is a disturbance then, and as free to be one as it is large.
-    let free = Solution { disturbance: Disturbance::unknown(), ..solution.clone() };
-    let pushed = samples(logs, model, &free, &delta);
+    let pushed = samples(logs, model, solution, &Disturbance::unknown(), &delta);
     let left: Vec<[f64; 6]> = left.iter().map(|s| s.push).collect();
     if pushed.len() != left.len() {
         return None;

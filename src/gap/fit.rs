@@ -54,6 +54,12 @@ impl<'a> Prepared<'a> {
     }
 }
 
+/// Whether a log gives a thrust and no torques: the attitude's error is then in every force, so that rules for what a wholly
+/// driven model leaves (shapes, small shares, wider tolerances) mean nothing.
+pub(crate) fn forces_only(logs: &[Prepared]) -> bool {
+    logs.iter().any(|l| l.track.drive == Drive::Thrust)
+}
+
 /// One window: where it lies and what it says.
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
@@ -81,7 +87,6 @@ fn own_len(pushes: usize) -> usize {
 pub(crate) type Starts = HashMap<(usize, usize), Measured>;
 
 /// All windows at one point.
-#[derive(Clone)]
 pub(crate) struct Linear {
     pub windows: Vec<Window>,
     /// Parameter values that it was computed at.

@@ -2,7 +2,7 @@
 //! windows that grow longer.
 
 use super::GapError;
-use super::fit::{Disturbance, Linear, Prepared, Reduced, Starts, linearise};
+use super::fit::{Disturbance, Linear, Prepared, Reduced, Starts, forces_only, linearise};
 use super::model::Model;
 use super::search::{Evidence, Posterior, Scored};
 use crate::flight::clean;
@@ -29,7 +29,6 @@ fn price_of(tolerance: f64) -> f64 {
 }
 
 /// Where a search has settled.
-#[derive(Clone)]
 pub(crate) struct Solution {
     /// Candidates in the verdict, rising.
     pub set: Vec<usize>,
@@ -183,7 +182,7 @@ fn pruned(
     mut best: Solution,
     progress: &dyn Fn(usize, usize),
 ) -> Result<Solution, GapError> {
-    if logs.iter().any(|l| l.track.drive == super::track::Drive::Thrust) {
+    if forces_only(logs) {
         return Ok(best);
     }
     loop {
@@ -338,12 +337,11 @@ fn settle(
     let mut done = 0;
     let mut last = None;
     let timing = model.timing();
-    let forces_only = logs.iter().any(|l| l.track.drive == super::track::Drive::Thrust);
+    let forces_only = forces_only(logs);
     let mut tolerance = 1.0;
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
-        let mut settled = false;
         let mut starts = Starts::new();
-        for round in 0..rounds {
+        for _ in 0..rounds {
             let at_work: Vec<usize> =
                 set.iter().chain(timing.iter().filter(|c| !set.contains(c))).copied().collect();
             let linear = linearise(logs, model, &values, &at_work, horizon_s, &starts);
@@ -351,7 +349,6 @@ fn settle(
             done += 1;
             if linear.windows.len() < 4 {
                 if last.is_some() {
-                    settled = true;
                     break;
                 }
                 return Err(GapError::Log {
@@ -404,7 +401,6 @@ fn settle(
             let (mut most, mut best) = choose(model, 1.0)?;
             tolerance = 1.0;
             // Short windows, seen from far off, would take a missing effect for carelessness.
-            // A log of thrust alone has the attitude's error in every force, which is no carelessness of the vehicle either.
             for wider in TOLERANCES.into_iter().filter(|_| horizon_s == HORIZONS_S[1] && !forces_only) {
                 let (total, scored) = choose(model, wider)?;
                 if total <= most {
@@ -442,12 +438,9 @@ fn settle(
                 posterior,
             });
             if same && moved < 1.0 && done > held {
-                settled = true;
                 break;
             }
-            let _ = round;
         }
-        let _ = settled;
     }
     progress(all, all);
     let mut solution =
