@@ -37,7 +37,18 @@ fn names(d: &Diagnosis) -> Vec<&str> {
 
 #[test]
 fn one_hidden_effect_is_named_alone_and_nothing_hidden_is_nothing_missing() {
-    let ids = ["rotor_drag", "com_offset", "weak_rotor.2", "motor_lag", "gyro_bias", "gust", "thrust_scale"];
+    let ids = [
+        "rotor_drag",
+        "com_offset",
+        "weak_rotor.2",
+        "motor_lag",
+        "gyro_bias",
+        "gust",
+        "thrust_scale",
+        "command_delay",
+        "clock_offset.gyro",
+        "blade_flapping",
+    ];
     for id in ids {
         let (d, _) = verdict(&[id], 0);
         assert_eq!(names(&d), [id], "{}", d.verdict);
@@ -86,4 +97,13 @@ fn an_effect_that_is_not_in_the_list_is_said_to_be_unexplained() {
     assert!(d.remainder.unexplained && d.findings.is_empty(), "{}", d.verdict);
     let best = &d.remainder.terms[0];
     assert!(best.variable == "v_x ω_z" && best.on.starts_with("torque"), "{best:?}");
+}
+
+#[test]
+fn a_cube_of_the_speed_is_not_blamed_on_its_square() {
+    let (d, _) = verdict(&["cubic_drag"], 2);
+    assert!(d.remainder.unexplained && d.findings.is_empty(), "{}", d.verdict);
+    assert!(d.verdict.contains("quadratic_drag"), "the nearest is named: {}", d.verdict);
+    let (d, _) = verdict(&["quadratic_drag"], 2);
+    assert_eq!(names(&d), ["quadratic_drag"], "{}", d.verdict);
 }

@@ -137,7 +137,9 @@ fn a_payload_on_a_cable_and_the_drag_are_found_and_hold_on_other_flights() {
             assert!(share[0] > 0.0 && error[1] < error[0], "{share:?} {error:?}");
         }
         let load = value(finding(&d, "slung_payload"), "mass_kg");
-        assert!((0.0045..0.0065).contains(&load.value), "{load:?}");
+        // 4.5 to 6.5 g are known from regressions over all flights; one flight alone tells it to half a gram.
+        let known = load.value.clamp(0.0045, 0.0065);
+        assert!((load.value - known).abs() < load.sigma && load.sigma < 0.0005, "{load:?}");
         finding(&d, "linear_drag");
     }
 }

@@ -96,22 +96,26 @@ fn sample() -> Diagnosis {
         calibration: vec![Calibration {
             id: "motor_lag".into(),
             kind: "motor_lag".into(),
+            area: Area::Drive,
             parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
         }],
         adjusted: vec![
             Calibration {
                 id: "motor_lag".into(),
                 kind: "motor_lag".into(),
+                area: Area::Drive,
                 parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
             },
             Calibration {
                 id: "inertia.x".into(),
                 kind: "wrong_inertia".into(),
+                area: Area::Mass,
                 parameter: fit("inertia_kg_m2.0", "kg·m²", 1.657e-5, 1.663e-5, 2.2e-7),
             },
             Calibration {
                 id: "wrong_mass".into(),
                 kind: "wrong_mass".into(),
+                area: Area::Mass,
                 parameter: fit("mass_kg", "kg", 0.0318, 0.03187, 0.00009),
             },
         ],

@@ -3,6 +3,7 @@
 use super::planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan, Truth, UNLISTED, fly};
 use propwash::flight::FlightLog;
 use propwash::gap::accept::Source;
+use propwash::gap::compare::compare;
 use propwash::gap::complete::{Completion, Entry, steps};
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::ladder::Flights;
@@ -78,6 +79,14 @@ impl Case {
         let ceiling = flight.truth.excitation == Excitation::NearCeiling;
         let options = Options { ceiling_z_m: ceiling.then_some(CEILING_Z_M), ..Options::default() };
         Ok(Track::new(log, vehicle, &options)?)
+    }
+
+    /// Flies it and compares; the time of comparing, s.
+    pub fn compare(&self, vehicle: &Vehicle) -> Result<f64, Failure> {
+        let track = self.track(vehicle, &fly(&self.plan(vehicle, 0))?)?;
+        let begin = Instant::now();
+        compare(&[track], vehicle)?;
+        Ok(begin.elapsed().as_secs_f64())
     }
 
     /// Flies it and asks.
@@ -218,18 +227,23 @@ impl Outcome {
         self.verdict.findings.is_empty() && !self.verdict.remainder.unexplained
     }
 
-    /// Intervals of 95 % of the found parameters whose true values are known: (those that hold them, all).
-    pub fn intervals(&self) -> (usize, usize) {
-        let mut out = (0, 0);
+    /// How far the found parameters are from their true values where those are known, in standard deviations.
+    pub fn misses(&self) -> Vec<(String, f64)> {
+        let mut out = Vec::new();
         for f in self.verdict.findings.iter().filter(|f| self.case.hidden.iter().any(|h| same(&f.id, h))) {
             for p in f.parameters.iter().filter(|p| p.sigma > 0.0 && f.kind != "turbulence") {
                 if let Some(truth) = true_value(&self.truth, &f.id, &p.name) {
-                    out.1 += 1;
-                    out.0 += usize::from((p.value - truth).abs() <= 1.96 * p.sigma);
+                    out.push((format!("{} {}", f.id, p.name), (p.value - truth).abs() / p.sigma));
                 }
             }
         }
         out
+    }
+
+    /// Intervals of 95 % of the found parameters: (those that hold the truth, all).
+    pub fn intervals(&self) -> (usize, usize) {
+        let misses = self.misses();
+        (misses.iter().filter(|m| m.1 <= 1.96).count(), misses.len())
     }
 
     /// What was hidden, in one word.

@@ -72,7 +72,7 @@ pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
                 kind: c.kind.clone(),
                 parameters: vec![p.clone()],
                 set: Vec::new(),
-                sensor: false,
+                sensor: c.area == Area::Measurement,
                 note: Some("within tolerance, adjusted".into()),
             }),
         }

@@ -1,13 +1,14 @@
 //! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
 
 use super::GapError;
+use super::disturbance::Disturbance;
 use super::excite;
-use super::fit::{Disturbance, Prepared, Starts, forces_only, left_over, linearise};
+use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
 use super::free_form::{self, Doing, Sample};
 use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
-use super::solve::{Solution, chi2, solve, sum};
+use super::solve::{Solution, WEAK, chi2, polished, solve, sum};
 use super::track::{Drive, Track};
 use super::verdict::{
     Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
@@ -34,6 +35,8 @@ pub struct Settings<'a> {
 
 /// Share of the error on flight that the fit has not seen which an effect beside others must take away.
 const LEAST_SHARE: f64 = 0.1;
+/// The same of an effect alone, on weak evidence.
+const LEAST_SHARE_ALONE: f64 = 0.3;
 /// Windows that are held out together, and number of folds.
 const TOGETHER: usize = 4;
 const FOLDS: usize = 8;
@@ -74,20 +77,28 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let quiet = |_: usize, _: usize| {};
     let progress = settings.progress.unwrap_or(&quiet);
     let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
-    while given.is_none() && !forces_only(&logs) && solution.set.len() > 1 {
-        // What takes hardly anything from the error on unseen flight leans on another effect's rest.
+    while given.is_none() && !forces_only(&logs) && !solution.set.is_empty() {
+        // What takes hardly anything from the error on unseen flight leans on another effect's rest, or on that of none.
+        let evidence = solution.evidence(&model)?;
+        let whole = evidence.of(&solution.set);
         let mut shares = Vec::new();
         for c in &solution.set {
-            shares.push((removed_share(&model, &solution, &[*c])?, *c));
+            let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+            let sure = rest.is_empty() && whole > WEAK;
+            let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
+            let share = removed_share(&model, &solution, &[*c])?;
+            if !sure && share < least {
+                shares.push((share, *c));
+            }
         }
-        let Some((_, least)) =
-            shares.into_iter().filter(|s| s.0 < LEAST_SHARE).min_by(|a, b| a.0.total_cmp(&b.0))
-        else {
+        drop(evidence);
+        let Some((_, least)) = shares.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
             break;
         };
         let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
         solution = solve(&logs, &mut model, Some(&rest), progress)?;
     }
+    let solution = polished(&logs, &mut model, solution, progress)?;
     let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     Ok(Diagnosed { verdict, solution, model })
 }
@@ -166,6 +177,8 @@ fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
 fn removed_share(model: &Model, solution: &Solution, of: &[usize]) -> Result<f64, GapError> {
     use super::search::Evidence;
     let reduced = &solution.reduced;
+    // What windows are judged by does not come from those beside them, which know what disturbs them.
+    let judged = solution.linear.reduce(&Disturbance { kept: [0.0; 4], ..solution.disturbance });
     let fold = |i: usize| (i / TOGETHER) % FOLDS;
     let (mut with, mut without) = (0.0, 0.0);
     for f in 0..FOLDS.min(reduced.len() / TOGETHER).max(2) {
@@ -185,7 +198,7 @@ fn removed_share(model: &Model, solution: &Solution, of: &[usize]) -> Result<f64
         };
         for (keep, total) in [(true, &mut with), (false, &mut without)] {
             let delta = delta(keep);
-            *total += reduced
+            *total += judged
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| fold(*i) == f)
@@ -255,15 +268,14 @@ fn speak(
         let entry = Calibration {
             id: candidate.id.clone(),
             kind: candidate.kind.into(),
+            area: candidate.area,
             parameter: parameter_fit(model, solution, k),
         };
         let off = (entry.parameter.value - p.filed).abs();
         if off > 2.0 * entry.parameter.sigma && off > 0.5 * p.spike {
             calibration.push(entry.clone());
         }
-        if candidate.area != Area::Measurement {
-            adjusted.push(entry);
-        }
+        adjusted.push(entry);
     }
     let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
     let left = samples(logs, model, solution, &solution.disturbance, &end);

@@ -8,6 +8,7 @@
 //! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
 //! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
 
+use super::disturbance::Disturbance;
 use super::model::{Enters, Model};
 use super::replay::{
     Around, PUSH_STEPS, Plant, Point, Push, Raw, STEP, STEP_S, Tick, between, by_pose, delays, drive_by_pose,
@@ -21,7 +22,7 @@ use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::surroundings::Neighbour;
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -33,7 +34,7 @@ const N_DRIVE: usize = 8;
 type DriveDual = Dual<f64, N_DRIVE>;
 
 /// Unknowns of a window's initial state; its disturbances follow, six for every [`PUSH_STEPS`].
-const START_STATE: usize = 12;
+pub(crate) const START_STATE: usize = 12;
 /// Steps between two nodes of the variational equation.
 const NODE: usize = 2;
 /// Numbers that sensors read: position, attitude, rates, specific force.
@@ -78,7 +79,7 @@ pub(crate) struct Window {
 }
 
 /// Unknowns of its own of a window with so many disturbances.
-fn own_len(pushes: usize) -> usize {
+pub(crate) fn own_len(pushes: usize) -> usize {
     START_STATE + 6 * pushes
 }
 
@@ -94,51 +95,6 @@ pub(crate) struct Linear {
     /// Length of the windows, s.
     pub horizon_s: f64,
 }
-
-/// A window after its own unknowns were eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
-#[derive(Clone, Debug)]
-pub(crate) struct Reduced {
-    pub h: DMatrix<f64>,
-    pub g: DVector<f64>,
-    pub c: f64,
-    /// Half the logarithm of how much narrower the measurements make its own unknowns: the price of their freedom.
-    pub occam: f64,
-}
-
-/// Standard deviations of the disturbances: force across and up (m/s²), torque across and about z (rad/s²).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Disturbance {
-    /// Of the part that stays over a window.
-    pub common: [f64; 4],
-    /// Of the part that changes every [`PUSH_STEPS`].
-    pub quick: [f64; 4],
-}
-
-/// Which of the four sizes each of the six disturbances has.
-const SIZE_OF: [usize; 6] = [0, 0, 1, 2, 2, 3];
-
-impl Disturbance {
-    /// Before anything is known.
-    pub fn unknown() -> Self {
-        Self { common: [0.2, 0.2, 2.0, 1.0], quick: [0.2, 0.2, 2.0, 1.0] }
-    }
-
-    /// Whether no size differs by more than 3 %.
-    pub fn near(&self, other: &Self) -> bool {
-        let pairs = self.common.iter().zip(&other.common).chain(self.quick.iter().zip(&other.quick));
-        pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03)
-    }
-
-    /// Root mean square of the common parts: force (m/s²), torque (rad/s²).
-    pub fn sizes(&self) -> (f64, f64) {
-        let [f, fz, t, tz] = self.common;
-        let mean = |a: f64, b: f64| ((2.0 * a * a + b * b) / 3.0).sqrt();
-        (mean(f, fz), mean(t, tz))
-    }
-}
-
-/// Prior standard deviations of a window's initial state about its start value: m, m/s, rad, rad/s.
-const START: [f64; 4] = [0.1, 1.0, 0.2, 1.0];
 
 /// Parameter inputs with their slopes at every node of a log.
 struct DriveInputs {
@@ -735,164 +691,6 @@ fn output_slopes(reading: &crate::physics::measure::Reading<Wide>, k: usize) -> 
         out[9 + r] = reading.accel[r].partials[k];
     }
     out
-}
-
-impl Window {
-    /// Cholesky factor of the precision of its own unknowns, prior included.
-    fn own(&self, disturbance: &Disturbance) -> Option<Cholesky<f64, nalgebra::Dyn>> {
-        let len = own_len(self.pushes);
-        let mut own = self.gram.view((0, 0), (len, len)).into_owned();
-        for k in 0..START_STATE {
-            own[(k, k)] += START[k / 3].powi(-2);
-        }
-        // Covariance common² 11ᵀ + quick² I over the pushes of one component.
-        let n = self.pushes as f64;
-        for r in 0..6 {
-            let (common, quick) = (disturbance.common[SIZE_OF[r]], disturbance.quick[SIZE_OF[r]]);
-            let apart = quick.powi(-2);
-            let together = 1.0 / (quick * quick + n * common * common);
-            for i in 0..self.pushes {
-                for j in 0..self.pushes {
-                    let both = (together - apart) / n + if i == j { apart } else { 0.0 };
-                    own[(START_STATE + 6 * i + r, START_STATE + 6 * j + r)] += both;
-                }
-            }
-        }
-        Cholesky::new(own)
-    }
-
-    /// Without its own unknowns.
-    pub fn reduce(&self, disturbance: &Disturbance) -> Option<Reduced> {
-        let len = own_len(self.pushes);
-        let n = self.gram.nrows() - len;
-        let factor = self.own(disturbance)?;
-        let posterior: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
-        let occam = posterior - 0.5 * self.prior_log_det(disturbance);
-        let mut x = self.gram.view((0, len), (len, n)).into_owned();
-        factor.l_dirty().solve_lower_triangular_mut(&mut x);
-        let mut rest = self.gram.view((len, len), (n, n)).into_owned();
-        rest.gemm(-1.0, &x.transpose(), &x, 1.0);
-        let p = n - 1;
-        Some(Reduced {
-            h: rest.view((0, 0), (p, p)).into_owned(),
-            g: rest.view((0, p), (p, 1)).column(0).into_owned(),
-            c: rest[(p, p)],
-            occam,
-        })
-    }
-
-    /// Logarithm of the determinant of the prior precision of its own unknowns.
-    fn prior_log_det(&self, disturbance: &Disturbance) -> f64 {
-        let n = self.pushes as f64;
-        let start: f64 = START.iter().map(|s| -6.0 * s.ln()).sum();
-        let pushes: f64 = SIZE_OF
-            .iter()
-            .map(|size| {
-                let (common, quick) = (disturbance.common[*size].powi(2), disturbance.quick[*size].powi(2));
-                -(quick + n * common).ln() - (n - 1.0) * quick.ln()
-            })
-            .sum();
-        start + pushes
-    }
-
-    /// Its own unknowns where the parameters are `delta` away, and their covariance.
-    fn own_solution(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<(DVector<f64>, DMatrix<f64>)> {
-        let len = own_len(self.pushes);
-        let n = self.gram.nrows() - len - 1;
-        let factor = self.own(disturbance)?;
-        let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
-        b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
-        Some((factor.solve(&b), factor.inverse()))
-    }
-
-    /// Its start with its own unknowns at `own`.
-    fn moved(&self, own: &DVector<f64>) -> Measured {
-        let mut start = self.start;
-        for k in 0..3 {
-            start.pos[k] += own[k];
-            start.vel[k] += own[3 + k];
-            start.ang_vel[k] += own[9 + k];
-        }
-        start.quat = quat::normalize(quat::mul(start.quat, quat::exp([own[6], own[7], own[8]])));
-        start
-    }
-
-    /// Mean of the disturbance over the window, and its variance from the sensors' noise.
-    pub fn push_estimate(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<([f64; 6], [f64; 6])> {
-        let (mean, cov) = self.own_solution(disturbance, delta)?;
-        let n = self.pushes as f64;
-        let at = |i: usize, r: usize| START_STATE + 6 * i + r;
-        let mut out = ([0.0; 6], [0.0; 6]);
-        for r in 0..6 {
-            for i in 0..self.pushes {
-                out.0[r] += mean[at(i, r)] / n;
-                for j in 0..self.pushes {
-                    out.1[r] += cov[(at(i, r), at(j, r))] / (n * n);
-                }
-            }
-        }
-        Some(out)
-    }
-}
-
-impl Linear {
-    /// All windows without their own unknowns.
-    pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
-        self.windows.par_iter().filter_map(|w| w.reduce(disturbance)).collect()
-    }
-
-    /// Where the windows start with the parameters `delta` away.
-    pub fn starts(&self, disturbance: &Disturbance, delta: &[f64]) -> Starts {
-        let one = |w: &Window| {
-            let (own, _) = w.own_solution(disturbance, delta)?;
-            Some(((w.log, w.from), w.moved(&own)))
-        };
-        self.windows.par_iter().filter_map(one).collect()
-    }
-
-    /// One step of expectation maximisation for the disturbances' sizes, with the parameters `delta` away.
-    pub fn disturbance(&self, now: &Disturbance, delta: &[f64]) -> Disturbance {
-        // For each component: mean square of the pushes' sum over their number, and of what differs from their mean.
-        let parts: Vec<[[f64; 2]; 6]> = self
-            .windows
-            .par_iter()
-            .filter_map(|w| {
-                let (mean, cov) = w.own_solution(now, delta)?;
-                let at = |i: usize, r: usize| START_STATE + 6 * i + r;
-                let n = w.pushes as f64;
-                Some(core::array::from_fn(|r| {
-                    let (mut all, mut trace) = (0.0, 0.0);
-                    for i in 0..w.pushes {
-                        for j in 0..w.pushes {
-                            let second = mean[at(i, r)] * mean[at(j, r)] + cov[(at(i, r), at(j, r))];
-                            all += second / n;
-                            if i == j {
-                                trace += second;
-                            }
-                        }
-                    }
-                    [all, (trace - all) / (n - 1.0).max(1.0)]
-                }))
-            })
-            .collect();
-        let pushes = self.windows.first().map_or(1, |w| w.pushes) as f64;
-        let count = parts.len().max(1) as f64;
-        let mut out = Disturbance { common: [0.0; 4], quick: [0.0; 4] };
-        let mut members = [0.0; 4];
-        for r in 0..6 {
-            let mean = |which: usize| parts.iter().map(|p| p[r][which]).sum::<f64>() / count;
-            let (together, apart) = (mean(0), mean(1));
-            out.common[SIZE_OF[r]] += ((together - apart) / pushes).max(0.0);
-            out.quick[SIZE_OF[r]] += apart;
-            members[SIZE_OF[r]] += 1.0;
-        }
-        const LEAST: [f64; 4] = [2e-3, 2e-3, 2e-2, 2e-2];
-        for s in 0..4 {
-            out.common[s] = (out.common[s] / members[s]).sqrt().max(LEAST[s]);
-            out.quick[s] = (out.quick[s] / members[s]).sqrt().max(LEAST[s]);
-        }
-        out
-    }
 }
 
 /// Root mean square of what remains of position, attitude, gyroscope and accelerometer, each over its noise, when every

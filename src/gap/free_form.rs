@@ -175,13 +175,16 @@ pub(crate) fn instead(samples: &[Sample], left: &[[f64; 6]], drag_too: bool) -> 
         with.push(best(&with, &own)?.1);
         let (share, term) = best(&with, &rest)?;
         let nats = -0.5 * n * (1.0 - share).max(1e-12).ln();
-        if nats > most {
+        let size_m_s2 = (share.max(0.0) * square(&rest) / n).sqrt();
+        if nats > most && size_m_s2 > LEAST_SHAPE_M_S2 {
             (most, name) = (nats, Some(format!("{} ~ {}", ON[component], library[0][term].0)));
         }
     }
     Some((name?, most))
 }
 
+/// Size of what a term describes from which on it can be a shape: less is left of any constant force.
+const LEAST_SHAPE_M_S2: f64 = 0.01;
 /// Part of the scatter that an effect may leave where its shape is looked at.
 const EXPLAINED: f64 = 0.5;
 /// The variable of linear drag, by component.

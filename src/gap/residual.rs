@@ -227,12 +227,40 @@ fn seen(
     Some(sum)
 }
 
-/// Weights of [`seen`] for a kernel of u in −1…1.
+/// Weights of [`seen`] for a kernel of u in −1…1 that reaches `half_s` s each way. A few steps stand for it: their reach is
+/// chosen so that they pass a slow swing on as the kernel does, to second order.
 fn kernel(half_s: f64, of: impl Fn(f64) -> f64) -> Vec<f64> {
-    let half = (half_s / STEP_S).floor() as i64;
-    // Steps stand for their surroundings: the kernel's integral over each of them, by its middle.
-    let scale = (half as f64 + 0.5).max(1.0);
-    let mut out: Vec<f64> = (-half..=half).map(|i| of(i as f64 / scale)).collect();
+    let weights = |scale: f64| -> Vec<f64> {
+        let half = scale.floor() as i64;
+        (-half..=half).map(|i| of(i as f64 / scale)).collect()
+    };
+    // Mean square of the distance, in units of the step.
+    let spread = |weights: &[f64]| {
+        let middle = (weights.len() / 2) as f64;
+        let square: f64 = weights.iter().enumerate().map(|(i, w)| w * (i as f64 - middle).powi(2)).sum();
+        square / weights.iter().sum::<f64>()
+    };
+    let reach = half_s / STEP_S;
+    let fine = weights(2000.0);
+    let wanted = spread(&fine) * (reach / 2000.0).powi(2);
+    let (mut low, mut high) = (0.6 * reach, 1.6 * reach);
+    // A kernel that passes a slow swing on as it is: steps stand for their surroundings.
+    let mut scale = (reach.floor() + 0.5).max(1.0);
+    if wanted > 0.01 * reach * reach
+        && low >= 1.0
+        && (spread(&weights(low)) - wanted) * (spread(&weights(high)) - wanted) < 0.0
+    {
+        let rises = spread(&weights(high)) > wanted;
+        for _ in 0..50 {
+            scale = 0.5 * (low + high);
+            if (spread(&weights(scale)) > wanted) == rises {
+                high = scale;
+            } else {
+                low = scale;
+            }
+        }
+    }
+    let mut out = weights(scale);
     let sum: f64 = out.iter().sum();
     out.iter_mut().for_each(|w| *w /= sum);
     out
@@ -308,7 +336,8 @@ impl Residuals {
             torque_half_s =
                 (0.025 * (track.noise.gyro_rad_s / 0.01).powf(0.4)).clamp(0.02, 0.08).max(4.2 * p);
             ang_sigma = track.noise.gyro_rad_s * gains(&track.gyro.t_s, torque_half_s, track.span_s)[1];
-            weights = kernel(torque_half_s, |u| 1.0 - u * u);
+            // A sample stands for its surroundings too.
+            weights = kernel(torque_half_s + 0.5 * p, |u| 1.0 - u * u);
             let slopes = resample::local_parabola(&track.gyro, &times(clock.gyro_s), torque_half_s);
             turned = slopes
                 .iter()

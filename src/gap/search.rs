@@ -195,6 +195,28 @@ impl<'a> Evidence<'a> {
         })
     }
 
+    /// Standard deviations of the parameters by how much the log's parts disagree: `scores` are the slopes of each part's log
+    /// likelihood at the estimate, per unit of the parameters. White, Econometrica 50(1), 1982.
+    pub fn by_scatter(&self, set: &[usize], scores: &[DVector<f64>]) -> Option<Vec<f64>> {
+        let n = self.model.parameters.len();
+        let slab = |k: usize| self.model.parameters[k].slab;
+        let mut precision = self.a.clone();
+        for k in 0..n {
+            let open = set.contains(&self.model.parameters[k].candidate);
+            precision[(k, k)] += if open { 1.0 } else { 1.0 / self.closed[k] };
+        }
+        let factor = Cholesky::new(precision)?;
+        let mut variance = DVector::<f64>::zeros(n);
+        for score in scores {
+            let scaled = DVector::from_fn(n, |k, _| score[k] * slab(k) / self.dispersion);
+            let pull = factor.solve(&scaled);
+            variance += pull.component_mul(&pull);
+        }
+        let parts = scores.len() as f64;
+        let unbiased = parts / (parts - 1.0).max(1.0);
+        Some((0..n).map(|k| (unbiased * variance[k]).sqrt() * slab(k)).collect())
+    }
+
     /// The best set: all singles and pairs, then grown, dropped and exchanged until nothing is better. With every set that
     /// was looked at.
     pub fn search(&self) -> (Scored, Vec<Scored>) {

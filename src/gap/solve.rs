@@ -2,7 +2,8 @@
 //! windows that grow longer.
 
 use super::GapError;
-use super::fit::{Disturbance, Linear, Prepared, Reduced, Starts, forces_only, linearise};
+use super::disturbance::{Disturbance, Reduced};
+use super::fit::{Linear, Prepared, Starts, forces_only, linearise};
 use super::model::Model;
 use super::search::{Evidence, Posterior, Scored};
 use crate::flight::clean;
@@ -146,7 +147,7 @@ pub(crate) fn solve(
         }
     }
     // What no effect of a plausible size explains may be the end of a wrong way: others are tried from the file, one by one.
-    if !doubtful(model, &best) {
+    if !best.set.iter().any(|c| implausible(model, &best, *c)) {
         return pruned(logs, model, best, progress);
     }
     let evidence = best.evidence(model)?;
@@ -158,13 +159,7 @@ pub(crate) fn solve(
     drop(evidence);
     alone.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, c) in alone.into_iter().take(4) {
-        let start = Start {
-            values: model.filed(),
-            set: vec![c],
-            disturbance: Disturbance::unknown(),
-            horizon: 0,
-            held: 3,
-        };
+        let start = Start { set: vec![c], held: 3, ..Start::file(model, Disturbance::unknown()) };
         let other = settle(logs, model, None, Some(start), progress)?;
         if other.better_than(&best, model)? {
             best = other;
@@ -173,9 +168,9 @@ pub(crate) fn solve(
     pruned(logs, model, best, progress)
 }
 
-/// Without the effects that the log does not miss after all: one on little evidence, which only stands because the model was
-/// bent towards it (a limit that few commands reach), goes where the model without it does not ask for it. Wider tolerances,
-/// which would explain any small effect, do not count as a model without it.
+/// Without the effects that the log does not miss after all. One on little evidence, which only stands because the model was
+/// bent towards it (a limit that few commands reach), goes where the model without it does not ask for it, and where it would
+/// have to be many times its plausible size. Wider tolerances, which would explain any small effect, are not tried without it.
 fn pruned(
     logs: &[Prepared],
     model: &mut Model,
@@ -204,8 +199,13 @@ fn pruned(
             let rest: Vec<usize> = best.set.iter().copied().filter(|x| *x != c).collect();
             let mut values = best.linear.at.clone();
             model.of(c).for_each(|k| values[k] = model.parameters[k].filed);
-            let start =
-                Start { values, set: rest.clone(), disturbance: best.disturbance, horizon: 1, held: 0 };
+            let start = Start {
+                values,
+                set: rest.clone(),
+                horizon: 1,
+                widest: best.tolerance,
+                ..Start::file(model, best.disturbance)
+            };
             let other = settle(logs, model, Some(&rest), Some(start), progress)?;
             let without = other.evidence(model)?;
             let mut with = rest.clone();
@@ -213,7 +213,7 @@ fn pruned(
             with.sort_unstable();
             let gain = without.of(&with) - without.of(&rest);
             drop(without);
-            if other.tolerance <= best.tolerance && gain < super::search::THRESHOLD {
+            if gain < super::search::THRESHOLD || implausible(model, &best, c) {
                 better = Some(other);
                 break;
             }
@@ -225,15 +225,73 @@ fn pruned(
     }
 }
 
-/// Evidence below which an effect is tried to be left out, nats.
-const WEAK: f64 = 40.0;
+/// The same set with the model moved to all its estimates, also those within tolerance: several small faults together bend
+/// what a large one is taken for, by more than its interval.
+pub(crate) fn polished(
+    logs: &[Prepared],
+    model: &mut Model,
+    found: Solution,
+    progress: &dyn Fn(usize, usize),
+) -> Result<Solution, GapError> {
+    if forces_only(logs) {
+        return with_scatter(model, found);
+    }
+    let timing = model.timing();
+    let mut start =
+        Start { set: found.set.clone(), horizon: 1, follow: true, ..Start::file(model, found.disturbance) };
+    for (k, p) in model.parameters.iter().enumerate() {
+        if found.set.contains(&p.candidate)
+            || timing.contains(&p.candidate)
+            || corrected(model, &found.posterior, p.candidate)
+        {
+            start.values[k] = found.posterior.mean[k];
+        }
+    }
+    let polished = settle(logs, model, Some(&found.set), Some(start), progress)?;
+    with_scatter(model, polished)
+}
 
-/// Whether an effect would have to be many times its plausible size.
-fn doubtful(model: &Model, found: &Solution) -> bool {
-    model.parameters.iter().enumerate().any(|(k, p)| {
-        found.set.contains(&p.candidate)
-            && p.name != "frequency_hz"
-            && (found.posterior.mean[k] - p.filed).abs() > HUGE * p.slab
+/// With standard deviations no smaller than the log's parts disagree by.
+fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
+    let delta = DVector::from_vec(difference(&found.posterior, &found.linear.at));
+    let scores: Vec<DVector<f64>> = found
+        .reduced
+        .chunks(PART)
+        .map(|part| part.iter().fold(DVector::zeros(delta.len()), |sum, r| sum + &r.g - &r.h * &delta))
+        .collect();
+    if scores.len() < FEWEST_PARTS {
+        return Ok(found);
+    }
+    let scatter = found.evidence(model)?.by_scatter(&found.set, &scores);
+    for (sigma, scatter) in found.posterior.sigma.iter_mut().zip(scatter.unwrap_or_default()) {
+        // Nothing is known of the width of a number that a bound holds.
+        if *sigma > 0.0 {
+            *sigma = sigma.max(scatter);
+        }
+    }
+    Ok(found)
+}
+
+/// Windows of one part of a log, and parts below which their scatter says little.
+const PART: usize = 8;
+const FEWEST_PARTS: usize = 8;
+
+/// Whether the log says that a candidate's numbers are not those of the file, though within tolerance.
+fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
+    model.of(candidate).any(|k| {
+        let p = &model.parameters[k];
+        let off = (posterior.mean[k] - p.filed).abs();
+        off > posterior.sigma[k] && off > 0.1 * p.spike
+    })
+}
+
+/// Evidence below which an effect is tried to be left out, nats.
+pub(crate) const WEAK: f64 = 40.0;
+/// Whether a found effect would have to be many times its plausible size.
+fn implausible(model: &Model, found: &Solution, candidate: usize) -> bool {
+    model.of(candidate).any(|k| {
+        let p = &model.parameters[k];
+        p.name != "frequency_hz" && (found.posterior.mean[k] - p.filed).abs() > HUGE * p.slab
     })
 }
 
@@ -249,6 +307,25 @@ struct Start {
     horizon: usize,
     /// Linearisations for which the set stays.
     held: usize,
+    /// Whether the model also follows what is within tolerance.
+    follow: bool,
+    /// Widest tolerances that are tried.
+    widest: f64,
+}
+
+impl Start {
+    /// At the vehicle file.
+    fn file(model: &Model, disturbance: Disturbance) -> Self {
+        Self {
+            values: model.filed(),
+            set: Vec::new(),
+            disturbance,
+            horizon: 0,
+            held: 0,
+            follow: false,
+            widest: f64::INFINITY,
+        }
+    }
 }
 
 /// The same times between commands and sensors by fewer or likelier causes than those of a solution, if there are any.
@@ -312,7 +389,7 @@ fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
         }
     }
     set.sort_unstable();
-    Some(Start { values, set, disturbance: found.disturbance, horizon: 1, held: 0 })
+    Some(Start { values, set, horizon: 1, ..Start::file(model, found.disturbance) })
 }
 
 /// One search from one start.
@@ -326,13 +403,10 @@ fn settle(
     let mut filed = model.filed();
     let from_file = start.is_none();
     let start = start.unwrap_or_else(|| Start {
-        values: filed.clone(),
         set: given.map(<[usize]>::to_vec).unwrap_or_default(),
-        disturbance: Disturbance::unknown(),
-        horizon: 0,
-        held: 0,
+        ..Start::file(model, Disturbance::unknown())
     });
-    let Start { mut values, mut set, mut disturbance, horizon, held } = start;
+    let Start { mut values, mut set, mut disturbance, horizon, held, follow, widest } = start;
     let all: usize = ROUNDS.iter().sum();
     let mut done = 0;
     let mut last = None;
@@ -341,9 +415,11 @@ fn settle(
     let mut tolerance = 1.0;
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
         let mut starts = Starts::new();
-        for _ in 0..rounds {
-            let at_work: Vec<usize> =
-                set.iter().chain(timing.iter().filter(|c| !set.contains(c))).copied().collect();
+        for _ in 0..if follow { 1 } else { rounds } {
+            let moved = |c: usize| follow && model.of(c).any(|k| values[k] != model.parameters[k].filed);
+            let at_work: Vec<usize> = (0..model.candidates.len())
+                .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
+                .collect();
             let linear = linearise(logs, model, &values, &at_work, horizon_s, &starts);
             progress(done, all);
             done += 1;
@@ -374,7 +450,10 @@ fn settle(
                 // Expectation maximisation creeps: several steps for one look at the parameters.
                 let mut near = false;
                 for _ in 0..STEPS {
-                    let next = linear.disturbance(&disturbance, &delta);
+                    let mut next = linear.disturbance(&disturbance, &delta);
+                    if horizon_s == HORIZONS_S[0] {
+                        next.kept = [0.0; 4];
+                    }
                     near = next.near(&disturbance);
                     disturbance = next;
                 }
@@ -401,7 +480,8 @@ fn settle(
             let (mut most, mut best) = choose(model, 1.0)?;
             tolerance = 1.0;
             // Short windows, seen from far off, would take a missing effect for carelessness.
-            for wider in TOLERANCES.into_iter().filter(|_| horizon_s == HORIZONS_S[1] && !forces_only) {
+            let tried = |wider: &f64| horizon_s == HORIZONS_S[1] && !forces_only && *wider <= widest;
+            for wider in TOLERANCES.into_iter().filter(tried) {
                 let (total, scored) = choose(model, wider)?;
                 if total <= most {
                     break;
@@ -412,8 +492,10 @@ fn settle(
             let posterior = evidence.posterior(&best.set)?;
             let mut next = filed.clone();
             let mut moved: f64 = 0.0;
+            let off = |c: usize| follow && corrected(model, &posterior, c);
             for (k, p) in model.parameters.iter().enumerate() {
-                if best.set.contains(&p.candidate) || timing.contains(&p.candidate) {
+                let c = p.candidate;
+                if best.set.contains(&c) || timing.contains(&c) || off(c) {
                     let step = (posterior.mean[k] - linear.at[k])
                         .clamp(-LONGEST_STEP * p.slab, LONGEST_STEP * p.slab);
                     next[k] = linear.at[k] + step;

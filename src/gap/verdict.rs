@@ -64,6 +64,8 @@ pub struct Calibration {
     pub id: String,
     /// Effect kind.
     pub kind: String,
+    /// Where it acts.
+    pub area: Area,
     /// The parameter.
     pub parameter: ParameterFit,
 }
@@ -164,7 +166,8 @@ pub struct Diagnosis {
     pub findings: Vec<Finding>,
     /// Parameters within tolerance that the log corrects by more than two standard deviations.
     pub calibration: Vec<Calibration>,
-    /// All tolerance parameters at their estimates, for a vehicle file that is adjusted as well as completed.
+    /// All tolerance parameters at their estimates, those of the sensors too, for a vehicle file that is adjusted as well as
+    /// completed: they are correlated and hold together.
     pub adjusted: Vec<Calibration>,
     /// What remains.
     pub remainder: Remainder,

@@ -6,7 +6,8 @@
 
 use super::Air;
 use crate::gap::GapError;
-use crate::gap::fit::{Disturbance, Prepared, Starts, linearise};
+use crate::gap::disturbance::Disturbance;
+use crate::gap::fit::{Prepared, Starts, linearise};
 use crate::gap::model::Model;
 use crate::gap::track::Track;
 use nalgebra::{Cholesky, DMatrix};
@@ -26,12 +27,10 @@ pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatri
     let n = model.parameters.len();
     let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S, &Starts::new());
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
-    let disturbance = Disturbance { common: sizes, quick: sizes };
+    let disturbance = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4] };
     let mut out = vec![DMatrix::zeros(n, n); logs.len()];
-    for window in &linear.windows {
-        if let Some(reduced) = window.reduce(&disturbance) {
-            out[window.log] += reduced.h;
-        }
+    for (window, reduced) in linear.windows.iter().zip(linear.reduce(&disturbance)) {
+        out[window.log] += reduced.h;
     }
     for h in &mut out {
         for i in 0..n {

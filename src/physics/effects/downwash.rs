@@ -61,7 +61,11 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             "downwash",
             "push from the air that another vehicle above throws down",
             Area::Airframe,
-            vec![Freedom::up("drag_area_m2", "m²", 0.002 * slab, slab)],
+            vec![
+                Freedom::up("drag_area_m2", "m²", 0.002 * slab, slab),
+                // Only where there is a jet does its width show.
+                Freedom::any("spread", "1", 0.0, 0.03),
+            ],
             "fly under the other vehicle at several distances, and away from it",
         )
         .needing(Needs::Neighbour),

@@ -468,7 +468,11 @@ impl Deviations {
                 let mean = |k: usize| self.rotor_lean_rad.iter().map(|r| r[k]).sum::<f64>() / 4.0;
                 one("lean_x_rad", self.lean_rad[0] + mean(0));
                 one("lean_y_rad", self.lean_rad[1] + mean(1));
-                one("twist_rad", self.twist_rad);
+                let along = |i: usize| {
+                    let (own, arm) = (self.rotor_lean_rad[i], filed.arms[i]);
+                    (own[0] * arm[0] + own[1] * arm[1]) / 4.0
+                };
+                one("twist_rad", self.twist_rad - (0..4).map(along).sum::<f64>());
             }
             "payload" => {
                 one("mass_kg", self.payload_kg);
@@ -553,6 +557,8 @@ pub struct Filed {
     pub hover_rad_s: f64,
     /// Length of the flight.
     pub seconds: f64,
+    /// Directions from the middle to the hubs, x and y.
+    pub arms: [[f64; 2]; 4],
 }
 
 /// Random numbers for one thing: `seed` and `flight` as in [`super::Plan`].

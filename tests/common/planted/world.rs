@@ -186,6 +186,10 @@ impl Nominal {
             thrust_n_s2_per_rad2: self.rotors[0].thrust[2],
             hover_rad_s: self.hover_rad_s(),
             seconds,
+            arms: self.rotors.map(|r| {
+                let [x, y, _] = unit([r.at_m[0], r.at_m[1], 0.0]);
+                [x, y]
+            }),
         }
     }
 }

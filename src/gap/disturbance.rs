@@ -1,0 +1,435 @@
+//! What disturbs the vehicle in every window of a log, and the windows without it.
+//!
+//! A window's own unknowns, its initial state and its disturbances, are eliminated (Schur complement). A disturbance is a part
+//! that stays over the window and a part that changes every 50 ms. The first goes on from window to window, less by less, as
+//! the weather does: what the windows before say about it is carried along (Kalman's filter, on whatever the parameters are).
+//! Without that, a pilot who answers the weather would make thrust look weak: in a hover, rotors go faster just where air
+//! pushes down (bias of identification in closed loop: Ljung, "System identification", 2nd ed. 1999, ch. 13).
+
+use super::fit::{Linear, START_STATE, Starts, Window, own_len};
+use super::replay::TICK_S;
+use super::track::Measured;
+use crate::math::quat;
+use nalgebra::{Cholesky, Const, DMatrix, DVector, Dyn, Matrix6, Matrix6xX};
+use rayon::prelude::*;
+
+/// A window after its own unknowns were eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
+#[derive(Clone, Debug)]
+pub(crate) struct Reduced {
+    pub h: DMatrix<f64>,
+    pub g: DVector<f64>,
+    pub c: f64,
+    /// Half the logarithm of how much narrower the measurements make its own unknowns: the price of their freedom.
+    pub occam: f64,
+}
+
+/// Standard deviations of the disturbances: force across and up (m/s²), torque across and about z (rad/s²).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Disturbance {
+    /// Of the part that stays over a window.
+    pub common: [f64; 4],
+    /// Of the part that changes every [`super::replay::PUSH_STEPS`].
+    pub quick: [f64; 4],
+    /// Share of the first part that is still there in the next window.
+    pub kept: [f64; 4],
+}
+
+/// Which of the four sizes each of the six disturbances has.
+const SIZE_OF: [usize; 6] = [0, 0, 1, 2, 2, 3];
+/// Most of a disturbance that is expected to stay: a constant one is an effect.
+const MOST_KEPT: f64 = 0.95;
+/// Prior standard deviations of a window's initial state about its start value: m, m/s, rad, rad/s.
+const START: [f64; 4] = [0.1, 1.0, 0.2, 1.0];
+
+impl Disturbance {
+    /// Before anything is known.
+    pub fn unknown() -> Self {
+        let sizes = [0.2, 0.2, 2.0, 1.0];
+        Self { common: sizes, quick: sizes, kept: [0.0; 4] }
+    }
+
+    /// Whether no size differs by more than 3 %.
+    pub fn near(&self, other: &Self) -> bool {
+        let pairs = self.common.iter().zip(&other.common).chain(self.quick.iter().zip(&other.quick));
+        pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03)
+    }
+
+    /// Root mean square of the common parts: force (m/s²), torque (rad/s²).
+    pub fn sizes(&self) -> (f64, f64) {
+        let [f, fz, t, tz] = self.common;
+        let mean = |a: f64, b: f64| ((2.0 * a * a + b * b) / 3.0).sqrt();
+        (mean(f, fz), mean(t, tz))
+    }
+
+    /// Variance of the common part of each component where nothing is known of it.
+    fn common_variance(&self) -> [f64; 6] {
+        SIZE_OF.map(|s| self.common[s].powi(2))
+    }
+}
+
+/// A window without its initial state and its quick disturbances: the Gram matrix of [common disturbance (6) | parameters |
+/// residual].
+struct Core {
+    gram: DMatrix<f64>,
+    /// Half the logarithm of how much narrower the measurements make what was eliminated.
+    occam: f64,
+}
+
+/// What is expected of a window's common disturbance: its covariance, and its mean as a linear function of the parameters,
+/// (6, [slope by every parameter | −value]), as the columns of a Gram matrix are.
+struct Expected {
+    covariance: Matrix6<f64>,
+    mean: Matrix6xX<f64>,
+}
+
+impl Expected {
+    fn nothing(disturbance: &Disturbance, width: usize) -> Self {
+        let covariance = Matrix6::from_diagonal(&disturbance.common_variance().into());
+        Self { covariance, mean: Matrix6xX::zeros(width) }
+    }
+}
+
+impl Core {
+    /// Columns of the rest in the rows of the common disturbance, when what is expected of it is taken off; and the factor of
+    /// its precision.
+    fn beside(&self, expected: &Expected) -> Option<(DMatrix<f64>, Cholesky<f64, Const<6>>)> {
+        let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
+        let mut out = self.gram.view((0, 6), (6, self.gram.ncols() - 6)).into_owned();
+        out += common * &expected.mean;
+        let precision = Cholesky::new(expected.covariance)?.inverse() + common;
+        Some((out, Cholesky::new(precision)?))
+    }
+
+    /// What is expected in the next window, when `expected` was in this one.
+    fn next(&self, expected: &Expected, disturbance: &Disturbance) -> Option<Expected> {
+        let (beside, factor) = self.beside(expected)?;
+        let kept = Matrix6::from_diagonal(&SIZE_OF.map(|s| disturbance.kept[s]).into());
+        let all = Matrix6::from_diagonal(&disturbance.common_variance().into());
+        let covariance = kept * (factor.inverse() - all) * kept + all;
+        let mean = kept * (&expected.mean - factor.solve(&beside));
+        Some(Expected { covariance, mean })
+    }
+
+    /// Without the common disturbance.
+    fn reduce(&self, expected: &Expected) -> Option<Reduced> {
+        let (mut beside, factor) = self.beside(expected)?;
+        let n = self.gram.ncols() - 6;
+        let mut rest = self.gram.view((6, 6), (n, n)).into_owned();
+        // MᵀB + BᵀM − MᵀCM, with B = G + CM.
+        let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
+        let twice = &beside - (common * &expected.mean) * 0.5;
+        let across = expected.mean.tr_mul(&twice);
+        rest += across.transpose();
+        rest += across;
+        factor.l_dirty().solve_lower_triangular_mut(&mut beside);
+        rest.gemm(-1.0, &beside.transpose(), &beside, 1.0);
+        let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
+        let prior: f64 = Cholesky::new(expected.covariance)?.l_dirty().diagonal().map(f64::ln).sum();
+        let p = n - 1;
+        Some(Reduced {
+            h: rest.view((0, 0), (p, p)).into_owned(),
+            g: rest.view((0, p), (p, 1)).column(0).into_owned(),
+            c: rest[(p, p)],
+            occam: self.occam + narrower + prior,
+        })
+    }
+}
+
+/// Place of disturbance `r` of interval `i` among a window's own unknowns.
+fn place(i: usize, r: usize) -> usize {
+    START_STATE + 6 * i + r
+}
+
+impl Window {
+    /// Cholesky factor of the precision of its own unknowns, prior included.
+    fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<Cholesky<f64, Dyn>> {
+        let len = own_len(self.pushes);
+        let mut own = self.gram.view((0, 0), (len, len)).into_owned();
+        for k in 0..START_STATE {
+            own[(k, k)] += START[k / 3].powi(-2);
+        }
+        // Covariance common² 11ᵀ + quick² I over the pushes of one component.
+        let n = self.pushes as f64;
+        for r in 0..6 {
+            let quick = disturbance.quick[SIZE_OF[r]];
+            let apart = quick.powi(-2);
+            let together = 1.0 / (quick * quick + n * common_variance[r]);
+            for i in 0..self.pushes {
+                for j in 0..self.pushes {
+                    let both = (together - apart) / n + if i == j { apart } else { 0.0 };
+                    own[(place(i, r), place(j, r))] += both;
+                }
+            }
+        }
+        Cholesky::new(own)
+    }
+
+    /// Without its initial state and its quick disturbances.
+    fn core(&self, disturbance: &Disturbance) -> Option<Core> {
+        let len = own_len(self.pushes);
+        let n = self.gram.nrows() - len;
+        // A common disturbance does what all its intervals together do.
+        let mut of_common = DMatrix::zeros(self.gram.nrows(), 6);
+        for r in 0..6 {
+            for i in 0..self.pushes {
+                let mut sum = of_common.column_mut(r);
+                sum += self.gram.column(place(i, r));
+            }
+        }
+        let mut common = Matrix6::zeros();
+        for r in 0..6 {
+            for i in 0..self.pushes {
+                common.set_row(r, &(common.row(r) + of_common.row(place(i, r))));
+            }
+        }
+        let mut gram = DMatrix::zeros(6 + n, 6 + n);
+        gram.fixed_view_mut::<6, 6>(0, 0).copy_from(&common);
+        let across = of_common.rows(len, n);
+        gram.view_mut((6, 0), (n, 6)).copy_from(&across);
+        gram.view_mut((0, 6), (6, n)).copy_from(&across.transpose());
+        gram.view_mut((6, 6), (n, n)).copy_from(&self.gram.view((len, len), (n, n)));
+
+        let factor = self.own(&[0.0; 6], disturbance)?;
+        let mut x = DMatrix::zeros(len, 6 + n);
+        x.view_mut((0, 0), (len, 6)).copy_from(&of_common.rows(0, len));
+        x.view_mut((0, 6), (len, n)).copy_from(&self.gram.view((0, len), (len, n)));
+        factor.l_dirty().solve_lower_triangular_mut(&mut x);
+        gram.gemm(-1.0, &x.transpose(), &x, 1.0);
+        let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
+        let start: f64 = START.iter().map(|s| 3.0 * s.ln()).sum();
+        let quick: f64 = SIZE_OF.iter().map(|s| self.pushes as f64 * disturbance.quick[*s].ln()).sum();
+        Some(Core { gram, occam: narrower + start + quick })
+    }
+
+    /// Its own unknowns where the parameters are `delta` away, and their covariance, by itself.
+    pub fn own_solution(
+        &self,
+        disturbance: &Disturbance,
+        delta: &[f64],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let len = own_len(self.pushes);
+        let n = self.gram.nrows() - len - 1;
+        let factor = self.own(&disturbance.common_variance(), disturbance)?;
+        let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
+        b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
+        Some((factor.solve(&b), factor.inverse()))
+    }
+
+    /// Its start with its own unknowns at `own`.
+    pub fn moved(&self, own: &DVector<f64>) -> Measured {
+        let mut start = self.start;
+        for k in 0..3 {
+            start.pos[k] += own[k];
+            start.vel[k] += own[3 + k];
+            start.ang_vel[k] += own[9 + k];
+        }
+        start.quat = quat::normalize(quat::mul(start.quat, quat::exp([own[6], own[7], own[8]])));
+        start
+    }
+
+    /// Mean of the disturbance over the window, and its variance from the sensors' noise.
+    pub fn push_estimate(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<([f64; 6], [f64; 6])> {
+        let (mean, cov) = self.own_solution(disturbance, delta)?;
+        let n = self.pushes as f64;
+        let mut out = ([0.0; 6], [0.0; 6]);
+        for r in 0..6 {
+            for i in 0..self.pushes {
+                out.0[r] += mean[place(i, r)] / n;
+                for j in 0..self.pushes {
+                    out.1[r] += cov[(place(i, r), place(j, r))] / (n * n);
+                }
+            }
+        }
+        Some(out)
+    }
+}
+
+impl Linear {
+    /// Whether window `i` begins where the one before ends.
+    fn goes_on(&self, i: usize) -> bool {
+        let length = (self.horizon_s / TICK_S).round() as usize;
+        i > 0 && {
+            let (a, b) = (&self.windows[i - 1], &self.windows[i]);
+            a.log == b.log && a.from + length == b.from
+        }
+    }
+
+    /// All windows without their own unknowns, each as the windows before let it be expected.
+    pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
+        let cores: Vec<Option<Core>> = self.windows.par_iter().map(|w| w.core(disturbance)).collect();
+        let width = self.at.len() + 1;
+        let mut expected: Vec<Expected> = Vec::with_capacity(cores.len());
+        for i in 0..cores.len() {
+            let before = if self.goes_on(i) { cores[i - 1].as_ref() } else { None };
+            let next = before.zip(expected.last()).and_then(|(core, e)| core.next(e, disturbance));
+            expected.push(next.unwrap_or_else(|| Expected::nothing(disturbance, width)));
+        }
+        cores.par_iter().zip(&expected).filter_map(|(core, e)| core.as_ref()?.reduce(e)).collect()
+    }
+
+    /// Where the windows start with the parameters `delta` away.
+    pub fn starts(&self, disturbance: &Disturbance, delta: &[f64]) -> Starts {
+        let one = |w: &Window| {
+            let (own, _) = w.own_solution(disturbance, delta)?;
+            Some(((w.log, w.from), w.moved(&own)))
+        };
+        self.windows.par_iter().filter_map(one).collect()
+    }
+
+    /// One step of expectation maximisation for the disturbances' sizes, with the parameters `delta` away; and how much of them
+    /// stays, by the correlation of neighbouring windows.
+    pub fn disturbance(&self, now: &Disturbance, delta: &[f64]) -> Disturbance {
+        // For each component: mean square of the pushes' sum over their number, and of what differs from their mean; the
+        // estimate of their mean, and its share of the true one.
+        let parts: Vec<Option<[[f64; 4]; 6]>> = self
+            .windows
+            .par_iter()
+            .map(|w| {
+                let (mean, cov) = w.own_solution(now, delta)?;
+                let n = w.pushes as f64;
+                Some(core::array::from_fn(|r| {
+                    let (mut all, mut trace, mut estimate, mut spread) = (0.0, 0.0, 0.0, 0.0);
+                    for i in 0..w.pushes {
+                        estimate += mean[place(i, r)] / n;
+                        for j in 0..w.pushes {
+                            let here = cov[(place(i, r), place(j, r))];
+                            let second = mean[place(i, r)] * mean[place(j, r)] + here;
+                            all += second / n;
+                            spread += here / (n * n);
+                            if i == j {
+                                trace += second;
+                            }
+                        }
+                    }
+                    let size = SIZE_OF[r];
+                    let prior = now.common[size].powi(2) + now.quick[size].powi(2) / n;
+                    let share = (1.0 - spread / prior).max(0.0);
+                    [all, (trace - all) / (n - 1.0).max(1.0), estimate, share]
+                }))
+            })
+            .collect();
+        let pushes = self.windows.first().map_or(1, |w| w.pushes) as f64;
+        let known: Vec<&[[f64; 4]; 6]> = parts.iter().flatten().collect();
+        let count = known.len().max(1) as f64;
+        let mut out = Disturbance { common: [0.0; 4], quick: [0.0; 4], kept: [0.0; 4] };
+        let mut members = [0.0; 4];
+        let mut lag = [[0.0; 2]; 4];
+        for r in 0..6 {
+            let mean = |which: usize| known.iter().map(|p| p[r][which]).sum::<f64>() / count;
+            let (together, apart) = (mean(0), mean(1));
+            let size = SIZE_OF[r];
+            out.common[size] += ((together - apart) / pushes).max(0.0);
+            out.quick[size] += apart;
+            members[size] += 1.0;
+            for i in (1..parts.len()).filter(|i| self.goes_on(*i)) {
+                if let (Some(a), Some(b)) = (&parts[i - 1], &parts[i]) {
+                    lag[size][0] += a[r][2] * b[r][2];
+                    lag[size][1] += a[r][3] * b[r][3];
+                }
+            }
+        }
+        const LEAST: [f64; 4] = [2e-3, 2e-3, 2e-2, 2e-2];
+        for s in 0..4 {
+            out.common[s] = (out.common[s] / members[s]).sqrt().max(LEAST[s]);
+            out.quick[s] = (out.quick[s] / members[s]).sqrt().max(LEAST[s]);
+            let [product, share] = lag[s];
+            let expected = share * now.common[s].powi(2);
+            if expected > 0.0 {
+                out.kept[s] = (product / expected).clamp(0.0, MOST_KEPT);
+            }
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Key, purpose};
+
+    const PUSHES: usize = 3;
+    const PARAMETERS: usize = 2;
+    const WINDOWS: usize = 4;
+
+    /// A window with the Gram matrix of rows that look random.
+    fn window(seed: u64) -> Window {
+        let own = own_len(PUSHES);
+        let width = own + PARAMETERS + 1;
+        let key = Key { seed, world: 0, drone: 0, step: 0, purpose: purpose("window test") };
+        let mut dice = key.stream();
+        let n_rows = 60;
+        let rows = DMatrix::from_fn(n_rows, width, |_, _| dice.normal());
+        let start = Measured { pos: [0.0; 3], quat: [0.0, 0.0, 0.0, 1.0], vel: [0.0; 3], ang_vel: [0.0; 3] };
+        let from = seed as usize * 10 * super::super::replay::PUSH_STEPS;
+        Window { log: 0, from, start, gram: rows.transpose() * &rows, n_rows, pushes: PUSHES }
+    }
+
+    #[test]
+    fn windows_one_after_the_other_are_as_likely_as_all_at_once() {
+        let windows: Vec<Window> = (0..WINDOWS as u64).map(window).collect();
+        let horizon_s = windows[1].from as f64 * TICK_S;
+        let disturbance = Disturbance {
+            common: [0.3, 0.5, 0.3, 0.3],
+            quick: [0.2, 0.4, 0.2, 0.2],
+            kept: [0.7, 0.8, 0.3, 0.9],
+        };
+        let linear = Linear { windows, at: vec![0.0; PARAMETERS], horizon_s };
+        let reduced = linear.reduce(&disturbance);
+
+        // All unknowns of all windows together, with the covariance of a disturbance that stays.
+        let own = own_len(PUSHES);
+        let len = own * WINDOWS;
+        let mut prior = DMatrix::zeros(len, len);
+        for a in 0..WINDOWS {
+            for k in 0..START_STATE {
+                prior[(a * own + k, a * own + k)] = START[k / 3].powi(2);
+            }
+            for (r, size) in SIZE_OF.into_iter().enumerate() {
+                let Disturbance { common, quick, kept } = disturbance;
+                for b in 0..WINDOWS {
+                    let stays = common[size].powi(2) * kept[size].powi((a as i32 - b as i32).abs());
+                    for i in 0..PUSHES {
+                        for j in 0..PUSHES {
+                            let same = if a == b && i == j { quick[size].powi(2) } else { 0.0 };
+                            prior[(a * own + place(i, r), b * own + place(j, r))] = stays + same;
+                        }
+                    }
+                }
+            }
+        }
+        let precision = prior.clone().try_inverse().unwrap();
+        let mut all = precision;
+        let mut beside = DMatrix::zeros(len, PARAMETERS + 1);
+        let mut rest = DMatrix::zeros(PARAMETERS + 1, PARAMETERS + 1);
+        for (a, w) in linear.windows.iter().enumerate() {
+            let mut block = all.view_mut((a * own, a * own), (own, own));
+            block += w.gram.view((0, 0), (own, own));
+            beside
+                .view_mut((a * own, 0), (own, PARAMETERS + 1))
+                .copy_from(&w.gram.view((0, own), (own, PARAMETERS + 1)));
+            rest += w.gram.view((own, own), (PARAMETERS + 1, PARAMETERS + 1));
+        }
+        let factor = Cholesky::new(all).unwrap();
+        rest -= beside.transpose() * factor.solve(&beside);
+        let occam = factor.l_dirty().diagonal().map(f64::ln).sum()
+            + 0.5 * Cholesky::new(prior).unwrap().l_dirty().diagonal().map(|d| 2.0 * f64::ln(d)).sum();
+
+        let c: f64 = reduced.iter().map(|r| r.c).sum();
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-8 * a.abs().max(1.0), "{a} {b}");
+        near(c, rest[(PARAMETERS, PARAMETERS)]);
+        near(reduced.iter().map(|r| r.occam).sum(), occam);
+        for k in 0..PARAMETERS {
+            near(reduced.iter().map(|r| r.g[k]).sum(), rest[(k, PARAMETERS)]);
+            for j in 0..PARAMETERS {
+                near(reduced.iter().map(|r| r.h[(k, j)]).sum(), rest[(k, j)]);
+            }
+        }
+        // Windows that do not touch know nothing of each other.
+        let mut apart = linear;
+        apart.windows.iter_mut().for_each(|w| w.from *= 2);
+        let alone = Disturbance { kept: [0.0; 4], ..disturbance };
+        let (a, b) = (apart.reduce(&disturbance), apart.reduce(&alone));
+        assert!(a.iter().zip(&b).all(|(a, b)| a.c == b.c && a.occam == b.occam));
+        assert!((a.iter().map(|r| r.c).sum::<f64>() - c).abs() > 1e-6 * c);
+    }
+}
