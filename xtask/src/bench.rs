@@ -1,10 +1,13 @@
 //! Benchmarks, by name.
 
 use crate::run::{self, Result};
-use crate::setup;
+use crate::{python, setup};
 
 /// Benchmarks that there are.
-const NAMES: &[&str] = &["gap"];
+const NAMES: &[&str] = &["gap", "identify"];
+
+/// Those that compare with a peer of the test environment.
+const WITH_PEERS: &[&str] = &["identify"];
 
 /// Sets up and runs a benchmark in the release profile; what follows its name goes to it.
 pub fn run(args: &[String]) -> Result {
@@ -15,5 +18,10 @@ pub fn run(args: &[String]) -> Result {
         return Err(format!("there is no benchmark `{name}`; there are {}", NAMES.join(", ")));
     }
     setup::run()?;
-    run::check(run::cargo().args(["bench", "--bench", name, "--"]).args(rest))
+    let mut command = run::cargo();
+    command.args(["bench", "--bench", name, "--"]).args(rest);
+    if WITH_PEERS.contains(&name.as_str()) {
+        command.env("PROPWASH_PYTHON", python::test_environment()?);
+    }
+    run::check(&mut command)
 }

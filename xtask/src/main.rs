@@ -22,6 +22,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask bench gap [ARGS...]
                                hide effects in simulated flights and tell how often the diagnosis names them
                                (`cargo xtask bench gap --help`)
+  cargo xtask bench identify [ARGS...]
+                               make .venv with the pinned peers, identify the attitude model from a log of Crazyflow's
+                               simulation, alternately with Crazyflow's own identification: errors and times
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
 
