@@ -157,13 +157,17 @@ impl Completion {
                     let Some(p) = parameters.iter_mut().find(near) else {
                         return Err(AcceptError::OutOfRange { effect, parameter, expected, found });
                     };
-                    self.remarks.push(format!(
+                    let remark = format!(
                         "{}: {} stays at {} (fitted {}, expected {expected})",
                         entry.kind,
                         p.name,
                         p.filed,
                         short(&found)
-                    ));
+                    );
+                    // An effect is tried again without each number that physics excludes.
+                    if !self.remarks.contains(&remark) {
+                        self.remarks.push(remark);
+                    }
                     p.value = p.filed;
                     p.sigma = f64::NAN;
                 }
