@@ -8,6 +8,7 @@ use super::free_form::{self, Doing, Sample};
 use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
+use super::shapes;
 use super::solve::{Solution, WEAK, chi2, polished, solve, sum};
 use super::track::{Drive, Track};
 use super::verdict::{
@@ -98,6 +99,10 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
         solution = solve(&logs, &mut model, Some(&rest), progress)?;
     }
+    // Shapes to hold it against are only needed now.
+    if !forces_only(&logs) && solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe) {
+        model = model.with_shapes()?;
+    }
     let solution = polished(&logs, &mut model, solution, progress)?;
     let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     Ok(Diagnosed { verdict, solution, model })
@@ -135,7 +140,8 @@ fn scattered(track: &Track, drone: &Drone<f64>) -> Result<Track, GapError> {
 fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
     let mut out = Vec::new();
     for id in ids {
-        let found = model.candidates.iter().position(|c| c.id == *id);
+        let found =
+            (0..model.candidates.len()).find(|c| model.candidates[*c].id == *id && !model.is_shape(*c));
         match found {
             Some(index) => out.push(index),
             None => {
@@ -147,7 +153,10 @@ fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
                         remedy: "give a log that has it, or another effect".into(),
                     });
                 }
-                let known: Vec<&str> = model.candidates.iter().map(|c| c.id.as_str()).collect();
+                let known: Vec<&str> = (0..model.candidates.len())
+                    .filter(|c| !model.is_shape(*c))
+                    .map(|c| model.candidates[c].id.as_str())
+                    .collect();
                 return Err(GapError::Unknown {
                     name: id.clone(),
                     what: "candidate",
@@ -254,14 +263,16 @@ fn speak(
         });
     }
     findings.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
-    let mut singles: Vec<(String, f64)> =
-        model.candidates.iter().enumerate().map(|(i, c)| (c.id.clone(), evidence.of(&[i]))).collect();
+    let mut singles: Vec<(String, f64)> = (0..model.candidates.len())
+        .filter(|c| !model.is_shape(*c))
+        .map(|c| (model.candidates[c].id.clone(), evidence.of(&[c])))
+        .collect();
     singles.sort_by(|a, b| b.1.total_cmp(&a.1));
 
     let mut calibration = Vec::new();
     let mut adjusted = Vec::new();
     for (k, p) in model.parameters.iter().enumerate() {
-        if solution.set.contains(&p.candidate) {
+        if solution.set.contains(&p.candidate) || model.is_shape(p.candidate) {
             continue;
         }
         let candidate = &model.candidates[p.candidate];
@@ -284,10 +295,16 @@ fn speak(
     let wholly_driven = !forces_only(logs);
     let of_the_air = |c: &&usize| model.candidates[**c].area == Area::Airframe;
     for c in solution.set.iter().filter(of_the_air).filter(|_| wholly_driven) {
-        if let Some(term) = other_shape(logs, model, solution, *c, &left) {
-            let id = &model.candidates[*c].id;
+        let id = &model.candidates[*c].id;
+        let better = shapes::better(model, &evidence, &solution.set, *c)
+            .map(|(words, nats)| format!("{words} fits better than {id} by {nats:.0} nats"));
+        let other = better.or_else(|| {
+            let term = other_shape(logs, model, solution, *c, &left)?;
+            Some(format!("{id} leaves a shape that goes with {term}"))
+        });
+        if let Some(words) = other {
             remainder.unexplained = true;
-            remainder.text = format!("{}; {id} leaves a shape that goes with {term}", remainder.text);
+            remainder.text = format!("{}; {words}", remainder.text);
             // What was found beside it, on less evidence, was found beside the wrong shape.
             let own = findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
             for f in findings.extract_if(.., |f| f.evidence_nats <= own) {
@@ -322,6 +339,8 @@ fn speak(
         }
     }
     let mut advice: Vec<String> = Vec::new();
+    let listed =
+        model.only(&|id| !model.candidates.iter().enumerate().any(|(c, x)| x.id == id && model.is_shape(c)));
     for f in findings.iter().filter(|f| !f.certain) {
         let names: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
         let alike: Vec<String> = f.look_alikes.iter().flat_map(|l| l.ids.iter().cloned()).collect();
@@ -330,7 +349,7 @@ fn speak(
                 vehicle,
                 t.drive,
                 &excite::Sensors::of(t),
-                model,
+                &listed,
                 std::slice::from_ref(&f.id),
                 &alike,
             )

@@ -18,7 +18,8 @@ pub(crate) mod replay;
 pub mod report;
 pub(crate) mod residual;
 pub(crate) mod search;
-pub(crate) mod solve;
+pub(crate) mod shapes;
+mod solve;
 pub mod track;
 pub mod verdict;
 

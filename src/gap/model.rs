@@ -61,6 +61,8 @@ pub(crate) struct Model {
     pub parameters: Vec<Parameter>,
     /// Candidates that a search may choose, by index; all others stay within their tolerance.
     pub may: Vec<bool>,
+    /// Candidates that are shapes to hold findings against; see [`super::shapes`].
+    pub shapes: Vec<usize>,
     /// Candidates that these logs cannot decide, with the reason.
     pub not_tried: Vec<(String, String)>,
 }
@@ -77,6 +79,7 @@ impl Model {
             candidates: Vec::new(),
             parameters: Vec::new(),
             may: Vec::new(),
+            shapes: Vec::new(),
             not_tried: Vec::new(),
         };
         for candidate in candidates(drone) {
@@ -195,6 +198,7 @@ impl Model {
             drone: self.drone.clone(),
             listed: self.listed.clone(),
             may: kept.iter().map(|c| self.may[*c]).collect(),
+            shapes: (0..kept.len()).filter(|i| self.is_shape(kept[*i])).collect(),
             candidates: kept.iter().map(|c| self.candidates[*c].clone()).collect(),
             parameters,
             not_tried: self.not_tried.clone(),

@@ -271,7 +271,7 @@ impl<'a> Evidence<'a> {
         let rest: Vec<usize> = set.iter().copied().filter(|c| *c != of).collect();
         let own = self.scored(set.to_vec()).score();
         let mut out: Vec<(Vec<usize>, f64)> = Vec::new();
-        let free: Vec<usize> = (0..n).filter(|c| !set.contains(c)).collect();
+        let free: Vec<usize> = (0..n).filter(|c| !set.contains(c) && !self.model.is_shape(*c)).collect();
         for (i, a) in free.iter().enumerate() {
             let worse = own - self.scored([rest.clone(), vec![*a]].concat()).score();
             if worse < margin {

@@ -239,7 +239,8 @@ pub(crate) fn polished(
     let timing = model.timing();
     let mut start =
         Start { set: found.set.clone(), horizon: 1, follow: true, ..Start::file(model, found.disturbance) };
-    for (k, p) in model.parameters.iter().enumerate() {
+    // Candidates may have been added since.
+    for (k, p) in model.parameters.iter().enumerate().take(found.posterior.mean.len()) {
         if found.set.contains(&p.candidate)
             || timing.contains(&p.candidate)
             || corrected(model, &found.posterior, p.candidate)
@@ -278,11 +279,12 @@ const FEWEST_PARTS: usize = 8;
 
 /// Whether the log says that a candidate's numbers are not those of the file, though within tolerance.
 fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
-    model.of(candidate).any(|k| {
-        let p = &model.parameters[k];
-        let off = (posterior.mean[k] - p.filed).abs();
-        off > posterior.sigma[k] && off > 0.1 * p.spike
-    })
+    !model.is_shape(candidate)
+        && model.of(candidate).any(|k| {
+            let p = &model.parameters[k];
+            let off = (posterior.mean[k] - p.filed).abs();
+            off > posterior.sigma[k] && off > 0.1 * p.spike
+        })
 }
 
 /// Evidence below which an effect is tried to be left out, nats.
