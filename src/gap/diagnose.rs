@@ -9,7 +9,7 @@ use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
-use super::solve::{Solution, WEAK, chi2, polished, solve, sum};
+use super::solve::{Solution, WEAK, chi2, polished, solve, sum, with_scatter};
 use super::track::{Drive, Track};
 use super::verdict::{
     Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
@@ -100,10 +100,12 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         solution = solve(&logs, &mut model, Some(&rest), progress)?;
     }
     // Shapes to hold it against are only needed now.
-    if !forces_only(&logs) && solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe) {
-        model = model.with_shapes()?;
+    let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
+    let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
+    if let Some(polished) = polished(&logs, &mut shaped, &solution, progress)? {
+        (model, solution) = (shaped, polished);
     }
-    let solution = polished(&logs, &mut model, solution, progress)?;
+    let solution = with_scatter(&model, solution)?;
     let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     Ok(Diagnosed { verdict, solution, model })
 }

@@ -141,8 +141,9 @@ pub(crate) fn solve(
     for _ in 0..2 {
         let Some(start) = fewer_clocks(model, &best).filter(|s| !tried.contains(&s.set)) else { break };
         tried.push(start.set.clone());
-        let other = settle(logs, model, None, Some(start), progress)?;
-        if other.better_than(&best, model)? {
+        if let Some(other) = again(logs, model, None, start, progress)?
+            && other.better_than(&best, model)?
+        {
             best = other;
         }
     }
@@ -160,8 +161,9 @@ pub(crate) fn solve(
     alone.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, c) in alone.into_iter().take(4) {
         let start = Start { set: vec![c], held: 3, ..Start::file(model, Disturbance::unknown()) };
-        let other = settle(logs, model, None, Some(start), progress)?;
-        if other.better_than(&best, model)? {
+        if let Some(other) = again(logs, model, None, start, progress)?
+            && other.better_than(&best, model)?
+        {
             best = other;
         }
     }
@@ -206,7 +208,7 @@ fn pruned(
                 widest: best.tolerance,
                 ..Start::file(model, best.disturbance)
             };
-            let other = settle(logs, model, Some(&rest), Some(start), progress)?;
+            let Some(other) = again(logs, model, Some(&rest), start, progress)? else { continue };
             let without = other.evidence(model)?;
             let mut with = rest.clone();
             with.push(c);
@@ -226,15 +228,15 @@ fn pruned(
 }
 
 /// The same set with the model moved to all its estimates, also those within tolerance: several small faults together bend
-/// what a large one is taken for, by more than its interval.
+/// what a large one is taken for, by more than its interval. `None` for forces alone, and where that model flies nowhere.
 pub(crate) fn polished(
     logs: &[Prepared],
     model: &mut Model,
-    found: Solution,
+    found: &Solution,
     progress: &dyn Fn(usize, usize),
-) -> Result<Solution, GapError> {
+) -> Result<Option<Solution>, GapError> {
     if forces_only(logs) {
-        return with_scatter(model, found);
+        return Ok(None);
     }
     let timing = model.timing();
     let mut start =
@@ -248,12 +250,11 @@ pub(crate) fn polished(
             start.values[k] = found.posterior.mean[k];
         }
     }
-    let polished = settle(logs, model, Some(&found.set), Some(start), progress)?;
-    with_scatter(model, polished)
+    again(logs, model, Some(&found.set), start, progress)
 }
 
 /// With standard deviations no smaller than the log's parts disagree by.
-fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
+pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
     let delta = DVector::from_vec(difference(&found.posterior, &found.linear.at));
     let scores: Vec<DVector<f64>> = found
         .reduced
@@ -392,6 +393,20 @@ fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     }
     set.sort_unstable();
     Some(Start { values, set, horizon: 1, ..Start::file(model, found.disturbance) })
+}
+
+/// [`settle`] from a start of its own; `None` where the model there flies through no window.
+fn again(
+    logs: &[Prepared],
+    model: &mut Model,
+    given: Option<&[usize]>,
+    start: Start,
+    progress: &dyn Fn(usize, usize),
+) -> Result<Option<Solution>, GapError> {
+    match settle(logs, model, given, Some(start), progress) {
+        Err(GapError::Log { .. }) => Ok(None),
+        other => other.map(Some),
+    }
 }
 
 /// One search from one start.
