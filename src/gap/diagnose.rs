@@ -1,7 +1,7 @@
 //! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
 
 use super::GapError;
-use super::disturbance::Disturbance;
+use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
 use super::free_form::{self, Doing, Sample};
@@ -82,12 +82,13 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         // What takes hardly anything from the error on unseen flight leans on another effect's rest, or on that of none.
         let evidence = solution.evidence(&model)?;
         let whole = evidence.of(&solution.set);
+        let apart = each_for_itself(&solution);
         let mut shares = Vec::new();
         for c in &solution.set {
             let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
             let sure = rest.is_empty() && whole > WEAK;
             let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
-            let share = removed_share(&model, &solution, &[*c])?;
+            let share = removed_share(&model, &solution, &apart, &[*c])?;
             if !sure && share < least {
                 shares.push((share, *c));
             }
@@ -142,8 +143,7 @@ fn scattered(track: &Track, drone: &Drone<f64>) -> Result<Track, GapError> {
 fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
     let mut out = Vec::new();
     for id in ids {
-        let found =
-            (0..model.candidates.len()).find(|c| model.candidates[*c].id == *id && !model.is_shape(*c));
+        let found = model.named().find(|c| model.candidates[*c].id == *id);
         match found {
             Some(index) => out.push(index),
             None => {
@@ -155,10 +155,7 @@ fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
                         remedy: "give a log that has it, or another effect".into(),
                     });
                 }
-                let known: Vec<&str> = (0..model.candidates.len())
-                    .filter(|c| !model.is_shape(*c))
-                    .map(|c| model.candidates[c].id.as_str())
-                    .collect();
+                let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
                 return Err(GapError::Unknown {
                     name: id.clone(),
                     what: "candidate",
@@ -183,17 +180,25 @@ fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
     }
 }
 
+/// The windows without what those before them say about the disturbance: none knows anything of another.
+fn each_for_itself(solution: &Solution) -> Vec<Reduced> {
+    solution.linear.reduce(&Disturbance { kept: [0.0; 4], ..solution.disturbance })
+}
+
 /// Share of the excess error that the candidates `of` remove on windows that the fit has not seen: what is left with them,
-/// against what is left when their numbers go back to the file and everything else stays.
-fn removed_share(model: &Model, solution: &Solution, of: &[usize]) -> Result<f64, GapError> {
+/// against what is left when their numbers go back to the file and everything else stays. `apart` are the windows as
+/// [`each_for_itself`] gives them.
+fn removed_share(
+    model: &Model,
+    solution: &Solution,
+    apart: &[Reduced],
+    of: &[usize],
+) -> Result<f64, GapError> {
     use super::search::Evidence;
-    let reduced = &solution.reduced;
-    // What windows are judged by does not come from those beside them, which know what disturbs them.
-    let judged = solution.linear.reduce(&Disturbance { kept: [0.0; 4], ..solution.disturbance });
     let fold = |i: usize| (i / TOGETHER) % FOLDS;
     let (mut with, mut without) = (0.0, 0.0);
-    for f in 0..FOLDS.min(reduced.len() / TOGETHER).max(2) {
-        let (h, g) = sum(reduced, |i| fold(i) != f);
+    for f in 0..FOLDS.min(apart.len() / TOGETHER).max(2) {
+        let (h, g) = sum(apart, |i| fold(i) != f);
         let evidence =
             Evidence::new(model, &h, &g, &solution.linear.at, solution.dispersion, solution.tolerance)?;
         let posterior = evidence.posterior(&solution.set)?;
@@ -209,7 +214,7 @@ fn removed_share(model: &Model, solution: &Solution, of: &[usize]) -> Result<f64
         };
         for (keep, total) in [(true, &mut with), (false, &mut without)] {
             let delta = delta(keep);
-            *total += judged
+            *total += apart
                 .iter()
                 .enumerate()
                 .filter(|(i, _)| fold(*i) == f)
@@ -232,6 +237,7 @@ fn speak(
 ) -> Result<Diagnosis, GapError> {
     let evidence = solution.evidence(model)?;
     let whole = evidence.of(&solution.set);
+    let apart = each_for_itself(solution);
     let mut findings = Vec::new();
     for c in &solution.set {
         let candidate = &model.candidates[*c];
@@ -259,16 +265,14 @@ fn speak(
             parameters: model.of(*c).map(|k| parameter_fit(model, solution, k)).collect(),
             set: model.preset_values(*c),
             evidence_nats: whole - evidence.of(&rest),
-            removed_share: removed_share(model, solution, &[*c])?,
+            removed_share: removed_share(model, solution, &apart, &[*c])?,
             certain: look_alikes.is_empty(),
             look_alikes,
         });
     }
     findings.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
-    let mut singles: Vec<(String, f64)> = (0..model.candidates.len())
-        .filter(|c| !model.is_shape(*c))
-        .map(|c| (model.candidates[c].id.clone(), evidence.of(&[c])))
-        .collect();
+    let mut singles: Vec<(String, f64)> =
+        model.named().map(|c| (model.candidates[c].id.clone(), evidence.of(&[c]))).collect();
     singles.sort_by(|a, b| b.1.total_cmp(&a.1));
 
     let mut calibration = Vec::new();
@@ -317,7 +321,7 @@ fn speak(
     let doubtful_shape = !nearest.is_empty();
     // Findings that together take away too little of the error on unseen flight, or of the disturbances, only lean on what is
     // really missing; so do those beside an event.
-    let together = removed_share(model, solution, &solution.set)?;
+    let together = removed_share(model, solution, &apart, &solution.set)?;
     let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
     let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
         .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
@@ -341,8 +345,8 @@ fn speak(
         }
     }
     let mut advice: Vec<String> = Vec::new();
-    let listed =
-        model.only(&|id| !model.candidates.iter().enumerate().any(|(c, x)| x.id == id && model.is_shape(c)));
+    let ids: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
+    let listed = model.only(&|id| ids.contains(&id));
     for f in findings.iter().filter(|f| !f.certain) {
         let names: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
         let alike: Vec<String> = f.look_alikes.iter().flat_map(|l| l.ids.iter().cloned()).collect();

@@ -84,6 +84,11 @@ impl Model {
         Ok(self)
     }
 
+    /// Candidates that are no shapes.
+    pub fn named(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..self.candidates.len()).filter(|c| !self.is_shape(*c))
+    }
+
     /// Whether a candidate is a shape.
     pub fn is_shape(&self, candidate: usize) -> bool {
         self.shapes.contains(&candidate)
