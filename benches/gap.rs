@@ -102,12 +102,15 @@ fn tell(outcome: &Outcome) {
         println!("      {} {:.0} nats, removes {share:.1} %", f.id, f.evidence_nats);
         for p in &f.parameters {
             let (name, unit) = (&p.name, &p.unit);
-            println!("        {name} = {:.5} ± {:.5} {unit} (filed {})", p.value, p.sigma, p.filed);
+            println!("        {name} = {:.5e} ± {:.1e} {unit} (filed {})", p.value, p.sigma, p.filed);
         }
     }
     for planted in &outcome.truth.hidden {
         let (values, filed) = (&planted.parameters, &planted.filed);
         println!("      truth {} {values:?} filed {filed:?} size {}", planted.id, outcome.truth.size);
+    }
+    for (name, sigmas) in outcome.misses() {
+        println!("      off {name} {sigmas:.1} sigma");
     }
     for (id, nats) in verdict.singles.iter().take(6) {
         println!("      alone {id} {nats:.0}");

@@ -53,6 +53,11 @@ fn a_raw_log_becomes_a_better_vehicle_file() {
 
     assert!(said(&outputs[3]).contains("missing: rotor_drag"), "{}", said(&outputs[3]));
     assert!(text("better.toml").contains("rotor_drag"), "{}", text("better.toml"));
+    assert!(
+        text("better.toml").contains("gyro_bias"),
+        "what the sensors are off by too: {}",
+        text("better.toml")
+    );
     assert!(said(&outputs[5]).contains("rotor_drag"), "{}", said(&outputs[5]));
     assert!(text("path.csv").lines().count() > 10);
     for page in ["before.html", "gap.html"] {

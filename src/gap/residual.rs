@@ -700,3 +700,30 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
     }
     finish(horizons_s, &sums, &counts)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A kernel passes a slow swing cos(ω t) on as 1 − ω² m₂/2: m₂ of 1 − u² is reach²/5, of 1 reach²/3.
+    #[test]
+    fn few_steps_pass_a_slow_swing_on_as_the_kernel_does() {
+        let (parabola, box_): (fn(f64) -> f64, fn(f64) -> f64) = (|u| 1.0 - u * u, |_| 1.0);
+        for half_s in [0.0203, 0.025, 0.031, 0.05] {
+            for (of, share) in [(parabola, 5.0), (box_, 3.0)] {
+                let weights = kernel(half_s, of);
+                let middle = (weights.len() / 2) as f64;
+                let second: f64 =
+                    weights.iter().enumerate().map(|(i, w)| w * (i as f64 - middle).powi(2)).sum();
+                let wanted = (half_s / STEP_S).powi(2) / share;
+                assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                // The box has steps of whole weight: no reach gives every second moment.
+                let tolerance = if share == 5.0 { 1e-6 } else { 0.35 };
+                assert!(
+                    (second / wanted - 1.0).abs() < tolerance,
+                    "{half_s} s, /{share}: {second}, not {wanted}"
+                );
+            }
+        }
+    }
+}

@@ -209,3 +209,38 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
         }
     }
 }
+
+/// A number that nothing else leans on is as uncertain as the mean of the parts' slopes: √(n/(n−1) Σ s²)/(h + 1/slab²).
+#[test]
+fn parts_that_disagree_widen_a_number_by_their_scatter() {
+    use super::search::Evidence;
+    use nalgebra::{DMatrix, DVector};
+    let (_, drone, track) = made();
+    let around = Around::new(&track, &drone);
+    let model = Model::new(&drone, &[&track], &[&around]).unwrap();
+    let n = model.parameters.len();
+    let k = (0..n)
+        .find(|k| model.candidates[model.parameters[*k].candidate].id == "torque_scale")
+        .expect("a candidate of one number");
+    let slab = model.parameters[k].slab;
+    let mut h = DMatrix::zeros(n, n);
+    h[(k, k)] = 40.0 / (slab * slab);
+    let parts: Vec<DVector<f64>> = [3.0, -2.0, 1.0, -4.0, 2.0]
+        .iter()
+        .map(|s| {
+            let mut score = DVector::zeros(n);
+            score[k] = s / slab;
+            score
+        })
+        .collect();
+    for dispersion in [1.0, 2.5] {
+        let evidence =
+            Evidence::new(&model, &h, &DVector::zeros(n), &model.filed(), dispersion, 1.0).unwrap();
+        let sigma = evidence.by_scatter(&[model.parameters[k].candidate], &parts).unwrap();
+        let squares: f64 = 9.0 + 4.0 + 1.0 + 16.0 + 4.0;
+        let wanted = (5.0 / 4.0 * squares).sqrt() / dispersion / (40.0 / dispersion + 1.0) * slab;
+        assert!((sigma[k] / wanted - 1.0).abs() < 1e-9, "{} is not {wanted}", sigma[k]);
+        // Where no part says anything, nothing scatters.
+        assert!(sigma.iter().enumerate().all(|(i, s)| i == k || s.abs() < 1e-12 * slab.max(1.0)));
+    }
+}
