@@ -35,6 +35,9 @@ struct Args {
     /// What the pilot does, where it is not what shows the effects: multi-sine, lissajous, circle, hover-yaw, way-points …
     #[arg(long)]
     excitation: Option<String>,
+    /// A load on a cable is not tracked.
+    #[arg(long)]
+    untracked: bool,
     /// Says all that is known of every case.
     #[arg(long, short)]
     verbose: bool,
@@ -80,6 +83,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 seconds: args.seconds,
                 tolerance: args.tolerance,
                 closure: false,
+                tracked: !args.untracked,
             };
             let outcome = case.run(&vehicle, path).map_err(|e| e.to_string())?;
             all += 1;
@@ -104,6 +108,9 @@ fn tell(outcome: &Outcome) {
             let (name, unit) = (&p.name, &p.unit);
             println!("        {name} = {:.5e} ± {:.1e} {unit} (filed {})", p.value, p.sigma, p.filed);
         }
+    }
+    for (name, value) in verdict.findings.iter().flat_map(|f| &f.set) {
+        println!("        {name} = {value:.4e} (set)");
     }
     for planted in &outcome.truth.hidden {
         let (values, filed) = (&planted.parameters, &planted.filed);

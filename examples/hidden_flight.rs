@@ -81,6 +81,7 @@ enum Channel {
     Commands,
     Battery,
     References,
+    Load,
 }
 
 fn main() -> ExitCode {
@@ -127,6 +128,7 @@ fn run(args: &Args) -> Result<(), String> {
         commands: with(Channel::Commands),
         battery: with(Channel::Battery),
         references: with(Channel::References),
+        load: with(Channel::Load),
         rotors: args.rotors,
     };
     plan.flight = args.flight;

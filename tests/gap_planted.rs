@@ -91,6 +91,19 @@ fn the_true_values_lie_within_five_standard_deviations() {
     }
 }
 
+/// Seen from the centre of mass, 20 mm above the attachment, the cable would lean 6 % less and the load weigh 7 % more.
+#[test]
+fn a_load_hangs_from_where_its_cable_is_attached() {
+    let (d, flight) = verdict(&["slung_payload"], 2);
+    assert_eq!(names(&d), ["slung_payload"], "{}", d.verdict);
+    let found = &d.findings[0];
+    let truth = &flight.truth.hidden[0].parameters;
+    let mass = found.parameters.iter().find(|p| p.name == "mass_kg").unwrap().value;
+    assert!((mass / truth["mass_kg"] - 1.0).abs() < 0.04, "{mass} kg, true {}", truth["mass_kg"]);
+    let length = found.set.iter().find(|(name, _)| name == "cable_length_m").unwrap().1;
+    assert!((length - truth["cable_m"]).abs() < 0.002, "{length} m, true {}", truth["cable_m"]);
+}
+
 #[test]
 fn two_hidden_effects_are_both_named() {
     let (d, _) = verdict(&["rotor_drag", "com_offset"], 1);
@@ -134,4 +147,14 @@ fn a_cube_of_the_speed_is_not_blamed_on_its_square_in_rough_air() {
         let (d, _) = flown(&["cubic_drag"], seed, rough);
         assert!(d.remainder.unexplained && d.findings.is_empty(), "seed {seed}: {}", d.verdict);
     }
+}
+
+/// What a load that nobody saw does to the vehicle fits no disturbance either: neither a load of some length nor the weather.
+#[test]
+fn a_load_that_was_not_tracked_is_not_made_up() {
+    let (d, _) = flown(&["slung_payload"], 2, |plan| plan.sensors.load = false);
+    assert!(d.remainder.unexplained, "{}", d.verdict);
+    assert!(!names(&d).contains(&"turbulence"), "{}", d.verdict);
+    let (_, reason) = d.not_tried.iter().find(|(id, _)| id == "slung_payload").unwrap();
+    assert!(reason.contains("the load's position"), "{reason}");
 }

@@ -37,6 +37,8 @@ pub struct Case {
     pub tolerance: f64,
     /// Whether the completed vehicle is tried on a second flight.
     pub closure: bool,
+    /// Whether a load on a cable is tracked.
+    pub tracked: bool,
 }
 
 /// What came of a case.
@@ -65,6 +67,7 @@ impl Case {
         plan.tolerance = self.tolerance;
         plan.noise = self.noise;
         plan.flight = flight;
+        plan.sensors.load = self.tracked;
         if let Some(excitation) = self.excitation {
             plan.excitation = excitation;
         }

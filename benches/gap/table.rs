@@ -29,6 +29,7 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         seconds: args.seconds,
         tolerance: args.tolerance,
         closure: false,
+        tracked: true,
     };
     let mut rows: Vec<[String; 4]> = Vec::new();
     let mut row = |what: &str, reached: String, of: usize, goal: &str| {

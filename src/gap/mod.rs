@@ -2,6 +2,7 @@
 
 pub mod accept;
 pub mod attitude_model;
+mod cable;
 mod causes;
 pub mod compare;
 pub mod complete;

@@ -175,6 +175,22 @@ impl Model {
         found
     }
 
+    /// Gives a value that a candidate sets and does not fit.
+    pub fn set_preset(&mut self, kind: &str, name: &str, value: f64) {
+        for c in self.candidates.iter_mut().filter(|c| c.kind == kind) {
+            c.preset.iter_mut().filter(|(n, _)| n == name).for_each(|(_, v)| *v = value);
+        }
+        for (effect, listed) in self.drone.effects.iter_mut().zip(&self.listed) {
+            if effect.kind() == kind && !listed {
+                effect.visit("", &mut |n, slot| {
+                    if n.trim_start_matches('.') == name {
+                        *slot = value;
+                    }
+                });
+            }
+        }
+    }
+
     /// Values that a candidate sets and does not fit, where the file does not list its effect.
     pub fn preset_values(&self, candidate: usize) -> Vec<(String, f64)> {
         let free = |name: &str| self.of(candidate).any(|k| self.parameters[k].name == name);
@@ -264,7 +280,7 @@ impl Model {
 /// A candidate as these logs can tell it.
 fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> Candidate {
     match candidate.kind {
-        // How the load moves is known before the fit: from its track, or from a pendulum of the preset length.
+        // How the load moves is known before the fit, from its track (`super::cable`).
         "slung_payload" => {
             candidate.freedoms.retain(|f| f.name == "mass_kg");
             // Where the cable is fixed shows in torques only.
@@ -273,8 +289,11 @@ fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> 
                     candidate.freedoms.push(Freedom::any(format!("attachment_m.{axis}"), "m", 0.0, 0.03));
                 }
             }
-            if let Some(length) = arounds.iter().find_map(|a| a.cable_length_m) {
-                candidate.preset = vec![("cable_length_m".into(), length)];
+            if let Some(cable) = arounds.iter().find_map(|a| a.cable) {
+                candidate.preset = vec![
+                    ("cable_length_m".into(), cable.length_m),
+                    ("damping_per_s".into(), cable.damping_per_s),
+                ];
             }
         }
         // Up to the fastest command a limit does nothing: the search starts there.
@@ -320,6 +339,7 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
         Needs::Ground if !any(&|t| t.ground_z_m.is_some()) => "needs the height of the ground",
         Needs::Ceiling if !any(&|t| t.ceiling_z_m.is_some()) => "needs the height of the ceiling",
         Needs::Neighbour if !any(&|t| !t.neighbours.is_empty()) => "needs another tracked vehicle",
+        Needs::Load if !any(&|t| t.load.is_some()) => "needs the load's position: an object of the log",
         Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
         Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
         Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",
@@ -329,10 +349,30 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
         _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive != Drive::Thrust) => {
             "needs rotor speeds or commands: the log gives the thrust itself"
         }
+        _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive == Drive::AttitudeCommands || revs(t)) => {
+            "the rotors turn at one speed, on average: climb and descend"
+        }
         _ if torque_only(candidate.kind) && !drives(&rotors) => "needs rotor speeds: torques are unknown",
         _ => return None,
     };
     Some(reason.to_string())
+}
+
+/// Part of its median by which the rotors' mean speed must vary where the shape of a curve is to be seen.
+const LEAST_SPREAD: f64 = 0.02;
+
+/// Whether the rotors turn at more than one speed. At one, commands that answer the weather are all that varies, and a curve is
+/// taken for what the weather does.
+fn revs(track: &Track) -> bool {
+    let rotors = &track.inputs.rotors;
+    let Some(n) = rotors.iter().map(|c| c.values.len()).min() else { return false };
+    let means: Vec<f64> =
+        (0..n).step_by(3).map(|k| rotors.iter().map(|c| c.values[k][0]).sum::<f64>()).collect();
+    let at = |q: f64| clean::quantile(&means, q);
+    match (at(0.02), at(0.5), at(0.98)) {
+        (Some(low), Some(usual), Some(high)) => high - low > LEAST_SPREAD * usual,
+        _ => false,
+    }
 }
 
 /// Effects that only turn the vehicle.

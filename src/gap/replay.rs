@@ -1,12 +1,12 @@
 //! A model flown along a log: what drives it at every instant, and roll-outs from measured states.
 
 use super::GapError;
+use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track};
-use crate::flight::{Channel, clean, resample};
-use crate::math::{quat, vec3};
+use crate::flight::{Channel, resample};
+use crate::math::quat;
 use crate::physics::attitude_response;
 use crate::physics::drone::{self, Drone, Dynamics};
-use crate::physics::effects::slung_payload::Pendulum;
 use crate::physics::effects::{AnyEffect, Command, Effect, Parts};
 use crate::physics::integrate::Integrator;
 use crate::physics::measure::Reading;
@@ -23,7 +23,7 @@ pub(crate) const STEP: usize = 2;
 /// Step of roll-outs, s.
 pub(crate) const STEP_S: f64 = TICK_S * STEP as f64;
 /// Longest hole in an input that is bridged, s.
-const LONGEST_HOLE_S: f64 = 0.1;
+pub(crate) const LONGEST_HOLE_S: f64 = 0.1;
 
 /// What drives the vehicle at one tick.
 #[derive(Clone, Copy, Debug)]
@@ -50,8 +50,8 @@ pub(crate) struct Around {
     pub neighbours: Vec<Vec<Neighbour<f64>>>,
     /// What hangs on a cable, every [`STEP`] ticks: from where it was tracked, else a pendulum under the measured motion.
     pub load: Vec<Load<f64>>,
-    /// Distance at which the tracked load hung, m.
-    pub cable_length_m: Option<f64>,
+    /// The cable, where the load was tracked or the forces tell.
+    pub cable: Option<Cable>,
     /// Number of ticks.
     pub n_ticks: usize,
 }
@@ -82,8 +82,8 @@ impl Around {
                 }
             }
         }
-        let (load, cable_length_m) = loads(track, drone, &at, &measured);
-        Self { from_s, measured, wind, neighbours, load, cable_length_m, n_ticks: n_steps * STEP + 1 }
+        let (load, cable) = Pulled::new(track, drone, &at, &measured).load(drone);
+        Self { from_s, measured, wind, neighbours, load, cable, n_ticks: n_steps * STEP + 1 }
     }
 
     /// Time of a tick, s.
@@ -95,98 +95,6 @@ impl Around {
     pub fn measured(&self, tick: usize) -> Option<&Measured> {
         self.measured.get(tick / STEP).and_then(Option::as_ref)
     }
-}
-
-/// Half width of the smoothing of the acceleration with which a load is pulled along, s. A load swings slowly. What the
-/// vehicle shakes with is felt by the accelerometer too, whose errors must not stand on both sides of the fit.
-const PULL_HALF_S: f64 = 0.12;
-
-/// Relative change of a tracked load's distance beyond which the tracker is not believed.
-const CABLE_STRETCH: f64 = 0.04;
-
-/// Motion of a load on a cable at the times `at_s`, and the length of the cable where the load was tracked.
-///
-/// Only its direction is taken from the track; the tension follows from the vehicle's acceleration, which is that of the
-/// accelerometer where there is one, else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
-fn loads(
-    track: &Track,
-    drone: &Drone<f64>,
-    at_s: &[f64],
-    measured: &[Option<Measured>],
-) -> (Vec<Load<f64>>, Option<f64>) {
-    let gravity = drone.body.gravity_m_s2;
-    let absent = vec![Load::absent(); at_s.len()];
-    let listed = drone.effects.iter().find_map(|e| match e {
-        AnyEffect::SlungPayload(p) => Some(*p),
-        _ => None,
-    });
-    let Some(AnyEffect::SlungPayload(mut params)) = AnyEffect::by_kind("slung_payload") else {
-        return (absent, None);
-    };
-    // A length is needed for the shape of the swing; 0.5 m where neither the file nor a track tells.
-    params.cable_length_m = 0.5;
-    if let Some(filed) = listed {
-        params = filed;
-    }
-    let mut velocity = Channel::<3>::default();
-    for (t, m) in at_s.iter().zip(measured) {
-        if let Some(m) = m {
-            velocity.push(*t, m.vel);
-        }
-    }
-    let accel = resample::local_parabola(&track.accel, at_s, PULL_HALF_S);
-    let slopes = resample::local_parabola(&velocity, at_s, PULL_HALF_S);
-    let acceleration = |k: usize| -> Option<[f64; 3]> {
-        let state = measured[k].as_ref()?;
-        match &accel[k] {
-            Some(a) => Some(vec3::add(quat::rotate(state.quat, a.value), gravity)),
-            None => slopes[k].as_ref().map(|s| s.slope),
-        }
-    };
-    let state_of = |m: &Measured| State {
-        pos: m.pos,
-        quat: m.quat,
-        vel: m.vel,
-        ang_vel: m.ang_vel,
-        ..State::<f64>::rest()
-    };
-    let tracked = track.load.as_ref().and_then(|name| track.log.objects_m.get(name));
-    let mut length = None;
-    let mut places = None;
-    if let Some(channel) = tracked {
-        let apart: Vec<f64> = resample::linear(&track.position, &channel.t_s, LONGEST_HOLE_S)
-            .iter()
-            .zip(&channel.values)
-            .map(|(p, load)| p.map_or(f64::NAN, |p| vec3::norm(vec3::sub(*load, p))))
-            .collect();
-        length =
-            clean::median(apart.iter().copied().filter(|l| l.is_finite()).collect()).filter(|l| *l > 0.01);
-        params.cable_length_m = length.unwrap_or(params.cable_length_m);
-        // A cable does not stretch: elsewhere the tracker had lost the load.
-        let lost: Vec<f64> = (0..apart.len())
-            .filter(|i| !((apart[*i] / params.cable_length_m - 1.0).abs() <= CABLE_STRETCH))
-            .map(|i| channel.t_s[i])
-            .collect();
-        let near_lost = |t: f64| {
-            let i = lost.partition_point(|l| *l < t - 0.1);
-            i < lost.len() && lost[i] <= t + 0.1
-        };
-        let marks: Vec<bool> = channel.t_s.iter().map(|t| near_lost(*t)).collect();
-        places = Some(resample::local_parabola(&clean::without(channel, &marks), at_s, 0.05));
-    }
-    let mut pendulum = Pendulum::hanging(gravity);
-    let mut out = absent;
-    for k in 0..at_s.len() {
-        let (Some(m), Some(acc)) = (&measured[k], acceleration(k)) else { continue };
-        let pivot = params.pivot(&state_of(m), acc, [0.0; 3]);
-        // Where the load was not seen it swings on.
-        if let Some(place) = places.as_ref().and_then(|places| places[k].as_ref()) {
-            pendulum = Pendulum::seen(place.value, place.slope, &pivot);
-        }
-        out[k] = params.load(&pendulum, &pivot, gravity);
-        pendulum = params.advance(&pendulum, acc, gravity, STEP_S);
-    }
-    (out, length)
 }
 
 /// The last value at or before each time; the first before the channel begins.

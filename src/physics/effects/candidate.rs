@@ -103,6 +103,8 @@ pub enum Needs {
     Ceiling,
     /// The position of another vehicle.
     Neighbour,
+    /// The position of a load on a cable.
+    Load,
     /// A gyroscope.
     Gyro,
     /// An accelerometer.

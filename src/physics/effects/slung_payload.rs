@@ -292,9 +292,9 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         kind: "slung_payload",
         title: "a load that swings below the vehicle on a cable".into(),
         area: Area::Mass,
-        needs: Needs::Nothing,
-        // Loads of 5 to 20 % of the mass are what small vehicles carry. How the load moves is known before a fit: from its
-        // track, or from a pendulum of the preset length.
+        // How the load moves is known before a fit: a load that nobody saw swings as it likes.
+        needs: Needs::Load,
+        // Loads of 5 to 20 % of the mass are what small vehicles carry.
         freedoms: vec![Freedom::up("mass_kg", "kg", 0.0, 0.08 * drone.body.mass_kg)],
         preset: vec![("cable_length_m".into(), 0.5)],
         manoeuvre: "hover, then fly fast back and forth with stops of a few seconds, so that the load swings",

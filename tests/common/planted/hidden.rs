@@ -3,7 +3,7 @@
 //!
 //! Equations: docs/effects/*.md; sizes: of a quadrotor of 0.75 kg, scaled with mass and hover speed for others.
 
-use super::linear::{V, mul, norm, unit};
+use super::linear::{V, mul, norm, sub, unit};
 use propwash::random::{Key, Stream, purpose};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -482,7 +482,8 @@ impl Deviations {
             "slung_payload" => {
                 one("mass_kg", self.slung_kg);
                 one("cable_m", self.cable_m);
-                many = list("hook_m", &self.hook_m);
+                // From the true centre of mass.
+                many = list("hook_m", &sub(self.hook_m, self.com_offset_m));
             }
             "com_offset" => many = list("offset_m", &self.com_offset_m),
             "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {

@@ -36,6 +36,8 @@ pub struct Sensors {
     pub battery: bool,
     /// References.
     pub references: bool,
+    /// Position of a load on a cable, where there is one.
+    pub load: bool,
 }
 
 impl Default for Sensors {
@@ -48,6 +50,7 @@ impl Default for Sensors {
             rotors: false,
             battery: true,
             references: true,
+            load: true,
         }
     }
 }
@@ -304,7 +307,7 @@ impl Recorder {
             mount_q,
             clock_s: d.clock_s,
             seconds,
-            has_cable: d.has_cable(),
+            has_cable: d.has_cable() && sensors.load,
             has_neighbour: false,
             cells: Vec::new(),
             gaps_s,

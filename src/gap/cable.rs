@@ -1,0 +1,154 @@
+//! What hangs on a cable: how the load moves, from where it was tracked. Where it was not, a pendulum under the measured motion
+//! stands for it, which replays of a vehicle file need; a search cannot, since a swing of an unknown load soon goes its own way.
+
+use super::fit::Prepared;
+use super::replay::{LONGEST_HOLE_S, STEP_S};
+use super::track::{Measured, Track};
+use crate::flight::{Channel, clean, resample};
+use crate::math::{quat, vec3};
+use crate::physics::drone::Drone;
+use crate::physics::effects::AnyEffect;
+use crate::physics::effects::slung_payload::{Params, Pendulum};
+use crate::physics::rigid_body::State;
+use crate::physics::surroundings::Load;
+
+/// Half width of the smoothing of the acceleration with which a load is pulled along, s. A load swings slowly. What the
+/// vehicle shakes with is felt by the accelerometer too, whose errors must not stand on both sides of the fit.
+const PULL_HALF_S: f64 = 0.12;
+
+/// Relative change of a tracked load's distance beyond which the tracker is not believed.
+const CABLE_STRETCH: f64 = 0.04;
+
+/// Length where neither the file nor a track tells, m.
+const USUAL_LENGTH_M: f64 = 0.5;
+
+/// A cable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cable {
+    /// From the attachment to the load, m.
+    pub length_m: f64,
+    /// Damping of the swing, 1/s.
+    pub damping_per_s: f64,
+}
+
+/// How the vehicle pulls at a cable.
+pub(crate) struct Pulled {
+    gravity: [f64; 3],
+    /// State and acceleration (m/s², world) at every instant that is known.
+    motion: Vec<Option<(State<f64>, [f64; 3])>>,
+    /// Where the load was seen, and how fast it moved.
+    seen: Option<Vec<Option<resample::Local<3>>>>,
+}
+
+impl Pulled {
+    /// From a log's motion at the times `at_s`, [`STEP_S`] apart. The acceleration is that of the accelerometer where there is
+    /// one, else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
+    pub fn new(track: &Track, drone: &Drone<f64>, at_s: &[f64], measured: &[Option<Measured>]) -> Self {
+        let gravity = drone.body.gravity_m_s2;
+        let mut velocity = Channel::<3>::default();
+        for (t, m) in at_s.iter().zip(measured) {
+            if let Some(m) = m {
+                velocity.push(*t, m.vel);
+            }
+        }
+        let accel = resample::local_parabola(&track.accel, at_s, PULL_HALF_S);
+        let slopes = resample::local_parabola(&velocity, at_s, PULL_HALF_S);
+        let motion = (0..at_s.len())
+            .map(|k| {
+                let m = measured[k].as_ref()?;
+                let acc = match &accel[k] {
+                    Some(a) => vec3::add(quat::rotate(m.quat, a.value), gravity),
+                    None => slopes[k].as_ref()?.slope,
+                };
+                let state =
+                    State { pos: m.pos, quat: m.quat, vel: m.vel, ang_vel: m.ang_vel, ..State::rest() };
+                Some((state, acc))
+            })
+            .collect();
+        let tracked = track.load.as_ref().and_then(|name| track.log.objects_m.get(name));
+        let seen = tracked.and_then(|channel| {
+            let apart: Vec<f64> = resample::linear(&track.position, &channel.t_s, LONGEST_HOLE_S)
+                .iter()
+                .zip(&channel.values)
+                .map(|(p, load)| p.map_or(f64::NAN, |p| vec3::norm(vec3::sub(*load, p))))
+                .collect();
+            let length = clean::median(apart.iter().copied().filter(|l| l.is_finite()).collect())
+                .filter(|l| *l > 0.01)?;
+            // A cable does not stretch: elsewhere the tracker had lost the load.
+            let lost: Vec<f64> = (0..apart.len())
+                .filter(|i| !((apart[*i] / length - 1.0).abs() <= CABLE_STRETCH))
+                .map(|i| channel.t_s[i])
+                .collect();
+            let near_lost = |t: f64| {
+                let i = lost.partition_point(|l| *l < t - 0.1);
+                i < lost.len() && lost[i] <= t + 0.1
+            };
+            let marks: Vec<bool> = channel.t_s.iter().map(|t| near_lost(*t)).collect();
+            Some(resample::local_parabola(&clean::without(channel, &marks), at_s, 0.05))
+        });
+        Self { gravity, motion, seen }
+    }
+
+    /// From a log that is about to be fitted.
+    fn of(log: &Prepared, drone: &Drone<f64>) -> Self {
+        let around = &log.around;
+        let at: Vec<f64> = (0..around.measured.len()).map(|i| around.from_s + i as f64 * STEP_S).collect();
+        Self::new(log.track, drone, &at, &around.measured)
+    }
+
+    /// Motion of the load of a vehicle file or, where that has none, of one that was tracked or hangs at the usual length; with
+    /// the cable where that was tracked. Only the direction is taken from a track; the tension follows from the pull.
+    pub fn load(&self, drone: &Drone<f64>) -> (Vec<Load<f64>>, Option<Cable>) {
+        let mut params =
+            filed(drone).unwrap_or(Params { cable_length_m: USUAL_LENGTH_M, ..Params::default() });
+        let length = self.seen.as_ref().and_then(|places| {
+            let apart = places.iter().zip(&self.motion).filter_map(|(place, motion)| {
+                let (state, acc) = motion.as_ref()?;
+                let pivot = params.pivot(state, *acc, [0.0; 3]);
+                Some(vec3::norm(vec3::sub(place.as_ref()?.value, pivot.position_m)))
+            });
+            clean::median(apart.collect())
+        });
+        params.cable_length_m = length.unwrap_or(params.cable_length_m);
+        let cable = length.map(|length_m| Cable { length_m, damping_per_s: params.damping_per_s });
+        (self.swing(&params), cable)
+    }
+
+    fn swing(&self, params: &Params<f64>) -> Vec<Load<f64>> {
+        let mut pendulum = Pendulum::hanging(self.gravity);
+        let mut out = vec![Load::absent(); self.motion.len()];
+        for (k, motion) in self.motion.iter().enumerate() {
+            let Some((state, acc)) = motion else { continue };
+            let pivot = params.pivot(state, *acc, [0.0; 3]);
+            // Where the load was not seen it swings on.
+            if let Some(place) = self.seen.as_ref().and_then(|places| places[k].as_ref()) {
+                pendulum = Pendulum::seen(place.value, place.slope, &pivot);
+            }
+            out[k] = params.load(&pendulum, &pivot, self.gravity);
+            pendulum = params.advance(&pendulum, *acc, self.gravity, STEP_S);
+        }
+        out
+    }
+}
+
+/// The load of a vehicle file.
+fn filed(drone: &Drone<f64>) -> Option<Params<f64>> {
+    drone.effects.iter().find_map(|e| match e {
+        AnyEffect::SlungPayload(p) => Some(*p),
+        _ => None,
+    })
+}
+
+/// Hangs tracked loads at the attachment of `found`: which way the cable points, and how long it is, depends on where it ends.
+/// The length, where a load was tracked.
+pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Option<f64> {
+    let mut length = None;
+    for log in logs.iter_mut() {
+        let pulled = Pulled::of(log, found);
+        if pulled.seen.is_some() {
+            (log.around.load, log.around.cable) = pulled.load(found);
+            length = length.or(log.around.cable.map(|c| c.length_m));
+        }
+    }
+    length
+}
