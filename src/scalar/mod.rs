@@ -9,6 +9,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 pub mod dual;
 pub mod program;
+pub mod trace;
 
 /// A real number that flight physics can be computed with.
 pub trait Real:
