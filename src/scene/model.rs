@@ -1,9 +1,10 @@
 //! From MJCF to a compiled model with drones in it, and what is in the model.
 
+use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, Once, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, Once, OnceLock, PoisonError};
 
 use mujoco_rs::error::MjEditError;
 use mujoco_rs::logging::set_log_handler;
@@ -331,6 +332,8 @@ pub(super) struct Inner {
     pub(super) needs_com: bool,
     pub(super) n_flex: usize,
     pub(super) n_skin: usize,
+    /// See [`Scene::keep`].
+    kept: OnceLock<Arc<dyn Any + Send + Sync>>,
 }
 
 /// A compiled scene with drones in it; cheap to clone, shared by threads.
@@ -738,6 +741,13 @@ impl Scene {
     /// What was overridden, ignored or doubtful when the scene was built.
     pub fn warnings(&self) -> &[String] {
         &self.0.warnings
+    }
+
+    /// What a sense derives from the compiled model, made once and shared by all that hold the scene. There is one place
+    /// for it: a second type is made anew at each call.
+    pub(crate) fn keep<T: Any + Send + Sync>(&self, make: impl Fn() -> T) -> Arc<T> {
+        let kept = self.0.kept.get_or_init(|| Arc::new(make())).clone();
+        kept.downcast::<T>().unwrap_or_else(|_| Arc::new(make()))
     }
 
     /// Number of flexes (deformable bodies) in the scene.
@@ -1204,6 +1214,7 @@ fn describe(
             needs_com,
             n_flex,
             n_skin,
+            kept: OnceLock::new(),
         })
     }
 }

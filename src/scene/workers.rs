@@ -183,6 +183,8 @@ pub(crate) struct RayScratch {
     pub bounds: Vec<(f64, usize)>,
     /// Places of a drone's geoms in its body frame: position and rotation (row major).
     pub places: Vec<([f64; 3], [f64; 9])>,
+    /// Whatever the ray caster of `sense` keeps from frame to frame.
+    pub caster: Option<Box<dyn std::any::Any + Send>>,
 }
 
 // SAFETY: mjData and the batch belong to this worker alone and hold nothing tied to a thread (the batch has no threads
@@ -639,6 +641,24 @@ impl Worker {
         unsafe {
             let d = &*self.data;
             Ok((*d.geom_xpos.cast::<[f64; 3]>().add(geom), *d.geom_xmat.cast::<[f64; 9]>().add(geom)))
+        }
+    }
+
+    /// Positions (m) and rotation matrices (row major) of all geoms in the world, by id.
+    ///
+    /// # Errors
+    /// [`SceneError::Stale`].
+    #[allow(clippy::type_complexity)]
+    pub(crate) fn geom_poses(&self) -> Result<(&[[f64; 3]], &[[f64; 9]]), SceneError> {
+        self.ready("the places of geoms")?;
+        let count = self.scene.0.geoms.len();
+        // SAFETY: the data holds a position and a matrix for each geom of its model, and lives as long as self.
+        unsafe {
+            let d = &*self.data;
+            Ok((
+                model::slice(d.geom_xpos.cast::<[f64; 3]>(), count),
+                model::slice(d.geom_xmat.cast::<[f64; 9]>(), count),
+            ))
         }
     }
 

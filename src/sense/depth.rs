@@ -1,4 +1,4 @@
-//! Depth images by MuJoCo's rays.
+//! Depth images, by the ray caster of our own or by MuJoCo's rays.
 //!
 //! A camera looks along its −z axis with y up. Pixel (0, 0) is the top left one; the ray of pixel (i, j) goes through
 //! its centre, image point (i + 0.5, j + 0.5), where the image spans [0, width] × [0, height]. In these coordinates
@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::SenseError;
+use super::caster::{self, Caster, Planes, RayPattern, RayQuery, Rule};
 use crate::math::quat;
 use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker, WorkerPool};
 
@@ -139,14 +140,12 @@ pub struct Camera {
     near_m: f64,
     far_m: f64,
     kind: DepthKind,
-    groups: [u8; 6],
     normals: bool,
-    /// The drone or else the body that it does not see.
-    own_drone: Option<usize>,
-    own_body: Option<usize>,
-    /// Bodies of its own drone beyond the root carry geoms: their hits are passed through.
-    own_is_compound: bool,
+    caster: Caster,
+    /// Groups, and the drone or else the body that it does not see.
+    query: RayQuery,
     rays: Arc<[[f64; 3]]>,
+    pattern: Arc<RayPattern>,
 }
 
 /// Quaternion (x, y, z, w) that turns a camera's frame (looks along −z, y up) into a body's (x forward, z up): a
@@ -234,11 +233,11 @@ impl Camera {
         own_drone: Option<usize>,
         own_body: Option<usize>,
     ) -> Result<Self, SenseError> {
-        let (mut own, mut compound) = (own_body, false);
+        let mut query = RayQuery::default();
         if let Some(drone) = own_drone {
-            let root = scene.drone_body(drone)?;
-            own = Some(root);
-            compound = scene.drone_geoms(drone)?.iter().any(|g| scene.geoms()[*g].body_id != root);
+            query = query.without_drone(scene, drone)?;
+        } else if let Some(body) = own_body {
+            query = query.without_body(body);
         }
         let camera = Self {
             name,
@@ -249,12 +248,12 @@ impl Camera {
             near_m: 0.0,
             far_m: f64::INFINITY,
             kind: DepthKind::Range,
-            groups: [1, 1, 1, 0, 0, 0],
             normals: false,
-            own_drone,
-            own_body: own,
-            own_is_compound: compound,
+            // Geom ids beyond 2²⁴ do not fit the lanes of our own.
+            caster: if caster::can_cast(scene) { Caster::Native } else { Caster::MuJoCo },
+            query,
             rays: Arc::from(Vec::new()),
+            pattern: Arc::new(RayPattern::image(&[], 0, 0, [1.0, 1.0, 0.0, 0.0])),
         };
         camera.with_size(size[0], size[1])
     }
@@ -300,6 +299,7 @@ impl Camera {
                 })
             })
             .collect();
+        self.pattern = Arc::new(RayPattern::image(&self.rays, width, height, k));
         Ok(self)
     }
 
@@ -338,7 +338,7 @@ impl Camera {
     /// Sets which of the six geom groups are seen.
     #[must_use]
     pub fn with_groups(mut self, groups: [bool; 6]) -> Self {
-        self.groups = groups.map(u8::from);
+        self.query = self.query.with_groups(groups);
         self
     }
 
@@ -352,10 +352,24 @@ impl Camera {
     /// Lets the camera see the body or drone that carries it.
     #[must_use]
     pub fn seeing_itself(mut self) -> Self {
-        self.own_drone = None;
-        self.own_body = None;
-        self.own_is_compound = false;
+        self.query = self.query.with_all_bodies();
         self
+    }
+
+    /// Sets who casts the rays. [`Caster::Native`] is the default; a scene of 2²⁴ geoms or more is left to MuJoCo.
+    ///
+    /// # Errors
+    /// [`SenseError::Camera`] for the native caster in such a scene.
+    pub fn with_caster(mut self, scene: &Scene, caster: Caster) -> Result<Self, SenseError> {
+        if caster == Caster::Native && !caster::can_cast(scene) {
+            return Err(self.fail(format!(
+                "the native ray caster counts geoms up to {}, the scene has {}; use Caster::MuJoCo",
+                1 << 24,
+                scene.geoms().len()
+            )));
+        }
+        self.caster = caster;
+        Ok(self)
     }
 
     /// Name of the camera.
@@ -395,12 +409,17 @@ impl Camera {
 
     /// The drone that carries it and that it does not see.
     pub fn own_drone(&self) -> Option<usize> {
-        self.own_drone
+        self.query.own_drone
+    }
+
+    /// Who casts its rays.
+    pub fn caster(&self) -> Caster {
+        self.caster
     }
 
     /// Which groups it sees.
     pub fn groups(&self) -> [bool; 6] {
-        self.groups.map(|g| g != 0)
+        self.query.groups.map(|g| g != 0)
     }
 
     /// The matrix of intrinsics, pixels: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for image points whose origin is the
@@ -454,10 +473,10 @@ impl Camera {
             frame.normal = None;
         }
         let planes = Planes {
-            depth_m: &mut frame.depth_m,
-            status: &mut frame.status,
-            geom_id: &mut frame.geom_id,
-            body_id: &mut frame.body_id,
+            depth: Some(&mut frame.depth_m),
+            status: Some(&mut frame.status),
+            geom: Some(&mut frame.geom_id),
+            body: Some(&mut frame.body_id),
             normal: frame.normal.as_deref_mut(),
         };
         let pose = self.render_planes(worker, planes)?;
@@ -466,12 +485,42 @@ impl Camera {
         Ok(())
     }
 
+    /// Renders only the planes that are asked for, into buffers of the caller; the others cost nothing. Returns the pose
+    /// of the camera.
+    ///
+    /// # Errors
+    /// [`SenseError::Shape`] for a plane that has not one entry for each pixel; as [`Camera::render`].
+    pub fn render_into(&self, worker: &mut Worker, planes: DepthPlanes) -> Result<Pose, SenseError> {
+        let planes = Planes {
+            depth: planes.depth_m,
+            status: planes.status,
+            geom: planes.geom_id,
+            body: planes.body_id,
+            normal: planes.normal,
+        };
+        planes.check(self.rays.len())?;
+        self.render_planes(worker, planes)
+    }
+
     fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
         let pose = self.pose(worker)?;
-        let mut scratch = std::mem::take(&mut worker.scratch);
-        let result = self.cast(worker, &pose, &mut scratch, planes);
-        worker.scratch = scratch;
-        result.map(|()| pose)
+        match self.caster {
+            Caster::Native => {
+                let rule = Rule {
+                    z_depth: self.kind == DepthKind::ZDepth,
+                    near: self.near_m as f32,
+                    far: self.far_m as f32,
+                };
+                caster::render(worker, &pose, &self.pattern, &self.query, rule, planes)?;
+            }
+            Caster::MuJoCo => {
+                let mut scratch = std::mem::take(&mut worker.scratch);
+                let result = self.cast(worker, &pose, &mut scratch, planes);
+                worker.scratch = scratch;
+                result?;
+            }
+        }
+        Ok(pose)
     }
 
     fn cast(
@@ -479,9 +528,8 @@ impl Camera {
         worker: &mut Worker,
         pose: &Pose,
         scratch: &mut crate::scene::RayScratch,
-        planes: Planes,
+        mut planes: Planes,
     ) -> Result<(), SenseError> {
-        let n = self.rays.len();
         let r = quat::matrix(pose.quat_xyzw);
         scratch.directions.clear();
         scratch.directions.extend(self.rays.iter().map(|v| {
@@ -491,25 +539,9 @@ impl Camera {
                 r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
             ]
         }));
-        scratch.distances.resize(n, 0.0);
-        scratch.geoms.resize(n, 0);
-        scratch.normals.resize(n, [0.0; 3]);
-        let want_normals = planes.normal.is_some();
-        worker.rays(
-            pose.pos_m,
-            &scratch.directions,
-            Some(&self.groups),
-            self.own_body,
-            &mut scratch.distances,
-            &mut scratch.geoms,
-            want_normals.then_some(&mut scratch.normals[..]),
-        )?;
-        if self.own_is_compound {
-            self.pass_through_itself(worker, pose, scratch)?;
-        }
+        caster::oracle_rays(worker, &self.query, pose.pos_m, scratch, planes.normal.is_some())?;
         let geoms = worker.scene().geoms();
-        let mut normals = planes.normal;
-        for i in 0..n {
+        for i in 0..self.rays.len() {
             let distance = scratch.distances[i];
             let geom = scratch.geoms[i];
             let miss = !(distance >= 0.0);
@@ -526,65 +558,43 @@ impl Camera {
             } else {
                 (value as f32, PixelStatus::Hit)
             };
-            planes.depth_m[i] = depth;
-            planes.status[i] = status as u8;
-            planes.geom_id[i] = if miss { -1 } else { geom };
-            planes.body_id[i] = match usize::try_from(geom) {
-                Ok(g) if !miss => geoms[g].body_id as i32,
-                _ => -1,
-            };
-            if let Some(normals) = normals.as_mut() {
-                normals[i] = if miss { [0.0; 3] } else { scratch.normals[i].map(|x| x as f32) };
+            if let Some(plane) = planes.depth.as_deref_mut() {
+                plane[i] = depth;
             }
-        }
-        Ok(())
-    }
-
-    /// Rays that met another body of their own drone are cast again from behind the hit.
-    fn pass_through_itself(
-        &self,
-        worker: &mut Worker,
-        pose: &Pose,
-        scratch: &mut crate::scene::RayScratch,
-    ) -> Result<(), SenseError> {
-        let scene = worker.scene().clone();
-        let own = |geom: i32| {
-            usize::try_from(geom)
-                .is_ok_and(|g| scene.geoms()[g].drone == self.own_drone && self.own_drone.is_some())
-        };
-        for i in 0..scratch.distances.len() {
-            if scratch.distances[i] < 0.0 || !own(scratch.geoms[i]) {
-                continue;
+            if let Some(plane) = planes.status.as_deref_mut() {
+                plane[i] = status as u8;
             }
-            let direction = scratch.directions[i];
-            let mut travelled = scratch.distances[i];
-            loop {
-                travelled += STEP_BEYOND_M;
-                let from = [0, 1, 2].map(|k| pose.pos_m[k] + travelled * direction[k]);
-                match worker.ray(from, direction, Some(&self.groups), self.own_body)? {
-                    None => {
-                        scratch.distances[i] = -1.0;
-                        scratch.geoms[i] = -1;
-                        break;
-                    }
-                    Some(hit) => {
-                        travelled += hit.distance;
-                        if !own(hit.geom_id) {
-                            scratch.distances[i] = travelled;
-                            scratch.geoms[i] = hit.geom_id;
-                            scratch.normals[i] = hit.normal;
-                            break;
-                        }
-                    }
-                }
+            if let Some(plane) = planes.geom.as_deref_mut() {
+                plane[i] = if miss { -1 } else { geom };
+            }
+            if let Some(plane) = planes.body.as_deref_mut() {
+                plane[i] = match usize::try_from(geom) {
+                    Ok(g) if !miss => geoms[g].body_id as i32,
+                    _ => -1,
+                };
+            }
+            if let Some(plane) = planes.normal.as_deref_mut() {
+                plane[i] = if miss { [0.0; 3] } else { scratch.normals[i].map(|x| x as f32) };
             }
         }
         Ok(())
     }
 }
 
-/// How far behind a surface of its own drone a ray starts anew, m.
-const STEP_BEYOND_M: f64 = 1e-9;
+/// Planes of an image that [`Camera::render_into`] shall fill, row major (height × width); see [`DepthFrame`].
+#[derive(Debug, Default)]
+pub struct DepthPlanes<'a> {
+    /// Depth, m.
+    pub depth_m: Option<&'a mut [f32]>,
+    /// [`PixelStatus`] of each pixel.
+    pub status: Option<&'a mut [u8]>,
+    /// Geom that was seen, −1 for none.
+    pub geom_id: Option<&'a mut [i32]>,
+    /// Body that was seen, −1 for none.
+    pub body_id: Option<&'a mut [i32]>,
+    /// Outward unit surface normal in the world, zero where nothing was seen.
+    pub normal: Option<&'a mut [[f32; 3]]>,
+}
 
 fn check_mount(pose: Pose) -> Result<Pose, SceneError> {
     Pose::checked("a camera", pose.pos_m, pose.quat_xyzw)
@@ -640,14 +650,6 @@ impl DepthFrame {
     pub fn new() -> Self {
         Self::default()
     }
-}
-
-struct Planes<'a> {
-    depth_m: &'a mut [f32],
-    status: &'a mut [u8],
-    geom_id: &'a mut [i32],
-    body_id: &'a mut [i32],
-    normal: Option<&'a mut [[f32; 3]]>,
 }
 
 /// Poses of many worlds.
@@ -820,10 +822,10 @@ pub fn render_batch(
                 for (c, camera) in cameras.iter().enumerate() {
                     let at = c * pixels..(c + 1) * pixels;
                     let planes = Planes {
-                        depth_m: &mut depth[at.clone()],
-                        status: &mut status[at.clone()],
-                        geom_id: &mut geom[at.clone()],
-                        body_id: &mut body[at],
+                        depth: Some(&mut depth[at.clone()]),
+                        status: Some(&mut status[at.clone()]),
+                        geom: Some(&mut geom[at.clone()]),
+                        body: Some(&mut body[at]),
                         normal: None,
                     };
                     pose[c] = camera.render_planes(worker, planes)?;

@@ -4,7 +4,7 @@ use crate::run::{self, Result};
 use crate::{python, setup};
 
 /// Benchmarks that there are.
-const NAMES: &[&str] = &["gap", "identify"];
+const NAMES: &[&str] = &["depth", "gap", "identify"];
 
 /// Those that compare with a peer of the test environment.
 const WITH_PEERS: &[&str] = &["identify"];

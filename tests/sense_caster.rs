@@ -1,0 +1,590 @@
+//! The native ray caster against `mj_ray`, geom type by geom type, and the rules of patterns, rays and planes.
+
+#[path = "common/notes.rs"]
+mod notes;
+
+use propwash::math::quat;
+use propwash::random::{Key, Stream, purpose};
+use propwash::scene::{GeomType, Pose, Scene, SceneSource, Shell, Worker};
+use propwash::sense::depth::LOOKING_FORWARD_XYZW;
+use propwash::sense::{
+    Camera, Caster, DepthFrame, DepthKind, DepthPlanes, Lens, RayHits, RayPattern, RayPlanes, RayQuery,
+    SenseError, cast_pattern, cast_rays,
+};
+
+const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
+
+fn build(xml: &str, shells: &[Shell]) -> Scene {
+    Scene::build(&SceneSource::text("test", xml), shells).unwrap()
+}
+
+fn draws(step: u64) -> Stream {
+    Key { seed: 23, world: 0, drone: 0, step, purpose: purpose("test of the caster") }.stream()
+}
+
+fn random_unit(s: &mut Stream) -> [f64; 3] {
+    loop {
+        let v = [s.normal(), s.normal(), s.normal()];
+        let n = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if n > 0.1 {
+            return v.map(|x| x / n);
+        }
+    }
+}
+
+fn random_quat(s: &mut Stream) -> [f64; 4] {
+    loop {
+        let q = [s.normal(), s.normal(), s.normal(), s.normal()];
+        let n = q.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if n > 0.1 {
+            return q.map(|x| x / n);
+        }
+    }
+}
+
+fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {
+    let r = |s: &mut Stream| s.uniform(0.1, 0.9);
+    let q = random_quat(s);
+    let p = [0; 3].map(|_| s.uniform(-3.0, 3.0));
+    let place =
+        format!("name='g{i}' pos='{} {} {}' quat='{} {} {} {}'", p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
+    let shape = match kind {
+        GeomType::Plane if i.is_multiple_of(2) => "type='plane' size='0 0 1'".to_string(),
+        GeomType::Plane if i % 4 == 1 => format!("type='plane' size='{} {} 1'", r(s), r(s)),
+        GeomType::Plane => format!("type='plane' size='0 {} 1'", r(s)),
+        GeomType::Hfield => "type='hfield' hfield='h'".into(),
+        GeomType::Sphere => format!("type='sphere' size='{}'", r(s)),
+        GeomType::Capsule => format!("type='capsule' size='{} {}'", r(s), r(s)),
+        GeomType::Ellipsoid => format!("type='ellipsoid' size='{} {} {}'", r(s), r(s), r(s)),
+        GeomType::Cylinder => format!("type='cylinder' size='{} {}'", r(s), r(s)),
+        GeomType::Box => format!("type='box' size='{} {} {}'", r(s), r(s), r(s)),
+        GeomType::Mesh => format!("type='mesh' mesh='{}'", if i % 2 == 0 { "m" } else { "n" }),
+        GeomType::Sdf => "type='sdf' mesh='m'".into(),
+    };
+    format!("<geom {place} {shape}/>")
+}
+
+fn assets(s: &mut Stream) -> String {
+    let heights: Vec<String> = (0..17 * 26).map(|_| format!("{:.4}", s.unit())).collect();
+    format!(
+        "<asset><hfield name='h' nrow='17' ncol='26' size='1 1.2 0.7 0.2' elevation='{}'/>\
+         <mesh name='m' builtin='supertorus' params='24 0.4 1 1' scale='0.7 0.7 0.7'/>\
+         <mesh name='n' builtin='supersphere' params='20 1 1' scale='0.6 0.3 0.8'/></asset>",
+        heights.join(" ")
+    )
+}
+
+/// A scene of one type of geom, random poses and sizes.
+fn zoo(kind: GeomType, s: &mut Stream) -> Scene {
+    let geoms: String = (0..12).map(|i| geom_xml(kind, s, i)).collect();
+    build(&format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(s)), &[])
+}
+
+/// Where rays start: anywhere, in or near a geom, or on its skin.
+fn origin(scene: &Scene, worker: &Worker, s: &mut Stream) -> [f64; 3] {
+    let pick = s.unit();
+    if pick < 0.3 {
+        return [0; 3].map(|_| s.uniform(-8.0, 8.0));
+    }
+    let geom = ((s.unit() * 12.0) as usize).min(scene.geoms().len() - 1);
+    let (p, _) = worker.geom_pose(geom).unwrap();
+    let reach = if pick < 0.8 { 0.5 } else { 1.5 };
+    [0, 1, 2].map(|k| p[k] + s.uniform(-reach, reach))
+}
+
+struct Agreement {
+    rays: usize,
+    hits: usize,
+    /// One sees something and the other nothing.
+    flips: usize,
+    /// Both see, but not the same geom.
+    labels: usize,
+    errors: Vec<f64>,
+}
+
+/// More than 130,000 rays of each type that has a closed form, in bundles of 64 from one point: over the whole sphere, in
+/// narrow cones, and grazing along a geom.
+#[test]
+fn packets_agree_with_mj_ray_for_every_geom_type() {
+    let kinds = GeomType::ALL.into_iter().filter(|k| *k != GeomType::Sdf);
+    let mut all = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+    println!("type        rays    hits   flips labels  |error|/range: median 99.9% worst");
+    for kind in kinds {
+        let mut own = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+        let mut s = draws(100 + kind as u64);
+        for _ in 0..4 {
+            let scene = zoo(kind, &mut s);
+            let mut worker = scene.worker().unwrap();
+            for _ in 0..520 {
+                compare_bundle(&scene, &mut worker, &mut s, &mut own);
+            }
+        }
+        own.errors.sort_by(f64::total_cmp);
+        let q = |p: f64| own.errors[((own.errors.len() - 1) as f64 * p) as usize];
+        println!(
+            "{:9} {:7} {:7} {:6} {:6}                 {:.1e} {:.1e} {:.1e}",
+            kind.name(),
+            own.rays,
+            own.hits,
+            own.flips,
+            own.labels,
+            q(0.5),
+            q(0.999),
+            q(1.0)
+        );
+        assert!(own.rays > 130_000 && own.hits > 20_000, "{kind}");
+        assert!(q(0.999) < 1e-5, "{kind}: {}", q(0.999));
+        assert!(own.flips <= 2, "{kind}: {}", own.flips);
+        all.rays += own.rays;
+        all.hits += own.hits;
+        all.flips += own.flips;
+        all.labels += own.labels;
+        all.errors.append(&mut own.errors);
+    }
+    all.errors.sort_by(f64::total_cmp);
+    let q = |p: f64| all.errors[((all.errors.len() - 1) as f64 * p) as usize];
+    notes::tell(&format!(
+        "native caster (f32 lanes) vs mj_ray (f64) of MuJoCo {}: {} rays at 8 geom types, {} hits, {} of hit against \
+         miss, {} other geoms; relative error median {:.1e}, 99.9 % {:.1e}, worst {:.1e}",
+        propwash::scene::mujoco_version(),
+        all.rays,
+        all.hits,
+        all.flips,
+        all.labels,
+        q(0.5),
+        q(0.999),
+        q(1.0)
+    ));
+    assert!(all.rays >= 1_000_000);
+    assert!((all.flips as f64) < 1e-5 * all.rays as f64, "{}", all.flips);
+    assert!(q(0.999) < 1e-5);
+}
+
+fn compare_bundle(scene: &Scene, worker: &mut Worker, s: &mut Stream, sum: &mut Agreement) {
+    let pos = origin(scene, worker, s);
+    let pose = Pose::new(pos, random_quat(s));
+    let spread = [3.0, 0.3, 0.03][(s.unit() * 2.999) as usize];
+    let axis = random_unit(s);
+    let directions: Vec<[f64; 3]> = (0..64)
+        .map(|_| {
+            let e = random_unit(s);
+            [0, 1, 2].map(|k| axis[k] + spread * e[k])
+        })
+        .filter(|d| d.iter().map(|x| x * x).sum::<f64>() > 1e-6)
+        .collect();
+    let pattern = RayPattern::new(&directions).unwrap();
+    let (mut range, mut geom) = (vec![0.0; pattern.len()], vec![0; pattern.len()]);
+    let planes = RayPlanes { range_m: Some(&mut range), geom_id: Some(&mut geom), ..RayPlanes::default() };
+    cast_pattern(worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+    for i in 0..pattern.len() {
+        let d = quat::rotate(pose.quat_xyzw, pattern.direction(i));
+        let truth = worker.ray(pos, d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+        sum.rays += 1;
+        let t = f64::from(range[i]);
+        match truth {
+            None => {
+                sum.flips += usize::from(t.is_finite());
+                assert_eq!(geom[i] < 0, !t.is_finite());
+            }
+            Some(hit) => {
+                sum.hits += 1;
+                if !t.is_finite() {
+                    sum.flips += 1;
+                    continue;
+                }
+                if geom[i] != hit.geom_id {
+                    sum.labels += 1;
+                }
+                sum.errors.push((t - hit.distance).abs() / hit.distance.max(1e-3));
+            }
+        }
+    }
+}
+
+/// The f64 rays, with normals, from many points.
+#[test]
+fn single_rays_agree_with_mj_ray_for_every_geom_type() {
+    let mut total = 0;
+    let mut worst = 0.0f64;
+    for kind in GeomType::ALL {
+        let mut s = draws(200 + kind as u64);
+        let scene = zoo(kind, &mut s);
+        let mut worker = scene.worker().unwrap();
+        let n = if kind == GeomType::Sdf { 3_000 } else { 20_000 };
+        let origins: Vec<_> = (0..n).map(|_| origin(&scene, &worker, &mut s)).collect();
+        let directions: Vec<_> = (0..n).map(|_| random_unit(&mut s).map(|x| x * (0.5 + s.unit()))).collect();
+        let mut hits = RayHits::default();
+        cast_rays(&mut worker, &origins, &directions, &RayQuery::default(), &mut hits).unwrap();
+        let (mut flips, mut seen, mut normals) = (0, 0, 0);
+        for i in 0..n {
+            let length = directions[i].iter().map(|x| x * x).sum::<f64>().sqrt();
+            let d = directions[i].map(|x| x / length);
+            let truth = worker.ray(origins[i], d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+            let Some(hit) = truth else {
+                flips += usize::from(hits.range_m[i].is_finite());
+                continue;
+            };
+            seen += 1;
+            if hits.geom_id[i] != hit.geom_id {
+                flips += 1;
+                continue;
+            }
+            let error = (hits.range_m[i] - hit.distance).abs() / hit.distance.max(1e-2);
+            worst = worst.max(error);
+            assert!(error < 1e-9, "{kind}: {} {}", hits.range_m[i], hit.distance);
+            let off = (0..3).map(|k| (hits.normal[i][k] - hit.normal[k]).abs()).fold(0.0, f64::max);
+            normals += usize::from(off > 1e-6);
+        }
+        total += n;
+        assert!(seen > n / 20, "{kind}: {seen}");
+        // Rays within 1e-15 m of an outline, and normals on an edge.
+        assert!(flips == 0, "{kind}: {flips} of {n}");
+        assert!(normals <= 1, "{kind}: {normals} normals of {seen}");
+    }
+    notes::tell(&format!(
+        "native single rays (f64) vs mj_ray: {total} rays at 9 geom types, all at the same geom, worst {worst:.1e} \
+         relative, normals within 1e-6"
+    ));
+}
+
+/// All planes of frames of the native caster against those of MuJoCo's rays.
+#[test]
+fn frames_are_those_of_mujocos_rays() {
+    let mut worst = 0.0f64;
+    let (mut pixels, mut odd) = (0, 0);
+    for kind in GeomType::ALL {
+        let mut s = draws(300 + kind as u64);
+        let scene = zoo(kind, &mut s);
+        let mut worker = scene.worker().unwrap();
+        let (mut ours, mut theirs) = (DepthFrame::new(), DepthFrame::new());
+        for image in 0..40 {
+            let pos = origin(&scene, &worker, &mut s);
+            let lens = Lens::Fovy { fovy_deg: s.uniform(20.0, 150.0) };
+            let camera = Camera::in_world(&scene, Pose::new(pos, random_quat(&mut s)), lens)
+                .unwrap()
+                .with_size(21 + image % 5, 9 + image % 9)
+                .unwrap()
+                .with_normals(true)
+                .with_range(0.2, 6.0)
+                .unwrap()
+                .with_kind(if image % 2 == 0 { DepthKind::Range } else { DepthKind::ZDepth });
+            assert_eq!(camera.caster(), Caster::Native);
+            camera.render(&mut worker, &mut ours).unwrap();
+            camera
+                .clone()
+                .with_caster(&scene, Caster::MuJoCo)
+                .unwrap()
+                .render(&mut worker, &mut theirs)
+                .unwrap();
+            assert_eq!((ours.pos_m, ours.k, ours.kind), (theirs.pos_m, theirs.k, theirs.kind));
+            for i in 0..ours.depth_m.len() {
+                pixels += 1;
+                let same = ours.status[i] == theirs.status[i]
+                    && ours.geom_id[i] == theirs.geom_id[i]
+                    && ours.body_id[i] == theirs.body_id[i];
+                let (a, b) = (ours.normal.as_ref().unwrap()[i], theirs.normal.as_ref().unwrap()[i]);
+                let turned = (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f32::max);
+                if !same || turned > 1e-4 {
+                    odd += 1;
+                    continue;
+                }
+                let (a, b) = (f64::from(ours.depth_m[i]), f64::from(theirs.depth_m[i]));
+                if a.is_finite() || b.is_finite() {
+                    worst = worst.max((a - b).abs() / b.max(1e-2));
+                }
+            }
+        }
+    }
+    notes::tell(&format!(
+        "native frames vs frames by mj_multiRay: {pixels} pixels with state, geom, body, normal, {odd} differ; depth \
+         worst {worst:.1e} relative"
+    ));
+    assert!(odd * 20_000 < pixels, "{odd} of {pixels}");
+    assert!(worst < 1e-3, "{worst}");
+}
+
+/// Drones, guards on child bodies, obstacles that move, groups, alpha, all of it turned about.
+#[test]
+fn what_moves_and_what_is_hidden_is_as_with_mujocos_rays() {
+    let guarded = Shell {
+        name: "guarded".into(),
+        xml: r#"<mujoco><asset><mesh name='m' builtin='supertorus' params='9 0.4 1 1' scale='0.1 0.1 0.1'/></asset>
+            <worldbody><body name='drone'><geom type="box" size="0.2 0.2 0.05"/><geom type="mesh" mesh="m" pos="0 0 0.2"/>
+            <camera name="fpv" xyaxes="0 -1 0 0 0 1" fovy="100"/>
+            <body pos="0.3 0 0"><geom type="box" size="0.01 0.3 0.3"/>
+            <body pos="0.1 0 0"><geom type="sphere" size="0.05"/></body></body></body></worldbody></mujoco>"#
+            .into(),
+        dir: None,
+    };
+    let xml = r#"<mujoco><asset><material name="glass" rgba="1 1 1 0"/></asset><worldbody>
+        <geom type="plane" size="0 0 1"/><geom type="cylinder" size="0.3 2" pos="2 0 1"/>
+        <geom type="box" size="0.1 9 9" pos="1 0 0" group="3"/><geom type="box" size="0.1 9 9" pos="2 0 0" rgba="1 0 0 0"/>
+        <geom type="box" size="0.1 9 9" pos="3 0 0" material="glass"/><geom type="ellipsoid" size="1 .4 .3" pos="-2 1 1"/>
+        <body mocap="true" pos="1 1 1"><geom type="capsule" size="0.1 0.5"/>
+          <body pos="0 0 1"><geom type="sphere" size=".2"/></body></body>
+        <body pos="0 -2 1"><freejoint/><geom type="box" size="0.4 0.1 0.6"/></body>
+        <body pos="0 2 1"><joint type="hinge" axis="0 0 1" ref="30"/><geom type="box" size="0.4 0.1 0.6"/></body>
+        </worldbody></mujoco>"#;
+    let scene = build(xml, &[guarded.clone(), guarded]);
+    let mut worker = scene.worker().unwrap();
+    let mut s = draws(5);
+    let (mut ours, mut theirs) = (DepthFrame::new(), DepthFrame::new());
+    let mut kinds = std::collections::BTreeSet::new();
+    let mut odd = 0;
+    for trial in 0..60 {
+        for drone in 0..2 {
+            let pos = [s.uniform(-1.0, 1.0), s.uniform(-1.0, 1.0), s.uniform(0.3, 2.0)];
+            worker.set_drone(drone, pos, random_quat(&mut s)).unwrap();
+        }
+        for obstacle in 0..2 {
+            let pos = [0; 3].map(|_| s.uniform(-2.0, 2.0));
+            worker.set_obstacle(obstacle, pos, random_quat(&mut s)).unwrap();
+        }
+        worker.update().unwrap();
+        let mut camera = Camera::on_drone(&scene, trial % 2, "fpv").unwrap().with_size(30, 20).unwrap();
+        if trial % 3 == 1 {
+            camera = camera.with_groups([true; 6]);
+        }
+        if trial % 5 == 2 {
+            camera = camera.seeing_itself();
+        }
+        camera.render(&mut worker, &mut ours).unwrap();
+        let oracle = camera.with_caster(&scene, Caster::MuJoCo).unwrap();
+        oracle.render(&mut worker, &mut theirs).unwrap();
+        for i in 0..600 {
+            let same = (ours.status[i], ours.geom_id[i], ours.body_id[i])
+                == (theirs.status[i], theirs.geom_id[i], theirs.body_id[i]);
+            odd += usize::from(!same);
+            kinds.insert(ours.geom_id[i]);
+            if same && theirs.depth_m[i].is_finite() {
+                let error = (ours.depth_m[i] - theirs.depth_m[i]).abs();
+                assert!(
+                    error <= 2e-5 * theirs.depth_m[i].max(0.05),
+                    "{} {}",
+                    ours.depth_m[i],
+                    theirs.depth_m[i]
+                );
+            }
+        }
+    }
+    assert!(odd <= 1, "{odd} of 36,000");
+    assert!(kinds.len() > 12, "{kinds:?}");
+}
+
+#[test]
+fn asking_for_fewer_planes_changes_none_of_them() {
+    let mut s = draws(6);
+    let scene = zoo(GeomType::Capsule, &mut s);
+    let mut worker = scene.worker().unwrap();
+    let view = Pose::new([6.0, 0.0, 0.0], random_quat(&mut s));
+    for (width, height) in [(1, 1), (7, 5), (64, 64), (33, 4), (3, 70)] {
+        let camera = Camera::in_world(&scene, view, Lens::Fovy { fovy_deg: 120.0 })
+            .unwrap()
+            .with_size(width, height)
+            .unwrap();
+        let n = width * height;
+        let (mut plain, mut full) = (DepthFrame::new(), DepthFrame::new());
+        camera.render(&mut worker, &mut plain).unwrap();
+        camera.clone().with_normals(true).render(&mut worker, &mut full).unwrap();
+        assert_eq!((&plain.depth_m, &plain.geom_id), (&full.depth_m, &full.geom_id));
+        let mut depth = vec![0.0; n];
+        let planes = DepthPlanes { depth_m: Some(&mut depth), ..DepthPlanes::default() };
+        let pose = camera.render_into(&mut worker, planes).unwrap();
+        assert_eq!((depth, pose.pos_m), (plain.depth_m, plain.pos_m));
+        let (mut body, mut normal) = (vec![0; n], vec![[0.0; 3]; n]);
+        let planes =
+            DepthPlanes { body_id: Some(&mut body), normal: Some(&mut normal), ..DepthPlanes::default() };
+        camera.render_into(&mut worker, planes).unwrap();
+        assert_eq!((Some(normal), body), (full.normal, full.body_id));
+        let mut short = vec![0.0; n + 1];
+        let planes = DepthPlanes { depth_m: Some(&mut short), ..DepthPlanes::default() };
+        assert!(matches!(camera.render_into(&mut worker, planes), Err(SenseError::Shape { .. })));
+    }
+}
+
+/// A LiDAR with rings over the whole turn, and one ray alone, equal single rays.
+#[test]
+fn lidar_patterns_see_what_single_rays_see() {
+    let mut s = draws(7);
+    let geoms: String = (0..40).map(|i| geom_xml(GeomType::ALL[i % 8], &mut s, i)).collect();
+    let scene = build(&format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(&mut s)), &[]);
+    let mut worker = scene.worker().unwrap();
+    for rings in [16, 1] {
+        let mut directions = Vec::new();
+        for ring in 0..rings {
+            for step in 0..if rings == 1 { 1 } else { 361 } {
+                let (up, turn) = (f64::from(ring) * 0.07 - 0.5, f64::from(step) * 0.0174);
+                directions.push([up.cos() * turn.cos(), up.cos() * turn.sin(), up.sin()]);
+            }
+        }
+        let pattern = RayPattern::new(&directions).unwrap();
+        let pose = Pose::new([0.3, 4.5, 0.2], random_quat(&mut s));
+        let n = directions.len();
+        let (mut range, mut geom, mut normal) = (vec![0.0; n], vec![0; n], vec![[0.0; 3]; n]);
+        let planes = RayPlanes {
+            range_m: Some(&mut range),
+            geom_id: Some(&mut geom),
+            normal: Some(&mut normal),
+            body_id: None,
+        };
+        cast_pattern(&mut worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+        let world: Vec<_> = directions.iter().map(|d| quat::rotate(pose.quat_xyzw, *d)).collect();
+        let mut hits = RayHits::default();
+        cast_rays(&mut worker, &vec![pose.pos_m; n], &world, &RayQuery::default(), &mut hits).unwrap();
+        let mut odd = 0;
+        for i in 0..n {
+            if geom[i] != hits.geom_id[i] {
+                odd += 1;
+                continue;
+            }
+            if geom[i] >= 0 {
+                let error = (f64::from(range[i]) - hits.range_m[i]).abs() / hits.range_m[i];
+                assert!(error < 1e-4, "{} {}", range[i], hits.range_m[i]);
+                let dot: f64 = (0..3).map(|k| f64::from(normal[i][k]) * hits.normal[i][k]).sum();
+                assert!(dot > 0.999_99, "{:?} {:?}", normal[i], hits.normal[i]);
+            }
+        }
+        assert!(odd <= 1, "{odd}");
+    }
+}
+
+#[test]
+fn rays_that_cannot_be_cast_are_named() {
+    let scene = build("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", &[]);
+    let mut worker = scene.worker().unwrap();
+    for bad in [[0.0; 3], [f64::NAN, 0.0, 1.0], [f64::INFINITY, 0.0, 0.0]] {
+        let message = RayPattern::new(&[[1.0, 0.0, 0.0], bad]).unwrap_err().to_string();
+        assert!(message.contains("ray 1"), "{message}");
+        let mut hits = RayHits::default();
+        let query = RayQuery::default();
+        let message = cast_rays(&mut worker, &[[0.0; 3]], &[bad], &query, &mut hits).unwrap_err().to_string();
+        assert!(message.contains("ray 0"), "{message}");
+    }
+    let empty = RayPattern::new(&[]).unwrap();
+    assert!(empty.is_empty());
+    cast_pattern(&mut worker, &Pose::default(), &empty, &RayQuery::default(), RayPlanes::default()).unwrap();
+    let pattern = RayPattern::new(&[[1.0, 0.0, 0.0]; 3]).unwrap();
+    let mut short = [0.0; 2];
+    let planes = RayPlanes { range_m: Some(&mut short), ..RayPlanes::default() };
+    let query = RayQuery::default();
+    assert!(cast_pattern(&mut worker, &Pose::default(), &pattern, &query, planes).is_err());
+    let nowhere = Pose::new([f64::NAN; 3], LEVEL);
+    assert!(cast_pattern(&mut worker, &nowhere, &pattern, &query, RayPlanes::default()).is_err());
+}
+
+/// Rays along the axes and through edges and corners, where divisions by zero lurk.
+#[test]
+fn rays_along_axes_through_edges_and_corners_are_finite() {
+    let xml = r#"<mujoco><worldbody><geom type="box" size="1 1 1"/><geom type="cylinder" size="1 1" pos="5 0 0"/>
+        <geom type="capsule" size="1 1" pos="-5 0 0"/></worldbody></mujoco>"#;
+    let scene = build(xml, &[]);
+    let mut worker = scene.worker().unwrap();
+    let mut directions = Vec::new();
+    for x in -1..=1 {
+        for y in -1..=1 {
+            for z in -1..=1 {
+                if (x, y, z) != (0, 0, 0) {
+                    directions.push([f64::from(x), f64::from(y), f64::from(z)]);
+                }
+            }
+        }
+    }
+    let pattern = RayPattern::new(&directions).unwrap();
+    for centre in [0.0, 5.0, -5.0] {
+        for place in [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 0.0, 3.0], [0.2, 0.3, -0.4]] {
+            let pos = [centre + place[0], place[1], place[2]];
+            let mut range = vec![0.0; pattern.len()];
+            let planes = RayPlanes { range_m: Some(&mut range), ..RayPlanes::default() };
+            cast_pattern(&mut worker, &Pose::new(pos, LEVEL), &pattern, &RayQuery::default(), planes)
+                .unwrap();
+            for i in 0..pattern.len() {
+                assert!(!range[i].is_nan() && range[i] >= 0.0, "{pos:?} {:?}: {}", directions[i], range[i]);
+                // Through a corner either answer is right.
+                let d = pattern.direction(i);
+                let nudged = [d[0] + 1e-4, d[1] + 2e-4, d[2] - 1e-4];
+                let before = worker.ray(pos, nudged, None, None).unwrap();
+                let nudged = [d[0] - 1e-4, d[1] - 2e-4, d[2] + 1e-4];
+                let after = worker.ray(pos, nudged, None, None).unwrap();
+                if let (Some(a), Some(b)) = (before, after)
+                    && (a.distance - b.distance).abs() < 0.01
+                {
+                    assert!((f64::from(range[i]) - a.distance).abs() < 0.01, "{pos:?} {d:?}: {}", range[i]);
+                }
+            }
+        }
+    }
+}
+
+/// Far from the origin of the world f32 has few digits; distances do not lose them.
+#[test]
+fn a_scene_far_from_the_origin_of_the_world_is_seen_as_well() {
+    let heights: Vec<String> = (0..100).map(|k| format!("{:.3}", f64::from(k * 37 % 11) / 11.0)).collect();
+    let at = "8000 -6000 300";
+    let xml = format!(
+        "<mujoco><asset><hfield name='h' nrow='10' ncol='10' size='3 3 1 0.1' elevation='{}'/>\
+         <mesh name='m' builtin='supertorus' params='24 0.4 1 1'/></asset><worldbody>\
+         <geom type='hfield' hfield='h' pos='{at}'/><body pos='{at}'><geom type='mesh' mesh='m' pos='0 0 3'/>\
+         <geom type='box' size='.3 .3 .3' pos='2 2 2'/><geom type='cylinder' size='.3 .3' pos='-2 2 2'/>\
+         <geom type='capsule' size='.3 .3' pos='-2 -2 2'/><geom type='ellipsoid' size='.3 .5 .4' pos='2 -2 2'/></body>\
+         </worldbody></mujoco>",
+        heights.join(" ")
+    );
+    let scene = build(&xml, &[]);
+    let mut worker = scene.worker().unwrap();
+    let mut s = draws(9);
+    let (mut ours, mut theirs) = (DepthFrame::new(), DepthFrame::new());
+    let (mut odd, mut hits) = (0, 0);
+    for _ in 0..30 {
+        let pos =
+            [8000.0 + s.uniform(-4.0, 4.0), -6000.0 + s.uniform(-4.0, 4.0), 302.0 + s.uniform(-1.0, 4.0)];
+        let camera =
+            Camera::in_world(&scene, Pose::new(pos, random_quat(&mut s)), Lens::Fovy { fovy_deg: 120.0 })
+                .unwrap();
+        camera.render(&mut worker, &mut ours).unwrap();
+        let oracle = camera.with_caster(&scene, Caster::MuJoCo).unwrap();
+        oracle.render(&mut worker, &mut theirs).unwrap();
+        for i in 0..4096 {
+            if ours.geom_id[i] != theirs.geom_id[i] {
+                odd += 1;
+            } else if ours.geom_id[i] >= 0 {
+                hits += 1;
+                let error = (ours.depth_m[i] - theirs.depth_m[i]).abs() / theirs.depth_m[i].max(0.1);
+                assert!(error < 1e-4, "{error} {}", theirs.depth_m[i]);
+            }
+        }
+    }
+    assert!(hits > 20_000 && odd <= 3, "{odd} of {hits}");
+}
+
+#[test]
+fn large_images_and_narrow_lenses_work() {
+    let mut s = draws(10);
+    let scene = zoo(GeomType::Box, &mut s);
+    let mut worker = scene.worker().unwrap();
+    let mut frame = DepthFrame::new();
+    let pose = Pose::new([-7.0, 0.0, 0.0], LOOKING_FORWARD_XYZW);
+    let wide =
+        Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: 70.0 }).unwrap().with_size(1920, 1080).unwrap();
+    wide.render(&mut worker, &mut frame).unwrap();
+    let seen = frame.geom_id.iter().filter(|g| **g >= 0).count();
+    assert!(seen > 50_000);
+    // A pixel of the small image lies amid 3 × 3 of the large one.
+    let small = wide.clone().with_size(640, 360).unwrap();
+    let mut coarse = DepthFrame::new();
+    small.render(&mut worker, &mut coarse).unwrap();
+    for row in 0..360 {
+        for col in 0..640 {
+            let (a, b) = (row * 640 + col, (3 * row + 1) * 1920 + 3 * col + 1);
+            if coarse.geom_id[a] == frame.geom_id[b] && coarse.geom_id[a] >= 0 {
+                assert!((coarse.depth_m[a] - frame.depth_m[b]).abs() < 1e-4 * frame.depth_m[b]);
+            } else if coarse.geom_id[a] != frame.geom_id[b] {
+                // Only along outlines.
+                let around = [b - 1920 - 1, b - 1920 + 1, b + 1920 - 1, b + 1920 + 1];
+                assert!(
+                    around.iter().any(|k| frame.geom_id[*k] != frame.geom_id[b]),
+                    "row {row} column {col}"
+                );
+            }
+        }
+    }
+}
