@@ -270,12 +270,7 @@ fn frames_are_those_of_mujocos_rays() {
                 .with_kind(if image % 2 == 0 { DepthKind::Range } else { DepthKind::ZDepth });
             assert_eq!(camera.caster(), Caster::Native);
             camera.render(&mut worker, &mut ours).unwrap();
-            camera
-                .clone()
-                .with_caster(&scene, Caster::MuJoCo)
-                .unwrap()
-                .render(&mut worker, &mut theirs)
-                .unwrap();
+            camera.clone().with_caster(Caster::MuJoCo).render(&mut worker, &mut theirs).unwrap();
             assert_eq!((ours.pos_m, ours.k, ours.kind), (theirs.pos_m, theirs.k, theirs.kind));
             for i in 0..ours.depth_m.len() {
                 pixels += 1;
@@ -349,7 +344,7 @@ fn what_moves_and_what_is_hidden_is_as_with_mujocos_rays() {
             camera = camera.seeing_itself();
         }
         camera.render(&mut worker, &mut ours).unwrap();
-        let oracle = camera.with_caster(&scene, Caster::MuJoCo).unwrap();
+        let oracle = camera.with_caster(Caster::MuJoCo);
         oracle.render(&mut worker, &mut theirs).unwrap();
         for i in 0..600 {
             let same = (ours.status[i], ours.geom_id[i], ours.body_id[i])
@@ -541,7 +536,7 @@ fn a_scene_far_from_the_origin_of_the_world_is_seen_as_well() {
             Camera::in_world(&scene, Pose::new(pos, random_quat(&mut s)), Lens::Fovy { fovy_deg: 120.0 })
                 .unwrap();
         camera.render(&mut worker, &mut ours).unwrap();
-        let oracle = camera.with_caster(&scene, Caster::MuJoCo).unwrap();
+        let oracle = camera.with_caster(Caster::MuJoCo);
         oracle.render(&mut worker, &mut theirs).unwrap();
         for i in 0..4096 {
             if ours.geom_id[i] != theirs.geom_id[i] {
@@ -586,5 +581,53 @@ fn large_images_and_narrow_lenses_work() {
                 );
             }
         }
+    }
+}
+
+/// The same bits for any number of threads, any batch and whatever the worker cast before.
+#[test]
+fn batches_and_threads_change_no_bit() {
+    use propwash::scene::WorkerPool;
+    use propwash::sense::{DepthBatch, WorldPoses, render_batch};
+    let mut s = draws(11);
+    let geoms: String = (0..60).map(|i| geom_xml(GeomType::ALL[i % 8], &mut s, i)).collect();
+    let shell = Shell {
+        name: "ball".into(),
+        xml: "<mujoco><worldbody><body name='drone'><geom size='0.1'/><camera name='fpv' fovy='100'/></body></worldbody></mujoco>"
+            .into(),
+        dir: None,
+    };
+    let xml = format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(&mut s));
+    let scene = build(&xml, &[shell.clone(), shell]);
+    let n = 40;
+    let (mut pos, mut quat) = (Vec::new(), Vec::new());
+    for _ in 0..2 * n {
+        pos.extend([0; 3].map(|_| s.uniform(-4.0, 4.0)));
+        quat.extend(random_quat(&mut s));
+    }
+    let cameras = [0, 1].map(|d| Camera::on_drone(&scene, d, "fpv").unwrap().with_size(23, 17).unwrap());
+    let batch = |first: usize, count: usize, threads: usize| {
+        let poses = WorldPoses {
+            n_worlds: count,
+            drone_pos_m: &pos[6 * first..6 * (first + count)],
+            drone_quat_xyzw: &quat[8 * first..8 * (first + count)],
+            obstacle_pos_m: None,
+            obstacle_quat_xyzw: None,
+        };
+        let mut out = DepthBatch::default();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| render_batch(&WorkerPool::new(&scene), &cameras, &poses, &mut out)).unwrap();
+        out
+    };
+    let all = batch(0, n, 1);
+    for threads in [2, 3, 8] {
+        assert_eq!(batch(0, n, threads), all, "{threads} threads");
+    }
+    let per_world = 2 * 23 * 17;
+    for world in [0, 7, n - 1] {
+        let one = batch(world, 1, 1);
+        let at = world * per_world..(world + 1) * per_world;
+        assert!(one.depth_m.iter().zip(&all.depth_m[at.clone()]).all(|(a, b)| a.to_bits() == b.to_bits()));
+        assert_eq!(one.geom_id, all.geom_id[at]);
     }
 }

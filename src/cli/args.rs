@@ -185,6 +185,15 @@ pub enum KindArg {
     Z,
 }
 
+/// Who casts the rays of depth images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CasterArg {
+    /// Propwash's own, sixteen rays at a time in f32.
+    Native,
+    /// MuJoCo's mj_multiRay in f64, the reference.
+    Mujoco,
+}
+
 /// How the world's equations are integrated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum IntegratorArg {
@@ -278,6 +287,9 @@ pub struct CameraArgs {
     /// MuJoCo geom groups that the camera sees.
     #[arg(long, value_name = "LIST", default_value = "0,1,2", value_delimiter = ',', value_parser = group)]
     pub groups: Vec<u8>,
+    /// Who casts the rays.
+    #[arg(long, value_enum, default_value_t = CasterArg::Native)]
+    pub caster: CasterArg,
 }
 
 /// `propwash fly`.

@@ -249,8 +249,7 @@ impl Camera {
             far_m: f64::INFINITY,
             kind: DepthKind::Range,
             normals: false,
-            // Geom ids beyond 2²⁴ do not fit the lanes of our own.
-            caster: if caster::can_cast(scene) { Caster::Native } else { Caster::MuJoCo },
+            caster: Caster::Native,
             query,
             rays: Arc::from(Vec::new()),
             pattern: Arc::new(RayPattern::image(&[], 0, 0, [1.0, 1.0, 0.0, 0.0])),
@@ -356,20 +355,11 @@ impl Camera {
         self
     }
 
-    /// Sets who casts the rays. [`Caster::Native`] is the default; a scene of 2²⁴ geoms or more is left to MuJoCo.
-    ///
-    /// # Errors
-    /// [`SenseError::Camera`] for the native caster in such a scene.
-    pub fn with_caster(mut self, scene: &Scene, caster: Caster) -> Result<Self, SenseError> {
-        if caster == Caster::Native && !caster::can_cast(scene) {
-            return Err(self.fail(format!(
-                "the native ray caster counts geoms up to {}, the scene has {}; use Caster::MuJoCo",
-                1 << 24,
-                scene.geoms().len()
-            )));
-        }
+    /// Sets who casts the rays. [`Caster::Native`] is the default; it leaves scenes of 2²⁴ geoms and more to MuJoCo.
+    #[must_use]
+    pub fn with_caster(mut self, caster: Caster) -> Self {
         self.caster = caster;
-        Ok(self)
+        self
     }
 
     /// Name of the camera.
@@ -505,7 +495,8 @@ impl Camera {
     fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
         let pose = self.pose(worker)?;
         match self.caster {
-            Caster::Native => {
+            // Geom ids beyond 2²⁴ do not fit the lanes of our own.
+            Caster::Native if caster::can_cast(worker.scene()) => {
                 let rule = Rule {
                     z_depth: self.kind == DepthKind::ZDepth,
                     near: self.near_m as f32,
@@ -513,7 +504,7 @@ impl Camera {
                 };
                 caster::render(worker, &pose, &self.pattern, &self.query, rule, planes)?;
             }
-            Caster::MuJoCo => {
+            Caster::Native | Caster::MuJoCo => {
                 let mut scratch = std::mem::take(&mut worker.scratch);
                 let result = self.cast(worker, &pose, &mut scratch, planes);
                 worker.scratch = scratch;

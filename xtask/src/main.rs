@@ -19,6 +19,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--fresh deletes out/demo first; without it a finished run is kept)
   cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
                                (ARGS go to `cargo test`, and Python tests are then left out)
+  cargo xtask bench depth [ARGS...]
+                               depth images by the native ray caster and by MuJoCo's rays, alternately, frames a second
+                               (`cargo xtask bench depth --help`)
   cargo xtask bench gap [ARGS...]
                                hide effects in simulated flights and tell how often the diagnosis names them
                                (`cargo xtask bench gap --help`)

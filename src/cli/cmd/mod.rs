@@ -15,9 +15,9 @@ pub mod scene;
 pub mod urdf;
 pub mod vehicle;
 
-use crate::cli::args::{CameraArgs, KindArg};
+use crate::cli::args::{CameraArgs, CasterArg, KindArg};
 use crate::dataset::MAX_DISTANCE;
-use crate::sense::{Camera, DepthKind, Lens};
+use crate::sense::{Camera, Caster, DepthKind, Lens};
 use crate::{Error, Result};
 use std::path::Path;
 
@@ -64,7 +64,15 @@ fn adjust(camera: Camera, args: &CameraArgs) -> Result<Camera> {
         KindArg::Range => DepthKind::Range,
         KindArg::Z => DepthKind::ZDepth,
     };
-    let mut camera = camera.with_size(args.size.width, args.size.height)?.with_kind(kind).with_groups(groups);
+    let caster = match args.caster {
+        CasterArg::Native => Caster::Native,
+        CasterArg::Mujoco => Caster::MuJoCo,
+    };
+    let mut camera = camera
+        .with_size(args.size.width, args.size.height)?
+        .with_kind(kind)
+        .with_groups(groups)
+        .with_caster(caster);
     if let Some(fovy_deg) = args.fovy {
         camera = camera.with_lens(Lens::Fovy { fovy_deg })?;
     }

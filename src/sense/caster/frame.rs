@@ -1,7 +1,7 @@
 //! One frame: what the sensor may see, near to far, and the packets of rays through it.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x16, f64x8};
+use fearless_simd::{Level, dispatch, f32x16, f64x8, i32x16};
 
 use super::bvh::Stack;
 use super::lanes::{Lanes, none};
@@ -439,28 +439,30 @@ fn store<S: Simd>(
         }
         if let Some(status) = &mut sink.status {
             // The numbers of `PixelStatus`.
-            let code = Lanes::pick(near, t.lit(3.0), Lanes::pick(far, t.lit(2.0), t.lit(0.0)));
-            let code: [f32; 16] = Lanes::pick(hit, code, t.lit(1.0)).into();
-            let mut bytes = [0u8; 16];
+            let code = near
+                .select(i32x16::splat(simd, 3), far.select(i32x16::splat(simd, 2), i32x16::splat(simd, 0)));
+            let code = hit.select(code, i32x16::splat(simd, 1));
+            let half = code.narrow(code);
+            let bytes: [i8; 64] = half.narrow(half).into();
+            let mut own = [0u8; 16];
             for k in 0..16 {
-                bytes[k] = code[k] as u8;
+                own[k] = bytes[k] as u8;
             }
-            place.put(&bytes, status);
+            place.put(&own, status);
         }
     }
     if sink.geom.is_some() || sink.body.is_some() {
-        let numbers: [f32; 16] = ids.into();
-        let mut geoms = [0i32; 16];
-        for k in 0..16 {
-            geoms[k] = numbers[k] as i32;
-        }
+        let geoms: [i32; 16] = i32x16::truncate_from(ids).into();
         if let Some(geom) = &mut sink.geom {
             place.put(&geoms, geom);
         }
         if let Some(body) = &mut sink.body {
-            let mut bodies = [0i32; 16];
-            for k in 0..16 {
-                bodies[k] = job.world.bodies[(geoms[k] + 1) as usize];
+            let table = &job.world.bodies;
+            let mut bodies = [table[(geoms[0] + 1) as usize]; 16];
+            if ids.simd_eq(ids.all(ids.lane(0))).any_false() {
+                for k in 1..16 {
+                    bodies[k] = table[(geoms[k] + 1) as usize];
+                }
             }
             place.put(&bodies, body);
         }

@@ -36,8 +36,8 @@ struct Level {
     range: Vec<[f32; 2]>,
 }
 
-/// Blocks that wait: at most three for each level.
-const STACK: usize = 128;
+/// Blocks that wait: at most three for each level, and one; enough for 2²⁰ cells in a row.
+const STACK: usize = 64;
 
 impl Hfield {
     /// `size`: half sizes, height of 1, depth of the base. None for a grid without cells.

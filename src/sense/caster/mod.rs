@@ -311,6 +311,14 @@ pub(super) fn render(
     planes: Planes,
 ) -> Result<(), SenseError> {
     planes.check(pattern.len())?;
+    if !can_cast(worker.scene()) {
+        return Err(SenseError::Parameter {
+            what: format!(
+                "the native ray caster counts geoms up to {MAX_GEOMS}, the scene has {}; use Caster::MuJoCo",
+                worker.scene().geoms().len()
+            ),
+        });
+    }
     let world = World::of(worker)?;
     let mut scratch = take_scratch(worker);
     let done = render_with(worker, &world, &mut scratch, pose, pattern, query, rule, planes);

@@ -116,7 +116,7 @@ impl Hulls {
 
     /// Fills up the last group of sixteen.
     pub fn pad(&mut self) {
-        while self.data[0].len() % 16 != 0 {
+        while !self.data[0].len().is_multiple_of(16) {
             for column in &mut self.data[..6] {
                 column.push(0.0);
             }
