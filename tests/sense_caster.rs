@@ -58,7 +58,7 @@ fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {
         GeomType::Ellipsoid => format!("type='ellipsoid' size='{} {} {}'", r(s), r(s), r(s)),
         GeomType::Cylinder => format!("type='cylinder' size='{} {}'", r(s), r(s)),
         GeomType::Box => format!("type='box' size='{} {} {}'", r(s), r(s), r(s)),
-        GeomType::Mesh => format!("type='mesh' mesh='{}'", if i % 2 == 0 { "m" } else { "n" }),
+        GeomType::Mesh => format!("type='mesh' mesh='{}'", if i.is_multiple_of(2) { "m" } else { "n" }),
         GeomType::Sdf => "type='sdf' mesh='m'".into(),
     };
     format!("<geom {place} {shape}/>")
@@ -630,4 +630,19 @@ fn batches_and_threads_change_no_bit() {
         assert!(one.depth_m.iter().zip(&all.depth_m[at.clone()]).all(|(a, b)| a.to_bits() == b.to_bits()));
         assert_eq!(one.geom_id, all.geom_id[at]);
     }
+}
+
+/// The example of docs/depth.md.
+#[test]
+fn a_ring_of_beams_meets_the_ball_ahead_and_nothing_behind() {
+    let xml = "<mujoco><worldbody><geom type='sphere' size='1' pos='3 0 0'/></worldbody></mujoco>";
+    let scene = build(xml, &[]);
+    let mut worker = scene.worker().unwrap();
+    let ring: Vec<[f64; 3]> =
+        (0..360).map(|k| f64::from(k).to_radians()).map(|a| [a.cos(), a.sin(), 0.0]).collect();
+    let pattern = RayPattern::new(&ring).unwrap();
+    let mut range_m = vec![0.0; pattern.len()];
+    let planes = RayPlanes { range_m: Some(&mut range_m), ..RayPlanes::default() };
+    cast_pattern(&mut worker, &Pose::default(), &pattern, &RayQuery::default(), planes).unwrap();
+    assert_eq!((range_m[0], range_m[180]), (2.0, f32::INFINITY));
 }

@@ -5,15 +5,15 @@
 //! `K` has the principal point (cx, cy); the centre of the image is (width / 2, height / 2). (Libraries that put pixel
 //! centres at whole numbers use cx − 0.5, cy − 0.5.)
 
-use std::sync::Arc;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::SenseError;
 use super::caster::{self, Caster, Planes, RayPattern, RayQuery, Rule};
 use crate::math::quat;
-use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker, WorkerPool};
+use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker};
 
 /// What a pixel of a depth image states, m.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -144,8 +144,45 @@ pub struct Camera {
     caster: Caster,
     /// Groups, and the drone or else the body that it does not see.
     query: RayQuery,
-    rays: Arc<[[f64; 3]]>,
-    pattern: Arc<RayPattern>,
+    rays: Arc<Rays>,
+}
+
+/// Rays of the pixels: one copy for all cameras of the same size and lens.
+#[derive(Debug, Default)]
+struct Rays {
+    unit: Vec<[f64; 3]>,
+    pattern: RayPattern,
+}
+
+/// Width, height and the bits of fx, fy, cx, cy.
+type RaysKey = (usize, usize, [u64; 4]);
+
+impl Rays {
+    /// Those of a pinhole with intrinsics `k` in pixels.
+    fn of(width: usize, height: usize, k: [f64; 4]) -> Arc<Self> {
+        static KNOWN: Mutex<Option<HashMap<RaysKey, Weak<Rays>>>> = Mutex::new(None);
+        let key = (width, height, k.map(f64::to_bits));
+        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = known.get_or_insert_default();
+        if let Some(rays) = known.get(&key).and_then(Weak::upgrade) {
+            return rays;
+        }
+        let [fx, fy, cx, cy] = k;
+        let mut unit = Vec::with_capacity(width * height);
+        for row in 0..height {
+            for col in 0..width {
+                let x = (col as f64 + 0.5 - cx) / fx;
+                let y = -(row as f64 + 0.5 - cy) / fy;
+                let n = (x * x + y * y + 1.0).sqrt();
+                unit.push([x / n, y / n, -1.0 / n]);
+            }
+        }
+        let pattern = RayPattern::image(&unit, width, height, k);
+        let rays = Arc::new(Self { unit, pattern });
+        known.retain(|_, rays| rays.strong_count() > 0);
+        known.insert(key, Arc::downgrade(&rays));
+        rays
+    }
 }
 
 /// Quaternion (x, y, z, w) that turns a camera's frame (looks along −z, y up) into a body's (x forward, z up): a
@@ -251,8 +288,7 @@ impl Camera {
             normals: false,
             caster: Caster::Native,
             query,
-            rays: Arc::from(Vec::new()),
-            pattern: Arc::new(RayPattern::image(&[], 0, 0, [1.0, 1.0, 0.0, 0.0])),
+            rays: Arc::default(),
         };
         camera.with_size(size[0], size[1])
     }
@@ -287,18 +323,7 @@ impl Camera {
         }
         self.width = width;
         self.height = height;
-        let [fx, fy, cx, cy] = k;
-        self.rays = (0..height)
-            .flat_map(|row| {
-                (0..width).map(move |col| {
-                    let x = (col as f64 + 0.5 - cx) / fx;
-                    let y = -(row as f64 + 0.5 - cy) / fy;
-                    let n = (x * x + y * y + 1.0).sqrt();
-                    [x / n, y / n, -1.0 / n]
-                })
-            })
-            .collect();
-        self.pattern = Arc::new(RayPattern::image(&self.rays, width, height, k));
+        self.rays = Rays::of(width, height, k);
         Ok(self)
     }
 
@@ -421,7 +446,7 @@ impl Camera {
 
     /// Unit directions of the pixels' rays in the camera's frame, row major (height × width).
     pub fn rays(&self) -> &[[f64; 3]] {
-        &self.rays
+        &self.rays.unit
     }
 
     /// Pose of the camera at the worker's poses: camera to world.
@@ -448,7 +473,7 @@ impl Camera {
     /// # Errors
     /// [`SenseError::Scene`], e.g. when the worker was not updated.
     pub fn render(&self, worker: &mut Worker, frame: &mut DepthFrame) -> Result<(), SenseError> {
-        let n = self.rays.len();
+        let n = self.rays.unit.len();
         frame.width = self.width;
         frame.height = self.height;
         frame.kind = self.kind;
@@ -488,11 +513,11 @@ impl Camera {
             body: planes.body_id,
             normal: planes.normal,
         };
-        planes.check(self.rays.len())?;
+        planes.check(self.rays.unit.len())?;
         self.render_planes(worker, planes)
     }
 
-    fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
+    pub(super) fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
         let pose = self.pose(worker)?;
         match self.caster {
             // Geom ids beyond 2²⁴ do not fit the lanes of our own.
@@ -502,7 +527,7 @@ impl Camera {
                     near: self.near_m as f32,
                     far: self.far_m as f32,
                 };
-                caster::render(worker, &pose, &self.pattern, &self.query, rule, planes)?;
+                caster::render(worker, &pose, &self.rays.pattern, &self.query, rule, planes)?;
             }
             Caster::Native | Caster::MuJoCo => {
                 let mut scratch = std::mem::take(&mut worker.scratch);
@@ -523,7 +548,7 @@ impl Camera {
     ) -> Result<(), SenseError> {
         let r = quat::matrix(pose.quat_xyzw);
         scratch.directions.clear();
-        scratch.directions.extend(self.rays.iter().map(|v| {
+        scratch.directions.extend(self.rays.unit.iter().map(|v| {
             [
                 r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
                 r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
@@ -532,13 +557,13 @@ impl Camera {
         }));
         caster::oracle_rays(worker, &self.query, pose.pos_m, scratch, planes.normal.is_some())?;
         let geoms = worker.scene().geoms();
-        for i in 0..self.rays.len() {
+        for i in 0..self.rays.unit.len() {
             let distance = scratch.distances[i];
             let geom = scratch.geoms[i];
             let miss = !(distance >= 0.0);
             let value = match self.kind {
                 DepthKind::Range => distance,
-                DepthKind::ZDepth => distance * -self.rays[i][2],
+                DepthKind::ZDepth => distance * -self.rays.unit[i][2],
             };
             let (depth, status) = if miss {
                 (f32::INFINITY, PixelStatus::Miss)
@@ -641,199 +666,4 @@ impl DepthFrame {
     pub fn new() -> Self {
         Self::default()
     }
-}
-
-/// Poses of many worlds.
-#[derive(Clone, Copy, Debug)]
-pub struct WorldPoses<'a> {
-    /// Number of worlds.
-    pub n_worlds: usize,
-    /// Positions of drones, m, (world, drone, 3).
-    pub drone_pos_m: &'a [f64],
-    /// Orientations of drones, x y z w, (world, drone, 4).
-    pub drone_quat_xyzw: &'a [f64],
-    /// Positions of all obstacles, m, (world, obstacle, 3); none leaves them where the model places them.
-    pub obstacle_pos_m: Option<&'a [f64]>,
-    /// Orientations of all obstacles, x y z w, (world, obstacle, 4); none leaves them as the model turns them.
-    pub obstacle_quat_xyzw: Option<&'a [f64]>,
-}
-
-impl WorldPoses<'_> {
-    fn check(&self, scene: &Scene) -> Result<(), SenseError> {
-        let (w, d, o) = (self.n_worlds, scene.n_drones(), scene.obstacles().len());
-        let check = |what, expected: usize, found: usize, shape: String| {
-            if expected == found { Ok(()) } else { Err(SenseError::Shape { what, shape, expected, found }) }
-        };
-        let rows = |n: usize, width: usize| w.saturating_mul(n).saturating_mul(width);
-        check("drone positions", rows(d, 3), self.drone_pos_m.len(), format!("({w} worlds, {d} drones, 3)"))?;
-        check(
-            "drone quaternions",
-            rows(d, 4),
-            self.drone_quat_xyzw.len(),
-            format!("({w} worlds, {d} drones, 4)"),
-        )?;
-        if let Some(p) = self.obstacle_pos_m {
-            check("obstacle positions", rows(o, 3), p.len(), format!("({w} worlds, {o} obstacles, 3)"))?;
-        }
-        if let Some(q) = self.obstacle_quat_xyzw {
-            check("obstacle quaternions", rows(o, 4), q.len(), format!("({w} worlds, {o} obstacles, 4)"))?;
-        }
-        Ok(())
-    }
-
-    /// Puts the poses of one world into a worker and updates it.
-    ///
-    /// # Errors
-    /// [`SceneError`], e.g. for a pose that is not finite. Arrays that are too short are an error too.
-    pub fn apply(&self, world: usize, worker: &mut Worker) -> Result<(), SceneError> {
-        let scene = worker.scene().clone();
-        let n = scene.n_drones();
-        let short = || SceneError::Argument {
-            what: format!(
-                "world {world}: the arrays of poses are too short for {n} drones and {} obstacles",
-                scene.obstacles().len()
-            ),
-        };
-        for drone in 0..n {
-            let row = world * n + drone;
-            let pos = row3(self.drone_pos_m, row).ok_or_else(short)?;
-            let quat = row4(self.drone_quat_xyzw, row).ok_or_else(short)?;
-            worker.set_drone(drone, pos, quat)?;
-        }
-        let n = scene.obstacles().len();
-        for (index, info) in scene.obstacles().iter().enumerate() {
-            let row = world * n + index;
-            let pos = match self.obstacle_pos_m {
-                None => info.pos_m,
-                Some(p) => row3(p, row).ok_or_else(short)?,
-            };
-            let quat = match self.obstacle_quat_xyzw {
-                None => info.quat_xyzw,
-                Some(q) => row4(q, row).ok_or_else(short)?,
-            };
-            worker.set_obstacle(index, pos, quat)?;
-        }
-        worker.update()
-    }
-}
-
-fn row3(data: &[f64], row: usize) -> Option<[f64; 3]> {
-    data.get(3 * row..3 * row + 3)?.try_into().ok()
-}
-
-fn row4(data: &[f64], row: usize) -> Option<[f64; 4]> {
-    data.get(4 * row..4 * row + 4)?.try_into().ok()
-}
-
-/// Depth images of many worlds, in buffers that are reused.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct DepthBatch {
-    /// Number of worlds.
-    pub n_worlds: usize,
-    /// Number of cameras, in the order in which they were given.
-    pub n_cameras: usize,
-    /// Pixels of one image.
-    pub n_pixels: usize,
-    /// Depth, m, (world, camera, height, width).
-    pub depth_m: Vec<f32>,
-    /// [`PixelStatus`], or [`STATUS_NOT_RENDERED`], (world, camera, height, width).
-    pub status: Vec<u8>,
-    /// Geom ids, (world, camera, height, width).
-    pub geom_id: Vec<i32>,
-    /// Body ids, (world, camera, height, width).
-    pub body_id: Vec<i32>,
-    /// Poses of the cameras, (world, camera).
-    pub pose: Vec<Pose>,
-}
-
-/// Most pixels of a [`DepthBatch`].
-const MAX_BATCH_PIXELS: usize = 1 << 36;
-
-/// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
-///
-/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN
-/// and [`STATUS_NOT_RENDERED`]; the other worlds are rendered.
-///
-/// # Errors
-/// [`SenseError::Shape`] and [`SenseError::Parameter`] before anything is rendered; [`SenseError::Worlds`] with all
-/// worlds that failed.
-pub fn render_batch(
-    pool: &WorkerPool,
-    cameras: &[Camera],
-    poses: &WorldPoses,
-    out: &mut DepthBatch,
-) -> Result<(), SenseError> {
-    poses.check(pool.scene())?;
-    let Some(first) = cameras.first() else {
-        return Err(SenseError::Parameter {
-            what: "render_batch needs at least one camera, got none".into(),
-        });
-    };
-    if let Some(odd) = cameras.iter().find(|c| (c.width, c.height) != (first.width, first.height)) {
-        return Err(SenseError::Parameter {
-            what: format!(
-                "cameras of a batch need one image size: '{}' has {} x {}, '{}' has {} x {}",
-                first.name, first.width, first.height, odd.name, odd.width, odd.height
-            ),
-        });
-    }
-    let pixels = first.rays.len();
-    let images = poses.n_worlds.saturating_mul(cameras.len());
-    // Four planes come to 13 bytes a pixel; refuse what no machine holds before asking for it.
-    if images.saturating_mul(pixels) > MAX_BATCH_PIXELS {
-        return Err(SenseError::Parameter {
-            what: format!(
-                "a batch holds at most {MAX_BATCH_PIXELS} pixels (about 0.9 TB), got {} worlds x {} cameras x {pixels} \
-                 pixels; render fewer worlds at once",
-                poses.n_worlds,
-                cameras.len()
-            ),
-        });
-    }
-    out.n_worlds = poses.n_worlds;
-    out.n_cameras = cameras.len();
-    out.n_pixels = pixels;
-    out.depth_m.resize(images * pixels, 0.0);
-    out.status.resize(images * pixels, 0);
-    out.geom_id.resize(images * pixels, 0);
-    out.body_id.resize(images * pixels, 0);
-    out.pose.resize(images, Pose::default());
-    let per_world = cameras.len() * pixels;
-    let results: Vec<Result<(), SenseError>> = out
-        .depth_m
-        .par_chunks_mut(per_world)
-        .zip(out.status.par_chunks_mut(per_world))
-        .zip(out.geom_id.par_chunks_mut(per_world))
-        .zip(out.body_id.par_chunks_mut(per_world))
-        .zip(out.pose.par_chunks_mut(cameras.len()))
-        .enumerate()
-        .map(|(world, ((((depth, status), geom), body), pose))| {
-            let done = pool.with(|worker| {
-                poses.apply(world, worker)?;
-                for (c, camera) in cameras.iter().enumerate() {
-                    let at = c * pixels..(c + 1) * pixels;
-                    let planes = Planes {
-                        depth: Some(&mut depth[at.clone()]),
-                        status: Some(&mut status[at.clone()]),
-                        geom: Some(&mut geom[at.clone()]),
-                        body: Some(&mut body[at]),
-                        normal: None,
-                    };
-                    pose[c] = camera.render_planes(worker, planes)?;
-                }
-                Ok(())
-            });
-            let done = done.map_err(SenseError::from).and_then(|r| r);
-            if done.is_err() {
-                depth.fill(f32::NAN);
-                status.fill(STATUS_NOT_RENDERED);
-                geom.fill(-1);
-                body.fill(-1);
-            }
-            done
-        })
-        .collect();
-    let failures: Vec<_> =
-        results.into_iter().enumerate().filter_map(|(world, r)| r.err().map(|e| (world, e))).collect();
-    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds: poses.n_worlds, failures }) }
 }

@@ -1,5 +1,6 @@
 //! What drones sense: depth images, contacts, clearances, inertial readings.
 
+pub mod batch;
 pub mod caster;
 pub mod clearance;
 pub mod contact;
@@ -10,13 +11,11 @@ pub mod imu;
 pub mod noise;
 pub mod swept;
 
+pub use batch::{DepthBatch, WorldPoses, render_batch};
 pub use caster::{Caster, RayHits, RayPattern, RayPlanes, RayQuery, cast_pattern, cast_rays};
 pub use clearance::{Clearance, clearance};
 pub use contact::{Contact, MAX_PER_PAIR, contacts};
-pub use depth::{
-    Camera, DepthBatch, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED,
-    WorldPoses, render_batch,
-};
+pub use depth::{Camera, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED};
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};

@@ -24,7 +24,7 @@ pub(super) struct Tile {
 /// Directions are given in the frame of the sensor, once; [`cast_pattern`](super::cast_pattern) casts them from any pose.
 /// Neighbours in the list should be neighbours in space: sixteen in a row are cast together, and sixty-four share one
 /// look at what they may meet. Takes 36 bytes for each ray.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct RayPattern {
     pub(super) n: usize,
     /// Pixels in a row of an image; none for a list.

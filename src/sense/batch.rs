@@ -1,0 +1,208 @@
+//! Depth images of many worlds at once.
+
+use rayon::prelude::*;
+
+use super::SenseError;
+use super::caster::Planes;
+use super::depth::{Camera, STATUS_NOT_RENDERED};
+use crate::scene::{Pose, Scene, SceneError, Worker, WorkerPool};
+
+/// Poses of many worlds.
+#[derive(Clone, Copy, Debug)]
+pub struct WorldPoses<'a> {
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Positions of drones, m, (world, drone, 3).
+    pub drone_pos_m: &'a [f64],
+    /// Orientations of drones, x y z w, (world, drone, 4).
+    pub drone_quat_xyzw: &'a [f64],
+    /// Positions of all obstacles, m, (world, obstacle, 3); none leaves them where the model places them.
+    pub obstacle_pos_m: Option<&'a [f64]>,
+    /// Orientations of all obstacles, x y z w, (world, obstacle, 4); none leaves them as the model turns them.
+    pub obstacle_quat_xyzw: Option<&'a [f64]>,
+}
+
+impl WorldPoses<'_> {
+    fn check(&self, scene: &Scene) -> Result<(), SenseError> {
+        let (w, d, o) = (self.n_worlds, scene.n_drones(), scene.obstacles().len());
+        let check = |what, expected: usize, found: usize, shape: String| {
+            if expected == found { Ok(()) } else { Err(SenseError::Shape { what, shape, expected, found }) }
+        };
+        let rows = |n: usize, width: usize| w.saturating_mul(n).saturating_mul(width);
+        check("drone positions", rows(d, 3), self.drone_pos_m.len(), format!("({w} worlds, {d} drones, 3)"))?;
+        check(
+            "drone quaternions",
+            rows(d, 4),
+            self.drone_quat_xyzw.len(),
+            format!("({w} worlds, {d} drones, 4)"),
+        )?;
+        if let Some(p) = self.obstacle_pos_m {
+            check("obstacle positions", rows(o, 3), p.len(), format!("({w} worlds, {o} obstacles, 3)"))?;
+        }
+        if let Some(q) = self.obstacle_quat_xyzw {
+            check("obstacle quaternions", rows(o, 4), q.len(), format!("({w} worlds, {o} obstacles, 4)"))?;
+        }
+        Ok(())
+    }
+
+    /// Puts the poses of one world into a worker and updates it.
+    ///
+    /// # Errors
+    /// [`SceneError`], e.g. for a pose that is not finite. Arrays that are too short are an error too.
+    pub fn apply(&self, world: usize, worker: &mut Worker) -> Result<(), SceneError> {
+        let scene = worker.scene().clone();
+        let n = scene.n_drones();
+        let short = || SceneError::Argument {
+            what: format!(
+                "world {world}: the arrays of poses are too short for {n} drones and {} obstacles",
+                scene.obstacles().len()
+            ),
+        };
+        for drone in 0..n {
+            let row = world * n + drone;
+            let pos = row3(self.drone_pos_m, row).ok_or_else(short)?;
+            let quat = row4(self.drone_quat_xyzw, row).ok_or_else(short)?;
+            worker.set_drone(drone, pos, quat)?;
+        }
+        let n = scene.obstacles().len();
+        for (index, info) in scene.obstacles().iter().enumerate() {
+            let row = world * n + index;
+            let pos = match self.obstacle_pos_m {
+                None => info.pos_m,
+                Some(p) => row3(p, row).ok_or_else(short)?,
+            };
+            let quat = match self.obstacle_quat_xyzw {
+                None => info.quat_xyzw,
+                Some(q) => row4(q, row).ok_or_else(short)?,
+            };
+            worker.set_obstacle(index, pos, quat)?;
+        }
+        worker.update()
+    }
+}
+
+fn row3(data: &[f64], row: usize) -> Option<[f64; 3]> {
+    data.get(3 * row..3 * row + 3)?.try_into().ok()
+}
+
+fn row4(data: &[f64], row: usize) -> Option<[f64; 4]> {
+    data.get(4 * row..4 * row + 4)?.try_into().ok()
+}
+
+/// Depth images of many worlds, in buffers that are reused.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct DepthBatch {
+    /// Number of worlds.
+    pub n_worlds: usize,
+    /// Number of cameras, in the order in which they were given.
+    pub n_cameras: usize,
+    /// Pixels of one image.
+    pub n_pixels: usize,
+    /// Depth, m, (world, camera, height, width).
+    pub depth_m: Vec<f32>,
+    /// [`PixelStatus`](super::PixelStatus), or [`STATUS_NOT_RENDERED`], (world, camera, height, width).
+    pub status: Vec<u8>,
+    /// Geom ids, (world, camera, height, width).
+    pub geom_id: Vec<i32>,
+    /// Body ids, (world, camera, height, width).
+    pub body_id: Vec<i32>,
+    /// Poses of the cameras, (world, camera).
+    pub pose: Vec<Pose>,
+}
+
+/// Most pixels of a [`DepthBatch`].
+const MAX_BATCH_PIXELS: usize = 1 << 36;
+
+/// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
+///
+/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN
+/// and [`STATUS_NOT_RENDERED`]; the other worlds are rendered.
+///
+/// # Errors
+/// [`SenseError::Shape`] and [`SenseError::Parameter`] before anything is rendered; [`SenseError::Worlds`] with all
+/// worlds that failed.
+pub fn render_batch(
+    pool: &WorkerPool,
+    cameras: &[Camera],
+    poses: &WorldPoses,
+    out: &mut DepthBatch,
+) -> Result<(), SenseError> {
+    poses.check(pool.scene())?;
+    let Some(first) = cameras.first() else {
+        return Err(SenseError::Parameter {
+            what: "render_batch needs at least one camera, got none".into(),
+        });
+    };
+    if let Some(odd) = cameras.iter().find(|c| (c.width(), c.height()) != (first.width(), first.height())) {
+        return Err(SenseError::Parameter {
+            what: format!(
+                "cameras of a batch need one image size: '{}' has {} x {}, '{}' has {} x {}",
+                first.name(),
+                first.width(),
+                first.height(),
+                odd.name(),
+                odd.width(),
+                odd.height()
+            ),
+        });
+    }
+    let pixels = first.rays().len();
+    let images = poses.n_worlds.saturating_mul(cameras.len());
+    // Four planes come to 13 bytes a pixel; refuse what no machine holds before asking for it.
+    if images.saturating_mul(pixels) > MAX_BATCH_PIXELS {
+        return Err(SenseError::Parameter {
+            what: format!(
+                "a batch holds at most {MAX_BATCH_PIXELS} pixels (about 0.9 TB), got {} worlds x {} cameras x {pixels} \
+                 pixels; render fewer worlds at once",
+                poses.n_worlds,
+                cameras.len()
+            ),
+        });
+    }
+    out.n_worlds = poses.n_worlds;
+    out.n_cameras = cameras.len();
+    out.n_pixels = pixels;
+    out.depth_m.resize(images * pixels, 0.0);
+    out.status.resize(images * pixels, 0);
+    out.geom_id.resize(images * pixels, 0);
+    out.body_id.resize(images * pixels, 0);
+    out.pose.resize(images, Pose::default());
+    let per_world = cameras.len() * pixels;
+    let results: Vec<Result<(), SenseError>> = out
+        .depth_m
+        .par_chunks_mut(per_world)
+        .zip(out.status.par_chunks_mut(per_world))
+        .zip(out.geom_id.par_chunks_mut(per_world))
+        .zip(out.body_id.par_chunks_mut(per_world))
+        .zip(out.pose.par_chunks_mut(cameras.len()))
+        .enumerate()
+        .map(|(world, ((((depth, status), geom), body), pose))| {
+            let done = pool.with(|worker| {
+                poses.apply(world, worker)?;
+                for (c, camera) in cameras.iter().enumerate() {
+                    let at = c * pixels..(c + 1) * pixels;
+                    let planes = Planes {
+                        depth: Some(&mut depth[at.clone()]),
+                        status: Some(&mut status[at.clone()]),
+                        geom: Some(&mut geom[at.clone()]),
+                        body: Some(&mut body[at]),
+                        normal: None,
+                    };
+                    pose[c] = camera.render_planes(worker, planes)?;
+                }
+                Ok(())
+            });
+            let done = done.map_err(SenseError::from).and_then(|r| r);
+            if done.is_err() {
+                depth.fill(f32::NAN);
+                status.fill(STATUS_NOT_RENDERED);
+                geom.fill(-1);
+                body.fill(-1);
+            }
+            done
+        })
+        .collect();
+    let failures: Vec<_> =
+        results.into_iter().enumerate().filter_map(|(world, r)| r.err().map(|e| (world, e))).collect();
+    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds: poses.n_worlds, failures }) }
+}
