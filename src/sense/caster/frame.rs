@@ -82,7 +82,12 @@ pub(super) fn lanes_in_use() -> String {
 
 /// Casts all rays of a pattern.
 pub(super) fn cast(job: &Job, buffers: &mut Buffers, sink: &mut Sink) {
-    dispatch!(level(), simd => run(simd, job, buffers, sink));
+    cast_at(level(), job, buffers, sink);
+}
+
+/// With the lanes of a level.
+fn cast_at(level: Level, job: &Job, buffers: &mut Buffers, sink: &mut Sink) {
+    dispatch!(level, simd => run(simd, job, buffers, sink));
 }
 
 #[inline(always)]
@@ -537,4 +542,72 @@ fn near_ray<S: Simd>(simd: S, hulls: &Hulls, group: usize, o: [f32; 3], d: [f32;
     <f32x16<S> as Lanes>::bits(
         Lanes::le(aside, radius * radius) & Lanes::le(-radius, ahead) & Lanes::le(zero, radius),
     )
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+    use crate::math::quat;
+    use crate::scene::{Scene, SceneSource};
+
+    /// One geom of each type in a ring about the camera, and floors.
+    const RING: &str = r#"<mujoco><asset><mesh name="m" builtin="supertorus" params="24 0.4 1 1"/>
+        <hfield name="h" nrow="4" ncol="5" size="1 1 .5 .1" elevation="0 1 0 1 0 1 0 1 0 1 0 1 0 1 0 1 0 1 0 1"/></asset><worldbody>
+        <geom type="plane" size="0 0 1" pos="0 0 -1"/><geom type="plane" size="2 1 1" pos="0 0 -.5" euler="10 5 0"/>
+        <geom type="sphere" size=".7" pos="3 0 0"/><geom type="capsule" size=".3 .6" pos="2 2 0" euler="20 30 0"/>
+        <geom type="ellipsoid" size=".3 .6 .5" pos="0 3 0" euler="20 30 0"/><geom type="cylinder" size=".4 .5" pos="-2 2 0" euler="60 5 0"/>
+        <geom type="box" size=".4 .5 .6" pos="-3 0 0" euler="60 5 0"/><geom type="mesh" mesh="m" pos="-2 -2 0"/>
+        <geom type="hfield" hfield="h" pos="1 -3 -.5" euler="20 10 0"/></worldbody></mujoco>"#;
+
+    fn shoot(level: Level, job: &Job) -> (Vec<f32>, Vec<i32>) {
+        let (mut range, mut geom) = (vec![0.0; job.pattern.n], vec![0; job.pattern.n]);
+        let mut sink = Sink { range: Some(&mut range), geom: Some(&mut geom), ..Sink::default() };
+        cast_at(level, job, &mut Buffers::default(), &mut sink);
+        (range, geom)
+    }
+
+    #[test]
+    fn avx2_and_avx512_give_the_same_bits_and_sse_nearly() {
+        let scene = Scene::build(&SceneSource::text("ring", RING), &[]).unwrap();
+        let worker = scene.worker().unwrap();
+        let world = World::of(&worker).unwrap();
+        let (pos, mat) = worker.geom_poses().unwrap();
+        let mut directions = Vec::new();
+        for up in -30..=20 {
+            for turn in 0..400 {
+                let (u, t) = (f64::from(up) * 0.03, f64::from(turn) * 0.0157);
+                directions.push([u.cos() * t.cos(), u.cos() * t.sin(), u.sin()]);
+            }
+        }
+        let pattern = RayPattern::new(&directions).unwrap();
+        let job = Job {
+            world: &world,
+            pos,
+            mat,
+            query: &Query::default(),
+            origin: [0.1, 0.2, 0.3],
+            frame: quat::matrix([0.1, 0.2, 0.3, 0.927_361_849_549_570_3]),
+            pattern: &pattern,
+            rule: Rule { z_depth: false, near: 0.0, far: f32::INFINITY },
+        };
+        let best = shoot(level(), &job);
+        let seen: std::collections::BTreeSet<i32> = best.1.iter().copied().collect();
+        assert_eq!(seen.len(), scene.geoms().len() + 1, "{seen:?}");
+        if let (Some(_), Some(avx2)) = (level().as_avx512(), level().as_avx2()) {
+            let other = shoot(Level::Avx2(avx2), &job);
+            assert_eq!(best.1, other.1);
+            let same = best.0.iter().zip(&other.0).all(|(a, b)| a.to_bits() == b.to_bits());
+            assert!(same, "AVX2 against AVX-512");
+        }
+        if let Some(sse) = level().as_sse2() {
+            let other = shoot(Level::Sse2(sse), &job);
+            let odd = best.1.iter().zip(&other.1).filter(|(a, b)| a != b).count();
+            assert!(odd <= 1, "{odd} rays see another geom");
+            for (k, (a, b)) in best.0.iter().zip(&other.0).enumerate() {
+                if best.1[k] == other.1[k] && a.is_finite() {
+                    assert!((a - b).abs() < 2e-5 * a, "{a} {b}");
+                }
+            }
+        }
+    }
 }
