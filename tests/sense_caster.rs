@@ -80,7 +80,7 @@ fn zoo(kind: GeomType, s: &mut Stream) -> Scene {
     build(&format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(s)), &[])
 }
 
-/// Where rays start: anywhere, in or near a geom, or on its skin.
+/// Where rays start: anywhere, in a geom or near one.
 fn origin(scene: &Scene, worker: &Worker, s: &mut Stream) -> [f64; 3] {
     let pick = s.unit();
     if pick < 0.3 {
@@ -103,7 +103,7 @@ struct Agreement {
 }
 
 /// More than 130,000 rays of each type that has a closed form, in bundles of 64 from one point: over the whole sphere, in
-/// narrow cones, and grazing along a geom.
+/// narrow cones.
 #[test]
 fn packets_agree_with_mj_ray_for_every_geom_type() {
     let kinds = GeomType::ALL.into_iter().filter(|k| *k != GeomType::Sdf);
@@ -135,6 +135,9 @@ fn packets_agree_with_mj_ray_for_every_geom_type() {
         assert!(own.rays > 130_000 && own.hits > 20_000, "{kind}");
         assert!(q(0.999) < 1e-5, "{kind}: {}", q(0.999));
         assert!(own.flips <= 2, "{kind}: {}", own.flips);
+        // A crack would show the wall behind.
+        assert!(own.labels <= 2, "{kind}: {}", own.labels);
+        assert!(q(1.0) < 2e-4, "{kind}: {}", q(1.0));
         all.rays += own.rays;
         all.hits += own.hits;
         all.flips += own.flips;
@@ -295,7 +298,7 @@ fn frames_are_those_of_mujocos_rays() {
          worst {worst:.1e} relative"
     ));
     assert!(odd * 20_000 < pixels, "{odd} of {pixels}");
-    assert!(worst < 1e-3, "{worst}");
+    assert!(worst < 1e-4, "{worst}");
 }
 
 /// Drones, guards on child bodies, obstacles that move, groups, alpha, all of it turned about.

@@ -105,10 +105,12 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
         solution = solve(&logs, &mut model, Some(&rest), progress)?;
     }
+    let mut rehung = false;
     if solution.set.iter().any(|c| model.candidates[*c].kind == "slung_payload") {
         let found = model.plain_at(&solution.posterior.mean, &solution.set);
         if let Some(length_m) = reattach(&mut logs, &found) {
             model.set_preset("slung_payload", "cable_length_m", length_m);
+            rehung = true;
         }
     }
     // Shapes to hold it against are only needed now.
@@ -116,6 +118,9 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
     if let Some(polished) = polished(&logs, &mut shaped, &solution, progress)? {
         (model, solution) = (shaped, polished);
+    } else if rehung {
+        let set = solution.set.clone();
+        solution = solve(&logs, &mut model, Some(&set), progress)?;
     }
     let solution = with_scatter(&model, solution)?;
     let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;

@@ -83,7 +83,7 @@ impl Model {
             not_tried: Vec::new(),
         };
         for candidate in candidates(drone) {
-            match reason_against(&candidate, tracks) {
+            match reason_against(&candidate, tracks, arounds) {
                 Some(reason) => model.not_tried.push((candidate.id.clone(), reason)),
                 None => model.admit(adapted(candidate, tracks, arounds))?,
             }
@@ -328,7 +328,7 @@ fn is(effect: &AnyEffect<f64>, candidate: &Candidate) -> bool {
 }
 
 /// Why these logs cannot say anything about a candidate.
-fn reason_against(candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
+fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around]) -> Option<String> {
     let any = |f: &dyn Fn(&Track) -> bool| tracks.iter().any(|t| f(t));
     let drives = |list: &[Drive]| any(&|t| list.contains(&t.drive));
     let rotors = [Drive::RotorSpeeds, Drive::RotorCommands];
@@ -339,7 +339,9 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
         Needs::Ground if !any(&|t| t.ground_z_m.is_some()) => "needs the height of the ground",
         Needs::Ceiling if !any(&|t| t.ceiling_z_m.is_some()) => "needs the height of the ceiling",
         Needs::Neighbour if !any(&|t| !t.neighbours.is_empty()) => "needs another tracked vehicle",
-        Needs::Load if !any(&|t| t.load.is_some()) => "needs the load's position: an object of the log",
+        Needs::Load if arounds.iter().any(|a| a.cable.is_none()) => {
+            "needs the load's position: an object of every log"
+        }
         Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
         Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
         Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",

@@ -50,7 +50,7 @@ pub(crate) struct Around {
     pub neighbours: Vec<Vec<Neighbour<f64>>>,
     /// What hangs on a cable, every [`STEP`] ticks: from where it was tracked, else a pendulum under the measured motion.
     pub load: Vec<Load<f64>>,
-    /// The cable, where the load was tracked or the forces tell.
+    /// The cable, where the load was tracked.
     pub cable: Option<Cable>,
     /// Number of ticks.
     pub n_ticks: usize,

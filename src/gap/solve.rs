@@ -261,14 +261,15 @@ pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solutio
         .chunks(PART)
         .map(|part| part.iter().fold(DVector::zeros(delta.len()), |sum, r| sum + &r.g - &r.h * &delta))
         .collect();
-    if scores.len() < FEWEST_PARTS {
-        return Ok(found);
-    }
-    let scatter = found.evidence(model)?.by_scatter(&found.set, &scores);
-    for (k, scatter) in scatter.unwrap_or_default().into_iter().enumerate() {
-        let sigma = &mut found.posterior.sigma[k];
+    let scatter = if scores.len() < FEWEST_PARTS {
+        None
+    } else {
+        found.evidence(model)?.by_scatter(&found.set, &scores)
+    };
+    for (k, sigma) in found.posterior.sigma.iter_mut().enumerate() {
         // Nothing is known of the width of a number that a bound holds.
         if *sigma > 0.0 {
+            let scatter = scatter.as_ref().map_or(0.0, |s| s[k]);
             *sigma = sigma.max(scatter).hypot(BENT * model.parameters[k].spike);
         }
     }

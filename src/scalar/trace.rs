@@ -13,8 +13,9 @@
 //! ```
 //!
 //! A graph holds every value once: an operation on the same operands is the same node. Operations on literals are done at once,
-//! and x + 0, x − 0, 1 x, x / 1 and 0 x are no operations; so a graph gives the bits of the code that it was traced from, but
-//! for the sign of a zero and for 0 × ∞.
+//! and what gives its operand back, bit by bit, is no operation: x − 0, 1 x, x / 1. A product with 0 stays, since it may be no
+//! number, and so does x + 0, since it may change the sign of a zero. So a graph gives the bits of the code that it was traced
+//! from.
 
 use super::Real;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -154,16 +155,18 @@ impl Recorder {
                 Value::Truth(t) => self.place(Node::Truth(t)),
             });
         }
-        let is = |r: &Self, place: Place, value: f64| r.literal(place) == Some(value);
+        let is = |r: &Self, place: Place, value: f64| {
+            r.literal(place).is_some_and(|v| v.to_bits() == value.to_bits())
+        };
         match node {
-            Node::Add(a, b) if is(self, a, 0.0) => Some(b),
-            Node::Add(a, b) | Node::Sub(a, b) if is(self, b, 0.0) => Some(a),
-            Node::Sub(a, b) if is(self, a, 0.0) => Some(self.record(Node::Neg(b))),
+            Node::Add(a, b) if is(self, a, -0.0) => Some(b),
+            Node::Add(a, b) if is(self, b, -0.0) => Some(a),
+            Node::Sub(a, b) if is(self, b, 0.0) => Some(a),
+            Node::Sub(a, b) if is(self, a, -0.0) => Some(self.record(Node::Neg(b))),
             Node::Mul(a, b) if is(self, a, 1.0) => Some(b),
             Node::Mul(a, b) | Node::Div(a, b) if is(self, b, 1.0) => Some(a),
             Node::Mul(a, b) if is(self, a, -1.0) => Some(self.record(Node::Neg(b))),
             Node::Mul(a, b) if is(self, b, -1.0) => Some(self.record(Node::Neg(a))),
-            Node::Mul(a, b) if is(self, a, 0.0) || is(self, b, 0.0) => Some(self.number(0.0)),
             // Sums and products are the same in either order.
             Node::Add(a, b) if a > b => Some(self.record(Node::Add(b, a))),
             Node::Mul(a, b) if a > b => Some(self.record(Node::Mul(b, a))),
@@ -384,10 +387,13 @@ impl Graph {
     }
 
     /// Slopes backwards: of inputs and one weight per result, the sum over results of weight × d result / d input, for every
-    /// input. Floors and comparisons have no slope; a root or an angle has none at the origin.
+    /// input. Floors and comparisons have no slope. A root or an angle has none at the origin: there the slope is no number, also
+    /// where a choice takes the other side.
     ///
-    /// One sweep costs about as much as two forward ones, however many inputs there are. Source: Griewank & Walther, "Evaluating
-    /// Derivatives", 2nd ed., SIAM 2008, § 3.2.
+    /// Source: Griewank & Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, § 3.2.
+    ///
+    /// # Panics
+    /// As [`trace`].
     pub fn adjoint(&self) -> Self {
         let n = self.n_inputs;
         trace(n + self.outputs.len(), |x| {
@@ -396,14 +402,19 @@ impl Graph {
                 Again::Number(s) => s,
                 Again::Truth(_) => Sym::lit(f64::NAN),
             };
-            let mut slopes = vec![Sym::zero(); self.nodes.len()];
+            // Nothing is added to a slope that nothing has given yet.
+            let mut slopes: Vec<Option<Sym>> = vec![None; self.nodes.len()];
+            let give = |slopes: &mut Vec<Option<Sym>>, p: Place, by: Sym| {
+                let slot = &mut slopes[p as usize];
+                *slot = Some(slot.map_or(by, |s| s + by));
+            };
             for (output, weight) in self.outputs.iter().zip(&x[n..]) {
-                slopes[*output as usize] = slopes[*output as usize] + *weight;
+                give(&mut slopes, *output, *weight);
             }
             let mut out = vec![Sym::zero(); n];
             for (i, node) in self.nodes.iter().enumerate().rev() {
-                let slope = slopes[i];
-                let mut give = |p: Place, by: Sym| slopes[p as usize] = slopes[p as usize] + by;
+                let Some(slope) = slopes[i] else { continue };
+                let mut give = |p: Place, by: Sym| give(&mut slopes, p, by);
                 match *node {
                     Node::Input(k) => out[k as usize] = slope,
                     Node::Add(a, b) => {
@@ -582,9 +593,8 @@ mod tests {
         let graph = trace(2, |x| {
             let (a, b) = (x[0], x[1]);
             let two = Sym::one() + Sym::one();
-            let nothing = (a - a * Sym::one()) * Sym::zero();
             let same = Sym::select(two.lt(Sym::zero()), b, a);
-            vec![a * b + b * a * nothing, same / Sym::one(), -(-b)]
+            vec![a * b - Sym::zero(), same / Sym::one(), -(-b) * Sym::one()]
         });
         assert_eq!(graph.nodes.len(), 3, "{graph:?}");
         assert_eq!(graph.eval(&[3.0, 5.0]), [15.0, 3.0, 5.0]);
@@ -592,6 +602,20 @@ mod tests {
         assert_eq!(unused.len(), 6);
         let constant = trace(1, |_| vec![Sym::lit(2.0).sqrt()]);
         assert_eq!((constant.len(), constant.eval(&[0.0])), (1, vec![2f64.sqrt()]));
+    }
+
+    #[test]
+    fn what_is_no_number_and_the_sign_of_a_zero_stay() {
+        let graph = trace(1, |x| {
+            let zero = Sym::zero();
+            vec![x[0] * zero, (x[0] + zero).atan2(-Sym::one()), (zero - x[0]).atan2(-Sym::one())]
+        });
+        for x in [f64::NAN, f64::INFINITY, 0.0, -0.0, 2.0] {
+            let direct = [x * 0.0, f64::atan2(x + 0.0, -1.0), f64::atan2(0.0 - x, -1.0)];
+            let bits =
+                |v: &[f64]| v.iter().map(|v| if v.is_nan() { 0 } else { v.to_bits() }).collect::<Vec<_>>();
+            assert_eq!(bits(&graph.eval(&[x])), bits(&direct), "{x}");
+        }
     }
 
     #[test]
