@@ -24,8 +24,8 @@ struct Args {
     #[arg(long, default_value_t = 64)]
     side: usize,
     /// Cameras of each scene.
-    #[arg(long, default_value_t = 16)]
-    cameras: usize,
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..))]
+    cameras: u32,
     /// Only scenes whose name holds this.
     #[arg(long, default_value = "")]
     scene: String,

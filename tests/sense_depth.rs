@@ -561,7 +561,8 @@ fn a_world_that_is_not_finite_is_named_and_harms_no_other() {
     let pool = WorkerPool::new(&scene);
     render_batch(&pool, &camera, &poses(6, &data), &mut good).unwrap();
     data.0[(2 * 2 + 1) * 3] = f64::NAN;
-    let mut bad = DepthBatch::default();
+    // A batch that was rendered before keeps nothing of it in the world that fails.
+    let mut bad = good.clone();
     let error = render_batch(&pool, &camera, &poses(6, &data), &mut bad).unwrap_err();
     let message = error.to_string();
     assert!(message.contains("world 2") && message.contains("drone 1"), "{message}");
@@ -572,6 +573,7 @@ fn a_world_that_is_not_finite_is_named_and_harms_no_other() {
         if world == 2 {
             assert!(bad.depth_m[at.clone()].iter().all(|d| d.is_nan()));
             assert!(bad.status[at].iter().all(|s| *s == STATUS_NOT_RENDERED));
+            assert!(bad.pose[world].pos_m.iter().all(|v| v.is_nan()), "{:?}", bad.pose[world]);
         } else {
             assert_eq!(bad.depth_m[at.clone()], good.depth_m[at]);
         }

@@ -106,7 +106,7 @@ pub struct DepthBatch {
     pub geom_id: Vec<i32>,
     /// Body ids, (world, camera, height, width).
     pub body_id: Vec<i32>,
-    /// Poses of the cameras, (world, camera).
+    /// Poses of the cameras, (world, camera); NaN where the world failed.
     pub pose: Vec<Pose>,
 }
 
@@ -115,8 +115,8 @@ const MAX_BATCH_PIXELS: usize = 1 << 36;
 
 /// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
 ///
-/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN
-/// and [`STATUS_NOT_RENDERED`]; the other worlds are rendered.
+/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN,
+/// [`STATUS_NOT_RENDERED`] and a pose of NaN; the other worlds are rendered.
 ///
 /// # Errors
 /// [`SenseError::Shape`] and [`SenseError::Parameter`] before anything is rendered; [`SenseError::Worlds`] with all
@@ -198,6 +198,7 @@ pub fn render_batch(
                 status.fill(STATUS_NOT_RENDERED);
                 geom.fill(-1);
                 body.fill(-1);
+                pose.fill(Pose { pos_m: [f64::NAN; 3], quat_xyzw: [f64::NAN; 4] });
             }
             done
         })

@@ -99,7 +99,7 @@ fn fill(
         node.child[side] = first as u32;
         node.count[side] = part.len() as u8;
         if part.is_empty() {
-            // Behind everything.
+            // Nothing is on this side: a box that every ray enters, with a triangle of the other side, which changes no hit.
             (node.min[side], node.max[side]) = ([f32::MAX; 3], [f32::MIN; 3]);
             node.count[side] = 1;
             node.child[side] = 0;
