@@ -3,43 +3,23 @@
 #[path = "common/notes.rs"]
 mod notes;
 
+#[path = "common/scenes.rs"]
+mod scenes;
+
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
-use propwash::scene::{GeomType, Pose, Scene, SceneSource, Shell, Worker};
+use propwash::scene::{GeomType, Pose, Scene, Shell, Worker};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
     Camera, Caster, DepthFrame, DepthKind, DepthPlanes, Lens, RayHits, RayPattern, RayPlanes, RayQuery,
     SenseError, cast_pattern, cast_rays,
 };
+use scenes::{build, random_quat, random_unit};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
-fn build(xml: &str, shells: &[Shell]) -> Scene {
-    Scene::build(&SceneSource::text("test", xml), shells).unwrap()
-}
-
 fn draws(step: u64) -> Stream {
     Key { seed: 23, world: 0, drone: 0, step, purpose: purpose("test of the caster") }.stream()
-}
-
-fn random_unit(s: &mut Stream) -> [f64; 3] {
-    loop {
-        let v = [s.normal(), s.normal(), s.normal()];
-        let n = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if n > 0.1 {
-            return v.map(|x| x / n);
-        }
-    }
-}
-
-fn random_quat(s: &mut Stream) -> [f64; 4] {
-    loop {
-        let q = [s.normal(), s.normal(), s.normal(), s.normal()];
-        let n = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if n > 0.1 {
-            return q.map(|x| x / n);
-        }
-    }
 }
 
 fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {
@@ -175,13 +155,18 @@ fn compare_bundle(scene: &Scene, worker: &mut Worker, s: &mut Stream, sum: &mut 
         })
         .filter(|d| d.iter().map(|x| x * x).sum::<f64>() > 1e-6)
         .collect();
-    let pattern = RayPattern::new(&directions).unwrap();
+    compare(worker, &pose, &directions, sum);
+}
+
+/// Casts rays from one point by both, and counts.
+fn compare(worker: &mut Worker, pose: &Pose, directions: &[[f64; 3]], sum: &mut Agreement) {
+    let pattern = RayPattern::new(directions).unwrap();
     let (mut range, mut geom) = (vec![0.0; pattern.len()], vec![0; pattern.len()]);
     let planes = RayPlanes { range_m: Some(&mut range), geom_id: Some(&mut geom), ..RayPlanes::default() };
-    cast_pattern(worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+    cast_pattern(worker, pose, &pattern, &RayQuery::default(), planes).unwrap();
     for i in 0..pattern.len() {
         let d = quat::rotate(pose.quat_xyzw, pattern.direction(i));
-        let truth = worker.ray(pos, d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+        let truth = worker.ray(pose.pos_m, d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
         sum.rays += 1;
         let t = f64::from(range[i]);
         match truth {
@@ -202,6 +187,79 @@ fn compare_bundle(scene: &Scene, worker: &mut Worker, s: &mut Stream, sum: &mut 
             }
         }
     }
+}
+
+/// Rays that pass along surfaces: from 1 µm to 0.1 m beside one (or below it) and from afar, along its tangent, bent by up to 0.1 rad.
+#[test]
+fn rays_that_graze_agree_with_mj_ray() {
+    let mut all = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+    for kind in GeomType::ALL.into_iter().filter(|k| *k != GeomType::Sdf) {
+        let mut own = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+        let mut s = draws(300 + kind as u64);
+        let scene = zoo(kind, &mut s);
+        let mut worker = scene.worker().unwrap();
+        while own.rays < 50_000 {
+            let pos = origin(&scene, &worker, &mut s);
+            let towards = random_unit(&mut s);
+            let ray = worker.ray(pos, towards, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+            let Some(hit) = ray.filter(|h| h.distance < 20.0) else { continue };
+            let n = hit.normal;
+            let e = random_unit(&mut s);
+            let off = e[0] * n[0] + e[1] * n[1] + e[2] * n[2];
+            let along = [0, 1, 2].map(|k| e[k] - off * n[k]);
+            let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if length < 0.1 {
+                continue;
+            }
+            let along = along.map(|x| x / length);
+            let beside = 10f64.powf(s.uniform(-6.0, -1.0)) * if s.unit() < 0.2 { -1.0 } else { 1.0 };
+            let back = if s.unit() < 0.5 { 0.0 } else { s.uniform(0.0, 6.0) };
+            let from =
+                [0, 1, 2].map(|k| pos[k] + hit.distance * towards[k] + beside * n[k] - back * along[k]);
+            let directions: Vec<[f64; 3]> = (0..16)
+                .map(|_| {
+                    let bend = 10f64.powf(s.uniform(-5.0, -1.0));
+                    let e = random_unit(&mut s);
+                    [0, 1, 2].map(|k| along[k] + bend * e[k])
+                })
+                .collect();
+            compare(&mut worker, &Pose::new(from, LEVEL), &directions, &mut own);
+        }
+        own.errors.sort_by(f64::total_cmp);
+        let q = |p: f64| own.errors[((own.errors.len() - 1) as f64 * p) as usize];
+        println!(
+            "{:9} {:7} {:7} {:6} {:6}  {:.1e} {:.1e} {:.1e}",
+            kind.name(),
+            own.rays,
+            own.hits,
+            own.flips,
+            own.labels,
+            q(0.5),
+            q(0.999),
+            q(1.0)
+        );
+        all.rays += own.rays;
+        all.hits += own.hits;
+        all.flips += own.flips;
+        all.labels += own.labels;
+        all.errors.append(&mut own.errors);
+    }
+    all.errors.sort_by(f64::total_cmp);
+    let q = |p: f64| all.errors[((all.errors.len() - 1) as f64 * p) as usize];
+    notes::tell(&format!(
+        "native caster, grazing rays vs mj_ray: {} rays, {} hits, {} of hit against miss, {} other geoms; relative error \
+         median {:.1e}, 99.9 % {:.1e}, worst {:.1e}",
+        all.rays,
+        all.hits,
+        all.flips,
+        all.labels,
+        q(0.5),
+        q(0.999),
+        q(1.0)
+    ));
+    assert!(all.hits > 50_000, "{}", all.hits);
+    assert!((all.flips as f64) < 1e-4 * all.rays as f64, "{}", all.flips);
+    assert!(all.labels <= 20 && q(0.5) < 1e-6 && q(0.99) < 1e-2, "{} {:e} {:e}", all.labels, q(0.5), q(0.99));
 }
 
 /// The f64 rays, with normals, from many points.

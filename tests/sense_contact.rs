@@ -1,9 +1,13 @@
 //! Contacts, clearances and swept checks against closed forms, brute force and each other.
 
+#[path = "common/scenes.rs"]
+mod scenes;
+
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker};
 use propwash::sense::{Contact, SenseError, TOUCH_M, clearance, contacts, swept};
+use scenes::{build, random_quat};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
@@ -19,22 +23,8 @@ fn ball(radius: f64) -> Shell {
     shell(&format!("<geom name='ball' type='sphere' size='{radius}'/>"))
 }
 
-fn build(xml: &str, shells: &[Shell]) -> Scene {
-    Scene::build(&SceneSource::text("test", xml), shells).unwrap()
-}
-
 fn draws(step: u64) -> Stream {
     Key { seed: 12, world: 0, drone: 0, step, purpose: purpose("test of contacts") }.stream()
-}
-
-fn random_quat(s: &mut Stream) -> [f64; 4] {
-    loop {
-        let q = [s.normal(), s.normal(), s.normal(), s.normal()];
-        let n = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if n > 0.1 {
-            return q.map(|x| x / n);
-        }
-    }
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {

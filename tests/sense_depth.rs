@@ -3,13 +3,17 @@
 #[path = "common/notes.rs"]
 mod notes;
 
+#[path = "common/scenes.rs"]
+mod scenes;
+
 use propwash::random::{Key, Stream, purpose};
-use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker, WorkerPool};
+use propwash::scene::{GeomType, Pose, Scene, SceneError, Shell, Worker, WorkerPool};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
     Camera, Caster, DepthBatch, DepthFrame, DepthKind, DepthNoise, Lens, NoiseKey, PixelStatus,
     STATUS_NOT_RENDERED, SenseError, WorldPoses, render_batch,
 };
+use scenes::{build, random_quat};
 
 const HIT: u8 = PixelStatus::Hit as u8;
 const MISS: u8 = PixelStatus::Miss as u8;
@@ -28,22 +32,8 @@ fn shell(body: &str) -> Shell {
 const BALL: &str = r#"<geom name="hull" type="sphere" size="0.1"/>
     <camera name="fpv" pos="0.05 0 0" xyaxes="0 -1 0 0 0 1" fovy="90"/>"#;
 
-fn build(xml: &str, shells: &[Shell]) -> Scene {
-    Scene::build(&SceneSource::text("test", xml), shells).unwrap()
-}
-
 fn draws(step: u64) -> Stream {
     Key { seed: 11, world: 0, drone: 0, step, purpose: purpose("test of depth") }.stream()
-}
-
-fn random_quat(s: &mut Stream) -> [f64; 4] {
-    loop {
-        let q = [s.normal(), s.normal(), s.normal(), s.normal()];
-        let n = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if n > 0.1 {
-            return q.map(|x| x / n);
-        }
-    }
 }
 
 fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {

@@ -559,6 +559,38 @@ mod tests {
         <geom type="box" size=".4 .5 .6" pos="-3 0 0" euler="60 5 0"/><geom type="mesh" mesh="m" pos="-2 -2 0"/>
         <geom type="hfield" hfield="h" pos="1 -3 -.5" euler="20 10 0"/></worldbody></mujoco>"#;
 
+    #[test]
+    fn a_normal_belongs_to_the_surface_whose_range_is_stated() {
+        let scene = Scene::build(&SceneSource::text("ring", RING), &[]).unwrap();
+        let worker = scene.worker().unwrap();
+        let world = World::of(&worker).unwrap();
+        let (pos, mat) = worker.geom_poses().unwrap();
+        let d = [-0.707_106_781_186_547_5, -0.707_106_781_186_547_5, 0.0];
+        let pattern = RayPattern::new(&[d]).unwrap();
+        let job = Job {
+            world: &world,
+            pos,
+            mat,
+            query: &Query::default(),
+            origin: [0.0, 0.0, 0.1],
+            frame: quat::matrix([0.0, 0.0, 0.0, 1.0]),
+            pattern: &pattern,
+            rule: Rule { z_depth: false, near: 0.0, far: f32::INFINITY },
+        };
+        let (range, geom) = shoot(level(), &job);
+        assert_eq!(geom[0], 7, "the torus");
+        let of = |range: f32| {
+            let mut n = [[0.0; 3]];
+            super::super::normals(&job, &geom, &[range], &mut n);
+            n[0]
+        };
+        let face = of(range[0]);
+        let against = |n: [f32; 3]| -> f64 { (0..3).map(|k| -d[k] * f64::from(n[k])).sum() };
+        assert!(against(face) > 0.05 && against(face) < 0.999, "{face:?}");
+        // Where f32 met another part than f64, no triangle is made up.
+        assert!((against(of(range[0] + 0.5)) - 1.0).abs() < 1e-6);
+    }
+
     fn shoot(level: Level, job: &Job) -> (Vec<f32>, Vec<i32>) {
         let (mut range, mut geom) = (vec![0.0; job.pattern.n], vec![0; job.pattern.n]);
         let mut sink = Sink { range: Some(&mut range), geom: Some(&mut geom), ..Sink::default() };

@@ -40,7 +40,7 @@ pub use pattern::RayPattern;
 
 use super::SenseError;
 use crate::math::quat;
-use crate::scene::{Pose, Scene, SceneError, Worker};
+use crate::scene::{GeomType, Pose, Scene, SceneError, Worker};
 use frame::{Buffers, Job, Sink};
 use placed::Placed;
 use world::{MAX_GEOMS, Shape, World};
@@ -400,6 +400,9 @@ fn render_with(
     Ok(())
 }
 
+/// Relative difference of two ranges from which on they are those of different surfaces: ten times the worst of one.
+const OUTLINE: f64 = 1e-3;
+
 /// Normals of a frame: each ray meets its geom once more, in f64.
 fn normals(job: &Job, geoms: &[i32], ranges: &[f32], out: &mut [[f32; 3]]) {
     let mut kept: Option<(usize, Placed<f64>)> = None;
@@ -422,9 +425,18 @@ fn normals(job: &Job, geoms: &[i32], ranges: &[f32], out: &mut [[f32; 3]]) {
         kept = Some((id, g));
         let d = job.pattern.direction(i);
         let (t, part) = single::hit(job.world, &g, d, f64::INFINITY);
-        // At an outline f32 may see what f64 just misses.
-        let t = if t.is_finite() { t } else { f64::from(ranges[i]) };
-        *normal = single::normal(job.world, &g, &job.mat[id], &job.frame, d, t, part).map(|x| x as f32);
+        let range = f64::from(ranges[i]);
+        let same = (t - range).abs() <= OUTLINE * range.max(1e-3);
+        let known = !matches!(g.kind, GeomType::Mesh | GeomType::Hfield);
+        // At an outline f32 may see what f64 just misses, or the other way round. Then the surface is where f32 saw it; of
+        // triangles nobody knows which, and the normal faces the sensor.
+        let n = if same || known {
+            let t = if same { t } else { range };
+            single::normal(job.world, &g, &job.mat[id], &job.frame, d, t, part)
+        } else {
+            [0, 1, 2].map(|k| -(job.frame[k][0] * d[0] + job.frame[k][1] * d[1] + job.frame[k][2] * d[2]))
+        };
+        *normal = n.map(|x| x as f32);
     }
 }
 
