@@ -38,6 +38,9 @@ struct Args {
     /// A load on a cable is not tracked.
     #[arg(long)]
     untracked: bool,
+    /// Flies what each verdict advises, and asks again.
+    #[arg(long)]
+    advised: bool,
     /// Says all that is known of every case.
     #[arg(long, short)]
     verbose: bool,
@@ -92,6 +95,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             if args.verbose {
                 tell(&outcome);
             }
+            if args.advised
+                && let Some(next) = case.advised(&outcome, &vehicle).map_err(|e| e.to_string())?
+            {
+                println!("after {}\n{}", outcome.verdict.next_flight().join(" + "), next.line());
+                if args.verbose {
+                    tell(&next);
+                }
+            }
         }
     }
     println!("{right} of {all} exact");
@@ -122,6 +133,13 @@ fn tell(outcome: &Outcome) {
     for (id, nats) in verdict.singles.iter().take(6) {
         println!("      alone {id} {nats:.0}");
     }
+    for l in verdict.limits.iter().filter(|l| !l.visible || outcome.truth.hidden.iter().any(|h| h.id == l.id))
+    {
+        println!(
+            "      hides {} {} up to {:?} {} ({:?} of usual)",
+            l.id, l.parameter, l.size, l.unit, l.share
+        );
+    }
     for c in &verdict.calibration {
         let p = &c.parameter;
         println!("      calibration {} {} {:.5} ± {:.5} (filed {})", c.id, p.name, p.value, p.sigma, p.filed);
@@ -134,7 +152,7 @@ fn tell(outcome: &Outcome) {
         );
     }
     println!("      {}", verdict.remainder.text);
-    for line in verdict.advice.iter().chain(&verdict.warnings) {
+    for line in verdict.advice.iter().map(|a| &a.text).chain(&verdict.warnings) {
         println!("      {line}");
     }
 }

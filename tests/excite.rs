@@ -127,3 +127,31 @@ fn the_manoeuvres_that_tell_two_effects_apart_are_named() {
     assert!((1..=3).contains(&advice.len()));
     assert!(advice[0]["text"].as_str().unwrap().contains("tells com_offset from weak_rotor.1"));
 }
+
+/// What a diagnosis advises can be flown: the manoeuvres stand in the file one after the other.
+#[test]
+fn named_manoeuvres_are_written_in_turn() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("next.csv");
+    let shown = path.to_str().unwrap();
+    let length = |names: &str| -> f64 {
+        let out = excite(&["--fly", names, "--out", shown, "--json"]);
+        assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
+        let told: Value = serde_json::from_slice(&out.stdout).unwrap();
+        let last = std::fs::read_to_string(&path).unwrap().lines().last().unwrap().to_string();
+        let end: f64 = last.split(',').next().unwrap().parse().unwrap();
+        assert!((end - told["duration_s"].as_f64().unwrap()).abs() < 1e-3);
+        end
+    };
+    let (low, spin) = (length("low passes"), length("yaw spin"));
+    assert!((length("low passes, yaw spin") - low - spin).abs() < 1e-2);
+    length("yaw spin,low passes");
+    let rows = std::fs::read_to_string(&path).unwrap();
+    let heights: Vec<f64> =
+        rows.lines().skip(1).map(|l| l.split(',').nth(3).unwrap().parse().unwrap()).collect();
+    let lowest = heights.iter().position(|z| *z < 0.5).unwrap();
+    assert!(lowest > heights.len() / 3, "the low passes come second");
+
+    refused(&["--fly", "barrel roll", "--out", shown], &["manoeuvre", "barrel roll", "yaw spin"]);
+    refused(&["--fly", "under the ceiling", "--out", shown], &["under the ceiling", "ceiling"]);
+}

@@ -9,6 +9,7 @@ mod planted;
 use planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan};
 use propwash::flight::FlightLog;
 use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::excite;
 use propwash::gap::{Diagnosis, Options, Track};
 use propwash::vehicle::Vehicle;
 
@@ -157,4 +158,51 @@ fn a_load_that_was_not_tracked_is_not_made_up() {
     assert!(!names(&d).contains(&"turbulence"), "{}", d.verdict);
     let (_, reason) = d.not_tried.iter().find(|(id, _)| id == "slung_payload").unwrap();
     assert!(reason.contains("the load's position"), "{reason}");
+}
+
+/// A slow figure hides a wrong inertia about z, and says so; the flight that it advises shows it.
+#[test]
+fn what_a_quiet_flight_hides_shows_in_the_flight_that_is_advised() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let quiet = |plan: &mut Plan| plan.excitation = Excitation::Lissajous;
+    let (before, _) = flown(&["wrong_inertia.z"], 4, quiet);
+    assert!(before.findings.is_empty(), "{}", before.verdict);
+    let limit = before.limits.iter().find(|l| l.id == "wrong_inertia.z").unwrap();
+    assert!(!limit.visible && limit.share.unwrap() > 0.7, "{limit:?}");
+    assert!(before.verdict.contains("could hide"), "{}", before.verdict);
+    let shown = before.limits.iter().find(|l| l.id == "linear_drag").unwrap();
+    assert!(shown.visible && shown.size.unwrap() > 0.0, "{shown:?}");
+
+    let next = before.next_flight();
+    let points = excite::flight(&vehicle, &excite::Request::default(), &next).unwrap();
+    let mut plan = Plan::exciting(&vehicle, &["wrong_inertia.z"], points.last().unwrap().0, 4);
+    plan.excitation = Excitation::Planned;
+    (plan.path, plan.flight) = (points, 1);
+    let mut first = Plan::exciting(&vehicle, &["wrong_inertia.z"], SECONDS, 4);
+    quiet(&mut first);
+    let folder = tempfile::tempdir().unwrap();
+    let tracks: Vec<Track> = [("first.csv", first), ("next.csv", plan)]
+        .into_iter()
+        .map(|(name, plan)| {
+            let file = folder.path().join(name);
+            planted::fly(&plan).unwrap().write(&file).unwrap();
+            Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap()
+        })
+        .collect();
+    let after = diagnose(&tracks, &vehicle, &Settings::default()).unwrap().verdict;
+    assert_eq!(names(&after), ["wrong_inertia.z"], "after {next:?}: {}", after.verdict);
+    assert!(
+        after.limits.iter().filter(|l| !l.visible).count()
+            < before.limits.iter().filter(|l| !l.visible).count()
+    );
+}
+
+/// Weather in a slow flight goes with what the pilot does against it: it may be the weather, and it may be something else.
+#[test]
+fn weather_in_a_slow_flight_is_named_in_doubt() {
+    let (d, _) = flown(&["turbulence"], 1, |plan| plan.excitation = Excitation::Circle);
+    assert_eq!(names(&d), ["turbulence"], "{}", d.verdict);
+    assert!(!d.findings[0].certain && d.findings[0].look_alikes[0].ids == ["unlisted"], "{}", d.verdict);
+    assert!(d.remainder.unexplained, "{}", d.verdict);
 }

@@ -10,8 +10,8 @@ use propwash::gap::report::{
 };
 use propwash::gap::track::Noise;
 use propwash::gap::verdict::{
-    Calibration, Diagnosis, Finding, FreeTerm, HorizonError, LogSummary, LookAlike, ParameterFit, Remainder,
-    Rung,
+    Advice, Calibration, Diagnosis, Finding, FreeTerm, HorizonError, Limit, LogSummary, LookAlike,
+    ParameterFit, Remainder, Rung,
 };
 use propwash::gap::{Cause, Response};
 use propwash::physics::effects::Area;
@@ -148,10 +148,12 @@ fn sample() -> Diagnosis {
             Rung { label: "+ rotor_drag".into(), training: errors(0.143), held_out: errors(0.168) },
             Rung { label: "+ weak_rotor.2".into(), training: errors(0.0193), held_out: errors(0.0271) },
         ],
-        advice: vec![
-            "climb and sink hard: it tells weak_rotor.2 from com_offset.y + torque_scale".into(),
-            "fly 20 s of yaw steps at 3 m/s: it shows what turns the vehicle at speed".into(),
-        ],
+        advice: [
+            "climb and sink hard: it tells weak_rotor.2 from com_offset.y + torque_scale",
+            "fly 20 s of yaw steps at 3 m/s: it shows what turns the vehicle at speed",
+        ]
+        .map(|text| Advice { text: text.into(), manoeuvres: Vec::new() })
+        .into(),
         not_tried: vec![("ceiling_effect".into(), "the logs name no ceiling".into())],
         singles: [
             ("rotor_drag", 871.0),
@@ -172,6 +174,14 @@ fn sample() -> Diagnosis {
         .map(|(id, nats)| (id.to_string(), nats))
         .to_vec(),
         dispersion: 1.37,
+        limits: vec![Limit {
+            id: "ground_effect".into(),
+            parameter: "strength".into(),
+            unit: "1".into(),
+            size: None,
+            share: None,
+            visible: false,
+        }],
         warnings: vec!["chirps_and_steps.csv: the gyroscope lags the poses by 8.2 ms; shifted".into()],
     }
 }
@@ -354,6 +364,7 @@ fn the_page_holds_every_effect_and_needs_no_network() {
     // The style is the only one of these that a browser reads as more than script.
     assert_needs_no_network(&format!("{} default-src 'none'", inside[0]));
     let d = report.diagnosis.as_ref().expect("the report has a diagnosis");
+    assert!(markup.contains("What could hide in these logs") && markup.contains(">never<"));
     for f in &d.findings {
         assert!(markup.contains(&format!("<code>{}</code>", f.id)), "{}", f.id);
     }

@@ -6,6 +6,7 @@ use propwash::gap::accept::Source;
 use propwash::gap::compare::compare;
 use propwash::gap::complete::{Completion, Entry, steps};
 use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::excite;
 use propwash::gap::ladder::Flights;
 use propwash::gap::verdict::ParameterFit;
 use propwash::gap::{Diagnosis, Options, Track};
@@ -75,13 +76,49 @@ impl Case {
     }
 
     fn track(&self, vehicle: &Vehicle, flight: &Flight) -> Result<Track, Failure> {
+        let ceiling = flight.truth.excitation == Excitation::NearCeiling;
+        self.track_under(vehicle, flight, ceiling.then_some(CEILING_Z_M))
+    }
+
+    fn track_under(
+        &self,
+        vehicle: &Vehicle,
+        flight: &Flight,
+        ceiling_z_m: Option<f64>,
+    ) -> Result<Track, Failure> {
         let folder = tempfile::tempdir()?;
         let file = folder.path().join("flight.csv");
         flight.write(&file)?;
         let log = FlightLog::load(&file, None)?;
-        let ceiling = flight.truth.excitation == Excitation::NearCeiling;
-        let options = Options { ceiling_z_m: ceiling.then_some(CEILING_Z_M), ..Options::default() };
+        let options = Options { ceiling_z_m, ..Options::default() };
         Ok(Track::new(log, vehicle, &options)?)
+    }
+
+    /// Flies what the verdict of `ordinary` advises, and asks again with both flights; `None` where it advises no manoeuvre.
+    pub fn advised(&self, ordinary: &Outcome, vehicle: &Vehicle) -> Result<Option<Outcome>, Failure> {
+        let mut names = ordinary.verdict.next_flight();
+        let mut request = excite::Request::default();
+        // The verdict says that it needs the height of the ceiling: the next flight is one under a ceiling of known height.
+        let ceiling = self.hidden.contains(&"ceiling_effect");
+        if ceiling {
+            (request.box_m[2], request.ceiling_z_m) = (CEILING_Z_M, Some(CEILING_Z_M));
+            names.push("under the ceiling".into());
+        }
+        if names.is_empty() {
+            return Ok(None);
+        }
+        let mut plan = self.plan(vehicle, 1);
+        plan.path = excite::flight(vehicle, &request, &names)?;
+        plan.excitation = Excitation::Planned;
+        plan.seconds = plan.path.last().map_or(0.0, |k| k.0);
+        let next = fly(&plan)?;
+        let begin = Instant::now();
+        let under = ceiling.then_some(CEILING_Z_M);
+        let first = self.track_under(vehicle, &fly(&self.plan(vehicle, 0))?, under)?;
+        let tracks = [first, self.track_under(vehicle, &next, under)?];
+        let verdict = diagnose(&tracks, vehicle, &Settings::default())?.verdict;
+        let took_s = begin.elapsed().as_secs_f64();
+        Ok(Some(Outcome { case: self.clone(), truth: next.truth, verdict, took_s, closure: None }))
     }
 
     /// Flies it and compares; the time of comparing, s.
@@ -220,9 +257,23 @@ impl Outcome {
         self.case.hidden.iter().all(|h| self.found().iter().any(|f| self.names(f, h)))
     }
 
+    /// Whether the verdict says that the flight could not have shown what was hidden.
+    pub fn could_not_show(&self) -> bool {
+        let verdict = &self.verdict;
+        self.case.hidden.iter().all(|h| {
+            let limit = verdict.limits.iter().find(|l| same(&l.id, h));
+            limit.is_some_and(|l| !l.visible) || verdict.not_tried.iter().any(|(id, _)| same(id, h))
+        })
+    }
+
     /// Whether a name without look-alikes is wrong.
     pub fn confidently_wrong(&self) -> bool {
         self.verdict.findings.iter().any(|f| f.certain && !self.case.hidden.iter().any(|h| same(&f.id, h)))
+    }
+
+    /// Whether no name has look-alikes.
+    pub fn certain(&self) -> bool {
+        self.verdict.findings.iter().all(|f| f.certain)
     }
 
     /// Names nothing and sees nothing left.
@@ -259,7 +310,7 @@ impl Outcome {
         let verdict = &self.verdict;
         let closure = self.closure.map_or_else(String::new, |c| format!(" closure {c:.3}"));
         format!(
-            "{} {:<28} {:?} {} seed {} {:>5.1} s  φ {:>5.2} force {:.3} torque {:.2}{closure}  {}",
+            "{} {:<28} {:?} {} seed {} {:>5.1} s  φ {:>5.2} force {:.3} torque {:.2} hides {}{closure}  {}",
             if self.exact() { "ok " } else { "BAD" },
             self.hidden(),
             self.case.noise,
@@ -269,6 +320,7 @@ impl Outcome {
             verdict.dispersion,
             verdict.remainder.force_m_s2,
             verdict.remainder.torque_rad_s2,
+            verdict.limits.iter().filter(|l| !l.visible).count(),
             verdict.verdict,
         )
     }

@@ -128,6 +128,27 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
                 n,
                 "≤ 5 %",
             );
+            let told = |o: &Outcome| o.in_a_group() || (o.silent() && o.could_not_show());
+            row(
+                &format!("{name}: in the group, or among what the flight could not show"),
+                share(&out, told),
+                n,
+                "≥ 95 %",
+            );
+            let open: Vec<&Outcome> = out.iter().filter(|o| !(o.exact() && o.certain())).collect();
+            let next = advised(&open, vehicle)?;
+            let flown: Vec<Outcome> = next.into_iter().flatten().collect();
+            let text = format!(
+                "{} of {} advised",
+                percent(flown.iter().filter(|o| o.exact()).count(), open.len()),
+                flown.len()
+            );
+            row(
+                &format!("{name}, not decided: right after the flight that is advised"),
+                text,
+                open.len(),
+                "",
+            );
             let seen: Vec<Outcome> = out.into_iter().filter(|o| !o.silent()).collect();
             row(
                 &format!("{name}: in the group, where anything is seen"),
@@ -172,6 +193,26 @@ fn all(cases: &[Case], vehicle: &Vehicle, path: &str) -> Result<Vec<Outcome>, Bo
         })
         .collect();
     out.map_err(|e: Box<dyn std::error::Error + Send + Sync>| e.to_string().into())
+}
+
+/// What is said after the flights that verdicts advise.
+fn advised(
+    cases: &[&Outcome],
+    vehicle: &Vehicle,
+) -> Result<Vec<Option<Outcome>>, Box<dyn std::error::Error>> {
+    let out: Result<Vec<_>, Box<dyn std::error::Error + Send + Sync>> = cases
+        .par_iter()
+        .map(|o| {
+            let next = o.case.advised(o, vehicle)?;
+            let words = next.as_ref().map_or_else(|| "no manoeuvre is advised".into(), Outcome::line);
+            println!("after {}: {words}", o.verdict.next_flight().join(" + "));
+            if next.as_ref().is_some_and(|n| !n.exact()) {
+                println!("    before: {}", o.line());
+            }
+            Ok(next)
+        })
+        .collect();
+    out.map_err(|e| e.to_string().into())
 }
 
 fn share(out: &[Outcome], right: impl Fn(&Outcome) -> bool) -> String {

@@ -702,8 +702,19 @@ pub struct ExciteArgs {
     pub vehicle: String,
     /// Effect whose parameters are wanted, as linear_drag or weak_rotor.2; a kind stands for all of it. Repeat it, or
     /// separate by commas.
-    #[arg(long, value_name = "EFFECT", required = true, num_args = 1.., value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "EFFECT",
+        required_unless_present = "fly",
+        conflicts_with = "fly",
+        num_args = 1..,
+        value_delimiter = ','
+    )]
     pub want: Vec<String>,
+    /// Plan nothing, but write these manoeuvres of the library to --out in turn, as a diagnosis advises them: "low passes, yaw
+    /// spin".
+    #[arg(long, value_name = "MANOEUVRE", requires = "out", conflicts_with = "from", num_args = 1.., value_delimiter = ',')]
+    pub fly: Vec<String>,
     /// Plan nothing, but name the manoeuvres that tell the wanted effects from these.
     #[arg(long, value_name = "EFFECT", num_args = 1.., value_delimiter = ',')]
     pub from: Vec<String>,

@@ -6,6 +6,7 @@ use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
 use super::free_form::{self, Doing, Sample};
+use super::limits;
 use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
@@ -13,7 +14,7 @@ use super::shapes;
 use super::solve::{Solution, WEAK, chi2, polished, solve, sum, with_scatter};
 use super::track::{Drive, Track};
 use super::verdict::{
-    Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
+    Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
 };
 use crate::flight::clean;
 use crate::math::{euler, quat};
@@ -313,6 +314,8 @@ fn speak(
     let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
     let left = samples(logs, model, solution, &solution.disturbance, &end);
     let (mut remainder, event) = remainder(solution, &left);
+    let limits = limits::limits(model, &evidence, solution);
+    let poor = limits::poor(model, solution)?;
     let mut nearest = Vec::new();
     let wholly_driven = !forces_only(logs);
     let of_the_air = |c: &&usize| model.candidates[**c].area == Area::Airframe;
@@ -329,9 +332,7 @@ fn speak(
             remainder.text = format!("{}; {words}", remainder.text);
             // What was found beside it, on less evidence, was found beside the wrong shape.
             let own = findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
-            for f in findings.extract_if(.., |f| f.evidence_nats <= own) {
-                nearest.push(f.id);
-            }
+            doubt(&mut findings, &mut nearest, poor, |f| f.evidence_nats <= own);
         }
     }
     let doubtful_shape = !nearest.is_empty();
@@ -345,27 +346,32 @@ fn speak(
         && remainder.unexplained
         && (together < 0.5 || explained < LEANING || (event && explained < EVENTFUL))
     {
-        nearest.extend(findings.drain(..).map(|f| f.id));
+        doubt(&mut findings, &mut nearest, poor, |_| true);
     }
     let drift = remainder.unexplained && findings.is_empty() && !doubtful_shape && !event;
-    if let Some(weather) = drift.then(|| turbulence(model, logs, solution, &remainder)).flatten() {
+    if let Some(weather) = drift.then(|| turbulence(model, logs, solution, &remainder, poor)).flatten() {
         findings.push(weather);
     }
-    let explained = findings.iter().any(|f| f.kind == "turbulence");
+    let explained = findings.iter().any(|f| f.kind == "turbulence" && f.certain);
     let remainder = Remainder { unexplained: remainder.unexplained && !explained, ..remainder };
-    let verdict = sentence(&findings, &remainder, &nearest);
+    let hidden = if poor { limits.iter().filter(|l| !l.visible).count() } else { 0 };
+    let verdict = sentence(&findings, &remainder, &nearest, hidden);
     let mut warnings: Vec<String> = Vec::new();
     for t in tracks {
         for w in &t.warnings {
             warnings.push(if tracks.len() > 1 { format!("{}: {w}", t.name) } else { w.clone() });
         }
     }
-    let mut advice: Vec<String> = Vec::new();
+    let mut advice: Vec<Advice> = Vec::new();
     let ids: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
     let listed = model.only(&|id| ids.contains(&id));
     for f in findings.iter().filter(|f| !f.certain) {
         let names: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
-        let alike: Vec<String> = f.look_alikes.iter().flat_map(|l| l.ids.iter().cloned()).collect();
+        let alike: Vec<String> =
+            f.look_alikes.iter().flat_map(|l| l.ids.iter().cloned()).filter(|id| id != UNLISTED).collect();
+        if alike.is_empty() {
+            continue;
+        }
         let planned = tracks.first().and_then(|t| {
             excite::advice(
                 vehicle,
@@ -377,12 +383,16 @@ fn speak(
             )
         });
         // Where the vehicle cannot be flown in simulation, or nothing of the library tells them apart, the effect's own page.
-        let manoeuvre = match planned.as_deref() {
-            Some([(name, text), ..]) => format!("{name} ({text})"),
-            _ => model.candidates.iter().find(|c| c.id == f.id).map_or("", |c| c.manoeuvre).to_string(),
+        let planned = planned.unwrap_or_default();
+        let manoeuvre = match planned.first() {
+            Some((name, text)) => format!("{name} ({text})"),
+            None => model.candidates.iter().find(|c| c.id == f.id).map_or("", |c| c.manoeuvre).to_string(),
         };
         let text = format!("to tell {} from {}: {manoeuvre}", f.id, names.join(", "));
-        advice.push(text);
+        advice.push(Advice { text, manoeuvres: planned.into_iter().map(|(name, _)| name).collect() });
+    }
+    if let Some(first) = tracks.first() {
+        advice.extend(limits::advice(vehicle, first, model, &evidence, &limits, &solution.set)?);
     }
     Ok(Diagnosis {
         vehicle: vehicle.name.clone(),
@@ -406,6 +416,7 @@ fn speak(
         remainder,
         ladder: Vec::new(),
         advice,
+        limits,
         not_tried: model.not_tried.clone(),
         singles,
         dispersion: solution.dispersion,
@@ -413,18 +424,53 @@ fn speak(
     })
 }
 
+/// Id of what no candidate describes, among look-alikes.
+pub const UNLISTED: &str = "unlisted";
+
+/// What stands in place of a finding where the logs cannot tell it from physics that is in no list.
+fn unlisted() -> LookAlike {
+    LookAlike {
+        ids: vec![UNLISTED.into()],
+        title: "something that is not in the list".into(),
+        worse_by_nats: 0.0,
+        manoeuvre: String::new(),
+    }
+}
+
+/// Takes the findings `of` back, as the nearest of what is in the list; from logs that show little they stay, in doubt.
+fn doubt(findings: &mut Vec<Finding>, nearest: &mut Vec<String>, poor: bool, of: impl Fn(&Finding) -> bool) {
+    if !poor {
+        nearest.extend(findings.extract_if(.., |f| of(f)).map(|f| f.id));
+        return;
+    }
+    for f in findings.iter_mut().filter(|f| of(f)) {
+        if !f.look_alikes.iter().any(|l| l.ids == [UNLISTED]) {
+            f.certain = false;
+            f.look_alikes.push(unlisted());
+        }
+    }
+}
+
 /// The verdict "turbulence": a force without pattern, at no particular time, of the size that wind of up to 3 m/s makes on this
 /// vehicle.
-fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Remainder) -> Option<Finding> {
-    // Weather has no pattern.
+fn turbulence(
+    model: &Model,
+    logs: &[Prepared],
+    solution: &Solution,
+    left: &Remainder,
+    poor: bool,
+) -> Option<Finding> {
+    // Weather has no pattern, but for what the pilot does against it: all that there is in a quiet flight.
     let pattern = |t: &FreeTerm| t.on.starts_with("force") && t.explained_share > WEATHER_SHARE;
     // Nor does it leave more than disturbances and the sensors' noise make together.
     let misfit = solution.dispersion > MOST_DISPERSION;
-    if misfit || left.terms.iter().any(pattern) || left.force_m_s2 <= LARGE_FORCE_M_S2 {
+    let patterned = left.terms.iter().any(pattern);
+    if misfit || (patterned && !poor) || left.force_m_s2 <= LARGE_FORCE_M_S2 {
         return None;
     }
-    // Acceleration by 1 m/s of wind in hover.
-    let drone = model.plain_at(&solution.linear.at, &[]);
+    // Acceleration by 1 m/s of wind in hover; a poor flight knows its drag less well than the file.
+    let values = if poor { model.filed() } else { solution.linear.at.clone() };
+    let drone = model.plain_at(&values, &[]);
     let hovering = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
     let acceleration = |wind_m_s: [f64; 3]| {
         let around = Surroundings { wind_m_s, ..Surroundings::calm() };
@@ -466,8 +512,8 @@ fn turbulence(model: &Model, logs: &[Prepared], solution: &Solution, left: &Rema
         parameters,
         evidence_nats: 0.5 * n * (left.force_m_s2 / LARGE_FORCE_M_S2).powi(2).ln(),
         removed_share: 0.0,
-        certain: true,
-        look_alikes: Vec::new(),
+        certain: !patterned,
+        look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
     })
 }
 
@@ -652,7 +698,8 @@ impl Remainder {
     }
 }
 
-fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String]) -> String {
+/// `hidden`: how many effects could hide, where that is too many for a plain no.
+fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hidden: usize) -> String {
     let names: Vec<String> = findings
         .iter()
         .map(|f| {
@@ -665,7 +712,12 @@ fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String]) -> 
         })
         .collect();
     match (findings.is_empty(), remainder.unexplained) {
-        (true, false) => "nothing is missing".into(),
+        (true, false) if hidden == 0 => "nothing is missing".into(),
+        (true, false) => {
+            format!(
+                "nothing is missing that these logs could show; {hidden} effects of usual size could hide in them"
+            )
+        }
         (false, false) => format!("missing: {}", names.join("; ")),
         (false, true) => {
             format!("missing: {}; and something unexplained is left", names.join("; "))

@@ -11,8 +11,8 @@ mod library;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use advice::advice;
 pub use advice::tell_apart;
+pub(crate) use advice::{advice, show};
 pub use library::{Knot, Room};
 
 use super::GapError;
@@ -214,14 +214,9 @@ impl FlightPlan {
         self.parameters.iter().all(|p| p.reached)
     }
 
-    /// The waypoints as `t,x,y,z,yaw` (s, m, m, m, rad), which `propwash fly --trajectory waypoints FILE` flies.
+    /// The waypoints as [`csv`] writes them.
     pub fn csv(&self) -> String {
-        let mut out = String::from("t,x,y,z,yaw\n");
-        for (t, [x, y, z], yaw) in &self.waypoints {
-            // Writing to a string cannot fail.
-            let _ = writeln!(out, "{t:.3},{x:.5},{y:.5},{z:.5},{yaw:.5}");
-        }
-        out
+        csv(&self.waypoints)
     }
 
     /// The path between the waypoints.
@@ -231,6 +226,16 @@ impl FlightPlan {
     pub fn spline(&self) -> Result<Spline, GapError> {
         path(&self.waypoints)
     }
+}
+
+/// Waypoints as `t,x,y,z,yaw` (s, m, m, m, rad), which `propwash fly --trajectory waypoints FILE` flies.
+pub fn csv(waypoints: &[Knot]) -> String {
+    let mut out = String::from("t,x,y,z,yaw\n");
+    for (t, [x, y, z], yaw) in waypoints {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{t:.3},{x:.5},{y:.5},{z:.5},{yaw:.5}");
+    }
+    out
 }
 
 fn path(knots: &[Knot]) -> Result<Spline, GapError> {
@@ -501,6 +506,51 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
         warnings,
         waypoints: knots,
     })
+}
+
+/// A flight of the manoeuvres `names` of the library, in turn, in the space and with the sensors of `request` (whose `want`
+/// and `seconds` do not matter).
+///
+/// # Errors
+/// [`GapError`] where a name is unknown, the space lacks what a manoeuvre needs, or the vehicle cannot fly one.
+pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<Vec<Knot>, GapError> {
+    let nothing = vec!["any".to_string()];
+    check(&Request { want: nothing, ..request.clone() })?;
+    let known = || library::ALL.iter().map(|m| m.name).collect::<Vec<_>>().join(", ");
+    let unknown = |name: &str| GapError::Unknown { name: name.into(), what: "manoeuvre", known: known() };
+    if names.is_empty() {
+        return Err(unknown(""));
+    }
+    for name in names {
+        library::ALL.iter().find(|m| m.name == *name).ok_or_else(|| unknown(name))?;
+    }
+    let drone = drone_of(vehicle, request.drive)?;
+    let room = room_of(request, &drone);
+    let setting = Setting {
+        vehicle,
+        drone: &drone,
+        room: &room,
+        sensors: &request.sensors,
+        air: &request.air,
+        seed: request.seed,
+    };
+    let (entries, failed) = fly_library(&setting)?;
+    let order: Vec<usize> = names
+        .iter()
+        .map(|name| {
+            entries.iter().position(|e| e.manoeuvre.name == name).ok_or_else(|| GapError::Log {
+                log: vehicle.name.clone(),
+                expected: format!("a vehicle and a space in which {name} can be flown"),
+                found: failed
+                    .iter()
+                    .find(|f| f.starts_with(name))
+                    .cloned()
+                    .unwrap_or_else(|| "the space has no ground or ceiling for it".into()),
+                remedy: "give a larger box, its ceiling's height, or another manoeuvre".into(),
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    Ok(join(&entries, &order).0)
 }
 
 /// Manoeuvres one after the other.

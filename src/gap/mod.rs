@@ -13,6 +13,7 @@ pub mod excite;
 mod fit;
 pub(crate) mod free_form;
 pub mod ladder;
+mod limits;
 pub(crate) mod model;
 pub mod overlay;
 pub(crate) mod replay;

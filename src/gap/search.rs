@@ -217,6 +217,21 @@ impl<'a> Evidence<'a> {
         Some((0..n).map(|k| (unbiased * variance[k]).sqrt() * slab(k)).collect())
     }
 
+    /// Standard deviation of candidate `of`'s parameters, in slabs, at which it would be expected to bring `nats` beside `set`,
+    /// with everything else within its tolerance; infinite where the log knows nothing of it.
+    pub fn smallest(&self, set: &[usize], of: usize, nats: f64) -> Option<f64> {
+        let mut precision = self.a.clone();
+        for k in 0..self.closed.len() {
+            let open = set.contains(&self.model.parameters[k].candidate);
+            precision[(k, k)] += if open { 1.0 } else { 1.0 / self.closed[k] };
+        }
+        let own: Vec<f64> = self.members[of]
+            .iter()
+            .map(|k| if set.contains(&of) { 1.0 } else { 1.0 / self.closed[*k] })
+            .collect();
+        smallest(precision, &self.members[of], &own, nats)
+    }
+
     /// The best set: all singles and pairs, then grown, dropped and exchanged until nothing is better. With every set that
     /// was looked at.
     pub fn search(&self) -> (Scored, Vec<Scored>) {
@@ -291,6 +306,24 @@ impl<'a> Evidence<'a> {
         out.retain(|(ids, _)| ids.len() == 1 || !ids.iter().any(|c| single.contains(c)));
         out
     }
+}
+
+/// Size in slabs at which the parameters `of` would be expected to bring `nats`, from the posterior precision of all
+/// parameters, in which `own` is what the priors of `of` contribute.
+///
+/// With information S about them beside all others, a slab brings ½ zᵀS(1 + S)⁻¹S z − ½ ln det(1 + S) of evidence.
+pub(crate) fn smallest(precision: DMatrix<f64>, of: &[usize], own: &[f64], nats: f64) -> Option<f64> {
+    let m = of.len();
+    let covariance = Cholesky::new(precision)?.inverse();
+    let block = DMatrix::from_fn(m, m, |i, j| covariance[(of[i], of[j])]);
+    let mut told = Cholesky::new(block)?.inverse();
+    for (i, p) in own.iter().enumerate() {
+        told[(i, i)] -= p;
+    }
+    let values = told.symmetric_eigenvalues().map(|v| v.max(0.0));
+    let gain = values.iter().map(|v| v * v / (1.0 + v)).sum::<f64>() / m as f64;
+    let price = 0.5 * values.iter().map(|v| (1.0 + v).ln()).sum::<f64>();
+    Some((2.0 * (nats + price) / gain.max(1e-12)).sqrt())
 }
 
 /// Distribution function of the standard normal law, to 1e-7 (Abramowitz & Stegun 7.1.26), its lower tail by the

@@ -104,6 +104,32 @@ pub struct Remainder {
     pub text: String,
 }
 
+/// How large an effect could be without showing in the logs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Limit {
+    /// Candidate id.
+    pub id: String,
+    /// Name of its first parameter.
+    pub parameter: String,
+    /// SI unit.
+    pub unit: String,
+    /// Size up to which it would not show: a root mean square, like the plausible size; `None` where the logs say nothing.
+    pub size: Option<f64>,
+    /// The same over its plausible size.
+    pub share: Option<f64>,
+    /// Whether one of plausible size would show.
+    pub visible: bool,
+}
+
+/// What to fly next.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Advice {
+    /// What for, and what the manoeuvres would bring.
+    pub text: String,
+    /// Manoeuvres of the library, best first; empty where none is known to help.
+    pub manoeuvres: Vec<String>,
+}
+
 /// Root-mean-square error of roll-outs of one length.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HorizonError {
@@ -174,7 +200,9 @@ pub struct Diagnosis {
     /// Baseline, + effect 1, + effect 2 …
     pub ladder: Vec<Rung>,
     /// What to fly next, and why.
-    pub advice: Vec<String>,
+    pub advice: Vec<Advice>,
+    /// How large each candidate that was tried and not found could be without showing, the least visible first.
+    pub limits: Vec<Limit>,
     /// Candidates that were not tried, with the reason.
     pub not_tried: Vec<(String, String)>,
     /// Every candidate tried alone: id, evidence for it, nats.
@@ -183,4 +211,17 @@ pub struct Diagnosis {
     pub dispersion: f64,
     /// What was assumed or left out.
     pub warnings: Vec<String>,
+}
+
+impl Diagnosis {
+    /// Manoeuvres of the library to fly next, each once, most wanted first.
+    pub fn next_flight(&self) -> Vec<String> {
+        let mut out: Vec<String> = Vec::new();
+        for name in self.advice.iter().flat_map(|a| &a.manoeuvres) {
+            if !out.contains(name) {
+                out.push(name.clone());
+            }
+        }
+        out
+    }
 }

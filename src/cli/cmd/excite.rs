@@ -4,7 +4,7 @@ use super::drones::find;
 use super::{io_error, print, print_json};
 use crate::cli::args::ExciteArgs;
 use crate::cli::exit::Outcome;
-use crate::gap::excite::{Air, FlightPlan, Request, Sensors, WantedParameter, plan, tell_apart};
+use crate::gap::excite::{Air, FlightPlan, Request, Sensors, WantedParameter, csv, flight, plan, tell_apart};
 use crate::gap::{Drive, GapError};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -34,6 +34,9 @@ pub fn run(args: &ExciteArgs) -> Result<Outcome> {
         drive,
         seed: args.seed,
     };
+    if !args.fly.is_empty() {
+        return named(args, &vehicle, &request);
+    }
     let plan = plan(&vehicle, &request)?;
     if let Some(path) = &args.out {
         std::fs::write(path, plan.csv()).map_err(io_error(path))?;
@@ -46,6 +49,36 @@ pub fn run(args: &ExciteArgs) -> Result<Outcome> {
         show(&plan, args)?;
     }
     Ok(if plan.complete() { Outcome::Fine } else { Outcome::Found })
+}
+
+/// Writes named manoeuvres.
+fn named(args: &ExciteArgs, vehicle: &Vehicle, request: &Request) -> Result<Outcome> {
+    let names: Vec<String> = args.fly.iter().map(|n| n.trim().to_string()).collect();
+    let waypoints = flight(vehicle, request, &names)?;
+    let seconds = waypoints.last().map_or(0.0, |k| k.0);
+    if let Some(path) = &args.out {
+        std::fs::write(path, csv(&waypoints)).map_err(io_error(path))?;
+    }
+    if args.json {
+        print_json(
+            &serde_json::json!({ "manoeuvres": names, "duration_s": seconds, "waypoints": args.out }),
+        )?;
+    } else {
+        print(format_args!("{}: {seconds:.1} s of flight: {}", vehicle.name, names.join(", ")))?;
+        how_to_fly(args, seconds)?;
+    }
+    Ok(Outcome::Fine)
+}
+
+/// How to fly what was written.
+fn how_to_fly(args: &ExciteArgs, seconds: f64) -> Result<()> {
+    let Some(path) = &args.out else { return Ok(()) };
+    print(format_args!(
+        "\nwaypoints  {path}\nfly them   propwash fly --scene SCENE.xml --drone {} --trajectory waypoints {path} --seconds {:.0} --out FOLDER",
+        args.vehicle,
+        seconds.ceil(),
+        path = path.display()
+    ))
 }
 
 fn sensors(args: &ExciteArgs) -> Sensors {
@@ -153,15 +186,7 @@ fn show(plan: &FlightPlan, args: &ExciteArgs) -> Result<()> {
     for warning in &plan.warnings {
         print(format_args!("warning: {warning}"))?;
     }
-    if let Some(path) = &args.out {
-        print(format_args!(
-            "\nwaypoints  {path}\nfly them   propwash fly --scene SCENE.xml --drone {} --trajectory waypoints {path} --seconds {:.0} --out FOLDER",
-            args.vehicle,
-            plan.duration_s.ceil(),
-            path = path.display()
-        ))?;
-    }
-    Ok(())
+    how_to_fly(args, plan.duration_s)
 }
 
 fn table(plan: &FlightPlan, group: &[WantedParameter]) -> Result<()> {

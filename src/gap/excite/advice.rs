@@ -2,6 +2,7 @@
 
 use super::flown::{self, Setting};
 use super::{Air, Request, Sensors, check, drone_of, fly_library, indices, information, model_of, room_of};
+use crate::flight::clean;
 use crate::gap::model::Model;
 use crate::gap::{Drive, GapError, Track};
 use crate::vehicle::Vehicle;
@@ -80,6 +81,75 @@ pub(super) fn ready(vehicle: &Vehicle, drive: Drive, sensors: &Sensors) -> Optio
 pub(super) const ORDINARY: [&str; 2] = ["hover", "slow eight"];
 /// Evidence that a manoeuvre must bring beyond those to be named, nats.
 const WORTH_NATS: f64 = 3.0;
+
+/// Manoeuvres that make hidden effects visible.
+pub(crate) struct Showing {
+    /// Names, most wanted first.
+    pub manoeuvres: Vec<String>,
+    /// Their length together, s.
+    pub seconds: f64,
+    /// How far each effect is from being visible after them.
+    pub far: Vec<f64>,
+}
+
+/// Most manoeuvres that are named at once.
+const AT_ONCE: usize = 4;
+/// Sum of distances by which a manoeuvre must bring effects nearer to be named.
+const NEARER: f64 = 0.3;
+
+/// Which manoeuvres, flown beside flights of information `told` (in slabs), bring effects into sight: `far` gives how far each
+/// is from being visible with such information, 0 for what is. With `hardest`, the manoeuvre that asks most of the rotors comes
+/// first. `None` where the vehicle cannot fly the library.
+pub(crate) fn show(
+    vehicle: &Vehicle,
+    drive: Drive,
+    sensors: &Sensors,
+    model: &Model,
+    told: &DMatrix<f64>,
+    far: &(dyn Fn(&DMatrix<f64>) -> Vec<f64> + Sync),
+    hardest: bool,
+) -> Option<Showing> {
+    let flights = ready(vehicle, drive, sensors)?;
+    let tracks: Vec<&Track> = flights.iter().map(|f| &f.track).collect();
+    let each = information::of_tracks(&tracks, model, &Air::default());
+    let mut out = Showing { manoeuvres: Vec::new(), seconds: 0.0, far: far(told) };
+    let mut sum = told.clone();
+    // Not the most of all: a single sample of a catch is no demand.
+    let most = |f: &Ready| {
+        let rotors = &f.track.inputs.rotors;
+        let speeds: Vec<f64> = rotors.iter().flat_map(|c| c.values.iter().map(|v| v[0])).collect();
+        clean::quantile(&speeds, 0.98).unwrap_or(0.0)
+    };
+    let first = (0..flights.len()).max_by(|a, b| most(&flights[*a]).total_cmp(&most(&flights[*b])));
+    if let Some(i) = first.filter(|_| hardest) {
+        sum += &each[i];
+        out.manoeuvres.push(flights[i].name.into());
+        out.seconds += flights[i].seconds;
+        out.far = far(&sum);
+    }
+    while out.manoeuvres.len() < AT_ONCE {
+        let now: f64 = out.far.iter().sum();
+        let tries: Vec<(usize, Vec<f64>, f64)> = (0..flights.len())
+            .into_par_iter()
+            .filter(|i| !out.manoeuvres.iter().any(|m| m == flights[*i].name))
+            .map(|i| {
+                let after = far(&(&sum + &each[i]));
+                let gain = now - after.iter().sum::<f64>();
+                (i, after, gain)
+            })
+            .filter(|(_, _, gain)| *gain > NEARER)
+            .collect();
+        let worth = |t: &(usize, Vec<f64>, f64)| t.2 / flights[t.0].seconds.sqrt();
+        let Some((i, after, _)) = tries.into_iter().max_by(|a, b| worth(a).total_cmp(&worth(b))) else {
+            break;
+        };
+        sum += &each[i];
+        out.manoeuvres.push(flights[i].name.into());
+        out.seconds += flights[i].seconds;
+        out.far = after;
+    }
+    Some(out)
+}
 
 /// Which manoeuvres tell the candidates `wanted` from `alike` best, at most three, best first: (name, text). `None` where
 /// the vehicle has no controller that could fly them, or an id is none of the model's; empty where no manoeuvre of the

@@ -194,6 +194,20 @@ impl Path {
         });
     }
 
+    /// Up with an acceleration of `acc` for `each` s, then half of it against that for twice as long, and down again.
+    fn climb(&mut self, acc: f64, each: f64) {
+        let each = (each / KNOT_S).round() * KNOT_S;
+        // It ends 1.5 acc each² higher.
+        let each = each.min((self.half[2] / (1.5 * acc)).sqrt());
+        self.follow(3.0 * each, |t| {
+            let up = t.min(each);
+            let after = (t - each).max(0.0);
+            let z = 0.5 * acc * up * up + acc * up * after - 0.25 * acc * after * after;
+            ([0.0, 0.0, z], 0.0)
+        });
+        self.leg(self.middle, self.yaw, 2.0);
+    }
+
     /// A sine of rising frequency along an axis (3: heading) with accelerations of at most `acc` (m/s², rad/s²).
     fn chirp(&mut self, axis: usize, acc: f64, hz: [f64; 2], seconds: f64) {
         let most = self.half.get(axis).copied().unwrap_or(1.0) * 0.8;
@@ -312,6 +326,15 @@ pub(super) const ALL: &[Manoeuvre] = &[
             p.steps(2, p.vertical, 0.3);
             p.steps(2, -p.vertical, 0.3);
             p.steps(2, p.vertical, 0.2);
+        },
+    },
+    Manoeuvre {
+        name: "hard climbs",
+        title: "up with more than twice the thrust of hover, twice",
+        needs: Needs::Nothing,
+        shape: |p| {
+            p.climb(2.4 * p.vertical, 0.2);
+            p.climb(2.8 * p.vertical, 0.15);
         },
     },
     Manoeuvre {

@@ -5,7 +5,7 @@ use super::page_data::{self, Chart, MOST_POINTS};
 use super::quantity::{Scale, interval, percent, quantity, significant};
 use super::text::{LADDER_CHANNELS, area, at, bounds, horizons, ladder_scale, noise, sorted_singles};
 use super::{Against, Overlay, Report, ResidualSeries};
-use crate::gap::verdict::{Diagnosis, Finding, HorizonError, ParameterFit, Remainder, Rung};
+use crate::gap::verdict::{Diagnosis, Finding, HorizonError, Limit, ParameterFit, Remainder, Rung};
 use std::fmt::Write as _;
 
 const STYLE: &str = include_str!("../../../assets/report/page.css");
@@ -514,7 +514,8 @@ impl Page {
     fn advice(&mut self, d: &Diagnosis) {
         if !d.advice.is_empty() {
             self.section("next", "Next flight", "Advice for the next flight", "");
-            self.list("ol class=\"steps\"", "ol", &d.advice);
+            let texts: Vec<String> = d.advice.iter().map(|a| a.text.clone()).collect();
+            self.list("ol class=\"steps\"", "ol", &texts);
         }
     }
 
@@ -554,6 +555,27 @@ impl Page {
             put!(self, "<details><summary>{} more</summary>\n", hidden.len());
             hidden.iter().for_each(|s| self.body.push_str(&bar(s)));
             self.body.push_str("</details>\n");
+        }
+        let hidden: Vec<&Limit> = d.limits.iter().filter(|l| !l.visible).collect();
+        if !hidden.is_empty() {
+            self.body.push_str(
+                "<h3>What could hide in these logs</h3><p>Effects that 95 of 100 such flights would show only from these sizes on.</p>\
+                 <table class=\"stack\"><thead><tr><th>candidate</th><th>parameter</th><th class=\"n\">shows from</th>\
+                 <th class=\"n\">times its usual size</th></tr></thead><tbody>",
+            );
+            for l in hidden {
+                let size = l.size.map_or_else(|| "never".to_string(), |v| quantity(v, &l.unit, 2));
+                put!(
+                    self,
+                    "<tr><td data-label=\"candidate\"><code>{}</code></td><td data-label=\"parameter\"><code>{}</code></td>\
+                     <td class=\"n\" data-label=\"shows from\">{}</td><td class=\"n\" data-label=\"times its usual size\">{}</td></tr>",
+                    esc(&l.id),
+                    esc(&l.parameter),
+                    esc(&size),
+                    l.share.map_or_else(|| "–".to_string(), |v| significant(v, 2))
+                );
+            }
+            self.body.push_str("</tbody></table>\n");
         }
         if !d.not_tried.is_empty() {
             self.body.push_str("<h3>Not tried</h3><ul>");

@@ -59,7 +59,8 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     out.calibration(&d.calibration);
     out.remainder(d);
     out.singles(&d.singles);
-    out.list("Next flight", &d.advice);
+    let advice: Vec<String> = d.advice.iter().map(|a| a.text.clone()).collect();
+    out.list("Next flight", &advice);
     out.logs(&d.logs, d.dispersion);
     let not_tried: Vec<String> = d.not_tried.iter().map(|(id, why)| format!("{id}: {why}")).collect();
     out.list("Not tried", &not_tried);

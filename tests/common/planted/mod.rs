@@ -68,6 +68,8 @@ pub struct Plan<'a> {
     pub hidden: Vec<&'static str>,
     /// What the pilot does.
     pub excitation: Excitation,
+    /// Way-points of [`Excitation::Planned`]: time (s), place (m), heading (rad).
+    pub path: Vec<(f64, V, f64)>,
     /// Length of the log, s.
     pub seconds: f64,
     /// The vehicle: tolerances, and signs and sizes of the hidden effects.
@@ -94,6 +96,7 @@ impl<'a> Plan<'a> {
             vehicle,
             hidden: hidden.to_vec(),
             excitation: special.unwrap_or(Excitation::MultiSine),
+            path: Vec::new(),
             seconds,
             seed,
             flight: 0,
@@ -278,7 +281,10 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         dev.plant(id, plan.seed, size, &scale);
     }
     let world = World::new(nominal, &dev, plan.seconds);
-    let track = Track::new(plan.excitation, plan.seconds, plan.seed, plan.flight);
+    let track = match plan.excitation {
+        Excitation::Planned => Track::along(&plan.path).map_err(Failure::Plan)?,
+        other => Track::new(other, plan.seconds, plan.seed, plan.flight),
+    };
     let dithers = matches!(
         plan.excitation,
         Excitation::MultiSine | Excitation::LowPass | Excitation::NearCeiling | Excitation::BelowNeighbour

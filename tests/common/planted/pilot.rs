@@ -4,6 +4,7 @@ use super::hidden::{CEILING_Z_M, stream};
 use super::linear::{V, add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, solve4, sub, unit};
 use super::world::{Nominal, State, attitude, part, speed_for};
 use propwash::random::Stream;
+use propwash::rollout::trajectory::Spline;
 use serde::Serialize;
 use std::f64::consts::{PI, TAU};
 
@@ -29,10 +30,12 @@ pub enum Excitation {
     NearCeiling,
     /// As [`Excitation::MultiSine`] in a small space, with another vehicle above.
     BelowNeighbour,
+    /// The way-points of the plan.
+    Planned,
 }
 
 impl Excitation {
-    /// All of them, by the name on the command line.
+    /// All of them but the planned one, by the name on the command line.
     pub const ALL: &[(&'static str, Excitation)] = &[
         ("multi-sine", Excitation::MultiSine),
         ("steps", Excitation::Steps),
@@ -58,7 +61,7 @@ impl Excitation {
 
     /// Its name.
     pub fn name(self) -> &'static str {
-        Self::ALL.iter().find(|(_, e)| *e == self).map_or("", |(n, _)| n)
+        Self::ALL.iter().find(|(_, e)| *e == self).map_or("planned", |(n, _)| n)
     }
 
     /// The exciting flight in which the effect `id` can be seen.
@@ -106,6 +109,7 @@ enum Shape {
     Legs(Vec<Leg>),
     Lissajous { size: V, period_s: f64, at: V, turn: f64 },
     Circle { radius: f64, period_s: f64, at: V },
+    Planned(Spline),
 }
 
 /// The track of a flight.
@@ -126,6 +130,11 @@ struct Manner {
 }
 
 impl Track {
+    /// The track along way-points: time (s), place (m), heading (rad).
+    pub fn along(points: &[(f64, V, f64)]) -> Result<Self, String> {
+        Ok(Self { shape: Shape::Planned(Spline::new(points).map_err(|e| e.to_string())?) })
+    }
+
     /// The track of the flight number `flight` with `seed`.
     pub fn new(excitation: Excitation, seconds: f64, seed: u64, flight: u64) -> Self {
         let mut s = stream(seed, flight, "track");
@@ -188,6 +197,8 @@ impl Track {
                     Manner { half_m: 2.0, height_m: [0.8, 2.2], speed_m_s: [0.5, 2.0], dither: 0.0, ..plain };
                 legs(&mut s, seconds, &calm)
             }
+            // Without way-points there is nowhere to go.
+            Excitation::Planned => Shape::Circle { radius: 0.0, period_s: 1.0, at: [0.0, 0.0, 1.5] },
             Excitation::Lissajous => Shape::Lissajous {
                 size: [s.uniform(1.0, 1.6), s.uniform(0.7, 1.2), s.uniform(0.15, 0.4)],
                 period_s: s.uniform(6.5, 9.0),
@@ -232,6 +243,12 @@ impl Track {
                 }
                 r
             }
+            Shape::Planned(spline) => {
+                const STEP: f64 = 1e-3;
+                let (before, r, after) = (spline.at(t - STEP), spline.at(t), spline.at(t + STEP));
+                let yaw_rate = (after.yaw_rad - before.yaw_rad) * 0.5 / STEP;
+                Reference { p: r.pos_m, v: r.vel_m_s, a: r.acc_m_s2, yaw: r.yaw_rad, yaw_rate, dither: 0.0 }
+            }
             _ => {
                 const STEP: f64 = 1e-3;
                 let (before, now, after) = (self.curve(t - STEP), self.curve(t), self.curve(t + STEP));
@@ -271,7 +288,7 @@ impl Track {
                 let angle = TAU * run / period_s;
                 (add(*at, [radius * angle.cos(), radius * angle.sin(), 0.0]), 0.0)
             }
-            Shape::Legs(_) => ([0.0; 3], 0.0),
+            Shape::Legs(_) | Shape::Planned(_) => ([0.0; 3], 0.0),
         }
     }
 }

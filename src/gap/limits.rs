@@ -1,0 +1,155 @@
+//! How large an effect could be without showing in the logs of a diagnosis, and what to fly for those that could be large.
+
+use super::GapError;
+use super::disturbance::Disturbance;
+use super::excite;
+use super::model::Model;
+use super::search::{Evidence, smallest};
+use super::solve::{Solution, sum};
+use super::track::Track;
+use super::verdict::{Advice, Limit};
+use crate::vehicle::Vehicle;
+use nalgebra::DMatrix;
+
+/// Evidence that is to be expected of an effect which brings its threshold in 95 of 100 flights, nats: evidence scatters by the
+/// root of twice itself.
+const SURE: f64 = 16.0;
+/// Share of its plausible size up to which an effect must show for the logs to be said to show it.
+const VISIBLE: f64 = 0.7;
+/// Hidden effects up to which each one's own manoeuvre is named, and no flight is planned for all of them. In calm air exciting
+/// flights of the generator hide 2 to 4, Lissajous figures, circles and way-points 9 to 13, hovering 11 to 15.
+const FEW: usize = 6;
+
+/// What a planned flight aims at, of the plausible size: it is not flown quite as it was planned.
+const AIM: f64 = 0.45;
+/// Times the hover speed that rotors must be asked for where a limit of them is to show.
+const DEMANDING: f64 = 1.4;
+
+/// Whether so many effects could hide, were the air calm, that the logs cannot tell physics that is in no list from effects that
+/// are, nor from weather. What is left unexplained does not count: it would hide everything.
+pub(super) fn poor(model: &Model, solution: &Solution) -> Result<bool, GapError> {
+    let air = excite::Air::default();
+    let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
+    let calm = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4] };
+    let (h, g) = sum(&solution.linear.reduce(&calm), |_| true);
+    let evidence = Evidence::new(model, &h, &g, &solution.linear.at, 1.0, 1.0)?;
+    let hidden = limits(model, &evidence, solution).iter().filter(|l| !l.visible && l.id != LIMIT).count();
+    Ok(hidden > FEW)
+}
+
+/// The candidate whose parameter is a limit: it shows where it is met.
+const LIMIT: &str = "actuator_saturation";
+
+/// Whether rotors were asked for much more than hover needs.
+fn demanding(model: &Model) -> bool {
+    let limit = model.candidates.iter().find(|c| c.id == LIMIT);
+    let most = limit.and_then(|c| c.preset.iter().find(|(name, _)| name == "max_rotor_vel_rad_s"));
+    most.is_some_and(|(_, v)| *v >= DEMANDING * model.drone.hover_rotor_vel()[0])
+}
+
+/// The limits of all candidates that are not found, the least visible first.
+pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) -> Vec<Limit> {
+    let mut out: Vec<(f64, Limit)> = model
+        .named()
+        .filter(|c| model.may[*c] && !solution.set.contains(c))
+        .filter_map(|c| {
+            let p = &model.parameters[model.of(c).next()?];
+            let share = evidence.smallest(&solution.set, c, SURE)?;
+            let known = share < MOST;
+            let limit = Limit {
+                id: model.candidates[c].id.clone(),
+                parameter: p.name.clone(),
+                unit: p.unit.into(),
+                size: known.then_some(share * p.slab),
+                share: known.then_some(share),
+                visible: share <= VISIBLE && (model.candidates[c].id != LIMIT || demanding(model)),
+            };
+            Some((share, limit))
+        })
+        .collect();
+    out.sort_by(|a, b| b.0.total_cmp(&a.0));
+    out.into_iter().map(|(_, limit)| limit).collect()
+}
+
+/// Shares of a plausible size beyond which the logs say nothing.
+const MOST: f64 = 100.0;
+
+/// What to fly so that what could hide in the logs would show.
+pub(super) fn advice(
+    vehicle: &Vehicle,
+    track: &Track,
+    model: &Model,
+    evidence: &Evidence,
+    limits: &[Limit],
+    found: &[usize],
+) -> Result<Vec<Advice>, GapError> {
+    let hidden: Vec<&str> = limits.iter().filter(|l| !l.visible).map(|l| l.id.as_str()).collect();
+    let own = |id: &str| {
+        let candidate = model.candidates.iter().find(|c| c.id == id);
+        let manoeuvre = candidate.map_or("", |c| c.manoeuvre);
+        Advice { text: format!("{id} could hide in these logs: {manoeuvre}"), manoeuvres: Vec::new() }
+    };
+    if hidden.len() <= FEW {
+        return Ok(hidden.into_iter().map(own).collect());
+    }
+    let listed = model.only(&|id| model.named().any(|c| model.candidates[c].id == id));
+    // The logs' own information about what the manoeuvres are judged by.
+    let n = listed.parameters.len();
+    let place = |k: usize| {
+        let p = &listed.parameters[k];
+        let id = &listed.candidates[p.candidate].id;
+        model
+            .parameters
+            .iter()
+            .position(|q| q.name == p.name && model.candidates[q.candidate].id == *id)
+            .unwrap_or(0)
+    };
+    let places: Vec<usize> = (0..n).map(place).collect();
+    let told = DMatrix::from_fn(n, n, |i, j| evidence.a[(places[i], places[j])]);
+    let open = |c: usize| found.iter().any(|f| model.candidates[*f].id == listed.candidates[c].id);
+    let prior: Vec<f64> = listed
+        .parameters
+        .iter()
+        .map(|p| if open(p.candidate) { 1.0 } else { (p.slab / p.spike).powi(2) })
+        .collect();
+    let wanted: Vec<usize> =
+        hidden.iter().filter_map(|id| listed.candidates.iter().position(|c| c.id == *id)).collect();
+    // How far each of them is from being visible, ln.
+    let far = |a: &DMatrix<f64>| -> Vec<f64> {
+        let mut precision = a.clone();
+        for (k, p) in prior.iter().enumerate() {
+            precision[(k, k)] += p;
+        }
+        wanted
+            .iter()
+            .map(|c| {
+                let of: Vec<usize> = listed.of(*c).collect();
+                let own: Vec<f64> = of.iter().map(|k| prior[*k]).collect();
+                let size = smallest(precision.clone(), &of, &own, SURE).unwrap_or(MOST);
+                (size.min(MOST) / AIM).ln().max(0.0)
+            })
+            .collect()
+    };
+    let sensors = excite::Sensors::of(track);
+    // A limit of the rotors shows where it is met; no slope tells how far off it is.
+    let hardest = hidden.contains(&LIMIT);
+    let Some(plan) = excite::show(vehicle, track.drive, &sensors, &listed, &told, &far, hardest) else {
+        return Ok(hidden.into_iter().map(own).collect());
+    };
+    let names = |keep: &dyn Fn(f64) -> bool| -> Vec<&str> {
+        let kept = wanted.iter().zip(&plan.far).filter(|(_, far)| keep(**far));
+        kept.map(|(c, _)| listed.candidates[*c].id.as_str()).collect()
+    };
+    let (aimed, hidden_still) = (names(&|f| f <= 0.0), names(&|f| f > (VISIBLE / AIM).ln()));
+    let left: Vec<&str> = hidden_still.into_iter().filter(|id| *id != LIMIT).collect();
+    let mut text = format!("effects of usual size could hide in these logs: {}", hidden.join(", "));
+    if !plan.manoeuvres.is_empty() {
+        let what = match (aimed.is_empty(), left.is_empty()) {
+            (true, false) => "which brings them nearer to sight".to_string(),
+            (_, true) => "which would show all of them".to_string(),
+            (false, false) => format!("which would show all but {}", left.join(", ")),
+        };
+        text = format!("{text}; fly {} ({:.0} s), {what}", plan.manoeuvres.join(", "), plan.seconds);
+    }
+    Ok(vec![Advice { text, manoeuvres: plan.manoeuvres }])
+}
