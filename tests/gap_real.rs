@@ -115,8 +115,17 @@ fn the_drag_of_a_fast_flight_is_found_and_holds_on_its_last_half_minute() {
         assert!((per_mass / known - 1.0).abs() < 0.25 && p.sigma < 0.05 * 0.915, "{per_mass} {p:?}");
     }
     let (share, error) = gained("blackbird", &test, &v, &completed(&v, &d));
-    // The README's regression with drag alone explains 0.92, 0.95 and 0.68 of it; here 0.86, 0.90 and 0.67 were measured.
-    assert!(share[0] > 0.83 && share[1] > 0.87 && share[2] > 0.6, "{share:?}");
+    // By this measure the README's own drag reaches 0.898, 0.923 and 0.621 (the README, which does not say how it smooths,
+    // gives 0.92, 0.95 and 0.68).
+    let mut known = d.clone();
+    known.findings.retain(|f| f.id == "linear_drag");
+    for (p, per_mass) in known.findings[0].parameters.iter_mut().zip([0.32, 0.40, 0.25]) {
+        p.value = per_mass * 0.915;
+    }
+    let (reachable, _) = gained("blackbird, drag of the README", &test, &v, &completed(&v, &known));
+    for k in 0..3 {
+        assert!(share[k] > reachable[k] - 0.02, "{share:?}, the README's drag {reachable:?}");
+    }
     assert!(error[1] < 0.3 * error[0], "{error:?}");
 }
 
