@@ -66,11 +66,19 @@ impl Pulled {
             })
             .collect();
         let tracked = track.load.as_ref().and_then(|name| track.log.objects_m.get(name));
+        let attachment = filed(drone).map_or([0.0; 3], |p| p.attachment_m);
+        let turned = |t: f64| {
+            let first = at_s.first()?;
+            let k = ((t - first) / STEP_S).round();
+            measured.get(k.max(0.0) as usize)?.as_ref().map(|m| quat::rotate(m.quat, attachment))
+        };
         let seen = tracked.and_then(|channel| {
-            let apart: Vec<f64> = resample::linear(&track.position, &channel.t_s, LONGEST_HOLE_S)
-                .iter()
-                .zip(&channel.values)
-                .map(|(p, load)| p.map_or(f64::NAN, |p| vec3::norm(vec3::sub(*load, p))))
+            let places = resample::linear(&track.position, &channel.t_s, LONGEST_HOLE_S);
+            let apart: Vec<f64> = (0..channel.t_s.len())
+                .map(|i| {
+                    let from = places[i].zip(turned(channel.t_s[i])).map(|(p, r)| vec3::add(p, r));
+                    from.map_or(f64::NAN, |p| vec3::norm(vec3::sub(channel.values[i], p)))
+                })
                 .collect();
             let length = clean::median(apart.iter().copied().filter(|l| l.is_finite()).collect())
                 .filter(|l| *l > 0.01)?;
@@ -140,15 +148,39 @@ fn filed(drone: &Drone<f64>) -> Option<Params<f64>> {
 }
 
 /// Hangs tracked loads at the attachment of `found`: which way the cable points, and how long it is, depends on where it ends.
-/// The length, where a load was tracked.
-pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Option<f64> {
-    let mut length = None;
+/// The lengths, where loads were tracked.
+pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Vec<f64> {
+    let mut lengths = Vec::new();
     for log in logs.iter_mut() {
         let pulled = Pulled::of(log, found);
         if pulled.seen.is_some() {
             (log.around.load, log.around.cable) = pulled.load(found);
-            length = length.or(log.around.cable.map(|c| c.length_m));
+            lengths.extend(log.around.cable.map(|c| c.length_m));
         }
     }
-    length
+    lengths
+}
+
+/// What to say where the cables of several logs differ in length by more than the tracker's doubt.
+pub(crate) fn differing(lengths: &[f64]) -> Option<String> {
+    let (least, most) = lengths.iter().fold((f64::INFINITY, 0.0f64), |(a, b), l| (a.min(*l), b.max(*l)));
+    (most > (1.0 + CABLE_STRETCH) * least).then(|| {
+        format!(
+            "the cables of the logs are {least:.3} to {most:.3} m long; each load was taken where it was seen, but the verdict gives \
+             one length, that of the first log: diagnose flights with different cables apart"
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::differing;
+
+    #[test]
+    fn cables_of_different_length_are_told_and_those_of_one_are_not() {
+        assert_eq!(differing(&[]), None);
+        assert_eq!(differing(&[0.5, 0.51, 0.505]), None);
+        let text = differing(&[0.5, 0.3]).unwrap();
+        assert!(text.contains("0.300 to 0.500 m"), "{text}");
+    }
 }

@@ -1,7 +1,7 @@
 //! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
 
 use super::GapError;
-use super::cable::reattach;
+use super::cable::{differing, reattach};
 use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
@@ -106,13 +106,15 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
         solution = solve(&logs, &mut model, Some(&rest), progress)?;
     }
-    let mut rehung = false;
+    let (mut rehung, mut cables) = (false, None);
     if solution.set.iter().any(|c| model.candidates[*c].kind == "slung_payload") {
         let found = model.plain_at(&solution.posterior.mean, &solution.set);
-        if let Some(length_m) = reattach(&mut logs, &found) {
-            model.set_preset("slung_payload", "cable_length_m", length_m);
+        let lengths = reattach(&mut logs, &found);
+        if let Some(length_m) = lengths.first() {
+            model.set_preset("slung_payload", "cable_length_m", *length_m);
             rehung = true;
         }
+        cables = differing(&lengths);
     }
     // Shapes to hold it against are only needed now.
     let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
@@ -124,7 +126,8 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         solution = solve(&logs, &mut model, Some(&set), progress)?;
     }
     let solution = with_scatter(&model, solution)?;
-    let verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
+    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
+    verdict.warnings.extend(cables);
     Ok(Diagnosed { verdict, solution, model })
 }
 
