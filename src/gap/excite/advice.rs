@@ -93,7 +93,7 @@ pub(crate) struct Showing {
 }
 
 /// Most manoeuvres that are named at once.
-const AT_ONCE: usize = 6;
+const AT_ONCE: usize = 4;
 /// Sum of distances by which a manoeuvre must bring effects nearer to be named.
 const NEARER: f64 = 0.3;
 
