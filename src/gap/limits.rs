@@ -4,7 +4,7 @@ use super::GapError;
 use super::disturbance::Disturbance;
 use super::excite;
 use super::model::Model;
-use super::search::{Evidence, smallest};
+use super::search::{Evidence, covariance, smallest};
 use super::solve::{Solution, sum};
 use super::track::Track;
 use super::verdict::{Advice, Limit};
@@ -49,12 +49,13 @@ fn demanding(model: &Model) -> bool {
 
 /// The limits of all candidates that are not found, the least visible first.
 pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) -> Vec<Limit> {
+    let smallest = evidence.smallest(&solution.set, SURE).unwrap_or_default();
     let mut out: Vec<(f64, Limit)> = model
         .named()
         .filter(|c| model.may[*c] && !solution.set.contains(c))
         .filter_map(|c| {
             let p = &model.parameters[model.of(c).next()?];
-            let share = evidence.smallest(&solution.set, c, SURE)?;
+            let share = *smallest.get(c)?;
             let known = share < MOST;
             let limit = Limit {
                 id: model.candidates[c].id.clone(),
@@ -116,19 +117,13 @@ pub(super) fn advice(
         hidden.iter().filter_map(|id| listed.candidates.iter().position(|c| c.id == *id)).collect();
     // How far each of them is from being visible, ln.
     let far = |a: &DMatrix<f64>| -> Vec<f64> {
-        let mut precision = a.clone();
-        for (k, p) in prior.iter().enumerate() {
-            precision[(k, k)] += p;
-        }
-        wanted
-            .iter()
-            .map(|c| {
-                let of: Vec<usize> = listed.of(*c).collect();
-                let own: Vec<f64> = of.iter().map(|k| prior[*k]).collect();
-                let size = smallest(precision.clone(), &of, &own, SURE).unwrap_or(MOST);
-                (size.min(MOST) / AIM).ln().max(0.0)
-            })
-            .collect()
+        let covariance = covariance(a, &prior);
+        let far = |c: &usize| {
+            let of: Vec<usize> = listed.of(*c).collect();
+            let size = covariance.as_ref().and_then(|k| smallest(k, &of, &prior, SURE)).unwrap_or(MOST);
+            (size.min(MOST) / AIM).ln().max(0.0)
+        };
+        wanted.iter().map(far).collect()
     };
     let sensors = excite::Sensors::of(track);
     // A limit of the rotors shows where it is met; no slope tells how far off it is.

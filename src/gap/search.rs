@@ -217,19 +217,14 @@ impl<'a> Evidence<'a> {
         Some((0..n).map(|k| (unbiased * variance[k]).sqrt() * slab(k)).collect())
     }
 
-    /// Standard deviation of candidate `of`'s parameters, in slabs, at which it would be expected to bring `nats` beside `set`,
-    /// with everything else within its tolerance; infinite where the log knows nothing of it.
-    pub fn smallest(&self, set: &[usize], of: usize, nats: f64) -> Option<f64> {
-        let mut precision = self.a.clone();
-        for k in 0..self.closed.len() {
-            let open = set.contains(&self.model.parameters[k].candidate);
-            precision[(k, k)] += if open { 1.0 } else { 1.0 / self.closed[k] };
-        }
-        let own: Vec<f64> = self.members[of]
-            .iter()
-            .map(|k| if set.contains(&of) { 1.0 } else { 1.0 / self.closed[*k] })
-            .collect();
-        smallest(precision, &self.members[of], &own, nats)
+    /// For every candidate the size of its parameters, in slabs, at which it would be expected to bring `nats` beside `set`, with
+    /// everything else within its tolerance; large where the log knows nothing of it.
+    pub fn smallest(&self, set: &[usize], nats: f64) -> Option<Vec<f64>> {
+        let open = |k: usize| set.contains(&self.model.parameters[k].candidate);
+        let prior: Vec<f64> =
+            (0..self.closed.len()).map(|k| if open(k) { 1.0 } else { 1.0 / self.closed[k] }).collect();
+        let covariance = covariance(&self.a, &prior)?;
+        self.members.iter().map(|of| smallest(&covariance, of, &prior, nats)).collect()
     }
 
     /// The best set: all singles and pairs, then grown, dropped and exchanged until nothing is better. With every set that
@@ -308,17 +303,25 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Size in slabs at which the parameters `of` would be expected to bring `nats`, from the posterior precision of all
-/// parameters, in which `own` is what the priors of `of` contribute.
+/// Posterior covariance of all parameters from their information and the precision of their priors.
+pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>> {
+    let mut precision = a.clone();
+    for (k, p) in prior.iter().enumerate() {
+        precision[(k, k)] += p;
+    }
+    Some(Cholesky::new(precision)?.inverse())
+}
+
+/// Size in slabs at which the parameters `of` would be expected to bring `nats`, from the posterior covariance of all
+/// parameters and the precision of their priors.
 ///
 /// With information S about them beside all others, a slab brings ½ zᵀS(1 + S)⁻¹S z − ½ ln det(1 + S) of evidence.
-pub(crate) fn smallest(precision: DMatrix<f64>, of: &[usize], own: &[f64], nats: f64) -> Option<f64> {
+pub(crate) fn smallest(covariance: &DMatrix<f64>, of: &[usize], prior: &[f64], nats: f64) -> Option<f64> {
     let m = of.len();
-    let covariance = Cholesky::new(precision)?.inverse();
     let block = DMatrix::from_fn(m, m, |i, j| covariance[(of[i], of[j])]);
     let mut told = Cholesky::new(block)?.inverse();
-    for (i, p) in own.iter().enumerate() {
-        told[(i, i)] -= p;
+    for (i, k) in of.iter().enumerate() {
+        told[(i, i)] -= prior[*k];
     }
     let values = told.symmetric_eigenvalues().map(|v| v.max(0.0));
     let gain = values.iter().map(|v| v * v / (1.0 + v)).sum::<f64>() / m as f64;
