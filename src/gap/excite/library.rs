@@ -333,6 +333,8 @@ pub(super) const ALL: &[Manoeuvre] = &[
         title: "up with more than twice the thrust of hover, twice",
         needs: Needs::Nothing,
         shape: |p| {
+            // The spline rings before a step of acceleration; by then nothing of it is left.
+            p.hold(0.1);
             p.climb(2.4 * p.vertical, 0.2);
             p.climb(2.8 * p.vertical, 0.15);
         },
