@@ -18,6 +18,8 @@ pub mod physics;
 
 pub mod vehicle;
 
+// Generated straight-line code of the commonest steps.
+pub mod kernels;
 pub mod rollout;
 
 pub mod scene;
@@ -27,6 +29,8 @@ pub mod flight;
 pub mod gap;
 
 pub mod dataset;
+
+pub mod export;
 
 pub mod cli;
 

@@ -289,6 +289,7 @@ impl Flight {
             control: ControlMode::State,
             rotor_start: RotorStart::Hover,
             randomization: self.randomization.clone(),
+            engine: Default::default(),
         };
         Ok(Sim::new(options, slots)?)
     }

@@ -60,21 +60,12 @@ pub fn rotate_inverse<S: Real>(q: [S; 4], v: [S; 3]) -> [S; 3] {
     vec3::mat_t_vec(matrix(q), v)
 }
 
-/// Quaternion of the rotation vector `r` (axis times angle, rad): the exponential map.
-///
-/// Below an angle of 1e-3 rad the series of sin(θ/2)/θ and cos(θ/2) to θ⁴ is used (error below 1e-22), so value and
-/// derivative are exact at zero. (Grassia, "Practical parameterization of rotations using the exponential map",
-/// J. Graphics Tools 3(3), 1998.)
+/// Quaternion of the rotation vector `r` (axis times angle, rad): the exponential map, exact in value and derivative at
+/// zero; see [`Real::half_turn`].
 #[inline(always)]
 pub fn exp<S: Real>(r: [S; 3]) -> [S; 4] {
-    let t2 = vec3::dot(r, r);
-    let small = t2.lt(S::lit(1e-6));
-    let t = S::select(small, S::one(), t2).sqrt();
-    let (sin, cos) = (t * S::lit(0.5)).sin_cos();
-    let k_series = S::lit(0.5) - t2 * S::lit(1.0 / 48.0) + t2 * t2 * S::lit(1.0 / 3840.0);
-    let c_series = S::one() - t2 * S::lit(1.0 / 8.0) + t2 * t2 * S::lit(1.0 / 384.0);
-    let k = S::select(small, k_series, sin / t);
-    [r[0] * k, r[1] * k, r[2] * k, S::select(small, c_series, cos)]
+    let (k, c) = vec3::dot(r, r).half_turn();
+    [r[0] * k, r[1] * k, r[2] * k, c]
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
-//! Blocks of worlds as the equations see them, and the step that advances one.
+//! One world as the equations see it, and the step that advances it: in f64 the reference, over symbols what lanes are traced
+//! from.
 
 use super::quarantine::Quarantine;
-use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates, mellinger};
+use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
 use crate::physics::drone::{Drone, Dynamics};
 use crate::physics::effects::Command;
 use crate::physics::integrate::Integrator;
@@ -11,28 +12,6 @@ use crate::physics::surroundings::{
 };
 use crate::random::{Key, purpose};
 use crate::scalar::Real;
-
-/// A number type that holds one number for each of several worlds.
-pub(super) trait Pack: Real {
-    /// Worlds in one number.
-    const WIDTH: usize;
-    /// `get(lane)` of every lane.
-    fn gather(get: impl FnMut(usize) -> f64) -> Self;
-    /// Number of one lane.
-    fn lane(self, lane: usize) -> f64;
-}
-
-impl Pack for f64 {
-    const WIDTH: usize = 1;
-    #[inline(always)]
-    fn gather(mut get: impl FnMut(usize) -> f64) -> Self {
-        get(0)
-    }
-    #[inline(always)]
-    fn lane(self, _: usize) -> f64 {
-        self
-    }
-}
 
 /// What is the same for all blocks during one call.
 #[derive(Clone, Debug)]
@@ -51,25 +30,22 @@ pub(super) struct Plan {
 const NORMALS: [u32; 3] =
     [purpose("effects.normal.0"), purpose("effects.normal.1"), purpose("effects.normal.2")];
 
-/// Names the random numbers of a block.
+/// Names the random numbers of a world.
 #[derive(Clone, Debug)]
 pub(super) struct Source {
-    /// First world, counted over the whole run.
+    /// World, counted over the whole run.
     pub world: u64,
-    /// Episodes begun, per lane.
-    pub episodes: Vec<u64>,
+    /// Episodes begun.
+    pub episodes: u64,
 }
 
 impl Source {
     /// Standard normal numbers of one drone in one step.
-    fn normals<S: Pack>(&self, seed: u64, drone: usize, step: u64) -> [S; 3] {
+    pub fn normals(&self, seed: u64, drone: usize, step: u64) -> [f64; 3] {
         core::array::from_fn(|i| {
-            S::gather(|lane| {
-                // Episodes count from the top bits down, so that steps of two episodes never share a number.
-                let step = self.episodes[lane].rotate_left(40) ^ step;
-                let world = self.world + lane as u64;
-                Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
-            })
+            // Episodes count from the top bits down, so that steps of two episodes never share a number.
+            let step = self.episodes.rotate_left(40) ^ step;
+            Key { seed, world: self.world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
         })
     }
 }
@@ -98,31 +74,107 @@ pub(super) struct Slot<S> {
     pub effect_memory: Vec<S>,
 }
 
-/// Some worlds, all their drones.
-#[derive(Clone, Debug)]
-pub(super) struct Block<S> {
-    pub step: u64,
-    pub slots: Vec<Slot<S>>,
-    source: Source,
-    next: Vec<State<S>>,
-    neighbours: Vec<Neighbour<S>>,
+/// Periods of the on-board controllers, s.
+pub(super) fn periods(rates: &Rates) -> mellinger::Periods<f64> {
+    let period = |hz: u32| 1.0 / f64::from(hz);
+    mellinger::Periods {
+        state: period(rates.state_hz),
+        attitude: period(rates.attitude_hz),
+        body_rate: period(rates.body_rate_hz),
+    }
 }
 
-impl<S: Pack> Block<S> {
-    pub fn new(step: u64, slots: Vec<Slot<S>>, source: Source) -> Self {
+impl<S: Real> Slot<S> {
+    /// The on-board controllers, as far as they tick in this step.
+    pub fn control(
+        &mut self,
+        drone: &Drone<S>,
+        mode: ControlMode,
+        due: Due,
+        periods: &mellinger::Periods<S>,
+    ) {
+        let gravity = drone.body.gravity_m_s2;
+        let controller = &drone.controller;
+        mellinger::run(controller, gravity, mode, due, periods, &self.state, &self.command, &mut self.memory);
+        self.rotor_command = self.memory.rotor_cmd;
+        mellinger::limit_rotor_vel(controller, &mut self.rotor_command);
+        self.attitude_command = self.memory.attitude_cmd;
+        self.attitude_command[3] = mellinger::limit_thrust(controller, self.attitude_command[3]);
+    }
+
+    /// Surroundings in this step.
+    fn surroundings<'a>(
+        &self,
+        time_s: S,
+        normals: [S; 3],
+        neighbours: &'a [Neighbour<S>],
+    ) -> Surroundings<'a, S> {
+        Surroundings {
+            time_s,
+            air_density_kg_m3: S::lit(AIR_DENSITY_KG_M3),
+            wind_m_s: self.wind,
+            ground_distance_m: ground_distance(&self.state, self.ground_z),
+            ceiling_distance_m: ceiling_distance(&self.state, self.ceiling_z),
+            disturbance_force_n: self.disturbance_force,
+            disturbance_torque_n_m: self.disturbance_torque,
+            neighbours,
+            load: Load::absent(),
+            normals,
+        }
+    }
+
+    /// The command in force.
+    fn command(&self, drone: &Drone<S>) -> Command<S> {
+        match drone.dynamics {
+            Dynamics::Rotors => Command::Rotors(self.rotor_command),
+            Dynamics::AttitudeResponse(_) => Command::Attitude(self.attitude_command),
+        }
+    }
+
+    /// State after a step of `dt_s`; only the memory of effects changes.
+    pub fn moved(
+        &mut self,
+        drone: &Drone<S>,
+        integrator: Integrator,
+        dt_s: (S, f64),
+        (time_s, normals, neighbours): (S, [S; 3], &[Neighbour<S>]),
+    ) -> State<S> {
+        let mut command = self.command(drone);
+        let mut surroundings = self.surroundings(time_s, normals, neighbours);
+        drone.transmit(&self.state, &mut surroundings, dt_s, &mut command, &mut self.effect_memory);
+        integrator.step(&self.state, dt_s.0, |s| {
+            surroundings.ground_distance_m = ground_distance(s, self.ground_z);
+            surroundings.ceiling_distance_m = ceiling_distance(s, self.ceiling_z);
+            drone.rate(s, &command, &surroundings)
+        })
+    }
+}
+
+/// One world, all its drones.
+#[derive(Clone, Debug)]
+pub(super) struct Block {
+    pub step: u64,
+    pub slots: Vec<Slot<f64>>,
+    source: Source,
+    next: Vec<State<f64>>,
+    neighbours: Vec<Neighbour<f64>>,
+}
+
+impl Block {
+    pub fn new(step: u64, slots: Vec<Slot<f64>>, source: Source) -> Self {
         let next = slots.iter().map(|s| s.state).collect();
         Self { step, neighbours: Vec::with_capacity(slots.len()), slots, source, next }
     }
 
-    /// Advances the block by `n_steps`, or until a lane turns non-finite: then the step is undone and its place returned.
+    /// Advances the world by `n_steps`, or until it turns non-finite: then the step is undone and its place returned.
     pub fn advance(
         &mut self,
         plan: &Plan,
-        drones: &[&Drone<S>],
+        drones: &[&Drone<f64>],
         n_steps: usize,
         phase: Phase,
     ) -> Option<Quarantine> {
-        let dt = S::lit(1.0) / S::lit(f64::from(plan.sim_hz));
+        let dt = 1.0 / f64::from(plan.sim_hz);
         for _ in 0..n_steps {
             if phase != Phase::Integration {
                 self.control(plan, drones);
@@ -139,37 +191,15 @@ impl<S: Pack> Block<S> {
     }
 
     /// The on-board controllers, as far as they tick in this step.
-    fn control(&mut self, plan: &Plan, drones: &[&Drone<S>]) {
+    fn control(&mut self, plan: &Plan, drones: &[&Drone<f64>]) {
         for (d, slot) in self.slots.iter_mut().enumerate() {
             let rates = &plan.rates[d];
-            let due = rates.due(plan.mode, self.step, plan.sim_hz);
-            let period = |hz: u32| S::lit(1.0) / S::lit(f64::from(hz));
-            let periods = mellinger::Periods {
-                state: period(rates.state_hz),
-                attitude: period(rates.attitude_hz),
-                body_rate: period(rates.body_rate_hz),
-            };
-            let gravity = drones[d].body.gravity_m_s2;
-            let controller = &drones[d].controller;
-            mellinger::run(
-                controller,
-                gravity,
-                plan.mode,
-                due,
-                &periods,
-                &slot.state,
-                &slot.command,
-                &mut slot.memory,
-            );
-            slot.rotor_command = slot.memory.rotor_cmd;
-            mellinger::limit_rotor_vel(controller, &mut slot.rotor_command);
-            slot.attitude_command = slot.memory.attitude_cmd;
-            slot.attitude_command[3] = mellinger::limit_thrust(controller, slot.attitude_command[3]);
+            slot.control(drones[d], plan.mode, rates.due(plan.mode, self.step, plan.sim_hz), &periods(rates));
         }
     }
 
     /// The other drones of slot `d`, where some effect reads them.
-    fn fill_neighbours(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) {
+    fn fill_neighbours(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) {
         self.neighbours.clear();
         if !plan.reads_neighbours {
             return;
@@ -186,78 +216,50 @@ impl<S: Pack> Block<S> {
         }
     }
 
-    /// Surroundings of slot `d` in this step; `neighbours` must be filled.
-    fn surroundings<'a>(&'a self, plan: &Plan, d: usize) -> Surroundings<'a, S> {
-        let slot = &self.slots[d];
-        Surroundings {
-            time_s: S::lit(self.step as f64 / f64::from(plan.sim_hz)),
-            air_density_kg_m3: S::lit(AIR_DENSITY_KG_M3),
-            wind_m_s: slot.wind,
-            ground_distance_m: ground_distance(&slot.state, slot.ground_z),
-            ceiling_distance_m: ceiling_distance(&slot.state, slot.ceiling_z),
-            disturbance_force_n: slot.disturbance_force,
-            disturbance_torque_n_m: slot.disturbance_torque,
-            neighbours: &self.neighbours,
-            load: Load::absent(),
-            normals: if plan.noises[d] {
-                self.source.normals(plan.seed, d, self.step)
-            } else {
-                [S::zero(); 3]
-            },
-        }
+    fn time_s(&self, plan: &Plan) -> f64 {
+        self.step as f64 / f64::from(plan.sim_hz)
     }
 
-    /// The command in force of slot `d`.
-    fn command(&self, drone: &Drone<S>, d: usize) -> Command<S> {
-        match drone.dynamics {
-            Dynamics::Rotors => Command::Rotors(self.slots[d].rotor_command),
-            Dynamics::AttitudeResponse(_) => Command::Attitude(self.slots[d].attitude_command),
-        }
+    fn normals(&self, plan: &Plan, d: usize) -> [f64; 3] {
+        if plan.noises[d] { self.source.normals(plan.seed, d, self.step) } else { [0.0; 3] }
+    }
+
+    /// Surroundings of slot `d` in this step; `neighbours` must be filled.
+    fn surroundings<'a>(&'a self, plan: &Plan, d: usize) -> Surroundings<'a, f64> {
+        self.slots[d].surroundings(self.time_s(plan), self.normals(plan, d), &self.neighbours)
     }
 
     /// Time derivative of slot `d` under the command in force.
-    pub fn rate(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) -> Rate<S> {
+    pub fn rate(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) -> Rate<f64> {
         self.fill_neighbours(plan, drones, d);
-        let command = self.command(drones[d], d);
+        let command = self.slots[d].command(drones[d]);
         drones[d].rate(&self.slots[d].state, &command, &self.surroundings(plan, d))
     }
 
     /// Velocity of the air at slot `d`, m/s, world, with what effects add.
-    pub fn wind_m_s(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) -> [S; 3] {
+    pub fn wind_m_s(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) -> [f64; 3] {
         self.fill_neighbours(plan, drones, d);
-        let command = self.command(drones[d], d);
+        let command = self.slots[d].command(drones[d]);
         drones[d].wind_m_s(&self.slots[d].state, &command, &self.surroundings(plan, d))
     }
 
     /// Voltage of the battery of slot `d` in the step to come, V; `None` without one.
-    pub fn battery_v(&mut self, plan: &Plan, drones: &[&Drone<S>], d: usize) -> Option<S> {
+    pub fn battery_v(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) -> Option<f64> {
         self.fill_neighbours(plan, drones, d);
-        let dt_f64 = 1.0 / f64::from(plan.sim_hz);
-        let dt = S::lit(1.0) / S::lit(f64::from(plan.sim_hz));
-        let mut command = self.command(drones[d], d);
+        let dt = 1.0 / f64::from(plan.sim_hz);
+        let mut command = self.slots[d].command(drones[d]);
         let mut memory = self.slots[d].effect_memory.clone();
         let state = &self.slots[d].state;
-        drones[d].battery_v(state, &self.surroundings(plan, d), (dt, dt_f64), &mut command, &mut memory)
+        drones[d].battery_v(state, &self.surroundings(plan, d), (dt, dt), &mut command, &mut memory)
     }
 
     /// All drones from the same instant to the next. On a non-finite result nothing changes.
-    fn integrate(&mut self, plan: &Plan, drones: &[&Drone<S>], dt: S) -> Option<(usize, &'static str)> {
-        let dt_f64 = 1.0 / f64::from(plan.sim_hz);
+    fn integrate(&mut self, plan: &Plan, drones: &[&Drone<f64>], dt: f64) -> Option<(usize, &'static str)> {
         for d in 0..self.slots.len() {
             self.fill_neighbours(plan, drones, d);
-            let drone = drones[d];
-            let mut command = self.command(drone, d);
-            let mut memory = core::mem::take(&mut self.slots[d].effect_memory);
-            let mut surroundings = self.surroundings(plan, d);
-            let slot = &self.slots[d];
-            drone.transmit(&slot.state, &mut surroundings, (dt, dt_f64), &mut command, &mut memory);
-            let next = plan.integrator.step(&slot.state, dt, |s| {
-                surroundings.ground_distance_m = ground_distance(s, slot.ground_z);
-                surroundings.ceiling_distance_m = ceiling_distance(s, slot.ceiling_z);
-                drone.rate(s, &command, &surroundings)
-            });
-            self.slots[d].effect_memory = memory;
-            self.next[d] = next;
+            let (time_s, normals) = (self.time_s(plan), self.normals(plan, d));
+            let around = (time_s, normals, &self.neighbours[..]);
+            self.next[d] = self.slots[d].moved(drones[d], plan.integrator, (dt, dt), around);
         }
         for (d, next) in self.next.iter().enumerate() {
             if let Some(quantity) = non_finite(next) {
@@ -283,9 +285,9 @@ fn ceiling_distance<S: Real>(state: &State<S>, ceiling_z: S) -> S {
     (ceiling_z - state.pos[2]).min(S::lit(NO_CEILING_M))
 }
 
-/// The first quantity of a state with a lane that is not finite.
-pub(super) fn non_finite<S: Pack>(state: &State<S>) -> Option<&'static str> {
-    let bad = |numbers: &[S]| numbers.iter().any(|v| (0..S::WIDTH).any(|lane| !v.lane(lane).is_finite()));
+/// The first quantity of a state that is not finite.
+pub(super) fn non_finite(state: &State<f64>) -> Option<&'static str> {
+    let bad = |numbers: &[f64]| numbers.iter().any(|v| !v.is_finite());
     [
         ("position", bad(&state.pos)),
         ("attitude", bad(&state.quat)),

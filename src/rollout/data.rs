@@ -4,12 +4,13 @@ use super::RolloutError;
 use super::quarantine::Quarantine;
 use crate::physics::controllers::{COMMAND_WIDTH, Memory};
 use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::scalar::lanes::Number;
 
 /// Everything that changes while a simulation runs, in plain arrays of shape (world, drone, n).
 ///
-/// Stages of the pipeline read and write it between steps.
+/// Stages of the pipeline read and write it between steps. `N` is the number that is stored, f64 or f32.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SimData {
+pub struct SimData<N = f64> {
     /// Number of worlds.
     pub n_worlds: usize,
     /// Drones per world.
@@ -17,34 +18,34 @@ pub struct SimData {
     /// Steps per second.
     pub sim_hz: u32,
     /// Position, m, world frame. (world, drone, 3)
-    pub pos: Vec<f64>,
+    pub pos: Vec<N>,
     /// Attitude xyzw, body to world. (world, drone, 4)
-    pub quat: Vec<f64>,
+    pub quat: Vec<N>,
     /// Velocity, m/s, world frame. (world, drone, 3)
-    pub vel: Vec<f64>,
+    pub vel: Vec<N>,
     /// Angular velocity, rad/s, body frame. (world, drone, 3)
-    pub ang_vel: Vec<f64>,
+    pub ang_vel: Vec<N>,
     /// Rotor speeds, rad/s. (world, drone, 8)
-    pub rotor_vel: Vec<f64>,
+    pub rotor_vel: Vec<N>,
     /// Collective thrust state of the abstracted model, N. (world, drone)
-    pub thrust: Vec<f64>,
+    pub thrust: Vec<N>,
     /// Commands, in the units of the control mode; entries past its width are unused. (world, drone, 16)
-    pub command: Vec<f64>,
+    pub command: Vec<N>,
     /// Rotor speeds that the controllers ask for, rad/s. (world, drone, 8)
-    pub rotor_command: Vec<f64>,
+    pub rotor_command: Vec<N>,
     /// Attitude command in force: roll, pitch, yaw (rad), thrust (N). (world, drone, 4)
-    pub attitude_command: Vec<f64>,
+    pub attitude_command: Vec<N>,
     /// Disturbance force, N, world frame. (world, drone, 3)
-    pub disturbance_force: Vec<f64>,
+    pub disturbance_force: Vec<N>,
     /// Disturbance torque, N·m, world frame. (world, drone, 3)
-    pub disturbance_torque: Vec<f64>,
+    pub disturbance_torque: Vec<N>,
     /// Velocity of the air, m/s, world frame. (world, drone, 3)
-    pub wind: Vec<f64>,
+    pub wind: Vec<N>,
     /// Height of the ground below each drone, m, world frame; −∞ where there is none. (world, drone)
-    pub ground_z: Vec<f64>,
+    pub ground_z: Vec<N>,
     /// Height of the ceiling above each drone, m, world frame; ∞ where there is none. The caller fills it; scenes do not.
     /// (world, drone)
-    pub ceiling_z: Vec<f64>,
+    pub ceiling_z: Vec<N>,
     /// Steps since the last reset. (world)
     pub steps: Vec<u64>,
     /// Episodes begun so far: resets, the first included. (world)
@@ -52,43 +53,44 @@ pub struct SimData {
     /// Worlds that turned non-finite and stand still. (world)
     pub quarantine: Vec<Option<Quarantine>>,
     /// What the on-board controllers remember. (world, drone, [`Memory::LEN`])
-    pub controller_memory: Vec<f64>,
-    /// What effects remember, for each drone slot: (world, memory of that drone's effects)
-    pub effect_memory: Vec<Vec<f64>>,
+    pub controller_memory: Vec<N>,
+    /// What effects remember: (world, memory of the effects of every drone in order)
+    pub effect_memory: Vec<N>,
 }
 
-impl SimData {
+impl<N: Number> SimData<N> {
     /// All drones at rest at the origin; `effect_memory_len` per drone slot.
     pub(super) fn new(n_worlds: usize, effect_memory_len: &[usize], sim_hz: u32) -> Self {
         let n_drones = effect_memory_len.len();
         let n = n_worlds * n_drones;
-        let mut quat = vec![0.0; n * 4];
+        let zeros = |len: usize| vec![N::zero(); len];
+        let mut quat = zeros(n * 4);
         for q in quat.chunks_exact_mut(4) {
-            q[3] = 1.0;
+            q[3] = N::one();
         }
         Self {
             n_worlds,
             n_drones,
             sim_hz,
-            pos: vec![0.0; n * 3],
+            pos: zeros(n * 3),
             quat,
-            vel: vec![0.0; n * 3],
-            ang_vel: vec![0.0; n * 3],
-            rotor_vel: vec![0.0; n * MAX_ROTORS],
-            thrust: vec![0.0; n],
-            command: vec![0.0; n * COMMAND_WIDTH],
-            rotor_command: vec![0.0; n * MAX_ROTORS],
-            attitude_command: vec![0.0; n * 4],
-            disturbance_force: vec![0.0; n * 3],
-            disturbance_torque: vec![0.0; n * 3],
-            wind: vec![0.0; n * 3],
-            ground_z: vec![f64::NEG_INFINITY; n],
-            ceiling_z: vec![f64::INFINITY; n],
+            vel: zeros(n * 3),
+            ang_vel: zeros(n * 3),
+            rotor_vel: zeros(n * MAX_ROTORS),
+            thrust: zeros(n),
+            command: zeros(n * COMMAND_WIDTH),
+            rotor_command: zeros(n * MAX_ROTORS),
+            attitude_command: zeros(n * 4),
+            disturbance_force: zeros(n * 3),
+            disturbance_torque: zeros(n * 3),
+            wind: zeros(n * 3),
+            ground_z: vec![N::of(f64::NEG_INFINITY); n],
+            ceiling_z: vec![N::of(f64::INFINITY); n],
             steps: vec![0; n_worlds],
             episodes: vec![0; n_worlds],
             quarantine: vec![None; n_worlds],
-            controller_memory: vec![0.0; n * Memory::<f64>::LEN],
-            effect_memory: effect_memory_len.iter().map(|len| vec![0.0; len * n_worlds]).collect(),
+            controller_memory: zeros(n * Memory::<f64>::LEN),
+            effect_memory: zeros(effect_memory_len.iter().sum::<usize>() * n_worlds),
         }
     }
 
@@ -103,8 +105,8 @@ impl SimData {
         self.steps[world] as f64 / f64::from(self.sim_hz)
     }
 
-    /// Refuses arrays whose length was changed; `effect_memory_len` per drone slot.
-    pub(super) fn check_lengths(&self, effect_memory_len: &[usize]) -> Result<(), RolloutError> {
+    /// Refuses arrays whose length was changed; effects remember `per_world` numbers in each world.
+    pub(super) fn check_lengths(&self, per_world: usize) -> Result<(), RolloutError> {
         let n = self.n_worlds * self.n_drones;
         for (name, got, width) in [
             ("pos", self.pos.len(), 3),
@@ -138,14 +140,12 @@ impl SimData {
                 return Err(RolloutError::Length { name, expected: self.n_worlds, shape, got });
             }
         }
-        let effects: Vec<usize> = self.effect_memory.iter().map(Vec::len).collect();
-        let wanted: Vec<usize> = effect_memory_len.iter().map(|len| len * self.n_worlds).collect();
-        if effects != wanted {
+        if self.effect_memory.len() != per_world * self.n_worlds {
             return Err(RolloutError::Length {
                 name: "effect_memory",
-                expected: wanted.iter().sum(),
-                shape: format!("{} drones, {} worlds each", self.n_drones, self.n_worlds),
-                got: effects.iter().sum(),
+                expected: per_world * self.n_worlds,
+                shape: format!("{} worlds × {per_world}", self.n_worlds),
+                got: self.effect_memory.len(),
             });
         }
         Ok(())
@@ -154,25 +154,31 @@ impl SimData {
     /// State of one drone.
     pub fn state(&self, world: usize, drone: usize) -> State<f64> {
         let r = self.row(world, drone);
-        let three = |a: &[f64]| [a[3 * r], a[3 * r + 1], a[3 * r + 2]];
+        let at = |a: &[N], n: usize, i: usize| a[n * r + i].wide();
         State {
-            pos: three(&self.pos),
-            quat: [self.quat[4 * r], self.quat[4 * r + 1], self.quat[4 * r + 2], self.quat[4 * r + 3]],
-            vel: three(&self.vel),
-            ang_vel: three(&self.ang_vel),
-            rotor_vel: core::array::from_fn(|i| self.rotor_vel[MAX_ROTORS * r + i]),
-            thrust: self.thrust[r],
+            pos: core::array::from_fn(|i| at(&self.pos, 3, i)),
+            quat: core::array::from_fn(|i| at(&self.quat, 4, i)),
+            vel: core::array::from_fn(|i| at(&self.vel, 3, i)),
+            ang_vel: core::array::from_fn(|i| at(&self.ang_vel, 3, i)),
+            rotor_vel: core::array::from_fn(|i| at(&self.rotor_vel, MAX_ROTORS, i)),
+            thrust: at(&self.thrust, 1, 0),
         }
     }
 
     /// Sets the state of one drone.
     pub fn set_state(&mut self, world: usize, drone: usize, state: &State<f64>) {
         let r = self.row(world, drone);
-        self.pos[3 * r..3 * r + 3].copy_from_slice(&state.pos);
-        self.quat[4 * r..4 * r + 4].copy_from_slice(&state.quat);
-        self.vel[3 * r..3 * r + 3].copy_from_slice(&state.vel);
-        self.ang_vel[3 * r..3 * r + 3].copy_from_slice(&state.ang_vel);
-        self.rotor_vel[MAX_ROTORS * r..MAX_ROTORS * (r + 1)].copy_from_slice(&state.rotor_vel);
-        self.thrust[r] = state.thrust;
+        let put = |a: &mut [N], numbers: &[f64]| {
+            let n = numbers.len();
+            for (i, v) in numbers.iter().enumerate() {
+                a[n * r + i] = N::of(*v);
+            }
+        };
+        put(&mut self.pos, &state.pos);
+        put(&mut self.quat, &state.quat);
+        put(&mut self.vel, &state.vel);
+        put(&mut self.ang_vel, &state.ang_vel);
+        put(&mut self.rotor_vel, &state.rotor_vel);
+        put(&mut self.thrust, &[state.thrust]);
     }
 }

@@ -7,13 +7,16 @@
 mod blocks;
 mod data;
 mod error;
+mod lanes;
 pub mod pipeline;
 mod pool;
 pub mod quarantine;
 pub mod randomize;
 mod sim;
+mod traced;
 pub mod trajectory;
 
 pub use data::SimData;
 pub use error::RolloutError;
-pub use sim::{RotorStart, Sim, SimOptions};
+pub use sim::{Engine, RotorStart, Sim, SimOptions};
+pub use traced::{CommonStep, common_steps};

@@ -2,33 +2,34 @@
 //! after them.
 
 use super::{RolloutError, SimData};
+use crate::scalar::lanes::Number;
 
 /// A user's stage: reads and writes the arrays of the simulation.
-pub type StageFn = Box<dyn FnMut(&mut SimData) + Send>;
+pub type StageFn<N = f64> = Box<dyn FnMut(&mut SimData<N>) + Send>;
 
 /// Name of the built-in stage that runs the on-board controllers.
 pub const CONTROLLERS: &str = "controllers";
 /// Name of the built-in stage that integrates the equations of motion.
 pub const INTEGRATION: &str = "integration";
 
-pub(super) enum Stage {
+pub(super) enum Stage<N> {
     Controllers,
     Integration,
-    User(StageFn),
+    User(StageFn<N>),
 }
 
 /// Named stages in the order in which a step runs them.
-pub struct Pipeline {
-    pub(super) stages: Vec<(String, Stage)>,
+pub struct Pipeline<N = f64> {
+    pub(super) stages: Vec<(String, Stage<N>)>,
 }
 
-impl core::fmt::Debug for Pipeline {
+impl<N> core::fmt::Debug for Pipeline<N> {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         f.debug_list().entries(self.names()).finish()
     }
 }
 
-impl Default for Pipeline {
+impl<N> Default for Pipeline<N> {
     fn default() -> Self {
         Self {
             stages: vec![(CONTROLLERS.into(), Stage::Controllers), (INTEGRATION.into(), Stage::Integration)],
@@ -36,7 +37,7 @@ impl Default for Pipeline {
     }
 }
 
-impl Pipeline {
+impl<N> Pipeline<N> {
     /// Names of the stages, first to last.
     pub fn names(&self) -> Vec<&str> {
         self.stages.iter().map(|(name, _)| name.as_str()).collect()
@@ -54,7 +55,7 @@ impl Pipeline {
             .ok_or_else(|| RolloutError::NoStage { name: name.into(), known: self.names().join(", ") })
     }
 
-    fn insert(&mut self, at: usize, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    fn insert(&mut self, at: usize, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         if self.position(name).is_ok() {
             return Err(RolloutError::StageExists { name: name.into() });
         }
@@ -63,29 +64,29 @@ impl Pipeline {
     }
 
     /// Adds a stage as the first.
-    pub fn prepend(&mut self, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    pub fn prepend(&mut self, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         self.insert(0, name, f)
     }
 
     /// Adds a stage as the last.
-    pub fn append(&mut self, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    pub fn append(&mut self, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         self.insert(self.stages.len(), name, f)
     }
 
     /// Adds a stage directly before `anchor`.
-    pub fn insert_before(&mut self, anchor: &str, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    pub fn insert_before(&mut self, anchor: &str, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         let at = self.position(anchor)?;
         self.insert(at, name, f)
     }
 
     /// Adds a stage directly after `anchor`.
-    pub fn insert_after(&mut self, anchor: &str, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    pub fn insert_after(&mut self, anchor: &str, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         let at = self.position(anchor)? + 1;
         self.insert(at, name, f)
     }
 
     /// Puts another function in the place of a user's stage.
-    pub fn replace(&mut self, name: &str, f: StageFn) -> Result<(), RolloutError> {
+    pub fn replace(&mut self, name: &str, f: StageFn<N>) -> Result<(), RolloutError> {
         let at = self.user_stage(name, "replaced")?;
         self.stages[at].1 = Stage::User(f);
         Ok(())
@@ -111,16 +112,16 @@ impl Pipeline {
 /// (`ground_z`) is put back to that height, and its angular, horizontal and downward velocity are stopped.
 ///
 /// Without it the ground is reported as a contact and does not hold: this crate solves no contact forces.
-pub fn rest_on_ground(rest_height_m: f64) -> StageFn {
-    Box::new(move |data: &mut SimData| {
+pub fn rest_on_ground<N: Number>(rest_height_m: f64) -> StageFn<N> {
+    Box::new(move |data: &mut SimData<N>| {
         for r in 0..data.ground_z.len() {
-            let floor = data.ground_z[r] + rest_height_m;
+            let floor = data.ground_z[r] + N::of(rest_height_m);
             if data.pos[3 * r + 2] < floor {
                 data.pos[3 * r + 2] = floor;
                 data.vel[3 * r..3 * r + 3].iter_mut().enumerate().for_each(|(i, v)| {
-                    *v = if i == 2 { v.max(0.0) } else { 0.0 };
+                    *v = if i == 2 { v.max(N::zero()) } else { N::zero() };
                 });
-                data.ang_vel[3 * r..3 * r + 3].fill(0.0);
+                data.ang_vel[3 * r..3 * r + 3].fill(N::zero());
             }
         }
     })

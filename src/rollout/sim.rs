@@ -1,6 +1,7 @@
 //! The batched simulation.
 
-use super::blocks::{Block, Pack, Phase, Plan, Slot, Source, non_finite};
+use super::blocks::{Block, Phase, Plan, Slot, Source, non_finite};
+use super::lanes::{Lanes, Options as LaneOptions};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::Quarantine;
 use super::randomize::{Randomization, Rule};
@@ -14,6 +15,7 @@ use crate::physics::effects::{AnyEffect, Command, Effect};
 use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
 use crate::random::Key;
+use crate::scalar::lanes::Number;
 use crate::vehicle::effects::out_of_range;
 
 /// How rotors start after a reset.
@@ -24,6 +26,20 @@ pub enum RotorStart {
     Off,
     /// At the speed that carries the weight.
     Hover,
+}
+
+/// What computes the steps of a simulation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Engine {
+    /// [`Engine::Reference`] for a simulation that stores f64, [`Engine::Lanes`] for one that stores f32.
+    #[default]
+    Auto,
+    /// The equations themselves in f64, one world at a time: what everything else is compared with.
+    Reference,
+    /// Many worlds at once in the lanes of the processor, in the number that is stored: code generated from the equations for
+    /// the built-in vehicles, byte code traced from them for all others.
+    Lanes,
 }
 
 /// What a simulation is made of, beside its drones.
@@ -45,6 +61,8 @@ pub struct SimOptions {
     pub rotor_start: RotorStart,
     /// What is drawn anew at every reset.
     pub randomization: Randomization,
+    /// What computes the steps.
+    pub engine: Engine,
 }
 
 impl Default for SimOptions {
@@ -59,15 +77,17 @@ impl Default for SimOptions {
             control: ControlMode::Attitude,
             rotor_start: RotorStart::Hover,
             randomization: Randomization::default(),
+            engine: Engine::Auto,
         }
     }
 }
 
 /// Worlds × drones, of one or of several vehicle types.
 ///
-/// Drone slots are the same in every world; each slot has its own vehicle.
+/// Drone slots are the same in every world; each slot has its own vehicle. `N` is the number that is stored: f64, or f32,
+/// which needs half the memory and flies on lanes.
 #[derive(Debug)]
-pub struct Sim {
+pub struct Sim<N: Number = f64> {
     options: SimOptions,
     nominal: Vec<Drone<f64>>,
     /// Per (world, drone) where a caller set parameters for single worlds: what resets draw from.
@@ -79,15 +99,24 @@ pub struct Sim {
     /// States before the stage that runs.
     kept: Vec<State<f64>>,
     /// All arrays.
-    pub data: SimData,
+    pub data: SimData<N>,
     /// The stages of a step.
-    pub pipeline: Pipeline,
+    pub pipeline: Pipeline<N>,
+    /// Where steps are computed in lanes.
+    lanes: Option<Box<Lanes<N>>>,
 }
 
-impl Sim {
+impl Sim<f64> {
     /// A simulation of `drones` (one per slot, with the rates of its controllers) in every world, already reset: at the
     /// origin, level, at rest. [`Sim::set_initial`] gives other places to start from.
     pub fn new(options: SimOptions, drones: Vec<(Drone<f64>, Rates)>) -> Result<Self, RolloutError> {
+        Self::storing(options, drones)
+    }
+}
+
+impl<N: Number> Sim<N> {
+    /// As [`Sim::new`], with the number that is stored as a type: `Sim::<f32>::storing(…)`.
+    pub fn storing(options: SimOptions, drones: Vec<(Drone<f64>, Rates)>) -> Result<Self, RolloutError> {
         check(&options, &drones)?;
         let (nominal, rates): (Vec<_>, Vec<_>) = drones.into_iter().unzip();
         let dt = 1.0 / f64::from(options.sim_hz);
@@ -105,7 +134,14 @@ impl Sim {
             kept: Vec::new(),
             data,
             pipeline,
+            lanes: None,
         };
+        let wanted = match sim.options.engine {
+            Engine::Auto => N::NAME == "f32",
+            Engine::Reference => false,
+            Engine::Lanes => true,
+        };
+        sim.lanes = wanted.then(Box::default);
         for rule in &sim.options.randomization.rules.clone() {
             rule.check()?;
             sim.check_rule(rule)?;
@@ -161,7 +197,9 @@ impl Sim {
             });
         }
         for (row, numbers) in command.chunks_exact(width).enumerate() {
-            self.data.command[row * COMMAND_WIDTH..row * COMMAND_WIDTH + width].copy_from_slice(numbers);
+            for (entry, v) in numbers.iter().enumerate() {
+                self.data.command[row * COMMAND_WIDTH + entry] = N::of(*v);
+            }
         }
         Ok(())
     }
@@ -229,6 +267,7 @@ impl Sim {
             return Err(RolloutError::NoParameter { drone, name: name.into(), close });
         }
         check_body(&tried, drone)?;
+        self.forget_tables();
         let n = self.nominal.len();
         match world {
             None => {
@@ -247,6 +286,13 @@ impl Sim {
             }
         }
         Ok(())
+    }
+
+    /// Lets lanes read the parameters anew.
+    fn forget_tables(&mut self) {
+        if let Some(lanes) = &mut self.lanes {
+            lanes.forget_tables();
+        }
     }
 
     /// Refuses rules that no drone has a number for.
@@ -289,6 +335,21 @@ impl Sim {
         Ok(())
     }
 
+    /// Where the memory of the effects of one drone stands.
+    fn effect_memory_of(&self, w: usize, d: usize) -> std::ops::Range<usize> {
+        let dt = 1.0 / f64::from(self.options.sim_hz);
+        let mut start = 0;
+        let (mut before, mut own) = (0, 0);
+        for (slot, drone) in self.nominal.iter().enumerate() {
+            let len = drone.memory_len(dt);
+            before += if slot < d { len } else { 0 };
+            own = if slot == d { len } else { own };
+            start += len;
+        }
+        let first = w * start + before;
+        first..first + own
+    }
+
     fn reset_drone(&mut self, w: usize, d: usize) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let rules = self.options.randomization.rules.clone();
@@ -308,7 +369,15 @@ impl Sim {
             });
             drone.refresh();
             check_body(&drone, d)?;
+            let first = self.own.is_none();
             per_world(&mut self.own, &self.nominal, self.data.n_worlds)[row] = drone;
+            if let Some(lanes) = &mut self.lanes {
+                if first {
+                    lanes.forget_tables();
+                } else {
+                    lanes.forget_row(row);
+                }
+            }
         }
         let mut state = self.initial[row];
         let mut rotation = [0.0; 3];
@@ -333,11 +402,11 @@ impl Sim {
         }
         self.data.set_state(w, d, &state);
         let memory = Memory::<f64>::LEN;
-        self.data.controller_memory[row * memory..(row + 1) * memory].fill(0.0);
-        self.data.rotor_command[row * MAX_ROTORS..(row + 1) * MAX_ROTORS].fill(0.0);
-        self.data.attitude_command[row * 4..(row + 1) * 4].fill(0.0);
-        let len = self.data.effect_memory[d].len() / self.data.n_worlds;
-        let mut memory = vec![0.0; len];
+        self.data.controller_memory[row * memory..(row + 1) * memory].fill(N::zero());
+        self.data.rotor_command[row * MAX_ROTORS..(row + 1) * MAX_ROTORS].fill(N::zero());
+        self.data.attitude_command[row * 4..(row + 1) * 4].fill(N::zero());
+        let at = self.effect_memory_of(w, d);
+        let mut memory = vec![0.0; at.len()];
         let drone = self.drone(w, d);
         let in_force = match drone.dynamics {
             Dynamics::Rotors => Command::Rotors(state.rotor_vel),
@@ -345,7 +414,9 @@ impl Sim {
         };
         let dt_s = 1.0 / f64::from(self.options.sim_hz);
         drone.start(&in_force, |effect| effect.memory_len(dt_s), &mut memory);
-        self.data.effect_memory[d][w * len..(w + 1) * len].copy_from_slice(&memory);
+        for (to, v) in self.data.effect_memory[at].iter_mut().zip(&memory) {
+            *to = N::of(*v);
+        }
         Ok(())
     }
 
@@ -407,8 +478,7 @@ impl Sim {
             });
         }
         let dt = 1.0 / f64::from(self.options.sim_hz);
-        let effects: Vec<usize> = self.nominal.iter().map(|d| d.memory_len(dt)).collect();
-        self.data.check_lengths(&effects)
+        self.data.check_lengths(self.nominal.iter().map(|d| d.memory_len(dt)).sum())
     }
 
     fn keep_states(&mut self) {
@@ -452,20 +522,20 @@ impl Sim {
     pub fn rate(&self, world: usize, drone: usize) -> Rate<f64> {
         let plan = self.plan();
         let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load::<f64>(world).rate(&plan, &drones, drone)
+        self.load(world).rate(&plan, &drones, drone)
     }
 
     /// Velocity of the air at one drone, m/s, world: `data.wind` with what its effects add (wind, gusts).
     pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
         let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load::<f64>(world).wind_m_s(&self.plan(), &drones, drone)
+        self.load(world).wind_m_s(&self.plan(), &drones, drone)
     }
 
     /// Voltage of one drone's battery under the load of the next step, V; `None` for a vehicle without one (effect
     /// `battery_sag`).
     pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
         let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load::<f64>(world).battery_v(&self.plan(), &drones, drone)
+        self.load(world).battery_v(&self.plan(), &drones, drone)
     }
 
     /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
@@ -476,7 +546,7 @@ impl Sim {
         match &parts.response {
             None => airframe::loads(&parts.airframe, &s.rotor_vel).thrust.iter().sum(),
             Some(p) => {
-                let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3];
+                let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3].wide();
                 attitude_response::thrust(p, s.thrust, command)
             }
         }
@@ -498,11 +568,14 @@ impl Sim {
 
     /// Runs blocks of worlds, in parallel where it pays.
     fn run(&mut self, n_steps: usize, phase: Phase) {
+        if self.lanes.is_some() {
+            return self.run_lanes(n_steps, phase);
+        }
         let n = self.nominal.len();
         let plan = self.plan();
-        let mut blocks: Vec<(usize, Block<f64>, Option<Quarantine>)> = (0..self.data.n_worlds)
+        let mut blocks: Vec<(usize, Block, Option<Quarantine>)> = (0..self.data.n_worlds)
             .filter(|w| self.data.quarantine[*w].is_none())
-            .map(|w| (w, self.load::<f64>(w), None))
+            .map(|w| (w, self.load(w), None))
             .collect();
         let work = blocks.len() * n * n_steps;
         let (nominal, own) = (&self.nominal, &self.own);
@@ -520,25 +593,32 @@ impl Sim {
         }
     }
 
-    /// The block that starts at world `w`.
-    fn load<S: Pack>(&self, w: usize) -> Block<S> {
+    /// The same in lanes.
+    fn run_lanes(&mut self, n_steps: usize, phase: Phase) {
+        let Some(lanes) = &mut self.lanes else { return };
+        let options = LaneOptions {
+            mode: self.options.control,
+            integrator: self.options.integrator,
+            sim_hz: self.options.sim_hz,
+            seed: self.options.seed,
+            first_world: self.options.first_world,
+            phase,
+            n_steps,
+        };
+        lanes.run(&options, &self.nominal, self.own.as_deref(), &self.rates, &mut self.data);
+    }
+
+    /// World `w` as the equations see it.
+    fn load(&self, w: usize) -> Block {
         let data = &self.data;
         let slots = (0..self.nominal.len())
             .map(|d| {
-                let at = |a: &[f64], n: usize, i: usize| {
-                    S::gather(|lane| a[((w + lane) * self.nominal.len() + d) * n + i])
-                };
+                let row = w * self.nominal.len() + d;
+                let at = |a: &[N], n: usize, i: usize| a[row * n + i].wide();
                 let memory = Memory::<f64>::LEN;
-                let own = data.effect_memory[d].len() / data.n_worlds;
+                let effects = &data.effect_memory[self.effect_memory_of(w, d)];
                 Slot {
-                    state: State {
-                        pos: core::array::from_fn(|i| at(&data.pos, 3, i)),
-                        quat: core::array::from_fn(|i| at(&data.quat, 4, i)),
-                        vel: core::array::from_fn(|i| at(&data.vel, 3, i)),
-                        ang_vel: core::array::from_fn(|i| at(&data.ang_vel, 3, i)),
-                        rotor_vel: core::array::from_fn(|i| at(&data.rotor_vel, MAX_ROTORS, i)),
-                        thrust: at(&data.thrust, 1, 0),
-                    },
+                    state: data.state(w, d),
                     command: core::array::from_fn(|i| at(&data.command, COMMAND_WIDTH, i)),
                     memory: Memory::load(|i| at(&data.controller_memory, memory, i)),
                     rotor_command: core::array::from_fn(|i| at(&data.rotor_command, MAX_ROTORS, i)),
@@ -548,44 +628,34 @@ impl Sim {
                     wind: core::array::from_fn(|i| at(&data.wind, 3, i)),
                     ground_z: at(&data.ground_z, 1, 0),
                     ceiling_z: at(&data.ceiling_z, 1, 0),
-                    effect_memory: (0..own)
-                        .map(|i| S::gather(|lane| data.effect_memory[d][(w + lane) * own + i]))
-                        .collect(),
+                    effect_memory: effects.iter().map(|v| v.wide()).collect(),
                 }
             })
             .collect();
-        let episodes = (0..S::WIDTH).map(|lane| data.episodes[w + lane]).collect();
-        Block::new(data.steps[w], slots, Source { world: self.options.first_world + w as u64, episodes })
+        let source = Source { world: self.options.first_world + w as u64, episodes: data.episodes[w] };
+        Block::new(data.steps[w], slots, source)
     }
 
-    /// Writes a block back to the worlds from `w` on.
-    fn store<S: Pack>(&mut self, w: usize, block: &Block<S>) {
-        let n = self.nominal.len();
-        let data = &mut self.data;
-        for lane in 0..S::WIDTH {
-            data.steps[w + lane] = block.step;
-            for (d, slot) in block.slots.iter().enumerate() {
-                let row = (w + lane) * n + d;
-                let put = |a: &mut [f64], numbers: &[S]| {
-                    let len = numbers.len();
-                    for (i, v) in numbers.iter().enumerate() {
-                        a[row * len + i] = v.lane(lane);
-                    }
-                };
-                put(&mut data.pos, &slot.state.pos);
-                put(&mut data.quat, &slot.state.quat);
-                put(&mut data.vel, &slot.state.vel);
-                put(&mut data.ang_vel, &slot.state.ang_vel);
-                put(&mut data.rotor_vel, &slot.state.rotor_vel);
-                put(&mut data.thrust, &[slot.state.thrust]);
-                put(&mut data.rotor_command, &slot.rotor_command);
-                put(&mut data.attitude_command, &slot.attitude_command);
-                let memory = Memory::<f64>::LEN;
-                slot.memory.store(|i, v| data.controller_memory[row * memory + i] = v.lane(lane));
-                let own = slot.effect_memory.len();
-                for (i, v) in slot.effect_memory.iter().enumerate() {
-                    data.effect_memory[d][(w + lane) * own + i] = v.lane(lane);
+    /// Writes a world back.
+    fn store(&mut self, w: usize, block: &Block) {
+        self.data.steps[w] = block.step;
+        for (d, slot) in block.slots.iter().enumerate() {
+            let effects = self.effect_memory_of(w, d);
+            let data = &mut self.data;
+            let row = w * self.nominal.len() + d;
+            data.set_state(w, d, &slot.state);
+            let put = |a: &mut [N], numbers: &[f64]| {
+                let len = numbers.len();
+                for (i, v) in numbers.iter().enumerate() {
+                    a[row * len + i] = N::of(*v);
                 }
+            };
+            put(&mut data.rotor_command, &slot.rotor_command);
+            put(&mut data.attitude_command, &slot.attitude_command);
+            let memory = Memory::<f64>::LEN;
+            slot.memory.store(|i, v| data.controller_memory[row * memory + i] = N::of(v));
+            for (to, v) in data.effect_memory[effects].iter_mut().zip(&slot.effect_memory) {
+                *to = N::of(*v);
             }
         }
     }
@@ -917,7 +987,7 @@ mod tests {
     fn arrays_and_counts_that_were_changed_from_outside_are_errors_and_no_panics() {
         let wash = AnyEffect::BatterySag(Default::default());
         let mut sim = Sim::new(SimOptions::default(), vec![(quad(vec![wash]), RATES)]).unwrap();
-        sim.data.effect_memory[0].clear();
+        sim.data.effect_memory.clear();
         let message = sim.step(1).unwrap_err().to_string();
         assert!(message.contains("effect_memory") && message.contains("expected 1 numbers"), "{message}");
         let mut sim = state_sim(2, 1);

@@ -7,8 +7,12 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
+pub mod bytecode;
 pub mod dual;
+pub mod kernel;
+pub mod lanes;
 pub mod program;
+pub mod stages;
 pub mod trace;
 
 /// A real number that flight physics can be computed with.
@@ -43,6 +47,21 @@ pub trait Real:
     fn le(self, other: Self) -> Self::Mask;
     /// `yes` where `mask` holds, else `no`. Both sides are computed.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    /// sin(θ/2)/θ and cos(θ/2) of a squared angle θ², rad²: what a rotation vector of that length turns by.
+    ///
+    /// Below an angle of 1e-3 rad the series to θ⁴ is used (error below 1e-22), so value and derivative are exact at
+    /// zero. (Grassia, "Practical parameterization of rotations using the exponential map", J. Graphics Tools 3(3), 1998.)
+    #[inline(always)]
+    fn half_turn(self) -> (Self, Self) {
+        let t2 = self;
+        let small = t2.lt(Self::lit(1e-6));
+        let t = Self::select(small, Self::one(), t2).sqrt();
+        let (sin, cos) = (t * Self::lit(0.5)).sin_cos();
+        let k_series = Self::lit(0.5) - t2 * Self::lit(1.0 / 48.0) + t2 * t2 * Self::lit(1.0 / 3840.0);
+        let c_series = Self::one() - t2 * Self::lit(1.0 / 8.0) + t2 * t2 * Self::lit(1.0 / 384.0);
+        (Self::select(small, k_series, sin / t), Self::select(small, c_series, cos))
+    }
 
     /// Zero.
     #[inline(always)]

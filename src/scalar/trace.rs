@@ -15,7 +15,8 @@
 //! A graph holds every value once: an operation on the same operands is the same node. Operations on literals are done at once,
 //! and what gives its operand back, bit by bit, is no operation: x − 0, 1 x, x / 1. A product with 0 stays, since it may be no
 //! number, and so does x + 0, since it may change the sign of a zero. So a graph gives the bits of the code that it was traced
-//! from.
+//! from. [`trace_finite`] leaves these out too: its graph gives the same numbers wherever all are finite, up to the sign of
+//! zeros.
 
 use super::Real;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
@@ -48,6 +49,10 @@ pub enum Node {
     Sin(Place),
     /// Cosine of a, rad.
     Cos(Place),
+    /// The first of [`Real::half_turn`] of a.
+    TurnSin(Place),
+    /// The second of [`Real::half_turn`] of a.
+    TurnCos(Place),
     /// e to the power of a.
     Exp(Place),
     /// Angle of the point (b, a), rad.
@@ -76,6 +81,7 @@ impl Node {
         let list = match self {
             Self::Literal(_) | Self::Input(_) | Self::Truth(_) => [None; 3],
             Self::Neg(a) | Self::Sqrt(a) | Self::Sin(a) | Self::Cos(a) => [Some(a), None, None],
+            Self::TurnSin(a) | Self::TurnCos(a) => [Some(a), None, None],
             Self::Exp(a) | Self::Floor(a) | Self::Not(a) => [Some(a), None, None],
             Self::Add(a, b) | Self::Sub(a, b) | Self::Mul(a, b) | Self::Div(a, b) => [Some(a), Some(b), None],
             Self::Atan2(a, b) | Self::Lt(a, b) | Self::Le(a, b) => [Some(a), Some(b), None],
@@ -111,6 +117,8 @@ struct Recorder {
     seen: HashMap<Node, Place>,
     /// Whether a trace is being recorded.
     running: bool,
+    /// Whether all numbers may be taken for finite, and zeros for unsigned.
+    finite: bool,
 }
 
 impl Recorder {
@@ -158,6 +166,11 @@ impl Recorder {
         let is = |r: &Self, place: Place, value: f64| {
             r.literal(place).is_some_and(|v| v.to_bits() == value.to_bits())
         };
+        if self.finite
+            && let Some(place) = self.known_of_finite(node)
+        {
+            return Some(place);
+        }
         match node {
             Node::Add(a, b) if is(self, a, -0.0) => Some(b),
             Node::Add(a, b) if is(self, b, -0.0) => Some(a),
@@ -196,6 +209,50 @@ impl Recorder {
                     Node::Not(opposite) => Some(self.record(Node::Select(opposite, c, b))),
                     _ => None,
                 },
+            },
+            _ => None,
+        }
+    }
+
+    /// What is known besides where all numbers are finite and zeros have no sign. Signs move outwards, to where a sum or a
+    /// difference takes them up.
+    fn known_of_finite(&mut self, node: Node) -> Option<Place> {
+        let zero = |r: &Self, place: Place| r.literal(place) == Some(0.0);
+        let negated = |r: &Self, place: Place| match r.nodes[place as usize] {
+            Node::Neg(of) => Some(of),
+            _ => None,
+        };
+        match node {
+            Node::Mul(a, b) | Node::Div(a, b)
+                if zero(self, a) || (zero(self, b) && node == Node::Mul(a, b)) =>
+            {
+                Some(self.number(0.0))
+            }
+            Node::Add(a, b) if zero(self, a) => Some(b),
+            Node::Add(a, b) | Node::Sub(a, b) if zero(self, b) => Some(a),
+            Node::Sub(a, b) if zero(self, a) => Some(self.record(Node::Neg(b))),
+            Node::Sub(a, b) if a == b => Some(self.number(0.0)),
+            Node::Add(a, b) => match (negated(self, a), negated(self, b)) {
+                (_, Some(b)) => Some(self.record(Node::Sub(a, b))),
+                (Some(a), None) => Some(self.record(Node::Sub(b, a))),
+                _ => None,
+            },
+            Node::Sub(a, b) => negated(self, b).map(|b| self.record(Node::Add(a, b))),
+            Node::Mul(a, b) | Node::Div(a, b) => {
+                let again =
+                    |a, b| if matches!(node, Node::Mul(..)) { Node::Mul(a, b) } else { Node::Div(a, b) };
+                let (positive, negative) = match (negated(self, a), negated(self, b)) {
+                    (Some(a), Some(b)) => (Some(again(a, b)), None),
+                    (Some(a), None) => (None, Some(again(a, b))),
+                    (None, Some(b)) => (None, Some(again(a, b))),
+                    (None, None) => (None, None),
+                };
+                let negative = negative.map(|of| Node::Neg(self.record(of)));
+                positive.or(negative).map(|of| self.record(of))
+            }
+            Node::Neg(a) => match self.nodes[a as usize] {
+                Node::Sub(x, y) => Some(self.record(Node::Sub(y, x))),
+                _ => None,
             },
             _ => None,
         }
@@ -242,6 +299,18 @@ pub struct SymMask(Place);
 /// # Panics
 /// When called within another trace on the same thread.
 pub fn trace(n_inputs: usize, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -> Graph {
+    recorded(n_inputs, false, formula)
+}
+
+/// As [`trace`], for numbers that are all finite and zeros whose sign does not matter: a product with 0 is 0, x + 0 is x.
+///
+/// # Panics
+/// As [`trace`].
+pub fn trace_finite(n_inputs: usize, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -> Graph {
+    recorded(n_inputs, true, formula)
+}
+
+fn recorded(n_inputs: usize, finite: bool, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -> Graph {
     // Recording ends however the formula does.
     struct Running;
     impl Drop for Running {
@@ -252,6 +321,7 @@ pub fn trace(n_inputs: usize, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -> Graph
     let inputs: Vec<Sym> = RECORDER.with_borrow_mut(|r| {
         assert!(!r.running, "a trace within a trace");
         r.running = true;
+        r.finite = finite;
         (0..n_inputs as u32).map(|i| Sym(r.place(Node::Input(i)))).collect()
     });
     let running = Running;
@@ -295,6 +365,8 @@ fn compute(node: Node, of: impl Fn(Place, usize) -> Value, inputs: &[f64]) -> Va
         Node::Sqrt(a) => number(a, 0).sqrt(),
         Node::Sin(a) => Real::sin_cos(number(a, 0)).0,
         Node::Cos(a) => Real::sin_cos(number(a, 0)).1,
+        Node::TurnSin(a) => Real::half_turn(number(a, 0)).0,
+        Node::TurnCos(a) => Real::half_turn(number(a, 0)).1,
         Node::Exp(a) => Real::exp(number(a, 0)),
         Node::Atan2(a, b) => Real::atan2(number(a, 0), number(b, 1)),
         Node::Floor(a) => number(a, 0).floor(),
@@ -340,7 +412,7 @@ impl Graph {
     }
 
     /// The same without what no result needs; inputs stay numbered as they are.
-    fn needed(self) -> Self {
+    pub(super) fn needed(self) -> Self {
         let mut needed = vec![false; self.nodes.len()];
         for output in &self.outputs {
             needed[*output as usize] = true;
@@ -438,6 +510,18 @@ impl Graph {
                     Node::Sqrt(a) => give(a, Sym::lit(0.5) * slope / number(i as Place)),
                     Node::Sin(a) => give(a, slope * number(a).sin_cos().1),
                     Node::Cos(a) => give(a, -(slope * number(a).sin_cos().0)),
+                    Node::TurnSin(a) => {
+                        // (c/2 − k)/2θ² of k and c of the turn, and its series where that loses figures.
+                        let x = number(a);
+                        let (k, c) = x.half_turn();
+                        let near = x.lt(Sym::lit(1e-2));
+                        let far = Sym::select(near, Sym::one(), x);
+                        let whole = (Sym::lit(0.5) * c - k) / (Sym::lit(2.0) * far);
+                        let last = x * Sym::lit(4.0 / 185_794_560.0) - Sym::lit(3.0 / 645_120.0);
+                        let series = (last * x + Sym::lit(2.0 / 3840.0)) * x - Sym::lit(1.0 / 48.0);
+                        give(a, slope * Sym::select(near, series, whole));
+                    }
+                    Node::TurnCos(a) => give(a, -(slope * Sym::lit(0.25) * number(a).half_turn().0)),
                     Node::Exp(a) => give(a, slope * number(i as Place)),
                     Node::Atan2(a, b) => {
                         let (y, x) = (number(a), number(b));
@@ -471,6 +555,8 @@ impl Node {
             Self::Sqrt(a) => Self::Sqrt(place(a)),
             Self::Sin(a) => Self::Sin(place(a)),
             Self::Cos(a) => Self::Cos(place(a)),
+            Self::TurnSin(a) => Self::TurnSin(place(a)),
+            Self::TurnCos(a) => Self::TurnCos(place(a)),
             Self::Exp(a) => Self::Exp(place(a)),
             Self::Atan2(a, b) => Self::Atan2(place(a), place(b)),
             Self::Floor(a) => Self::Floor(place(a)),
@@ -542,6 +628,9 @@ impl Real for Sym {
     fn sin_cos(self) -> (Self, Self) {
         (Self(record(Node::Sin(self.0))), Self(record(Node::Cos(self.0))))
     }
+    fn half_turn(self) -> (Self, Self) {
+        (Self(record(Node::TurnSin(self.0))), Self(record(Node::TurnCos(self.0))))
+    }
     fn exp(self) -> Self {
         Self(record(Node::Exp(self.0)))
     }
@@ -571,7 +660,8 @@ mod tests {
         let (s, c) = (x[0] * x[1]).sin_cos();
         let a = (x[0] * x[0] + x[1].square() + S::one()).sqrt();
         let b = (x[2] / a - x[1]).exp();
-        let d = x[0].atan2(x[2]) + x[1].floor();
+        let (k, c2) = (x[1] * x[2]).square().half_turn();
+        let d = x[0].atan2(x[2]) + x[1].floor() + k * c2;
         let near = x[0].lt(x[1]) & !x[2].le(x[0]) | S::zero().lt(x[2]);
         let e = S::select(near, s * b, c - a);
         vec![e.abs().min(d).max(-x[1]), e.clamp(S::lit(-0.5), S::lit(0.5)) * d, b * a / c]

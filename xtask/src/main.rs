@@ -5,6 +5,7 @@ use std::process::ExitCode;
 mod bench;
 mod ci;
 mod demo;
+mod gen_kernels;
 mod python;
 mod run;
 mod setup;
@@ -28,6 +29,10 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask bench identify [ARGS...]
                                make .venv with the pinned peers, identify the attitude model from a log of Crazyflow's
                                simulation, alternately with Crazyflow's own identification: errors and times
+  cargo xtask bench steps [ARGS...]
+                               make .venv with the pinned peers, steps per second of many worlds, alternately with Crazyflow,
+                               each on one core (`cargo xtask bench steps --help`)
+  cargo xtask gen [--check]    write the kernels in src/kernels/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
 
@@ -44,6 +49,7 @@ fn main() -> ExitCode {
         Some("demo") => demo::run(rest),
         Some("test") => test::run(rest),
         Some("bench") => bench::run(rest),
+        Some("gen") => gen_kernels::run(rest),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
         Some("help" | "--help" | "-h") => {

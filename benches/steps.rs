@@ -1,0 +1,221 @@
+//! Steps per second of many worlds by Propwash and by Crazyflow, alternately, each on one core.
+//!
+//! `cargo xtask bench steps --help`. Prints a Markdown table.
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
+use std::time::Instant;
+
+use clap::Parser;
+use propwash::physics::controllers::ControlMode;
+use propwash::rollout::{Engine, Sim, SimOptions};
+use propwash::scalar::lanes::{Number, level_name};
+use propwash::vehicle::Vehicle;
+use serde_json::Value;
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/steps.py");
+const VEHICLE: &str = "cf2x_L250";
+
+type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+
+/// Steps a first-principles cf2x_L250 in many worlds, by Propwash and by Crazyflow in turn, one core each.
+#[derive(Parser)]
+struct Args {
+    /// How often each of the two runs, about 0.3 s each time.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
+    rounds: u32,
+    /// Steps of one call.
+    #[arg(long, default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..))]
+    steps: u32,
+    /// Numbers of worlds.
+    #[arg(long, value_delimiter = ',', default_values_t = [1usize, 64, 1024, 65536])]
+    worlds: Vec<usize>,
+    /// Control modes.
+    #[arg(long, value_delimiter = ',', default_values_t = ["rotor_vel".to_string(), "attitude".into(), "state".into()])]
+    modes: Vec<String>,
+    /// Precisions: f32 and f64, for both alike.
+    #[arg(long, value_delimiter = ',', default_values_t = ["f32".to_string(), "f64".into()])]
+    precisions: Vec<String>,
+    /// Leaves Crazyflow out, for profiles.
+    #[arg(long)]
+    ours_alone: bool,
+    /// Ignored; `cargo bench` passes it.
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().map_err(|e| e.to_string());
+    match pool.and_then(|pool| pool.install(|| measure(&args).map_err(|e| e.to_string()))) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn measure(args: &Args) -> Fallible<()> {
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    println!(
+        "{}; one thread, lanes {}; propwash {}; {} steps a call, {} rounds; load of the machine at the start {}\n",
+        processor(),
+        level_name(),
+        env!("CARGO_PKG_VERSION"),
+        args.steps,
+        args.rounds,
+        load.split_whitespace().take(3).collect::<Vec<_>>().join(" "),
+    );
+    println!("Million steps per second: median (best).\n");
+    println!("| mode | precision | worlds | Crazyflow | Propwash | ratio of medians | ratio of bests |");
+    println!("| --- | --- | ---: | ---: | ---: | ---: | ---: |");
+    let mut versions = String::new();
+    for mode in &args.modes {
+        let control = *ControlMode::ALL
+            .iter()
+            .find(|m| {
+                m.name() == mode
+                    && matches!(m, ControlMode::State | ControlMode::Attitude | ControlMode::RotorVel)
+            })
+            .ok_or_else(|| format!("--modes: expected rotor_vel, attitude or state, got {mode}"))?;
+        for precision in &args.precisions {
+            for worlds in &args.worlds {
+                match precision.as_str() {
+                    "f32" => row::<f32>(args, control, *worlds, &mut versions)?,
+                    "f64" => row::<f64>(args, control, *worlds, &mut versions)?,
+                    other => return Err(format!("--precisions: expected f32 or f64, got {other}").into()),
+                }
+            }
+        }
+    }
+    println!("\nPeer: {versions}");
+    Ok(())
+}
+
+fn row<N: Number>(args: &Args, control: ControlMode, worlds: usize, versions: &mut String) -> Fallible<()> {
+    let vehicle = Vehicle::builtin(VEHICLE)?;
+    let drone = vehicle.drone("first_principles")?;
+    let one = match control {
+        ControlMode::State => [&[0.0, 0.0, 0.5][..], &[0.0; 9], &[1.0, 0.0, 0.0, 0.0]].concat(),
+        ControlMode::Attitude => vec![0.0, 0.0, 0.0, drone.hover_thrust()],
+        _ => drone.hover_rotor_vel()[..4].to_vec(),
+    };
+    let options = SimOptions { n_worlds: worlds, control, engine: Engine::Lanes, ..SimOptions::default() };
+    let mut sim = Sim::<N>::storing(options, vec![(drone, vehicle.rates)])?;
+    sim.set_command(&one.repeat(worlds))?;
+    let steps = args.steps as usize;
+    sim.step(steps)?;
+    let mut peer =
+        if args.ours_alone { None } else { Some(Peer::start(control, worlds, steps, N::NAME == "f64")?) };
+    let (mut ours, mut theirs) = (Vec::new(), Vec::new());
+    let (mut our_best, mut their_best) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..args.rounds {
+        let mut calls = Vec::new();
+        let begin = Instant::now();
+        while begin.elapsed().as_secs_f64() < 0.3 || calls.len() < 3 {
+            let start = Instant::now();
+            sim.step(steps)?;
+            calls.push(start.elapsed().as_secs_f64());
+        }
+        our_best = calls.iter().copied().fold(our_best, f64::min);
+        ours.push(median(&mut calls));
+        if let Some(peer) = &mut peer {
+            let (middle, least) = peer.measure()?;
+            theirs.push(middle);
+            their_best = their_best.min(least);
+        }
+    }
+    let rate = |seconds: f64| (worlds * steps) as f64 / seconds / 1e6;
+    let (our, their) = (rate(median(&mut ours)), rate(median(&mut theirs)));
+    let (our_best, their_best) = (rate(our_best), rate(their_best));
+    println!(
+        "| `{}` | {} | {worlds} | {their:.3} ({their_best:.3}) | {our:.1} ({our_best:.1}) | {:.1} | {:.1} |",
+        control.name(),
+        N::NAME,
+        our / their,
+        our_best / their_best
+    );
+    if let Some(peer) = &peer {
+        versions.clone_from(&peer.versions);
+    }
+    Ok(())
+}
+
+/// A process of Crazyflow that has compiled its step and waits.
+struct Peer {
+    child: Child,
+    ask: ChildStdin,
+    answers: BufReader<ChildStdout>,
+    versions: String,
+}
+
+impl Peer {
+    fn start(control: ControlMode, worlds: usize, steps: usize, double: bool) -> Fallible<Self> {
+        let venv = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
+        let python = std::env::var_os("PROPWASH_PYTHON").map_or(venv, PathBuf::from);
+        let dir = std::env::temp_dir();
+        let mut child = Command::new(&python)
+            .args([SCRIPT, control.name(), &worlds.to_string(), &steps.to_string()])
+            .env("JAX_ENABLE_X64", if double { "1" } else { "0" })
+            // MuJoCo leaves its log in the current folder.
+            .current_dir(dir)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(|e| {
+                format!("{} could not be started: {e}; `cargo xtask bench steps` makes it", python.display())
+            })?;
+        let ask = child.stdin.take().ok_or("no input of the peer")?;
+        let answers = BufReader::new(child.stdout.take().ok_or("no output of the peer")?);
+        let mut peer = Self { child, ask, answers, versions: String::new() };
+        let told: Value = serde_json::from_str(&peer.line()?)?;
+        let list = told.as_object().ok_or("the peer named no versions")?;
+        let words: Vec<String> =
+            list.iter().map(|(name, v)| format!("{name} {}", v.as_str().unwrap_or("?"))).collect();
+        peer.versions = words.join(", ");
+        Ok(peer)
+    }
+
+    fn line(&mut self) -> Fallible<String> {
+        loop {
+            let mut line = String::new();
+            if self.answers.read_line(&mut line)? == 0 {
+                return Err(format!("{SCRIPT} ended without an answer; run it by hand to see why").into());
+            }
+            // Anything else is a remark of a library.
+            if line.starts_with(['{', '[']) {
+                return Ok(line);
+            }
+        }
+    }
+
+    /// Median and least seconds of a call.
+    fn measure(&mut self) -> Fallible<(f64, f64)> {
+        writeln!(self.ask)?;
+        self.ask.flush()?;
+        let (middle, least): (f64, f64) = serde_json::from_str(&self.line()?)?;
+        Ok((middle, least))
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // Failing to end it leaves a process that ends with its input.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    if values.is_empty() { f64::NAN } else { values[values.len() / 2] }
+}
+
+fn processor() -> String {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let model = text.lines().find_map(|l| l.strip_prefix("model name")?.split_once(": "));
+    model.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().to_string())
+}

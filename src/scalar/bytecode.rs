@@ -1,0 +1,329 @@
+//! Straight-line code computed without having been compiled: one instruction after the other, each for several blocks of lanes
+//! at once, so that reading an instruction costs little beside computing it.
+//!
+//! It does the same arithmetic in the same order as a generated kernel, so both give the same bits.
+
+use std::collections::HashMap;
+
+use fearless_simd::{Level, Simd, dispatch, f32x16, f64x8};
+
+use super::kernel::Compiled;
+use super::lanes::{Arith, F32x16, F64x8, Pair};
+use super::stages::{Code, Ins};
+
+/// An instruction whose operands and result stand in a file of cells.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Op {
+    /// Operands are places in the file.
+    ins: Ins,
+    to: u32,
+    /// Where a second result goes.
+    second: u32,
+}
+
+/// Code over a file of cells: `[first table | given | second table | state | constants | registers]`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ByteCode {
+    ops: Vec<Op>,
+    /// (from, to), after all instructions.
+    moves: Vec<(u32, u32)>,
+}
+
+/// Where the parts of a file begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Layout {
+    /// What is given to a call.
+    pub given: u32,
+    /// The second table.
+    pub call: u32,
+    /// The state.
+    pub state: u32,
+    /// Constants of the code.
+    pub constants: u32,
+}
+
+/// The two codes of a [`super::stages::Stages`] with the file that they share.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Program {
+    /// Computed once per call.
+    pub call: ByteCode,
+    /// Computed in every step.
+    pub step: ByteCode,
+    /// Numbers of the constants.
+    pub constants: Vec<f64>,
+    /// Cells of the file.
+    pub len: usize,
+}
+
+impl Program {
+    /// Chooses registers.
+    pub fn new(call: &Code, step: &Code, layout: Layout) -> Self {
+        let mut constants: Vec<f64> = Vec::new();
+        for code in [call, step] {
+            for ins in &code.instructions {
+                if let Ins::Lit(bits) = ins
+                    && !constants.iter().any(|c| c.to_bits() == *bits)
+                {
+                    constants.push(f64::from_bits(*bits));
+                }
+            }
+        }
+        let first = layout.constants + constants.len() as u32;
+        // The call's results stand in the second table, those of a step in the state.
+        let (call, a) = assign(call, layout, &constants, first, layout.given, layout.call);
+        let (step, b) = assign(step, layout, &constants, first, layout.state, layout.state);
+        Self { call, step, constants, len: a.max(b) as usize }
+    }
+}
+
+fn assign(
+    code: &Code,
+    layout: Layout,
+    constants: &[f64],
+    first: u32,
+    reads: u32,
+    writes: u32,
+) -> (ByteCode, u32) {
+    let n = code.instructions.len();
+    let mut last_use = vec![0usize; n];
+    for (i, ins) in code.instructions.iter().enumerate() {
+        ins.operands().into_iter().flatten().for_each(|o| last_use[o as usize] = i);
+    }
+    for (place, _) in &code.stores {
+        last_use[*place as usize] = n;
+    }
+    let mut out = ByteCode::default();
+    let mut place = vec![u32::MAX; n];
+    let mut free: Vec<u32> = Vec::new();
+    let mut next = first;
+    let mut take = |free: &mut Vec<u32>| {
+        free.pop().unwrap_or_else(|| {
+            next += 1;
+            next - 1
+        })
+    };
+    // Register of the second result, by instruction.
+    let mut seconds = vec![u32::MAX; n];
+    for (i, ins) in code.instructions.iter().enumerate() {
+        match *ins {
+            Ins::Lit(bits) => {
+                let at = constants.iter().position(|c| c.to_bits() == bits).unwrap_or(0);
+                place[i] = layout.constants + at as u32;
+                continue;
+            }
+            Ins::Table(k) => place[i] = k,
+            Ins::Call(k) => place[i] = layout.call + k,
+            Ins::State(k) => place[i] = reads + k,
+            Ins::Second(of) => place[i] = seconds[of as usize],
+            ins => {
+                let moved = with(ins, |o| place[o as usize]);
+                // Operands that nothing reads later make room for the result.
+                let mut ended: Vec<u32> = ins.operands().into_iter().flatten().collect();
+                ended.dedup();
+                for o in ended {
+                    if last_use[o as usize] == i
+                        && place[o as usize] >= first
+                        && !free.contains(&place[o as usize])
+                    {
+                        free.push(place[o as usize]);
+                    }
+                }
+                let to = take(&mut free);
+                place[i] = to;
+                let mut second = to;
+                if matches!(ins, Ins::SinCos(_) | Ins::HalfTurn(_)) {
+                    second = take(&mut free);
+                    seconds[i] = second;
+                    let read = code.instructions[i..].contains(&Ins::Second(i as u32));
+                    if !read {
+                        free.push(second);
+                    }
+                }
+                out.ops.push(Op { ins: moved, to, second });
+            }
+        }
+    }
+    let moves = code.stores.iter().map(|(value, slot)| (place[*value as usize], writes + slot)).collect();
+    (out.moves, next) = ordered(moves, next);
+    (out, next)
+}
+
+/// Moves in an order in which none overwrites what another still reads; a ring of them goes by way of a new register.
+fn ordered(moves: Vec<(u32, u32)>, mut next: u32) -> (Vec<(u32, u32)>, u32) {
+    let mut pending: Vec<(u32, u32)> = moves.into_iter().filter(|(from, to)| from != to).collect();
+    let mut readers: HashMap<u32, usize> = HashMap::new();
+    for (from, _) in &pending {
+        *readers.entry(*from).or_default() += 1;
+    }
+    let writer: HashMap<u32, usize> = pending.iter().enumerate().map(|(i, (_, to))| (*to, i)).collect();
+    let mut done = vec![false; pending.len()];
+    let mut out = Vec::new();
+    let mut ready: Vec<usize> =
+        (0..pending.len()).filter(|i| readers.get(&pending[*i].1).is_none_or(|n| *n == 0)).collect();
+    for i in 0..pending.len() {
+        while let Some(now) = ready.pop() {
+            if std::mem::replace(&mut done[now], true) {
+                continue;
+            }
+            let (from, to) = pending[now];
+            out.push((from, to));
+            let left = readers.entry(from).or_default();
+            *left -= 1;
+            if *left == 0
+                && let Some(freed) = writer.get(&from)
+            {
+                ready.push(*freed);
+            }
+        }
+        if !done[i] {
+            // All that is left reads what another of them writes: what is read here waits in a register.
+            let (from, _) = pending[i];
+            out.push((from, next));
+            let again: Vec<usize> =
+                (i..pending.len()).filter(|k| !done[*k] && pending[*k].0 == from).collect();
+            for k in again {
+                pending[k].0 = next;
+            }
+            readers.insert(next, readers[&from]);
+            readers.insert(from, 0);
+            next += 1;
+            ready.extend(writer.get(&from));
+        }
+    }
+    while let Some(now) = ready.pop() {
+        if !std::mem::replace(&mut done[now], true) {
+            out.push(pending[now]);
+        }
+    }
+    (out, next)
+}
+
+fn with(ins: Ins, at: impl Fn(u32) -> u32) -> Ins {
+    match ins {
+        Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) => ins,
+        Ins::Add(a, b) => Ins::Add(at(a), at(b)),
+        Ins::Sub(a, b) => Ins::Sub(at(a), at(b)),
+        Ins::Mul(a, b) => Ins::Mul(at(a), at(b)),
+        Ins::Div(a, b) => Ins::Div(at(a), at(b)),
+        Ins::Over(a, b, c) => Ins::Over(at(a), at(b), at(c)),
+        Ins::MulAdd(a, b, c) => Ins::MulAdd(at(a), at(b), at(c)),
+        Ins::MulSub(a, b, c) => Ins::MulSub(at(a), at(b), at(c)),
+        Ins::MulFrom(a, b, c) => Ins::MulFrom(at(a), at(b), at(c)),
+        Ins::Neg(a) => Ins::Neg(at(a)),
+        Ins::Sqrt(a) => Ins::Sqrt(at(a)),
+        Ins::Abs(a) => Ins::Abs(at(a)),
+        Ins::Min(a, b) => Ins::Min(at(a), at(b)),
+        Ins::Max(a, b) => Ins::Max(at(a), at(b)),
+        Ins::SinCos(a) => Ins::SinCos(at(a)),
+        Ins::HalfTurn(a) => Ins::HalfTurn(at(a)),
+        Ins::Second(a) => Ins::Second(at(a)),
+        Ins::Exp(a) => Ins::Exp(at(a)),
+        Ins::Atan2(a, b) => Ins::Atan2(at(a), at(b)),
+        Ins::Floor(a) => Ins::Floor(at(a)),
+        Ins::Lt(a, b) => Ins::Lt(at(a), at(b)),
+        Ins::Le(a, b) => Ins::Le(at(a), at(b)),
+        Ins::And(a, b) => Ins::And(at(a), at(b)),
+        Ins::Or(a, b) => Ins::Or(at(a), at(b)),
+        Ins::Not(a) => Ins::Not(at(a)),
+        Ins::Select(a, b, c) => Ins::Select(at(a), at(b), at(c)),
+    }
+}
+
+/// Runs `code` on a file, `times` times.
+#[inline(always)]
+fn interpret<A: Arith>(t: A::Token, code: &ByteCode, file: &mut [A::Cell], times: usize) {
+    let (one, zero, half) = (A::lit(t, 1.0), A::lit(t, 0.0), A::lit(t, 0.5));
+    for _ in 0..times {
+        for op in &code.ops {
+            macro_rules! get {
+                ($a:expr) => {
+                    A::load(t, &file[$a as usize])
+                };
+            }
+            // A truth is 1 or 0 in the file.
+            macro_rules! truth {
+                ($a:expr) => {
+                    half.lt(get!($a))
+                };
+            }
+            let value = match op.ins {
+                Ins::Add(a, b) => get!(a) + get!(b),
+                Ins::Sub(a, b) => get!(a) - get!(b),
+                Ins::Mul(a, b) => get!(a) * get!(b),
+                Ins::Div(a, b) => get!(a) / get!(b),
+                Ins::Over(a, b, c) => get!(a).over(get!(b), get!(c)),
+                Ins::MulAdd(a, b, c) => get!(a).mul_add(get!(b), get!(c)),
+                Ins::MulSub(a, b, c) => get!(a).mul_sub(get!(b), get!(c)),
+                Ins::MulFrom(a, b, c) => get!(a).mul_from(get!(b), get!(c)),
+                Ins::Neg(a) => -get!(a),
+                Ins::Sqrt(a) => get!(a).sqrt(),
+                Ins::Abs(a) => get!(a).abs(),
+                Ins::Min(a, b) => get!(a).min(get!(b)),
+                Ins::Max(a, b) => get!(a).max(get!(b)),
+                Ins::SinCos(a) => {
+                    let (first, second) = get!(a).sin_cos();
+                    second.store(&mut file[op.second as usize]);
+                    first
+                }
+                Ins::HalfTurn(a) => {
+                    let (first, second) = get!(a).half_turn();
+                    second.store(&mut file[op.second as usize]);
+                    first
+                }
+                Ins::Exp(a) => get!(a).exp(),
+                Ins::Atan2(a, b) => get!(a).atan2(get!(b)),
+                Ins::Floor(a) => get!(a).floor(),
+                Ins::Lt(a, b) => A::select(get!(a).lt(get!(b)), one, zero),
+                Ins::Le(a, b) => A::select(get!(a).le(get!(b)), one, zero),
+                Ins::And(a, b) => A::select(truth!(a) & truth!(b), one, zero),
+                Ins::Or(a, b) => A::select(truth!(a) | truth!(b), one, zero),
+                Ins::Not(a) => A::select(truth!(a), zero, one),
+                Ins::Select(a, b, c) => A::select(truth!(a), get!(b), get!(c)),
+                Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) | Ins::Second(_) => continue,
+            };
+            value.store(&mut file[op.to as usize]);
+        }
+        for (from, to) in &code.moves {
+            file[*to as usize] = file[*from as usize];
+        }
+    }
+}
+
+/// Cells that byte code can compute with.
+pub trait Interpret: Compiled {
+    /// Runs `code` on a file, `times` times, with the lanes of a level.
+    fn interpret(level: Level, code: &ByteCode, file: &mut [Self], times: usize);
+}
+
+impl Interpret for f64 {
+    fn interpret(_: Level, code: &ByteCode, file: &mut [f64], times: usize) {
+        interpret::<f64>((), code, file, times);
+    }
+}
+
+macro_rules! impl_interpret {
+    ($($cell:ty, $arith:ident, $entry:ident;)*) => {$(
+        impl Interpret for $cell {
+            fn interpret(level: Level, code: &ByteCode, file: &mut [Self], times: usize) {
+                #[inline(always)]
+                fn $entry<S: Simd>(simd: S, code: &ByteCode, file: &mut [$cell], times: usize) {
+                    interpret::<$arith<S>>(simd, code, file, times);
+                }
+                dispatch!(level, simd => $entry(simd, code, file, times));
+            }
+        }
+    )*};
+}
+type Two<T> = Pair<T>;
+type F32Two<S> = Two<f32x16<S>>;
+type F64Two<S> = Two<f64x8<S>>;
+type F32Four<S> = Pair<Two<f32x16<S>>>;
+type F64Four<S> = Pair<Two<f64x8<S>>>;
+impl_interpret! {
+    F32x16, f32x16, one_f32;
+    F64x8, f64x8, one_f64;
+    [F32x16; 2], F32Two, two_f32;
+    [F64x8; 2], F64Two, two_f64;
+    [[F32x16; 2]; 2], F32Four, four_f32;
+    [[F64x8; 2]; 2], F64Four, four_f64;
+}

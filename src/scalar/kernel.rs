@@ -1,0 +1,148 @@
+//! Generated kernels as the rest of the crate finds and runs them.
+
+use fearless_simd::Level;
+
+use super::lanes::{Cell, F32x16, F64x8};
+use super::stages::Stages;
+
+/// Functions of a kernel over one type of cell. Cells are `[first table | given | second table | state]`.
+#[derive(Clone, Copy, Debug)]
+pub struct Entries<C> {
+    /// Computes the second table.
+    pub call: fn(Level, &mut [C]),
+    /// Takes so many steps.
+    pub step: fn(Level, &mut [C], usize),
+}
+
+/// A stage compiled for several types of cells.
+#[derive(Clone, Copy, Debug)]
+pub struct Kernel {
+    /// Name of its file.
+    pub name: &'static str,
+    /// [`key`] of the code that it was generated from.
+    pub key: u128,
+    /// Whether two blocks of f32 side by side are faster than one after the other.
+    pub pairs: bool,
+    /// One number at a time, with the bits of the code that the kernel was traced from.
+    pub scalar: Entries<f64>,
+    /// Sixteen numbers.
+    pub f32: Entries<F32x16>,
+    /// Two blocks of sixteen numbers.
+    pub f32_pair: Entries<[F32x16; 2]>,
+    /// Eight numbers.
+    pub f64: Entries<F64x8>,
+}
+
+/// Whether kernels are compiled for a level: AVX-512, AVX2 and NEON. Older processors run byte code.
+pub fn has_level(level: Level) -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return level.as_avx2().is_some();
+    #[cfg(not(target_arch = "x86_64"))]
+    return !level.is_fallback();
+}
+
+/// Cells that kernels may be compiled for.
+pub trait Compiled: Cell {
+    /// The kernel's functions for this cell at a level; `None` where it has none.
+    fn entries(kernel: &Kernel, level: Level) -> Option<Entries<Self>>;
+}
+
+macro_rules! compiled {
+    ($($cell:ty: $kernel:ident, $level:ident => $entries:expr;)*) => {$(
+        impl Compiled for $cell {
+            fn entries($kernel: &Kernel, $level: Level) -> Option<Entries<Self>> {
+                $entries
+            }
+        }
+    )*};
+}
+compiled! {
+    f64: kernel, _level => Some(kernel.scalar);
+    F32x16: kernel, level => has_level(level).then_some(kernel.f32);
+    [F32x16; 2]: kernel, level => (kernel.pairs && has_level(level)).then_some(kernel.f32_pair);
+    [[F32x16; 2]; 2]: _kernel, _level => None;
+    F64x8: kernel, level => has_level(level).then_some(kernel.f64);
+    [F64x8; 2]: _kernel, _level => None;
+    [[F64x8; 2]; 2]: _kernel, _level => None;
+}
+
+/// Names the code of both stages and the sizes of their tables: the FNV-1a hash of 128 bits over a text of them.
+pub fn key(stages: &Stages) -> u128 {
+    let sizes = (stages.n_table, stages.given.len(), stages.n_call, stages.state.len());
+    let text = format!("{sizes:?} {:?} {:?}", stages.call, stages.step);
+    let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
+    for byte in text.bytes() {
+        hash = (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
+    }
+    hash
+}
+
+/// Runs an expression with the token of a level that [`has_level`], compiled for its features.
+macro_rules! at_level {
+    ($level:expr, $simd:ident => $run:expr) => {{
+        #[cfg(target_arch = "x86_64")]
+        {
+            let level: fearless_simd::Level = $level;
+            if let Some($simd) = level.as_avx512() {
+                fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+            } else if let Some($simd) = level.as_avx2() {
+                fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+            }
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        fearless_simd::dispatch!($level, $simd => $run)
+    }};
+}
+pub(crate) use at_level;
+
+/// A [`Kernel`] of the functions `call` and `step` that stand beside it.
+macro_rules! kernel {
+    ($name:literal, $key:literal, $pairs:literal, $len:ident) => {{
+        use crate::scalar::lanes::{F32x16, F64x8, Pair};
+        use fearless_simd::{Level, Simd, f32x16, f64x8};
+
+        macro_rules! entries {
+                            ($cell:ty, $arith:ty) => {{
+                                #[inline(always)]
+                                fn call_at<S: Simd>(simd: S, f: &mut [$cell; $len]) {
+                                    call::<$arith>(simd, f);
+                                }
+                                #[inline(always)]
+                                fn step_at<S: Simd>(simd: S, f: &mut [$cell; $len], times: usize) {
+                                    for _ in 0..times {
+                                        step::<$arith>(simd, f);
+                                    }
+                                }
+                                fn call_all(level: Level, cells: &mut [$cell]) {
+                                    let Some(f) = cells.first_chunk_mut() else { return };
+                                    crate::scalar::kernel::at_level!(level, simd => call_at(simd, f));
+                                }
+                                fn step_all(level: Level, cells: &mut [$cell], times: usize) {
+                                    let Some(f) = cells.first_chunk_mut() else { return };
+                                    crate::scalar::kernel::at_level!(level, simd => step_at(simd, f, times));
+                                }
+                                crate::scalar::kernel::Entries { call: call_all, step: step_all }
+                            }};
+                        }
+        fn call_one(_: Level, cells: &mut [f64]) {
+            let Some(f) = cells.first_chunk_mut() else { return };
+            call::<f64>((), f);
+        }
+        fn step_one(_: Level, cells: &mut [f64], times: usize) {
+            let Some(f) = cells.first_chunk_mut() else { return };
+            for _ in 0..times {
+                step::<f64>((), f);
+            }
+        }
+        Kernel {
+            name: $name,
+            key: $key,
+            pairs: $pairs,
+            scalar: crate::scalar::kernel::Entries { call: call_one, step: step_one },
+            f32: entries!(F32x16, f32x16<S>),
+            f32_pair: entries!([F32x16; 2], Pair<f32x16<S>>),
+            f64: entries!(F64x8, f64x8<S>),
+        }
+    }};
+}
+pub(crate) use kernel;

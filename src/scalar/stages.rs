@@ -1,0 +1,606 @@
+//! A graph that is computed again and again, cut by how often its values change: once, once per call, or in every step.
+//!
+//! A step reads numbers of three kinds: *fixed* ones (parameters), *given* ones (commands: the same during a call) and *carried*
+//! ones, which the step itself changes. What depends on fixed numbers only is computed once, what depends on given ones too once
+//! per call, and only the rest in every step. A carried number that the step leaves as it is counts as given.
+
+use std::collections::HashMap;
+
+use super::trace::{Graph, Node, Place};
+
+/// What an input of a graph is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Input {
+    /// The same for good: number of a parameter.
+    Fixed(u32),
+    /// The same during a call.
+    Given(u32),
+    /// Written by every step, read by the next. The number counts carried numbers.
+    Carried(u32),
+    /// Another in every step, from outside.
+    Fresh(u32),
+}
+
+/// Where a result of the graph goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// Becomes this carried number.
+    Carried(u32),
+    /// Is wanted after the last step only.
+    Final(u32),
+}
+
+/// One instruction of straight-line code; operands are places of earlier instructions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Ins {
+    /// A constant, by the bits of its f64.
+    Lit(u64),
+    /// A number of the first table.
+    Table(u32),
+    /// A number of the second table: what the call computed.
+    Call(u32),
+    /// A number of the state.
+    State(u32),
+    /// a + b.
+    Add(u32, u32),
+    /// a − b.
+    Sub(u32, u32),
+    /// a b.
+    Mul(u32, u32),
+    /// a / b.
+    Div(u32, u32),
+    /// a / b where the third is 1 / b.
+    Over(u32, u32, u32),
+    /// a b + c.
+    MulAdd(u32, u32, u32),
+    /// a b − c.
+    MulSub(u32, u32, u32),
+    /// c − a b.
+    MulFrom(u32, u32, u32),
+    /// −a.
+    Neg(u32),
+    /// √a.
+    Sqrt(u32),
+    /// |a|.
+    Abs(u32),
+    /// The smaller of a and b, as [`super::Real::min`].
+    Min(u32, u32),
+    /// The larger of a and b, as [`super::Real::max`].
+    Max(u32, u32),
+    /// Sine of a; its cosine is the second result.
+    SinCos(u32),
+    /// The first of [`super::Real::half_turn`]; the other is the second result.
+    HalfTurn(u32),
+    /// The second result of an instruction.
+    Second(u32),
+    /// e to the power of a.
+    Exp(u32),
+    /// Angle of the point (b, a).
+    Atan2(u32, u32),
+    /// Largest integer not above a.
+    Floor(u32),
+    /// Whether a < b.
+    Lt(u32, u32),
+    /// Whether a ≤ b.
+    Le(u32, u32),
+    /// Both.
+    And(u32, u32),
+    /// One at least.
+    Or(u32, u32),
+    /// The opposite.
+    Not(u32),
+    /// b where a holds, else c.
+    Select(u32, u32, u32),
+}
+
+impl Ins {
+    /// Its operands.
+    pub fn operands(self) -> [Option<u32>; 3] {
+        match self {
+            Self::Lit(_) | Self::Table(_) | Self::Call(_) | Self::State(_) => [None; 3],
+            Self::Neg(a) | Self::Sqrt(a) | Self::Abs(a) | Self::SinCos(a) | Self::HalfTurn(a) => {
+                [Some(a), None, None]
+            }
+            Self::Second(a) | Self::Exp(a) | Self::Floor(a) | Self::Not(a) => [Some(a), None, None],
+            Self::Add(a, b) | Self::Sub(a, b) | Self::Mul(a, b) | Self::Div(a, b) => [Some(a), Some(b), None],
+            Self::Min(a, b) | Self::Max(a, b) | Self::Atan2(a, b) => [Some(a), Some(b), None],
+            Self::Lt(a, b) | Self::Le(a, b) | Self::And(a, b) | Self::Or(a, b) => [Some(a), Some(b), None],
+            Self::Over(a, b, c) | Self::MulAdd(a, b, c) | Self::MulSub(a, b, c) => {
+                [Some(a), Some(b), Some(c)]
+            }
+            Self::MulFrom(a, b, c) | Self::Select(a, b, c) => [Some(a), Some(b), Some(c)],
+        }
+    }
+
+    /// Whether it is a truth and no number.
+    pub fn is_truth(self) -> bool {
+        matches!(self, Self::Lt(..) | Self::Le(..) | Self::And(..) | Self::Or(..) | Self::Not(_))
+    }
+}
+
+/// Straight-line code: instructions, and which of their values go where.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Code {
+    /// Instructions; operands stand before them.
+    pub instructions: Vec<Ins>,
+    /// (place of the value, slot it is written to), after all instructions.
+    pub stores: Vec<(u32, u32)>,
+}
+
+impl Code {
+    /// How many instructions compute something.
+    pub fn operations(&self) -> usize {
+        let idle = |i: &Ins| {
+            matches!(i, Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) | Ins::Second(_))
+        };
+        self.instructions.iter().filter(|i| !idle(i)).count()
+    }
+}
+
+/// A graph cut in three.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stages {
+    /// What is computed once: from fixed numbers to the entries of the first table.
+    pub once: Graph,
+    /// What is computed per call: state slots of given numbers to the entries of the second table.
+    pub call: Code,
+    /// What is computed in every step.
+    pub step: Code,
+    /// Entries of the first table.
+    pub n_table: usize,
+    /// Entries of the second table.
+    pub n_call: usize,
+    /// What stands in each slot that the call reads.
+    pub given: Vec<Input>,
+    /// What stands in each slot of the state: carried numbers, fresh ones, and results wanted at the end.
+    pub state: Vec<Slot>,
+    /// Results that no step computes: from the second table.
+    pub finals: Vec<(Output, Source)>,
+}
+
+/// What a slot of the state holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Slot {
+    /// Where its number comes from before the first step; `None` where only results are written to it.
+    pub input: Option<Input>,
+    /// What its number is after the last step; `None` where it is not changed.
+    pub output: Option<Output>,
+}
+
+/// Where a result that no step computes stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Source {
+    /// In the second table.
+    Call(u32),
+    /// In a slot of the state, as another result.
+    State(u32),
+    /// In no table: it is this input.
+    Input(Input),
+    /// Nowhere: it is this constant.
+    Constant(f64),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Level {
+    Literal,
+    Once,
+    Call,
+    Step,
+}
+
+/// Cuts a graph whose inputs are of these kinds and whose results go there.
+pub fn cut(graph: &Graph, inputs: &[Input], outputs: &[Output]) -> Stages {
+    Cutter::new(graph, inputs, outputs).run()
+}
+
+struct Cutter<'a> {
+    graph: &'a Graph,
+    inputs: &'a [Input],
+    outputs: &'a [Output],
+    level: Vec<Level>,
+    /// How many operands of needed nodes a node is, and results.
+    uses: Vec<u32>,
+}
+
+impl<'a> Cutter<'a> {
+    fn new(graph: &'a Graph, inputs: &'a [Input], outputs: &'a [Output]) -> Self {
+        let kept = |k: u32| {
+            graph.outputs.iter().zip(outputs).any(|(place, out)| {
+                *out == Output::Carried(k)
+                    && matches!(graph.nodes[*place as usize], Node::Input(i) if inputs[i as usize] == Input::Carried(k))
+            })
+        };
+        let mut level: Vec<Level> = Vec::with_capacity(graph.nodes.len());
+        for node in &graph.nodes {
+            let own = match *node {
+                Node::Input(i) => match inputs[i as usize] {
+                    Input::Fixed(_) => Level::Once,
+                    Input::Given(_) => Level::Call,
+                    Input::Carried(k) if kept(k) => Level::Call,
+                    Input::Carried(_) | Input::Fresh(_) => Level::Step,
+                },
+                _ => Level::Literal,
+            };
+            let most = node.operands().map(|o| level[o as usize]).max().unwrap_or(Level::Literal);
+            level.push(own.max(most));
+        }
+        let mut uses = vec![0; graph.nodes.len()];
+        for node in &graph.nodes {
+            node.operands().for_each(|o| uses[o as usize] += 1);
+        }
+        graph.outputs.iter().for_each(|o| uses[*o as usize] += 1);
+        Self { graph, inputs, outputs, level, uses }
+    }
+
+    fn node(&self, place: Place) -> Node {
+        self.graph.nodes[place as usize]
+    }
+
+    fn run(self) -> Stages {
+        let graph = self.graph;
+        let is = |place: Place, level: Level| self.level[place as usize] == level;
+        // Results: those that the step computes or must hand on, and those that stand elsewhere already.
+        let read: Vec<u32> = graph
+            .nodes
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| self.level[*i] == Level::Step)
+            .filter_map(|(_, n)| match n {
+                Node::Input(i) => match self.inputs[*i as usize] {
+                    Input::Carried(k) => Some(k),
+                    _ => None,
+                },
+                _ => None,
+            })
+            .collect();
+        let mut state: Vec<Slot> = Vec::new();
+        let mut stores: Vec<(Place, u32)> = Vec::new();
+        let mut later: Vec<(Output, Place)> = Vec::new();
+        let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
+        let mut slot_of_value: HashMap<Place, u32> = HashMap::new();
+        for (place, output) in graph.outputs.iter().zip(self.outputs) {
+            let unchanged = matches!((*output, self.node(*place)), (Output::Carried(k), Node::Input(i))
+                if self.inputs[i as usize] == Input::Carried(k));
+            if unchanged {
+                continue;
+            }
+            let own = match *output {
+                Output::Carried(k) if read.contains(&k) => Some(Input::Carried(k)),
+                _ => None,
+            };
+            if own.is_none() && (!is(*place, Level::Step) || slot_of_value.contains_key(place)) {
+                later.push((*output, *place));
+                continue;
+            }
+            let slot = state.len() as u32;
+            state.push(Slot { input: own, output: Some(*output) });
+            if let Some(input) = own {
+                slot_of_input.insert(input, slot);
+            }
+            slot_of_value.entry(*place).or_insert(slot);
+            stores.push((*place, slot));
+        }
+        // Truths cannot stand in a table: what a later stage needs of them it compares again.
+        let mut step = Builder::new(&self, Level::Step);
+        step.slot_of_input = slot_of_input;
+        step.slots = state;
+        for (place, slot) in &stores {
+            let at = step.value(*place);
+            step.code.stores.push((at, *slot));
+        }
+        let mut wanted_of_call = std::mem::take(&mut step.below_call);
+        let mut finals = Vec::new();
+        for (output, place) in later {
+            let source = match self.node(place) {
+                Node::Literal(bits) => Source::Constant(f64::from_bits(bits)),
+                _ if is(place, Level::Step) => Source::State(slot_of_value[&place]),
+                Node::Input(i) => Source::Input(self.inputs[i as usize]),
+                _ => {
+                    let next = wanted_of_call.len() as u32;
+                    let at = wanted_of_call.iter().position(|p| *p == Want::Value(place));
+                    let at = at.map_or(next, |i| i as u32);
+                    if at == next {
+                        wanted_of_call.push(Want::Value(place));
+                    }
+                    Source::Call(at)
+                }
+            };
+            finals.push((output, source));
+        }
+        let mut table = std::mem::take(&mut step.below_once);
+        let (step_code, state) = (step.code, step.slots);
+
+        let mut call = Builder::new(&self, Level::Call);
+        call.below_once = std::mem::take(&mut table);
+        for (slot, want) in wanted_of_call.iter().enumerate() {
+            let at = match *want {
+                Want::Value(place) => call.value(place),
+                Want::Reciprocal(place) => {
+                    let one = call.push(Ins::Lit(1f64.to_bits()));
+                    let of = call.value(place);
+                    call.push(Ins::Div(one, of))
+                }
+            };
+            call.code.stores.push((at, slot as u32));
+        }
+        let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
+        let table = call.below_once;
+        let once = self.once(&table);
+        Stages {
+            once,
+            n_table: table.len(),
+            n_call: wanted_of_call.len(),
+            call: call.code,
+            step: step_code,
+            given,
+            state,
+            finals,
+        }
+    }
+
+    /// The graph that fills the first table from fixed numbers.
+    fn once(&self, table: &[Want]) -> Graph {
+        let mut nodes: Vec<Node> = Vec::new();
+        let mut moved: HashMap<Place, Place> = HashMap::new();
+        for (place, node) in self.graph.nodes.iter().enumerate() {
+            if self.level[place] > Level::Once {
+                continue;
+            }
+            let node = match *node {
+                Node::Input(i) => match self.inputs[i as usize] {
+                    Input::Fixed(k) => Node::Input(k),
+                    _ => continue,
+                },
+                other => other.with(|o| moved[&o]),
+            };
+            moved.insert(place as Place, nodes.len() as Place);
+            nodes.push(node);
+        }
+        let mut outputs = Vec::new();
+        for want in table {
+            outputs.push(match *want {
+                Want::Value(place) => moved[&place],
+                Want::Reciprocal(place) => {
+                    nodes.push(Node::Literal(1f64.to_bits()));
+                    nodes.push(Node::Div(nodes.len() as Place - 1, moved[&place]));
+                    nodes.len() as Place - 1
+                }
+            });
+        }
+        let n_inputs =
+            self.inputs.iter().map(|i| if let Input::Fixed(k) = i { *k as usize + 1 } else { 0 }).max();
+        Graph { n_inputs: n_inputs.unwrap_or(0), nodes, outputs }.needed()
+    }
+}
+
+/// An entry of a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Want {
+    Value(Place),
+    Reciprocal(Place),
+}
+
+/// Writes the code of one level.
+struct Builder<'a, 'b> {
+    of: &'b Cutter<'a>,
+    level: Level,
+    code: Code,
+    /// Instruction that holds a value.
+    held: HashMap<Place, u32>,
+    shared: HashMap<Ins, u32>,
+    below_once: Vec<Want>,
+    below_call: Vec<Want>,
+    slot_of_input: HashMap<Input, u32>,
+    slots: Vec<Slot>,
+}
+
+impl<'a, 'b> Builder<'a, 'b> {
+    fn new(of: &'b Cutter<'a>, level: Level) -> Self {
+        Self {
+            of,
+            level,
+            code: Code::default(),
+            held: HashMap::new(),
+            shared: HashMap::new(),
+            below_once: Vec::new(),
+            below_call: Vec::new(),
+            slot_of_input: HashMap::new(),
+            slots: Vec::new(),
+        }
+    }
+
+    fn push(&mut self, ins: Ins) -> u32 {
+        if let Some(at) = self.shared.get(&ins) {
+            return *at;
+        }
+        let at = self.code.instructions.len() as u32;
+        self.code.instructions.push(ins);
+        self.shared.insert(ins, at);
+        at
+    }
+
+    fn entry(list: &mut Vec<Want>, want: Want) -> u32 {
+        let at = list.iter().position(|w| *w == want).unwrap_or(list.len());
+        if at == list.len() {
+            list.push(want);
+        }
+        at as u32
+    }
+
+    /// The instruction that holds the value of a node: computed here, or read from where a lower level put it.
+    fn value(&mut self, place: Place) -> u32 {
+        // Depth first without recursion, since graphs may be deep.
+        let mut todo = vec![place];
+        while let Some(next) = todo.last().copied() {
+            if self.held.contains_key(&next) {
+                todo.pop();
+                continue;
+            }
+            let missing: Vec<Place> =
+                self.needs(next).into_iter().filter(|p| !self.held.contains_key(p)).collect();
+            if missing.is_empty() {
+                todo.pop();
+                let at = self.compute(next);
+                self.held.insert(next, at);
+            } else {
+                todo.extend(missing.into_iter().rev());
+            }
+        }
+        self.held[&place]
+    }
+
+    /// Whether a value is read and not computed here.
+    fn is_read(&self, place: Place) -> bool {
+        let node = self.of.node(place);
+        let level = self.of.level[place as usize];
+        matches!(node, Node::Input(_)) || (level < self.level && level > Level::Literal && !node.is_truth())
+    }
+
+    /// The operands that `compute` asks for.
+    fn needs(&self, place: Place) -> Vec<Place> {
+        if self.is_read(place) {
+            return vec![];
+        }
+        match self.of.node(place) {
+            Node::Add(a, b) | Node::Sub(a, b) => match self.product(place) {
+                Some((true, x, y)) => vec![x, y, b],
+                Some((false, x, y)) => vec![a, x, y],
+                None => vec![a, b],
+            },
+            node => match self.bound(node) {
+                Some((a, b, _)) => vec![a, b],
+                None => node.operands().collect(),
+            },
+        }
+    }
+
+    /// A product that a sum or difference takes up: whether it is the first operand, and its factors.
+    fn product(&self, place: Place) -> Option<(bool, Place, Place)> {
+        let of = |p: Place| match self.of.node(p) {
+            Node::Mul(x, y)
+                if self.of.uses[p as usize] == 1
+                    && self.of.level[p as usize] == self.level
+                    && !self.held.contains_key(&p) =>
+            {
+                Some((x, y))
+            }
+            _ => None,
+        };
+        match self.of.node(place) {
+            Node::Add(a, b) | Node::Sub(a, b) => {
+                of(a).map(|(x, y)| (true, x, y)).or_else(|| of(b).map(|(x, y)| (false, x, y)))
+            }
+            _ => None,
+        }
+    }
+
+    /// A choice that is a magnitude, the smaller or the larger of two.
+    fn bound(&self, node: Node) -> Option<(Place, Place, Ins)> {
+        let Node::Select(m, yes, no) = node else { return None };
+        let Node::Lt(a, b) = self.of.node(m) else { return None };
+        if (yes, no) == (b, a) {
+            return Some((a, b, Ins::Max(0, 0)));
+        }
+        if (yes, no) == (a, b) {
+            return Some((b, a, Ins::Min(0, 0)));
+        }
+        let zero = matches!(self.of.node(b), Node::Literal(bits) if f64::from_bits(bits) == 0.0);
+        let negated = matches!(self.of.node(yes), Node::Neg(x) if x == a);
+        (zero && negated && no == a).then_some((a, a, Ins::Abs(0)))
+    }
+
+    fn compute(&mut self, place: Place) -> u32 {
+        let node = self.of.node(place);
+        if self.is_read(place) {
+            return self.read(place, node);
+        }
+        let h = |p: Place| self.held[&p];
+        let ins = match node {
+            Node::Literal(bits) => Ins::Lit(bits),
+            Node::Input(_) => unreachable!("inputs are read"),
+            Node::Add(a, b) => match self.product(place) {
+                Some((true, x, y)) => Ins::MulAdd(h(x), h(y), h(b)),
+                Some((false, x, y)) => Ins::MulAdd(h(x), h(y), h(a)),
+                None => Ins::Add(h(a), h(b)),
+            },
+            Node::Sub(a, b) => match self.product(place) {
+                Some((true, x, y)) => Ins::MulSub(h(x), h(y), h(b)),
+                Some((false, x, y)) => Ins::MulFrom(h(x), h(y), h(a)),
+                None => Ins::Sub(h(a), h(b)),
+            },
+            Node::Mul(a, b) => Ins::Mul(h(a), h(b)),
+            Node::Div(a, b) => {
+                let (a_at, b_at) = (h(a), h(b));
+                match self.of.level[b as usize] {
+                    Level::Once => {
+                        let at = Self::entry(&mut self.below_once, Want::Reciprocal(b));
+                        let reciprocal = self.push(Ins::Table(at));
+                        Ins::Over(a_at, b_at, reciprocal)
+                    }
+                    Level::Call if self.level == Level::Step => {
+                        let at = Self::entry(&mut self.below_call, Want::Reciprocal(b));
+                        let reciprocal = self.push(Ins::Call(at));
+                        Ins::Over(a_at, b_at, reciprocal)
+                    }
+                    _ => Ins::Div(a_at, b_at),
+                }
+            }
+            Node::Neg(a) => Ins::Neg(h(a)),
+            Node::Sqrt(a) => Ins::Sqrt(h(a)),
+            Node::Sin(a) => Ins::SinCos(h(a)),
+            Node::Cos(a) => {
+                let both = Ins::SinCos(h(a));
+                let at = self.push(both);
+                Ins::Second(at)
+            }
+            Node::TurnSin(a) => Ins::HalfTurn(h(a)),
+            Node::TurnCos(a) => {
+                let both = Ins::HalfTurn(h(a));
+                let at = self.push(both);
+                Ins::Second(at)
+            }
+            Node::Exp(a) => Ins::Exp(h(a)),
+            Node::Atan2(a, b) => Ins::Atan2(h(a), h(b)),
+            Node::Floor(a) => Ins::Floor(h(a)),
+            Node::Lt(a, b) => Ins::Lt(h(a), h(b)),
+            Node::Le(a, b) => Ins::Le(h(a), h(b)),
+            Node::Truth(truth) => {
+                let zero = self.push(Ins::Lit(0));
+                if truth { Ins::Le(zero, zero) } else { Ins::Lt(zero, zero) }
+            }
+            Node::And(a, b) => Ins::And(h(a), h(b)),
+            Node::Or(a, b) => Ins::Or(h(a), h(b)),
+            Node::Not(a) => Ins::Not(h(a)),
+            Node::Select(a, b, c) => match self.bound(node) {
+                Some((x, y, Ins::Max(..))) => Ins::Max(h(x), h(y)),
+                Some((x, y, Ins::Min(..))) => Ins::Min(h(x), h(y)),
+                Some((x, _, _)) => Ins::Abs(h(x)),
+                None => Ins::Select(h(a), h(b), h(c)),
+            },
+        };
+        self.push(ins)
+    }
+
+    fn read(&mut self, place: Place, node: Node) -> u32 {
+        match (self.of.level[place as usize], node) {
+            (Level::Once, _) => {
+                let at = Self::entry(&mut self.below_once, Want::Value(place));
+                self.push(Ins::Table(at))
+            }
+            (Level::Call, _) if self.level == Level::Step => {
+                let at = Self::entry(&mut self.below_call, Want::Value(place));
+                self.push(Ins::Call(at))
+            }
+            (_, Node::Input(i)) => {
+                let input = self.of.inputs[i as usize];
+                let next = self.slots.len() as u32;
+                let at = *self.slot_of_input.entry(input).or_insert(next);
+                if at == next {
+                    self.slots.push(Slot { input: Some(input), output: None });
+                }
+                self.push(Ins::State(at))
+            }
+            _ => unreachable!("only what a lower level computed is read"),
+        }
+    }
+}
