@@ -48,6 +48,9 @@ const FOLDS: usize = 8;
 /// the generator have 1.0 to 1.7, in effects that are in no list up to 20.
 const MOST_DISPERSION: f64 = 2.0;
 
+/// Nats of evidence from which an effect stands beside weather.
+const BESIDE_WEATHER: f64 = 20.0;
+
 /// A diagnosis with the fit behind it.
 pub struct Diagnosed {
     /// What it says.
@@ -345,16 +348,23 @@ fn speak(
     let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
     let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
         .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
+    // Weather beside what is certain and no matter of the air: it leaves neither shape nor pattern, and takes no share itself.
+    let sure = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
+    let drift = remainder.unexplained && !doubtful_shape && !event;
+    let weather = || turbulence(model, logs, solution, &remainder, poor);
+    let beside = !findings.is_empty() && !poor && wholly_driven && findings.iter().all(sure);
+    let mut weather_found = (drift && beside).then(weather).flatten();
     if wholly_driven
+        && weather_found.is_none()
         && remainder.unexplained
         && (together < 0.5 || explained < LEANING || (event && explained < EVENTFUL))
     {
         doubt(&mut findings, &mut nearest, poor, |_| true);
     }
-    let drift = remainder.unexplained && findings.is_empty() && !doubtful_shape && !event;
-    if let Some(weather) = drift.then(|| turbulence(model, logs, solution, &remainder, poor)).flatten() {
-        findings.push(weather);
+    if drift && findings.is_empty() {
+        weather_found = weather();
     }
+    findings.extend(weather_found);
     let explained = findings.iter().any(|f| f.kind == "turbulence" && f.certain);
     let remainder = Remainder { unexplained: remainder.unexplained && !explained, ..remainder };
     let hidden = if poor { limits.iter().filter(|l| !l.visible).count() } else { 0 };

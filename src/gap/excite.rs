@@ -433,14 +433,7 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     check(request)?;
     let drone = drone_of(vehicle, request.drive)?;
     let room = room_of(request, &drone);
-    let setting = Setting {
-        vehicle,
-        drone: &drone,
-        room: &room,
-        sensors: &request.sensors,
-        air: &request.air,
-        seed: request.seed,
-    };
+    let setting = setting(vehicle, &drone, &room, request);
     let (entries, mut warnings) = fly_library(&setting)?;
     if entries.is_empty() {
         return Err(GapError::Log {
@@ -526,14 +519,7 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
     }
     let drone = drone_of(vehicle, request.drive)?;
     let room = room_of(request, &drone);
-    let setting = Setting {
-        vehicle,
-        drone: &drone,
-        room: &room,
-        sensors: &request.sensors,
-        air: &request.air,
-        seed: request.seed,
-    };
+    let setting = setting(vehicle, &drone, &room, request);
     let (entries, failed) = fly_library(&setting)?;
     let order: Vec<usize> = names
         .iter()
@@ -551,6 +537,16 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
         })
         .collect::<Result<_, _>>()?;
     Ok(join(&entries, &order).0)
+}
+
+/// How the flights of a request are flown.
+fn setting<'a>(
+    vehicle: &'a Vehicle,
+    drone: &'a Drone<f64>,
+    room: &'a Room,
+    request: &'a Request,
+) -> Setting<'a> {
+    Setting { vehicle, drone, room, sensors: &request.sensors, air: &request.air, seed: request.seed }
 }
 
 /// Manoeuvres one after the other.
