@@ -23,20 +23,31 @@ warnings.filterwarnings("ignore")
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from crazyflow.sim import Sim
 
 
 def main() -> None:
     mode, worlds, steps = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     sim = Sim(n_worlds=worlds, n_drones=1, drone="cf2x_L250", dynamics="first_principles", control=mode)
+    # Another command in every world, the same as in benches/steps.rs.
+    waves = np.stack([np.sin(np.arange(worlds) * k) for k in (12.9898, 78.233, 37.719, 4.581)], axis=-1)
+    a, b, c, d = waves.T
+    zero, one = np.zeros(worlds), np.ones(worlds)
+    weight = 9.81 * float(sim.data.params.mass.ravel()[0])
     if mode == "state":
-        command = [0.0, 0.0, 0.5] + [0.0] * 9 + [1.0, 0.0, 0.0, 0.0]
-        sim.state_control(jnp.broadcast_to(jnp.array(command), (worlds, 1, 16)))
+        command = np.stack([a, b, 1 + 0.5 * c] + [zero] * 9 + [one, zero, zero, zero], axis=-1)
+        control = sim.state_control
     elif mode == "attitude":
-        weight = 9.81 * float(sim.data.params.mass.ravel()[0])
-        sim.attitude_control(jnp.broadcast_to(jnp.array([0.0, 0.0, 0.0, weight]), (worlds, 1, 4)))
+        command = np.stack([0.1 * a, 0.1 * b, 0.1 * c, weight * (1 + 0.05 * d)], axis=-1)
+        control = sim.attitude_control
     else:
-        sim.rotor_vel_control(jnp.broadcast_to(jnp.array([15000.0] * 4), (worlds, 1, 4)))
+        c0, c1, c2 = (float(c) for c in np.ravel(sim.data.params.rpm2thrust)[:3])
+        hover_rpm = (np.sqrt(c1 * c1 - 4 * c2 * (c0 - weight / 4)) - c1) / (2 * c2)
+        command = hover_rpm * (1 + 2e-4 * waves)
+        control = sim.rotor_vel_control
+    command = jnp.asarray(command)[:, None, :]
+    control(command)
     sim.step(steps)
     jax.block_until_ready(sim.data)
     names = ("crazyflow", "jax", "jaxlib")
@@ -44,6 +55,11 @@ def main() -> None:
     for _ in sys.stdin:
         calls, begin = [], time.perf_counter()
         while time.perf_counter() - begin < 0.3 or len(calls) < 3:
+            # Episodes of at most 40 calls.
+            if len(calls) % 40 == 0:
+                sim.reset()
+                control(command)
+                jax.block_until_ready(sim.data)
             start = time.perf_counter()
             sim.step(steps)
             jax.block_until_ready(sim.data)
