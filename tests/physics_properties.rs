@@ -110,6 +110,7 @@ fn no_controller() -> mellinger::Params<f64> {
             signs: [[0.0; 3]; MAX_ROTORS],
             rotor_from_wrench: [[0.0; 4]; MAX_ROTORS],
             wrench_from_rotor: [[0.0; 4]; MAX_ROTORS],
+            beside: [[0.0; 4]; 4],
             n_rotors: 4,
         },
     }

@@ -3,6 +3,7 @@
 use crate::scalar::kernel::Kernel;
 
 mod first_principles_attitude;
+mod first_principles_attitude_adjoint;
 mod first_principles_rotor_vel;
 mod first_principles_state;
 
@@ -10,6 +11,7 @@ mod first_principles_state;
 #[rustfmt::skip]
 pub const ALL: &[Kernel] = &[
     first_principles_attitude::KERNEL,
+    first_principles_attitude_adjoint::KERNEL,
     first_principles_rotor_vel::KERNEL,
     first_principles_state::KERNEL,
 ];

@@ -35,16 +35,28 @@ pub fn normalize<S: Real>(q: [S; 4]) -> [S; 4] {
     [q[0] * inverse, q[1] * inverse, q[2] * inverse, q[3] * inverse]
 }
 
+/// `q`, which differs from unit length by rounding only, brought back to it: one step of Newton's method for 1/√(q·q), which
+/// leaves ⅜ of the square of the error. Costs no root and no division. For anything else there is [`normalize`].
+#[inline(always)]
+pub fn renormalize<S: Real>(q: [S; 4]) -> [S; 4] {
+    let n2 = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3];
+    let k = S::lit(1.5) - S::lit(0.5) * n2;
+    [q[0] * k, q[1] * k, q[2] * k, q[3] * k]
+}
+
 /// Rotation matrix (rows) of a unit quaternion.
 #[inline(always)]
 pub fn matrix<S: Real>(q: [S; 4]) -> [[S; 3]; 3] {
-    let two = S::lit(2.0);
     let [x, y, z, w] = q;
-    let (xx, yy, zz, ww) = (x * x, y * y, z * z, w * w);
+    let (x2, y2, z2) = (x + x, y + y, z + z);
+    let (xx, yy, zz) = (x2 * x, y2 * y, z2 * z);
+    let (xy, xz, yz) = (x2 * y, x2 * z, y2 * z);
+    let (xw, yw, zw) = (x2 * w, y2 * w, z2 * w);
+    let one = S::one();
     [
-        [xx - yy - zz + ww, two * (x * y - z * w), two * (x * z + y * w)],
-        [two * (x * y + z * w), yy - xx - zz + ww, two * (y * z - x * w)],
-        [two * (x * z - y * w), two * (y * z + x * w), zz - xx - yy + ww],
+        [one - (yy + zz), xy - zw, xz + yw],
+        [xy + zw, one - (xx + zz), yz - xw],
+        [xz - yw, yz + xw, one - (xx + yy)],
     ]
 }
 
@@ -105,6 +117,18 @@ mod tests {
             let (whole, twice) = (exp(r), mul(h, h));
             for i in 0..4 {
                 prop_assert!((whole[i] - twice[i]).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn rounding_of_the_length_goes_and_the_direction_stays() {
+        for off in [-1e-4, -1e-9, 3e-16, 1e-9, 1e-4] {
+            let q = exp([0.3, -1.2, 0.7]);
+            let long = q.map(|v| v * (1.0 + off));
+            let back = renormalize(long);
+            for i in 0..4 {
+                assert!((back[i] - q[i]).abs() < 1.6 * off * off + 3e-16, "{off}: {back:?} is not {q:?}");
             }
         }
     }

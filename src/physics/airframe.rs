@@ -51,6 +51,8 @@ pub fn wrench<S: Real>(
 ) -> ([S; 3], [S; 3]) {
     let mut force = [S::zero(); 3];
     let mut torque = [S::zero(); 3];
+    // −h.
+    let mut spun = [S::zero(); 3];
     for i in 0..p.n_rotors {
         let r = &p.rotors[i];
         let thrust = vec3::scale(r.axis, loads.thrust[i]);
@@ -58,11 +60,10 @@ pub fn wrench<S: Real>(
         torque = vec3::add(torque, vec3::cross(r.position_m, thrust));
         torque = vec3::add(torque, vec3::scale(r.axis, r.spin * loads.torque[i]));
         let spin_inertia = r.spin * r.inertia_kg_m2;
-        let gyro = vec3::scale(vec3::cross(ang_vel, r.axis), spin_inertia * rotor_vel[i]);
-        torque = vec3::add(torque, gyro);
+        spun = vec3::add(spun, vec3::scale(r.axis, spin_inertia * rotor_vel[i]));
         torque = vec3::add(torque, vec3::scale(r.axis, spin_inertia * rotor_acc[i]));
     }
-    (force, torque)
+    (force, vec3::add(torque, vec3::cross(ang_vel, spun)))
 }
 
 /// Force (N, body) of a known collective thrust (N) that all rotors share alike, each along its own axis.

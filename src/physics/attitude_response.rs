@@ -79,7 +79,7 @@ pub fn accelerations<S: Real>(
     outer: &Wrench<S>,
 ) -> ([S; 3], [S; 3]) {
     let z_axis = quat::rotate(state.quat, [S::zero(), S::zero(), S::one()]);
-    let force = vec3::add(vec3::scale(z_axis, thrust), outer.force);
+    let force = vec3::add(vec3::scale(z_axis, thrust), outer.force_world(state.quat));
     let acc = vec3::add(vec3::scale(force, S::one() / body.mass_kg), body.gravity_m_s2);
     let response = angular_acceleration(p, state.quat, state.ang_vel, [command[0], command[1], command[2]]);
     let ang_acc = vec3::add(response, vec3::mat_vec(body.inertia_inverse, outer.torque));

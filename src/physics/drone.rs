@@ -70,7 +70,7 @@ impl<S: Real> Drone<S> {
     /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0`,
     /// `effect.expression.NAME.PARAMETER` …
     ///
-    /// What follows from other parameters (the inverse inertia) is not among them; call [`Drone::refresh`] after changing
+    /// What follows from other parameters (the inverse inertia, what mixing leaves of itself) is not among them; call [`Drone::refresh`] after changing
     /// values.
     pub fn visit(&mut self, f: &mut dyn FnMut(&str, &mut S)) {
         self.body.visit("body", &mut |name, value| {
@@ -84,7 +84,11 @@ impl<S: Real> Drone<S> {
         if let Dynamics::AttitudeResponse(p) = &mut self.dynamics {
             p.visit("attitude_response", f);
         }
-        self.controller.visit("controller", f);
+        self.controller.visit("controller", &mut |name, value| {
+            if !name.starts_with("controller.mixer.beside.") {
+                f(name, value);
+            }
+        });
         for effect in &mut self.effects {
             let prefix = format!("effect.{}", effect.label());
             effect.visit(&prefix, f);
@@ -94,6 +98,7 @@ impl<S: Real> Drone<S> {
     /// Recomputes derived parameters after changes.
     pub fn refresh(&mut self) {
         self.body.refresh();
+        self.controller.mixer.refresh();
     }
 
     /// What the vehicle is built of where effects change it (payload, weak rotor …); `None` where none does.
@@ -333,6 +338,7 @@ impl<S: Real> Drone<S> {
 
         let mut outer = Wrench {
             force: surroundings.disturbance_force_n,
+            body_force: [S::zero(); 3],
             torque: quat::rotate_inverse(state.quat, surroundings.disturbance_torque_n_m),
         };
         for effect in &self.effects {
@@ -365,9 +371,9 @@ impl<S: Real> Drone<S> {
                 }
                 let (force, torque) =
                     airframe::wrench(airframe, &loads, &state.rotor_vel, &rotor_acc, state.ang_vel);
-                outer.add_body_force(state.quat, force);
+                outer.add_body_force(force);
                 outer.torque = vec3::add(outer.torque, torque);
-                rigid_body::accelerations(body, state.ang_vel, &outer)
+                rigid_body::accelerations(body, state.quat, state.ang_vel, &outer)
             }
             (Some(p), Drive::Command(Command::Attitude(c))) => {
                 thrust_rate = attitude_response::thrust_rate(p, state.thrust, c[3]);
@@ -383,11 +389,11 @@ impl<S: Real> Drone<S> {
                 let factor = built.map_or(S::one(), |parts| parts.thrust_factor);
                 let gain = factor * self.thrust_gain(&view, [zero; 3]);
                 let thrust = airframe::collective(airframe, *thrust * gain);
-                outer.add_body_force(state.quat, thrust);
-                rigid_body::accelerations(body, state.ang_vel, &outer)
+                outer.add_body_force(thrust);
+                rigid_body::accelerations(body, state.quat, state.ang_vel, &outer)
             }
             // A command of the other kind drives nothing; `rollout` never mixes them.
-            _ => rigid_body::accelerations(body, state.ang_vel, &outer),
+            _ => rigid_body::accelerations(body, state.quat, state.ang_vel, &outer),
         };
         Rate { vel: state.vel, ang_vel: state.ang_vel, acc, ang_acc, rotor_acc, thrust_rate }
     }

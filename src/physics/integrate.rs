@@ -46,7 +46,7 @@ fn advance<S: Real>(state: &State<S>, rate: &Rate<S>, dt: S) -> State<S> {
     next.vel = vec3::add(state.vel, vec3::scale(rate.acc, dt));
     next.ang_vel = vec3::add(state.ang_vel, vec3::scale(rate.ang_acc, dt));
     let turn = quat::exp(vec3::scale(rate.ang_vel, dt));
-    next.quat = quat::normalize(quat::mul(state.quat, turn));
+    next.quat = quat::renormalize(quat::mul(state.quat, turn));
     for i in 0..MAX_ROTORS {
         next.rotor_vel[i] = state.rotor_vel[i] + rate.rotor_acc[i] * dt;
     }

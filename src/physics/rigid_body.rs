@@ -76,6 +76,8 @@ impl<S: Real> Rate<S> {
 pub struct Wrench<S> {
     /// N, world.
     pub force: [S; 3],
+    /// What acts in body axes beside `force`, N; see [`Wrench::force_world`].
+    pub body_force: [S; 3],
     /// N·m, body.
     pub torque: [S; 3],
 }
@@ -83,13 +85,19 @@ pub struct Wrench<S> {
 impl<S: Real> Wrench<S> {
     /// Nothing acts.
     pub fn zero() -> Self {
-        Self { force: [S::zero(); 3], torque: [S::zero(); 3] }
+        Self { force: [S::zero(); 3], body_force: [S::zero(); 3], torque: [S::zero(); 3] }
     }
 
-    /// Adds a force (N) given in the body frame whose attitude is `q`.
+    /// Adds a force (N, body).
     #[inline(always)]
-    pub fn add_body_force(&mut self, q: [S; 4], force: [S; 3]) {
-        self.force = vec3::add(self.force, quat::rotate(q, force));
+    pub fn add_body_force(&mut self, force: [S; 3]) {
+        self.body_force = vec3::add(self.body_force, force);
+    }
+
+    /// The whole force on a body of attitude `q`, N, world: what acts in body axes is turned together.
+    #[inline(always)]
+    pub fn force_world(&self, q: [S; 4]) -> [S; 3] {
+        vec3::add(self.force, quat::rotate(q, self.body_force))
     }
 }
 
@@ -119,13 +127,18 @@ impl<S: Real> Params<S> {
     }
 }
 
-/// Linear and angular acceleration under a wrench: m v̇ = m g + F, J ω̇ = τ − ω × J ω.
+/// Linear and angular acceleration of a body of attitude `q` under a wrench: m v̇ = m g + F, J ω̇ = τ − ω × J ω.
 ///
 /// Returns (m/s² world, rad/s² body). Source: Newton–Euler equations, e.g. McKinnon & Schoellig, "Unscented external
 /// force and torque estimation for quadrotors", IROS 2016, eq. 1–4.
 #[inline(always)]
-pub fn accelerations<S: Real>(p: &Params<S>, ang_vel: [S; 3], wrench: &Wrench<S>) -> ([S; 3], [S; 3]) {
-    let acc = vec3::add(vec3::scale(wrench.force, S::one() / p.mass_kg), p.gravity_m_s2);
+pub fn accelerations<S: Real>(
+    p: &Params<S>,
+    q: [S; 4],
+    ang_vel: [S; 3],
+    wrench: &Wrench<S>,
+) -> ([S; 3], [S; 3]) {
+    let acc = vec3::add(vec3::scale(wrench.force_world(q), S::one() / p.mass_kg), p.gravity_m_s2);
     let momentum = vec3::mat_vec(p.inertia_kg_m2, ang_vel);
     let torque = vec3::sub(wrench.torque, vec3::cross(ang_vel, momentum));
     (acc, vec3::mat_vec(p.inertia_inverse, torque))
@@ -138,6 +151,7 @@ pub fn wrench<S: Real>(p: &Params<S>, ang_vel: [S; 3], acc: [S; 3], ang_acc: [S;
     let momentum = vec3::mat_vec(p.inertia_kg_m2, ang_vel);
     Wrench {
         force: vec3::scale(vec3::sub(acc, p.gravity_m_s2), p.mass_kg),
+        body_force: [S::zero(); 3],
         torque: vec3::add(vec3::mat_vec(p.inertia_kg_m2, ang_acc), vec3::cross(ang_vel, momentum)),
     }
 }
@@ -151,7 +165,7 @@ mod tests {
         let inertia = [[0.01, 0.001, 0.0], [0.001, 0.02, -0.002], [0.0, -0.002, 0.03]];
         let p = Params::new(0.7, inertia, [0.0, 0.0, -9.81]);
         let (turn, acc, ang_acc) = ([1.0, -2.0, 3.0], [0.3, -0.4, 5.0], [10.0, 20.0, -7.0]);
-        let (a, b) = accelerations(&p, turn, &wrench(&p, turn, acc, ang_acc));
+        let (a, b) = accelerations(&p, quat::identity(), turn, &wrench(&p, turn, acc, ang_acc));
         for k in 0..3 {
             assert!((a[k] - acc[k]).abs() < 1e-12 && (b[k] - ang_acc[k]).abs() < 1e-10, "{a:?} {b:?}");
         }

@@ -42,7 +42,7 @@ pub fn acceleration<S: Real>(p: &Params<S>, speed: S, command: S) -> S {
     let up = command.gt(speed);
     let viscous = S::select(up, p.spin_up[0], p.spin_down[0]);
     let drag = S::select(up, p.spin_up[1], p.spin_down[1]);
-    viscous * (command - speed) + drag * (command * command - speed * speed)
+    (command - speed) * (viscous + drag * (command + speed))
 }
 
 /// Rotor speed (rad/s) at which the thrust curve gives `thrust` (N): the larger root of the quadratic.

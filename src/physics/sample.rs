@@ -30,6 +30,7 @@ pub fn quad(effects: Vec<AnyEffect<f64>>) -> Drone<f64> {
         signs: [[0.0; 3]; MAX_ROTORS],
         rotor_from_wrench: [[0.0; 4]; MAX_ROTORS],
         wrench_from_rotor: [[0.0; 4]; MAX_ROTORS],
+        beside: [[0.0; 4]; 4],
         n_rotors: 4,
     };
     for (i, s) in SIGNS.iter().enumerate() {
@@ -39,6 +40,7 @@ pub fn quad(effects: Vec<AnyEffect<f64>>) -> Drone<f64> {
         mix.wrench_from_rotor[i] = [1.0, arm * s[0], arm * s[1], 0.01 * s[2]];
         mix.rotor_from_wrench[i] = [0.25, s[0] / (4.0 * arm), s[1] / (4.0 * arm), s[2] / (4.0 * 0.01)];
     }
+    mix.refresh();
     let gains = mellinger::AttitudeGains {
         kr: [6.0, 6.0, 2.0],
         kw: [1.0, 1.0, 0.6],

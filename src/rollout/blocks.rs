@@ -97,7 +97,10 @@ impl<S: Real> Slot<S> {
         let controller = &drone.controller;
         mellinger::run(controller, gravity, mode, due, periods, &self.state, &self.command, &mut self.memory);
         self.rotor_command = self.memory.rotor_cmd;
-        mellinger::limit_rotor_vel(controller, &mut self.rotor_command);
+        // What the mixer stage commands is within these limits.
+        if mode == ControlMode::RotorVel {
+            mellinger::limit_rotor_vel(controller, &mut self.rotor_command);
+        }
         self.attitude_command = self.memory.attitude_cmd;
         self.attitude_command[3] = mellinger::limit_thrust(controller, self.attitude_command[3]);
     }

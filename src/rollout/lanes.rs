@@ -21,7 +21,7 @@ use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
 use crate::scalar::bytecode::{Interpret, Layout, Program};
-use crate::scalar::kernel::{Kernel, key};
+use crate::scalar::kernel::{Entries, Kernel, key};
 use crate::scalar::lanes::{Cell, Number, level};
 use crate::scalar::stages::{Input, Output, Source, Stages};
 
@@ -50,7 +50,8 @@ pub(super) struct Lanes<N: Number> {
     stamp: u64,
     /// One per thread, so that none waits.
     scratch: Vec<Mutex<Scratch<N>>>,
-    level: Level,
+    /// The instructions that are used.
+    pub(super) level: Level,
 }
 
 impl<N: Number> Default for Lanes<N> {
@@ -73,8 +74,10 @@ struct Kind<N> {
     typical: Vec<f64>,
     varies: Vec<bool>,
     neighbours: usize,
-    /// Places that some plan reads, and that some plan writes.
+    /// Places that some plan reads or leaves as they are, the same with those that every plan writes, and places that some plan
+    /// writes.
     loads: Vec<Column>,
+    all_loads: Vec<Column>,
     saves: Vec<Column>,
     noises: bool,
     effects: usize,
@@ -99,20 +102,57 @@ struct Plan<N> {
     kernel: Option<&'static Kernel>,
     program: Program,
     layout: Layout,
-    /// (place, cell of the file) before the first step.
-    enter: Vec<(u32, u32)>,
-    /// (cell of the file, place) after the last.
-    leave: Vec<(u32, u32)>,
-    /// (constant, place) after the last.
+    /// (place, cell of the file) before the first step: places that some plan writes, and those that stay the same in a call.
+    enter: Parted<(u32, u32)>,
+    /// (cell of the file, place) after the last: what a plan may read later in the call, and what only the public arrays want.
+    leave: Parted<(u32, u32)>,
+    /// (constant, place) after the last step of a call.
     constants: Vec<(N, u32)>,
     /// (place, place) after the last: what stays as it came.
     copies: Vec<(u32, u32)>,
+    /// Whether a plan may read later in the call what is computed after the last step.
+    finishes: bool,
     /// (place, cell) that are other numbers in every step.
     fresh: Vec<(u32, u32)>,
     table: Vec<N>,
     /// Entries of the table that differ between rows, and their numbers: (row, entry).
     varying: Vec<u32>,
     rows: Vec<N>,
+}
+
+/// What is done whenever other stages begin to tick within a call, and what once per call is enough for.
+#[derive(Debug)]
+struct Parted<T> {
+    often: Vec<T>,
+    once: Vec<T>,
+}
+
+impl<T: Copy> Parted<T> {
+    fn new(often: Vec<T>) -> Self {
+        Self { often, once: Vec::new() }
+    }
+
+    fn iter(&self) -> impl Iterator<Item = &T> {
+        self.often.iter().chain(&self.once)
+    }
+
+    fn part(&mut self, is_often: impl Fn(&T) -> bool) {
+        let all: Vec<T> = self.iter().copied().collect();
+        (self.often, self.once) = all.into_iter().partition(is_often);
+    }
+}
+
+/// Which steps of a call a segment is.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    /// Place of the plan that flies it.
+    plan: usize,
+    /// Steps since the start of the call, and number of steps.
+    from: usize,
+    n: usize,
+    /// Whether the plan has not run yet with these drones, and whether nothing comes after.
+    first: bool,
+    last: bool,
 }
 
 /// Working memory of one thread.
@@ -479,6 +519,7 @@ fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates: &[Rates]) 
             varies: Vec::new(),
             neighbours: if reads { nominal.len() - 1 } else { 0 },
             loads: Vec::new(),
+            all_loads: Vec::new(),
             saves: Vec::new(),
             noises: nominal[d].effects.iter().any(Effect::noises),
             effects: nominal[d].memory_len(1.0 / f64::from(options.sim_hz)),
@@ -498,7 +539,7 @@ impl<N: Number> Plan<N> {
         let wanted = key(&stages);
         let kernel = kernels::ALL.iter().find(|k| k.key == wanted);
         // Byte code too where there is a kernel: not all types of cells and levels have its functions.
-        let program = Program::new(&stages.call, &stages.step, layout);
+        let program = Program::new(&stages, layout);
         let (mut enter, mut leave, mut fresh) = (Vec::new(), Vec::new(), Vec::new());
         let given = stages.given.iter().zip(layout.given..);
         let state = stages.state.iter().map(|s| s.input).zip(layout.state..);
@@ -509,11 +550,9 @@ impl<N: Number> Plan<N> {
                 Some(Input::Fixed(_)) | None => {}
             }
         }
-        let of = |output: &Output| match output {
-            Output::Carried(p) | Output::Final(p) => *p,
-        };
+        let of = |output: &Output| output.place();
         for (slot, cell) in stages.state.iter().zip(layout.state..) {
-            leave.extend(slot.output.map(|o| (cell, of(&o))));
+            leave.extend(slot.output.map(|o| (cell, o.place())));
         }
         let (mut constants, mut copies) = (Vec::new(), Vec::new());
         for (output, source) in &stages.finals {
@@ -532,15 +571,22 @@ impl<N: Number> Plan<N> {
             kernel,
             program,
             layout,
-            enter,
-            leave,
+            enter: Parted::new(enter),
+            leave: Parted::new(leave),
             constants,
             copies,
+            finishes: true,
             fresh,
             table: Vec::new(),
             varying: Vec::new(),
             rows: Vec::new(),
         }
+    }
+
+    /// The kernel for cells of this type. Blocks side by side share their table, so it must be the same for all drones then.
+    fn entries<C: Interpret<Number = N>>(&self, level: Level) -> Option<Entries<C>> {
+        let alike = C::LANES == N::Cell::LANES || self.varying.is_empty();
+        self.kernel.filter(|_| alike).and_then(|k| C::entries(k, level))
     }
 
     /// The table of the first drone, and which of its entries differ between drones.
@@ -596,28 +642,45 @@ impl<N: Number> Kind<N> {
     fn collect(&mut self) {
         let neighbours = self.neighbours * place::NEIGHBOUR as usize;
         self.n_home = place::EFFECTS as usize + self.effects + neighbours;
-        let mut loads: Vec<u32> = Vec::new();
-        let mut saves: Vec<u32> = Vec::new();
+        let n_plans = self.plans.len();
+        let (mut reads, mut writers) = (vec![false; self.n_home], vec![0; self.n_home]);
         for plan in &self.plans {
-            loads.extend(plan.enter.iter().map(|(p, _)| *p).chain(plan.copies.iter().map(|(p, _)| *p)));
-            saves.extend(plan.leave.iter().map(|(_, p)| *p));
-            saves.extend(plan.constants.iter().map(|(_, p)| *p).chain(plan.copies.iter().map(|(_, p)| *p)));
+            let enters = plan.enter.iter().map(|(p, _)| p).chain(plan.copies.iter().map(|(p, _)| p));
+            enters.for_each(|p| reads[*p as usize] = true);
+            let leaves = plan.leave.iter().map(|(_, p)| p).chain(plan.constants.iter().map(|(_, p)| p));
+            leaves.chain(plan.copies.iter().map(|(_, p)| p)).for_each(|p| writers[*p as usize] += 1);
         }
         // What one plan writes and another does not keeps what it was.
-        loads.extend(&saves);
+        let kept = |p: u32| reads[p as usize] || writers[p as usize] < n_plans;
+        for plan in &mut self.plans {
+            plan.enter.part(|(p, _)| writers[*p as usize] > 0);
+            plan.leave.part(|(_, p)| kept(*p));
+            let finished = plan.stages.finish.stores.iter();
+            let mut outputs = finished.filter_map(|(_, slot)| plan.stages.state[*slot as usize].output);
+            plan.finishes = outputs.any(|o| kept(o.place()));
+        }
+        let places = 0..self.n_home as u32;
+        let saves: Vec<u32> = places.clone().filter(|p| writers[*p as usize] > 0).collect();
         // The state is looked at even where it does not change.
-        loads.extend(place::STATE..place::MEMORY);
+        let looked_at = |p: u32| (place::STATE..place::MEMORY).contains(&p);
+        let is_loaded = |p: &u32| {
+            reads[*p as usize]
+                || looked_at(*p)
+                || (writers[*p as usize] > 0 && writers[*p as usize] < n_plans)
+        };
+        let loads: Vec<u32> = places.clone().filter(is_loaded).collect();
+        let all_loads: Vec<u32> = places.filter(|p| is_loaded(p) || writers[*p as usize] > 0).collect();
         let columns = |mut list: Vec<u32>| {
             list.sort_unstable();
             list.dedup();
             list.into_iter().filter_map(|p| column(p, self.effects)).collect::<Vec<Column>>()
         };
-        (self.loads, self.saves) = (columns(loads), columns(saves));
+        (self.loads, self.all_loads, self.saves) = (columns(loads), columns(all_loads), columns(saves));
     }
 
     /// Whether kernels fly this kind in cells of this type.
     fn is_compiled<C: Interpret<Number = N>>(&self, level: Level) -> bool {
-        self.plans.iter().all(|p| p.kernel.is_some_and(|k| C::entries(k, level).is_some()))
+        self.plans.iter().all(|p| p.entries::<C>(level).is_some())
     }
 
     /// Place of the plan for a step.
@@ -649,7 +712,7 @@ impl<N: Number> Shared<'_, N> {
 
     /// All steps of a few worlds.
     fn advance(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
-        self.load(&view, scratch);
+        self.load(&view, scratch, false);
         self.steps(&view, scratch, 0, self.options.n_steps);
         if self.options.phase == Phase::Controllers || scratch.finite() {
             scratch.one.store(self, &mut view, &[]);
@@ -667,8 +730,9 @@ impl<N: Number> Shared<'_, N> {
         self.one_by_one(view, scratch);
     }
 
-    /// Fills lanes with the drones of all worlds that are not quarantined.
-    fn load(&self, view: &View<N>, scratch: &mut Scratch<N>) {
+    /// Fills lanes with the drones of all worlds that are not quarantined: with all their numbers, or with those that matter before
+    /// the first step.
+    fn load(&self, view: &View<N>, scratch: &mut Scratch<N>, all: bool) {
         let Scratch { one, two, four, .. } = scratch;
         (one.used, two.used, four.used) = (0, 0, 0);
         for (index, kind) in self.kinds.iter().enumerate() {
@@ -678,11 +742,11 @@ impl<N: Number> Shared<'_, N> {
             let mut left = view.quarantine.iter().filter(|q| q.is_none()).count() * kind.slots.len();
             while left > 0 {
                 let taken = if !compiled && left > N::Two::LANES {
-                    four.fill(self, view, index, &mut next)
+                    four.fill(self, view, index, &mut next, all)
                 } else if pairs && left > N::Cell::LANES {
-                    two.fill(self, view, index, &mut next)
+                    two.fill(self, view, index, &mut next, all)
                 } else {
-                    one.fill(self, view, index, &mut next)
+                    one.fill(self, view, index, &mut next, all)
                 };
                 left -= taken.min(left);
             }
@@ -708,7 +772,7 @@ impl<N: Number> Shared<'_, N> {
 
     /// The same steps again, one at a time, to find the worlds that turn non-finite and the state before.
     fn one_by_one(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
-        self.load(&view, scratch);
+        self.load(&view, scratch, true);
         scratch.done.clear();
         scratch.done.resize(view.n_worlds, false);
         for s in 0..self.options.n_steps {
@@ -780,6 +844,7 @@ impl<C: Interpret> Pool<C> {
         view: &View<C::Number>,
         kind: usize,
         next: &mut (usize, usize),
+        all: bool,
     ) -> usize {
         let of = &shared.kinds[kind];
         if self.packs.len() == self.used {
@@ -814,7 +879,7 @@ impl<C: Interpret> Pool<C> {
         if pack.home.len() < of.n_home {
             pack.home.resize(of.n_home, C::splat(C::Number::zero()));
         }
-        pack.load(shared, view);
+        pack.load(shared, view, all);
         pack.n
     }
 
@@ -921,10 +986,10 @@ impl<C: Interpret> Pack<C> {
         self.n == C::LANES && self.rows[C::LANES - 1] == self.rows[0] + (C::LANES - 1) as u32
     }
 
-    fn load(&mut self, shared: &Shared<C::Number>, view: &View<C::Number>) {
+    fn load(&mut self, shared: &Shared<C::Number>, view: &View<C::Number>, all: bool) {
         let kind = &shared.kinds[self.kind];
         let in_line = self.in_line();
-        for c in &kind.loads {
+        for c in if all { &kind.all_loads } else { &kind.loads } {
             let cell = &mut self.home[c.place as usize];
             if c.array == 9 {
                 for (lane, row) in self.rows.iter().enumerate() {
@@ -1034,11 +1099,13 @@ impl<C: Interpret> Pack<C> {
         let kind = &shared.kinds[self.kind];
         let phase = shared.options.phase;
         if kind.dues.len() == 1 {
-            let plan = kind.plan(phase, 0);
-            return self.segment(shared, view, around, files, plan, from, n);
+            let span = Span { plan: kind.plan(phase, 0), from, n, first: true, last: true };
+            return self.segment(shared, view, around, files, span);
         }
         let first = self.step_of(view, 0, 0);
         let alike = (1..self.n).all(|lane| self.step_of(view, lane, 0) == first);
+        // Plans that have run, by bit; more than there are bits count as not.
+        let mut ran = 0u64;
         let mut done = 0;
         while done < n {
             let plan = kind.plan(phase, first + (from + done) as u64);
@@ -1047,7 +1114,16 @@ impl<C: Interpret> Pack<C> {
                 while done + length < n && kind.plan(phase, first + (from + done + length) as u64) == plan {
                     length += 1;
                 }
-                self.segment(shared, view, around, files, plan, from + done, length);
+                let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
+                let span = Span {
+                    plan,
+                    from: from + done,
+                    n: length,
+                    first: ran & bit == 0,
+                    last: done + length == n,
+                };
+                ran |= bit;
+                self.segment(shared, view, around, files, span);
                 done += length;
                 continue;
             }
@@ -1081,7 +1157,7 @@ impl<C: Interpret> Pack<C> {
                 continue;
             }
             self.home.copy_from_slice(&before);
-            self.segment(shared, view, around, files, plan, from, 1);
+            self.segment(shared, view, around, files, Span { plan, from, n: 1, first: true, last: true });
             for (to, new) in merged.iter_mut().zip(&self.home) {
                 for lane in (0..C::LANES).filter(|lane| lanes >> lane & 1 == 1) {
                     to.set(lane, new.get(lane));
@@ -1099,14 +1175,13 @@ impl<C: Interpret> Pack<C> {
         view: &View<C::Number>,
         around: &[C::Number],
         files: &mut Vec<File<C>>,
-        plan_at: usize,
-        from: usize,
-        n: usize,
+        span: Span,
     ) {
+        let Span { from, n, .. } = span;
         let kind = &shared.kinds[self.kind];
-        let plan = &kind.plans[plan_at];
+        let plan = &kind.plans[span.plan];
         let place_of_file: usize =
-            shared.kinds[..self.kind].iter().map(|k| k.plans.len()).sum::<usize>() + plan_at;
+            shared.kinds[..self.kind].iter().map(|k| k.plans.len()).sum::<usize>() + span.plan;
         while files.len() <= place_of_file {
             files.push(File { cells: Vec::new(), stamp: 0 });
         }
@@ -1124,7 +1199,7 @@ impl<C: Interpret> Pack<C> {
             }
         }
         let cells = &mut file.cells;
-        for (j, entry) in plan.varying.iter().enumerate() {
+        for (j, entry) in plan.varying.iter().enumerate().filter(|_| span.first) {
             for lane in 0..C::LANES {
                 let row = self.rows[lane] as usize;
                 let world = view.first + row / view.n_drones;
@@ -1138,10 +1213,10 @@ impl<C: Interpret> Pack<C> {
                 cells[*entry as usize].set(lane, plan.rows[at]);
             }
         }
-        for (p, cell) in &plan.enter {
+        for (p, cell) in plan.enter.often.iter().chain(if span.first { &plan.enter.once[..] } else { &[] }) {
             cells[*cell as usize] = self.home[*p as usize];
         }
-        let entries = plan.kernel.and_then(|k| C::entries(k, shared.level));
+        let entries = plan.entries::<C>(shared.level);
         match &entries {
             Some(kernel) => (kernel.call)(shared.level, cells),
             None => C::interpret(shared.level, &plan.program.call, cells, 1),
@@ -1157,7 +1232,13 @@ impl<C: Interpret> Pack<C> {
                 None => C::interpret(shared.level, &plan.program.step, cells, times),
             }
         }
-        for (cell, p) in &plan.leave {
+        if span.last || plan.finishes {
+            match &entries {
+                Some(kernel) => (kernel.finish)(shared.level, cells),
+                None => C::interpret(shared.level, &plan.program.finish, cells, 1),
+            }
+        }
+        for (cell, p) in plan.leave.often.iter().chain(if span.last { &plan.leave.once[..] } else { &[] }) {
             self.home[*p as usize] = cells[*cell as usize];
         }
         for (p, to) in &plan.copies {

@@ -1170,6 +1170,50 @@ mod tests {
         assert_ne!(part.data.vel[0], one.vel[12 * 2 * 3], "the next episode has its own wind");
     }
 
+    /// Both round once in a x b + c, and no lane depends on another, so their bits are the same.
+    #[test]
+    #[cfg(target_arch = "x86_64")]
+    fn lanes_give_the_same_bits_by_avx2_as_by_avx512() {
+        use crate::scalar::lanes::{Number, level};
+        use fearless_simd::Level;
+        fn run<N: Number>(control: ControlMode, dynamics: &str, level: Level) -> SimData<N> {
+            let vehicle = crate::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
+            let drone = vehicle.drone(dynamics).unwrap();
+            let n_worlds = 45;
+            let options = SimOptions { n_worlds, control, engine: Engine::Lanes, ..SimOptions::default() };
+            let one: Vec<f64> = match control {
+                ControlMode::State => [&[0.3, -0.2, 0.5][..], &[0.0; 9], &[1.0, 0.0, 0.0, 0.0]].concat(),
+                ControlMode::RotorVel => drone.hover_rotor_vel()[..4].to_vec(),
+                _ => vec![0.1, -0.05, 0.2, drone.hover_thrust()],
+            };
+            let mut sim = Sim::<N>::storing(options, vec![(drone, vehicle.rates)]).unwrap();
+            sim.lanes.as_mut().expect("an engine of lanes").level = level;
+            let commands: Vec<f64> =
+                (0..n_worlds).flat_map(|w| one.iter().map(move |v| v * (1.0 + 1e-3 * w as f64))).collect();
+            sim.set_command(&commands).unwrap();
+            for n in [1, 2, 100] {
+                sim.step(n).unwrap();
+            }
+            sim.data
+        }
+        let (Some(_), Some(avx2)) = (level().as_avx512(), level().as_avx2()) else {
+            eprintln!("skipped: this processor has no AVX-512 to compare AVX2 with");
+            return;
+        };
+        for (dynamics, control) in [
+            ("first_principles", ControlMode::RotorVel),
+            ("first_principles", ControlMode::Attitude),
+            ("first_principles", ControlMode::State),
+            ("so_rpy_rotor_drag", ControlMode::Attitude),
+        ] {
+            let narrow = run::<f32>(control, dynamics, Level::Avx2(avx2));
+            assert!(narrow.quarantine.iter().all(Option::is_none));
+            assert_eq!(run::<f32>(control, dynamics, level()), narrow, "{dynamics} {control:?} f32");
+            let narrow = run::<f64>(control, dynamics, Level::Avx2(avx2));
+            assert_eq!(run::<f64>(control, dynamics, level()), narrow, "{dynamics} {control:?} f64");
+        }
+    }
+
     #[test]
     fn a_delayed_drone_that_starts_in_hover_does_not_dip() {
         let late = AnyEffect::CommandDelay(command_delay::Params { delay_s: 0.05 });

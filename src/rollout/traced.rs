@@ -9,6 +9,7 @@ use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::surroundings::Neighbour;
 use crate::scalar::Real;
+use crate::scalar::adjoint::pull_back;
 use crate::scalar::kernel::key;
 use crate::scalar::stages::{Input, Output, Stages, cut};
 use crate::scalar::trace::{Graph, Sym, trace_finite};
@@ -120,6 +121,31 @@ fn known(drone: &Drone<f64>, varies: &dyn Fn(usize) -> bool) -> Known {
     }
 }
 
+/// The slot of a drone whose numbers stand by place, `effects` of them the memory of its effects.
+fn slot<S: Real>(home: &[S], effects: usize) -> Slot<S> {
+    let at = |from: u32, i: usize| home[from as usize + i];
+    Slot {
+        state: State {
+            pos: core::array::from_fn(|i| at(place::STATE, i)),
+            quat: core::array::from_fn(|i| at(place::QUAT, i)),
+            vel: core::array::from_fn(|i| at(place::VEL, i)),
+            ang_vel: core::array::from_fn(|i| at(place::ANG_VEL, i)),
+            rotor_vel: core::array::from_fn(|i| at(place::ROTOR_VEL, i)),
+            thrust: at(place::THRUST, 0),
+        },
+        command: core::array::from_fn(|i| at(place::COMMAND, i)),
+        memory: Memory::load(|i| at(place::MEMORY, i)),
+        rotor_command: core::array::from_fn(|i| at(place::ROTOR_COMMAND, i)),
+        attitude_command: core::array::from_fn(|i| at(place::ATTITUDE_COMMAND, i)),
+        disturbance_force: core::array::from_fn(|i| at(place::FORCE, i)),
+        disturbance_torque: core::array::from_fn(|i| at(place::TORQUE, i)),
+        wind: core::array::from_fn(|i| at(place::WIND, i)),
+        ground_z: at(place::GROUND, 0),
+        ceiling_z: at(place::CEILING, 0),
+        effect_memory: (0..effects).map(|i| at(place::EFFECTS, i)).collect(),
+    }
+}
+
 /// The step of `drone` as a graph of its inputs, and what goes in and out. A parameter of exactly 0, 1 or −1 may stand in the
 /// graph as such, unless `varies` says that it differs between drones.
 pub(super) fn graph(
@@ -161,26 +187,7 @@ pub(super) fn graph(
             known[k - 1].map_or(parameters[k - 1], Sym::lit)
         });
         let [dt_s, state_s, attitude_s, body_rate_s] = core::array::from_fn(|i| parameters[n_fixed - 4 + i]);
-        let mut slot = Slot {
-            state: State {
-                pos: core::array::from_fn(|i| at(place::STATE, i)),
-                quat: core::array::from_fn(|i| at(place::QUAT, i)),
-                vel: core::array::from_fn(|i| at(place::VEL, i)),
-                ang_vel: core::array::from_fn(|i| at(place::ANG_VEL, i)),
-                rotor_vel: core::array::from_fn(|i| at(place::ROTOR_VEL, i)),
-                thrust: at(place::THRUST, 0),
-            },
-            command: core::array::from_fn(|i| at(place::COMMAND, i)),
-            memory: Memory::load(|i| at(place::MEMORY, i)),
-            rotor_command: core::array::from_fn(|i| at(place::ROTOR_COMMAND, i)),
-            attitude_command: core::array::from_fn(|i| at(place::ATTITUDE_COMMAND, i)),
-            disturbance_force: core::array::from_fn(|i| at(place::FORCE, i)),
-            disturbance_torque: core::array::from_fn(|i| at(place::TORQUE, i)),
-            wind: core::array::from_fn(|i| at(place::WIND, i)),
-            ground_z: at(place::GROUND, 0),
-            ceiling_z: at(place::CEILING, 0),
-            effect_memory: (0..effects).map(|i| at(place::EFFECTS, i)).collect(),
-        };
+        let mut slot = slot(x, effects);
         let neighbours: Vec<Neighbour<Sym>> = (0..shape.neighbours)
             .map(|j| {
                 let first = first_neighbour + j as u32 * place::NEIGHBOUR;
@@ -233,6 +240,49 @@ pub(super) fn stages(drone: &Drone<f64>, shape: &Shape, varies: &dyn Fn(usize) -
     cut(&graph, &inputs, &outputs)
 }
 
+/// Numbers of the derivatives of a loss: of the number at place p it is this plus p.
+const BY: u32 = 1 << 16;
+
+/// The step of `drone` backwards, cut. Its state is what a loss gains by every carried number, before the step where it was after,
+/// and by the command and what disturbs, summed over the steps; the numbers themselves, as they were before the step, are fresh.
+pub(super) fn adjoint_stages(drone: &Drone<f64>, shape: &Shape) -> Stages {
+    let (forward, forward_inputs, forward_outputs) = graph(drone, shape, &|_| false);
+    let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+    let mut wanted = Vec::new();
+    for (i, input) in forward_inputs.iter().enumerate() {
+        inputs.push(match *input {
+            Input::Carried(p) | Input::Fresh(p) => Input::Fresh(p),
+            other => other,
+        });
+        match *input {
+            Input::Carried(p) => wanted.push((i, p, false)),
+            Input::Given(p) if (place::COMMAND..place::WIND).contains(&p) => wanted.push((i, p, true)),
+            _ => {}
+        }
+    }
+    let n = inputs.len();
+    // What the loss gains after the step by carried numbers, and so far by given ones; results of the last step have no part.
+    inputs.extend(wanted.iter().map(|(_, p, _)| Input::Carried(BY + p)));
+    let back = trace_finite(inputs.len(), |x| {
+        let by = |p: u32| wanted.iter().position(|(_, q, _)| *q == p).map_or(Sym::lit(0.0), |k| x[n + k]);
+        let seeds: Vec<Sym> = forward_outputs
+            .iter()
+            .map(|o| match o {
+                Output::Carried(p) => by(*p),
+                Output::Final(_) => Sym::lit(0.0),
+            })
+            .collect();
+        let gains = pull_back(&forward, &x[..n], &seeds);
+        let mut results = Vec::new();
+        for (i, p, sums) in &wanted {
+            outputs.push(Output::Carried(BY + p));
+            results.push(if *sums { by(*p) + gains[*i] } else { gains[*i] });
+        }
+        results
+    });
+    cut(&back, &inputs, &outputs)
+}
+
 /// A step that many fly: what a kernel is generated from.
 #[derive(Clone, Debug)]
 pub struct CommonStep {
@@ -240,6 +290,8 @@ pub struct CommonStep {
     pub name: String,
     /// What it computes, in a line.
     pub about: String,
+    /// Whether two blocks of lanes run side by side too.
+    pub pairs: bool,
     /// The step.
     pub stages: Stages,
 }
@@ -253,6 +305,9 @@ const COMMON: [(&str, ControlMode); 3] = [
     ("first_principles", ControlMode::Attitude),
     ("first_principles", ControlMode::State),
 ];
+
+/// The same for a step backwards.
+const BACKWARDS: (&str, ControlMode) = ("first_principles", ControlMode::Attitude);
 
 /// The steps that kernels are generated for, each once: all built-in vehicles fly them, and every vehicle that is made of the
 /// same parts and has the same parameters of 0, 1 and −1.
@@ -281,10 +336,27 @@ pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
                 let taken = out.iter().filter(|s| s.name.starts_with(&plain)).count();
                 let name = if taken == 0 { plain } else { format!("{plain}_{}", taken + 1) };
                 let about = format!("A step of `{dynamics}` under commands `{}`.", mode.name());
-                out.push(CommonStep { name, about, stages });
+                out.push(CommonStep { name, about, pairs: true, stages });
             }
         }
     }
+    let (dynamics, mode) = BACKWARDS;
+    let drone = Vehicle::builtin(BUILTIN[0])?.drone(dynamics)?;
+    let all = Due { state: true, attitude: true, force_torque: true };
+    let shape = Shape {
+        mode,
+        integrator: Integrator::Euler,
+        phase: Phase::Both,
+        due: told(mode, all),
+        sim_hz: USUAL_HZ,
+        neighbours: 0,
+    };
+    out.push(CommonStep {
+        name: format!("{dynamics}_{}_adjoint", mode.name()),
+        about: format!("A step of `{dynamics}` under commands `{}`, backwards.", mode.name()),
+        pairs: false,
+        stages: adjoint_stages(&drone, &shape),
+    });
     Ok(out)
 }
 
@@ -307,31 +379,6 @@ mod tests {
     use crate::scalar::lanes::level;
     use crate::scalar::stages::Source;
 
-    /// The slot of a drone whose numbers stand by place.
-    fn slot(home: &[f64]) -> Slot<f64> {
-        let at = |from: u32, i: usize| home[from as usize + i];
-        Slot {
-            state: State {
-                pos: core::array::from_fn(|i| at(place::STATE, i)),
-                quat: core::array::from_fn(|i| at(place::QUAT, i)),
-                vel: core::array::from_fn(|i| at(place::VEL, i)),
-                ang_vel: core::array::from_fn(|i| at(place::ANG_VEL, i)),
-                rotor_vel: core::array::from_fn(|i| at(place::ROTOR_VEL, i)),
-                thrust: at(place::THRUST, 0),
-            },
-            command: core::array::from_fn(|i| at(place::COMMAND, i)),
-            memory: Memory::load(|i| at(place::MEMORY, i)),
-            rotor_command: core::array::from_fn(|i| at(place::ROTOR_COMMAND, i)),
-            attitude_command: core::array::from_fn(|i| at(place::ATTITUDE_COMMAND, i)),
-            disturbance_force: core::array::from_fn(|i| at(place::FORCE, i)),
-            disturbance_torque: core::array::from_fn(|i| at(place::TORQUE, i)),
-            wind: core::array::from_fn(|i| at(place::WIND, i)),
-            ground_z: at(place::GROUND, 0),
-            ceiling_z: at(place::CEILING, 0),
-            effect_memory: vec![],
-        }
-    }
-
     /// The numbers by place, after `steps` of the equations.
     fn by_equations(
         drone: &Drone<f64>,
@@ -341,7 +388,7 @@ mod tests {
         steps: usize,
     ) -> Vec<f64> {
         let dt = 1.0 / f64::from(shape.sim_hz);
-        let mut slot = slot(home);
+        let mut slot = slot(home, 0);
         for _ in 0..steps {
             slot.control(drone, shape.mode, shape.due, &periods(rates));
             slot.state = slot.moved(drone, shape.integrator, (dt, dt), (0.0, [0.0; 3], &[]));
@@ -362,7 +409,7 @@ mod tests {
         let call = given + stages.given.len() as u32;
         let state = call + stages.n_call as u32;
         let constants = state + stages.state.len() as u32;
-        let program = Program::new(&stages.call, &stages.step, Layout { given, call, state, constants });
+        let program = Program::new(stages, Layout { given, call, state, constants });
         let mut cells = vec![0.0; program.len];
         cells[..stages.n_table].copy_from_slice(&stages.once.eval(fixed));
         cells[constants as usize..][..program.constants.len()].copy_from_slice(&program.constants);
@@ -380,13 +427,13 @@ mod tests {
             let kernel = kernels::ALL.iter().find(|k| k.key == key(stages)).expect("a kernel");
             (kernel.scalar.call)(level(), &mut cells);
             (kernel.scalar.step)(level(), &mut cells, steps);
+            (kernel.scalar.finish)(level(), &mut cells);
         } else {
             f64::interpret(level(), &program.call, &mut cells, 1);
             f64::interpret(level(), &program.step, &mut cells, steps);
+            f64::interpret(level(), &program.finish, &mut cells, 1);
         }
-        let of = |output: &Output| match output {
-            Output::Carried(p) | Output::Final(p) => *p as usize,
-        };
+        let of = |output: &Output| output.place() as usize;
         let mut out = home.to_vec();
         for (slot, cell) in stages.state.iter().zip(state..) {
             if let Some(output) = &slot.output {
@@ -402,6 +449,151 @@ mod tests {
             };
         }
         out
+    }
+
+    /// A vehicle near hover, by place, that has begun to turn and is told to lean.
+    fn leaning(drone: &Drone<f64>) -> Vec<f64> {
+        let mut home = vec![0.0; place::EFFECTS as usize];
+        for (i, v) in [0.02, -0.03, 0.05].into_iter().enumerate() {
+            home[place::QUAT as usize + i] = v;
+            home[place::VEL as usize + i] = 3.0 * v;
+            home[place::ANG_VEL as usize + i] = -4.0 * v;
+        }
+        home[place::QUAT as usize + 3] = (1.0f64 - 0.0038).sqrt();
+        home[place::COMMAND as usize..][..4].copy_from_slice(&[
+            0.05,
+            -0.04,
+            0.1,
+            1.02 * drone.hover_thrust(),
+        ]);
+        home[place::ROTOR_VEL as usize..][..MAX_ROTORS].copy_from_slice(&drone.hover_rotor_vel());
+        home[place::CEILING as usize] = 1e6;
+        home
+    }
+
+    /// Height after `steps` steps and its derivatives by the command: by the adjoint kernel in f64 and in lanes, by duals, and by
+    /// central differences.
+    #[test]
+    fn the_adjoint_kernel_gives_the_gradient_of_duals_and_of_differences() {
+        const STEPS: usize = 10;
+        type Four = crate::scalar::dual::Dual<f64, 4>;
+        let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
+        let (dynamics, mode) = BACKWARDS;
+        let drone = vehicle.drone(dynamics).unwrap();
+        let due = told(mode, Due { state: true, attitude: true, force_torque: true });
+        let integrator = Integrator::Euler;
+        let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
+        // The loss weighs every part of the state.
+        let weigh = |p: u32| 1.0 + 0.3 * f64::from(p);
+        let seen = 0..place::ROTOR_VEL;
+        let loss = |home: &[f64]| seen.clone().map(|p| weigh(p) * home[p as usize]).sum::<f64>();
+        let start = leaning(&drone);
+        let states: Vec<Vec<f64>> =
+            (0..=STEPS).map(|n| by_equations(&drone, &vehicle.rates, &shape, &start, n)).collect();
+
+        let wide: Vec<Four> = start
+            .iter()
+            .enumerate()
+            .map(|(p, v)| match (p as u32).checked_sub(place::COMMAND) {
+                Some(k @ 0..4) => Four::input(*v, k as usize),
+                _ => Four::lit(*v),
+            })
+            .collect();
+        let (mut moved, dt) = (slot(&wide, 0), 1.0 / 500.0);
+        let dual_drone = drone.map(&mut Four::lit);
+        let p = periods(&vehicle.rates);
+        let of_dual = mellinger::Periods {
+            state: Four::lit(p.state),
+            attitude: Four::lit(p.attitude),
+            body_rate: Four::lit(p.body_rate),
+        };
+        for _ in 0..STEPS {
+            moved.control(&dual_drone, mode, due, &of_dual);
+            let around = (Four::lit(0.0), [Four::lit(0.0); 3], &[][..]);
+            moved.state = moved.moved(&dual_drone, integrator, (Four::lit(dt), dt), around);
+        }
+        let s = &moved.state;
+        let numbers = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
+        let by_duals: [f64; 4] = core::array::from_fn(|k| {
+            numbers.iter().enumerate().map(|(p, v)| weigh(p as u32) * v.partials[k]).sum()
+        });
+
+        let stages = adjoint_stages(&drone, &shape);
+        let kernel = kernels::ALL.iter().find(|k| k.key == key(&stages)).expect("an adjoint kernel");
+        let state_from = stages.n_table + stages.given.len() + stages.n_call;
+        let n_cells = state_from + stages.state.len();
+        let table = stages.once.eval(&fixed(&drone, &vehicle.rates, 500));
+        /// The sweep in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
+        fn sweep<C: crate::scalar::lanes::Cell>(
+            entries: &crate::scalar::kernel::Entries<C>,
+            stages: &Stages,
+            table: &[f64],
+            states: &[Vec<f64>],
+            (n_cells, state_from): (usize, usize),
+            seed: impl Fn(u32) -> f64,
+        ) -> [f64; 4] {
+            use crate::scalar::lanes::Number;
+            let of = |v: f64| C::splat(C::Number::of(v));
+            let mut cells = vec![of(0.0); n_cells];
+            for (cell, v) in cells.iter_mut().zip(table) {
+                *cell = of(*v);
+            }
+            for (input, cell) in stages.given.iter().zip(&mut cells[stages.n_table..]) {
+                *cell = match input {
+                    Input::Given(p) => of(states[0][*p as usize]),
+                    // What no step changes counts as given.
+                    Input::Carried(p) => of(seed(*p - BY)),
+                    Input::Fixed(_) | Input::Fresh(_) => continue,
+                };
+            }
+            for (slot, cell) in stages.state.iter().zip(&mut cells[state_from..]) {
+                if let Some(Input::Carried(p)) = slot.input {
+                    *cell = of(seed(p - BY));
+                }
+            }
+            (entries.call)(level(), &mut cells);
+            for state in states[..states.len() - 1].iter().rev() {
+                for (slot, cell) in stages.state.iter().zip(&mut cells[state_from..]) {
+                    if let Some(Input::Fresh(p)) = slot.input {
+                        *cell = of(state[p as usize]);
+                    }
+                }
+                (entries.step)(level(), &mut cells, 1);
+            }
+            core::array::from_fn(|k| {
+                let wanted = Some(Output::Carried(BY + place::COMMAND + k as u32));
+                let at = stages.state.iter().position(|s| s.output == wanted).expect("a gradient");
+                cells[state_from + at].get(C::LANES - 1).wide()
+            })
+        }
+        let places = (n_cells, state_from);
+        let seed = |p: u32| if seen.contains(&p) { weigh(p) } else { 0.0 };
+        let swept = sweep(&kernel.scalar, &stages, &table, &states, places, seed);
+        let lanes = sweep(&kernel.f64, &stages, &table, &states, places, seed);
+        let single = sweep(&kernel.f32, &stages, &table, &states, places, seed);
+        let scale = by_duals.iter().fold(0.0f64, |most, g| most.max(g.abs()));
+        assert!(scale > 1e-3, "{by_duals:?}");
+        for k in 0..4 {
+            let step = 1e-6;
+            let at = |by: f64| {
+                let mut home = start.clone();
+                home[place::COMMAND as usize + k] += by;
+                loss(&by_equations(&drone, &vehicle.rates, &shape, &home, STEPS))
+            };
+            let differences = (at(step) - at(-step)) / (2.0 * step);
+            let of = |name: &str, got: f64, want: f64, within: f64| {
+                assert!(
+                    (got - want).abs() < within * scale,
+                    "{name} {k}: {got:e}, not {want:e} (of {scale:e})"
+                );
+            };
+            of("kernel and duals", swept[k], by_duals[k], 1e-12);
+            of("kernel and differences", swept[k], differences, 1e-7);
+            if crate::scalar::kernel::has_level(level()) {
+                of("lanes and duals", lanes[k], by_duals[k], 1e-11);
+                of("f32 and duals", single[k], by_duals[k], 1e-4);
+            }
+        }
     }
 
     #[test]

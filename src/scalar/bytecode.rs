@@ -9,7 +9,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, f64x8};
 
 use super::kernel::Compiled;
 use super::lanes::{Arith, F32x16, F64x8, Pair};
-use super::stages::{Code, Ins};
+use super::stages::{Code, Ins, Stages};
 
 /// An instruction whose operands and result stand in a file of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,13 +42,15 @@ pub struct Layout {
     pub constants: u32,
 }
 
-/// The two codes of a [`super::stages::Stages`] with the file that they share.
+/// The codes of a [`Stages`] with the file that they share.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Program {
     /// Computed once per call.
     pub call: ByteCode,
     /// Computed in every step.
     pub step: ByteCode,
+    /// Computed after the last.
+    pub finish: ByteCode,
     /// Numbers of the constants.
     pub constants: Vec<f64>,
     /// Cells of the file.
@@ -57,9 +59,10 @@ pub struct Program {
 
 impl Program {
     /// Chooses registers.
-    pub fn new(call: &Code, step: &Code, layout: Layout) -> Self {
+    pub fn new(stages: &Stages, layout: Layout) -> Self {
+        let Stages { call, step, finish, .. } = stages;
         let mut constants: Vec<f64> = Vec::new();
-        for code in [call, step] {
+        for code in [call, step, finish] {
             for ins in &code.instructions {
                 if let Ins::Lit(bits) = ins
                     && !constants.iter().any(|c| c.to_bits() == *bits)
@@ -69,10 +72,11 @@ impl Program {
             }
         }
         let first = layout.constants + constants.len() as u32;
-        // The call's results stand in the second table, those of a step in the state.
+        // The call's results stand in the second table, all others in the state.
         let (call, a) = assign(call, layout, &constants, first, layout.given, layout.call);
         let (step, b) = assign(step, layout, &constants, first, layout.state, layout.state);
-        Self { call, step, constants, len: a.max(b) as usize }
+        let (finish, c) = assign(finish, layout, &constants, first, layout.state, layout.state);
+        Self { call, step, finish, constants, len: a.max(b).max(c) as usize }
     }
 }
 

@@ -12,6 +12,8 @@ pub struct Entries<C> {
     pub call: fn(Level, &mut [C]),
     /// Takes so many steps.
     pub step: fn(Level, &mut [C], usize),
+    /// Computes what is wanted after the last step only.
+    pub finish: fn(Level, &mut [C]),
 }
 
 /// A stage compiled for several types of cells.
@@ -21,14 +23,12 @@ pub struct Kernel {
     pub name: &'static str,
     /// [`key`] of the code that it was generated from.
     pub key: u128,
-    /// Whether two blocks of f32 side by side are faster than one after the other.
-    pub pairs: bool,
     /// One number at a time, with the bits of the code that the kernel was traced from.
     pub scalar: Entries<f64>,
     /// Sixteen numbers.
     pub f32: Entries<F32x16>,
-    /// Two blocks of sixteen numbers.
-    pub f32_pair: Entries<[F32x16; 2]>,
+    /// Two blocks of sixteen numbers side by side that share the first table, where that is faster than one after the other.
+    pub f32_pair: Option<Entries<[F32x16; 2]>>,
     /// Eight numbers.
     pub f64: Entries<F64x8>,
 }
@@ -59,17 +59,17 @@ macro_rules! compiled {
 compiled! {
     f64: kernel, _level => Some(kernel.scalar);
     F32x16: kernel, level => has_level(level).then_some(kernel.f32);
-    [F32x16; 2]: kernel, level => (kernel.pairs && has_level(level)).then_some(kernel.f32_pair);
+    [F32x16; 2]: kernel, level => kernel.f32_pair.filter(|_| has_level(level));
     [[F32x16; 2]; 2]: _kernel, _level => None;
     F64x8: kernel, level => has_level(level).then_some(kernel.f64);
     [F64x8; 2]: _kernel, _level => None;
     [[F64x8; 2]; 2]: _kernel, _level => None;
 }
 
-/// Names the code of both stages and the sizes of their tables: the FNV-1a hash of 128 bits over a text of them.
+/// Names the code of all stages and the sizes of their tables: the FNV-1a hash of 128 bits over a text of them.
 pub fn key(stages: &Stages) -> u128 {
     let sizes = (stages.n_table, stages.given.len(), stages.n_call, stages.state.len());
-    let text = format!("{sizes:?} {:?} {:?}", stages.call, stages.step);
+    let text = format!("{sizes:?} {:?} {:?} {:?}", stages.call, stages.step, stages.finish);
     let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     for byte in text.bytes() {
         hash = (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
@@ -95,10 +95,10 @@ macro_rules! at_level {
 }
 pub(crate) use at_level;
 
-/// A [`Kernel`] of the functions `call` and `step` that stand beside it.
+/// A [`Kernel`] of the functions `call`, `step` and `finish` that stand beside it.
 macro_rules! kernel {
-    ($name:literal, $key:literal, $pairs:literal, $len:ident) => {{
-        use crate::scalar::lanes::{F32x16, F64x8, Pair};
+    ($name:literal, $key:literal, $pairs:tt, $len:ident) => {{
+        use crate::scalar::lanes::{F32x16, F64x8};
         use fearless_simd::{Level, Simd, f32x16, f64x8};
 
         macro_rules! entries {
@@ -113,6 +113,10 @@ macro_rules! kernel {
                                         step::<$arith>(simd, f);
                                     }
                                 }
+                                #[inline(always)]
+                                fn finish_at<S: Simd>(simd: S, f: &mut [$cell; $len]) {
+                                    finish::<$arith>(simd, f);
+                                }
                                 fn call_all(level: Level, cells: &mut [$cell]) {
                                     let Some(f) = cells.first_chunk_mut() else { return };
                                     crate::scalar::kernel::at_level!(level, simd => call_at(simd, f));
@@ -121,9 +125,21 @@ macro_rules! kernel {
                                     let Some(f) = cells.first_chunk_mut() else { return };
                                     crate::scalar::kernel::at_level!(level, simd => step_at(simd, f, times));
                                 }
-                                crate::scalar::kernel::Entries { call: call_all, step: step_all }
+                                fn finish_all(level: Level, cells: &mut [$cell]) {
+                                    let Some(f) = cells.first_chunk_mut() else { return };
+                                    crate::scalar::kernel::at_level!(level, simd => finish_at(simd, f));
+                                }
+                                crate::scalar::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
                             }};
                         }
+        macro_rules! paired {
+            (true) => {
+                Some(entries!([F32x16; 2], crate::scalar::lanes::Pair<f32x16<S>>))
+            };
+            (false) => {
+                None
+            };
+        }
         fn call_one(_: Level, cells: &mut [f64]) {
             let Some(f) = cells.first_chunk_mut() else { return };
             call::<f64>((), f);
@@ -134,13 +150,16 @@ macro_rules! kernel {
                 step::<f64>((), f);
             }
         }
+        fn finish_one(_: Level, cells: &mut [f64]) {
+            let Some(f) = cells.first_chunk_mut() else { return };
+            finish::<f64>((), f);
+        }
         Kernel {
             name: $name,
             key: $key,
-            pairs: $pairs,
-            scalar: crate::scalar::kernel::Entries { call: call_one, step: step_one },
+            scalar: crate::scalar::kernel::Entries { call: call_one, step: step_one, finish: finish_one },
             f32: entries!(F32x16, f32x16<S>),
-            f32_pair: entries!([F32x16; 2], Pair<f32x16<S>>),
+            f32_pair: paired!($pairs),
             f64: entries!(F64x8, f64x8<S>),
         }
     }};

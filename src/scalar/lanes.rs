@@ -235,6 +235,8 @@ pub trait Arith:
     fn lit(token: Self::Token, v: f64) -> Self;
     /// From memory.
     fn load(token: Self::Token, cell: &Self::Cell) -> Self;
+    /// From memory that holds the same for all blocks side by side.
+    fn shared(token: Self::Token, cell: &Self::Cell) -> Self;
     /// To memory.
     fn store(self, cell: &mut Self::Cell);
     /// `self` × `by` + `plus`; lanes round once where the processor can.
@@ -286,6 +288,10 @@ impl Arith for f64 {
     }
     #[inline(always)]
     fn load((): (), cell: &f64) -> Self {
+        *cell
+    }
+    #[inline(always)]
+    fn shared((): (), cell: &f64) -> Self {
         *cell
     }
     #[inline(always)]
@@ -385,6 +391,10 @@ macro_rules! lanes_alike {
                 let mut lanes = Self::splat(token, 0.0);
                 *lanes = cell.0;
                 lanes
+            }
+            #[inline(always)]
+            fn shared(token: S, cell: &$cell) -> Self {
+                Self::load(token, cell)
             }
             #[inline(always)]
             fn store(self, cell: &mut $cell) {
@@ -550,6 +560,11 @@ impl<T: Arith> Arith for Pair<T> {
     #[inline(always)]
     fn load(token: Self::Token, cell: &Self::Cell) -> Self {
         Self(T::load(token, &cell[0]), T::load(token, &cell[1]))
+    }
+    #[inline(always)]
+    fn shared(token: Self::Token, cell: &Self::Cell) -> Self {
+        let both = T::shared(token, &cell[0]);
+        Self(both, both)
     }
     #[inline(always)]
     fn store(self, cell: &mut Self::Cell) {

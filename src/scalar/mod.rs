@@ -7,6 +7,7 @@
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
+pub mod adjoint;
 pub mod bytecode;
 pub mod dual;
 pub mod kernel;

@@ -1,8 +1,10 @@
-//! A graph that is computed again and again, cut by how often its values change: once, once per call, or in every step.
+//! A graph that is computed again and again, cut by how often its values are wanted: once, once per call, in every step, or after
+//! the last.
 //!
 //! A step reads numbers of three kinds: *fixed* ones (parameters), *given* ones (commands: the same during a call) and *carried*
 //! ones, which the step itself changes. What depends on fixed numbers only is computed once, what depends on given ones too once
-//! per call, and only the rest in every step. A carried number that the step leaves as it is counts as given.
+//! per call, and only the rest in every step. A carried number that the step leaves as it is counts as given. Of that rest, what no
+//! later step reads is computed after the last step only, from numbers of that step that are kept for it.
 
 use std::collections::HashMap;
 
@@ -28,6 +30,15 @@ pub enum Output {
     Carried(u32),
     /// Is wanted after the last step only.
     Final(u32),
+}
+
+impl Output {
+    /// The number of either.
+    pub fn place(self) -> u32 {
+        match self {
+            Self::Carried(p) | Self::Final(p) => p,
+        }
+    }
 }
 
 /// One instruction of straight-line code; operands are places of earlier instructions.
@@ -137,7 +148,7 @@ impl Code {
     }
 }
 
-/// A graph cut in three.
+/// A graph cut in four.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stages {
     /// What is computed once: from fixed numbers to the entries of the first table.
@@ -146,6 +157,8 @@ pub struct Stages {
     pub call: Code,
     /// What is computed in every step.
     pub step: Code,
+    /// What is computed after the last step, over the same slots of the state.
+    pub finish: Code,
     /// Entries of the first table.
     pub n_table: usize,
     /// Entries of the second table.
@@ -186,6 +199,7 @@ enum Level {
     Once,
     Call,
     Step,
+    Finish,
 }
 
 /// Cuts a graph whose inputs are of these kinds and whose results go there.
@@ -224,6 +238,10 @@ impl<'a> Cutter<'a> {
             let most = node.operands().map(|o| level[o as usize]).max().unwrap_or(Level::Literal);
             level.push(own.max(most));
         }
+        let finish = unread(graph, inputs, outputs, &level);
+        for place in finish {
+            level[place as usize] = Level::Finish;
+        }
         let mut uses = vec![0; graph.nodes.len()];
         for node in &graph.nodes {
             node.operands().for_each(|o| uses[o as usize] += 1);
@@ -238,23 +256,11 @@ impl<'a> Cutter<'a> {
 
     fn run(self) -> Stages {
         let graph = self.graph;
-        let is = |place: Place, level: Level| self.level[place as usize] == level;
         // Results: those that the step computes or must hand on, and those that stand elsewhere already.
-        let read: Vec<u32> = graph
-            .nodes
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| self.level[*i] == Level::Step)
-            .filter_map(|(_, n)| match n {
-                Node::Input(i) => match self.inputs[*i as usize] {
-                    Input::Carried(k) => Some(k),
-                    _ => None,
-                },
-                _ => None,
-            })
-            .collect();
+        let read = carried(graph, self.inputs, &self.level);
         let mut state: Vec<Slot> = Vec::new();
         let mut stores: Vec<(Place, u32)> = Vec::new();
+        let mut last: Vec<(Place, u32)> = Vec::new();
         let mut later: Vec<(Output, Place)> = Vec::new();
         let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
         let mut slot_of_value: HashMap<Place, u32> = HashMap::new();
@@ -268,7 +274,8 @@ impl<'a> Cutter<'a> {
                 Output::Carried(k) if read.contains(&k) => Some(Input::Carried(k)),
                 _ => None,
             };
-            if own.is_none() && (!is(*place, Level::Step) || slot_of_value.contains_key(place)) {
+            let level = self.level[*place as usize];
+            if own.is_none() && (level < Level::Step || slot_of_value.contains_key(place)) {
                 later.push((*output, *place));
                 continue;
             }
@@ -278,7 +285,15 @@ impl<'a> Cutter<'a> {
                 slot_of_input.insert(input, slot);
             }
             slot_of_value.entry(*place).or_insert(slot);
-            stores.push((*place, slot));
+            if level == Level::Finish { &mut last } else { &mut stores }.push((*place, slot));
+        }
+        // What the end reads of the last step is kept beside the results.
+        for place in self.kept() {
+            slot_of_value.entry(place).or_insert_with(|| {
+                state.push(Slot { input: None, output: None });
+                stores.push((place, state.len() as u32 - 1));
+                state.len() as u32 - 1
+            });
         }
         // Truths cannot stand in a table: what a later stage needs of them it compares again.
         let mut step = Builder::new(&self, Level::Step);
@@ -288,12 +303,20 @@ impl<'a> Cutter<'a> {
             let at = step.value(*place);
             step.code.stores.push((at, *slot));
         }
-        let mut wanted_of_call = std::mem::take(&mut step.below_call);
+        let mut finish = Builder::new(&self, Level::Finish);
+        finish.below_once = std::mem::take(&mut step.below_once);
+        finish.below_call = std::mem::take(&mut step.below_call);
+        finish.slot_of_value = slot_of_value.clone();
+        for (place, slot) in &last {
+            let at = finish.value(*place);
+            finish.code.stores.push((at, *slot));
+        }
+        let mut wanted_of_call = std::mem::take(&mut finish.below_call);
         let mut finals = Vec::new();
         for (output, place) in later {
             let source = match self.node(place) {
                 Node::Literal(bits) => Source::Constant(f64::from_bits(bits)),
-                _ if is(place, Level::Step) => Source::State(slot_of_value[&place]),
+                _ if self.level[place as usize] >= Level::Step => Source::State(slot_of_value[&place]),
                 Node::Input(i) => Source::Input(self.inputs[i as usize]),
                 _ => {
                     let next = wanted_of_call.len() as u32;
@@ -307,8 +330,8 @@ impl<'a> Cutter<'a> {
             };
             finals.push((output, source));
         }
-        let mut table = std::mem::take(&mut step.below_once);
-        let (step_code, state) = (step.code, step.slots);
+        let mut table = std::mem::take(&mut finish.below_once);
+        let (step_code, finish_code, state) = (step.code, finish.code, step.slots);
 
         let mut call = Builder::new(&self, Level::Call);
         call.below_once = std::mem::take(&mut table);
@@ -332,10 +355,35 @@ impl<'a> Cutter<'a> {
             n_call: wanted_of_call.len(),
             call: call.code,
             step: step_code,
+            finish: finish_code,
             given,
             state,
             finals,
         }
+    }
+
+    /// Values of a step that the code after the last one reads.
+    fn kept(&self) -> Vec<Place> {
+        let mut out = Vec::new();
+        let mut todo: Vec<Place> =
+            (0..self.level.len() as Place).filter(|p| self.level[*p as usize] == Level::Finish).collect();
+        let mut next = 0;
+        while let Some(place) = todo.get(next).copied() {
+            next += 1;
+            for operand in self.node(place).operands() {
+                if self.level[operand as usize] != Level::Step || todo.contains(&operand) {
+                    continue;
+                }
+                // Truths are compared again.
+                if self.node(operand).is_truth() {
+                    todo.push(operand);
+                } else if !out.contains(&operand) {
+                    out.push(operand);
+                }
+            }
+        }
+        out.sort_unstable();
+        out
     }
 
     /// The graph that fills the first table from fixed numbers.
@@ -373,6 +421,40 @@ impl<'a> Cutter<'a> {
     }
 }
 
+/// Carried numbers that nodes of every step read.
+fn carried(graph: &Graph, inputs: &[Input], level: &[Level]) -> Vec<u32> {
+    let nodes = graph.nodes.iter().zip(level).filter(|(_, level)| **level == Level::Step);
+    let read = nodes.filter_map(|(node, _)| match node {
+        Node::Input(i) => match inputs[*i as usize] {
+            Input::Carried(k) => Some(k),
+            _ => None,
+        },
+        _ => None,
+    });
+    read.collect()
+}
+
+/// Nodes of every step that only results need which no later step reads.
+fn unread(graph: &Graph, inputs: &[Input], outputs: &[Output], level: &[Level]) -> Vec<Place> {
+    let read = carried(graph, inputs, level);
+    let (mut needed, mut wanted) = (vec![false; graph.nodes.len()], vec![false; graph.nodes.len()]);
+    for (place, output) in graph.outputs.iter().zip(outputs) {
+        let kept = matches!(output, Output::Carried(k) if read.contains(k));
+        (if kept { &mut needed } else { &mut wanted })[*place as usize] = true;
+    }
+    for (place, node) in graph.nodes.iter().enumerate().rev() {
+        for operand in node.operands() {
+            needed[operand as usize] |= needed[place];
+            wanted[operand as usize] |= wanted[place];
+        }
+    }
+    let is_unread = |p: &usize| {
+        let input = matches!(graph.nodes[*p], Node::Input(_));
+        level[*p] == Level::Step && wanted[*p] && !needed[*p] && !input
+    };
+    (0..graph.nodes.len()).filter(is_unread).map(|p| p as Place).collect()
+}
+
 /// An entry of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Want {
@@ -391,6 +473,8 @@ struct Builder<'a, 'b> {
     below_once: Vec<Want>,
     below_call: Vec<Want>,
     slot_of_input: HashMap<Input, u32>,
+    /// Slots that hold values of a step, for the code after the last.
+    slot_of_value: HashMap<Place, u32>,
     slots: Vec<Slot>,
 }
 
@@ -405,6 +489,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             below_once: Vec::new(),
             below_call: Vec::new(),
             slot_of_input: HashMap::new(),
+            slot_of_value: HashMap::new(),
             slots: Vec::new(),
         }
     }
@@ -537,7 +622,7 @@ impl<'a, 'b> Builder<'a, 'b> {
                         let reciprocal = self.push(Ins::Table(at));
                         Ins::Over(a_at, b_at, reciprocal)
                     }
-                    Level::Call if self.level == Level::Step => {
+                    Level::Call if self.level > Level::Call => {
                         let at = Self::entry(&mut self.below_call, Want::Reciprocal(b));
                         let reciprocal = self.push(Ins::Call(at));
                         Ins::Over(a_at, b_at, reciprocal)
@@ -587,9 +672,12 @@ impl<'a, 'b> Builder<'a, 'b> {
                 let at = Self::entry(&mut self.below_once, Want::Value(place));
                 self.push(Ins::Table(at))
             }
-            (Level::Call, _) if self.level == Level::Step => {
+            (Level::Call, _) if self.level > Level::Call => {
                 let at = Self::entry(&mut self.below_call, Want::Value(place));
                 self.push(Ins::Call(at))
+            }
+            (Level::Step, _) if self.level == Level::Finish => {
+                self.push(Ins::State(self.slot_of_value[&place]))
             }
             (_, Node::Input(i)) => {
                 let input = self.of.inputs[i as usize];

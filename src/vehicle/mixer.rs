@@ -44,6 +44,7 @@ pub(super) fn mixer(rotors: &[rotor::Params<f64>], thrust_to_torque_m: &[f64]) -
         signs: [[0.0; 3]; MAX_ROTORS],
         rotor_from_wrench: [[0.0; 4]; MAX_ROTORS],
         wrench_from_rotor: [[0.0; 4]; MAX_ROTORS],
+        beside: [[0.0; 4]; 4],
         n_rotors: n,
     };
     for i in 0..n {
@@ -57,13 +58,14 @@ pub(super) fn mixer(rotors: &[rotor::Params<f64>], thrust_to_torque_m: &[f64]) -
             out.signs[i][k] = scaled[(k + 1, i)];
         }
     }
+    out.refresh();
     (out, rank)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::controllers::mixer::{rotors_from_wrench, wrench_from_rotors};
+    use crate::physics::controllers::mixer::{rotors_from_rotors, rotors_from_wrench, wrench_from_rotors};
 
     fn rotor(position_m: [f64; 3], axis: [f64; 3], spin: f64) -> rotor::Params<f64> {
         rotor::Params {
@@ -108,6 +110,27 @@ mod tests {
             for k in 0..4 {
                 let error = mixer.rotor_from_wrench[i][k] / want[k] - 1.0;
                 assert!(error.abs() < 1e-12, "rotor {i}, column {k}: {error:e}");
+            }
+        }
+    }
+
+    #[test]
+    fn thrusts_come_back_through_the_wrench_as_the_staged_way_gives_them() {
+        // A quadrotor, one whose rotors all turn alike and make no yaw torque of their own, and a hexarotor.
+        let mut alike = ring(4, 0.0);
+        alike.iter_mut().for_each(|r| r.spin = 1.0);
+        for (rotors, full) in [(ring(4, 0.0), true), (alike, false), (ring(6, 0.3), true)] {
+            let (mixer, rank) = mixer(&rotors, &vec![0.02; rotors.len()]);
+            assert_eq!(rank == 4, full);
+            let beside = mixer.beside.iter().flatten().any(|v| *v != 0.0);
+            assert_eq!(beside, !full && rotors.len() == 4, "{:?}", mixer.beside);
+            let thrust = [2.0, 2.3, 1.7, 2.6, 1.1, 0.4, 0.0, 0.0];
+            let given: [f64; MAX_ROTORS] =
+                core::array::from_fn(|i| if i < rotors.len() { thrust[i] } else { 0.0 });
+            let staged = rotors_from_wrench(&mixer, wrench_from_rotors(&mixer, &given));
+            let short = rotors_from_rotors(&mixer, &given);
+            for i in 0..rotors.len() {
+                assert!((short[i] - staged[i]).abs() < 1e-12, "{short:?} is not {staged:?}");
             }
         }
     }

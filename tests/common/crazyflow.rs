@@ -280,6 +280,7 @@ fn controller(table: &Value) -> mellinger::Params<f64> {
         signs: [[0.0; 3]; MAX_ROTORS],
         rotor_from_wrench: [[0.0; 4]; MAX_ROTORS],
         wrench_from_rotor: [[0.0; 4]; MAX_ROTORS],
+        beside: [[0.0; 4]; 4],
         n_rotors: 4,
     };
     for i in 0..4 {
@@ -289,6 +290,7 @@ fn controller(table: &Value) -> mellinger::Params<f64> {
         mixer.rotor_from_wrench[i] =
             [0.25, signs[0] / (4.0 * arm), signs[1] / (4.0 * arm), signs[2] / (4.0 * yaw)];
     }
+    mixer.refresh();
     let attitude_gains = |section: &Value| mellinger::AttitudeGains {
         kr: numbers(&section["kR"]),
         kw: numbers(&section["kw"]),

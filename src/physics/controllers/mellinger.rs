@@ -82,7 +82,7 @@ fn pwm<S: Real>(p: &Params<S>, thrust: S) -> S {
 /// PWM as thrust (N) of one rotor.
 #[inline(always)]
 fn thrust<S: Real>(p: &Params<S>, pwm: S) -> S {
-    pwm / p.pwm_max * p.thrust_max_n
+    pwm * (p.thrust_max_n / p.pwm_max)
 }
 
 /// `v` bounded by ±`bound` per axis.
@@ -144,10 +144,10 @@ pub struct AttitudeTarget<S> {
     pub thrust: S,
 }
 
-/// Attitude stage: to collective thrust (N) and torque (N·m, body); `integral` is carried from tick to tick,
+/// Attitude stage: to the thrust (N) of each rotor, whose collective thrust and torque are its command; `integral` is carried from tick to tick,
 /// `prev_ang_vel` (rad/s) is the angular velocity at the last tick.
 #[inline(always)]
-pub fn attitude_to_force_torque<S: Real>(
+pub fn attitude_to_thrusts<S: Real>(
     p: &Params<S>,
     gains: &AttitudeGains<S>,
     state: &State<S>,
@@ -155,7 +155,7 @@ pub fn attitude_to_force_torque<S: Real>(
     prev_ang_vel: [S; 3],
     integral: &mut [S; 3],
     dt: S,
-) -> [S; 4] {
+) -> [S; MAX_ROTORS] {
     let zero = S::zero();
     // 2 vee(R_des^T R − R^T R_des) / 2 from the quaternion of R_des^T R.
     let q = quat::mul(quat::conjugate(euler::to_quat(target.rpy)), state.quat);
@@ -181,9 +181,9 @@ pub fn attitude_to_force_torque<S: Real>(
     pwm_mixing(p, target.thrust, torque)
 }
 
-/// The firmware's legacy power distribution: PWM of each motor clipped to its range, read back as force and torque.
+/// The firmware's legacy power distribution: PWM of each motor clipped to its range, as thrust of each rotor (N).
 #[inline(always)]
-fn pwm_mixing<S: Real>(p: &Params<S>, force: S, torque_pwm: [S; 3]) -> [S; 4] {
+fn pwm_mixing<S: Real>(p: &Params<S>, force: S, torque_pwm: [S; 3]) -> [S; MAX_ROTORS] {
     let zero = S::zero();
     let n = p.mixer.n_rotors;
     let half = S::lit(0.5);
@@ -202,16 +202,21 @@ fn pwm_mixing<S: Real>(p: &Params<S>, force: S, torque_pwm: [S; 3]) -> [S; 4] {
     for i in 0..n {
         forces[i] = thrust(p, S::select(idle, zero, pwms[i].clamp(p.pwm_min, p.pwm_max)));
     }
-    mixer::wrench_from_rotors(&p.mixer, &forces)
+    forces
 }
 
 /// Mixer stage: collective thrust (N) and torque (N·m, body) to rotor speeds, rad/s. Thrusts are clipped to the range of
 /// a rotor; a collective thrust of exactly zero stops the motors.
 #[inline(always)]
 pub fn force_torque_to_rotor_vel<S: Real>(p: &Params<S>, cmd: [S; 4]) -> [S; MAX_ROTORS] {
+    speeds(p, cmd[0], mixer::rotors_from_wrench(&p.mixer, cmd))
+}
+
+/// Rotor speeds (rad/s) for wanted rotor thrusts (N) that together are `collective` (N).
+#[inline(always)]
+fn speeds<S: Real>(p: &Params<S>, collective: S, wanted: [S; MAX_ROTORS]) -> [S; MAX_ROTORS] {
     let zero = S::zero();
-    let idle = cmd[0].abs().le(zero);
-    let wanted = mixer::rotors_from_wrench(&p.mixer, cmd);
+    let idle = collective.abs().le(zero);
     let mut out = [zero; MAX_ROTORS];
     for i in 0..p.mixer.n_rotors {
         let clipped = wanted[i].clamp(p.thrust_min_n, p.thrust_max_n);
@@ -220,8 +225,8 @@ pub fn force_torque_to_rotor_vel<S: Real>(p: &Params<S>, cmd: [S; 4]) -> [S; MAX
     out
 }
 
-/// Rotor speed commands (rad/s) held within the speeds of least and greatest thrust. A command of zero or below means
-/// that the motor is off and stays zero.
+/// Rotor speed commands (rad/s) held within the speeds of least and greatest thrust, as those of the mixer stage are. A command
+/// of zero or below means that the motor is off and stays zero.
 #[inline(always)]
 pub fn limit_rotor_vel<S: Real>(p: &Params<S>, cmd: &mut [S; MAX_ROTORS]) {
     let low = rotor::speed_for_thrust(p.thrust_curve, p.thrust_min_n);
@@ -277,6 +282,7 @@ pub fn run<S: Real>(
         ControlMode::ForceTorque => m.staged_force_torque = first4,
         _ => {}
     }
+    let mut thrusts = None;
     if due.attitude && matches!(mode, ControlMode::State | ControlMode::Attitude | ControlMode::BodyRate) {
         let prev_ang_vel = m.ang_vel_cmd;
         let rate_mode = mode == ControlMode::BodyRate;
@@ -307,8 +313,9 @@ pub fn run<S: Real>(
         };
         let (gains, dt) =
             if rate_mode { (&p.body_rate, periods.body_rate) } else { (&p.attitude, periods.attitude) };
-        m.staged_force_torque =
-            attitude_to_force_torque(p, gains, state, &target, prev, &mut m.attitude_err_integral, dt);
+        let made = attitude_to_thrusts(p, gains, state, &target, prev, &mut m.attitude_err_integral, dt);
+        m.staged_force_torque = mixer::wrench_from_rotors(&p.mixer, &made);
+        thrusts = Some(made);
         m.prev_ang_vel = state.ang_vel;
     }
     if mode == ControlMode::RotorVel {
@@ -316,6 +323,9 @@ pub fn run<S: Real>(
         m.rotor_cmd[..n].copy_from_slice(&command[..n]);
     } else if due.force_torque {
         m.force_torque_cmd = m.staged_force_torque;
-        m.rotor_cmd = force_torque_to_rotor_vel(p, m.force_torque_cmd);
+        m.rotor_cmd = match thrusts {
+            Some(made) => speeds(p, m.force_torque_cmd[0], mixer::rotors_from_rotors(&p.mixer, &made)),
+            None => force_torque_to_rotor_vel(p, m.force_torque_cmd),
+        };
     }
 }

@@ -214,7 +214,7 @@ impl<S: Real> Effect<S> for Params<S> {
 
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         if let Some(programs) = &self.formula.force_body_n {
-            out.add_body_force(view.state.quat, self.vector(programs, view));
+            out.add_body_force(self.vector(programs, view));
         }
         if let Some(programs) = &self.formula.force_world_n {
             out.force = vec3::add(out.force, self.vector(programs, view));

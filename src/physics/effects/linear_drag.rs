@@ -28,7 +28,7 @@ impl<S: Real> Effect<S> for Params<S> {
         let relative = vec3::sub(view.state.vel, view.surroundings.wind_m_s);
         let body = quat::rotate_inverse(view.state.quat, relative);
         let drag = vec3::mat_vec(self.drag_n_s_per_m, body);
-        out.add_body_force(view.state.quat, [-drag[0], -drag[1], -drag[2]]);
+        out.add_body_force([-drag[0], -drag[1], -drag[2]]);
     }
 }
 

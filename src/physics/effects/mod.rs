@@ -138,7 +138,7 @@ impl<S: Real> Parts<S> {
 /// Adds the force of rotor `i` (N, body), which acts at its hub, to a wrench.
 #[inline(always)]
 fn add_hub_force<S: Real>(view: &View<S>, i: usize, force: [S; 3], out: &mut Wrench<S>) {
-    out.add_body_force(view.state.quat, force);
+    out.add_body_force(force);
     out.torque = vec3::add(out.torque, vec3::cross(view.airframe.rotors[i].position_m, force));
 }
 

@@ -29,7 +29,7 @@ impl<S: Real> Effect<S> for Params<S> {
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         let v = view.air_velocity();
         let drag = vec3::scale(vec3::mul(self.drag_n_s2_per_m2, v), -vec3::norm(v));
-        out.add_body_force(view.state.quat, drag);
+        out.add_body_force(drag);
     }
 }
 
