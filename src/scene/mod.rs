@@ -7,6 +7,7 @@ mod error;
 pub mod generate;
 pub mod lint;
 mod model;
+mod pair;
 mod shells;
 mod sync;
 mod workers;
@@ -17,7 +18,9 @@ pub use model::{
     BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
     ObstacleKind, Scene, SceneSource, Shell, load_plugin_library,
 };
+pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;
+pub(crate) use sync::checked as checked_pose;
 pub use sync::{MAX_COORDINATE_M, Pose};
 pub(crate) use workers::RayScratch;
 pub use workers::{GeomDistance, RawContact, RayHit, Worker, WorkerPool};

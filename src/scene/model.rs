@@ -169,8 +169,10 @@ pub struct GeomInfo {
     pub bounding_radius_m: f64,
     /// Centre and half sizes of the bounding box in the geom's frame, m.
     pub aabb_m: [f64; 6],
-    /// Contact margin, m: contacts are found up to this signed distance.
+    /// Contact margin, m: contacts are found up to the signed distance to which margins and gaps of both geoms add up.
     pub margin_m: f64,
+    /// Contact gap, m; see `margin_m`.
+    pub gap_m: f64,
     /// Its body is welded to the world.
     pub is_static: bool,
 }
@@ -765,6 +767,20 @@ impl Scene {
         self.0.model.ffi().opt.ccd_tolerance
     }
 
+    /// What makes contacts depend on more than geoms and their bits, if anything does.
+    pub(crate) fn special_contacts(&self) -> Option<&'static str> {
+        let m = self.0.model.ffi();
+        if m.npair > 0 {
+            Some("it names contact pairs (<pair>)")
+        } else if m.nexclude > 0 {
+            Some("it excludes contacts (<exclude>)")
+        } else if m.opt.enableflags & ffi::mjtEnableBit::mjENBL_OVERRIDE as i32 != 0 {
+            Some("it overrides contact margins (<flag override=\"enable\"/>)")
+        } else {
+            None
+        }
+    }
+
     /// Bytes of arena of each worker.
     pub fn arena_bytes(&self) -> i64 {
         self.0.model.ffi().narena
@@ -1134,6 +1150,7 @@ fn describe(
                 bounding_radius_m: *m.geom_rbound.add(id),
                 aabb_m: *m.geom_aabb.cast::<[f64; 6]>().add(id),
                 margin_m: *m.geom_margin.add(id),
+                gap_m: *m.geom_gap.add(id),
                 is_static: bodies[body_id].is_static,
             });
         }

@@ -163,8 +163,10 @@ const RAY_BLOCK: usize = 8192;
 pub struct Worker {
     scene: Scene,
     guard: Guard,
-    data: *mut ffi::mjData,
+    pub(super) data: *mut ffi::mjData,
     fresh: bool,
+    /// Changes whenever bodies or geoms are placed anew.
+    version: u64,
     collided: bool,
     poisoned: Option<String>,
     drone_poses: Vec<Pose>,
@@ -185,6 +187,8 @@ pub(crate) struct RayScratch {
     pub places: Vec<([f64; 3], [f64; 9])>,
     /// Whatever the ray caster of `sense` keeps from frame to frame.
     pub caster: Option<Box<dyn std::any::Any + Send>>,
+    /// Whatever collision detection of `sense` keeps.
+    pub collider: Option<Box<dyn std::any::Any + Send>>,
 }
 
 // SAFETY: mjData and the batch belong to this worker alone and hold nothing tied to a thread (the batch has no threads
@@ -223,6 +227,7 @@ impl Worker {
             guard,
             data,
             fresh: false,
+            version: 0,
             collided: false,
             poisoned: None,
             drone_poses: vec![Pose::default(); scene.n_drones()],
@@ -241,7 +246,7 @@ impl Worker {
     }
 
     #[inline]
-    fn m(&self) -> *const ffi::mjModel {
+    pub(super) fn m(&self) -> *const ffi::mjModel {
         self.scene.0.model.ffi()
     }
 
@@ -252,7 +257,7 @@ impl Worker {
         }
     }
 
-    fn ready(&self, asked: &'static str) -> Result<(), SceneError> {
+    pub(super) fn ready(&self, asked: &'static str) -> Result<(), SceneError> {
         self.alive()?;
         if self.fresh { Ok(()) } else { Err(SceneError::Stale { asked }) }
     }
@@ -261,7 +266,11 @@ impl Worker {
     ///
     /// # Safety
     /// As [`Guard::run`].
-    unsafe fn engine<F: Fn() + Copy>(&mut self, call: &'static str, work: F) -> Result<(), SceneError> {
+    pub(super) unsafe fn engine<F: Fn() + Copy>(
+        &mut self,
+        call: &'static str,
+        work: F,
+    ) -> Result<(), SceneError> {
         // SAFETY: by the contract of this function.
         let Err(message) = (unsafe { self.guard.run(work) }) else { return Ok(()) };
         self.fresh = false;
@@ -400,8 +409,14 @@ impl Worker {
             })?;
         }
         self.fresh = true;
+        self.version += 1;
         self.collided = false;
         Ok(())
+    }
+
+    /// Number of the poses that [`Worker::update`] last placed; never 0.
+    pub(crate) fn version(&self) -> u64 {
+        self.version
     }
 
     /// Finds all contacts at these poses; [`Worker::contact`] reads them. Returns how many there are.
@@ -621,7 +636,7 @@ impl Worker {
         })
     }
 
-    fn geom_kind(&self, geom: usize) -> Result<GeomType, SceneError> {
+    pub(super) fn geom_kind(&self, geom: usize) -> Result<GeomType, SceneError> {
         let geoms = &self.scene.0.geoms;
         geoms.get(geom).map(|g| g.kind).ok_or(SceneError::NoSuch {
             what: "geom",
@@ -721,6 +736,7 @@ impl Worker {
                 *(*self.data).geom_xmat.cast::<[f64; 9]>().add(geom) = m;
             }
         }
+        self.version += 1;
         self.collided = false;
         Ok(())
     }

@@ -1,9 +1,11 @@
-//! Depth images of many worlds at once.
+//! Depth images, contacts and clearances of many worlds at once.
 
 use rayon::prelude::*;
 
 use super::SenseError;
 use super::caster::Planes;
+use super::clearance::{Clearance, clearance};
+use super::contact::{Contact, contacts};
 use super::depth::{Camera, STATUS_NOT_RENDERED};
 use crate::scene::{Pose, Scene, SceneError, Worker, WorkerPool};
 
@@ -203,7 +205,93 @@ pub fn render_batch(
             done
         })
         .collect();
+    all_or_failures(results)
+}
+
+fn all_or_failures(results: Vec<Result<(), SenseError>>) -> Result<(), SenseError> {
+    let worlds = results.len();
     let failures: Vec<_> =
         results.into_iter().enumerate().filter_map(|(world, r)| r.err().map(|e| (world, e))).collect();
-    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds: poses.n_worlds, failures }) }
+    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds, failures }) }
+}
+
+/// Finds the contacts of all drones in all worlds, in parallel, into one list for each world. The result does not depend on
+/// the number of threads. `limited`, one number for each world: how many pairs of geoms may have lost contacts, as
+/// [`contacts`] returns it.
+///
+/// The list of a world that fails (say, with a pose that is not finite) is empty, and the error names it; the other worlds
+/// are complete.
+///
+/// # Errors
+/// [`SenseError::Shape`] before anything is looked for; [`SenseError::Worlds`] with all worlds that failed.
+pub fn contacts_batch(
+    pool: &WorkerPool,
+    poses: &WorldPoses,
+    out: &mut Vec<Vec<Contact>>,
+    limited: &mut Vec<usize>,
+) -> Result<(), SenseError> {
+    poses.check(pool.scene())?;
+    out.resize_with(poses.n_worlds, Vec::new);
+    limited.clear();
+    limited.resize(poses.n_worlds, 0);
+    let results = out
+        .par_iter_mut()
+        .zip(limited.par_iter_mut())
+        .enumerate()
+        .map(|(world, (out, limited))| {
+            out.clear();
+            let done = pool.with(|worker| {
+                poses.apply(world, worker)?;
+                *limited = contacts(worker, out)?;
+                Ok(())
+            });
+            let done = done.map_err(SenseError::from).and_then(|r| r);
+            if done.is_err() {
+                out.clear();
+            }
+            done
+        })
+        .collect();
+    all_or_failures(results)
+}
+
+/// Finds the clearance of all drones in all worlds, (world, drone), in parallel, looking no farther than `max_distance_m`.
+/// The result does not depend on the number of threads.
+///
+/// In a world that fails distances are NaN and not exact, and the error names it; the other worlds are complete.
+///
+/// # Errors
+/// [`SenseError::Shape`] before anything is looked for; [`SenseError::Worlds`] with all worlds that failed.
+pub fn clearance_batch(
+    pool: &WorkerPool,
+    poses: &WorldPoses,
+    max_distance_m: f64,
+    out: &mut Vec<Clearance>,
+) -> Result<(), SenseError> {
+    poses.check(pool.scene())?;
+    let n = pool.scene().n_drones();
+    out.clear();
+    if n == 0 {
+        return Ok(());
+    }
+    out.resize(poses.n_worlds * n, Clearance::unknown(0));
+    let results = out
+        .par_chunks_mut(n)
+        .enumerate()
+        .map(|(world, row)| {
+            let done = pool.with(|worker| {
+                poses.apply(world, worker)?;
+                for (drone, out) in row.iter_mut().enumerate() {
+                    *out = clearance(worker, drone, max_distance_m)?;
+                }
+                Ok(())
+            });
+            let done = done.map_err(SenseError::from).and_then(|r| r);
+            if done.is_err() {
+                row.iter_mut().enumerate().for_each(|(drone, out)| *out = Clearance::unknown(drone));
+            }
+            done
+        })
+        .collect();
+    all_or_failures(results)
 }

@@ -1,19 +1,24 @@
-//! Contacts of drones with the scene and with each other, by MuJoCo's collision detection.
+//! Contacts of drones with the scene and with each other.
+//!
+//! [`Collider::Native`] finds what touches and computes contacts in which a ball takes part; of other pairs that touch it
+//! takes the contact points from MuJoCo's function for that pair. [`Collider::MuJoCo`] runs `mj_collision` over the scene.
+//! A mesh collides as its convex hull, a plane as a whole half space.
 //!
 //! Limits that are MuJoCo's own (3.17.0): it reports at most [`MAX_PER_PAIR`] contacts for one pair of geoms. Convex
 //! shapes stay far below; a large shape on a fine height field reaches it, and then which contacts are missing, and
 //! whether the deepest is among them, is up to MuJoCo: [`contacts`] returns how many pairs did. The number of pairs has
-//! no limit but memory: when a worker's arena is full the call fails instead of returning fewer
-//! ([`SceneError::ContactsLost`](crate::scene::SceneError::ContactsLost)). A mesh collides as its convex hull, a plane
-//! as a whole half space.
+//! no limit but memory: when the arena of a worker is full `mj_collision` fails instead of finding fewer
+//! ([`SceneError::ContactsLost`](crate::scene::SceneError::ContactsLost)).
 
 use serde::Serialize;
 
 use super::SenseError;
-use crate::scene::Worker;
+use super::caster::world::World;
+use super::collide::{Collider, Finder, Movers};
+use crate::scene::{MAX_PAIR_CONTACTS, PairContacts, RawContact, Scene, Worker};
 
 /// Most contacts that MuJoCo reports for one pair of geoms (mjMAXCONPAIR).
-pub const MAX_PER_PAIR: usize = 50;
+pub const MAX_PER_PAIR: usize = MAX_PAIR_CONTACTS;
 
 /// One contact of a drone.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -52,50 +57,113 @@ impl Contact {
     }
 }
 
-/// Finds all contacts of drones at the worker's poses, in MuJoCo's order, into `out` (cleared first).
+/// Finds all contacts of drones at the worker's poses into `out` (cleared first), by [`Collider::Native`]: in the order of
+/// drones, of their geoms, and of what they touch.
 ///
 /// Contacts of a drone with itself and of scene geoms with each other are left out. Returns the number of pairs of geoms
-/// that reached [`MAX_PER_PAIR`]: 0 means that no contact is missing.
+/// that reached [`MAX_PER_PAIR`]: 0 means that no contact is missing. Nothing is allocated once the worker and `out` have
+/// seen as many contacts.
 ///
 /// # Errors
-/// [`SenseError::Scene`] when contacts would be lost for want of memory, or MuJoCo fails.
+/// [`SenseError::Scene`] where the worker was not updated, or MuJoCo fails.
 pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<usize, SenseError> {
+    contacts_by(Collider::default(), worker, out)
+}
+
+/// As [`contacts`], by either collider; those of MuJoCo come in its order.
+///
+/// # Errors
+/// As [`contacts`], and when contacts would be lost for want of memory.
+pub fn contacts_by(
+    collider: Collider,
+    worker: &mut Worker,
+    out: &mut Vec<Contact>,
+) -> Result<usize, SenseError> {
     out.clear();
+    let world = World::of(worker)?;
+    if collider == Collider::Native && world.solids.alone.is_none() {
+        let scene = worker.scene().clone();
+        let mut movers = Movers::take(worker);
+        let result = contacts_native(worker, &scene, &world, &mut movers, out);
+        movers.put(worker);
+        return result;
+    }
     let count = worker.collide()?;
     let scene = worker.scene();
-    let geoms = scene.geoms();
-    let drone_of = |geom: i32| usize::try_from(geom).ok().and_then(|g| geoms.get(g)).and_then(|g| g.drone);
-    let body_of =
-        |geom: i32| usize::try_from(geom).ok().and_then(|g| geoms.get(g)).map_or(-1, |g| g.body_id as i32);
     let (mut limited, mut run, mut pair) = (0, 0, [-1; 2]);
     for index in 0..count {
         let Some(raw) = worker.contact(index) else { break };
-        let sides = [drone_of(raw.geom[0]), drone_of(raw.geom[1])];
-        let side = match sides {
-            [None, None] => continue,
-            [Some(a), Some(b)] if a == b => continue,
-            [Some(a), Some(b)] => usize::from(b < a),
-            [Some(_), None] => 0,
-            [None, Some(_)] => 1,
-        };
-        let Some(drone) = sides[side] else { continue };
-        let other = 1 - side;
-        let sign = if side == 1 { 1.0 } else { -1.0 };
+        let Some(contact) = of_drone(scene, &raw) else { continue };
         run = if raw.geom == pair { run + 1 } else { 1 };
         pair = raw.geom;
         limited += usize::from(run == MAX_PER_PAIR);
-        out.push(Contact {
-            drone,
-            other_drone: sides[other],
-            drone_geom: raw.geom[side],
-            drone_body: body_of(raw.geom[side]),
-            other_geom: raw.geom[other],
-            other_body: body_of(raw.geom[other]),
-            other_flex: raw.flex[other],
-            distance_m: raw.distance_m,
-            point_m: raw.point_m,
-            normal: raw.normal.map(|x| sign * x),
-        });
+        out.push(contact);
     }
     Ok(limited)
+}
+
+fn contacts_native(
+    worker: &mut Worker,
+    scene: &Scene,
+    world: &World,
+    movers: &mut Movers,
+    out: &mut Vec<Contact>,
+) -> Result<usize, SenseError> {
+    {
+        let finder = Finder::new(scene, world, worker, movers)?;
+        movers.touches.clear();
+        for drone in 0..scene.n_drones() {
+            finder.touching(movers, drone)?;
+        }
+    }
+    movers.touches.sort_unstable_by_key(|t| (t.drone, t.own, t.other));
+    let mut limited = 0;
+    let geoms = &world.solids.geoms;
+    let mut found = PairContacts::default();
+    for t in &movers.touches {
+        if let Some(met) = &t.ball {
+            // From the first to the second.
+            let raw = RawContact {
+                geom: [t.own as i32, t.other as i32],
+                flex: [-1; 2],
+                distance_m: met.distance,
+                point_m: [0, 1, 2].map(|k| 0.5 * (met.on_first[k] + met.on_second[k])),
+                normal: met.normal.unwrap_or_default().map(|x| -x),
+            };
+            out.extend(of_drone(scene, &raw));
+            continue;
+        }
+        worker.collide_pair(t.own, t.other, geoms[t.own].margin + geoms[t.other].margin, &mut found)?;
+        limited += usize::from(found.len() == MAX_PER_PAIR);
+        out.extend(found.iter().filter_map(|raw| of_drone(scene, &raw)));
+    }
+    Ok(limited)
+}
+
+/// The contact as one of a drone, if it is one.
+fn of_drone(scene: &Scene, raw: &RawContact) -> Option<Contact> {
+    let geom = |id: i32| usize::try_from(id).ok().and_then(|g| scene.geoms().get(g));
+    let sides = raw.geom.map(|g| geom(g).and_then(|g| g.drone));
+    let side = match sides {
+        [None, None] => return None,
+        [Some(a), Some(b)] if a == b => return None,
+        [Some(a), Some(b)] => usize::from(b < a),
+        [Some(_), None] => 0,
+        [None, Some(_)] => 1,
+    };
+    let other = 1 - side;
+    let body = |id: i32| geom(id).map_or(-1, |g| g.body_id as i32);
+    let sign = if side == 1 { 1.0 } else { -1.0 };
+    Some(Contact {
+        drone: sides[side]?,
+        other_drone: sides[other],
+        drone_geom: raw.geom[side],
+        drone_body: body(raw.geom[side]),
+        other_geom: raw.geom[other],
+        other_body: body(raw.geom[other]),
+        other_flex: raw.flex[other],
+        distance_m: raw.distance_m,
+        point_m: raw.point_m,
+        normal: raw.normal.map(|x| sign * x),
+    })
 }

@@ -1,20 +1,58 @@
-//! Distance of a convex geom to a few points' convex hull (a triangle, a prism), by the algorithm of Gilbert, Johnson
-//! and Keerthi ("A fast procedure for computing the distance between complex objects in three-dimensional space",
-//! IEEE J. Robotics and Automation 4(2), 1988). For what MuJoCo has no right distance of: height fields and signed
-//! distance fields.
+//! Distance of two convex shapes by the algorithm of Gilbert, Johnson and Keerthi ("A fast procedure for computing the
+//! distance between complex objects in three-dimensional space", IEEE J. Robotics and Automation 4(2), 1988): of two
+//! geoms, or of a geom and a few points' convex hull (a triangle, a prism).
 
+use super::collide::Hull;
 use crate::math::vec3::{cross, dot, sub};
 use crate::scene::GeomType;
 
-/// A convex shape, placed in some frame.
-pub(super) struct Convex {
-    kind: GeomType,
-    size: [f64; 3],
-    pos: [f64; 3],
+/// What a convex shape must tell: how far it reaches along a direction.
+pub(super) trait Support {
+    /// Some point of it.
+    fn middle(&self) -> [f64; 3];
+    /// Radius by which its core is blown up.
+    fn margin(&self) -> f64;
+    /// Farthest point of the core along `d`.
+    fn support(&self, d: [f64; 3]) -> [f64; 3];
+}
+
+/// A convex geom, placed in some frame.
+#[derive(Clone)]
+pub(super) struct Convex<'a> {
+    pub kind: GeomType,
+    pub size: [f64; 3],
+    pub pos: [f64; 3],
     /// Rotation from the shape's frame, row major.
-    rot: [f64; 9],
-    /// Vertices in the shape's frame, for meshes.
-    vertices: Vec<[f64; 3]>,
+    pub rot: [f64; 9],
+    /// Of meshes.
+    pub hull: Option<&'a Hull>,
+    /// Where the last search of a mesh ended.
+    last: std::cell::Cell<u32>,
+}
+
+/// The convex hull of some points.
+pub(super) struct Points<'a>(pub &'a [[f64; 3]]);
+
+impl Support for Points<'_> {
+    fn middle(&self) -> [f64; 3] {
+        self.0.first().copied().unwrap_or_default()
+    }
+
+    fn margin(&self) -> f64 {
+        0.0
+    }
+
+    #[inline]
+    fn support(&self, d: [f64; 3]) -> [f64; 3] {
+        let mut best = (f64::NEG_INFINITY, [0.0; 3]);
+        for p in self.0 {
+            let along = dot(*p, d);
+            if along > best.0 {
+                best = (along, *p);
+            }
+        }
+        best.1
+    }
 }
 
 /// Distance and closest points; 0 where the shapes overlap.
@@ -23,29 +61,140 @@ pub(super) struct Gap {
     pub distance: f64,
     pub on_shape: [f64; 3],
     pub on_points: [f64; 3],
+    /// The cores overlap: the true depth is unknown, the distance is minus both radii.
+    pub overlap: bool,
+}
+
+impl Gap {
+    /// Nothing nearer than `distance`.
+    pub fn none(distance: f64) -> Self {
+        Self { distance, on_shape: [0.0; 3], on_points: [0.0; 3], overlap: false }
+    }
 }
 
 fn add(a: [f64; 3], b: [f64; 3], s: f64) -> [f64; 3] {
     [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]]
 }
 
-impl Convex {
-    /// A shape of the given type and size; none for planes, height fields and signed distance fields.
+impl<'a> Convex<'a> {
+    /// A shape of the given type and size; none for planes, height fields, signed distance fields and meshes without hull.
+    #[inline]
     pub fn new(
         kind: GeomType,
         size: [f64; 3],
         pos: [f64; 3],
         rot: [f64; 9],
-        vertices: Vec<[f64; 3]>,
+        hull: Option<&'a Hull>,
     ) -> Option<Self> {
         match kind {
             GeomType::Plane | GeomType::Hfield | GeomType::Sdf => None,
-            GeomType::Mesh if vertices.is_empty() => None,
-            _ => Some(Self { kind, size, pos, rot, vertices }),
+            GeomType::Mesh if hull.is_none_or(Hull::is_empty) => None,
+            _ => Some(Self { kind, size, pos, rot, hull, last: std::cell::Cell::new(0) }),
         }
     }
 
-    /// Radius by which the core is blown up: spheres are points, capsules are segments.
+    /// A direction in the shape's frame.
+    #[inline]
+    pub fn inward(&self, d: [f64; 3]) -> [f64; 3] {
+        let r = &self.rot;
+        [0, 1, 2].map(|k| r[k] * d[0] + r[3 + k] * d[1] + r[6 + k] * d[2])
+    }
+
+    /// A direction of the shape's frame.
+    #[inline]
+    pub fn outward(&self, d: [f64; 3]) -> [f64; 3] {
+        let r = &self.rot;
+        [0, 1, 2].map(|k| r[3 * k] * d[0] + r[3 * k + 1] * d[1] + r[3 * k + 2] * d[2])
+    }
+
+    /// Farthest point along a unit vector, of the whole shape.
+    #[inline]
+    pub fn extreme(&self, d: [f64; 3]) -> [f64; 3] {
+        add(self.support(d), d, self.margin())
+    }
+
+    /// Distance to another shape where it is less than `limit`, else any number of at least `limit`.
+    ///
+    /// Exact to rounding for shapes with corners, balls and capsules; to [`TOLERANCE_M`] where ellipsoids and cylinders
+    /// converge, which they do within 1e-5 m of the sizes in the test below.
+    pub fn distance_to(&self, other: &impl Support, limit: f64) -> Gap {
+        let (own, others) = (self.margin(), other.margin());
+        let margin = own + others;
+        let mut best = Gap::none(f64::INFINITY);
+        (best.on_shape, best.on_points) = (self.pos, other.middle());
+        let mut v = sub(self.pos, other.middle());
+        if dot(v, v) < 1e-24 {
+            v = [0.0, 0.0, 1.0];
+        }
+        // Near the end a simplex on a round shape gets so thin that rounding stalls it: begin anew from where it was.
+        for _ in 0..MAX_STARTS {
+            let before = best.distance;
+            match self.descend(other, &mut v, limit.max(0.0) + margin, &mut best) {
+                End::Far => return Gap::none(f64::INFINITY),
+                End::Proven => break,
+                End::Stalled if before - best.distance < 1e-9 * before => break,
+                End::Stalled => {}
+            }
+        }
+        if margin > 0.0 && best.distance > 0.0 {
+            let n = sub(best.on_points, best.on_shape).map(|x| x / best.distance);
+            best.on_shape = add(best.on_shape, n, own);
+            best.on_points = add(best.on_points, n, -others);
+        }
+        best.distance -= margin;
+        best
+    }
+
+    /// Follows one chain of simplices from direction `v`.
+    fn descend(&self, other: &impl Support, v: &mut [f64; 3], limit: f64, best: &mut Gap) -> End {
+        let mut simplex = Simplex::default();
+        let mut last = f64::INFINITY;
+        for _ in 0..MAX_ROUNDS {
+            let a = self.support(v.map(|x| -x));
+            let b = other.support(*v);
+            let w = sub(a, b);
+            let v2 = dot(*v, *v);
+            // The support plane says how much nearer the shapes can be at most.
+            let vw = dot(*v, w);
+            if vw > 0.0 && vw * vw >= limit * limit * v2 {
+                return End::Far;
+            }
+            if last.is_finite() && v2 - vw <= (1e-12 * v2).max(TOLERANCE_M * v2.sqrt()) {
+                return End::Proven;
+            }
+            if !simplex.push(w, a, b) {
+                return End::Stalled;
+            }
+            let Some((nearest, on_shape, on_points)) = simplex.reduce() else {
+                *best = Gap { distance: 0.0, on_shape: a, on_points: a, overlap: true };
+                return End::Proven;
+            };
+            let d2 = dot(nearest, nearest);
+            if d2 <= OVERLAP_M * OVERLAP_M {
+                *best = Gap { distance: 0.0, on_shape, on_points, overlap: true };
+                return End::Proven;
+            }
+            if d2 >= last {
+                return End::Stalled;
+            }
+            if d2 < best.distance * best.distance {
+                *best = Gap { distance: d2.sqrt(), on_shape, on_points, overlap: false };
+            }
+            last = d2;
+            *v = nearest;
+        }
+        End::Stalled
+    }
+}
+
+impl Support for Convex<'_> {
+    #[inline]
+    fn middle(&self) -> [f64; 3] {
+        self.pos
+    }
+
+    /// Spheres are points, capsules are segments.
+    #[inline]
     fn margin(&self) -> f64 {
         match self.kind {
             GeomType::Sphere | GeomType::Capsule => self.size[0],
@@ -53,104 +202,55 @@ impl Convex {
         }
     }
 
-    /// Farthest point of the core along `d`.
+    #[inline]
     fn support(&self, d: [f64; 3]) -> [f64; 3] {
         let r = &self.rot;
-        let l = [0, 1, 2].map(|k| r[k] * d[0] + r[3 + k] * d[1] + r[6 + k] * d[2]);
         let s = self.size;
         let p = match self.kind {
-            GeomType::Capsule => [0.0, 0.0, s[1].copysign(l[2])],
-            GeomType::Box => [0, 1, 2].map(|k| s[k].copysign(l[k])),
+            GeomType::Sphere => return self.pos,
+            GeomType::Capsule => {
+                let up = r[2] * d[0] + r[5] * d[1] + r[8] * d[2];
+                let h = s[1].copysign(up);
+                return [self.pos[0] + h * r[2], self.pos[1] + h * r[5], self.pos[2] + h * r[8]];
+            }
+            _ => self.inward(d),
+        };
+        let p = match self.kind {
+            GeomType::Box => [s[0].copysign(p[0]), s[1].copysign(p[1]), s[2].copysign(p[2])],
             GeomType::Ellipsoid => {
-                let n = (0..3).map(|k| (s[k] * l[k]).powi(2)).sum::<f64>().sqrt().max(1e-300);
-                [0, 1, 2].map(|k| s[k] * s[k] * l[k] / n)
+                let l = [s[0] * p[0], s[1] * p[1], s[2] * p[2]];
+                let n = dot(l, l).sqrt().max(1e-300);
+                [s[0] * l[0] / n, s[1] * l[1] / n, s[2] * l[2] / n]
             }
             GeomType::Cylinder => {
-                let n = (l[0] * l[0] + l[1] * l[1]).sqrt();
-                let (x, y) = if n > 1e-300 { (s[0] * l[0] / n, s[0] * l[1] / n) } else { (0.0, 0.0) };
-                [x, y, s[1].copysign(l[2])]
+                let n = (p[0] * p[0] + p[1] * p[1]).sqrt();
+                let scale = if n > 1e-300 { s[0] / n } else { 0.0 };
+                [scale * p[0], scale * p[1], s[1].copysign(p[2])]
             }
-            GeomType::Mesh => {
-                let mut best = (f64::NEG_INFINITY, [0.0; 3]);
-                for v in &self.vertices {
-                    let along = dot(*v, l);
-                    if along > best.0 {
-                        best = (along, *v);
-                    }
-                }
-                best.1
-            }
+            GeomType::Mesh => self.hull.map_or([0.0; 3], |hull| {
+                let (at, number) = hull.farthest(p, self.last.get());
+                self.last.set(number);
+                at
+            }),
             _ => [0.0; 3],
         };
-        [0, 1, 2].map(|k| self.pos[k] + r[3 * k] * p[0] + r[3 * k + 1] * p[1] + r[3 * k + 2] * p[2])
-    }
-
-    /// Distance to the convex hull of `points`: exact to rounding for shapes with corners, balls and capsules; within 1e-5 m
-    /// of the sizes in the test below for ellipsoids and cylinders.
-    pub fn distance_to(&self, points: &[[f64; 3]]) -> Gap {
-        let first = points.first().copied().unwrap_or_default();
-        let mut best = Gap { distance: f64::INFINITY, on_shape: self.pos, on_points: first };
-        let mut v = sub(self.support(sub(first, self.pos)), first);
-        // Near the end a simplex on a round shape gets so thin that rounding stalls it: begin anew from where it was.
-        for _ in 0..MAX_STARTS {
-            let before = best.distance;
-            if self.descend(points, &mut v, &mut best) || before - best.distance < 1e-9 * before {
-                break;
-            }
-        }
-        let margin = self.margin();
-        if margin > 0.0 && best.distance > 0.0 {
-            let n = sub(best.on_points, best.on_shape).map(|x| x / best.distance);
-            best.on_shape = add(best.on_shape, n, margin);
-        }
-        best.distance -= margin;
-        best
-    }
-
-    /// Follows one chain of simplices from direction `v`; true when the distance is proven.
-    fn descend(&self, points: &[[f64; 3]], v: &mut [f64; 3], best: &mut Gap) -> bool {
-        let mut simplex = Simplex::default();
-        let mut last = f64::INFINITY;
-        for _ in 0..MAX_ROUNDS {
-            let a = self.support(v.map(|x| -x));
-            let mut b = (f64::NEG_INFINITY, [0.0; 3]);
-            for p in points {
-                let along = dot(*p, *v);
-                if along > b.0 {
-                    b = (along, *p);
-                }
-            }
-            let w = sub(a, b.1);
-            let v2 = dot(*v, *v);
-            // The support plane says how much nearer the shapes can be at most.
-            if last.is_finite() && v2 - dot(*v, w) <= 1e-12 * v2 {
-                return true;
-            }
-            if !simplex.push(w, a, b.1) {
-                return false;
-            }
-            let Some((nearest, on_shape, on_points)) = simplex.reduce() else {
-                *best = Gap { distance: 0.0, on_shape: a, on_points: a };
-                return true;
-            };
-            let d2 = dot(nearest, nearest);
-            if d2 <= OVERLAP_M * OVERLAP_M {
-                *best = Gap { distance: 0.0, on_shape, on_points };
-                return true;
-            }
-            if d2 >= last {
-                return false;
-            }
-            if d2 < best.distance * best.distance {
-                *best = Gap { distance: d2.sqrt(), on_shape, on_points };
-            }
-            last = d2;
-            *v = nearest;
-        }
-        false
+        let p = self.outward(p);
+        [self.pos[0] + p[0], self.pos[1] + p[1], self.pos[2] + p[2]]
     }
 }
 
+/// How a chain of simplices ended.
+enum End {
+    /// Nothing is nearer than the limit.
+    Far,
+    /// The distance is proven.
+    Proven,
+    /// Rounding stopped it.
+    Stalled,
+}
+
+/// Distances are followed until they are proven to this, m.
+pub(super) const TOLERANCE_M: f64 = 1e-9;
 const MAX_STARTS: usize = 8;
 const MAX_ROUNDS: usize = 200;
 /// Cores nearer than this overlap, m.
@@ -301,17 +401,16 @@ mod tests {
     use crate::math::quat;
     use crate::random::{Key, Stream, purpose};
 
-    fn shape(kind: GeomType, s: &mut Stream) -> Convex {
+    fn hull(s: &mut Stream) -> Hull {
+        Hull::new((0..12).map(|_| [0; 3].map(|_| s.uniform(-0.5, 0.5))).collect(), &[])
+    }
+
+    fn shape<'a>(kind: GeomType, hull: &'a Hull, s: &mut Stream) -> Convex<'a> {
         let q = quat::normalize([s.normal(), s.normal(), s.normal(), s.normal()]);
         let m = quat::matrix(q);
         let rot = [m[0][0], m[0][1], m[0][2], m[1][0], m[1][1], m[1][2], m[2][0], m[2][1], m[2][2]];
-        let vertices = if kind == GeomType::Mesh {
-            (0..12).map(|_| [0; 3].map(|_| s.uniform(-0.5, 0.5))).collect()
-        } else {
-            Vec::new()
-        };
         let size = [0; 3].map(|_| s.uniform(0.05, 0.6));
-        Convex::new(kind, size, [0; 3].map(|_| s.uniform(-1.5, 1.5)), rot, vertices).unwrap()
+        Convex::new(kind, size, [0; 3].map(|_| s.uniform(-1.5, 1.5)), rot, Some(hull)).unwrap()
     }
 
     /// The distance is right when the closest points are in the shapes and the plane between them separates both: no
@@ -331,16 +430,17 @@ mod tests {
         for (n, kind) in kinds.into_iter().enumerate() {
             let mut s = Key { seed: 1, world: 0, drone: 0, step: n as u64, purpose: purpose("gjk") }.stream();
             for _ in 0..3000 {
-                let a = shape(kind, &mut s);
+                let vertices = hull(&mut s);
+                let a = shape(kind, &vertices, &mut s);
                 let count = 1 + s.below(6) as usize;
                 let points: Vec<_> = (0..count).map(|_| [0; 3].map(|_| s.uniform(-1.0, 1.0))).collect();
-                let gap = a.distance_to(&points);
+                let gap = a.distance_to(&Points(&points), f64::INFINITY);
                 if gap.distance <= 1e-6 {
                     continue;
                 }
                 far += 1;
                 let n = sub(gap.on_points, gap.on_shape).map(|x| x / gap.distance);
-                let top = add(a.support(n), n, a.margin());
+                let top = a.extreme(n);
                 let low = points.iter().map(|p| dot(*p, n)).fold(f64::INFINITY, f64::min);
                 // Lower bound of the true distance by the plane.
                 let bound = low - dot(top, n);
@@ -370,9 +470,10 @@ mod tests {
         for kind in [GeomType::Box, GeomType::Ellipsoid, GeomType::Cylinder, GeomType::Mesh, GeomType::Sphere]
         {
             for _ in 0..200 {
-                let mut a = shape(kind, &mut s);
+                let vertices = hull(&mut s);
+                let mut a = shape(kind, &vertices, &mut s);
                 a.pos = [0.0, 0.0, -1.0];
-                assert!(a.distance_to(&prism(0.5)).distance <= 0.0, "{kind}");
+                assert!(a.distance_to(&Points(&prism(0.5)), 1.0).overlap, "{kind}");
             }
         }
     }

@@ -3,6 +3,7 @@
 pub mod batch;
 pub mod caster;
 pub mod clearance;
+mod collide;
 pub mod contact;
 pub mod depth;
 mod error;
@@ -11,12 +12,13 @@ pub mod imu;
 pub mod noise;
 pub mod swept;
 
-pub use batch::{DepthBatch, WorldPoses, render_batch};
+pub use batch::{DepthBatch, WorldPoses, clearance_batch, contacts_batch, render_batch};
 pub use caster::{Caster, RayHits, RayPattern, RayPlanes, RayQuery, cast_pattern, cast_rays};
-pub use clearance::{Clearance, clearance};
-pub use contact::{Contact, MAX_PER_PAIR, contacts};
+pub use clearance::{Clearance, clearance, clearance_by};
+pub use collide::Collider;
+pub use contact::{Contact, MAX_PER_PAIR, contacts, contacts_by};
 pub use depth::{Camera, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED};
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};
-pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond};
+pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by};

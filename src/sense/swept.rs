@@ -8,9 +8,11 @@
 use serde::Serialize;
 
 use super::SenseError;
-use super::clearance::{box_distance, pair_distance};
+use super::caster::world::World;
+use super::clearance::{PairDistance, box_distance, pair_distance};
+use super::collide::{Collider, Finder, Movers};
 use crate::math::quat;
-use crate::scene::{GeomType, Pose, Scene, Worker};
+use crate::scene::{GeomType, Pose, Scene, Worker, checked_pose};
 
 /// The first touch on the way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -59,7 +61,7 @@ pub fn swept(
     from: Pose,
     to: Pose,
 ) -> Result<Option<SweptHit>, SenseError> {
-    swept_beyond(worker, drone, from, to, &[])
+    swept_by(Collider::default(), worker, drone, from, to, &[])
 }
 
 /// As [`swept`], as if the geoms `ignored` were not there: asked again with what was found, it finds what comes next.
@@ -73,11 +75,27 @@ pub fn swept_beyond(
     to: Pose,
     ignored: &[i32],
 ) -> Result<Option<SweptHit>, SenseError> {
+    swept_by(Collider::default(), worker, drone, from, to, ignored)
+}
+
+/// As [`swept_beyond`], by either collider.
+///
+/// # Errors
+/// As [`swept`].
+pub fn swept_by(
+    collider: Collider,
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+    ignored: &[i32],
+) -> Result<Option<SweptHit>, SenseError> {
     let scene = worker.scene().clone();
+    let world = World::of(worker)?;
     scene.drone_body(drone)?;
-    let who = format!("drone {drone} in a swept check");
-    let from = Pose::checked(&who, from.pos_m, from.quat_xyzw)?;
-    let to = Pose::checked(&who, to.pos_m, to.quat_xyzw)?;
+    let who = || format!("drone {drone} in a swept check");
+    let from = checked_pose(who, from.pos_m, from.quat_xyzw)?;
+    let to = checked_pose(who, to.pos_m, to.quat_xyzw)?;
     let way = Way::new(from, to);
     let radius = scene.drone_radius_m(drone)?;
 
@@ -86,33 +104,89 @@ pub fn swept_beyond(
     let touch = TOUCH_M + 2.0 * scene.ccd_tolerance();
     let reach = 0.5 * way.length + radius + 2.0 * touch;
     let mut near = std::mem::take(&mut worker.scratch.bounds);
+    let mut places = std::mem::take(&mut worker.scratch.places);
     near.clear();
-    let mut result = Ok(None);
+    let result = if collider == Collider::Native && world.solids.alone.is_none() {
+        let mut movers = Movers::take(worker);
+        let result = Finder::new(&scene, &world, worker, &mut movers).map_err(SenseError::from);
+        let result = result.and_then(|finder| {
+            worker.drone_geom_places(drone, &mut places)?;
+            finder.within(&movers, drone, middle, reach, &mut near)?;
+            let measure = |pose: &Pose, number: usize, own, other, limit| {
+                let (local, turned) = &places[number];
+                Ok(finder.distance_at(pose, local, turned, own, other, limit))
+            };
+            first_touch(&scene, drone, &way, &mut near, ignored, &places, measure)
+        });
+        movers.put(worker);
+        match result {
+            // How deep they overlap only MuJoCo says.
+            Ok(Some(hit)) if hit.distance_m <= 0.0 => deepened(worker, &scene, drone, hit, &places).map(Some),
+            other => other,
+        }
+    } else {
+        swept_mujoco(worker, &scene, drone, &way, middle, reach, &mut near, ignored, &mut places)
+    };
+    worker.scratch.bounds = near;
+    worker.scratch.places = places;
+    result
+}
+
+fn swept_mujoco(
+    worker: &mut Worker,
+    scene: &Scene,
+    drone: usize,
+    way: &Way,
+    middle: [f64; 3],
+    reach: f64,
+    near: &mut Vec<(f64, usize)>,
+    ignored: &[i32],
+    places: &mut Vec<([f64; 3], [f64; 9])>,
+) -> Result<Option<SweptHit>, SenseError> {
+    worker.drone_geom_places(drone, places)?;
     for geom in scene.geoms() {
-        if geom.drone == Some(drone) || !geom.can_collide() || ignored.contains(&(geom.id as i32)) {
+        if geom.drone == Some(drone) || !geom.can_collide() {
             continue;
         }
-        match box_distance(worker, &scene, geom.id, middle) {
-            Ok(d) if d < reach => near.push((d, geom.id)),
-            Ok(_) => {}
-            Err(e) => {
-                result = Err(e);
-                break;
-            }
+        let d = box_distance(worker, scene, geom.id, middle)?;
+        if d < reach {
+            near.push((d, geom.id));
         }
     }
-    if result.is_ok() && !near.is_empty() {
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let mut places = std::mem::take(&mut worker.scratch.places);
-        result = first_touch(worker, &scene, drone, &way, &near, &mut places);
-        worker.scratch.places = places;
-        // Puts the geoms back.
-        if let Err(e) = worker.update() {
-            result = result.and(Err(e.into()));
-        }
+    if near.is_empty() {
+        return Ok(None);
     }
-    worker.scratch.bounds = near;
-    result
+    let measure = |pose: &Pose, _: usize, own, other, limit| {
+        worker.move_drone_geoms(drone, pose, places)?;
+        pair_distance(worker, scene, own, other, limit)
+    };
+    let result = first_touch(scene, drone, way, near, ignored, places, measure);
+    // Puts the geoms back.
+    let back = worker.update();
+    let hit = result?;
+    back?;
+    Ok(hit)
+}
+
+/// A hit with the depth and the points that MuJoCo finds.
+fn deepened(
+    worker: &mut Worker,
+    scene: &Scene,
+    drone: usize,
+    mut hit: SweptHit,
+    places: &[([f64; 3], [f64; 9])],
+) -> Result<SweptHit, SenseError> {
+    let pose = Pose { pos_m: hit.pos_m, quat_xyzw: hit.quat_xyzw };
+    let (Ok(own), Ok(other)) = (usize::try_from(hit.drone_geom), usize::try_from(hit.other_geom)) else {
+        return Ok(hit);
+    };
+    worker.move_drone_geoms(drone, &pose, places)?;
+    let pair = pair_distance(worker, scene, own, other, 1.0);
+    worker.update()?;
+    let pair = pair?;
+    hit.distance_m = pair.distance_m;
+    hit.point_m = [0, 1, 2].map(|k| 0.5 * (pair.on_drone_m[k] + pair.on_other_m[k]));
+    Ok(hit)
 }
 
 /// A motion between two poses.
@@ -157,17 +231,20 @@ fn is_convex(kind: GeomType) -> bool {
     !matches!(kind, GeomType::Hfield | GeomType::Sdf)
 }
 
+/// First touch with the geoms `near` (sorted here), by a `measure` of the distance of two geoms below a limit: at a pose of
+/// the drone, for its geom of that number.
 fn first_touch(
-    worker: &mut Worker,
     scene: &Scene,
     drone: usize,
     way: &Way,
-    near: &[(f64, usize)],
-    places: &mut Vec<([f64; 3], [f64; 9])>,
+    near: &mut [(f64, usize)],
+    ignored: &[i32],
+    places: &[([f64; 3], [f64; 9])],
+    mut measure: impl FnMut(&Pose, usize, usize, usize, f64) -> Result<PairDistance, SenseError>,
 ) -> Result<Option<SweptHit>, SenseError> {
-    worker.drone_geom_places(drone, places)?;
+    near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut best: Option<SweptHit> = None;
-    for &(_, other) in near {
+    for &(_, other) in near.iter().filter(|(_, other)| !ignored.contains(&(*other as i32))) {
         for (n, &own) in scene.drone_geoms(drone)?.iter().enumerate() {
             let info = &scene.geoms()[own];
             if !info.can_collide() {
@@ -176,7 +253,8 @@ fn first_touch(
             let offset = places[n].0.iter().map(|x| x * x).sum::<f64>().sqrt();
             let arm = offset + info.bounding_radius_m;
             let end = best.map_or(1.0, |b| b.fraction);
-            if let Some(hit) = touch_of_pair(worker, scene, drone, way, own, other, arm, end, places)? {
+            let gap = |pose: &Pose, limit: f64| measure(pose, n, own, other, limit);
+            if let Some(hit) = touch_of_pair(scene, way, own, other, arm, end, gap)? {
                 let earlier = best.is_none_or(|b| hit.fraction < b.fraction);
                 if earlier {
                     best = Some(hit);
@@ -189,15 +267,13 @@ fn first_touch(
 
 /// First touch of one pair before `end`.
 fn touch_of_pair(
-    worker: &mut Worker,
     scene: &Scene,
-    drone: usize,
     way: &Way,
     own: usize,
     other: usize,
     arm: f64,
     end: f64,
-    places: &[([f64; 3], [f64; 9])],
+    mut measure: impl FnMut(&Pose, f64) -> Result<PairDistance, SenseError>,
 ) -> Result<Option<SweptHit>, SenseError> {
     let convex = is_convex(scene.geoms()[own].kind) && is_convex(scene.geoms()[other].kind);
     let fastest = way.length + way.angle * arm;
@@ -206,9 +282,8 @@ fn touch_of_pair(
     let mut s = 0.0;
     for step in 0..MAX_STEPS {
         let pose = way.at(s);
-        worker.move_drone_geoms(drone, &pose, places)?;
         let horizon = fastest * (end - s) + 2.0 * touch;
-        let pair = pair_distance(worker, scene, own, other, horizon)?;
+        let pair = measure(&pose, horizon)?;
         let gap = pair.distance_m;
         if gap >= horizon {
             return Ok(None);

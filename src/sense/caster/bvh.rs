@@ -1,4 +1,4 @@
-//! A tree of boxes over triangles, and the walk of a packet of rays through it.
+//! A tree of boxes over triangles or geoms, and the ways through it: of a packet of rays, and of what is near a point.
 
 use super::lanes::{Lanes, Real, away_from_zero};
 
@@ -23,19 +23,28 @@ pub(super) struct Node {
 }
 
 /// The tree; `order` gives the triangles in the order of its leaves.
-#[derive(Debug)]
-pub(super) struct Bvh {
+#[derive(Debug, Default)]
+pub(in super::super) struct Bvh {
     nodes: Vec<Node>,
     pub order: Vec<u32>,
 }
 
-#[derive(Clone, Copy)]
-struct Bounds {
+/// A box.
+#[derive(Clone, Copy, Debug)]
+pub(in super::super) struct Bounds {
     min: [f32; 3],
     max: [f32; 3],
 }
 
 impl Bounds {
+    /// About a centre, rounded outward.
+    pub fn about(centre: [f64; 3], half: [f64; 3]) -> Self {
+        Self {
+            min: [0, 1, 2].map(|k| ((centre[k] - half[k]) as f32).next_down()),
+            max: [0, 1, 2].map(|k| ((centre[k] + half[k]) as f32).next_up()),
+        }
+    }
+
     const EMPTY: Self = Self { min: [f32::INFINITY; 3], max: [f32::NEG_INFINITY; 3] };
 
     fn add(&mut self, other: &Self) {
@@ -61,22 +70,73 @@ impl Bvh {
                 max: [0, 1, 2].map(|k| t[0][k].max(t[1][k]).max(t[2][k])),
             })
             .collect();
-        let mut order: Vec<u32> = (0..triangles.len() as u32).collect();
-        let mut nodes = Vec::new();
+        let mut tree = Self::default();
+        tree.build(&boxes);
+        tree
+    }
+
+    /// Makes the tree anew, over boxes. Keeps its memory.
+    pub fn build(&mut self, boxes: &[Bounds]) {
+        let Self { nodes, order } = self;
+        nodes.clear();
+        order.clear();
+        order.extend(0..boxes.len() as u32);
         if !order.is_empty() {
             // A root of one leaf has a second child that is empty.
             let mut node =
                 Node { min: [[0.0; 3]; 2], max: [[0.0; 3]; 2], child: [0; 2], count: [0; 2], axis: 0 };
             nodes.push(node);
             let n = order.len();
-            let (at, axis) = if n > 1 { split(&boxes, &mut order, 0) } else { (1, 0) };
+            let (at, axis) = if n > 1 { split(boxes, order, 0) } else { (1, 0) };
             node.axis = axis;
             let (left, right) = order.split_at_mut(at);
-            fill(&mut nodes, &mut node, 0, &boxes, left, 0, 1);
-            fill(&mut nodes, &mut node, 1, &boxes, right, at, 1);
+            fill(nodes, &mut node, 0, boxes, left, 0, 1);
+            fill(nodes, &mut node, 1, boxes, right, at, 1);
             nodes[0] = node;
         }
-        Self { nodes, order }
+    }
+
+    /// Hands numbers in `order` to `visit`, near ones first, as long as their box comes nearer to a point than `reach`;
+    /// `visit` gives the new reach. Boxes that
+    /// hold the point always come. A number may come twice.
+    pub fn near(&self, at: [f64; 3], mut reach: f64, mut visit: impl FnMut(usize, f64) -> f64) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let distance = |node: &Node, side: usize| {
+            let mut sum = 0.0;
+            for k in 0..3 {
+                let low = f64::from(node.min[side][k]) - at[k];
+                let high = at[k] - f64::from(node.max[side][k]);
+                let out = low.max(high).max(0.0);
+                sum += out * out;
+            }
+            sum
+        };
+        let mut stack = [(0.0, 0u32, 0u8); MAX_DEPTH + 8];
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (square, child, count) = stack[depth];
+            // In a box that holds the point nothing is known of how deep it is.
+            if square > 0.0 && !(reach > 0.0 && square < reach * reach) {
+                continue;
+            }
+            if count > 0 {
+                for k in child as usize..child as usize + count as usize {
+                    reach = visit(k, reach);
+                }
+                continue;
+            }
+            let node = &self.nodes[child as usize];
+            let near = [distance(node, 0), distance(node, 1)];
+            let first = usize::from(near[1] < near[0]);
+            // The tree is at most MAX_DEPTH deep.
+            for side in [1 - first, first] {
+                stack[depth] = (near[side], node.child[side], node.count[side]);
+                depth += 1;
+            }
+        }
     }
 }
 
@@ -259,7 +319,7 @@ impl<L: Lanes> Slabs<L> {
 impl Bvh {
     /// Walks a packet through the tree, near children first.
     #[inline(always)]
-    pub fn walk<L: Lanes, T: Leaves<L>>(
+    pub(super) fn walk<L: Lanes, T: Leaves<L>>(
         &self,
         slabs: &Slabs<L>,
         leaves: &T,

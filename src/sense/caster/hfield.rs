@@ -15,7 +15,7 @@ use super::placed::{Placed, turned};
 
 /// A height field with its pyramid.
 #[derive(Debug)]
-pub(super) struct Hfield {
+pub(in super::super) struct Hfield {
     n_row: usize,
     n_col: usize,
     /// Half size in x and y, top and depth of the base, m.
@@ -79,9 +79,68 @@ impl Hfield {
         Some(Self { n_row, n_col, size, x, y, z, levels })
     }
 
+    /// Hands the solid prisms below triangles of the ground to `visit`, near ones first, as long as their box comes nearer
+    /// to a point than `reach`; `visit` gives the new reach.
+    ///
+    /// They are what MuJoCo's contacts collide with: two for each cell, from the base up to the heights.
+    pub fn near(&self, at: [f64; 3], mut reach: f64, mut visit: impl FnMut(&[[f64; 3]; 6]) -> f64) {
+        let base = -self.size[3];
+        let square = |n: u8, r: u32, c: u32| {
+            let level = &self.levels[n as usize];
+            let (r0, c0) = ((r as usize) << n, (c as usize) << n);
+            let (r1, c1) = ((r0 + (1 << n)).min(self.n_row - 1), (c0 + (1 << n)).min(self.n_col - 1));
+            let top = f64::from(level.range[r as usize * level.cols + c as usize][1]);
+            let out = |low: f64, high: f64, x: f64| (low - x).max(x - high).max(0.0);
+            let d = [
+                out(self.x[c0], self.x[c1], at[0]),
+                out(self.y[r0], self.y[r1], at[1]),
+                out(base, top, at[2]),
+            ];
+            d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        };
+        let mut stack = [(0u8, 0u32, 0u32, 0.0); STACK];
+        stack[0] = ((self.levels.len() - 1) as u8, 0, 0, 0.0);
+        let mut depth = 1;
+        while depth > 0 {
+            depth -= 1;
+            let (n, r, c, far) = stack[depth];
+            if !(reach > 0.0 && far < reach * reach) {
+                continue;
+            }
+            if n == 0 {
+                let (r, c) = (r as usize, c as usize);
+                let corner = |r: usize, c: usize| [self.x[c], self.y[r], self.z[r * self.n_col + c]];
+                let (a, d) = (corner(r, c), corner(r + 1, c + 1));
+                for other in [corner(r, c + 1), corner(r + 1, c)] {
+                    let foot = |v: [f64; 3]| [v[0], v[1], base];
+                    reach = visit(&[a, other, d, foot(a), foot(other), foot(d)]);
+                }
+                continue;
+            }
+            let below = &self.levels[n as usize - 1];
+            let mut parts = [(0u32, 0u32, f64::INFINITY); 4];
+            let mut count = 0;
+            for k in 0..4 {
+                let (rr, cc) = (2 * r + k / 2, 2 * c + k % 2);
+                if (rr as usize) < below.rows && (cc as usize) < below.cols {
+                    parts[count] = (rr, cc, square(n - 1, rr, cc));
+                    count += 1;
+                }
+            }
+            // The nearest goes on top.
+            parts[..count].sort_unstable_by(|a, b| b.2.total_cmp(&a.2));
+            for &(rr, cc, far) in &parts[..count] {
+                if depth < STACK {
+                    stack[depth] = (n - 1, rr, cc, far);
+                    depth += 1;
+                }
+            }
+        }
+    }
+
     /// First surface along the rays nearer than `best`.
     #[inline(always)]
-    pub fn hit<L: Lanes>(&self, g: &Placed<L::Real>, d: [L; 3], best: L) -> L {
+    pub(super) fn hit<L: Lanes>(&self, g: &Placed<L::Real>, d: [L; 3], best: L) -> L {
         let d = turned(g, d);
         let mut t = best;
         self.base(g, d, &mut t);

@@ -6,7 +6,7 @@ use super::placed::{Placed, turned};
 
 /// A mesh with its tree.
 #[derive(Debug)]
-pub(super) struct Mesh {
+pub(in super::super) struct Mesh {
     bvh: Bvh,
     /// Corners in the order of the leaves, each triangle's corners sorted by their coordinates: neighbours then compute
     /// their common edge from the same numbers, and no ray slips between them.
@@ -44,6 +44,12 @@ impl Mesh {
         Self { bvh, triangles, normals, reach }
     }
 
+    /// Hands triangles to `visit`, near ones first, as long as their box comes nearer to a point than `reach`; `visit`
+    /// gives the new reach.
+    pub fn near(&self, at: [f64; 3], reach: f64, mut visit: impl FnMut(&[[f64; 3]; 3]) -> f64) {
+        self.bvh.near(at, reach, |k, _| visit(&self.triangles[k].map(|v| v.map(f64::from))));
+    }
+
     /// Normal of a triangle in the order of the leaves.
     pub fn normal(&self, triangle: usize) -> [f64; 3] {
         super::unit(self.normals.get(triangle).copied().unwrap_or([0.0, 0.0, 1.0]))
@@ -51,7 +57,7 @@ impl Mesh {
 
     /// First of the triangles along the rays, nearer than `best`. `found`: its number, where a ray has one.
     #[inline(always)]
-    pub fn hit<L: Lanes>(
+    pub(super) fn hit<L: Lanes>(
         &self,
         g: &Placed<L::Real>,
         d: [L; 3],

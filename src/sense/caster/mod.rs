@@ -15,22 +15,22 @@
 //! Lanes are those of the processor (AVX-512, AVX2, SSE, NEON), chosen at run time. Results do not depend on threads or
 //! batches. Processors without fused multiplication and addition round differently.
 
-mod bvh;
+pub(super) mod bvh;
 mod capsule;
 mod cuboid;
 mod cylinder;
 mod ellipsoid;
 mod frame;
-mod hfield;
+pub(super) mod hfield;
 mod lanes;
-mod mesh;
+pub(super) mod mesh;
 mod oracle;
 mod pattern;
 mod placed;
 mod plane;
 mod single;
 mod sphere;
-mod world;
+pub(super) mod world;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,10 +1,11 @@
-//! The scene as the caster keeps it: built once for each compiled scene, shared by all threads, worlds and drones.
+//! The scene as the caster and collision detection keep it: built once for each compiled scene, shared by all threads, worlds and drones.
 
 use std::collections::HashMap;
 
 use super::hfield::Hfield;
 use super::mesh::Mesh;
 use crate::scene::{GeomInfo, GeomType, Scene, SceneError, Worker};
+use crate::sense::collide::Solids;
 
 /// A geom, without its pose.
 #[derive(Clone, Copy, Debug)]
@@ -141,17 +142,19 @@ pub(super) struct Fixed {
 
 /// All that does not change from frame to frame.
 #[derive(Debug)]
-pub(super) struct World {
-    pub shapes: Vec<Shape>,
+pub(in super::super) struct World {
+    pub(super) shapes: Vec<Shape>,
     pub meshes: Vec<Mesh>,
     pub hfields: Vec<Hfield>,
-    pub fixed: Fixed,
+    pub(super) fixed: Fixed,
     /// Geoms of drones and obstacles, and endless planes.
     pub moving: Vec<u32>,
     /// Geoms for MuJoCo's own rays.
     pub foreign: Vec<u32>,
     /// Body of geom `id` at `id + 1`; −1 at 0.
     pub bodies: Vec<i32>,
+    /// The same geoms as they collide.
+    pub solids: Solids,
 }
 
 /// Geom ids travel in lanes of f32.
@@ -165,7 +168,9 @@ impl World {
     }
 
     fn new(scene: &Scene, pos: &[[f64; 3]], mat: &[[f64; 9]]) -> Self {
+        let mut assets = Vec::new();
         let mut world = Self {
+            solids: Solids::default(),
             shapes: Vec::new(),
             meshes: Vec::new(),
             hfields: Vec::new(),
@@ -238,6 +243,7 @@ impl World {
                 foreign,
                 hull,
             });
+            assets.push(if foreign { usize::MAX } else { asset });
             world.bodies.push(geom.body_id as i32);
             let moves = geom.drone.is_some() || scene.bodies()[geom.body_id].obstacle.is_some();
             if foreign {
@@ -249,6 +255,7 @@ impl World {
             }
         }
         world.fixed = Fixed::new(still);
+        world.solids = Solids::new(scene, &assets, pos, mat);
         world
     }
 }
