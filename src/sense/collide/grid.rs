@@ -74,18 +74,20 @@ impl Grid {
 
     /// Hands out the points within `reach` of a point (and perhaps others), with their distances.
     pub fn within(&self, from: [f64; 3], reach: f64, mut visit: impl FnMut(usize, f64)) {
-        let rings = (reach / self.side).ceil();
-        if self.side == 0.0 || !(rings <= RINGS as f64) {
+        // All cells that a ball of that radius meets, unless they are many.
+        let few = self.side > 0.0 && reach <= RINGS as f64 * self.side;
+        if !few {
             for (number, p) in self.points.iter().enumerate() {
                 visit(number, distance(*p, from));
             }
             return;
         }
-        let (cell, rings) = (cell_of(from, self.side), rings as i64);
-        for i in -rings..=rings {
-            for j in -rings..=rings {
-                for k in -rings..=rings {
-                    self.visit_cell([cell[0] + i, cell[1] + j, cell[2] + k], &mut visit, from);
+        let low = cell_of(from.map(|x| x - reach), self.side);
+        let high = cell_of(from.map(|x| x + reach), self.side);
+        for i in low[0]..=high[0] {
+            for j in low[1]..=high[1] {
+                for k in low[2]..=high[2] {
+                    self.visit_cell([i, j, k], &mut visit, from);
                 }
             }
         }
