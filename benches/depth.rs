@@ -2,13 +2,15 @@
 //!
 //! `cargo xtask bench depth --help`. Prints a Markdown table of median frames per second.
 
-use std::fmt::Write as _;
+#[path = "common/forest.rs"]
+mod forest;
+
 use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
+use forest::{draws, forest, hills, median, processor};
 use propwash::math::quat;
-use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{Pose, Scene, SceneSource, mujoco_version};
 use propwash::sense::{Camera, DepthFrame, Lens, caster};
 
@@ -168,61 +170,9 @@ fn measure(args: &Args, name: &str, xml: &str) -> Fallible<()> {
     Ok(())
 }
 
-/// A floor and `n − 1` trunks, crowns, rocks and posts, as dense for any number.
-fn forest(n: usize, assets: &str, more: &str) -> String {
-    let mut s = draws(n as u64);
-    let reach = 2.0 * (n as f64).sqrt();
-    let mut geoms = String::from("<geom type='plane' size='0 0 1'/>");
-    for k in 1..n {
-        let (x, y) = (s.uniform(-reach, reach), s.uniform(-reach, reach));
-        let (r, h) = (s.uniform(0.1, 0.3), s.uniform(1.0, 2.5));
-        let _ = match k % 5 {
-            0 => write!(geoms, "<geom type='cylinder' size='{r} {h}' pos='{x} {y} {h}'/>"),
-            1 => write!(geoms, "<geom type='capsule' size='{r} {h}' pos='{x} {y} {h}'/>"),
-            2 => write!(geoms, "<geom type='sphere' size='{}' pos='{x} {y} {h}'/>", 3.0 * r),
-            3 => write!(
-                geoms,
-                "<geom type='box' size='{r} {} {h}' pos='{x} {y} {h}' euler='0 0 {}'/>",
-                2.0 * r,
-                90.0 * r
-            ),
-            _ => {
-                write!(geoms, "<geom type='ellipsoid' size='{} {} {h}' pos='{x} {y} {h}'/>", 2.0 * r, 3.0 * r)
-            }
-        };
-    }
-    format!("<mujoco><asset>{assets}</asset><worldbody>{geoms}{more}</worldbody></mujoco>")
-}
-
-fn hills(n: usize) -> String {
-    let mut out = String::new();
-    for row in 0..n {
-        for col in 0..n {
-            let (x, y) = (row as f64 * 0.13, col as f64 * 0.11);
-            let _ = write!(out, "{:.4} ", 0.5 + 0.25 * (x.sin() + y.cos() * (0.4 * x + y).sin()));
-        }
-    }
-    out
-}
-
 fn looking(pos: [f64; 3], yaw: f64, pitch: f64) -> Pose {
     let turn = [0.0, 0.0, (0.5 * yaw).sin(), (0.5 * yaw).cos()];
     let nod = [0.0, (0.5 * pitch).sin(), 0.0, (0.5 * pitch).cos()];
     let ahead = propwash::sense::depth::LOOKING_FORWARD_XYZW;
     Pose::new(pos, quat::mul(quat::mul(turn, nod), ahead))
-}
-
-fn draws(step: u64) -> Stream {
-    Key { seed: 1, world: 0, drone: 0, step, purpose: purpose("forest of the depth benchmark") }.stream()
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    if values.is_empty() { f64::NAN } else { values[values.len() / 2] }
-}
-
-fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = text.lines().find_map(|l| l.strip_prefix("model name")?.split_once(": "));
-    model.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().to_string())
 }

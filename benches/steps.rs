@@ -2,19 +2,19 @@
 //!
 //! `cargo xtask bench steps --help`. Prints a Markdown table.
 
-use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
+#[path = "peers/process.rs"]
+mod process;
+
+use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
+use process::Peer;
 use propwash::physics::controllers::ControlMode;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::{Number, level_name};
 use propwash::vehicle::Vehicle;
-use serde_json::Value;
 
-const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/steps.py");
 const VEHICLE: &str = "cf2x_L250";
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
@@ -114,8 +114,12 @@ fn row<N: Number>(args: &Args, control: ControlMode, worlds: usize, versions: &m
     sim.set_command(&commands)?;
     let steps = args.steps as usize;
     sim.step(steps)?;
-    let mut peer =
-        if args.ours_alone { None } else { Some(Peer::start(control, worlds, steps, N::NAME == "f64")?) };
+    let mut peer = None;
+    if !args.ours_alone {
+        let double = if N::NAME == "f64" { "1" } else { "0" };
+        let call = [control.name().to_string(), worlds.to_string(), steps.to_string()];
+        peer = Some(Peer::start("steps.py", &call, &[("JAX_ENABLE_X64", double)])?);
+    }
     let (mut ours, mut theirs) = (Vec::new(), Vec::new());
     let (mut our_best, mut their_best) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..args.rounds {
@@ -150,75 +154,9 @@ fn row<N: Number>(args: &Args, control: ControlMode, worlds: usize, versions: &m
         our_best / their_best
     );
     if let Some(peer) = &peer {
-        versions.clone_from(&peer.versions);
+        *versions = peer.versions();
     }
     Ok(())
-}
-
-/// A process of Crazyflow that has compiled its step and waits.
-struct Peer {
-    child: Child,
-    ask: ChildStdin,
-    answers: BufReader<ChildStdout>,
-    versions: String,
-}
-
-impl Peer {
-    fn start(control: ControlMode, worlds: usize, steps: usize, double: bool) -> Fallible<Self> {
-        let venv = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-        let python = std::env::var_os("PROPWASH_PYTHON").map_or(venv, PathBuf::from);
-        let dir = std::env::temp_dir();
-        let mut child = Command::new(&python)
-            .args([SCRIPT, control.name(), &worlds.to_string(), &steps.to_string()])
-            .env("JAX_ENABLE_X64", if double { "1" } else { "0" })
-            // MuJoCo leaves its log in the current folder.
-            .current_dir(dir)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .map_err(|e| {
-                format!("{} could not be started: {e}; `cargo xtask bench steps` makes it", python.display())
-            })?;
-        let ask = child.stdin.take().ok_or("no input of the peer")?;
-        let answers = BufReader::new(child.stdout.take().ok_or("no output of the peer")?);
-        let mut peer = Self { child, ask, answers, versions: String::new() };
-        let told: Value = serde_json::from_str(&peer.line()?)?;
-        let list = told.as_object().ok_or("the peer named no versions")?;
-        let words: Vec<String> =
-            list.iter().map(|(name, v)| format!("{name} {}", v.as_str().unwrap_or("?"))).collect();
-        peer.versions = words.join(", ");
-        Ok(peer)
-    }
-
-    fn line(&mut self) -> Fallible<String> {
-        loop {
-            let mut line = String::new();
-            if self.answers.read_line(&mut line)? == 0 {
-                return Err(format!("{SCRIPT} ended without an answer; run it by hand to see why").into());
-            }
-            // Anything else is a remark of a library.
-            if line.starts_with(['{', '[']) {
-                return Ok(line);
-            }
-        }
-    }
-
-    /// Median and least seconds of a call.
-    fn measure(&mut self) -> Fallible<(f64, f64)> {
-        writeln!(self.ask)?;
-        self.ask.flush()?;
-        let (middle, least): (f64, f64) = serde_json::from_str(&self.line()?)?;
-        Ok((middle, least))
-    }
-}
-
-impl Drop for Peer {
-    fn drop(&mut self) {
-        // Failing to end it leaves a process that ends with its input.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
 }
 
 fn median(values: &mut [f64]) -> f64 {

@@ -4,10 +4,10 @@ use crate::run::{self, Result};
 use crate::{python, setup};
 
 /// Benchmarks that there are.
-const NAMES: &[&str] = &["depth", "gap", "identify", "steps"];
+const NAMES: &[&str] = &["contacts", "depth", "gap", "identify", "steps"];
 
 /// Those that compare with a peer of the test environment.
-const WITH_PEERS: &[&str] = &["identify", "steps"];
+const WITH_PEERS: &[&str] = &["contacts", "identify", "steps"];
 
 /// Sets up and runs a benchmark in the release profile; what follows its name goes to it.
 pub fn run(args: &[String]) -> Result {

@@ -20,6 +20,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--fresh deletes out/demo first; without it a finished run is kept)
   cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
                                (ARGS go to `cargo test`, and Python tests are then left out)
+  cargo xtask bench contacts [ARGS...]
+                               make .venv with the pinned peers, contacts and clearances per second, alternately with MuJoCo,
+                               mujoco.batch and Crazyflow, each on one core (`cargo xtask bench contacts --help`)
   cargo xtask bench depth [ARGS...]
                                depth images by the native ray caster and by MuJoCo's rays, alternately, frames a second
                                (`cargo xtask bench depth --help`)
