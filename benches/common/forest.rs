@@ -27,7 +27,10 @@ pub fn forest(n: usize, assets: &str, more: &str) -> String {
             }
         };
     }
-    format!("<mujoco><asset>{assets}</asset><worldbody>{geoms}{more}</worldbody></mujoco>")
+    // MJX fails in a scene without a material.
+    format!(
+        "<mujoco><asset><material name='paint'/>{assets}</asset><worldbody>{geoms}{more}</worldbody></mujoco>"
+    )
 }
 
 /// Heights of `n` × `n` samples.

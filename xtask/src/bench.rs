@@ -7,7 +7,7 @@ use crate::{python, setup};
 const NAMES: &[&str] = &["contacts", "depth", "gap", "identify", "steps"];
 
 /// Those that compare with a peer of the test environment.
-const WITH_PEERS: &[&str] = &["contacts", "identify", "steps"];
+const WITH_PEERS: &[&str] = &["contacts", "depth", "identify", "steps"];
 
 /// Sets up and runs a benchmark in the release profile; what follows its name goes to it.
 pub fn run(args: &[String]) -> Result {
