@@ -648,7 +648,7 @@ struct MultiRay {
 impl MultiRay {
     fn new(scene: &Scene, poses: &[Pose], view: &View, normals: bool) -> Fallible<Self> {
         let own: Vec<[f64; 3]> = match view {
-            View::Image(..) => image(scene, &poses[..1], view, false)?[0].rays().to_vec(),
+            View::Image(..) => image(scene, &poses[..1], view, false)?[0].rays(),
             View::Pattern(rays) => rays.clone(),
         };
         let turn = |pose: &Pose| own.iter().map(|d| quat::rotate(pose.quat_xyzw, *d)).collect();

@@ -148,7 +148,7 @@ pub fn render_batch(
             ),
         });
     }
-    let pixels = first.rays().len();
+    let pixels = first.pattern().len();
     let images = poses.n_worlds.saturating_mul(cameras.len());
     // Four planes come to 13 bytes a pixel; refuse what no machine holds before asking for it.
     if images.saturating_mul(pixels) > MAX_BATCH_PIXELS {

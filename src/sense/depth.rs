@@ -144,45 +144,26 @@ pub struct Camera {
     caster: Caster,
     /// Groups, and the drone or else the body that it does not see.
     query: RayQuery,
-    rays: Arc<Rays>,
-}
-
-/// Rays of the pixels: one copy for all cameras of the same size and lens.
-#[derive(Debug, Default)]
-struct Rays {
-    unit: Vec<[f64; 3]>,
-    pattern: RayPattern,
+    /// Rays of the pixels: one copy for all cameras of the same size and lens.
+    pattern: Arc<RayPattern>,
 }
 
 /// Width, height and the bits of fx, fy, cx, cy.
-type RaysKey = (usize, usize, [u64; 4]);
+type PatternKey = (usize, usize, [u64; 4]);
 
-impl Rays {
-    /// Those of a pinhole with intrinsics `k` in pixels.
-    fn of(width: usize, height: usize, k: [f64; 4]) -> Arc<Self> {
-        static KNOWN: Mutex<Option<HashMap<RaysKey, Weak<Rays>>>> = Mutex::new(None);
-        let key = (width, height, k.map(f64::to_bits));
-        let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = known.get_or_insert_default();
-        if let Some(rays) = known.get(&key).and_then(Weak::upgrade) {
-            return rays;
-        }
-        let [fx, fy, cx, cy] = k;
-        let mut unit = Vec::with_capacity(width * height);
-        for row in 0..height {
-            for col in 0..width {
-                let x = (col as f64 + 0.5 - cx) / fx;
-                let y = -(row as f64 + 0.5 - cy) / fy;
-                let n = (x * x + y * y + 1.0).sqrt();
-                unit.push([x / n, y / n, -1.0 / n]);
-            }
-        }
-        let pattern = RayPattern::image(&unit, width, height, k);
-        let rays = Arc::new(Self { unit, pattern });
-        known.retain(|_, rays| rays.strong_count() > 0);
-        known.insert(key, Arc::downgrade(&rays));
-        rays
+/// The pattern of a pinhole with intrinsics `k` in pixels.
+fn pattern_of(width: usize, height: usize, k: [f64; 4]) -> Arc<RayPattern> {
+    static KNOWN: Mutex<Option<HashMap<PatternKey, Weak<RayPattern>>>> = Mutex::new(None);
+    let key = (width, height, k.map(f64::to_bits));
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let known = known.get_or_insert_default();
+    if let Some(pattern) = known.get(&key).and_then(Weak::upgrade) {
+        return pattern;
     }
+    let pattern = Arc::new(RayPattern::image(width, height, k));
+    known.retain(|_, pattern| pattern.strong_count() > 0);
+    known.insert(key, Arc::downgrade(&pattern));
+    pattern
 }
 
 /// Quaternion (x, y, z, w) that turns a camera's frame (looks along −z, y up) into a body's (x forward, z up): a
@@ -288,7 +269,7 @@ impl Camera {
             normals: false,
             caster: Caster::Native,
             query,
-            rays: Arc::default(),
+            pattern: Arc::default(),
         };
         camera.with_size(size[0], size[1])
     }
@@ -323,7 +304,7 @@ impl Camera {
         }
         self.width = width;
         self.height = height;
-        self.rays = Rays::of(width, height, k);
+        self.pattern = pattern_of(width, height, k);
         Ok(self)
     }
 
@@ -444,9 +425,14 @@ impl Camera {
         [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
     }
 
-    /// Unit directions of the pixels' rays in the camera's frame, row major (height × width).
-    pub fn rays(&self) -> &[[f64; 3]] {
-        &self.rays.unit
+    /// Unit directions of the pixels' rays in the camera's frame, row major (height × width); computed anew.
+    pub fn rays(&self) -> Vec<[f64; 3]> {
+        (0..self.pattern.len()).map(|pixel| self.pattern.direction(pixel)).collect()
+    }
+
+    /// The rays of its pixels, row major (height × width), in its frame.
+    pub fn pattern(&self) -> &RayPattern {
+        &self.pattern
     }
 
     /// Pose of the camera at the worker's poses: camera to world.
@@ -473,7 +459,7 @@ impl Camera {
     /// # Errors
     /// [`SenseError::Scene`], e.g. when the worker was not updated.
     pub fn render(&self, worker: &mut Worker, frame: &mut DepthFrame) -> Result<(), SenseError> {
-        let n = self.rays.unit.len();
+        let n = self.pattern.len();
         frame.width = self.width;
         frame.height = self.height;
         frame.kind = self.kind;
@@ -513,7 +499,7 @@ impl Camera {
             body: planes.body_id,
             normal: planes.normal,
         };
-        planes.check(self.rays.unit.len())?;
+        planes.check(self.pattern.len())?;
         self.render_planes(worker, planes)
     }
 
@@ -527,7 +513,7 @@ impl Camera {
                     near: self.near_m as f32,
                     far: self.far_m as f32,
                 };
-                caster::render(worker, &pose, &self.rays.pattern, &self.query, rule, planes)?;
+                caster::render(worker, &pose, &self.pattern, &self.query, rule, planes)?;
             }
             Caster::Native | Caster::MuJoCo => {
                 let mut scratch = std::mem::take(&mut worker.scratch);
@@ -548,7 +534,8 @@ impl Camera {
     ) -> Result<(), SenseError> {
         let r = quat::matrix(pose.quat_xyzw);
         scratch.directions.clear();
-        scratch.directions.extend(self.rays.unit.iter().map(|v| {
+        scratch.directions.extend((0..self.pattern.len()).map(|pixel| {
+            let v = self.pattern.direction(pixel);
             [
                 r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
                 r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
@@ -557,13 +544,13 @@ impl Camera {
         }));
         caster::oracle_rays(worker, &self.query, pose.pos_m, scratch, planes.normal.is_some())?;
         let geoms = worker.scene().geoms();
-        for i in 0..self.rays.unit.len() {
+        for i in 0..self.pattern.len() {
             let distance = scratch.distances[i];
             let geom = scratch.geoms[i];
             let miss = !(distance >= 0.0);
             let value = match self.kind {
                 DepthKind::Range => distance,
-                DepthKind::ZDepth => distance * -self.rays.unit[i][2],
+                DepthKind::ZDepth => distance * -self.pattern.direction(i)[2],
             };
             let (depth, status) = if miss {
                 (f32::INFINITY, PixelStatus::Miss)

@@ -105,7 +105,7 @@ impl DepthNoise {
         noisy: &mut DepthFrame,
     ) -> Result<(), SenseError> {
         self.check()?;
-        let rays = camera.rays();
+        let rays = camera.pattern();
         if clean.depth_m.len() != rays.len() || clean.width != camera.width() {
             return Err(SenseError::Shape {
                 what: "a frame to add noise to",
@@ -124,7 +124,7 @@ impl DepthNoise {
         }
         .stream();
         let cosine = |i: usize| match clean.kind {
-            DepthKind::Range => -rays[i][2],
+            DepthKind::Range => -rays.direction(i)[2],
             DepthKind::ZDepth => 1.0,
         };
         let hit = |i: usize| clean.status[i] == PixelStatus::Hit as u8;

@@ -5,7 +5,7 @@ use fearless_simd::{Level, dispatch, f32x16, f64x8, i32x16};
 
 use super::bvh::Stack;
 use super::lanes::{Lanes, none};
-use super::pattern::{Packet, RayPattern, Tile};
+use super::pattern::{Exact, RayPattern, Tile};
 use super::placed::Placed;
 use super::world::{Hull, Hulls, Shape, World};
 use super::{Query, capsule, cuboid, cylinder, ellipsoid, plane, sphere};
@@ -96,24 +96,24 @@ fn run<S: Simd>(simd: S, job: &Job, buffers: &mut Buffers, sink: &mut Sink) {
     let like = f32x16::splat(simd, 0.0);
     let mut stack = Stack::new(like);
     let pattern = job.pattern;
-    let across = pattern.width.map_or(1, |w| w.div_ceil(8));
     for (index, tile) in pattern.tiles.iter().enumerate() {
         let packets = &pattern.packets[4 * index..4 * index + 4];
         let mut d = [[like; 3]; 4];
         for part in 0..4 {
             for k in 0..3 {
-                d[part][k] = f32x16::simd_from(simd, packets[part].d[k]);
+                d[part][k] = f32x16::simd_from(simd, packets[part][k]);
             }
         }
         let mut best = [none(like); 4];
         let mut ids = [f32x16::splat(simd, -1.0); 4];
-        trace(simd, job, buffers, tile, packets, &d, &mut stack, &mut best, &mut ids);
+        trace(simd, job, buffers, index, tile, &d, &mut stack, &mut best, &mut ids);
         for part in 0..4 {
-            let place = match pattern.width {
-                Some(width) => {
+            let place = match &pattern.exact {
+                Exact::Image(pinhole) => {
+                    let (width, height) = (pinhole.width, pinhole.height);
+                    let across = width.div_ceil(8);
                     let row = 8 * (index / across) + 4 * (part / 2);
                     let col = 8 * (index % across) + 4 * (part % 2);
-                    let height = pattern.n / width;
                     if row >= height || col >= width {
                         continue;
                     }
@@ -124,7 +124,7 @@ fn run<S: Simd>(simd: S, job: &Job, buffers: &mut Buffers, sink: &mut Sink) {
                         width,
                     }
                 }
-                None => {
+                Exact::List(_) => {
                     let at = 64 * index + 16 * part;
                     if at >= pattern.n {
                         continue;
@@ -143,8 +143,11 @@ fn run<S: Simd>(simd: S, job: &Job, buffers: &mut Buffers, sink: &mut Sink) {
 /// Fills the list of geoms that the pattern as a whole may meet, near to far.
 #[inline(always)]
 fn gather<S: Simd>(simd: S, job: &Job, buffers: &mut Buffers) {
-    buffers.entries.clear();
     let world = job.world;
+    // For all geoms at once, so that no later frame needs more.
+    let most = world.fixed.ids.len() + world.moving.len();
+    buffers.entries.clear();
+    buffers.entries.reserve(most);
     let o = job.origin;
     let from = [o[0] as f32, o[1] as f32, o[2] as f32];
     // What rounding of the origin may hide.
@@ -191,9 +194,13 @@ fn gather<S: Simd>(simd: S, job: &Job, buffers: &mut Buffers) {
     }
     buffers.entries.sort_unstable_by(|a, b| a.near.total_cmp(&b.near).then(a.id.cmp(&b.id)));
     buffers.hulls.clear();
+    buffers.hulls.reserve(most);
     buffers.near.clear();
+    buffers.near.reserve(most);
     buffers.slot.clear();
+    buffers.slot.reserve(most);
     buffers.placed.clear();
+    buffers.placed.reserve(most);
     for entry in &buffers.entries {
         buffers.hulls.push(&entry.hull);
         buffers.near.push(entry.near);
@@ -261,8 +268,8 @@ fn trace<S: Simd>(
     simd: S,
     job: &Job,
     buffers: &mut Buffers,
+    index: usize,
     tile: &Tile,
-    packets: &[Packet],
     d: &[[f32x16<S>; 3]; 4],
     stack: &mut Stack<f32x16<S>>,
     best: &mut [f32x16<S>; 4],
@@ -319,7 +326,7 @@ fn trace<S: Simd>(
                         continue;
                     }
                     for part in 0..4 {
-                        let dz = along(simd, g.up64, &packets[part]);
+                        let dz = along(simd, g.up64, job.pattern, 4 * index + part, d[part][2]);
                         closer(g.id, plane::hit(g, d[part], dz), &mut best[part], &mut ids[part]);
                     }
                 }
@@ -377,17 +384,32 @@ fn faces_away(g: &Placed<f32>, tile: &Tile) -> bool {
     away
 }
 
-/// Component of the directions along a vector, computed in f64.
+/// Component of a packet's directions along a vector, computed in f64. `d2` is their component along the sensor's z.
 #[inline(always)]
-fn along<S: Simd>(simd: S, up: [f64; 3], packet: &Packet) -> f32x16<S> {
-    let mut low = f64x8::splat(simd, 0.0);
-    let mut high = low;
-    for k in 0..3 {
-        let n = f64x8::splat(simd, up[k]);
-        low = f64x8::from_slice(simd, &packet.wide[k][..8]).mul_add(n, low);
-        high = f64x8::from_slice(simd, &packet.wide[k][8..]).mul_add(n, high);
+fn along<S: Simd>(simd: S, up: [f64; 3], pattern: &RayPattern, packet: usize, d2: f32x16<S>) -> f32x16<S> {
+    match &pattern.exact {
+        Exact::List(packets) => {
+            let wide = &packets[packet];
+            let mut low = f64x8::splat(simd, 0.0);
+            let mut high = low;
+            for k in 0..3 {
+                let n = f64x8::splat(simd, up[k]);
+                low = f64x8::from_slice(simd, &wide[k][..8]).mul_add(n, low);
+                high = f64x8::from_slice(simd, &wide[k][8..]).mul_add(n, high);
+            }
+            low.narrow(high)
+        }
+        Exact::Image(pinhole) => {
+            // Of (x, y, −1), whose terms may cancel; its length, which takes no digits away, is −1 / d2.
+            let (x, y) = pinhole.packet(packet / 4, packet % 4);
+            let base =
+                f64x8::from_slice(simd, x).mul_add(f64x8::splat(simd, up[0]), f64x8::splat(simd, -up[2]));
+            let n = f64x8::splat(simd, up[1]);
+            let low = f64x8::from_slice(simd, &y[0]).mul_add(n, base);
+            let high = f64x8::from_slice(simd, &y[1]).mul_add(n, base);
+            low.narrow(high) * -d2
+        }
     }
-    low.narrow(high)
 }
 
 /// Lanes `4 r ..` go to `cols` results from `at + r × width` on; a list has one row of up to sixteen.

@@ -136,7 +136,7 @@ pub struct RayPlanes<'a> {
 
 /// Casts the rays of a pattern from `pose` (sensor to world) at the worker's poses.
 ///
-/// Nothing is allocated once the worker has seen a pattern of this size with as many geoms in view.
+/// Nothing is allocated once the worker has seen a pattern of this size.
 ///
 /// # Errors
 /// [`SenseError::Shape`] for a plane of another size; [`SenseError::Scene`] for a bad pose and where the worker was not

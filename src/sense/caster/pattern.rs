@@ -2,12 +2,64 @@
 
 use super::super::SenseError;
 
-/// Sixteen directions in the frame of the sensor, unit length: a square of 4 × 4 pixels, or sixteen in a row.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Packet {
-    pub d: [[f32; 16]; 3],
-    /// The same in f64, for planes.
-    pub wide: [[f64; 16]; 3],
+/// Sixteen unit directions in the frame of the sensor: a square of 4 × 4 pixels, or sixteen in a row.
+pub(super) type Packet<R> = [[R; 16]; 3];
+
+/// Directions in f64, for planes: over a floor that reaches to the horizon they decide how many digits the distance has.
+#[derive(Clone, Debug)]
+pub(super) enum Exact {
+    /// Those of each packet.
+    List(Vec<Packet<f64>>),
+    /// Those of a pinhole, from a few numbers for each row and column.
+    Image(Pinhole),
+}
+
+/// A pinhole camera that looks along −z. Its pixel at x, y of the plane one metre ahead has the direction (x, y, −1).
+#[derive(Clone, Debug)]
+pub(super) struct Pinhole {
+    /// Pixels in a row, and rows.
+    pub width: usize,
+    pub height: usize,
+    /// fx, fy, cx, cy in pixels.
+    k: [f64; 4],
+    /// x of four columns, twice: of the upper and of the lower of two rows of a packet.
+    columns: Vec<[f64; 8]>,
+    /// y of the upper two rows of a packet and of the lower two, each four times.
+    rows: Vec<[[f64; 8]; 2]>,
+}
+
+impl Pinhole {
+    fn new(width: usize, height: usize, k: [f64; 4]) -> Self {
+        let mut own = Self { width, height, k, columns: Vec::new(), rows: Vec::new() };
+        // Packets beyond the edge of the image repeat it.
+        for col in (0..width.next_multiple_of(8)).step_by(4) {
+            own.columns.push([0, 1, 2, 3, 0, 1, 2, 3].map(|j| own.at((col + j).min(width - 1), 0)[0]));
+        }
+        for row in (0..height.next_multiple_of(8)).step_by(4) {
+            let y = [0, 1, 2, 3].map(|j| own.at(0, (row + j).min(height - 1))[1]);
+            own.rows.push([0, 2].map(|j| [y[j], y[j], y[j], y[j], y[j + 1], y[j + 1], y[j + 1], y[j + 1]]));
+        }
+        own
+    }
+
+    /// The pixel's x and y.
+    fn at(&self, col: usize, row: usize) -> [f64; 2] {
+        let [fx, fy, cx, cy] = self.k;
+        [(col as f64 + 0.5 - cx) / fx, -(row as f64 + 0.5 - cy) / fy]
+    }
+
+    fn direction(&self, col: usize, row: usize) -> [f64; 3] {
+        let [x, y] = self.at(col, row);
+        let n = (x * x + y * y + 1.0).sqrt();
+        [x / n, y / n, -1.0 / n]
+    }
+
+    /// x and y of the sixteen pixels of a packet of a tile, in two halves.
+    #[inline(always)]
+    pub fn packet(&self, tile: usize, part: usize) -> (&[f64; 8], &[[f64; 8]; 2]) {
+        let across = self.width.div_ceil(8);
+        (&self.columns[2 * (tile % across) + part % 2], &self.rows[2 * (tile / across) + part / 2])
+    }
 }
 
 /// Four packets and a pyramid that holds their rays.
@@ -23,16 +75,23 @@ pub(super) struct Tile {
 ///
 /// Directions are given in the frame of the sensor, once; [`cast_pattern`](super::cast_pattern) casts them from any pose.
 /// Neighbours in the list should be neighbours in space: sixteen in a row are cast together, and sixty-four share one
-/// look at what they may meet. Takes 36 bytes for each ray.
-#[derive(Clone, Debug, Default)]
+/// look at what they may meet. Takes 38 bytes for each ray; that of a camera 14 for each pixel.
+#[derive(Clone, Debug)]
 pub struct RayPattern {
     pub(super) n: usize,
-    /// Pixels in a row of an image; none for a list.
-    pub(super) width: Option<usize>,
-    pub(super) packets: Vec<Packet>,
+    pub(super) packets: Vec<Packet<f32>>,
+    pub(super) exact: Exact,
     pub(super) tiles: Vec<Tile>,
     /// Sides of the pyramid of all rays.
     pub(super) sides: [[f32; 3]; 4],
+}
+
+impl Default for RayPattern {
+    /// No rays.
+    fn default() -> Self {
+        let open = [[0.0; 3]; 4];
+        Self { n: 0, packets: Vec::new(), exact: Exact::List(Vec::new()), tiles: Vec::new(), sides: open }
+    }
 }
 
 impl RayPattern {
@@ -51,28 +110,28 @@ impl RayPattern {
             }
             unit.push(d.map(|x| x / n));
         }
-        let mut packets = Vec::with_capacity(unit.len().div_ceil(64) * 4);
-        let mut tiles = Vec::with_capacity(unit.len().div_ceil(64));
+        let count = unit.len().div_ceil(64);
+        let (mut packets, mut exact) = (Vec::with_capacity(4 * count), Vec::with_capacity(4 * count));
+        let mut tiles = Vec::with_capacity(count);
         for rays in unit.chunks(64) {
             tiles.push(about(rays));
             for part in 0..4 {
-                packets.push(packet(|k| rays[(16 * part + k).min(rays.len() - 1)]));
+                let wide = packet(|k| rays[(16 * part + k).min(rays.len() - 1)]);
+                packets.push(rounded(&wide));
+                exact.push(wide);
             }
         }
         let sides = about(&unit).sides;
-        Ok(Self { n: unit.len(), width: None, packets, tiles, sides })
+        Ok(Self { n: unit.len(), packets, exact: Exact::List(exact), tiles, sides })
     }
 
-    /// Pixels of a pinhole camera that looks along −z, with unit directions `rays` (height × width) and intrinsics fx, fy,
-    /// cx, cy in pixels.
-    pub(in super::super) fn image(
-        rays: &[[f64; 3]],
-        width: usize,
-        height: usize,
-        [fx, fy, cx, cy]: [f64; 4],
-    ) -> Self {
-        let mut packets = Vec::new();
-        let mut tiles = Vec::new();
+    /// Pixels of a pinhole camera that looks along −z, with intrinsics fx, fy, cx, cy in pixels; both sides at least 1.
+    pub(in super::super) fn image(width: usize, height: usize, k: [f64; 4]) -> Self {
+        let [fx, fy, cx, cy] = k;
+        let pinhole = Pinhole::new(width, height, k);
+        let count = width.div_ceil(8) * height.div_ceil(8);
+        let mut packets = Vec::with_capacity(4 * count);
+        let mut tiles = Vec::with_capacity(count);
         let pyramid = |col: usize, row: usize, cols: usize, rows: usize| {
             // Image points of the outer corners, a thousandth of a pixel outward.
             let x0 = (col as f64 - 1e-3 - cx) / fx;
@@ -91,14 +150,14 @@ impl RayPattern {
                 tiles.push(pyramid(col, row, 8.min(width - col), 8.min(height - row)));
                 for part in 0..4 {
                     let (r0, c0) = (row + 4 * (part / 2), col + 4 * (part % 2));
-                    packets.push(packet(|k| {
-                        rays[(r0 + k / 4).min(height - 1) * width + (c0 + k % 4).min(width - 1)]
-                    }));
+                    packets.push(rounded(&packet(|k| {
+                        pinhole.direction((c0 + k % 4).min(width - 1), (r0 + k / 4).min(height - 1))
+                    })));
                 }
             }
         }
         let sides = pyramid(0, 0, width, height).sides;
-        Self { n: width * height, width: Some(width), packets, tiles, sides }
+        Self { n: width * height, packets, exact: Exact::Image(pinhole), tiles, sides }
     }
 
     /// Number of rays.
@@ -108,16 +167,10 @@ impl RayPattern {
 
     /// Unit direction of a ray in the frame of the sensor.
     pub fn direction(&self, ray: usize) -> [f64; 3] {
-        let (packet, lane) = match self.width {
-            Some(width) => {
-                let (row, col) = (ray / width, ray % width);
-                let tile = (row / 8) * width.div_ceil(8) + col / 8;
-                (4 * tile + 2 * (row % 8 / 4) + col % 8 / 4, 4 * (row % 4) + col % 4)
-            }
-            None => (ray / 16, ray % 16),
-        };
-        let packet = &self.packets[packet];
-        [packet.wide[0][lane], packet.wide[1][lane], packet.wide[2][lane]]
+        match &self.exact {
+            Exact::Image(pinhole) => pinhole.direction(ray % pinhole.width, ray / pinhole.width),
+            Exact::List(packets) => packets[ray / 16].map(|axis| axis[ray % 16]),
+        }
     }
 
     /// No rays.
@@ -126,16 +179,19 @@ impl RayPattern {
     }
 }
 
-fn packet(ray: impl Fn(usize) -> [f64; 3]) -> Packet {
-    let mut out = Packet { d: [[0.0; 16]; 3], wide: [[0.0; 16]; 3] };
+fn packet(ray: impl Fn(usize) -> [f64; 3]) -> Packet<f64> {
+    let mut out = [[0.0; 16]; 3];
     for k in 0..16 {
         let d = ray(k);
         for i in 0..3 {
-            out.d[i][k] = d[i] as f32;
-            out.wide[i][k] = d[i];
+            out[i][k] = d[i];
         }
     }
     out
+}
+
+fn rounded(packet: &Packet<f64>) -> Packet<f32> {
+    packet.map(|axis| axis.map(|x| x as f32))
 }
 
 /// A square pyramid about rays, by way of a cone.

@@ -100,6 +100,13 @@ impl Hulls {
         }
     }
 
+    /// Room for so many more, and for what [`Hulls::pad`] adds.
+    pub fn reserve(&mut self, hulls: usize) {
+        for column in &mut self.data {
+            column.reserve(hulls.next_multiple_of(16));
+        }
+    }
+
     pub fn push(&mut self, hull: &Hull) {
         let row = [
             hull.centre[0],
