@@ -10,6 +10,7 @@ use propwash::dataset::{
     FlightRecord, FrameInput, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview,
     Quarantine, Reference, SceneRecord, StateRow, VehicleRecord, View, Writer, status,
 };
+use propwash::sense::Caster;
 use rayon::prelude::*;
 
 const W: usize = 7;
@@ -36,6 +37,7 @@ fn manifest() -> Manifest {
         kind: DepthMeaning::Range,
         near_m: 0.05,
         far_m: 20.0,
+        caster: Some(Caster::Native),
         k: [[3.5, 0.0, 3.5], [0.0, 3.5, 2.5], [0.0, 0.0, 1.0]],
     };
     Manifest {
@@ -530,6 +532,28 @@ fn foreign_folders_and_formats_are_refused_and_left_alone() {
             assert!(error.to_string().contains(expected), "{error}");
         }
     }
+}
+
+/// Data sets of versions that did not say who cast their rays are read, and not taken for ones that do.
+#[test]
+fn a_manifest_names_its_caster_and_older_ones_without_it_are_read() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(dataset::create_or_resume(dir.path(), &manifest()).unwrap());
+    let path = dir.path().join("manifest.json");
+    let text = fs::read_to_string(&path).unwrap();
+    assert_eq!(text.matches("\"caster\": \"native\"").count(), 2, "{text}");
+    let older: String = text.lines().filter(|l| !l.contains("\"caster\"")).flat_map(|l| [l, "\n"]).collect();
+    fs::write(&path, &older).unwrap();
+    let data = Dataset::open(dir.path()).unwrap();
+    assert!(data.manifest().cameras.iter().all(|c| c.caster.is_none()));
+    let mut unsaid = manifest();
+    for camera in &mut unsaid.cameras {
+        camera.caster = None;
+    }
+    assert_eq!(data.manifest(), &unsaid);
+    assert_eq!(unsaid.to_json().unwrap(), older, "it is written as it was");
+    let error = dataset::create_or_resume(dir.path(), &manifest()).map(|_| ()).unwrap_err().to_string();
+    assert!(error.contains("cameras[0].caster: the folder has nothing, asked for \"native\""), "{error}");
 }
 
 #[test]

@@ -707,6 +707,20 @@ const BALL: &str = r#"<mujoco><worldbody>
 </worldbody></mujoco>"#;
 
 #[test]
+fn a_data_set_names_who_cast_its_rays() {
+    use propwash::sense::Caster;
+    let dir = folder();
+    let scene = write(&dir, "ball.xml", BALL);
+    for (flag, expected) in [("", Caster::Native), ("--caster mujoco", Caster::MuJoCo)] {
+        let line = format!(
+            "--scene {scene} --drone cf2x_L250 --trajectory hover --seconds 0.1 --fps 10 --size 8x8 {flag}"
+        );
+        let (_, data) = fly(&line, &dir.path().join(format!("{expected:?}")));
+        assert_eq!(data.manifest().cameras[0].caster, Some(expected));
+    }
+}
+
+#[test]
 fn shifted_obstacles_are_seen_and_touched_where_they_are() {
     let dir = folder();
     let scene = write(&dir, "ball.xml", BALL);

@@ -3,94 +3,32 @@
 #[path = "common/notes.rs"]
 mod notes;
 
+#[path = "common/rays.rs"]
+mod rays;
+
 #[path = "common/scenes.rs"]
 mod scenes;
 
 use propwash::math::quat;
-use propwash::random::{Key, Stream, purpose};
+use propwash::random::Stream;
 use propwash::scene::{GeomType, Pose, Scene, Shell, Worker};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
     Camera, Caster, DepthFrame, DepthKind, DepthPlanes, Lens, RayHits, RayPattern, RayPlanes, RayQuery,
     SenseError, cast_pattern, cast_rays,
 };
+use rays::{Agreement, GROUPS, draws, mixed, origin, own_kinds, zoo};
 use scenes::{build, random_quat, random_unit};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
-
-fn draws(step: u64) -> Stream {
-    Key { seed: 23, world: 0, drone: 0, step, purpose: purpose("test of the caster") }.stream()
-}
-
-fn geom_xml(kind: GeomType, s: &mut Stream, i: usize) -> String {
-    let r = |s: &mut Stream| s.uniform(0.1, 0.9);
-    let q = random_quat(s);
-    let p = [0; 3].map(|_| s.uniform(-3.0, 3.0));
-    let place =
-        format!("name='g{i}' pos='{} {} {}' quat='{} {} {} {}'", p[0], p[1], p[2], q[0], q[1], q[2], q[3]);
-    let shape = match kind {
-        GeomType::Plane if i.is_multiple_of(2) => "type='plane' size='0 0 1'".to_string(),
-        GeomType::Plane if i % 4 == 1 => format!("type='plane' size='{} {} 1'", r(s), r(s)),
-        GeomType::Plane => format!("type='plane' size='0 {} 1'", r(s)),
-        GeomType::Hfield => "type='hfield' hfield='h'".into(),
-        GeomType::Sphere => format!("type='sphere' size='{}'", r(s)),
-        GeomType::Capsule => format!("type='capsule' size='{} {}'", r(s), r(s)),
-        GeomType::Ellipsoid => format!("type='ellipsoid' size='{} {} {}'", r(s), r(s), r(s)),
-        GeomType::Cylinder => format!("type='cylinder' size='{} {}'", r(s), r(s)),
-        GeomType::Box => format!("type='box' size='{} {} {}'", r(s), r(s), r(s)),
-        GeomType::Mesh => format!("type='mesh' mesh='{}'", if i.is_multiple_of(2) { "m" } else { "n" }),
-        GeomType::Sdf => "type='sdf' mesh='m'".into(),
-    };
-    format!("<geom {place} {shape}/>")
-}
-
-fn assets(s: &mut Stream) -> String {
-    let heights: Vec<String> = (0..17 * 26).map(|_| format!("{:.4}", s.unit())).collect();
-    format!(
-        "<asset><hfield name='h' nrow='17' ncol='26' size='1 1.2 0.7 0.2' elevation='{}'/>\
-         <mesh name='m' builtin='supertorus' params='24 0.4 1 1' scale='0.7 0.7 0.7'/>\
-         <mesh name='n' builtin='supersphere' params='20 1 1' scale='0.6 0.3 0.8'/></asset>",
-        heights.join(" ")
-    )
-}
-
-/// A scene of one type of geom, random poses and sizes.
-fn zoo(kind: GeomType, s: &mut Stream) -> Scene {
-    let geoms: String = (0..12).map(|i| geom_xml(kind, s, i)).collect();
-    build(&format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(s)), &[])
-}
-
-/// Where rays start: anywhere, in a geom or near one.
-fn origin(scene: &Scene, worker: &Worker, s: &mut Stream) -> [f64; 3] {
-    let pick = s.unit();
-    if pick < 0.3 {
-        return [0; 3].map(|_| s.uniform(-8.0, 8.0));
-    }
-    let geom = ((s.unit() * 12.0) as usize).min(scene.geoms().len() - 1);
-    let (p, _) = worker.geom_pose(geom).unwrap();
-    let reach = if pick < 0.8 { 0.5 } else { 1.5 };
-    [0, 1, 2].map(|k| p[k] + s.uniform(-reach, reach))
-}
-
-struct Agreement {
-    rays: usize,
-    hits: usize,
-    /// One sees something and the other nothing.
-    flips: usize,
-    /// Both see, but not the same geom.
-    labels: usize,
-    errors: Vec<f64>,
-}
 
 /// More than 130,000 rays of each type that has a closed form, in bundles of 64 from one point: over the whole sphere, in
 /// narrow cones.
 #[test]
 fn packets_agree_with_mj_ray_for_every_geom_type() {
-    let kinds = GeomType::ALL.into_iter().filter(|k| *k != GeomType::Sdf);
-    let mut all = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
-    println!("type        rays    hits   flips labels  |error|/range: median 99.9% worst");
-    for kind in kinds {
-        let mut own = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+    let mut all = Agreement::default();
+    for kind in own_kinds() {
+        let mut own = Agreement::default();
         let mut s = draws(100 + kind as u64);
         for _ in 0..4 {
             let scene = zoo(kind, &mut s);
@@ -99,48 +37,20 @@ fn packets_agree_with_mj_ray_for_every_geom_type() {
                 compare_bundle(&scene, &mut worker, &mut s, &mut own);
             }
         }
-        own.errors.sort_by(f64::total_cmp);
-        let q = |p: f64| own.errors[((own.errors.len() - 1) as f64 * p) as usize];
-        println!(
-            "{:9} {:7} {:7} {:6} {:6}                 {:.1e} {:.1e} {:.1e}",
-            kind.name(),
-            own.rays,
-            own.hits,
-            own.flips,
-            own.labels,
-            q(0.5),
-            q(0.999),
-            q(1.0)
-        );
+        println!("{kind}: {}", own.told());
         assert!(own.rays > 130_000 && own.hits > 20_000, "{kind}");
-        assert!(q(0.999) < 1e-5, "{kind}: {}", q(0.999));
-        assert!(own.flips <= 2, "{kind}: {}", own.flips);
+        assert!(own.error(0.999) < 1e-5 && own.error(1.0) < 2e-4, "{kind}: {}", own.told());
         // A crack would show the wall behind.
-        assert!(own.labels <= 2, "{kind}: {}", own.labels);
-        assert!(q(1.0) < 2e-4, "{kind}: {}", q(1.0));
-        all.rays += own.rays;
-        all.hits += own.hits;
-        all.flips += own.flips;
-        all.labels += own.labels;
-        all.errors.append(&mut own.errors);
+        assert!(own.flips <= 2 && own.labels <= 2, "{kind}: {} {}", own.flips, own.labels);
+        all.add(own);
     }
-    all.errors.sort_by(f64::total_cmp);
-    let q = |p: f64| all.errors[((all.errors.len() - 1) as f64 * p) as usize];
+    let version = propwash::scene::mujoco_version();
     notes::tell(&format!(
-        "native caster (f32 lanes) vs mj_ray (f64) of MuJoCo {}: {} rays at 8 geom types, {} hits, {} of hit against \
-         miss, {} other geoms; relative error median {:.1e}, 99.9 % {:.1e}, worst {:.1e}",
-        propwash::scene::mujoco_version(),
-        all.rays,
-        all.hits,
-        all.flips,
-        all.labels,
-        q(0.5),
-        q(0.999),
-        q(1.0)
+        "native caster (f32 lanes) vs mj_ray (f64) of MuJoCo {version}, 8 geom types: {}",
+        all.told()
     ));
     assert!(all.rays >= 1_000_000);
     assert!((all.flips as f64) < 1e-5 * all.rays as f64, "{}", all.flips);
-    assert!(q(0.999) < 1e-5);
 }
 
 fn compare_bundle(scene: &Scene, worker: &mut Worker, s: &mut Stream, sum: &mut Agreement) {
@@ -155,53 +65,22 @@ fn compare_bundle(scene: &Scene, worker: &mut Worker, s: &mut Stream, sum: &mut 
         })
         .filter(|d| d.iter().map(|x| x * x).sum::<f64>() > 1e-6)
         .collect();
-    compare(worker, &pose, &directions, sum);
-}
-
-/// Casts rays from one point by both, and counts.
-fn compare(worker: &mut Worker, pose: &Pose, directions: &[[f64; 3]], sum: &mut Agreement) {
-    let pattern = RayPattern::new(directions).unwrap();
-    let (mut range, mut geom) = (vec![0.0; pattern.len()], vec![0; pattern.len()]);
-    let planes = RayPlanes { range_m: Some(&mut range), geom_id: Some(&mut geom), ..RayPlanes::default() };
-    cast_pattern(worker, pose, &pattern, &RayQuery::default(), planes).unwrap();
-    for i in 0..pattern.len() {
-        let d = quat::rotate(pose.quat_xyzw, pattern.direction(i));
-        let truth = worker.ray(pose.pos_m, d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
-        sum.rays += 1;
-        let t = f64::from(range[i]);
-        match truth {
-            None => {
-                sum.flips += usize::from(t.is_finite());
-                assert_eq!(geom[i] < 0, !t.is_finite());
-            }
-            Some(hit) => {
-                sum.hits += 1;
-                if !t.is_finite() {
-                    sum.flips += 1;
-                    continue;
-                }
-                if geom[i] != hit.geom_id {
-                    sum.labels += 1;
-                }
-                sum.errors.push((t - hit.distance).abs() / hit.distance.max(1e-3));
-            }
-        }
-    }
+    sum.compare(worker, &pose, &directions);
 }
 
 /// Rays that pass along surfaces: from 1 µm to 0.1 m beside one (or below it) and from afar, along its tangent, bent by up to 0.1 rad.
 #[test]
 fn rays_that_graze_agree_with_mj_ray() {
-    let mut all = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
-    for kind in GeomType::ALL.into_iter().filter(|k| *k != GeomType::Sdf) {
-        let mut own = Agreement { rays: 0, hits: 0, flips: 0, labels: 0, errors: Vec::new() };
+    let mut all = Agreement::default();
+    for kind in own_kinds() {
+        let mut own = Agreement::default();
         let mut s = draws(300 + kind as u64);
         let scene = zoo(kind, &mut s);
         let mut worker = scene.worker().unwrap();
         while own.rays < 50_000 {
             let pos = origin(&scene, &worker, &mut s);
             let towards = random_unit(&mut s);
-            let ray = worker.ray(pos, towards, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+            let ray = worker.ray(pos, towards, Some(&GROUPS), None).unwrap();
             let Some(hit) = ray.filter(|h| h.distance < 20.0) else { continue };
             let n = hit.normal;
             let e = random_unit(&mut s);
@@ -223,43 +102,15 @@ fn rays_that_graze_agree_with_mj_ray() {
                     [0, 1, 2].map(|k| along[k] + bend * e[k])
                 })
                 .collect();
-            compare(&mut worker, &Pose::new(from, LEVEL), &directions, &mut own);
+            own.compare(&mut worker, &Pose::new(from, LEVEL), &directions);
         }
-        own.errors.sort_by(f64::total_cmp);
-        let q = |p: f64| own.errors[((own.errors.len() - 1) as f64 * p) as usize];
-        println!(
-            "{:9} {:7} {:7} {:6} {:6}  {:.1e} {:.1e} {:.1e}",
-            kind.name(),
-            own.rays,
-            own.hits,
-            own.flips,
-            own.labels,
-            q(0.5),
-            q(0.999),
-            q(1.0)
-        );
-        all.rays += own.rays;
-        all.hits += own.hits;
-        all.flips += own.flips;
-        all.labels += own.labels;
-        all.errors.append(&mut own.errors);
+        println!("{kind}: {}", own.told());
+        all.add(own);
     }
-    all.errors.sort_by(f64::total_cmp);
-    let q = |p: f64| all.errors[((all.errors.len() - 1) as f64 * p) as usize];
-    notes::tell(&format!(
-        "native caster, grazing rays vs mj_ray: {} rays, {} hits, {} of hit against miss, {} other geoms; relative error \
-         median {:.1e}, 99.9 % {:.1e}, worst {:.1e}",
-        all.rays,
-        all.hits,
-        all.flips,
-        all.labels,
-        q(0.5),
-        q(0.999),
-        q(1.0)
-    ));
+    notes::tell(&format!("native caster, grazing rays vs mj_ray: {}", all.told()));
     assert!(all.hits > 50_000, "{}", all.hits);
     assert!((all.flips as f64) < 1e-4 * all.rays as f64, "{}", all.flips);
-    assert!(all.labels <= 20 && q(0.5) < 1e-6 && q(0.99) < 1e-2, "{} {:e} {:e}", all.labels, q(0.5), q(0.99));
+    assert!(all.labels <= 20 && all.error(0.5) < 1e-6 && all.error(0.99) < 1e-2, "{}", all.told());
 }
 
 /// The f64 rays, with normals, from many points.
@@ -280,7 +131,7 @@ fn single_rays_agree_with_mj_ray_for_every_geom_type() {
         for i in 0..n {
             let length = directions[i].iter().map(|x| x * x).sum::<f64>().sqrt();
             let d = directions[i].map(|x| x / length);
-            let truth = worker.ray(origins[i], d, Some(&[1, 1, 1, 0, 0, 0]), None).unwrap();
+            let truth = worker.ray(origins[i], d, Some(&GROUPS), None).unwrap();
             let Some(hit) = truth else {
                 flips += usize::from(hits.range_m[i].is_finite());
                 continue;
@@ -462,8 +313,7 @@ fn asking_for_fewer_planes_changes_none_of_them() {
 #[test]
 fn lidar_patterns_see_what_single_rays_see() {
     let mut s = draws(7);
-    let geoms: String = (0..40).map(|i| geom_xml(GeomType::ALL[i % 8], &mut s, i)).collect();
-    let scene = build(&format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(&mut s)), &[]);
+    let scene = build(&mixed(40, &mut s), &[]);
     let mut worker = scene.worker().unwrap();
     for rings in [16, 1] {
         let mut directions = Vec::new();
@@ -504,6 +354,14 @@ fn lidar_patterns_see_what_single_rays_see() {
     }
 }
 
+/// A query that hides the only drone of a scene.
+fn query_of_another_scene() -> RayQuery {
+    let xml = "<mujoco><worldbody><body name='drone'><geom size='.1'/></body></worldbody></mujoco>";
+    let shell = Shell { name: "ball".into(), xml: xml.into(), dir: None };
+    let other = build("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", &[shell]);
+    RayQuery::default().without_drone(&other, 0).unwrap()
+}
+
 #[test]
 fn rays_that_cannot_be_cast_are_named() {
     let scene = build("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", &[]);
@@ -524,6 +382,23 @@ fn rays_that_cannot_be_cast_are_named() {
     let planes = RayPlanes { range_m: Some(&mut short), ..RayPlanes::default() };
     let query = RayQuery::default();
     assert!(cast_pattern(&mut worker, &Pose::default(), &pattern, &query, planes).is_err());
+    for (query, name) in
+        [(RayQuery::default().without_body(7), "body 7"), (query_of_another_scene(), "drone 0")]
+    {
+        let told = cast_pattern(&mut worker, &Pose::default(), &pattern, &query, RayPlanes::default());
+        let message = told.unwrap_err().to_string();
+        assert!(message.contains(name) && message.contains("does not exist"), "{message}");
+        let mut hits = RayHits::default();
+        let told = cast_rays(&mut worker, &[[0.0; 3]], &[[1.0, 0.0, 0.0]], &query, &mut hits);
+        assert_eq!(told.unwrap_err().to_string(), message);
+    }
+    // MuJoCo's own rays say it too; without the check its answer is that of all bodies.
+    let (at, along) = ([3.0, 0.0, 0.0], [-1.0, 0.0, 0.0]);
+    assert!(worker.ray(at, along, None, Some(0)).unwrap().is_none());
+    let message = worker.ray(at, along, None, Some(7)).unwrap_err().to_string();
+    assert!(message.contains("body 7 does not exist"), "{message}");
+    let (mut distances, mut geoms) = ([0.0], [0]);
+    assert!(worker.rays(at, &[along], None, Some(7), &mut distances, &mut geoms, None).is_err());
     let nowhere = Pose::new([f64::NAN; 3], LEVEL);
     assert!(cast_pattern(&mut worker, &nowhere, &pattern, &query, RayPlanes::default()).is_err());
 }
@@ -651,15 +526,13 @@ fn batches_and_threads_change_no_bit() {
     use propwash::scene::WorkerPool;
     use propwash::sense::{DepthBatch, WorldPoses, render_batch};
     let mut s = draws(11);
-    let geoms: String = (0..60).map(|i| geom_xml(GeomType::ALL[i % 8], &mut s, i)).collect();
     let shell = Shell {
         name: "ball".into(),
         xml: "<mujoco><worldbody><body name='drone'><geom size='0.1'/><camera name='fpv' fovy='100'/></body></worldbody></mujoco>"
             .into(),
         dir: None,
     };
-    let xml = format!("<mujoco>{}<worldbody>{geoms}</worldbody></mujoco>", assets(&mut s));
-    let scene = build(&xml, &[shell.clone(), shell]);
+    let scene = build(&mixed(60, &mut s), &[shell.clone(), shell]);
     let n = 40;
     let (mut pos, mut quat) = (Vec::new(), Vec::new());
     for _ in 0..2 * n {

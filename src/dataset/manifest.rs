@@ -9,6 +9,7 @@ use serde_json::Value;
 use super::depth_png;
 use super::error::{DatasetError, Result};
 use super::table::{Column, clearance_columns, contact_columns, state_columns};
+use crate::sense::Caster;
 
 /// Name of the format, `format` in the manifest.
 pub const FORMAT: &str = "propwash-dataset";
@@ -131,6 +132,9 @@ pub struct CameraRecord {
     pub near_m: f64,
     /// Hits farther than this have the status too far, m.
     pub far_m: f64,
+    /// Who cast its rays; none in data sets of versions that did not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub caster: Option<Caster>,
     /// Pin-hole matrix K, pixels: `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`; x right, y down, pixel centres at n + 0.5.
     pub k: [[f64; 3]; 3],
 }

@@ -822,6 +822,7 @@ fn camera_record(camera: &Camera) -> CameraRecord {
         },
         near_m,
         far_m,
+        caster: Some(camera.caster()),
         k: camera.k(),
     }
 }

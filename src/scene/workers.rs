@@ -245,6 +245,16 @@ impl Worker {
         &self.scene
     }
 
+    /// A body that rays do not see, as MuJoCo counts it: −1 for none.
+    fn excluded(&self, body: Option<usize>) -> Result<c_int, SceneError> {
+        let count = self.scene().bodies().len();
+        match body {
+            None => Ok(-1),
+            Some(body) if body < count => Ok(body as c_int),
+            Some(index) => Err(SceneError::NoSuch { what: "excluded body", index, count }),
+        }
+    }
+
     #[inline]
     pub(super) fn m(&self) -> *const ffi::mjModel {
         self.scene.0.model.ffi()
@@ -487,7 +497,7 @@ impl Worker {
         }
         let (m, d) = (self.m(), self.data);
         let groups = groups.map_or(ptr::null(), |g| g.as_ptr());
-        let exclude = exclude_body.map_or(-1, |b| b as c_int);
+        let exclude = self.excluded(exclude_body)?;
         let mut geom = -1;
         let mut normal = [0.0; 3];
         let mut distance = -1.0;
@@ -535,7 +545,7 @@ impl Worker {
         }
         let (m, d) = (self.m(), self.data);
         let groups = groups.map_or(ptr::null(), |g| g.as_ptr());
-        let exclude = exclude_body.map_or(-1, |b| b as c_int);
+        let exclude = self.excluded(exclude_body)?;
         let origin = &raw const origin_m;
         for start in (0..n).step_by(RAY_BLOCK) {
             let count = RAY_BLOCK.min(n - start);

@@ -361,7 +361,7 @@ impl Camera {
         self
     }
 
-    /// Sets who casts the rays. [`Caster::Native`] is the default; it leaves scenes of 2²⁴ geoms and more to MuJoCo.
+    /// Sets who casts the rays. [`Caster::Native`] is the default; it refuses scenes of 2²⁴ geoms and more.
     #[must_use]
     pub fn with_caster(mut self, caster: Caster) -> Self {
         self.caster = caster;
@@ -457,7 +457,8 @@ impl Camera {
     /// Renders one image into `frame`, whose buffers are reused.
     ///
     /// # Errors
-    /// [`SenseError::Scene`], e.g. when the worker was not updated.
+    /// [`SenseError::Scene`], e.g. when the worker was not updated; [`SenseError::Parameter`] where [`Caster::Native`] is
+    /// asked for a scene of 2²⁴ geoms or more.
     pub fn render(&self, worker: &mut Worker, frame: &mut DepthFrame) -> Result<(), SenseError> {
         let n = self.pattern.len();
         frame.width = self.width;
@@ -506,8 +507,7 @@ impl Camera {
     pub(super) fn render_planes(&self, worker: &mut Worker, planes: Planes) -> Result<Pose, SenseError> {
         let pose = self.pose(worker)?;
         match self.caster {
-            // Geom ids beyond 2²⁴ do not fit the lanes of our own.
-            Caster::Native if caster::can_cast(worker.scene()) => {
+            Caster::Native => {
                 let rule = Rule {
                     z_depth: self.kind == DepthKind::ZDepth,
                     near: self.near_m as f32,
@@ -515,7 +515,7 @@ impl Camera {
                 };
                 caster::render(worker, &pose, &self.pattern, &self.query, rule, planes)?;
             }
-            Caster::Native | Caster::MuJoCo => {
+            Caster::MuJoCo => {
                 let mut scratch = std::mem::take(&mut worker.scratch);
                 let result = self.cast(worker, &pose, &mut scratch, planes);
                 worker.scratch = scratch;
@@ -559,7 +559,8 @@ impl Camera {
             } else if value > self.far_m {
                 (f32::INFINITY, PixelStatus::TooFar)
             } else {
-                (value as f32, PixelStatus::Hit)
+                // Zero has no sign.
+                (value as f32 + 0.0, PixelStatus::Hit)
             };
             if let Some(plane) = planes.depth.as_deref_mut() {
                 plane[i] = depth;

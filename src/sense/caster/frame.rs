@@ -451,6 +451,8 @@ fn store<S: Simd>(
     sink: &mut Sink,
 ) {
     let rule = &job.rule;
+    // A face on which the sensor lies may be at −0.
+    let t = t + t.lit(0.0);
     if let Some(range) = &mut sink.range {
         place.put(&t.into(), range);
     }
@@ -568,6 +570,8 @@ fn near_ray<S: Simd>(simd: S, hulls: &Hulls, group: usize, o: [f32; 3], d: [f32;
 
 #[cfg(all(test, target_arch = "x86_64"))]
 mod tests {
+    use std::io::Write;
+
     use super::*;
     use crate::math::quat;
     use crate::scene::{Scene, SceneSource};
@@ -647,11 +651,17 @@ mod tests {
         let best = shoot(level(), &job);
         let seen: std::collections::BTreeSet<i32> = best.1.iter().copied().collect();
         assert_eq!(seen.len(), scene.geoms().len() + 1, "{seen:?}");
+        let skip = |what: &str| {
+            // Straight to the stream: what `eprintln` says in a test that passes is not shown.
+            let _ = writeln!(std::io::stderr(), "skipped: {what}; this processor has {:?}", level());
+        };
         if let (Some(_), Some(avx2)) = (level().as_avx512(), level().as_avx2()) {
             let other = shoot(Level::Avx2(avx2), &job);
             assert_eq!(best.1, other.1);
             let same = best.0.iter().zip(&other.0).all(|(a, b)| a.to_bits() == b.to_bits());
             assert!(same, "AVX2 against AVX-512");
+        } else {
+            skip("the same bits by AVX2 and AVX-512");
         }
         if let Some(sse) = level().as_sse2() {
             let other = shoot(Level::Sse2(sse), &job);
@@ -662,6 +672,8 @@ mod tests {
                     assert!((a - b).abs() < 2e-5 * a, "{a} {b}");
                 }
             }
+        } else {
+            skip("nearly the same ranges by SSE");
         }
     }
 }

@@ -95,7 +95,7 @@ impl RayQuery {
         Ok(self)
     }
 
-    /// Does not see a body (its children are seen).
+    /// Does not see a body (its children are seen). Casting is an error where the scene has no such body.
     #[must_use]
     pub fn without_body(mut self, body: usize) -> Self {
         self.own_drone = None;
@@ -111,6 +111,18 @@ impl RayQuery {
         self.own_body = None;
         self.compound = false;
         self
+    }
+
+    /// What it does not see exists in this scene.
+    fn check(&self, scene: &Scene) -> Result<(), SceneError> {
+        if let Some(drone) = self.own_drone {
+            scene.drone_body(drone)?;
+        }
+        let count = scene.bodies().len();
+        match self.own_body {
+            Some(index) if index >= count => Err(SceneError::NoSuch { what: "excluded body", index, count }),
+            _ => Ok(()),
+        }
     }
 
     fn sees(&self, shape: &Shape) -> bool {
@@ -139,8 +151,8 @@ pub struct RayPlanes<'a> {
 /// Nothing is allocated once the worker has seen a pattern of this size.
 ///
 /// # Errors
-/// [`SenseError::Shape`] for a plane of another size; [`SenseError::Scene`] for a bad pose and where the worker was not
-/// updated.
+/// [`SenseError::Shape`] for a plane of another size; [`SenseError::Scene`] for a bad pose, a body or drone that does not
+/// exist, and where the worker was not updated; [`SenseError::Parameter`] for a scene of 2²⁴ geoms or more.
 pub fn cast_pattern(
     worker: &mut Worker,
     pose: &Pose,
@@ -173,7 +185,7 @@ pub struct RayHits {
 ///
 /// # Errors
 /// [`SenseError::Parameter`] for arrays of different lengths and for rays that are not finite or have no direction;
-/// [`SenseError::Scene`] where the worker was not updated.
+/// [`SenseError::Scene`] for a body or drone that does not exist, and where the worker was not updated.
 pub fn cast_rays(
     worker: &mut Worker,
     origins_m: &[[f64; 3]],
@@ -190,6 +202,7 @@ pub fn cast_rays(
             ),
         });
     }
+    query.check(worker.scene())?;
     let world = World::of(worker)?;
     let n = origins_m.len();
     hits.range_m.clear();
@@ -228,7 +241,8 @@ pub fn cast_rays(
             }
         }
         if let Some((t, id, g, part)) = best {
-            hits.range_m[ray] = t;
+            // Zero has no sign.
+            hits.range_m[ray] = t + 0.0;
             hits.geom_id[ray] = id as i32;
             hits.normal[ray] = single::normal(&world, &g, &mat[id], &identity, d, t, part);
         }
@@ -237,7 +251,7 @@ pub fn cast_rays(
             && usize::try_from(hit.geom_id).is_ok_and(|g| world.shapes[g].foreign)
             && hit.distance < hits.range_m[ray]
         {
-            hits.range_m[ray] = hit.distance;
+            hits.range_m[ray] = hit.distance + 0.0;
             hits.geom_id[ray] = hit.geom_id;
             hits.normal[ray] = hit.normal;
         }
@@ -296,9 +310,17 @@ impl Planes<'_> {
     }
 }
 
-/// Whether the native caster can see this scene.
-pub(super) fn can_cast(scene: &Scene) -> bool {
-    scene.geoms().len() < MAX_GEOMS
+/// Geom ids travel in lanes of f32, which count to 2²⁴.
+fn check_count(geoms: usize) -> Result<(), SenseError> {
+    if geoms < MAX_GEOMS {
+        return Ok(());
+    }
+    Err(SenseError::Parameter {
+        what: format!(
+            "the native ray caster sees scenes of fewer than {MAX_GEOMS} geoms, this one has {geoms}; use Caster::MuJoCo \
+             (--caster mujoco)"
+        ),
+    })
 }
 
 /// One frame.
@@ -311,14 +333,8 @@ pub(super) fn render(
     planes: Planes,
 ) -> Result<(), SenseError> {
     planes.check(pattern.len())?;
-    if !can_cast(worker.scene()) {
-        return Err(SenseError::Parameter {
-            what: format!(
-                "the native ray caster counts geoms up to {MAX_GEOMS}, the scene has {}; use Caster::MuJoCo",
-                worker.scene().geoms().len()
-            ),
-        });
-    }
+    query.check(worker.scene())?;
+    check_count(worker.scene().geoms().len())?;
     let world = World::of(worker)?;
     let mut scratch = take_scratch(worker);
     let done = render_with(worker, &world, &mut scratch, pose, pattern, query, rule, planes);
@@ -443,4 +459,19 @@ fn normals(job: &Job, geoms: &[i32], ranges: &[f32], out: &mut [[f32; 3]]) {
 fn unit(v: [f64; 3]) -> [f64; 3] {
     let n = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     if n > 0.0 { v.map(|x| x / n) } else { [0.0, 0.0, 1.0] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn too_many_geoms_are_refused_with_a_way_out() {
+        assert!(check_count(MAX_GEOMS - 1).is_ok());
+        let message = check_count(MAX_GEOMS).unwrap_err().to_string();
+        assert!(message.contains("16777216") && message.contains("--caster mujoco"), "{message}");
+        // All ids below the limit are whole numbers of f32, and the next is not.
+        assert_eq!((MAX_GEOMS - 1) as f32 as usize, MAX_GEOMS - 1);
+        assert_ne!((MAX_GEOMS + 1) as f32 as usize, MAX_GEOMS + 1);
+    }
 }

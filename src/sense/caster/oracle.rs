@@ -166,7 +166,7 @@ fn foreign_with(
         let Ok(geom) = usize::try_from(scratch.geoms[k]) else { continue };
         // An infinite range is a ray that met nothing of ours.
         if t >= 0.0 && world.shapes[geom].foreign && t as f32 <= ranges[*i] {
-            ranges[*i] = t as f32;
+            ranges[*i] = t as f32 + 0.0;
             geoms[*i] = scratch.geoms[k];
             if let Some(normals) = normals {
                 normals[*i] = scratch.normals[k].map(|x| x as f32);
