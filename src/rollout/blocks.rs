@@ -97,8 +97,8 @@ impl<S: Real> Slot<S> {
         let controller = &drone.controller;
         mellinger::run(controller, gravity, mode, due, periods, &self.state, &self.command, &mut self.memory);
         self.rotor_command = self.memory.rotor_cmd;
-        // What the mixer stage commands is within these limits.
-        if mode == ControlMode::RotorVel {
+        // What the mixer stage commands in this step is within these limits.
+        if mode == ControlMode::RotorVel || !due.force_torque {
             mellinger::limit_rotor_vel(controller, &mut self.rotor_command);
         }
         self.attitude_command = self.memory.attitude_cmd;

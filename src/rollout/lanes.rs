@@ -495,13 +495,11 @@ fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates: &[Rates]) 
             continue;
         }
         let mut dues: Vec<Due> = Vec::new();
-        let controls = options.phase != Phase::Integration;
-        let none = Due { state: false, attitude: false, force_torque: false };
         let mut ticks = Vec::new();
         // Ticks repeat every second. Which of them matter depends on the control mode.
         for step in 0..options.sim_hz {
             let due = rates[d].due(options.mode, step.into(), options.sim_hz);
-            let due = if controls { told(options.mode, due) } else { none };
+            let due = told(options.mode, due);
             let at = dues.iter().position(|known| *known == due).unwrap_or(dues.len());
             if at == dues.len() {
                 dues.push(due);
@@ -655,9 +653,11 @@ impl<N: Number> Kind<N> {
         for plan in &mut self.plans {
             plan.enter.part(|(p, _)| writers[*p as usize] > 0);
             plan.leave.part(|(_, p)| kept(*p));
-            let finished = plan.stages.finish.stores.iter();
-            let mut outputs = finished.filter_map(|(_, slot)| plan.stages.state[*slot as usize].output);
-            plan.finishes = outputs.any(|o| kept(o.place()));
+            // A cell may go to several places.
+            let finished = |cell: u32| {
+                plan.stages.finish.stores.iter().any(|(_, slot)| plan.layout.state + slot == cell)
+            };
+            plan.finishes = plan.leave.often.iter().any(|(cell, _)| finished(*cell));
         }
         let places = 0..self.n_home as u32;
         let saves: Vec<u32> = places.clone().filter(|p| writers[*p as usize] > 0).collect();

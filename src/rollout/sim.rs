@@ -429,6 +429,7 @@ impl<N: Number> Sim<N> {
     /// [`RolloutError::Length`] and [`RolloutError::Option`] when the arrays of `data` do not have their shapes any more.
     pub fn step(&mut self, n_steps: usize) -> Result<(), RolloutError> {
         self.check_data()?;
+        self.mend_attitudes();
         if self.pipeline.is_plain() {
             self.run(n_steps, Phase::Both);
             return Ok(());
@@ -455,6 +456,7 @@ impl<N: Number> Sim<N> {
                         outcome = self.check_data();
                         if outcome.is_ok() {
                             self.set_aside_non_finite(name);
+                            self.mend_attitudes();
                         }
                     }
                 }
@@ -479,6 +481,32 @@ impl<N: Number> Sim<N> {
         }
         let dt = 1.0 / f64::from(self.options.sim_hz);
         self.data.check_lengths(self.nominal.iter().map(|d| d.memory_len(dt)).sum())
+    }
+
+    /// Attitudes that were written into `data` are brought to unit length, which steps then keep. One of length 0 is none: its
+    /// world is quarantined.
+    fn mend_attitudes(&mut self) {
+        let n = self.nominal.len();
+        for (row, q) in self.data.quat.chunks_exact_mut(4).enumerate() {
+            let n2: f64 = q.iter().map(|v| v.wide() * v.wide()).sum();
+            if (n2 - 1.0).abs() <= 1e-5 || !n2.is_finite() {
+                continue;
+            }
+            if n2 < 1e-12 {
+                let w = row / n;
+                self.data.quarantine[w].get_or_insert(Quarantine {
+                    world: self.options.first_world + w as u64,
+                    drone: row % n,
+                    step: self.data.steps[w],
+                    quantity: "length of the attitude".into(),
+                    stage: None,
+                });
+                continue;
+            }
+            for v in q {
+                *v = N::of(v.wide() / n2.sqrt());
+            }
+        }
     }
 
     fn keep_states(&mut self) {
@@ -1211,6 +1239,65 @@ mod tests {
             assert_eq!(run::<f32>(control, dynamics, level()), narrow, "{dynamics} {control:?} f32");
             let narrow = run::<f64>(control, dynamics, Level::Avx2(avx2));
             assert_eq!(run::<f64>(control, dynamics, level()), narrow, "{dynamics} {control:?} f64");
+        }
+    }
+
+    /// A mixer that ticks less often than the attitude stage hands its command on from tick to tick.
+    #[test]
+    fn lanes_keep_what_stages_hand_on_where_these_tick_at_different_rates() {
+        let vehicle = crate::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
+        let drone = vehicle.drone("first_principles").unwrap();
+        let rates = Rates { force_torque_hz: 250, ..vehicle.rates };
+        let run = |engine: Engine, calls: &[usize]| {
+            let options =
+                SimOptions { n_worlds: 40, control: ControlMode::Attitude, engine, ..SimOptions::default() };
+            let mut sim = Sim::new(options, vec![(drone.clone(), rates)]).unwrap();
+            let command: Vec<f64> =
+                (0..40).flat_map(|w| [0.01 * f64::from(w), -0.1, 0.3, drone.hover_thrust()]).collect();
+            sim.set_command(&command).unwrap();
+            for n in calls {
+                sim.step(*n).unwrap();
+            }
+            sim.data
+        };
+        for calls in [&[1][..], &[2], &[3], &[50], &[3, 2, 4]] {
+            let (want, got) = (run(Engine::Reference, calls), run(Engine::Lanes, calls));
+            for (a, b) in want.controller_memory.iter().zip(&got.controller_memory) {
+                assert!((a - b).abs() < 1e-9 * (1.0 + a.abs()), "{calls:?}: {b:e}, not {a:e}");
+            }
+        }
+    }
+
+    /// The halves of a step may be called in any order.
+    #[test]
+    fn lanes_that_began_with_integration_alone_still_control() {
+        let run = |engine: Engine| {
+            let options = SimOptions { engine, ..SimOptions::default() };
+            let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
+            sim.set_command(&[0.1, 0.0, 0.0, 9.81]).unwrap();
+            sim.run_integration();
+            sim.step(20).unwrap();
+            sim.data.vel
+        };
+        let (want, got) = (run(Engine::Reference), run(Engine::Lanes));
+        assert!(want.iter().zip(&got).all(|(a, b)| (a - b).abs() < 1e-10), "{got:?}, not {want:?}");
+        assert!(want[1].abs() > 1e-4, "{want:?}");
+    }
+
+    #[test]
+    fn attitudes_that_are_written_into_the_data_become_unit_or_set_their_world_aside() {
+        for engine in [Engine::Reference, Engine::Lanes] {
+            let options = SimOptions { n_worlds: 3, engine, ..SimOptions::default() };
+            let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
+            sim.data.quat[..4].copy_from_slice(&[0.0, 1.5, 0.0, 2.0]);
+            sim.data.quat[4..8].copy_from_slice(&[0.0; 4]);
+            sim.step(1).unwrap();
+            let q = sim.data.state(0, 0).quat;
+            let want = [0.0, 0.6, 0.0, 0.8];
+            assert!((0..4).all(|i| (q[i] - want[i]).abs() < 1e-9), "{q:?}");
+            assert!(sim.data.quarantine[0].is_none() && sim.data.quarantine[2].is_none());
+            let set_aside = sim.data.quarantine[1].as_ref().unwrap();
+            assert_eq!((set_aside.world, set_aside.quantity.as_str()), (1, "length of the attitude"));
         }
     }
 

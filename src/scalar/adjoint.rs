@@ -90,8 +90,8 @@ fn turn_slope<S: Real>(t2: S, sin_over: S, cos: S) -> S {
     S::select(small, sum, (S::lit(0.5) * cos - sin_over) / (far + far))
 }
 
-/// What a loss gains by each input, where `seeds` says what it gains by each result. At a choice only the chosen side counts; a
-/// floor is flat.
+/// What a loss gains by each input, where `seeds` says what it gains by each result. At a choice only the chosen side counts,
+/// whatever the slope of the other (√0 …); a floor is flat.
 ///
 /// # Panics
 /// Where there are fewer inputs than [`Graph::n_inputs`], or fewer seeds than results.
@@ -106,6 +106,8 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
     let values = values(graph, inputs);
     let zero = S::zero();
     let mut gains: Vec<Option<S>> = vec![None; graph.nodes.len()];
+    // Nothing gained stays nothing, even by way of an infinite slope.
+    let by = |g: S, slope: S| S::select(g.abs().le(zero), zero, g * slope);
     let add = |gains: &mut Vec<Option<S>>, place: Place, gain: S| {
         let sum = &mut gains[place as usize];
         *sum = Some(sum.map_or(gain, |sum| sum + gain));
@@ -133,12 +135,12 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
                 add(&mut gains, b, g * n(a));
             }
             Node::Div(a, b) => {
-                let over = g / n(b);
-                add(&mut gains, a, over);
-                add(&mut gains, b, -(over * own));
+                let over = S::one() / n(b);
+                add(&mut gains, a, by(g, over));
+                add(&mut gains, b, -by(g, over * own));
             }
             Node::Neg(a) => add(&mut gains, a, -g),
-            Node::Sqrt(a) => add(&mut gains, a, g / (own + own)),
+            Node::Sqrt(a) => add(&mut gains, a, by(g, S::one() / (own + own))),
             Node::Sin(a) => add(&mut gains, a, g * n(a).sin_cos().1),
             Node::Cos(a) => add(&mut gains, a, -(g * n(a).sin_cos().0)),
             Node::TurnSin(a) => {
@@ -150,9 +152,9 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
             Node::Exp(a) => add(&mut gains, a, g * own),
             Node::Atan2(a, b) => {
                 let (y, x) = (n(a), n(b));
-                let over = g / (x * x + y * y);
-                add(&mut gains, a, over * x);
-                add(&mut gains, b, -(over * y));
+                let over = S::one() / (x * x + y * y);
+                add(&mut gains, a, by(g, over * x));
+                add(&mut gains, b, -by(g, over * y));
             }
             Node::Select(m, a, b) => {
                 let mask = values[m as usize].truth();
@@ -213,6 +215,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn an_infinite_slope_on_the_side_that_is_not_chosen_does_no_harm() {
+        fn guarded<S: Real>(v: &[S]) -> Vec<S> {
+            let some = S::zero().lt(v[0]);
+            let (root, over, angle) = (v[0].sqrt(), v[1] / v[0], v[0].atan2(v[0]));
+            vec![S::select(some, root + over + angle, v[1] * S::lit(3.0))]
+        }
+        let graph = trace(2, guarded::<Sym>);
+        assert_eq!(pull_back(&graph, &[0.0, 2.0], &[1.0]), [0.0, 3.0]);
+        assert_eq!(adjoint(&graph).eval(&[0.0, 2.0, 1.0]), [0.0, 3.0]);
     }
 
     #[test]

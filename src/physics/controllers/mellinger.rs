@@ -217,9 +217,11 @@ pub fn force_torque_to_rotor_vel<S: Real>(p: &Params<S>, cmd: [S; 4]) -> [S; MAX
 fn speeds<S: Real>(p: &Params<S>, collective: S, wanted: [S; MAX_ROTORS]) -> [S; MAX_ROTORS] {
     let zero = S::zero();
     let idle = collective.abs().le(zero);
+    // No rotor turns backwards for a thrust below that of rest.
+    let least = p.thrust_min_n.max(p.thrust_curve[0]);
     let mut out = [zero; MAX_ROTORS];
     for i in 0..p.mixer.n_rotors {
-        let clipped = wanted[i].clamp(p.thrust_min_n, p.thrust_max_n);
+        let clipped = wanted[i].clamp(least, p.thrust_max_n);
         out[i] = S::select(idle, zero, rotor::speed_for_thrust(p.thrust_curve, clipped));
     }
     out

@@ -14,7 +14,7 @@ parameters! {
         /// Contribution of each rotor's thrust to collective thrust (1) and torque x, y, z (m).
         wrench_from_rotor: [[S; 4]; MAX_ROTORS],
         /// What `rotor_from_wrench` after `wrench_from_rotor` does to the thrusts of four rotors beside giving them back:
-        /// nothing where they can make every wrench. [`Params::refresh`] keeps it true.
+        /// nothing where they can make every wrench, also in derivatives. [`Params::refresh`] keeps it true.
         beside: [[S; 4]; 4],
         ; fixed:
         /// Number of rotors.

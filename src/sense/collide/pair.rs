@@ -162,7 +162,8 @@ impl Solids {
         }
         let mut local = shape.clone();
         (local.pos, local.rot) = (centre, turned);
-        let mut best = Gap::none(limit);
+        // What overlaps has a gap of zero, which must be found however deep the best so far is.
+        let mut best = Gap::none(limit.max(0.0) + TOUCH_M);
         let reach = |best: &Gap| best.distance.max(0.0) + g.radius;
         let start = reach(&best);
         let nearer = |best: &mut Gap, points: &[[f64; 3]]| {
@@ -182,7 +183,9 @@ impl Solids {
                 if best.overlap {
                     // The shell of the mesh is crossed.
                 } else if best.distance > 0.0 && h.holds(centre) && surface.winding_number(centre) > 0.5 {
-                    // Wholly inside: as deep as it is far from the surface.
+                    // Wholly inside: as deep as it is far from the surface, be that farther than the best so far.
+                    best = Gap::none(2.0 * (h.radius + g.radius));
+                    surface.mesh.near(centre, reach(&best), |triangle| nearer(&mut best, triangle));
                     let core =
                         if matches!(g.kind, GeomType::Sphere | GeomType::Capsule) { g.size[0] } else { 0.0 };
                     best.distance = -best.distance - 2.0 * core;
@@ -202,6 +205,9 @@ impl Solids {
         Meeting::of_gap(&best)
     }
 }
+
+/// Gaps below this count as touching where a search begins, m.
+const TOUCH_M: f64 = 1e-6;
 
 /// The surface of a signed distance field that has a mesh.
 #[derive(Debug)]
