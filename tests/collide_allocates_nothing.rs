@@ -1,36 +1,16 @@
 //! Contacts, clearances and sweeps allocate nothing once a worker has grown. Alone in its program, since it counts all
 //! allocations.
 
+#[path = "common/allocations.rs"]
+mod allocations;
 #[path = "common/scenes.rs"]
 mod scenes;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
-
+use allocations::allocations;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{Pose, Shell, Worker};
 use propwash::sense::{clearance, contacts, swept};
 use scenes::{build, random_quat};
-
-struct Counting;
-
-static COUNT: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: every call goes on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: as for `alloc` itself.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as for `dealloc` itself.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 fn draws() -> Stream {
     Key { seed: 1, world: 0, drone: 0, step: 0, purpose: purpose("test of allocations") }.stream()
@@ -80,7 +60,7 @@ fn queries_allocate_nothing_after_the_first_calls() {
     let mut worker = scene.worker().unwrap();
     let mut found = Vec::new();
     assert!(round(&mut worker, &mut draws(), &mut found) > 100);
-    let before = COUNT.load(Ordering::Relaxed);
+    let before = allocations();
     round(&mut worker, &mut draws(), &mut found);
-    assert_eq!(COUNT.load(Ordering::Relaxed) - before, 0);
+    assert_eq!(allocations() - before, 0);
 }

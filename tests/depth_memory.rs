@@ -1,48 +1,16 @@
 //! What depth keeps in memory. Alone in its program, since it counts all allocations of Rust's; MuJoCo's own are not seen.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::fmt::Write as _;
-use std::sync::atomic::{AtomicIsize, AtomicUsize, Ordering};
+#[path = "common/allocations.rs"]
+mod allocations;
 
+use std::fmt::Write as _;
+
+use allocations::used;
 use propwash::scene::{Pose, Scene, SceneSource, Shell, Worker, WorkerPool};
 use propwash::sense::{
     Camera, Caster, DepthBatch, DepthFrame, DepthKind, RayPattern, RayPlanes, RayQuery, WorldPoses,
     cast_pattern, render_batch,
 };
-
-struct Counting;
-
-static COUNT: AtomicUsize = AtomicUsize::new(0);
-static LIVE: AtomicIsize = AtomicIsize::new(0);
-static PEAK: AtomicIsize = AtomicIsize::new(0);
-
-// SAFETY: every call goes on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        let size = layout.size() as isize;
-        let live = LIVE.fetch_add(size, Ordering::Relaxed) + size;
-        PEAK.fetch_max(live, Ordering::Relaxed);
-        // SAFETY: as for `alloc` itself.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        LIVE.fetch_sub(layout.size() as isize, Ordering::Relaxed);
-        // SAFETY: as for `dealloc` itself.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Most bytes that were in use at once while `work` ran, beyond those before; and its allocations.
-fn used<T>(work: impl FnOnce() -> T) -> (T, isize, usize) {
-    let (live, count) = (LIVE.load(Ordering::Relaxed), COUNT.load(Ordering::Relaxed));
-    PEAK.store(live, Ordering::Relaxed);
-    let done = work();
-    (done, PEAK.load(Ordering::Relaxed) - live, COUNT.load(Ordering::Relaxed) - count)
-}
 
 /// `n` posts on a floor, a mesh, a height field, and a drone with a camera.
 fn grove(n: usize) -> Scene {

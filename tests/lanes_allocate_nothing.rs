@@ -1,32 +1,13 @@
 //! Steps in lanes allocate nothing after the first call. Alone in its program, since it counts all allocations.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicUsize, Ordering};
+#[path = "common/allocations.rs"]
+mod allocations;
 
+use allocations::allocations;
 use propwash::physics::controllers::ControlMode;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::Number;
 use propwash::vehicle::Vehicle;
-
-struct Counting;
-
-static COUNT: AtomicUsize = AtomicUsize::new(0);
-
-// SAFETY: every call goes on to the system's allocator as it came.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: as for `alloc` itself.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as for `dealloc` itself.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 fn count<N: Number>(control: ControlMode, dynamics: &str) -> usize {
     let vehicle = Vehicle::builtin("cf2x_L250").unwrap();
@@ -34,11 +15,11 @@ fn count<N: Number>(control: ControlMode, dynamics: &str) -> usize {
     let options = SimOptions { n_worlds: 300, control, engine: Engine::Lanes, ..SimOptions::default() };
     let mut sim = Sim::<N>::storing(options, vec![(drone, vehicle.rates)]).unwrap();
     sim.step(12).unwrap();
-    let before = COUNT.load(Ordering::Relaxed);
+    let before = allocations();
     for _ in 0..5 {
         sim.step(12).unwrap();
     }
-    COUNT.load(Ordering::Relaxed) - before
+    allocations() - before
 }
 
 #[test]

@@ -68,19 +68,7 @@ struct Exception {
 const EXCEPTIONS: &[Exception] = &[
     Exception {
         rule: "unsafe",
-        file: "tests/collide_allocates_nothing.rs",
-        line: "unsafe",
-        reason: "an allocator that counts can be written in no other way; it goes on to the system's",
-    },
-    Exception {
-        rule: "unsafe",
-        file: "tests/lanes_allocate_nothing.rs",
-        line: "unsafe",
-        reason: "an allocator that counts can be written in no other way; it goes on to the system's",
-    },
-    Exception {
-        rule: "unsafe",
-        file: "tests/depth_memory.rs",
+        file: "tests/common/allocations.rs",
         line: "unsafe",
         reason: "an allocator that counts can be written in no other way; it goes on to the system's",
     },
