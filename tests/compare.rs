@@ -108,7 +108,7 @@ fn flown(vehicle: &Vehicle, seconds: f64, sensors: Sensors) -> String {
         if i % 2 != 0 {
             continue;
         }
-        let sent: [f64; 8] = std::array::from_fn(|k| sim.data.rotor_command[k]);
+        let sent: [f64; 8] = std::array::from_fn(|k| sim.data.rotor_command.get(k).copied().unwrap_or(0.0));
         let mut row = |values: &[f64], sigma: f64, on: bool, out: &mut String| {
             for v in values {
                 if on { write!(out, ",{}", v + sigma * draws.normal()) } else { write!(out, ",") }.unwrap();

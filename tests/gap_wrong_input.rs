@@ -57,7 +57,7 @@ fn flown(vehicle: &Vehicle, seconds: f64, size_m: f64) -> Vec<Vec<f64>> {
         if i % 5 != 0 {
             continue;
         }
-        let sent: [f64; 8] = std::array::from_fn(|k| sim.data.rotor_command[k]);
+        let sent: [f64; 8] = std::array::from_fn(|k| sim.data.rotor_command.get(k).copied().unwrap_or(0.0));
         let near = Surroundings { ground_distance_m: s.pos[2], ..Surroundings::calm() };
         let rate = drone.rate(&s, &Command::Rotors(sent), &near);
         let accel = measure::accelerometer(&s, &rate, drone.body.gravity_m_s2);

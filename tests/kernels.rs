@@ -13,7 +13,7 @@ fn wanted() -> BTreeMap<String, String> {
     names.sort();
     let mut out = BTreeMap::from([("mod.rs".to_string(), rust::module(&names))]);
     for step in steps {
-        let text = rust::kernel(&step.name, &step.about, &step.stages, step.pairs);
+        let text = rust::kernel(&step.name, &step.about, &step.stages);
         out.insert(format!("{}.rs", step.name), text);
     }
     out
@@ -91,9 +91,8 @@ fn kernels_call_nothing() {
             calls.push(instruction.to_string());
         }
     }
-    // A step in f32 and in f64 for every kernel, and in pairs for some.
-    let pairs = propwash::kernels::ALL.iter().filter(|k| k.f32_pair.is_some()).count();
-    let least = 2 * propwash::kernels::ALL.len() + pairs;
+    // A step in f32 and in f64 for every kernel.
+    let least = 2 * propwash::kernels::ALL.len();
     assert!(
         found.len() == 2 && found.values().all(|n| *n >= least),
         "{found:?}, expected {least} of each at least"

@@ -615,9 +615,8 @@ fn the_batched_simulation_of_the_vehicle_files_flies_the_same() {
                 .copy_from_slice(&run.get("init_force").at::<3>(&[world]));
             sim.data.disturbance_torque[three].copy_from_slice(&run.get("init_torque").at::<3>(&[world]));
             // Crazyflow's first tick differs from rates of zero.
-            let len = Memory::<f64>::LEN;
             let ticked = Memory { attitude_ticked: [1.0], ..Memory::zero() };
-            ticked.store(|i, v| sim.data.controller_memory[world * len + i] = v);
+            sim.data.set_memory(world, 0, &ticked);
         }
         let mut worst = 0.0f64;
         for step in 0..run.steps() {

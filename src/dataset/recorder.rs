@@ -704,7 +704,7 @@ impl<'a> World<'a> {
                 thrust_n: Some(self.sim.thrust_n(0, d)),
                 command: &reference.command(),
                 attitude_command: Some([attitude[0], attitude[1], attitude[2], attitude[3]]),
-                rotor_command_rad_s: if rotors { &data.rotor_command[8 * d..8 * d + n] } else { &[] },
+                rotor_command_rad_s: if rotors { &data.rotor_command[data.n_rotors * d..][..n] } else { &[] },
                 reference: Some(reference),
                 battery_v: self.sim.battery_v(0, d),
                 wind_m_s: Some(self.sim.wind_m_s(0, d)),

@@ -3,15 +3,33 @@
 use crate::scalar::kernel::Kernel;
 
 mod first_principles_attitude;
+#[cfg(test)]
 mod first_principles_attitude_adjoint;
+mod first_principles_body_rate;
+mod first_principles_force_torque;
 mod first_principles_rotor_vel;
 mod first_principles_state;
+mod so_rpy_attitude;
+mod so_rpy_rotor_attitude;
+mod so_rpy_rotor_drag_attitude;
+mod so_rpy_rotor_drag_state;
+mod so_rpy_rotor_state;
+mod so_rpy_state;
 
 /// All kernels.
 #[rustfmt::skip]
 pub const ALL: &[Kernel] = &[
     first_principles_attitude::KERNEL,
+    #[cfg(test)]
     first_principles_attitude_adjoint::KERNEL,
+    first_principles_body_rate::KERNEL,
+    first_principles_force_torque::KERNEL,
     first_principles_rotor_vel::KERNEL,
     first_principles_state::KERNEL,
+    so_rpy_attitude::KERNEL,
+    so_rpy_rotor_attitude::KERNEL,
+    so_rpy_rotor_drag_attitude::KERNEL,
+    so_rpy_rotor_drag_state::KERNEL,
+    so_rpy_rotor_state::KERNEL,
+    so_rpy_state::KERNEL,
 ];

@@ -2,8 +2,8 @@
 
 use super::RolloutError;
 use super::quarantine::Quarantine;
-use crate::physics::controllers::{COMMAND_WIDTH, Memory};
-use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::controllers::{ControlMode, Memory};
+use crate::physics::rigid_body::State;
 use crate::scalar::lanes::Number;
 
 /// Everything that changes while a simulation runs, in plain arrays of shape (world, drone, n).
@@ -17,6 +17,10 @@ pub struct SimData<N = f64> {
     pub n_drones: usize,
     /// Steps per second.
     pub sim_hz: u32,
+    /// Rotors of the drone with most.
+    pub n_rotors: usize,
+    /// Numbers of a command in the control mode.
+    pub command_width: usize,
     /// Position, m, world frame. (world, drone, 3)
     pub pos: Vec<N>,
     /// Attitude xyzw, body to world. (world, drone, 4)
@@ -25,13 +29,13 @@ pub struct SimData<N = f64> {
     pub vel: Vec<N>,
     /// Angular velocity, rad/s, body frame. (world, drone, 3)
     pub ang_vel: Vec<N>,
-    /// Rotor speeds, rad/s. (world, drone, 8)
+    /// Rotor speeds, rad/s; zero past a drone's own rotors. (world, drone, n_rotors)
     pub rotor_vel: Vec<N>,
     /// Collective thrust state of the abstracted model, N. (world, drone)
     pub thrust: Vec<N>,
-    /// Commands, in the units of the control mode; entries past its width are unused. (world, drone, 16)
+    /// Commands, in the units of the control mode. (world, drone, command_width)
     pub command: Vec<N>,
-    /// Rotor speeds that the controllers ask for, rad/s. (world, drone, 8)
+    /// Rotor speeds that the controllers ask for, rad/s. (world, drone, n_rotors)
     pub rotor_command: Vec<N>,
     /// Attitude command in force: roll, pitch, yaw (rad), thrust (N). (world, drone, 4)
     pub attitude_command: Vec<N>,
@@ -51,16 +55,27 @@ pub struct SimData<N = f64> {
     /// Episodes begun so far: resets, the first included. (world)
     pub episodes: Vec<u64>,
     /// Worlds that turned non-finite and stand still. (world)
-    pub quarantine: Vec<Option<Quarantine>>,
-    /// What the on-board controllers remember. (world, drone, [`Memory::LEN`])
+    pub quarantine: Vec<Option<Box<Quarantine>>>,
+    /// What the on-board controllers remember, as far as the control mode uses it: see [`SimData::memory`].
+    /// (world, drone, numbers that it uses)
     pub controller_memory: Vec<N>,
+    /// Which number of a [`Memory`] stands in each column of `controller_memory`.
+    pub(super) memory_columns: Vec<usize>,
     /// What effects remember: (world, memory of the effects of every drone in order)
     pub effect_memory: Vec<N>,
 }
 
 impl<N: Number> SimData<N> {
     /// All drones at rest at the origin; `effect_memory_len` per drone slot.
-    pub(super) fn new(n_worlds: usize, effect_memory_len: &[usize], sim_hz: u32) -> Self {
+    pub(super) fn new(
+        n_worlds: usize,
+        effect_memory_len: &[usize],
+        sim_hz: u32,
+        mode: ControlMode,
+        n_rotors: usize,
+    ) -> Self {
+        let command_width = mode.width(n_rotors);
+        let memory_columns = Memory::<f64>::used(mode, n_rotors);
         let n_drones = effect_memory_len.len();
         let n = n_worlds * n_drones;
         let zeros = |len: usize| vec![N::zero(); len];
@@ -72,14 +87,16 @@ impl<N: Number> SimData<N> {
             n_worlds,
             n_drones,
             sim_hz,
+            n_rotors,
+            command_width,
             pos: zeros(n * 3),
             quat,
             vel: zeros(n * 3),
             ang_vel: zeros(n * 3),
-            rotor_vel: zeros(n * MAX_ROTORS),
+            rotor_vel: zeros(n * n_rotors),
             thrust: zeros(n),
-            command: zeros(n * COMMAND_WIDTH),
-            rotor_command: zeros(n * MAX_ROTORS),
+            command: zeros(n * command_width),
+            rotor_command: zeros(n * n_rotors),
             attitude_command: zeros(n * 4),
             disturbance_force: zeros(n * 3),
             disturbance_torque: zeros(n * 3),
@@ -89,7 +106,8 @@ impl<N: Number> SimData<N> {
             steps: vec![0; n_worlds],
             episodes: vec![0; n_worlds],
             quarantine: vec![None; n_worlds],
-            controller_memory: zeros(n * Memory::<f64>::LEN),
+            controller_memory: zeros(n * memory_columns.len()),
+            memory_columns,
             effect_memory: zeros(effect_memory_len.iter().sum::<usize>() * n_worlds),
         }
     }
@@ -113,17 +131,17 @@ impl<N: Number> SimData<N> {
             ("quat", self.quat.len(), 4),
             ("vel", self.vel.len(), 3),
             ("ang_vel", self.ang_vel.len(), 3),
-            ("rotor_vel", self.rotor_vel.len(), MAX_ROTORS),
+            ("rotor_vel", self.rotor_vel.len(), self.n_rotors),
             ("thrust", self.thrust.len(), 1),
-            ("command", self.command.len(), COMMAND_WIDTH),
-            ("rotor_command", self.rotor_command.len(), MAX_ROTORS),
+            ("command", self.command.len(), self.command_width),
+            ("rotor_command", self.rotor_command.len(), self.n_rotors),
             ("attitude_command", self.attitude_command.len(), 4),
             ("disturbance_force", self.disturbance_force.len(), 3),
             ("disturbance_torque", self.disturbance_torque.len(), 3),
             ("wind", self.wind.len(), 3),
             ("ground_z", self.ground_z.len(), 1),
             ("ceiling_z", self.ceiling_z.len(), 1),
-            ("controller_memory", self.controller_memory.len(), Memory::<f64>::LEN),
+            ("controller_memory", self.controller_memory.len(), self.memory_columns.len()),
         ] {
             if got != n * width {
                 let shape = format!("{} worlds × {} drones × {width}", self.n_worlds, self.n_drones);
@@ -160,8 +178,28 @@ impl<N: Number> SimData<N> {
             quat: core::array::from_fn(|i| at(&self.quat, 4, i)),
             vel: core::array::from_fn(|i| at(&self.vel, 3, i)),
             ang_vel: core::array::from_fn(|i| at(&self.ang_vel, 3, i)),
-            rotor_vel: core::array::from_fn(|i| at(&self.rotor_vel, MAX_ROTORS, i)),
+            rotor_vel: wide(&self.rotor_vel, self.n_rotors, r),
             thrust: at(&self.thrust, 1, 0),
+        }
+    }
+
+    /// What the controllers of one drone remember.
+    pub fn memory(&self, world: usize, drone: usize) -> Memory<f64> {
+        let mut all = [0.0; Memory::<f64>::LEN];
+        let first = self.row(world, drone) * self.memory_columns.len();
+        for (column, i) in self.memory_columns.iter().enumerate() {
+            all[*i] = self.controller_memory[first + column].wide();
+        }
+        Memory::load(|i| all[i])
+    }
+
+    /// Sets what the controllers of one drone remember. Numbers that the control mode does not use are left out.
+    pub fn set_memory(&mut self, world: usize, drone: usize, memory: &Memory<f64>) {
+        let mut all = [0.0; Memory::<f64>::LEN];
+        memory.store(|i, v| all[i] = v);
+        let first = self.row(world, drone) * self.memory_columns.len();
+        for (column, i) in self.memory_columns.iter().enumerate() {
+            self.controller_memory[first + column] = N::of(all[*i]);
         }
     }
 
@@ -178,7 +216,12 @@ impl<N: Number> SimData<N> {
         put(&mut self.quat, &state.quat);
         put(&mut self.vel, &state.vel);
         put(&mut self.ang_vel, &state.ang_vel);
-        put(&mut self.rotor_vel, &state.rotor_vel);
+        put(&mut self.rotor_vel, &state.rotor_vel[..self.n_rotors]);
         put(&mut self.thrust, &[state.thrust]);
     }
+}
+
+/// The `n` numbers of a row, and zeros.
+pub(super) fn wide<N: Number, const M: usize>(array: &[N], n: usize, row: usize) -> [f64; M] {
+    core::array::from_fn(|i| if i < n { array[n * row + i].wide() } else { 0.0 })
 }

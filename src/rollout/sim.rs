@@ -1,6 +1,7 @@
 //! The batched simulation.
 
 use super::blocks::{Block, Phase, Plan, Slot, Source, non_finite};
+use super::data::wide;
 use super::lanes::{Lanes, Options as LaneOptions};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::Quarantine;
@@ -9,7 +10,7 @@ use super::{RolloutError, SimData, pool};
 use crate::math::quat;
 use crate::physics::airframe;
 use crate::physics::attitude_response;
-use crate::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
+use crate::physics::controllers::{ControlMode, Rates};
 use crate::physics::drone::{Drone, Dynamics};
 use crate::physics::effects::{AnyEffect, Command, Effect};
 use crate::physics::integrate::Integrator;
@@ -82,6 +83,14 @@ impl Default for SimOptions {
     }
 }
 
+/// Names of what a reset may draw, beside parameters: position (m), velocity (m/s), angular velocity (rad/s), rotation vector (rad).
+const INITIAL: [[&str; 3]; 4] = [
+    ["initial.pos.0", "initial.pos.1", "initial.pos.2"],
+    ["initial.vel.0", "initial.vel.1", "initial.vel.2"],
+    ["initial.ang_vel.0", "initial.ang_vel.1", "initial.ang_vel.2"],
+    ["initial.rotation.0", "initial.rotation.1", "initial.rotation.2"],
+];
+
 /// Worlds × drones, of one or of several vehicle types.
 ///
 /// Drone slots are the same in every world; each slot has its own vehicle. `N` is the number that is stored: f64, or f32,
@@ -94,6 +103,7 @@ pub struct Sim<N: Number = f64> {
     base: Option<Vec<Drone<f64>>>,
     /// Per (world, drone) where parameters differ between worlds.
     own: Option<Vec<Drone<f64>>>,
+    /// Where drones start from: one per slot, or one per (world, drone) where worlds differ.
     initial: Vec<State<f64>>,
     rates: Vec<Rates>,
     /// States before the stage that runs.
@@ -121,8 +131,9 @@ impl<N: Number> Sim<N> {
         let (nominal, rates): (Vec<_>, Vec<_>) = drones.into_iter().unzip();
         let dt = 1.0 / f64::from(options.sim_hz);
         let memory_len: Vec<usize> = nominal.iter().map(|d| d.memory_len(dt)).collect();
-        let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz);
-        let initial = vec![State::rest(); data.n_worlds * data.n_drones];
+        let n_rotors = nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
+        let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz, options.control, n_rotors);
+        let initial = vec![State::rest(); data.n_drones];
         let pipeline = Pipeline::default();
         let mut sim = Self {
             options,
@@ -170,8 +181,7 @@ impl<N: Number> Sim<N> {
 
     /// Numbers of one drone's command in the control mode of this simulation.
     pub fn command_width(&self) -> usize {
-        let rotors = self.nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
-        self.options.control.width(rotors)
+        self.data.command_width
     }
 
     /// Sets all commands, shape (world, drone, [`Sim::command_width`]). They stay in force until set again; controllers
@@ -196,10 +206,8 @@ impl<N: Number> Sim<N> {
                 got: command[i],
             });
         }
-        for (row, numbers) in command.chunks_exact(width).enumerate() {
-            for (entry, v) in numbers.iter().enumerate() {
-                self.data.command[row * COMMAND_WIDTH + entry] = N::of(*v);
-            }
+        for (to, v) in self.data.command.iter_mut().zip(command) {
+            *to = N::of(*v);
         }
         Ok(())
     }
@@ -218,15 +226,18 @@ impl<N: Number> Sim<N> {
                 got: format!("{:?} of length {}", state.quat, length.sqrt()),
             });
         }
-        let row = world * self.nominal.len() + drone;
-        let Some(slot) = self.initial.get_mut(row).filter(|_| drone < self.nominal.len()) else {
+        let n = self.nominal.len();
+        if world >= self.data.n_worlds || drone >= n {
             return Err(RolloutError::Option {
                 name: "initial state",
-                expected: format!("world < {}, drone < {}", self.data.n_worlds, self.nominal.len()),
+                expected: format!("world < {}, drone < {n}", self.data.n_worlds),
                 got: format!("world {world}, drone {drone}"),
             });
-        };
-        *slot = state;
+        }
+        if self.initial.len() < self.data.n_worlds * n {
+            self.initial = self.initial.repeat(self.data.n_worlds);
+        }
+        self.initial[world * n + drone] = state;
         Ok(())
     }
 
@@ -297,8 +308,7 @@ impl<N: Number> Sim<N> {
 
     /// Refuses rules that no drone has a number for.
     fn check_rule(&mut self, rule: &Rule) -> Result<(), RolloutError> {
-        const INITIAL: [&str; 4] = ["initial.pos", "initial.vel", "initial.ang_vel", "initial.rotation"];
-        let mut found = INITIAL.iter().any(|p| (0..3).any(|i| rule.matches(&format!("{p}.{i}"))));
+        let mut found = INITIAL.iter().flatten().any(|name| rule.matches(name));
         for drone in &mut self.nominal {
             drone.visit(&mut |n, _| found |= rule.matches(n));
         }
@@ -324,15 +334,17 @@ impl<N: Number> Sim<N> {
                 got: mask.len(),
             });
         }
-        for w in (0..n_worlds).filter(|w| worlds.is_none_or(|mask| mask[*w])) {
+        // Taken out for the time of the reset, which changes everything else.
+        let rules = std::mem::take(&mut self.options.randomization.rules);
+        let wanted = (0..n_worlds).filter(|w| worlds.is_none_or(|mask| mask[*w]));
+        let outcome = wanted.into_iter().try_for_each(|w| {
             self.data.episodes[w] += 1;
             self.data.steps[w] = 0;
             self.data.quarantine[w] = None;
-            for d in 0..self.nominal.len() {
-                self.reset_drone(w, d)?;
-            }
-        }
-        Ok(())
+            (0..self.nominal.len()).try_for_each(|d| self.reset_drone(w, d, &rules))
+        });
+        self.options.randomization.rules = rules;
+        outcome
     }
 
     /// Where the memory of the effects of one drone stands.
@@ -350,9 +362,8 @@ impl<N: Number> Sim<N> {
         first..first + own
     }
 
-    fn reset_drone(&mut self, w: usize, d: usize) -> Result<(), RolloutError> {
+    fn reset_drone(&mut self, w: usize, d: usize, rules: &[Rule]) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
-        let rules = self.options.randomization.rules.clone();
         let key = Key {
             seed: self.options.seed,
             world: self.options.first_world + w as u64,
@@ -379,18 +390,15 @@ impl<N: Number> Sim<N> {
                 }
             }
         }
-        let mut state = self.initial[row];
+        let mut state = self.initial[row % self.initial.len()];
         let mut rotation = [0.0; 3];
-        for (prefix, numbers) in [
-            ("initial.pos", &mut state.pos),
-            ("initial.vel", &mut state.vel),
-            ("initial.ang_vel", &mut state.ang_vel),
-            ("initial.rotation", &mut rotation),
-        ] {
-            for (i, value) in numbers.iter_mut().enumerate() {
-                let name = format!("{prefix}.{i}");
-                for rule in rules.iter().filter(|r| r.matches(&name)) {
-                    *value = rule.apply(&name, *value, key);
+        if !rules.is_empty() {
+            let numbers = [&mut state.pos, &mut state.vel, &mut state.ang_vel, &mut rotation];
+            for (names, numbers) in INITIAL.iter().zip(numbers) {
+                for (name, value) in names.iter().zip(numbers) {
+                    for rule in rules.iter().filter(|r| r.matches(name)) {
+                        *value = rule.apply(name, *value, key);
+                    }
                 }
             }
         }
@@ -401,11 +409,14 @@ impl<N: Number> Sim<N> {
             state.thrust = hover_thrust_state(drone);
         }
         self.data.set_state(w, d, &state);
-        let memory = Memory::<f64>::LEN;
+        let (memory, rotors) = (self.data.memory_columns.len(), self.data.n_rotors);
         self.data.controller_memory[row * memory..(row + 1) * memory].fill(N::zero());
-        self.data.rotor_command[row * MAX_ROTORS..(row + 1) * MAX_ROTORS].fill(N::zero());
+        self.data.rotor_command[row * rotors..(row + 1) * rotors].fill(N::zero());
         self.data.attitude_command[row * 4..(row + 1) * 4].fill(N::zero());
         let at = self.effect_memory_of(w, d);
+        if at.is_empty() {
+            return Ok(());
+        }
         let mut memory = vec![0.0; at.len()];
         let drone = self.drone(w, d);
         let in_force = match drone.dynamics {
@@ -469,12 +480,17 @@ impl<N: Number> Sim<N> {
     }
 
     fn check_data(&self) -> Result<(), RolloutError> {
-        let expected = (self.options.n_worlds, self.nominal.len(), self.options.sim_hz);
-        let got = (self.data.n_worlds, self.data.n_drones, self.data.sim_hz);
+        let n_rotors = self.nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
+        let width = self.options.control.width(n_rotors);
+        let data = &self.data;
+        let expected = (self.options.n_worlds, self.nominal.len(), self.options.sim_hz, n_rotors, width);
+        let got = (data.n_worlds, data.n_drones, data.sim_hz, data.n_rotors, data.command_width);
         if got != expected {
-            let words = |(w, d, hz)| format!("{w} worlds × {d} drones at {hz} Hz");
+            let words = |(w, d, hz, rotors, width)| {
+                format!("{w} worlds × {d} drones at {hz} Hz, {rotors} rotors, commands of {width}")
+            };
             return Err(RolloutError::Option {
-                name: "n_worlds, n_drones, sim_hz of data",
+                name: "n_worlds, n_drones, sim_hz, n_rotors, command_width of data",
                 expected: format!("{} as the simulation was built", words(expected)),
                 got: words(got),
             });
@@ -494,12 +510,14 @@ impl<N: Number> Sim<N> {
             }
             if n2 < 1e-12 {
                 let w = row / n;
-                self.data.quarantine[w].get_or_insert(Quarantine {
-                    world: self.options.first_world + w as u64,
-                    drone: row % n,
-                    step: self.data.steps[w],
-                    quantity: "length of the attitude".into(),
-                    stage: None,
+                self.data.quarantine[w].get_or_insert_with(|| {
+                    Box::new(Quarantine {
+                        world: self.options.first_world + w as u64,
+                        drone: row % n,
+                        step: self.data.steps[w],
+                        quantity: "length of the attitude".into(),
+                        stage: None,
+                    })
                 });
                 continue;
             }
@@ -524,12 +542,14 @@ impl<N: Number> Sim<N> {
             for d in 0..n {
                 self.data.set_state(w, d, &self.kept[w * n + d]);
             }
-            self.data.quarantine[w].get_or_insert(Quarantine {
-                world: self.options.first_world + w as u64,
-                drone,
-                step: self.data.steps[w],
-                quantity: quantity.into(),
-                stage: Some(stage.into()),
+            self.data.quarantine[w].get_or_insert_with(|| {
+                Box::new(Quarantine {
+                    world: self.options.first_world + w as u64,
+                    drone,
+                    step: self.data.steps[w],
+                    quantity: quantity.into(),
+                    stage: Some(stage.into()),
+                })
             });
         }
     }
@@ -617,7 +637,7 @@ impl<N: Number> Sim<N> {
         for (w, block, fault) in blocks {
             self.store(w, &block);
             self.data.quarantine[w] =
-                fault.map(|q| Quarantine { world: self.options.first_world + w as u64, ..q });
+                fault.map(|q| Box::new(Quarantine { world: self.options.first_world + w as u64, ..q }));
         }
     }
 
@@ -643,13 +663,12 @@ impl<N: Number> Sim<N> {
             .map(|d| {
                 let row = w * self.nominal.len() + d;
                 let at = |a: &[N], n: usize, i: usize| a[row * n + i].wide();
-                let memory = Memory::<f64>::LEN;
                 let effects = &data.effect_memory[self.effect_memory_of(w, d)];
                 Slot {
                     state: data.state(w, d),
-                    command: core::array::from_fn(|i| at(&data.command, COMMAND_WIDTH, i)),
-                    memory: Memory::load(|i| at(&data.controller_memory, memory, i)),
-                    rotor_command: core::array::from_fn(|i| at(&data.rotor_command, MAX_ROTORS, i)),
+                    command: wide(&data.command, data.command_width, row),
+                    memory: data.memory(w, d),
+                    rotor_command: wide(&data.rotor_command, data.n_rotors, row),
                     attitude_command: core::array::from_fn(|i| at(&data.attitude_command, 4, i)),
                     disturbance_force: core::array::from_fn(|i| at(&data.disturbance_force, 3, i)),
                     disturbance_torque: core::array::from_fn(|i| at(&data.disturbance_torque, 3, i)),
@@ -678,10 +697,9 @@ impl<N: Number> Sim<N> {
                     a[row * len + i] = N::of(*v);
                 }
             };
-            put(&mut data.rotor_command, &slot.rotor_command);
+            put(&mut data.rotor_command, &slot.rotor_command[..data.n_rotors]);
             put(&mut data.attitude_command, &slot.attitude_command);
-            let memory = Memory::<f64>::LEN;
-            slot.memory.store(|i, v| data.controller_memory[row * memory + i] = N::of(v));
+            data.set_memory(w, d, &slot.memory);
             for (to, v) in data.effect_memory[effects].iter_mut().zip(&slot.effect_memory) {
                 *to = N::of(*v);
             }
@@ -773,12 +791,12 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
     if options.sim_hz == 0 || options.sim_hz > 1_000_000 {
         return option("sim_hz", "1 to 1 000 000 steps per second", options.sim_hz.to_string());
     }
-    // Arrays of one world and drone come to about 1.2 kB; refuse what no machine holds before asking for it.
-    let bytes = options.n_worlds.checked_mul(drones.len()).and_then(|n| n.checked_mul(1200));
+    // Arrays of one world and drone come to about 0.6 kB in f64; refuse what no machine holds before asking for it.
+    let bytes = options.n_worlds.checked_mul(drones.len()).and_then(|n| n.checked_mul(600));
     if bytes.is_none_or(|b| b > 1 << 40) {
         return option(
             "n_worlds",
-            "worlds × drones that fit in 1 TiB of memory (about 1.2 kB each)",
+            "worlds × drones that fit in 1 TiB of memory (about 0.6 kB each)",
             format!("{} worlds × {} drones", options.n_worlds, drones.len()),
         );
     }
@@ -893,7 +911,7 @@ mod tests {
         let mut half = randomized(8, 8);
         half.step(250).unwrap();
         assert_eq!(half.data.pos, one.pos[8 * 2 * 3..]);
-        assert_eq!(half.data.rotor_vel, one.rotor_vel[8 * 2 * 8..]);
+        assert_eq!(half.data.rotor_vel, one.rotor_vel[8 * 2 * 4..]);
     }
 
     #[test]
@@ -1121,7 +1139,7 @@ mod tests {
         sim.set_command(&[low, high].concat()).unwrap();
         sim.step(25).unwrap();
         assert!(sim.data.state(0, 0).vel[2] < -0.005, "the lower one is pushed down");
-        assert_ne!(sim.data.rotor_vel[0], sim.data.rotor_vel[8], "each hovers at its own speed");
+        assert_ne!(sim.data.rotor_vel[0], sim.data.rotor_vel[4], "each hovers at its own speed");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, f64x8};
 
 use super::kernel::Compiled;
 use super::lanes::{Arith, F32x16, F64x8, Pair};
-use super::stages::{Code, Ins, Stages};
+use super::stages::{At, Code, Ins, Stages};
 
 /// An instruction whose operands and result stand in a file of cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +21,8 @@ struct Op {
     second: u32,
 }
 
-/// Code over a file of cells: `[first table | given | second table | state | constants | registers]`.
+/// Code over a file of cells: the home of the drones, and behind it, among what other codes keep,
+/// `[first table | given | second table | numbers for the end | constants | registers]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ByteCode {
     ops: Vec<Op>,
@@ -29,20 +30,7 @@ pub struct ByteCode {
     moves: Vec<(u32, u32)>,
 }
 
-/// Where the parts of a file begin.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Layout {
-    /// What is given to a call.
-    pub given: u32,
-    /// The second table.
-    pub call: u32,
-    /// The state.
-    pub state: u32,
-    /// Constants of the code.
-    pub constants: u32,
-}
-
-/// The codes of a [`Stages`] with the file that they share.
+/// The codes of a [`Stages`] with what they keep beside the home.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Program {
     /// Computed once per call.
@@ -53,13 +41,15 @@ pub struct Program {
     pub finish: ByteCode,
     /// Numbers of the constants.
     pub constants: Vec<f64>,
-    /// Cells of the file.
+    /// Cell of the file where the first of them stands.
+    pub constants_at: usize,
+    /// Cells beside the home.
     pub len: usize,
 }
 
 impl Program {
-    /// Chooses registers.
-    pub fn new(stages: &Stages, layout: Layout) -> Self {
+    /// Chooses registers. The own cells of the codes begin at cell `own` of the file.
+    pub fn new(stages: &Stages, own: usize) -> Self {
         let Stages { call, step, finish, .. } = stages;
         let mut constants: Vec<f64> = Vec::new();
         for code in [call, step, finish] {
@@ -71,23 +61,40 @@ impl Program {
                 }
             }
         }
-        let first = layout.constants + constants.len() as u32;
+        let constants_at = own + stages.n_own();
+        let first = (constants_at + constants.len()) as u32;
+        let cells = |list: Vec<At>| -> Vec<u32> {
+            let cell = |at| match at {
+                At::Home(p) => p,
+                At::Own(k) => own as u32 + k,
+            };
+            list.into_iter().map(cell).collect()
+        };
+        let (given, table, state) =
+            (cells(stages.given_at()), cells(stages.call_at()), cells(stages.state_at()));
+        let places =
+            Places { own: own as u32, table: &table, constants: &constants, at: constants_at as u32 };
         // The call's results stand in the second table, all others in the state.
-        let (call, a) = assign(call, layout, &constants, first, layout.given, layout.call);
-        let (step, b) = assign(step, layout, &constants, first, layout.state, layout.state);
-        let (finish, c) = assign(finish, layout, &constants, first, layout.state, layout.state);
-        Self { call, step, finish, constants, len: a.max(b).max(c) as usize }
+        let (call, a) = assign(call, &places, first, &given, &table);
+        let (step, b) = assign(step, &places, first, &state, &state);
+        let (finish, c) = assign(finish, &places, first, &state, &state);
+        let len = a.max(b).max(c) as usize - own;
+        Self { call, step, finish, constants, constants_at, len }
     }
 }
 
-fn assign(
-    code: &Code,
-    layout: Layout,
-    constants: &[f64],
-    first: u32,
-    reads: u32,
-    writes: u32,
-) -> (ByteCode, u32) {
+/// Cells that all codes of a program know.
+struct Places<'a> {
+    /// Of the first table.
+    own: u32,
+    /// Of the second.
+    table: &'a [u32],
+    constants: &'a [f64],
+    /// Of the first constant.
+    at: u32,
+}
+
+fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32]) -> (ByteCode, u32) {
     let n = code.instructions.len();
     let mut last_use = vec![0usize; n];
     for (i, ins) in code.instructions.iter().enumerate() {
@@ -111,13 +118,13 @@ fn assign(
     for (i, ins) in code.instructions.iter().enumerate() {
         match *ins {
             Ins::Lit(bits) => {
-                let at = constants.iter().position(|c| c.to_bits() == bits).unwrap_or(0);
-                place[i] = layout.constants + at as u32;
+                let at = places.constants.iter().position(|c| c.to_bits() == bits).unwrap_or(0);
+                place[i] = places.at + at as u32;
                 continue;
             }
-            Ins::Table(k) => place[i] = k,
-            Ins::Call(k) => place[i] = layout.call + k,
-            Ins::State(k) => place[i] = reads + k,
+            Ins::Table(k) => place[i] = places.own + k,
+            Ins::Call(k) => place[i] = places.table[k as usize],
+            Ins::State(k) => place[i] = reads[k as usize],
             Ins::Second(of) => place[i] = seconds[of as usize],
             ins => {
                 let moved = with(ins, |o| place[o as usize]);
@@ -147,7 +154,8 @@ fn assign(
             }
         }
     }
-    let moves = code.stores.iter().map(|(value, slot)| (place[*value as usize], writes + slot)).collect();
+    let moves =
+        code.stores.iter().map(|(value, slot)| (place[*value as usize], writes[*slot as usize])).collect();
     (out.moves, next) = ordered(moves, next);
     (out, next)
 }

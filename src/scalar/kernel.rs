@@ -5,15 +5,16 @@ use fearless_simd::Level;
 use super::lanes::{Cell, F32x16, F64x8};
 use super::stages::Stages;
 
-/// Functions of a kernel over one type of cell. Cells are `[first table | given | second table | state]`.
+/// Functions of a kernel over one type of cell: over the home of the drones and what the kernel keeps for itself, or that alone
+/// ([`super::stages::At`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Entries<C> {
     /// Computes the second table.
     pub call: fn(Level, &mut [C]),
-    /// Takes so many steps.
-    pub step: fn(Level, &mut [C], usize),
+    /// Takes so many steps, one or more.
+    pub step: fn(Level, &mut [C], &mut [C], usize),
     /// Computes what is wanted after the last step only.
-    pub finish: fn(Level, &mut [C]),
+    pub finish: fn(Level, &mut [C], &mut [C]),
 }
 
 /// A stage compiled for several types of cells.
@@ -27,8 +28,6 @@ pub struct Kernel {
     pub scalar: Entries<f64>,
     /// Sixteen numbers.
     pub f32: Entries<F32x16>,
-    /// Two blocks of sixteen numbers side by side that share the first table, where that is faster than one after the other.
-    pub f32_pair: Option<Entries<[F32x16; 2]>>,
     /// Eight numbers.
     pub f64: Entries<F64x8>,
 }
@@ -59,7 +58,7 @@ macro_rules! compiled {
 compiled! {
     f64: kernel, _level => Some(kernel.scalar);
     F32x16: kernel, level => has_level(level).then_some(kernel.f32);
-    [F32x16; 2]: kernel, level => kernel.f32_pair.filter(|_| has_level(level));
+    [F32x16; 2]: _kernel, _level => None;
     [[F32x16; 2]; 2]: _kernel, _level => None;
     F64x8: kernel, level => has_level(level).then_some(kernel.f64);
     [F64x8; 2]: _kernel, _level => None;
@@ -68,8 +67,8 @@ compiled! {
 
 /// Names the code of all stages and the sizes of their tables: the FNV-1a hash of 128 bits over a text of them.
 pub fn key(stages: &Stages) -> u128 {
-    let sizes = (stages.n_table, stages.given.len(), stages.n_call, stages.state.len());
-    let text = format!("{sizes:?} {:?} {:?} {:?}", stages.call, stages.step, stages.finish);
+    let cells = (stages.n_table, stages.n_call, stages.given.len(), stages.state_at());
+    let text = format!("{cells:?} {:?} {:?} {:?}", stages.call, stages.step, stages.finish);
     let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     for byte in text.bytes() {
         hash = (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
@@ -97,69 +96,56 @@ pub(crate) use at_level;
 
 /// A [`Kernel`] of the functions `call`, `step` and `finish` that stand beside it.
 macro_rules! kernel {
-    ($name:literal, $key:literal, $pairs:tt, $len:ident) => {{
+    ($name:literal, $key:literal, $home:ident, $own:ident) => {{
         use crate::scalar::lanes::{F32x16, F64x8};
         use fearless_simd::{Level, Simd, f32x16, f64x8};
 
         macro_rules! entries {
-                            ($cell:ty, $arith:ty) => {{
-                                #[inline(always)]
-                                fn call_at<S: Simd>(simd: S, f: &mut [$cell; $len]) {
-                                    call::<$arith>(simd, f);
-                                }
-                                #[inline(always)]
-                                fn step_at<S: Simd>(simd: S, f: &mut [$cell; $len], times: usize) {
-                                    for _ in 0..times {
-                                        step::<$arith>(simd, f);
-                                    }
-                                }
-                                #[inline(always)]
-                                fn finish_at<S: Simd>(simd: S, f: &mut [$cell; $len]) {
-                                    finish::<$arith>(simd, f);
-                                }
-                                fn call_all(level: Level, cells: &mut [$cell]) {
-                                    let Some(f) = cells.first_chunk_mut() else { return };
-                                    crate::scalar::kernel::at_level!(level, simd => call_at(simd, f));
-                                }
-                                fn step_all(level: Level, cells: &mut [$cell], times: usize) {
-                                    let Some(f) = cells.first_chunk_mut() else { return };
-                                    crate::scalar::kernel::at_level!(level, simd => step_at(simd, f, times));
-                                }
-                                fn finish_all(level: Level, cells: &mut [$cell]) {
-                                    let Some(f) = cells.first_chunk_mut() else { return };
-                                    crate::scalar::kernel::at_level!(level, simd => finish_at(simd, f));
-                                }
-                                crate::scalar::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
-                            }};
-                        }
-        macro_rules! paired {
-            (true) => {
-                Some(entries!([F32x16; 2], crate::scalar::lanes::Pair<f32x16<S>>))
-            };
-            (false) => {
-                None
-            };
+            ($cell:ty, $arith:ty) => {{
+                #[inline(always)]
+                fn call_at<S: Simd>(simd: S, f: &mut [$cell; $own]) {
+                    call::<$arith>(simd, f);
+                }
+                #[inline(always)]
+                fn step_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $own], times: usize) {
+                    step::<$arith>(simd, h, f, times);
+                }
+                #[inline(always)]
+                fn finish_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $own]) {
+                    finish::<$arith>(simd, h, f);
+                }
+                fn call_all(level: Level, own: &mut [$cell]) {
+                    let Some(f) = own.first_chunk_mut() else { return };
+                    crate::scalar::kernel::at_level!(level, simd => call_at(simd, f));
+                }
+                fn step_all(level: Level, home: &mut [$cell], own: &mut [$cell], times: usize) {
+                    let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+                    crate::scalar::kernel::at_level!(level, simd => step_at(simd, h, f, times));
+                }
+                fn finish_all(level: Level, home: &mut [$cell], own: &mut [$cell]) {
+                    let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+                    crate::scalar::kernel::at_level!(level, simd => finish_at(simd, h, f));
+                }
+                crate::scalar::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
+            }};
         }
-        fn call_one(_: Level, cells: &mut [f64]) {
-            let Some(f) = cells.first_chunk_mut() else { return };
+        fn call_one(_: Level, own: &mut [f64]) {
+            let Some(f) = own.first_chunk_mut() else { return };
             call::<f64>((), f);
         }
-        fn step_one(_: Level, cells: &mut [f64], times: usize) {
-            let Some(f) = cells.first_chunk_mut() else { return };
-            for _ in 0..times {
-                step::<f64>((), f);
-            }
+        fn step_one(_: Level, home: &mut [f64], own: &mut [f64], times: usize) {
+            let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+            step::<f64>((), h, f, times);
         }
-        fn finish_one(_: Level, cells: &mut [f64]) {
-            let Some(f) = cells.first_chunk_mut() else { return };
-            finish::<f64>((), f);
+        fn finish_one(_: Level, home: &mut [f64], own: &mut [f64]) {
+            let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+            finish::<f64>((), h, f);
         }
         Kernel {
             name: $name,
             key: $key,
             scalar: crate::scalar::kernel::Entries { call: call_one, step: step_one, finish: finish_one },
             f32: entries!(F32x16, f32x16<S>),
-            f32_pair: paired!($pairs),
             f64: entries!(F64x8, f64x8<S>),
         }
     }};

@@ -32,13 +32,33 @@ pub enum Output {
     Final(u32),
 }
 
+impl Input {
+    /// The number of a given, carried or fresh one: its place in the home of a drone.
+    pub fn place(self) -> Option<u32> {
+        match self {
+            Self::Given(p) | Self::Carried(p) | Self::Fresh(p) => Some(p),
+            Self::Fixed(_) => None,
+        }
+    }
+}
+
 impl Output {
-    /// The number of either.
+    /// The number of either: its place in the home of a drone.
     pub fn place(self) -> u32 {
         match self {
             Self::Carried(p) | Self::Final(p) => p,
         }
     }
+}
+
+/// Where code finds a number. All codes that advance a drone share its home, so nothing is copied when one follows another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum At {
+    /// At this place of the home.
+    Home(u32),
+    /// In this cell of what the code keeps for itself: `[first table | given | second table | numbers for the end]`. What is given
+    /// is copied there, so that one code serves commands from outside and those that another stage hands on.
+    Own(u32),
 }
 
 /// One instruction of straight-line code; operands are places of earlier instructions.
@@ -171,7 +191,48 @@ pub struct Stages {
     pub finals: Vec<(Output, Source)>,
 }
 
-/// What a slot of the state holds.
+impl Stages {
+    /// Where each number stands that the call reads.
+    pub fn given_at(&self) -> Vec<At> {
+        (self.n_table..self.n_table + self.given.len()).map(|k| At::Own(k as u32)).collect()
+    }
+
+    /// Where each entry of the second table stands.
+    pub fn call_at(&self) -> Vec<At> {
+        let from = self.n_table + self.given.len();
+        (from..from + self.n_call).map(|k| At::Own(k as u32)).collect()
+    }
+
+    /// Where each slot of the state stands.
+    pub fn state_at(&self) -> Vec<At> {
+        let mut own = (self.n_table + self.given.len() + self.n_call) as u32;
+        let mut at = |slot: &Slot| {
+            let place = slot.output.map(Output::place).or(slot.input.and_then(Input::place));
+            place.map_or_else(
+                || {
+                    own += 1;
+                    At::Own(own - 1)
+                },
+                At::Home,
+            )
+        };
+        self.state.iter().map(&mut at).collect()
+    }
+
+    /// Cells that the codes keep for themselves.
+    pub fn n_own(&self) -> usize {
+        let kept = self.state.iter().filter(|s| s.input.is_none() && s.output.is_none()).count();
+        self.n_table + self.given.len() + self.n_call + kept
+    }
+
+    /// One more than the highest place that the codes read or write.
+    pub fn n_home(&self) -> usize {
+        let of = |at: At| if let At::Home(p) = at { p as usize + 1 } else { 0 };
+        self.state_at().into_iter().map(of).max().unwrap_or(0)
+    }
+}
+
+/// What a slot of the state holds. Where it comes from a place and goes to one, both are the same.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
     /// Where its number comes from before the first step; `None` where only results are written to it.

@@ -230,7 +230,7 @@ impl Recorder {
             let off = normals(&mut self.noise, sensors.accel_m_s2);
             self.log.specific_force_m_s2.push(t + clock.accel_s, vec3::add(reading.accel, off));
         }
-        let commands = &sim.data.rotor_command[row * 8..row * 8 + n];
+        let commands = &sim.data.rotor_command[row * sim.data.n_rotors..][..n];
         for (i, channel) in self.log.cmd_rotor_rad_s.iter_mut().enumerate() {
             channel.push(t, [commands[i]]);
         }

@@ -62,6 +62,9 @@ macro_rules! flat {
             /// Numbers in all fields together.
             pub const LEN: usize = 0 $(+ $len)*;
 
+            /// Fields in order, with their lengths.
+            const FIELDS: &[(&str, usize)] = &[$((stringify!($field), $len),)*];
+
             /// All numbers zero.
             pub fn zero() -> Self {
                 Self { $($field: [S::zero(); $len],)* }
@@ -113,6 +116,28 @@ flat! {
         force_torque_cmd: 4,
         /// Rotor speeds in force, rad/s.
         rotor_cmd: crate::physics::rigid_body::MAX_ROTORS,
+    }
+}
+
+impl<S: Real> Memory<S> {
+    /// Numbers that a control mode reads or changes, by index, for vehicles of at most `n_rotors` rotors. All others stay zero.
+    pub fn used(mode: ControlMode, n_rotors: usize) -> Vec<usize> {
+        let mut out = Vec::new();
+        let mut first = 0;
+        for (field, len) in Self::FIELDS {
+            let n = match (*field, mode) {
+                ("rotor_cmd", _) => n_rotors,
+                ("state_cmd" | "pos_err_integral" | "staged_ang_vel", ControlMode::State) => *len,
+                ("state_cmd" | "pos_err_integral" | "staged_ang_vel", _) => 0,
+                ("staged_attitude", ControlMode::BodyRate) => 0,
+                (_, ControlMode::State | ControlMode::Attitude | ControlMode::BodyRate) => *len,
+                ("staged_force_torque" | "force_torque_cmd", ControlMode::ForceTorque) => *len,
+                (_, ControlMode::ForceTorque | ControlMode::RotorVel) => 0,
+            };
+            out.extend(first..first + n);
+            first += len;
+        }
+        out
     }
 }
 
