@@ -1,5 +1,7 @@
 //! Flags and sub-commands, each defined once.
 
+use super::bench_args::BENCH_EXAMPLES;
+pub use super::bench_args::BenchArgs;
 use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
@@ -32,6 +34,7 @@ Examples:
   propwash diagnose flight.csv --vehicle quad.toml   which physics the model lacks
   propwash add rotor_drag --vehicle quad.toml --fit flight.csv --out better.toml
   propwash excite --vehicle quad.toml --want linear_drag --out path.csv    what to fly to find it
+  propwash bench                                     how fast this machine flies, sees and touches
 
 Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
 forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
@@ -132,6 +135,9 @@ pub enum Command {
     /// Plan a flight that makes wanted parameters visible, with the intervals to expect, as waypoints to fly.
     #[command(after_help = EXCITE_EXAMPLES, allow_negative_numbers = true)]
     Excite(ExciteArgs),
+    /// Measure what this machine gives: steps, depth images, contacts, clearances and all of it in flight.
+    #[command(after_help = BENCH_EXAMPLES, allow_negative_numbers = true)]
+    Bench(BenchArgs),
 }
 
 /// Ends the help of `propwash identify`.
@@ -227,7 +233,7 @@ fn size(text: &str) -> Result<Size, String> {
 }
 
 /// `1,2,3` → three numbers.
-fn triple(text: &str) -> Result<[f64; 3], String> {
+pub fn triple(text: &str) -> Result<[f64; 3], String> {
     let numbers: Vec<f64> = text.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match numbers[..] {
         [x, y, z] if text.split(',').count() == 3 && x.is_finite() && y.is_finite() && z.is_finite() => {
@@ -238,7 +244,7 @@ fn triple(text: &str) -> Result<[f64; 3], String> {
 }
 
 /// A whole number of at least zero.
-fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
+pub fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| format!("expected a whole number of at least 0, got {text:?}"))
 }
 
@@ -251,7 +257,7 @@ fn group(text: &str) -> Result<u8, String> {
 }
 
 /// A finite number above zero.
-fn positive(text: &str) -> Result<f64, String> {
+pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
         _ => Err(format!("expected a number above 0, got {text:?}")),
@@ -259,7 +265,7 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// A finite number of at least zero.
-fn not_negative(text: &str) -> Result<f64, String> {
+pub fn not_negative(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() && v >= 0.0 => Ok(v),
         _ => Err(format!("expected a number of at least 0, got {text:?}")),

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod args;
+mod bench_args;
 mod cmd;
 mod exit;
 mod gap_args;
@@ -35,6 +36,7 @@ pub fn run() -> ExitCode {
         args::Command::Diagnose(a) => cmd::diagnose::run(&a),
         args::Command::Add(a) => cmd::add::run(&a),
         args::Command::Excite(a) => cmd::excite::run(&a),
+        args::Command::Bench(a) => cmd::bench::run(&a),
     };
     exit::code(outcome)
 }

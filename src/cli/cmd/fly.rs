@@ -2,7 +2,7 @@
 
 use super::drones::find;
 use super::{adjust, io_error, print, print_json};
-use crate::cli::args::{FlyArgs, IntegratorArg};
+use crate::cli::args::{CameraArgs, FlyArgs, IntegratorArg};
 use crate::cli::exit::Outcome;
 use crate::dataset::recorder::{Course, Flight, Recorded, record};
 use crate::dataset::{Dataset, Overview, map};
@@ -89,9 +89,11 @@ fn flight(args: &FlyArgs) -> Result<Flight> {
     }
     let vehicles: Vec<Vehicle> =
         (0..n).map(|i| find(&args.drone[i % args.drone.len()])).collect::<Result<_>>()?;
-    let shells: Vec<Shell> = vehicles.iter().map(|v| shell(args, v)).collect::<Result<_>>()?;
+    let shells: Vec<Shell> =
+        vehicles.iter().map(|v| shell(args.shell.as_deref(), v)).collect::<Result<_>>()?;
     let scene = Scene::build(&SceneSource::file(&args.scene), &shells)?;
-    let cameras = (0..n).map(|d| camera(args, &scene, d)).collect::<Result<_>>()?;
+    let cameras = (0..n).map(|d| Ok(camera(&args.camera, &args.view, &scene, d)?.with_normals(args.normals)));
+    let cameras = cameras.collect::<Result<_>>()?;
     Ok(Flight {
         vehicles,
         dynamics: args.dynamics.clone(),
@@ -152,8 +154,8 @@ fn noise(path: &Path) -> Result<DepthNoise> {
 }
 
 /// Shell of a vehicle: the one of the command line, else the one that the vehicle file names.
-fn shell(args: &FlyArgs, vehicle: &Vehicle) -> Result<Shell> {
-    Ok(match (&args.shell, vehicle.shell_path()) {
+pub fn shell(given: Option<&Path>, vehicle: &Vehicle) -> Result<Shell> {
+    Ok(match (given, vehicle.shell_path()) {
         (Some(path), _) => Shell::load(path)?,
         (None, Some(path)) => Shell::load(&path)?,
         (None, None) => Shell::builtin(&vehicle.shell)?,
@@ -161,10 +163,10 @@ fn shell(args: &FlyArgs, vehicle: &Vehicle) -> Result<Shell> {
 }
 
 /// The camera of drone `d`: one of its shell's, else one of the scene's.
-fn camera(args: &FlyArgs, scene: &Scene, d: usize) -> Result<Camera> {
-    let on_drone = format!("drone{d}/{}", args.camera);
-    let name = if scene.cameras().iter().any(|c| c.name == on_drone) { &on_drone } else { &args.camera };
-    Ok(adjust(Camera::from_scene(scene, name)?, &args.view)?.with_normals(args.normals))
+pub fn camera(name: &str, view: &CameraArgs, scene: &Scene, d: usize) -> Result<Camera> {
+    let on_drone = format!("drone{d}/{name}");
+    let name = if scene.cameras().iter().any(|c| c.name == on_drone) { &on_drone } else { name };
+    adjust(Camera::from_scene(scene, name)?, view)
 }
 
 /// `lissajous`, `circle`, `hover` or `waypoints FILE`.

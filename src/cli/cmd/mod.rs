@@ -1,6 +1,7 @@
 //! The commands, each short.
 
 pub mod add;
+pub mod bench;
 pub mod compare;
 pub mod depth;
 pub mod diagnose;
