@@ -2,22 +2,20 @@
 //!
 //! `cargo xtask bench contacts --help`. Prints Markdown tables.
 
-#[path = "common/forest.rs"]
-mod forest;
-#[path = "peers/process.rs"]
-mod process;
+mod common;
 
 use std::fmt::Write as _;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
 use clap::Parser;
-use forest::{draws, forest, hills, median, processor};
-use process::Peer;
+use common::peer::Peer;
+use common::report::{Report, count, figures, number, numbers, shown, word, words};
+use common::scenes::{draws, forest, hills};
+use common::{Fallible, ended, machine, median};
 use propwash::scene::{Scene, SceneSource, Shell, Worker, mujoco_version};
 use propwash::sense::{Collider, Contact, clearance_by, contacts_by};
-
-type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Finds contacts and clearances of drones in forests, near a mesh, on a height field and in swarms, by Propwash's collider,
 /// by MuJoCo and by its peers in turn, one core each.
@@ -38,6 +36,9 @@ struct Args {
     /// Leaves the Python peers out.
     #[arg(long)]
     no_python: bool,
+    /// Also writes the figures as lines of JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
     /// Ignored; `cargo bench` passes it.
     #[arg(long, hide = true)]
     bench: bool,
@@ -57,41 +58,42 @@ struct Case {
 }
 
 fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    ended(run(&Args::parse()))
 }
 
 fn run(args: &Args) -> Fallible<()> {
-    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    println!(
-        "{}; one core each; propwash {}, MuJoCo {}; medians of {} rounds; load of the machine at the start {}\n",
-        processor(),
-        env!("CARGO_PKG_VERSION"),
-        mujoco_version(),
-        args.rounds,
-        load.split_whitespace().take(3).collect::<Vec<_>>().join(" "),
-    );
-    println!("Thousand drones per second.\n");
-    println!(
-        "| scene | geoms | drones | contacts: `mj_kinematics` + `mj_collision` | Propwash by MuJoCo | Propwash | ratio to \
-         MuJoCo | `mujoco.batch` | Crazyflow | clearance: `mj_geomDistance` of all | Propwash by MuJoCo | Propwash | ratio |"
-    );
-    println!("| --- |{}", " ---: |".repeat(12));
+    machine::pin(&machine::last_core()?)?;
+    let about = format!("one core; MuJoCo {}; medians of {} rounds", mujoco_version(), args.rounds);
+    let mut report = Report::begin("contacts", args.json.as_deref(), &about)?;
+    let columns = [
+        words("scene", "scene"),
+        numbers("geoms", "geoms"),
+        numbers("worlds", "worlds"),
+        numbers("drones", "drones in each"),
+        numbers("contacts_mujoco", "contacts: `mj_kinematics` + `mj_collision`"),
+        numbers("contacts_by_mujoco", "Propwash by MuJoCo"),
+        numbers("contacts", "Propwash"),
+        numbers("contacts_ratio", "ratio to MuJoCo"),
+        numbers("contacts_batch", "`mujoco.batch`"),
+        numbers("contacts_crazyflow", "Crazyflow"),
+        numbers("clearance_mujoco", "clearance: `mj_geomDistance` of all"),
+        numbers("clearance_by_mujoco", "Propwash by MuJoCo"),
+        numbers("clearance", "Propwash"),
+        numbers("clearance_ratio", "ratio to MuJoCo"),
+    ];
+    report.table("contacts", "Contacts and clearances: thousand drones per second on one core.", &columns)?;
     let mut versions = String::new();
     let mut notes = Vec::new();
     for case in cases()? {
         if case.name.contains(&args.scene) {
-            measure(args, &case, &mut versions, &mut notes)?;
+            measure(args, &case, &mut report, &mut versions, &mut notes)?;
         }
     }
-    println!("\nPeers: {versions}");
-    notes.iter().for_each(|note| println!("{note}"));
-    Ok(())
+    if !versions.is_empty() {
+        report.text(&format!("Peers: {versions}."))?;
+    }
+    notes.iter().try_for_each(|note| report.text(note))?;
+    report.end()
 }
 
 /// As Crazyflow's cf2x_L250 collides.
@@ -148,7 +150,13 @@ fn cases() -> Fallible<Vec<Case>> {
     Ok(cases)
 }
 
-fn measure(args: &Args, case: &Case, versions: &mut String, notes: &mut Vec<String>) -> Fallible<()> {
+fn measure(
+    args: &Args,
+    case: &Case,
+    report: &mut Report,
+    versions: &mut String,
+    notes: &mut Vec<String>,
+) -> Fallible<()> {
     let scene = Scene::build(
         &SceneSource::text(&case.name, case.xml.as_str()),
         &vec![case.shell.clone(); case.drones],
@@ -186,7 +194,7 @@ fn measure(args: &Args, case: &Case, versions: &mut String, notes: &mut Vec<Stri
                         let _ = write!(versions, "{}{told}", if versions.is_empty() { "" } else { "; " });
                     }
                     let found = peer.told.get("contacts").map(ToString::to_string).unwrap_or_default();
-                    notes.push(format!("{}: {name} finds {found} contacts.", case.name));
+                    eprintln!("{}: {name} finds {found} contacts", case.name);
                     peers.push(Some(peer));
                 }
                 Err(error) => {
@@ -225,29 +233,29 @@ fn measure(args: &Args, case: &Case, versions: &mut String, notes: &mut Vec<Stri
             }
         }
     }
-    notes.push(format!("{}: {} contacts by MuJoCo, {} by Propwash.", case.name, total[0], total[1]));
+    eprintln!("{}: {} contacts by MuJoCo, {} by Propwash", case.name, total[0], total[1]);
     let rate = |times: &mut Vec<f64>| poses.len() as f64 / median(times) / 1e3;
     let mut r = times.each_mut().map(rate);
     r[3] *= case.drones.div_ceil(step) as f64 / case.drones as f64;
-    let theirs = theirs.each_mut().map(|t| if t.is_empty() { "–".into() } else { format!("{:.1}", rate(t)) });
-    println!(
-        "| {} | {} | {} × {} | {:.1} | {:.1} | {:.1} | {:.1} | {} | {} | {:.1} | {:.1} | {:.1} | {:.1} |",
-        case.name,
-        scene.geoms().len(),
-        case.worlds,
-        case.drones,
-        r[0],
-        r[1],
-        r[2],
-        r[2] / r[0],
-        theirs[0],
-        theirs[1],
-        r[3],
-        r[4],
-        r[5],
-        r[5] / r[3],
-    );
-    Ok(())
+    // No times at all are NaN, which is shown as a dash.
+    let theirs = theirs.each_mut().map(rate);
+    let cell = |v: f64| shown(v, figures(v));
+    report.row(vec![
+        word(&case.name),
+        count(scene.geoms().len()),
+        count(case.worlds),
+        count(case.drones),
+        cell(r[0]),
+        cell(r[1]),
+        cell(r[2]),
+        number(r[2] / r[0], 1),
+        cell(theirs[0]),
+        cell(theirs[1]),
+        cell(r[3]),
+        cell(r[4]),
+        cell(r[5]),
+        number(r[5] / r[3], 1),
+    ])
 }
 
 /// One world: poses in, and what is asked of it.

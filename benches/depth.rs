@@ -2,23 +2,24 @@
 //!
 //! `cargo xtask bench depth --help`. Prints Markdown tables. On Linux only: it reads `/proc` and pins with `taskset`.
 
-#[path = "common/forest.rs"]
-mod forest;
+mod common;
+#[path = "depth/ours.rs"]
+mod ours;
 
-use std::io::{BufRead, BufReader, Write as _};
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, ExitCode, Stdio};
-use std::time::Instant;
+use std::process::{Command, ExitCode};
+use std::time::{Duration, Instant};
 
 use clap::Parser;
-use forest::{draws, forest, hills, median, processor};
+use common::peer::{Peer, python};
+use common::report::{Cell, Column, Report, count, nothing, number, numbers, shown, word, words};
+use common::scenes::{draws, forest, hills};
+use common::{Fallible, ended, machine, median};
+use ours::{View, serve};
 use propwash::math::quat;
-use propwash::scene::{Pose, Scene, SceneSource, Shell, Worker, WorkerPool, mujoco_version};
-use propwash::sense::{
-    Camera, Caster, DepthBatch, DepthFrame, Lens, RayPattern, RayPlanes, RayQuery, WorldPoses, cast_pattern,
-    caster, render_batch,
-};
-use serde_json::{Value, json};
+use propwash::scene::{Pose, mujoco_version};
+use propwash::sense::caster;
+use serde_json::Value;
 
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/depth.py");
 /// All that are compared: name on the command line, title.
@@ -35,8 +36,8 @@ const ROUND_S: f64 = 0.05;
 const LIMIT_S: f64 = 10.0;
 /// Whoever needs longer for a round, s, has no more than three.
 const SLOW_S: f64 = 3.0;
-
-type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
+/// Longest time of any answer: compilers are slow.
+const PATIENCE: Duration = Duration::from_secs(1200);
 
 /// Casts depth images in forests, over a mesh and over a height field, by the native caster and its peers in turn.
 #[derive(Parser)]
@@ -65,6 +66,9 @@ struct Args {
     /// Adds surface normals to the images of Propwash and `mj_multiRay`; the others take no part.
     #[arg(long)]
     normals: bool,
+    /// Also writes the figures as lines of JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
     /// One of ours, as a process that is asked: native or multiray.
     #[arg(long, hide = true, requires = "folder")]
     serve: Option<String>,
@@ -81,17 +85,10 @@ struct Args {
 
 fn main() -> ExitCode {
     let args = Args::parse();
-    let done = match &args.serve {
+    ended(match &args.serve {
         Some(who) => serve(&args, who),
         None => run(&args),
-    };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    })
 }
 
 fn run(args: &Args) -> Fallible<()> {
@@ -104,30 +101,32 @@ fn run(args: &Args) -> Fallible<()> {
             && (!args.normals || name == "native" || name == "multiray")
     };
     let who: Vec<(&str, &str)> = ALL.into_iter().filter(|(name, _)| takes_part(name)).collect();
-    println!(
-        "{}, lanes {}; MuJoCo {}, propwash {}; medians of {} rounds; load of the machine at the start {}\n",
-        processor(),
+    let about = format!(
+        "lanes {}; MuJoCo {}; medians of {} rounds",
         caster::lanes_in_use(),
         mujoco_version(),
-        env!("CARGO_PKG_VERSION"),
-        args.rounds,
-        load(),
+        args.rounds
     );
+    let mut report = Report::begin("depth", args.json.as_deref(), &about)?;
     let mut versions = Vec::new();
-    images(args, &who, &mut versions)?;
-    sensors(args, &who)?;
+    images(args, &who, &mut report, &mut versions)?;
+    sensors(args, &who, &mut report)?;
     if args.worlds > 0 && "1024 worlds".contains(&args.scene) {
-        worlds(args, &who)?;
+        worlds(args, &who, &mut report)?;
     }
     if !versions.is_empty() {
-        println!("Peers: {}.", versions.join("; "));
+        report.text(&format!("Peers: {}.", versions.join("; ")))?;
     }
-    println!("Load of the machine at the end {}.", load());
-    Ok(())
+    report.end()
 }
 
 /// One core, one camera after the other.
-fn images(args: &Args, who: &[(&str, &str)], versions: &mut Vec<String>) -> Fallible<()> {
+fn images(
+    args: &Args,
+    who: &[(&'static str, &str)],
+    report: &mut Report,
+    versions: &mut Vec<String>,
+) -> Fallible<()> {
     let mut scenes = Vec::new();
     for n in [10, 40, 200, 1000] {
         scenes.push((format!("forest, {n} geoms"), n, forest(n, "", "")));
@@ -158,36 +157,40 @@ fn images(args: &Args, who: &[(&str, &str)], versions: &mut Vec<String>) -> Fall
     if rows.is_empty() {
         return Ok(());
     }
-    let table = |title: &str, cell: &dyn Fn(&[Outcome], usize) -> String| {
-        println!("{title}\n");
-        println!("| scene | {} |", who.iter().map(|(_, title)| *title).collect::<Vec<_>>().join(" | "));
-        println!("| --- |{}", " ---: |".repeat(who.len()));
-        for (name, outcomes) in &rows {
-            let cells: Vec<String> = (0..who.len()).map(|k| cell(outcomes, k)).collect();
-            println!("| {name} | {} |", cells.join(" | "));
+    let mut columns: Vec<Column> = vec![words("scene", "scene")];
+    columns.extend(who.iter().map(|(name, title)| numbers(name, title)));
+    let mut table = |name: &'static str, caption: &str, cell: &dyn Fn(&[Outcome], usize) -> Cell| {
+        report.table(name, caption, &columns)?;
+        for (scene, outcomes) in &rows {
+            let mut row = vec![word(scene.as_str())];
+            row.extend((0..who.len()).map(|k| cell(outcomes, k)));
+            report.row(row)?;
         }
-        println!();
+        Fallible::Ok(())
     };
     let (side, cameras) = (args.side, args.cameras);
     table(
+        "fps",
         &format!(
             "Frames per second on one core, {side} × {side} pixels, {cameras} cameras (how many times as many Propwash makes)."
         ),
         &|all, k| all[k].rate(&all[0]),
-    );
-    table("Start of the process to its first frame, s.", &|all, k| {
-        all[k].told(|o| format!("{:.2}", o.first_s))
-    });
-    table("Most memory of the process, MiB.", &|all, k| all[k].told(|o| format!("{:.0}", o.memory_mib)));
+    )?;
+    table("first_s", "Start of the process to its first frame, s.", &|all, k| {
+        all[k].told(|o| number(o.first_s, 2))
+    })?;
+    table("memory_mib", "Most memory of the process, MiB.", &|all, k| {
+        all[k].told(|o| number(o.memory_mib, 0))
+    })?;
     table(
+        "differ",
         "Pixels that `mj_multiRay` sees otherwise (hit against miss, or 0.1 % of the range), of those cast.",
-        &|all, k| all[k].told(|o| o.differ.map_or("–".into(), |(odd, of)| format!("{odd} of {of}"))),
-    );
-    Ok(())
+        &|all, k| all[k].told(Outcome::differing),
+    )
 }
 
 /// Other images and patterns, one core.
-fn sensors(args: &Args, who: &[(&str, &str)]) -> Fallible<()> {
+fn sensors(args: &Args, who: &[(&'static str, &str)], report: &mut Report) -> Fallible<()> {
     let views = [
         ("one pixel", "1x1", 16),
         ("61 × 37 pixels", "61x37", 16),
@@ -195,7 +198,7 @@ fn sensors(args: &Args, who: &[(&str, &str)]) -> Fallible<()> {
         ("fisheye of 220°, 64 × 64 pixels", "fisheye", 16),
         ("LiDAR, 32 beams × 1,024", "lidar", 16),
     ];
-    let own: Vec<(&str, &str)> =
+    let own: Vec<(&'static str, &str)> =
         who.iter().copied().filter(|(name, _)| ["native", "multiray"].contains(name)).collect();
     let mut head = false;
     for (name, view, cameras) in views {
@@ -207,61 +210,70 @@ fn sensors(args: &Args, who: &[(&str, &str)]) -> Fallible<()> {
         write(folder.path(), &forest(40, "", ""), &poses(40, cameras))?;
         let all = contest(args, folder.path(), view, false, true, &own)?;
         if !head {
-            println!("Other sensors in the forest of 40 geoms, one core.\n");
-            println!(
-                "| sensor | rays | frames/s | million rays/s | `mj_multiRay`, frames/s | first frame, s | memory, MiB | pixels that differ |"
-            );
-            println!("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |");
+            let columns = [
+                words("sensor", "sensor"),
+                numbers("rays", "rays"),
+                numbers("fps", "frames/s"),
+                numbers("mega_rays", "million rays/s"),
+                numbers("multiray_fps", "`mj_multiRay`, frames/s"),
+                numbers("first_s", "first frame, s"),
+                numbers("memory_mib", "memory, MiB"),
+                numbers("differ", "pixels that differ"),
+            ];
+            report.table("sensors", "Other sensors in the forest of 40 geoms, one core.", &columns)?;
             head = true;
         }
         let rays = View::parse(view)?.rays();
         let o = &all[0];
-        println!(
-            "| {name} | {rays} | {:.0} | {:.1} | {} | {:.2} | {:.0} | {} |",
-            o.fps,
-            o.fps * rays as f64 / 1e6,
-            all.get(1).map_or("–".into(), |p| p.rate(o)),
-            o.first_s,
-            o.memory_mib,
-            o.differ.map_or("–".into(), |(odd, of)| format!("{odd} of {of}"))
-        );
-    }
-    if head {
-        println!();
+        report.row(vec![
+            word(name),
+            count(rays),
+            number(o.fps, 0),
+            number(o.fps * rays as f64 / 1e6, 1),
+            all.get(1).map_or_else(nothing, |p| p.rate(o)),
+            number(o.first_s, 2),
+            number(o.memory_mib, 0),
+            o.differing(),
+        ])?;
     }
     Ok(())
 }
 
 /// A camera in each of many worlds, one call for all, on one core and on all.
-fn worlds(args: &Args, who: &[(&str, &str)]) -> Fallible<()> {
+fn worlds(args: &Args, who: &[(&'static str, &str)], report: &mut Report) -> Fallible<()> {
     let folder = tempfile::tempdir()?;
     write(folder.path(), &forest(40, "", ""), &poses(40, args.worlds as usize))?;
     let view = format!("{0}x{0}", args.side);
     let pixels = (args.worlds as usize * args.side * args.side) as f64;
-    println!(
+    let caption = format!(
         "{} worlds of the forest of 40 geoms, one camera of {1} × {1} pixels in each, one call for all. The depths take {2:.1} MiB; \
-         Propwash's states, geoms and bodies {3:.1} MiB more.\n",
+         Propwash's states, geoms and bodies {3:.1} MiB more.",
         args.worlds,
         args.side,
         pixels * 4.0 / 1048576.0,
         pixels * 9.0 / 1048576.0
     );
-    println!("| cores | who | frames/s | first call, s | memory, MiB |");
-    println!("| --- | --- | ---: | ---: | ---: |");
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    for (pinned, title) in [(true, "1".to_string()), (false, cores.to_string())] {
-        eprintln!("{} worlds, {title} cores", args.worlds);
+    let columns = [
+        numbers("threads", "cores"),
+        words("who", "who"),
+        numbers("fps", "frames/s"),
+        numbers("first_s", "first call, s"),
+        numbers("memory_mib", "memory, MiB"),
+    ];
+    report.table("worlds", &caption, &columns)?;
+    for (pinned, threads) in [(true, 1), (false, machine::cores())] {
+        eprintln!("{} worlds, {threads} cores", args.worlds);
         let all = contest(args, folder.path(), &view, true, pinned, who)?;
         for (k, (_, name)) in who.iter().enumerate() {
-            println!(
-                "| {title} | {name} | {} | {} | {} |",
+            report.row(vec![
+                count(threads),
+                word(*name),
                 all[k].rate(&all[0]),
-                all[k].told(|o| format!("{:.2}", o.first_s)),
-                all[k].told(|o| format!("{:.0}", o.memory_mib))
-            );
+                all[k].told(|o| number(o.first_s, 2)),
+                all[k].told(|o| number(o.memory_mib, 0)),
+            ])?;
         }
     }
-    println!();
     Ok(())
 }
 
@@ -278,16 +290,22 @@ struct Outcome {
 }
 
 impl Outcome {
-    fn told(&self, words: impl Fn(&Self) -> String) -> String {
-        self.refused.clone().unwrap_or_else(|| words(self))
+    fn told(&self, cell: impl Fn(&Self) -> Cell) -> Cell {
+        self.refused.as_deref().map_or_else(|| cell(self), word)
     }
 
     /// Frames per second, and how many times as many `best` has.
-    fn rate(&self, best: &Self) -> String {
+    fn rate(&self, best: &Self) -> Cell {
         self.told(|o| {
             let fps = if o.fps < 10.0 { format!("{:.2}", o.fps) } else { format!("{:.0}", o.fps) };
-            if std::ptr::eq(o, best) { fps } else { format!("{fps} ({:.0} ×)", best.fps / o.fps) }
+            let ratio = best.fps / o.fps;
+            shown(o.fps, if std::ptr::eq(o, best) { fps } else { format!("{fps} ({ratio:.0} ×)") })
         })
+    }
+
+    /// Pixels that differ, of how many.
+    fn differing(&self) -> Cell {
+        self.differ.map_or_else(nothing, |(odd, of)| shown(odd as f64, format!("{odd} of {of}")))
     }
 }
 
@@ -311,7 +329,7 @@ fn contest(
             if process.refused.is_some() || (process.slow && round >= 3) {
                 continue;
             }
-            let (frames, seconds) = process.measure()?;
+            let (frames, seconds) = process.peer.measure()?;
             process.slow |= seconds > SLOW_S;
             rates.push(frames / seconds);
         }
@@ -322,7 +340,7 @@ fn contest(
         let seen = if *name == "multiray" || in_worlds { None } else { ranges(folder, name) };
         outcomes.push(Outcome {
             fps: median(rates),
-            memory_mib: if process.refused.is_some() { f64::NAN } else { process.peak_mib()? },
+            memory_mib: if process.refused.is_some() { f64::NAN } else { process.peer.peak_mib()? },
             first_s: process.first_s,
             refused: process.refused.take(),
             versions: std::mem::take(&mut process.versions),
@@ -345,9 +363,7 @@ fn difference(seen: &[f32], truth: &[f32]) -> (usize, usize) {
 
 /// A process that has made its first pass and waits.
 struct Process {
-    child: Child,
-    ask: ChildStdin,
-    answers: BufReader<ChildStdout>,
+    peer: Peer,
     versions: String,
     refused: Option<String>,
     first_s: f64,
@@ -363,13 +379,11 @@ impl Process {
         in_worlds: bool,
         pinned: bool,
     ) -> Fallible<Self> {
-        let venv = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-        let python = std::env::var_os("PROPWASH_PYTHON").map_or(venv, PathBuf::from);
         let ours = name == "native" || name == "multiray";
-        let program = if ours { std::env::current_exe()? } else { python };
+        let program = if ours { std::env::current_exe()? } else { python() };
         let mut command = if pinned {
             let mut command = Command::new("taskset");
-            command.args(["--cpu-list", &last_core()?]).arg(&program);
+            command.args(["--cpu-list", &machine::last_core()?]).arg(&program);
             command.env("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1");
             command
         } else {
@@ -389,336 +403,24 @@ impl Process {
                 command.arg("worlds");
             }
         }
+        let shown = command.get_program().to_string_lossy().into_owned();
         let start = Instant::now();
-        let mut child = command
-            // MuJoCo leaves its log in the current folder.
-            .current_dir(folder)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(if ours { Stdio::inherit() } else { Stdio::null() })
-            .spawn()
-            .map_err(|e| {
-                let shown = command.get_program().to_string_lossy().into_owned();
-                format!("`{shown}` could not be started: {e}; `cargo xtask bench depth` sets the peers up")
-            })?;
-        let ask = child.stdin.take().ok_or("no input of the process")?;
-        let answers = BufReader::new(child.stdout.take().ok_or("no output of the process")?);
-        let mut process = Self {
-            child,
-            ask,
-            answers,
-            versions: String::new(),
-            refused: None,
-            first_s: f64::NAN,
-            slow: false,
-        };
-        let mut told: Value = serde_json::from_str(&process.line(name)?)?;
+        let mut peer = Peer::run(name, command, PATIENCE).map_err(|e| {
+            format!("`{shown}` could not be started: {e}; `cargo xtask bench depth` sets the peers up")
+        })?;
+        let mut told: Value = peer.answer()?;
+        let mut first_s = f64::NAN;
         if told["first"] == true {
-            process.first_s = start.elapsed().as_secs_f64();
-            told = serde_json::from_str(&process.line(name)?)?;
+            first_s = start.elapsed().as_secs_f64();
+            told = peer.answer()?;
         }
-        process.versions = told["versions"].as_str().unwrap_or_default().into();
-        process.refused = told["refused"].as_str().map(Into::into);
-        Ok(process)
-    }
-
-    fn line(&mut self, name: &str) -> Fallible<String> {
-        loop {
-            let mut line = String::new();
-            if self.answers.read_line(&mut line)? == 0 {
-                return Err(format!("{name} ended without an answer; run it by hand to see why").into());
-            }
-            // Anything else is a remark of a library.
-            if line.starts_with(['{', '[']) {
-                return Ok(line);
-            }
-        }
-    }
-
-    /// Frames and seconds of a round.
-    fn measure(&mut self) -> Fallible<(f64, f64)> {
-        writeln!(self.ask)?;
-        self.ask.flush()?;
-        Ok(serde_json::from_str(&self.line("a peer")?)?)
-    }
-
-    /// Most memory that it had in use, MiB.
-    fn peak_mib(&self) -> Fallible<f64> {
-        let text = std::fs::read_to_string(format!("/proc/{}/status", self.child.id()))?;
-        let line = text.lines().find_map(|l| l.strip_prefix("VmHWM:")).ok_or("no VmHWM in /proc")?;
-        Ok(line.trim().trim_end_matches(" kB").trim().parse::<f64>()? / 1024.0)
-    }
-}
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        // Failing to end it leaves a process that ends with its input.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// The last core that this process may use.
-fn last_core() -> Fallible<String> {
-    let text = std::fs::read_to_string("/proc/self/status")?;
-    let list =
-        text.lines().find_map(|l| l.strip_prefix("Cpus_allowed_list:")).ok_or("no Cpus_allowed_list")?;
-    Ok(list.trim().rsplit([',', '-']).next().unwrap_or("0").to_string())
-}
-
-/// Rays of a sensor.
-enum View {
-    Image(usize, usize),
-    Pattern(Vec<[f64; 3]>),
-}
-
-impl View {
-    fn parse(text: &str) -> Fallible<Self> {
-        if text == "fisheye" {
-            // Equidistant: the angle from the axis grows with the distance from the middle, 110° at the edges.
-            let mut rays = Vec::new();
-            for row in 0..64 {
-                for col in 0..64 {
-                    let (x, y) = ((f64::from(col) - 31.5) / 32.0, (31.5 - f64::from(row)) / 32.0);
-                    let (turn, angle) = (y.atan2(x), x.hypot(y) * 110f64.to_radians());
-                    rays.push([angle.sin() * turn.cos(), angle.sin() * turn.sin(), -angle.cos()]);
-                }
-            }
-            // Eight by eight in a row: neighbours in the list are neighbours in space.
-            let tiled = (0..4096).map(|k| {
-                let (tile, own) = (k / 64, k % 64);
-                let (packet, lane) = (own / 16, own % 16);
-                let row = 8 * (tile / 8) + 4 * (packet / 2) + lane / 4;
-                rays[64 * row + 8 * (tile % 8) + 4 * (packet % 2) + lane % 4]
-            });
-            return Ok(Self::Pattern(tiled.collect()));
-        }
-        if text == "lidar" {
-            // 32 rings from 25° below to 15° above the horizon of a sensor whose z axis points up.
-            let mut rays = Vec::new();
-            for ring in 0..32 {
-                let up = (-25.0 + 40.0 * f64::from(ring) / 31.0).to_radians();
-                for step in 0..1024 {
-                    let turn = f64::from(step) * std::f64::consts::TAU / 1024.0;
-                    // The sensor's y is up, as in a camera.
-                    rays.push([up.cos() * turn.cos(), up.sin(), up.cos() * turn.sin()]);
-                }
-            }
-            return Ok(Self::Pattern(rays));
-        }
-        let (width, height) =
-            text.split_once('x').ok_or("--view: expected WIDTHxHEIGHT, fisheye or lidar")?;
-        Ok(Self::Image(width.parse()?, height.parse()?))
-    }
-
-    fn rays(&self) -> usize {
-        match self {
-            Self::Image(width, height) => width * height,
-            Self::Pattern(rays) => rays.len(),
-        }
-    }
-}
-
-/// One of ours.
-trait Contestant {
-    /// Casts call `k`.
-    fn cast(&mut self, k: usize) -> Fallible<()>;
-    /// Ranges of the last call.
-    fn ranges(&self) -> Vec<f32>;
-}
-
-/// The side of ours of the protocol in the script.
-fn serve(args: &Args, who: &str) -> Fallible<()> {
-    let folder = args.folder.as_deref().ok_or("--folder is missing")?;
-    let xml = std::fs::read_to_string(folder.join("scene.xml"))?;
-    let bytes = std::fs::read(folder.join("poses.f64"))?;
-    let numbers: Vec<f64> = bytes
-        .chunks_exact(8)
-        .map(|b| f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]))
-        .collect();
-    let poses: Vec<Pose> =
-        numbers.chunks_exact(7).map(|p| Pose::new([p[0], p[1], p[2]], [p[3], p[4], p[5], p[6]])).collect();
-    let view = View::parse(&args.view)?;
-    let caster = if who == "native" { Caster::Native } else { Caster::MuJoCo };
-    let (calls, frames) = if args.in_worlds { (1, poses.len()) } else { (poses.len(), 1) };
-    let mut contestant: Box<dyn Contestant> = match (view, args.in_worlds) {
-        (View::Image(width, height), true) => Box::new(Worlds::new(&xml, &poses, width, height, caster)?),
-        (View::Pattern(_), true) => return Err("worlds have images only".into()),
-        (view, false) => {
-            let scene = Scene::build(&SceneSource::text("forest", &xml), &[])?;
-            match caster {
-                Caster::Native => Box::new(Native::new(&scene, poses, &view, args.normals)?),
-                Caster::MuJoCo => Box::new(MultiRay::new(&scene, &poses, &view, args.normals)?),
-            }
-        }
-    };
-    let mut seen = Vec::new();
-    for k in 0..calls {
-        contestant.cast(k)?;
-        if k == 0 {
-            println!("{}", json!({ "first": true }));
-        }
-        for range in contestant.ranges() {
-            seen.extend(range.to_le_bytes());
-        }
-    }
-    std::fs::write(folder.join(format!("{who}.f32")), seen)?;
-    println!("{}", json!({ "versions": "" }));
-    for line in std::io::stdin().lines() {
-        line?;
-        let (begin, mut count) = (Instant::now(), 0);
-        while begin.elapsed().as_secs_f64() < ROUND_S {
-            for k in 0..calls {
-                contestant.cast(k)?;
-                count += frames;
-                if begin.elapsed().as_secs_f64() > LIMIT_S {
-                    break;
-                }
-            }
-        }
-        println!("{}", json!([count, begin.elapsed().as_secs_f64()]));
-    }
-    Ok(())
-}
-
-/// The native caster, by a camera or by a pattern.
-struct Native {
-    worker: Worker,
-    cameras: Vec<Camera>,
-    pattern: RayPattern,
-    poses: Vec<Pose>,
-    frame: DepthFrame,
-}
-
-impl Native {
-    fn new(scene: &Scene, poses: Vec<Pose>, view: &View, normals: bool) -> Fallible<Self> {
-        let (mut cameras, mut pattern, mut frame) = (Vec::new(), RayPattern::default(), DepthFrame::new());
-        match view {
-            View::Image(..) => cameras = image(scene, &poses, view, normals)?,
-            View::Pattern(rays) => {
-                pattern = RayPattern::new(rays)?;
-                frame.depth_m.resize(pattern.len(), 0.0);
-                frame.geom_id.resize(pattern.len(), 0);
-                frame.body_id.resize(pattern.len(), 0);
-            }
-        }
-        Ok(Self { worker: scene.worker()?, cameras, pattern, poses, frame })
-    }
-}
-
-fn image(scene: &Scene, poses: &[Pose], view: &View, normals: bool) -> Fallible<Vec<Camera>> {
-    let &View::Image(width, height) = view else { return Err("a pattern is no image".into()) };
-    let lens = Lens::Fovy { fovy_deg: 45.0 };
-    let make = |pose: &Pose| {
-        Ok(Camera::in_world(scene, *pose, lens)?.with_size(width, height)?.with_normals(normals))
-    };
-    poses.iter().map(make).collect()
-}
-
-impl Contestant for Native {
-    fn cast(&mut self, k: usize) -> Fallible<()> {
-        if let Some(camera) = self.cameras.get(k) {
-            camera.render(&mut self.worker, &mut self.frame)?;
-        } else {
-            let planes = RayPlanes {
-                range_m: Some(&mut self.frame.depth_m),
-                geom_id: Some(&mut self.frame.geom_id),
-                body_id: Some(&mut self.frame.body_id),
-                normal: None,
-            };
-            cast_pattern(&mut self.worker, &self.poses[k], &self.pattern, &RayQuery::default(), planes)?;
-        }
-        Ok(())
-    }
-
-    fn ranges(&self) -> Vec<f32> {
-        self.frame.depth_m.clone()
-    }
-}
-
-/// `mj_multiRay` with directions that stand ready.
-struct MultiRay {
-    worker: Worker,
-    rays: Vec<([f64; 3], Vec<[f64; 3]>)>,
-    distances: Vec<f64>,
-    geoms: Vec<i32>,
-    normals: Option<Vec<[f64; 3]>>,
-}
-
-impl MultiRay {
-    fn new(scene: &Scene, poses: &[Pose], view: &View, normals: bool) -> Fallible<Self> {
-        let own: Vec<[f64; 3]> = match view {
-            View::Image(..) => image(scene, &poses[..1], view, false)?[0].rays(),
-            View::Pattern(rays) => rays.clone(),
-        };
-        let turn = |pose: &Pose| own.iter().map(|d| quat::rotate(pose.quat_xyzw, *d)).collect();
         Ok(Self {
-            worker: scene.worker()?,
-            rays: poses.iter().map(|pose| (pose.pos_m, turn(pose))).collect(),
-            distances: vec![0.0; own.len()],
-            geoms: vec![0; own.len()],
-            normals: normals.then(|| vec![[0.0; 3]; own.len()]),
+            peer,
+            first_s,
+            versions: told["versions"].as_str().unwrap_or_default().into(),
+            refused: told["refused"].as_str().map(Into::into),
+            slow: false,
         })
-    }
-}
-
-impl Contestant for MultiRay {
-    fn cast(&mut self, k: usize) -> Fallible<()> {
-        let (pos, rays) = &self.rays[k];
-        let (distances, geoms) = (&mut self.distances, &mut self.geoms);
-        self.worker.rays(*pos, rays, None, None, distances, geoms, self.normals.as_deref_mut())?;
-        Ok(())
-    }
-
-    fn ranges(&self) -> Vec<f32> {
-        self.distances.iter().map(|d| if *d < 0.0 { f32::INFINITY } else { *d as f32 }).collect()
-    }
-}
-
-/// A drone with a camera in each of many worlds.
-struct Worlds {
-    pool: WorkerPool,
-    camera: Camera,
-    pos: Vec<f64>,
-    quat: Vec<f64>,
-    out: DepthBatch,
-}
-
-impl Worlds {
-    fn new(xml: &str, poses: &[Pose], width: usize, height: usize, caster: Caster) -> Fallible<Self> {
-        let shell = Shell {
-            name: "eye".into(),
-            xml: "<mujoco><worldbody><body name='drone'><geom size='0.05'/><camera name='fpv' fovy='45'/></body></worldbody></mujoco>"
-                .into(),
-            dir: None,
-        };
-        let scene = Scene::build(&SceneSource::text("forest", xml), &[shell])?;
-        let camera = Camera::on_drone(&scene, 0, "fpv")?.with_size(width, height)?.with_caster(caster);
-        Ok(Self {
-            pool: WorkerPool::new(&scene),
-            camera,
-            pos: poses.iter().flat_map(|p| p.pos_m).collect(),
-            quat: poses.iter().flat_map(|p| p.quat_xyzw).collect(),
-            out: DepthBatch::default(),
-        })
-    }
-}
-
-impl Contestant for Worlds {
-    fn cast(&mut self, _: usize) -> Fallible<()> {
-        let poses = WorldPoses {
-            n_worlds: self.pos.len() / 3,
-            drone_pos_m: &self.pos,
-            drone_quat_xyzw: &self.quat,
-            obstacle_pos_m: None,
-            obstacle_quat_xyzw: None,
-        };
-        Ok(render_batch(&self.pool, std::slice::from_ref(&self.camera), &poses, &mut self.out)?)
-    }
-
-    fn ranges(&self) -> Vec<f32> {
-        // Nobody compares these, and a copy would count as memory of the caster.
-        Vec::new()
     }
 }
 
@@ -740,11 +442,6 @@ fn write(folder: &Path, xml: &str, poses: &[Pose]) -> Fallible<()> {
     let numbers = poses.iter().flat_map(|p| p.pos_m.into_iter().chain(p.quat_xyzw));
     std::fs::write(folder.join("poses.f64"), numbers.flat_map(f64::to_le_bytes).collect::<Vec<u8>>())?;
     Ok(())
-}
-
-fn load() -> String {
-    let text = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-    text.split_whitespace().take(3).collect::<Vec<_>>().join(" ")
 }
 
 fn looking(pos: [f64; 3], yaw: f64, pitch: f64) -> Pose {

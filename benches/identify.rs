@@ -2,11 +2,16 @@
 //!
 //! `cargo xtask bench identify --help`. Prints a Markdown table of errors, and median times.
 
-use std::path::{Path, PathBuf};
+mod common;
+
+use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
 use clap::Parser;
+use common::peer::python;
+use common::report::{Report, code, nothing, numbers, shown, words};
+use common::{Fallible, ended};
 use propwash::flight::{Channel, FlightLog};
 use propwash::gap::attitude_model::{Identification, Options, identify};
 use propwash::vehicle::Vehicle;
@@ -16,8 +21,6 @@ use serde_json::Value;
 const CRAZYFLOW: &str = "0.4.0";
 const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/identify.py");
 const AXES: [&str; 3] = ["roll", "pitch", "yaw"];
-
-type Fallible<T> = Result<T, Box<dyn std::error::Error>>;
 
 /// Identifies the attitude model from 60 s without noise, by Propwash and by Crazyflow in turn.
 #[derive(Parser)]
@@ -37,19 +40,16 @@ struct Args {
     /// Leaves out Crazyflow's identification; its simulation still makes the log.
     #[arg(long)]
     ours_alone: bool,
+    /// Also writes the figures as lines of JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
     /// Ignored; `cargo bench` passes it.
     #[arg(long, hide = true)]
     bench: bool,
 }
 
 fn main() -> ExitCode {
-    match run(&Args::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    ended(run(&Args::parse()))
 }
 
 fn run(args: &Args) -> Fallible<()> {
@@ -93,8 +93,8 @@ fn run(args: &Args) -> Fallible<()> {
         theirs = Some(found);
     }
     let ours = ours.ok_or("no round was run")?;
-    println!(
-        "\n{} rounds, {} of {}, flown at up to {:.1} m/s; log: {} rows, {} for ours",
+    let about = format!(
+        "{} rounds; {} of {}, 60 s without noise, flown at up to {:.1} m/s; log: {} rows, {} for ours",
         args.rounds,
         ours.dynamics,
         ours.vehicle,
@@ -102,31 +102,43 @@ fn run(args: &Args) -> Fallible<()> {
         log.n_rows,
         if args.all_columns { "all columns" } else { "poses and commands" },
     );
+    let mut report = Report::begin("identify", args.json.as_deref(), &about)?;
+    let worst = table(&mut report, &truth, &ours, theirs.as_ref())?;
+    let columns = [
+        words("who", "who"),
+        numbers("seconds", "median time, s"),
+        numbers("worst_percent", "largest error, %"),
+    ];
+    let (our_median, their_median) = (median(&mut our_s), median(&mut their_s));
+    let caption = if theirs.is_some() {
+        format!(
+            "Time of an identification; Crazyflow's takes {:.0} times as long.",
+            their_median / our_median
+        )
+    } else {
+        "Time of an identification.".to_string()
+    };
+    report.table("times", &caption, &columns)?;
+    for (who, seconds, worst) in [("Propwash", our_median, worst[0]), ("Crazyflow", their_median, worst[1])] {
+        if seconds.is_finite() {
+            report.row(vec![
+                common::report::word(who),
+                shown(seconds, common::report::figures(seconds)),
+                shown(worst, common::report::figures(worst)),
+            ])?;
+        }
+    }
     if let Some(found) = &theirs {
         let versions = found["versions"].as_object().ok_or("Crazyflow's fit named no versions")?;
         let listed: Vec<String> =
             versions.iter().map(|(name, v)| format!("{name} {}", v.as_str().unwrap_or("?"))).collect();
-        println!(
-            "{} (Crazyflow's in {} precision)",
-            listed.join(", "),
-            if args.double { "double" } else { "single" }
-        );
-    }
-    println!("{}\n", processor());
-    table(&truth, &ours, theirs.as_ref())?;
-    println!();
-    let (our_median, their_median) = (median(&mut our_s), median(&mut their_s));
-    println!("Median time: Propwash {our_median:.2} s");
-    if theirs.is_some() {
-        println!(
-            "Median time: Crazyflow {their_median:.1} s, {:.0} times as long",
-            their_median / our_median
-        );
+        let precision = if args.double { "double" } else { "single" };
+        report.text(&format!("Peer: {} (Crazyflow's in {precision} precision).", listed.join(", ")))?;
     }
     for warning in &ours.warnings {
-        println!("Propwash warns: {warning}");
+        report.text(&format!("Propwash warns: {warning}"))?;
     }
-    Ok(())
+    report.end()
 }
 
 /// What Crazyflow's identification printed.
@@ -153,8 +165,13 @@ fn unknown(mass_kg: f64) -> Fallible<Vehicle> {
 }
 
 /// One row per parameter: truth, ours, Crazyflow's. Errors are in per cent of the truth, and for the thrust offset, which is
-/// zero in truth, of the weight.
-fn table(truth: &Value, ours: &Identification, theirs: Option<&Value>) -> Fallible<()> {
+/// zero in truth, of the weight. Returns the largest error of each, %.
+fn table(
+    report: &mut Report,
+    truth: &Value,
+    ours: &Identification,
+    theirs: Option<&Value>,
+) -> Fallible<[f64; 2]> {
     let mut rows: Vec<(String, f64, Option<f64>)> = Vec::new();
     let gains = [
         ("angle_gain_per_s2", "rpy_coef"),
@@ -177,21 +194,32 @@ fn table(truth: &Value, ours: &Identification, theirs: Option<&Value>) -> Fallib
         let other = theirs.map(|t| number(&t[*key])).transpose()?.map(|d| -d);
         rows.push((format!("drag_n_s_per_m.{axis}"), -number(&truth["drag_matrix"][k][k])?, other));
     }
-    println!("| parameter | truth | Propwash | error | Crazyflow | error |");
-    println!("| --- | ---: | ---: | ---: | ---: | ---: |");
+    let columns = [
+        words("parameter", "parameter"),
+        numbers("truth", "truth"),
+        numbers("propwash", "Propwash"),
+        numbers("propwash_error", "error"),
+        numbers("crazyflow", "Crazyflow"),
+        numbers("crazyflow_error", "error"),
+    ];
+    report.table("identify", "The attitude model from one log of Crazyflow's simulation.", &columns)?;
     let (mut our_worst, mut their_worst): (f64, f64) = (0.0, 0.0);
     for (name, value, other) in &rows {
         let found = ours.get(name).ok_or_else(|| format!("ours did not identify {name}"))?.value;
         let percent = |v: f64| 100.0 * (v / value - 1.0).abs();
         our_worst = our_worst.max(percent(found));
         their_worst = their_worst.max(other.map_or(0.0, percent));
-        let shown =
-            other.map_or(["–".into(), "–".into()], |v| [figure(v), format!("{:.2} %", percent(v))]);
-        let (truth, got) = (figure(*value), figure(found));
-        println!("| `{name}` | {truth} | {got} | {:.4} % | {} | {} |", percent(found), shown[0], shown[1]);
+        let other = other.unwrap_or(f64::NAN);
+        report.row(vec![
+            code(name),
+            shown(*value, figure(*value)),
+            shown(found, figure(found)),
+            shown(percent(found), format!("{:.4} %", percent(found))),
+            shown(other, figure(other)),
+            shown(percent(other), format!("{:.2} %", percent(other))),
+        ])?;
     }
     let weight_n = ours.mass_kg * 9.81;
-    let none = "–";
     for name in ["thrust_offset_n", "attitude_delay_s", "thrust_delay_s"] {
         let found = ours.get(name).ok_or_else(|| format!("ours did not identify {name}"))?.value;
         let (value, error) = if name == "thrust_offset_n" {
@@ -199,19 +227,21 @@ fn table(truth: &Value, ours: &Identification, theirs: Option<&Value>) -> Fallib
         } else {
             (0.0, format!("{:.4} ms", 1e3 * found.abs()))
         };
-        println!("| `{name}` | {value} | {found:.1e} | {error} | {none} | {none} |");
+        report.row(vec![
+            code(name),
+            shown(value, value.to_string()),
+            shown(found, format!("{found:.1e}")),
+            shown(found.abs(), error),
+            nothing(),
+            nothing(),
+        ])?;
     }
-    println!("\nLargest error: Propwash {our_worst:.4} %");
-    if theirs.is_some() {
-        println!("Largest error: Crazyflow {their_worst:.2} %");
-    }
-    Ok(())
+    Ok([our_worst, their_worst])
 }
 
 /// The Python with the peer: `PROPWASH_PYTHON`, or that of `.venv`.
 fn peer() -> Fallible<PathBuf> {
-    let venv = Path::new(env!("CARGO_MANIFEST_DIR")).join(".venv/bin/python");
-    let python = std::env::var_os("PROPWASH_PYTHON").map_or(venv, PathBuf::from);
+    let python = python();
     let ask = ["-c", "from importlib import metadata; print(metadata.version('crazyflow'))"];
     let told = Command::new(&python).args(ask).output();
     let version = told.map(|o| String::from_utf8_lossy(&o.stdout).trim().to_string()).unwrap_or_default();
@@ -255,13 +285,4 @@ fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     let n = values.len();
     if n == 0 { f64::NAN } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
-}
-
-/// Name of the processor and the number of threads.
-fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let line = text.lines().find(|l| l.starts_with("model name"));
-    let name = line.and_then(|l| l.split(':').nth(1)).map_or(std::env::consts::ARCH, str::trim);
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    format!("Processor: {name}, {threads} threads")
 }

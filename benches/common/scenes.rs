@@ -1,4 +1,4 @@
-//! Scenes that benchmarks share, and small things.
+//! Scenes that benchmarks share.
 
 use std::fmt::Write as _;
 
@@ -48,17 +48,4 @@ pub fn hills(n: usize) -> String {
 /// Random numbers for a purpose of the caller.
 pub fn draws(step: u64) -> Stream {
     Key { seed: 1, world: 0, drone: 0, step, purpose: purpose("forest of the depth benchmark") }.stream()
-}
-
-/// The middle one; NaN of none.
-pub fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    if values.is_empty() { f64::NAN } else { values[values.len() / 2] }
-}
-
-/// Name of the processor.
-pub fn processor() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = text.lines().find_map(|l| l.strip_prefix("model name")?.split_once(": "));
-    model.map_or_else(|| std::env::consts::ARCH.into(), |(_, name)| name.trim().to_string())
 }
