@@ -20,21 +20,21 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--fresh deletes out/demo first; without it a finished run is kept)
   cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
                                (ARGS go to `cargo test`, and Python tests are then left out)
-  cargo xtask bench contacts [ARGS...]
-                               make .venv with the pinned peers, contacts and clearances per second, alternately with MuJoCo,
-                               mujoco.batch and Crazyflow, each on one core (`cargo xtask bench contacts --help`)
-  cargo xtask bench depth [ARGS...]
-                               depth images by the native ray caster and by MuJoCo's rays, alternately, frames a second
-                               (`cargo xtask bench depth --help`)
-  cargo xtask bench gap [ARGS...]
-                               hide effects in simulated flights and tell how often the diagnosis names them
-                               (`cargo xtask bench gap --help`)
-  cargo xtask bench identify [ARGS...]
-                               make .venv with the pinned peers, identify the attitude model from a log of Crazyflow's
-                               simulation, alternately with Crazyflow's own identification: errors and times
-  cargo xtask bench steps [ARGS...]
-                               make .venv with the pinned peers, steps per second of many worlds, alternately with Crazyflow,
-                               each on one core (`cargo xtask bench steps --help`)
+  cargo xtask bench [--quick]  make .venv with the pinned peers, run all benchmarks below but gap, alternately with the peers,
+                               and write docs/performance_table.md and docs/performance.png from them
+                               (--quick: a few rows of each, in minutes, into target/bench)
+  cargo xtask bench NAME [--write] [ARGS...]
+                               one of them (`cargo xtask bench NAME --help`); --write renews its figures in benches/results
+                               and the page
+      steps                    steps per second of many worlds and of swarms, and memory, with Crazyflow
+      loop                     flight, depth images and contacts together, and the start to the first frame, with Crazyflow
+      depth                    depth images, with MuJoCo's rays, mujoco.batch, MJX and Crazyflow
+      contacts                 contacts and clearances, with MuJoCo, mujoco.batch and Crazyflow
+      identify                 the attitude model from a log of Crazyflow's simulation, with Crazyflow's own identification
+      instructions             instructions of small cases by valgrind, against benches/instructions.toml: fails where one grew
+                               (--write renews that table too)
+      gap                      how often the diagnosis names effects that are hidden in simulated flights
+  cargo xtask bench report     write the page anew from benches/results
   cargo xtask gen [--check]    write the kernels in src/kernels/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
