@@ -10,8 +10,8 @@ use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, SceneError, Shell, Worker, WorkerPool};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
-    Camera, Caster, DepthBatch, DepthFrame, DepthKind, DepthNoise, Lens, NoiseKey, PixelStatus,
-    STATUS_NOT_RENDERED, SenseError, WorldPoses, render_batch,
+    Camera, Caster, DepthBatch, DepthFrame, DepthKind, DepthNoise, DepthPlanes, Lens, NoiseKey, PixelStatus,
+    STATUS_NOT_RENDERED, SenseError, WorldPoses, render_batch, render_batch_into,
 };
 use scenes::{build, random_quat};
 
@@ -540,6 +540,41 @@ fn a_batch_is_the_same_for_any_number_of_threads_and_equals_single_frames() {
             assert_eq!(frame.pos_m, results[0].pose[world * 2 + c].pos_m);
         }
     }
+}
+
+#[test]
+fn a_batch_fills_the_planes_that_are_asked_for_and_refuses_others_of_another_length() {
+    let scene = batch_scene();
+    let mut data = batch_poses(5);
+    let cameras = [0, 1].map(|d| Camera::on_drone(&scene, d, "fpv").unwrap().with_size(9, 7).unwrap());
+    let pool = WorkerPool::new(&scene);
+    let (mut depth, mut normal) = (vec![0.0; 5 * 2 * 63], vec![[0.0; 3]; 5 * 2 * 63]);
+    let mut pose = vec![Pose::default(); 10];
+    let into = |depth: &mut [f32], normal: &mut [[f32; 3]], pose: &mut [Pose], data: &_| {
+        let planes = DepthPlanes { depth_m: Some(depth), normal: Some(normal), ..DepthPlanes::default() };
+        render_batch_into(&pool, &cameras, &poses(5, data), planes, pose)
+    };
+    into(&mut depth, &mut normal, &mut pose, &data).unwrap();
+    let (mut worker, mut frame) = (scene.worker().unwrap(), DepthFrame::new());
+    for world in 0..5 {
+        poses(5, &data).apply(world, &mut worker).unwrap();
+        for (c, camera) in cameras.iter().enumerate() {
+            camera.clone().with_normals(true).render(&mut worker, &mut frame).unwrap();
+            let at = (world * 2 + c) * 63..(world * 2 + c + 1) * 63;
+            assert_eq!(frame.depth_m, depth[at.clone()]);
+            assert_eq!(frame.normal.as_deref(), Some(&normal[at]));
+            assert_eq!(frame.quat_xyzw, pose[world * 2 + c].quat_xyzw);
+        }
+    }
+
+    let short = into(&mut depth[1..], &mut normal, &mut pose, &data).unwrap_err().to_string();
+    assert!(short.contains("depths") && short.contains("630") && short.contains("629"), "{short}");
+    let few = into(&mut depth, &mut normal, &mut pose[1..], &data).unwrap_err().to_string();
+    assert!(few.contains("poses of cameras") && few.contains("got 9"), "{few}");
+    data.0[3 * 2 * 3] = f64::NAN;
+    assert!(matches!(into(&mut depth, &mut normal, &mut pose, &data), Err(SenseError::Worlds { .. })));
+    assert!(depth[3 * 126..4 * 126].iter().all(|d| d.is_nan()) && !depth[4 * 126].is_nan());
+    assert!(normal[3 * 126..4 * 126].iter().all(|n| *n == [0.0; 3]) && pose[6].pos_m[0].is_nan());
 }
 
 #[test]

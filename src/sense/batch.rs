@@ -6,7 +6,7 @@ use super::SenseError;
 use super::caster::Planes;
 use super::clearance::{Clearance, clearance};
 use super::contact::{Contact, contacts};
-use super::depth::{Camera, STATUS_NOT_RENDERED};
+use super::depth::{Camera, DepthPlanes, STATUS_NOT_RENDERED};
 use crate::scene::{Pose, Scene, SceneError, Worker, WorkerPool};
 
 /// Poses of many worlds.
@@ -130,6 +130,84 @@ pub fn render_batch(
     out: &mut DepthBatch,
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
+    let (images, pixels) = batch_size(cameras, poses.n_worlds)?;
+    out.n_worlds = poses.n_worlds;
+    out.n_cameras = cameras.len();
+    out.n_pixels = pixels;
+    out.depth_m.resize(images * pixels, 0.0);
+    out.status.resize(images * pixels, 0);
+    out.geom_id.resize(images * pixels, 0);
+    out.body_id.resize(images * pixels, 0);
+    out.pose.resize(images, Pose::default());
+    let planes = DepthPlanes {
+        depth_m: Some(&mut out.depth_m),
+        status: Some(&mut out.status),
+        geom_id: Some(&mut out.geom_id),
+        body_id: Some(&mut out.body_id),
+        normal: None,
+    };
+    render_batch_into(pool, cameras, poses, planes, &mut out.pose)
+}
+
+/// As [`render_batch`], only the planes that are asked for, (world, camera, height, width), into buffers of the caller; the
+/// others cost nothing. `out_pose`: poses of the cameras, (world, camera).
+///
+/// In a world that fails ids are −1 and normals zero.
+///
+/// # Errors
+/// As [`render_batch`]; [`SenseError::Shape`] also for a plane or poses of another length.
+pub fn render_batch_into(
+    pool: &WorkerPool,
+    cameras: &[Camera],
+    poses: &WorldPoses,
+    planes: DepthPlanes,
+    out_pose: &mut [Pose],
+) -> Result<(), SenseError> {
+    poses.check(pool.scene())?;
+    let (images, pixels) = batch_size(cameras, poses.n_worlds)?;
+    if out_pose.len() != images {
+        let shape = format!("({} worlds, {} cameras)", poses.n_worlds, cameras.len());
+        let (expected, found) = (images, out_pose.len());
+        return Err(SenseError::Shape { what: "poses of cameras", shape, expected, found });
+    }
+    let planes = Planes {
+        depth: planes.depth_m,
+        status: planes.status,
+        geom: planes.geom_id,
+        body: planes.body_id,
+        normal: planes.normal,
+    };
+    planes.check(images * pixels)?;
+    let mut worlds: Vec<(Planes, &mut [Pose])> = planes
+        .chunks(cameras.len() * pixels, poses.n_worlds)
+        .zip(out_pose.chunks_mut(cameras.len()))
+        .collect();
+    let results: Vec<Result<(), SenseError>> = worlds
+        .par_iter_mut()
+        .enumerate()
+        .map(|(world, (planes, pose))| {
+            let done = pool.with(|worker| {
+                poses.apply(world, worker)?;
+                for (camera, (planes, pose)) in
+                    cameras.iter().zip(planes.reborrow().chunks(pixels, cameras.len()).zip(pose.iter_mut()))
+                {
+                    *pose = camera.render_planes(worker, planes)?;
+                }
+                Ok(())
+            });
+            let done = done.map_err(SenseError::from).and_then(|r| r);
+            if done.is_err() {
+                planes.fill_unknown();
+                pose.fill(Pose { pos_m: [f64::NAN; 3], quat_xyzw: [f64::NAN; 4] });
+            }
+            done
+        })
+        .collect();
+    all_or_failures(results)
+}
+
+/// Images of a batch and pixels of each, or what forbids it.
+fn batch_size(cameras: &[Camera], n_worlds: usize) -> Result<(usize, usize), SenseError> {
     let Some(first) = cameras.first() else {
         return Err(SenseError::Parameter {
             what: "render_batch needs at least one camera, got none".into(),
@@ -149,63 +227,56 @@ pub fn render_batch(
         });
     }
     let pixels = first.pattern().len();
-    let images = poses.n_worlds.saturating_mul(cameras.len());
+    let images = n_worlds.saturating_mul(cameras.len());
     // Four planes come to 13 bytes a pixel; refuse what no machine holds before asking for it.
     if images.saturating_mul(pixels) > MAX_BATCH_PIXELS {
         return Err(SenseError::Parameter {
             what: format!(
-                "a batch holds at most {MAX_BATCH_PIXELS} pixels (about 0.9 TB), got {} worlds x {} cameras x {pixels} \
-                 pixels; render fewer worlds at once",
-                poses.n_worlds,
+                "a batch holds at most {MAX_BATCH_PIXELS} pixels (about 0.9 TB), got {n_worlds} worlds x {} cameras x \
+                 {pixels} pixels; render fewer worlds at once",
                 cameras.len()
             ),
         });
     }
-    out.n_worlds = poses.n_worlds;
-    out.n_cameras = cameras.len();
-    out.n_pixels = pixels;
-    out.depth_m.resize(images * pixels, 0.0);
-    out.status.resize(images * pixels, 0);
-    out.geom_id.resize(images * pixels, 0);
-    out.body_id.resize(images * pixels, 0);
-    out.pose.resize(images, Pose::default());
-    let per_world = cameras.len() * pixels;
-    let results: Vec<Result<(), SenseError>> = out
-        .depth_m
-        .par_chunks_mut(per_world)
-        .zip(out.status.par_chunks_mut(per_world))
-        .zip(out.geom_id.par_chunks_mut(per_world))
-        .zip(out.body_id.par_chunks_mut(per_world))
-        .zip(out.pose.par_chunks_mut(cameras.len()))
-        .enumerate()
-        .map(|(world, ((((depth, status), geom), body), pose))| {
-            let done = pool.with(|worker| {
-                poses.apply(world, worker)?;
-                for (c, camera) in cameras.iter().enumerate() {
-                    let at = c * pixels..(c + 1) * pixels;
-                    let planes = Planes {
-                        depth: Some(&mut depth[at.clone()]),
-                        status: Some(&mut status[at.clone()]),
-                        geom: Some(&mut geom[at.clone()]),
-                        body: Some(&mut body[at]),
-                        normal: None,
-                    };
-                    pose[c] = camera.render_planes(worker, planes)?;
-                }
-                Ok(())
-            });
-            let done = done.map_err(SenseError::from).and_then(|r| r);
-            if done.is_err() {
-                depth.fill(f32::NAN);
-                status.fill(STATUS_NOT_RENDERED);
-                geom.fill(-1);
-                body.fill(-1);
-                pose.fill(Pose { pos_m: [f64::NAN; 3], quat_xyzw: [f64::NAN; 4] });
-            }
-            done
+    Ok((images, pixels))
+}
+
+impl<'a> Planes<'a> {
+    /// The planes of `n` consecutive images, or groups of them, of `size` pixels each.
+    fn chunks(self, size: usize, n: usize) -> impl Iterator<Item = Planes<'a>> {
+        let mut depth = self.depth.map(|p| p.chunks_mut(size));
+        let mut status = self.status.map(|p| p.chunks_mut(size));
+        let mut geom = self.geom.map(|p| p.chunks_mut(size));
+        let mut body = self.body.map(|p| p.chunks_mut(size));
+        let mut normal = self.normal.map(|p| p.chunks_mut(size));
+        (0..n).map(move |_| Planes {
+            depth: depth.as_mut().and_then(Iterator::next),
+            status: status.as_mut().and_then(Iterator::next),
+            geom: geom.as_mut().and_then(Iterator::next),
+            body: body.as_mut().and_then(Iterator::next),
+            normal: normal.as_mut().and_then(Iterator::next),
         })
-        .collect();
-    all_or_failures(results)
+    }
+
+    fn reborrow(&mut self) -> Planes<'_> {
+        Planes {
+            depth: self.depth.as_deref_mut(),
+            status: self.status.as_deref_mut(),
+            geom: self.geom.as_deref_mut(),
+            body: self.body.as_deref_mut(),
+            normal: self.normal.as_deref_mut(),
+        }
+    }
+
+    /// Of a world that failed.
+    fn fill_unknown(&mut self) {
+        let planes = self.reborrow();
+        planes.depth.into_iter().for_each(|p| p.fill(f32::NAN));
+        planes.status.into_iter().for_each(|p| p.fill(STATUS_NOT_RENDERED));
+        planes.geom.into_iter().for_each(|p| p.fill(-1));
+        planes.body.into_iter().for_each(|p| p.fill(-1));
+        planes.normal.into_iter().for_each(|p| p.fill([0.0; 3]));
+    }
 }
 
 fn all_or_failures(results: Vec<Result<(), SenseError>>) -> Result<(), SenseError> {
