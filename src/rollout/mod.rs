@@ -15,6 +15,7 @@ pub mod randomize;
 mod sim;
 mod traced;
 pub mod trajectory;
+mod views;
 
 pub use data::SimData;
 pub use error::RolloutError;

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 /// Drone-steps below which waking other threads costs more than it saves (about 10 µs against 1 µs a step).
-const SERIAL_LIMIT: usize = 200;
+pub(super) const SERIAL_LIMIT: usize = 200;
 
 /// `f` on every item; `work` is the number of drone-steps altogether.
 pub(super) fn for_each<T: Send>(items: &mut [T], work: usize, f: impl Fn(&mut T) + Sync + Send) {

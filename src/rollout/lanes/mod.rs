@@ -27,7 +27,7 @@ use crate::physics::integrate::Integrator;
 use crate::scalar::lanes::{Cell, Number, level};
 
 /// Drone-steps below which waking other threads costs more than it saves (about 10 µs against 5 ns a step).
-const SERIAL_LIMIT: usize = 10_000;
+pub(super) const SERIAL_LIMIT: usize = 10_000;
 
 /// What is the same for all drones during one call.
 #[derive(Clone, Copy, Debug)]
