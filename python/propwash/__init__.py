@@ -1,0 +1,40 @@
+"""Propwash: a drone simulator that flies, sees and touches in any MuJoCo scene.
+
+``Sim`` flies many worlds of many drones at once; arrays are NumPy arrays of shape ``(n_worlds, n_drones, ...)``. Units are SI,
+quaternions are x y z w from body to world, world z points up, body x forward, y left, z up.
+"""
+
+from ._mujoco import load_library as _load_library
+
+_load_library()
+
+from ._native import Error, RestOnGround, Vehicle, __version__, load_plugin_library, mujoco_version, vehicles  # noqa: E402
+from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
+from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
+from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, Sim  # noqa: E402
+
+__all__ = [
+    "Body",
+    "Camera",
+    "Clearance",
+    "Contacts",
+    "Data",
+    "DepthFrame",
+    "Error",
+    "Geom",
+    "Obstacle",
+    "Pipeline",
+    "PixelStatus",
+    "Quarantine",
+    "QuarantineWarning",
+    "RestOnGround",
+    "SceneCamera",
+    "SceneInfo",
+    "SceneWarning",
+    "Sim",
+    "Vehicle",
+    "__version__",
+    "load_plugin_library",
+    "mujoco_version",
+    "vehicles",
+]

@@ -1,0 +1,229 @@
+"""What drones see, touch and come near to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from .scene import SceneInfo
+
+FORWARD = (0.5, -0.5, -0.5, 0.5)
+"""Quaternion of a camera that looks along body x, with body z up in the image."""
+
+
+class PixelStatus(IntEnum):
+    """What happened to the ray of a pixel: ``DepthFrame.status``."""
+
+    HIT = 0
+    """A surface between near and far; depth in metres."""
+    MISS = 1
+    """Nothing along the ray; depth is +inf."""
+    TOO_FAR = 2
+    """A surface beyond far; depth is +inf, ids and normal tell what it was."""
+    TOO_NEAR = 3
+    """A surface nearer than near; depth is 0, ids and normal tell what it was."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A depth camera.
+
+    Either ``name``: a camera of the drones' shells (``"fpv"``: one on every drone) or of the scene (``"overview"``,
+    ``"drone0/fpv"``). Or ``mount``: ``"drone"``, with ``pos`` and ``quat`` from camera to body, one on every drone;
+    ``"world"``, with both from camera to world. A camera looks along its -z with y up; the default ``quat`` looks forward.
+
+    A camera does not see the drone or body that carries it, unless ``sees_itself``.
+    """
+
+    name: str | None = None
+    mount: str | None = None
+    pos: tuple[float, float, float] | None = None
+    """Position, m."""
+    quat: tuple[float, float, float, float] = FORWARD
+    """Orientation x y z w."""
+    resolution: tuple[int, int] | None = None
+    """Width and height, pixels; what the scene gives, or 64 x 64, where it is None."""
+    fovy_deg: float | None = None
+    """Vertical field of view, degrees; what the scene gives, or 90 for a mounted camera, where it is None."""
+    pinhole_px: tuple[float, float, float, float] | None = None
+    """fx, fy, cx, cy in pixels of ``resolution``, in place of ``fovy_deg``."""
+    range: tuple[float, float] = (0.0, float("inf"))
+    """Near and far limit, m."""
+    kind: str = "range"
+    """``"range"``: distance along the ray; ``"z_depth"``: distance along the camera's axis."""
+    groups: tuple[int, ...] = (0, 1, 2)
+    """Geom groups that it sees."""
+    sees_itself: bool = False
+    caster: str = "native"
+    """``"native"``, or ``"mujoco"``: MuJoCo's own rays, the slow reference."""
+
+    def _spec(self, normals: bool) -> dict[str, Any]:
+        near, far = _pair("range", self.range)
+        groups = [_whole("groups", g, 0, 5) for g in self.groups]
+        size = None
+        if self.resolution is not None:
+            size = tuple(_whole("resolution", n, 1, 16384) for n in _pair("resolution", self.resolution))
+        placed = self.mount is not None
+        return {
+            "name": self.name,
+            "mount": self.mount,
+            "pos": _floats("pos", self.pos, 3) if placed and self.pos is not None else None,
+            "quat": _floats("quat", self.quat, 4) if placed else None,
+            "fovy_deg": None if self.fovy_deg is None else _float("fovy_deg", self.fovy_deg),
+            "pinhole_px": None if self.pinhole_px is None else _floats("pinhole_px", self.pinhole_px, 4),
+            "resolution": size,
+            "near": _float("range", near),
+            "far": _float("range", far),
+            "kind": self.kind,
+            "groups": [g in groups for g in range(6)],
+            "sees_itself": bool(self.sees_itself),
+            "caster": self.caster,
+            "normals": normals,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """Depth images with everything that is known about them.
+
+    ``...`` stands for (n_worlds, n_drones) of cameras that drones carry, (n_worlds,) of others; rows are height, pixel (0, 0)
+    is top left.
+    """
+
+    depth: NDArray[np.float32]
+    """Depth, m, (..., height, width); see ``status`` for pixels without one."""
+    status: NDArray[np.uint8]
+    """``PixelStatus`` of each pixel, (..., height, width)."""
+    geom_id: NDArray[np.int32]
+    """Geom that was seen, -1 for none, (..., height, width)."""
+    body_id: NDArray[np.int32]
+    """Body that was seen, -1 for none, (..., height, width)."""
+    normal: NDArray[np.float32] | None
+    """Outward unit surface normal in the world, zero where nothing was seen, (..., height, width, 3)."""
+    pos: NDArray[np.float64]
+    """Position of the camera, m, (..., 3)."""
+    quat: NDArray[np.float64]
+    """Camera to world, x y z w, (..., 4); the camera looks along its -z with y up."""
+    k: NDArray[np.float64]
+    """Intrinsics in pixels, (n_drones, 3, 3) or (3, 3); image points have their origin at the outer corner of pixel (0, 0)."""
+    kind: str
+    """``"range"`` or ``"z_depth"``."""
+    range: tuple[float, float]
+    """Near and far limit, m."""
+    worlds: NDArray[np.int64]
+    """Worlds that were rendered, (n_worlds,)."""
+    scene: SceneInfo
+    """What the ids stand for."""
+
+    @property
+    def hit(self) -> NDArray[np.bool_]:
+        """Pixels with a depth, (..., height, width)."""
+        return self.status == PixelStatus.HIT
+
+    def geom_name(self, geom_id: int) -> str:
+        """Name of a geom in this frame; empty for -1 and for geoms without one."""
+        return "" if geom_id < 0 else self.scene.geoms[geom_id].name
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """All contacts of all drones, one entry for each, in the order of worlds. ``n`` is their number."""
+
+    world: NDArray[np.int32]
+    """(n,)"""
+    drone: NDArray[np.int32]
+    """The drone; of two drones the one with the lower number. (n,)"""
+    other_drone: NDArray[np.int32]
+    """The other drone, -1 for a thing of the scene. (n,)"""
+    drone_geom: NDArray[np.int32]
+    """(n,)"""
+    drone_body: NDArray[np.int32]
+    """(n,)"""
+    other_geom: NDArray[np.int32]
+    """What is touched; -1 for a flex. (n,)"""
+    other_body: NDArray[np.int32]
+    """(n,)"""
+    other_flex: NDArray[np.int32]
+    """-1 for a geom. (n,)"""
+    distance: NDArray[np.float64]
+    """Signed distance, m: negative in penetration, positive only within a contact margin that the scene sets. (n,)"""
+    point: NDArray[np.float64]
+    """Midpoint between the two surfaces, m, world. (n, 3)"""
+    normal: NDArray[np.float64]
+    """Unit normal from the other thing to the drone, world. (n, 3)"""
+    limited: NDArray[np.int64]
+    """Pairs of geoms that reached MuJoCo's limit of 50 contacts: where it is 0, none is missing. (n_worlds,)"""
+    quarantined: NDArray[np.bool_]
+    """Worlds that stand still since their numbers stopped being numbers: contacts are of the last good state. (n_worlds,)"""
+    touching: NDArray[np.bool_]
+    """Whether a drone touches anything (distance <= 0). (n_worlds, n_drones)"""
+    scene: SceneInfo
+
+    def __len__(self) -> int:
+        return len(self.world)
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Nearest obstacle of every drone. Arrays are (n_worlds, n_drones), points (n_worlds, n_drones, 3)."""
+
+    distance: NDArray[np.float64]
+    """Signed distance, m: negative in penetration; the maximum asked for where nothing is nearer."""
+    found: NDArray[np.bool_]
+    """Whether anything is nearer than the maximum; ids and points mean nothing where it is false."""
+    exact: NDArray[np.bool_]
+    """False where ``distance`` is only a lower bound, or the depth of a height field may be greater."""
+    drone_geom: NDArray[np.int32]
+    other_geom: NDArray[np.int32]
+    other_body: NDArray[np.int32]
+    other_drone: NDArray[np.int32]
+    """The drone that the nearest thing belongs to, -1 for none."""
+    on_drone: NDArray[np.float64]
+    """Closest point on the drone, m, world."""
+    on_other: NDArray[np.float64]
+    """Closest point on the obstacle, m, world."""
+    quarantined: NDArray[np.bool_]
+    """Worlds that stand still since their numbers stopped being numbers. (n_worlds,)"""
+    scene: SceneInfo
+
+
+def _whole(name: str, value: object, low: int, high: int) -> int:
+    """An integer between bounds; booleans and floats are none."""
+    if isinstance(value, (bool, np.bool_)) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name}: expected an integer from {low} to {high}, got {value!r} ({type(value).__name__})")
+    number = value.__index__()
+    if not low <= number <= high:
+        raise ValueError(f"{name}: expected an integer from {low} to {high}, got {number}")
+    return int(number)
+
+
+def _float(name: str, value: object) -> float:
+    if isinstance(value, (bool, str, bytes)):
+        raise TypeError(f"{name}: expected a number, got {value!r} ({type(value).__name__})")
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number, got {value!r} ({type(value).__name__})") from None
+
+
+def _floats(name: str, value: Any, n: int) -> list[float]:
+    try:
+        numbers = [_float(name, v) for v in value]
+    except TypeError:
+        raise TypeError(f"{name}: expected {n} numbers, got {value!r}") from None
+    if len(numbers) != n:
+        raise ValueError(f"{name}: expected {n} numbers, got {len(numbers)}")
+    return numbers
+
+
+def _pair(name: str, value: Sequence[Any]) -> tuple[Any, Any]:
+    try:
+        first, second = value
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a pair of numbers, got {value!r}") from None
+    return first, second

@@ -1,0 +1,623 @@
+"""The batched simulator."""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Callable, Mapping, Sequence, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import _native
+from ._native import RestOnGround, Vehicle
+from .scene import SceneInfo, scene_info
+from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
+
+DroneLike = Union[str, "os.PathLike[str]", Vehicle]
+Stage = Union[Callable[["Data"], None], RestOnGround]
+Floats = NDArray[Any]
+
+
+class QuarantineWarning(RuntimeWarning):
+    """A world has been set aside because its numbers stopped being numbers."""
+
+
+class SceneWarning(UserWarning):
+    """Something in a scene was overridden or ignored when it was built."""
+
+
+@dataclass(frozen=True)
+class Quarantine:
+    """Why a world stands still."""
+
+    world: int
+    drone: int
+    """The drone whose state turned non-finite first."""
+    step: int
+    """Step after which it did; the state kept is the one before."""
+    quantity: str
+    stage: str | None
+    """The stage that wrote it; None where the equations gave it."""
+    message: str
+    """All of it in words."""
+
+
+class Data:
+    """The arrays of a simulation: views of what it computes with, no copies.
+
+    They have the precision of the ``Sim``, are writable unless said otherwise, and stay valid as long as anything holds them.
+    Writing changes the state before the next step: attitudes are brought to unit length, and a world with a number that is
+    not finite is quarantined. Do not read or write them while another thread steps the ``Sim``.
+    """
+
+    pos: Floats
+    """Position, m, world. (n_worlds, n_drones, 3)"""
+    quat: Floats
+    """Attitude x y z w, body to world. (n_worlds, n_drones, 4)"""
+    vel: Floats
+    """Velocity, m/s, world. (n_worlds, n_drones, 3)"""
+    ang_vel: Floats
+    """Angular velocity, rad/s, body. (n_worlds, n_drones, 3)"""
+    rotor_vel: Floats
+    """Rotor speeds, rad/s. (n_worlds, n_drones, n_rotors)"""
+    thrust: Floats
+    """Collective thrust state of the fitted attitude models, N. (n_worlds, n_drones)"""
+    command: Floats
+    """Commands of the control mode; written here they are not checked. (n_worlds, n_drones, command_width)"""
+    rotor_command: Floats
+    """Rotor speeds that the controllers ask for, rad/s. (n_worlds, n_drones, n_rotors)"""
+    attitude_command: Floats
+    """Attitude command in force: roll, pitch, yaw (rad), thrust (N). (n_worlds, n_drones, 4)"""
+    disturbance_force: Floats
+    """Disturbance force, N, world; stays until changed. (n_worlds, n_drones, 3)"""
+    disturbance_torque: Floats
+    """Disturbance torque, N m, world; stays until changed. (n_worlds, n_drones, 3)"""
+    wind: Floats
+    """Velocity of the air, m/s, world; stays until changed. (n_worlds, n_drones, 3)"""
+    ground_z: Floats
+    """Height of the ground below each drone, m, -inf for none; effects read it. (n_worlds, n_drones)"""
+    ceiling_z: Floats
+    """Height of the ceiling above each drone, m, inf for none; effects read it. (n_worlds, n_drones)"""
+    controller_memory: Floats
+    """What the on-board controllers remember. (n_worlds, n_drones, n)"""
+    steps: NDArray[np.uint64]
+    """Steps since the last reset, read-only. (n_worlds,)"""
+    episodes: NDArray[np.uint64]
+    """Episodes begun so far, read-only. (n_worlds,)"""
+
+    __slots__ = (
+        "pos", "quat", "vel", "ang_vel", "rotor_vel", "thrust", "command", "rotor_command", "attitude_command",
+        "disturbance_force", "disturbance_torque", "wind", "ground_z", "ceiling_z", "controller_memory", "steps", "episodes",
+        "__weakref__",
+    )  # fmt: skip
+
+    def __init__(self, native: _native.Sim) -> None:
+        widths = {"rotor_vel": native.n_rotors, "rotor_command": native.n_rotors, "command": native.command_width}
+        for name in self.__slots__[:-1]:
+            array = native.array(name)
+            if name in widths:
+                array = array[..., : widths[name]]
+            if name in ("steps", "episodes"):
+                array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        # `data.pos += x` writes into the array and then sets the attribute to what it is already.
+        if name not in self.__slots__:
+            known = ", ".join(self.__slots__[:-1])
+            raise AttributeError(f"Data has no array {name!r}; there are: {known}")
+        if value is not getattr(self, name):
+            raise AttributeError(f"data.{name} is a view of the simulation: write into it, `data.{name}[...] = value`")
+
+    def __reduce__(self) -> Any:
+        raise TypeError("Data cannot be pickled or copied: it is a view of a Sim; copy its arrays instead")
+
+
+class Pipeline:
+    """The stages of a step, by name and in order.
+
+    ``controllers`` and ``integration`` are built in. A stage of one's own is a function that takes ``Sim.data``, is called once
+    per step with all worlds and writes into the arrays. When it raises, the step ends without the remaining Python stages and
+    ``Sim.step`` raises what it raised.
+    """
+
+    def __init__(self, native: _native.Sim) -> None:
+        self._native = native
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the stages, first to last."""
+        return self._native.stage_names()
+
+    def append(self, name: str, stage: Stage) -> None:
+        """Adds a stage as the last."""
+        self._native.add_stage("last", name, stage)
+
+    def prepend(self, name: str, stage: Stage) -> None:
+        """Adds a stage as the first."""
+        self._native.add_stage("first", name, stage)
+
+    def insert_before(self, anchor: str, name: str, stage: Stage) -> None:
+        """Adds a stage directly before ``anchor``."""
+        self._native.add_stage("before", name, stage, anchor)
+
+    def insert_after(self, anchor: str, name: str, stage: Stage) -> None:
+        """Adds a stage directly after ``anchor``."""
+        self._native.add_stage("after", name, stage, anchor)
+
+    def replace(self, name: str, stage: Stage) -> None:
+        """Puts another stage in the place of one that was added."""
+        self._native.add_stage("instead", name, stage)
+
+    def remove(self, name: str) -> None:
+        """Takes out a stage that was added."""
+        self._native.remove_stage(name)
+
+    def __repr__(self) -> str:
+        return f"<propwash.Pipeline {' -> '.join(self.names)}>"
+
+
+class Sim:
+    """Worlds x drones, advanced together.
+
+    Args:
+        n_worlds: Number of worlds.
+        n_drones: Drones in each world; the length of ``drone`` where that is a list, else 1.
+        drone: Name of a built-in vehicle (``propwash.vehicles()``), path of a vehicle file, or a ``Vehicle``; a list of them,
+            one for each drone, mixes vehicles in every world.
+        dynamics: ``"first_principles"``, ``"so_rpy"``, ``"so_rpy_rotor"`` or ``"so_rpy_rotor_drag"``; or a list, one for each drone.
+        control: What commands mean: ``"state"``, ``"attitude"``, ``"body_rate"``, ``"force_torque"`` or ``"rotor_vel"``.
+        freq: Steps per second.
+        scene: Path of an MJCF (or URDF) file, or MJCF text; without one drones fly, and neither see nor touch.
+        integrator: ``"euler"``, ``"semi_implicit_euler"`` or ``"rk4"``.
+        precision: ``"f32"``, or ``"f64"`` for comparisons: the number that is stored and, in lanes, computed with.
+        engine: ``"auto"``: ``"lanes"`` of the processor for f32, ``"reference"`` (the equations, world by world) for f64.
+        seed: Seed of all random numbers: randomisation, turbulence, noise of effects.
+        threads: Threads that share the worlds; one for each processor where it is None. Results do not depend on it.
+        rotor_start: ``"hover"`` or ``"off"``: how rotors start after a reset.
+        randomization: What is drawn anew at every reset: text or path of a TOML file, or a list of rules such as
+            ``{"parameter": "body.mass_kg", "draw": {"scale": [0.9, 1.1]}}``.
+        first_world: Number of the first world over a run that is split: worlds keep their random numbers.
+        state_freq, attitude_freq, body_rate_freq, force_torque_freq: Rates of the on-board controller's stages, Hz; those of the
+            vehicle file where they are None.
+        shell: Path of another shell (MJCF) than the vehicle's, or a list, one for each drone.
+
+    Raises:
+        TypeError, ValueError: for arguments that make no sense; messages name what was expected and what was given.
+        OSError: for a file that cannot be read.
+        Error: where MuJoCo fails.
+    """
+
+    n_worlds: int
+    n_drones: int
+    data: Data
+    """The arrays, as views."""
+    pipeline: Pipeline
+    """The stages of a step."""
+    vehicles: tuple[Vehicle, ...]
+    """The vehicle of each drone."""
+    scene: SceneInfo | None
+    """What is in the scene."""
+    obstacle_pos: NDArray[np.float64]
+    """Positions of the bodies that can be moved (``scene.obstacles``), m, world; writable. (n_worlds, n_obstacles, 3)"""
+    obstacle_quat: NDArray[np.float64]
+    """Their orientations x y z w; writable. (n_worlds, n_obstacles, 4)"""
+
+    def __init__(
+        self,
+        n_worlds: int = 1,
+        n_drones: int | None = None,
+        drone: DroneLike | Sequence[DroneLike] = "cf2x_L250",
+        dynamics: str | Sequence[str] = "first_principles",
+        control: str = "state",
+        freq: int = 500,
+        scene: str | os.PathLike[str] | None = None,
+        *,
+        integrator: str = "euler",
+        precision: str = "f32",
+        engine: str = "auto",
+        seed: int = 0,
+        threads: int | None = None,
+        rotor_start: str = "hover",
+        randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
+        first_world: int = 0,
+        state_freq: int | None = None,
+        attitude_freq: int | None = None,
+        body_rate_freq: int | None = None,
+        force_torque_freq: int | None = None,
+        shell: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None = None,
+    ) -> None:
+        if n_drones is None:
+            n_drones = len(drone) if _is_list(drone) else 1
+        self.n_worlds = _whole("n_worlds", n_worlds, 1, 2**40)
+        self.n_drones = _whole("n_drones", n_drones, 1, 2**20)
+        self.freq = _whole("freq", freq, 1, 1_000_000)
+        self.vehicles = tuple(_vehicle(d) for d in _each("drone", drone, self.n_drones))
+        names = [_text("dynamics", d) for d in _each("dynamics", dynamics, self.n_drones)]
+        self.dynamics = names[0] if isinstance(dynamics, str) else tuple(names)
+        self.control = _text("control", control)
+        self.integrator = _text("integrator", integrator)
+        self.precision = _text("precision", precision)
+        self.seed = _whole("seed", seed, 0, 2**64 - 1)
+        self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
+
+        def rate(name: str, hz: int | None) -> int | None:
+            return None if hz is None else _whole(name, hz, 1, 1_000_000)
+
+        wanted = {
+            "n_worlds": self.n_worlds,
+            "dynamics": names,
+            "control": self.control,
+            "freq": self.freq,
+            "integrator": self.integrator,
+            "precision": self.precision,
+            "engine": _text("engine", engine),
+            "seed": self.seed,
+            "first_world": _whole("first_world", first_world, 0, 2**63),
+            "rotor_start": _text("rotor_start", rotor_start),
+            "randomization": _rules(randomization),
+            "threads": self.threads,
+            "state_freq": rate("state_freq", state_freq),
+            "attitude_freq": rate("attitude_freq", attitude_freq),
+            "body_rate_freq": rate("body_rate_freq", body_rate_freq),
+            "force_torque_freq": rate("force_torque_freq", force_torque_freq),
+            "scene": _scene(scene),
+            "shells": [None if s is None else _path("shell", s) for s in _each("shell", shell, self.n_drones)],
+        }
+        self._native = _native.Sim(list(self.vehicles), wanted)
+        self.data = Data(self._native)
+        self.pipeline = Pipeline(self._native)
+        self.obstacle_pos = self._native.array("obstacle_pos")
+        self.obstacle_quat = self._native.array("obstacle_quat")
+        self.scene = None
+        if scene is not None:
+            self.scene = scene_info(self._native.scene_json())
+            for text in self.scene.warnings:
+                warnings.warn(text, SceneWarning, stacklevel=2)
+        self._cameras: dict[tuple[Camera, bool], _native.Cameras] = {}
+        self._initial = {
+            "pos": np.zeros((self.n_worlds, self.n_drones, 3)),
+            "quat": np.tile([0.0, 0.0, 0.0, 1.0], (self.n_worlds, self.n_drones, 1)),
+            "vel": np.zeros((self.n_worlds, self.n_drones, 3)),
+            "ang_vel": np.zeros((self.n_worlds, self.n_drones, 3)),
+        }
+
+    # ---- flying
+
+    def state_control(self, command: ArrayLike) -> None:
+        """Sets all commands: position (m), velocity (m/s), acceleration (m/s^2), attitude x y z w of which yaw is used, body
+        rates (rad/s). (n_worlds, n_drones, 16)
+
+        Commands stay in force until set again; controllers take them up at their next tick. Numbers that are not finite are
+        refused, and nothing is changed.
+        """
+        self._native.set_command("state", command)
+
+    def attitude_control(self, command: ArrayLike) -> None:
+        """Sets all commands: roll, pitch, yaw (rad), collective thrust (N). (n_worlds, n_drones, 4)"""
+        self._native.set_command("attitude", command)
+
+    def body_rate_control(self, command: ArrayLike) -> None:
+        """Sets all commands: body rates (rad/s), collective thrust (N). (n_worlds, n_drones, 4)"""
+        self._native.set_command("body_rate", command)
+
+    def force_torque_control(self, command: ArrayLike) -> None:
+        """Sets all commands: collective thrust (N), torque (N m, body). (n_worlds, n_drones, 4)"""
+        self._native.set_command("force_torque", command)
+
+    def rotor_vel_control(self, command: ArrayLike) -> None:
+        """Sets all commands: rotor speeds, rad/s. (n_worlds, n_drones, n_rotors)"""
+        self._native.set_command("rotor_vel", command)
+
+    def step(self, n_steps: int = 1) -> None:
+        """Advances every world that is not quarantined by ``n_steps``.
+
+        Warns with ``QuarantineWarning`` when the numbers of a world have stopped being numbers.
+        """
+        if type(n_steps) is not int or n_steps < 0:
+            n_steps = _whole("n_steps", n_steps, 0, 2**62)
+        if self._native.step(n_steps, self.data):
+            first = self.quarantine[0]
+            n = int(self.quarantined.sum())
+            more = f" ({n} worlds are quarantined in all)" if n > 1 else ""
+            warnings.warn(first.message + more, QuarantineWarning, stacklevel=2)
+
+    def reset(self, mask: ArrayLike | None = None) -> None:
+        """Back to the initial states, in all worlds or in those where ``mask`` (n_worlds,) is true.
+
+        Controllers and effects forget, time starts anew, what is randomised is drawn for the next episode, quarantine ends.
+        Commands, disturbances, wind and obstacles stay.
+        """
+        self._native.reset(mask)
+
+    def set_initial(
+        self,
+        pos: ArrayLike | None = None,
+        quat: ArrayLike | None = None,
+        vel: ArrayLike | None = None,
+        ang_vel: ArrayLike | None = None,
+    ) -> None:
+        """Sets what resets start from, beginning with the next one; what is None stays as it was.
+
+        Args:
+            pos: Position, m, world; by default the origin.
+            quat: Attitude x y z w, made unit; by default level.
+            vel: Velocity, m/s, world.
+            ang_vel: Angular velocity, rad/s, body.
+
+        Each is of shape (n_worlds, n_drones, n), or one that broadcasts to it, such as (n,) or (n_drones, n).
+        """
+        new = dict(self._initial)
+        for name, value in (("pos", pos), ("quat", quat), ("vel", vel), ("ang_vel", ang_vel)):
+            if value is not None:
+                new[name] = _broadcast(name, value, new[name].shape)
+        self._native.set_initial(**new)
+        self._initial = new
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Seconds since the last reset of each world, a new array. (n_worlds,)"""
+        return self.data.steps / float(self.freq)
+
+    @property
+    def quarantined(self) -> NDArray[np.bool_]:
+        """Worlds that stand still since their numbers stopped being numbers, a new array. (n_worlds,)"""
+        return self._native.quarantined()
+
+    @property
+    def quarantine(self) -> list[Quarantine]:
+        """Why each of them does."""
+        return [Quarantine(*row) for row in self._native.quarantine()]
+
+    def hover_thrust(self) -> NDArray[np.float64]:
+        """Collective thrust that carries the weight of each drone, N. (n_worlds, n_drones)"""
+        return self._native.hover_thrust()
+
+    def hover_rotor_vel(self) -> NDArray[np.float64]:
+        """Rotor speeds that carry the weight of each drone, rad/s. (n_worlds, n_drones, n_rotors)"""
+        return self._native.hover_rotor_vel()
+
+    # ---- parameters
+
+    def parameters(self, world: int = 0, drone: int = 0) -> dict[str, float]:
+        """All parameters of one drone in one world by name, SI."""
+        world = _whole("world", world, 0, self.n_worlds - 1)
+        return dict(self._native.parameters(world, _whole("drone", drone, 0, self.n_drones - 1)))
+
+    def parameter(self, name: str) -> NDArray[np.float64]:
+        """One parameter of all drones, NaN for drones without it, a new array. (n_worlds, n_drones)
+
+        Raises:
+            KeyError: if no drone has it.
+        """
+        return self._native.parameter(_text("name", name))
+
+    def set_parameter(self, name: str, value: ArrayLike, drone: int | None = None) -> None:
+        """Sets one parameter, such as ``body.mass_kg`` or ``effect.linear_drag.drag_n_s_per_m.0.0``.
+
+        Args:
+            name: One of ``parameters()``.
+            value: One number for all, or one for each world, (n_worlds,).
+            drone: The drone; all drones where it is None.
+
+        Resets keep it, randomisation draws from it. Where a value is refused nothing is changed.
+        """
+        values = _broadcast("value", value, (self.n_worlds,))
+        chosen = range(self.n_drones) if drone is None else [_whole("drone", drone, 0, self.n_drones - 1)]
+        name = _text("name", name)
+        before = [self.parameter(name)[:, d] for d in chosen]
+        for k, d in enumerate(chosen):
+            try:
+                self._native.set_parameter(name, d, values)
+            except Exception:
+                for done in range(k):
+                    self._native.set_parameter(name, chosen[done], before[done])
+                raise
+
+    # ---- sensing
+
+    def contacts(self) -> Contacts:
+        """All contacts of drones with the scene and with each other, at the present poses."""
+        arrays = self._native.contacts()
+        touching = np.zeros((self.n_worlds, self.n_drones), bool)
+        real = arrays["distance"] <= 0.0
+        touching[arrays["world"][real], arrays["drone"][real]] = True
+        both = real & (arrays["other_drone"] >= 0)
+        touching[arrays["world"][both], arrays["other_drone"][both]] = True
+        return Contacts(**arrays, touching=touching, quarantined=self.quarantined, scene=self._scene())
+
+    def clearance(self, max_distance: float = 5.0) -> Clearance:
+        """Distance of every drone to the nearest thing that can collide, looking no farther than ``max_distance`` metres."""
+        (limit,) = _floats("max_distance", [max_distance], 1)
+        return Clearance(**self._native.clearance(limit), quarantined=self.quarantined, scene=self._scene())
+
+    def render_depth(
+        self,
+        camera: str | Camera = "fpv",
+        resolution: tuple[int, int] | None = None,
+        *,
+        worlds: ArrayLike | None = None,
+        out: NDArray[np.float32] | None = None,
+    ) -> NDArray[np.float32]:
+        """Depth images, m; +inf where nothing was seen or it was beyond range, 0 where it was nearer than the range begins.
+
+        Args:
+            camera: Name of a camera of the drones' shells or of the scene, or a ``Camera``.
+            resolution: Width and height, pixels; those of the camera where it is None.
+            worlds: Numbers of the worlds to render; all where it is None.
+            out: Array to write into, in place of a new one.
+
+        Returns:
+            (n_worlds, n_drones, height, width) for a camera that drones carry, (n_worlds, height, width) for another.
+        """
+        cameras, _ = self._camera(camera, resolution, False)
+        chosen, n = self._worlds(worlds)
+        depth = np.empty(self._image(cameras, n), np.float32) if out is None else out
+        self._native.render(cameras, chosen, {"depth": depth})
+        return depth
+
+    def depth_frame(
+        self,
+        camera: str | Camera = "fpv",
+        resolution: tuple[int, int] | None = None,
+        *,
+        normals: bool = False,
+        worlds: ArrayLike | None = None,
+        out: DepthFrame | None = None,
+    ) -> DepthFrame:
+        """Depth images with status, geom and body of every pixel, poses and intrinsics of the cameras.
+
+        Args:
+            camera, resolution, worlds: As in ``render_depth``.
+            normals: Whether the frame holds surface normals.
+            out: An earlier frame of the same shape, whose arrays are written over and go into the result.
+        """
+        cameras, spec = self._camera(camera, resolution, normals)
+        chosen, n = self._worlds(worlds)
+        shape = self._image(cameras, n)
+        names = {"depth": np.float32, "status": np.uint8, "geom_id": np.int32, "body_id": np.int32}
+        planes: dict[str, Any]
+        if out is None:
+            planes = {name: np.empty(shape, dtype) for name, dtype in names.items()}
+        elif isinstance(out, DepthFrame):
+            planes = {name: getattr(out, name) for name in names}
+        else:
+            raise TypeError(f"out: expected a DepthFrame, got {type(out).__name__}")
+        planes["normal"] = None
+        if normals:
+            old = None if out is None else out.normal
+            planes["normal"] = np.empty((*shape, 3), np.float32) if old is None else old
+        pos, quat = self._native.render(cameras, chosen, planes)
+        return DepthFrame(
+            **planes,
+            pos=pos,
+            quat=quat,
+            k=cameras.k(),
+            kind=spec.kind,
+            range=spec.range,
+            worlds=np.arange(self.n_worlds) if chosen is None else np.asarray(chosen, np.int64),
+            scene=self._scene(),
+        )
+
+    def measure_ground(self) -> None:
+        """Writes the height of the scene below every drone into ``data.ground_z`` (-inf for none), where ground effect and
+        ``RestOnGround`` read it. It stays until written again."""
+        self._native.measure_ground()
+
+    def _scene(self) -> SceneInfo:
+        assert self.scene is not None, "the compiled module has raised Error before"
+        return self.scene
+
+    def _worlds(self, worlds: ArrayLike | None) -> tuple[list[int] | None, int]:
+        if worlds is None:
+            return None, self.n_worlds
+        array = np.atleast_1d(np.asarray(worlds))
+        if array.ndim != 1 or array.dtype.kind not in "iu":
+            raise TypeError(f"worlds: expected a list of integers, got {worlds!r}")
+        chosen = [_whole("worlds", w, 0, self.n_worlds - 1) for w in array]
+        return chosen, len(chosen)
+
+    def _camera(
+        self, camera: str | Camera, resolution: tuple[int, int] | None, normals: bool
+    ) -> tuple[_native.Cameras, Camera]:
+        if isinstance(camera, str):
+            camera = Camera(camera)
+        elif not isinstance(camera, Camera):
+            raise TypeError(f"camera: expected the name of a camera or a propwash.Camera, got {type(camera).__name__}")
+        if resolution is not None:
+            camera = replace(camera, resolution=resolution)
+        spec = camera._spec(normals)
+        try:
+            made = self._cameras.get((camera, normals))
+        except TypeError:  # lists where tuples are expected
+            return self._native.cameras(spec), camera
+        if made is None:
+            made = self._cameras[(camera, normals)] = self._native.cameras(spec)
+        return made, camera
+
+    def _image(self, cameras: _native.Cameras, n_worlds: int) -> tuple[int, ...]:
+        tail = (cameras.height, cameras.width)
+        return (n_worlds, self.n_drones, *tail) if cameras.per_drone else (n_worlds, *tail)
+
+    def __reduce__(self) -> Any:
+        return self._native.__reduce__()  # raises TypeError, with what to do instead
+
+    def __repr__(self) -> str:
+        names = sorted({v.name for v in self.vehicles})
+        of = f"scene {self.scene.name!r}" if self.scene else "no scene"
+        return (
+            f"<propwash.Sim {self.n_worlds} worlds x {self.n_drones} drones ({', '.join(names)}), {self.control} control, "
+            f"{self.freq} Hz, {self.precision}, {of}>"
+        )
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, (list, tuple))
+
+
+def _each(name: str, value: Any, n: int) -> list[Any]:
+    """One for each drone."""
+    if not _is_list(value):
+        return [value] * n
+    if len(value) != n:
+        raise ValueError(f"{name}: expected one, or a list of {n} (n_drones), got a list of {len(value)}")
+    return list(value)
+
+
+def _text(name: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{name}: expected a str, got {value!r} ({type(value).__name__})")
+    return str(value)
+
+
+def _path(name: str, value: Any) -> str:
+    try:
+        return os.fsdecode(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected a path, got {value!r} ({type(value).__name__})") from None
+
+
+def _vehicle(value: DroneLike) -> Vehicle:
+    if isinstance(value, Vehicle):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        return Vehicle(value)
+    raise TypeError(
+        f"drone: expected the name of a vehicle, a path or a propwash.Vehicle, got {value!r} ({type(value).__name__})"
+    )
+
+
+def _scene(value: str | os.PathLike[str] | None) -> tuple[str, str] | None:
+    if value is None:
+        return None
+    if isinstance(value, str) and value.lstrip().startswith("<"):
+        return "xml", value
+    return "path", _path("scene", value)
+
+
+def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -> str:
+    """Rules as TOML or JSON text."""
+    if value is None:
+        return ""
+    if isinstance(value, str) and "\n" in value:
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        return Path(value).read_text(encoding="utf-8")
+    try:
+        return json.dumps({"rule": [dict(rule) for rule in value]})
+    except (TypeError, ValueError) as e:
+        raise TypeError(f"randomization: expected TOML text, a path or a list of rules, got {value!r} ({e})") from None
+
+
+def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: expected real numbers, got {type(value).__name__} of dtype {array.dtype}")
+    try:
+        return np.array(np.broadcast_to(array, shape), np.float64)
+    except ValueError:
+        raise ValueError(f"{name}: expected shape {shape}, or one that broadcasts to it, got {array.shape}") from None

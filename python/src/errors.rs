@@ -1,0 +1,83 @@
+//! Errors of Rust as exceptions of Python. The words stay as they are.
+
+use propwash::rollout::RolloutError;
+use propwash::scene::SceneError;
+use propwash::sense::SenseError;
+use propwash::vehicle::VehicleError;
+use pyo3::create_exception;
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+
+create_exception!(
+    propwash,
+    Error,
+    PyRuntimeError,
+    "Something that failed while Propwash worked, or that cannot be done in the present state."
+);
+
+/// What has words of its own and a kind in Python.
+pub trait IntoPython {
+    /// The exception.
+    fn into_python(self) -> PyErr;
+}
+
+impl IntoPython for VehicleError {
+    fn into_python(self) -> PyErr {
+        match self {
+            VehicleError::Read { .. } => PyOSError::new_err(self.to_string()),
+            _ => PyValueError::new_err(self.to_string()),
+        }
+    }
+}
+
+impl IntoPython for RolloutError {
+    fn into_python(self) -> PyErr {
+        let words = self.to_string();
+        match self {
+            RolloutError::NoStage { .. } | RolloutError::NoParameter { .. } => PyKeyError::new_err(words),
+            _ => PyValueError::new_err(words),
+        }
+    }
+}
+
+impl IntoPython for SceneError {
+    fn into_python(self) -> PyErr {
+        let words = self.to_string();
+        match self {
+            SceneError::Read { .. } => PyOSError::new_err(words),
+            SceneError::NoSuchName { .. } => PyKeyError::new_err(words),
+            SceneError::NoSuch { .. } => PyIndexError::new_err(words),
+            SceneError::Parse { .. }
+            | SceneError::Compile { .. }
+            | SceneError::Shell { .. }
+            | SceneError::NameClash { .. }
+            | SceneError::BadPose { .. }
+            | SceneError::Argument { .. } => PyValueError::new_err(words),
+            _ => Error::new_err(words),
+        }
+    }
+}
+
+impl IntoPython for SenseError {
+    fn into_python(self) -> PyErr {
+        match self {
+            SenseError::Scene(e) => e.into_python(),
+            SenseError::Camera { .. } | SenseError::Shape { .. } | SenseError::Parameter { .. } => {
+                PyValueError::new_err(self.to_string())
+            }
+            _ => Error::new_err(self.to_string()),
+        }
+    }
+}
+
+/// `?` from an error of Rust to an exception.
+pub trait OrRaise<T> {
+    /// The value, or the exception.
+    fn or_raise(self) -> PyResult<T>;
+}
+
+impl<T, E: IntoPython> OrRaise<T> for Result<T, E> {
+    fn or_raise(self) -> PyResult<T> {
+        self.map_err(IntoPython::into_python)
+    }
+}

@@ -1,0 +1,41 @@
+//! The compiled module `propwash._native`, a thin layer between Python and the library: arguments in, views and arrays out.
+//! What users call stands in `python/propwash`.
+
+mod arrays;
+mod camera;
+mod errors;
+mod sense;
+mod sim;
+mod stages;
+mod threads;
+mod vehicle;
+
+use pyo3::prelude::*;
+
+use errors::OrRaise;
+
+/// Loads a library of MuJoCo plugins, for all scenes built afterwards.
+#[pyfunction]
+fn load_plugin_library(path: std::path::PathBuf) -> PyResult<()> {
+    propwash::scene::load_plugin_library(&path).or_raise()
+}
+
+/// Version of the MuJoCo library in use.
+#[pyfunction]
+fn mujoco_version() -> String {
+    propwash::scene::mujoco_version()
+}
+
+#[pymodule]
+fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("Error", m.py().get_type::<errors::Error>())?;
+    m.add_class::<vehicle::PyVehicle>()?;
+    m.add_class::<stages::RestOnGround>()?;
+    m.add_class::<sim::PySim>()?;
+    m.add_class::<camera::PyCameras>()?;
+    m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
+    m.add_function(wrap_pyfunction!(load_plugin_library, m)?)?;
+    m.add_function(wrap_pyfunction!(mujoco_version, m)?)?;
+    Ok(())
+}

@@ -1,0 +1,599 @@
+//! The simulation behind `propwash.Sim`: its state, its commands and its steps. What it senses is in `sense.rs`.
+
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+
+use numpy::PyArrayDyn;
+use propwash::math::quat;
+use propwash::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
+use propwash::physics::integrate::Integrator;
+use propwash::physics::rigid_body::{MAX_ROTORS, State};
+use propwash::rollout::quarantine::Quarantine;
+use propwash::rollout::randomize::Randomization;
+use propwash::rollout::{Engine, RotorStart, Sim, SimOptions};
+use propwash::scalar::lanes::Number;
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
+use pyo3::gc::{PyTraverseError, PyVisit};
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+use serde::de::DeserializeOwned;
+
+use crate::arrays;
+use crate::errors::{Error, OrRaise};
+use crate::sense::Sensing;
+use crate::stages::{Call, Place, RestOnGround, Slot, lock};
+use crate::threads;
+use crate::vehicle::PyVehicle;
+
+/// A simulation of either number.
+pub enum Flight {
+    F32(Box<Sim<f32>>),
+    F64(Box<Sim<f64>>),
+}
+
+/// The same expression for a simulation of either number.
+macro_rules! either {
+    ($flight:expr, $sim:ident => $body:expr) => {
+        match $flight {
+            Flight::F32($sim) => $body,
+            Flight::F64($sim) => $body,
+        }
+    };
+}
+pub(crate) use either;
+
+/// Everything of one simulation that a call may change.
+pub struct Core {
+    pub flight: Flight,
+    pub sensing: Option<Sensing>,
+    /// Numbers of commands, reused.
+    numbers: Vec<f64>,
+    /// Quarantined worlds that were told of.
+    told: usize,
+}
+
+/// The compiled side of `propwash.Sim`.
+#[pyclass(frozen, name = "Sim", module = "propwash._native")]
+pub struct PySim {
+    core: Mutex<Core>,
+    /// Stages that are written in Python, apart so that the garbage collector finds them while a step runs.
+    slots: Mutex<Vec<Arc<Slot>>>,
+    call: Arc<Call>,
+    pub pool: Arc<ThreadPool>,
+    /// The process that made it.
+    process: u32,
+    pub n_worlds: usize,
+    pub n_drones: usize,
+    pub n_obstacles: usize,
+    n_rotors: usize,
+    mode: ControlMode,
+}
+
+fn parse<T: DeserializeOwned>(name: &str, expected: &str, got: &str) -> PyResult<T> {
+    serde_json::from_value(serde_json::Value::String(got.into()))
+        .map_err(|_| PyValueError::new_err(format!("{name}: expected one of {expected}, got {got:?}")))
+}
+
+impl PySim {
+    /// The state, for one caller at a time.
+    ///
+    /// # Errors
+    /// `Error` in a forked process, and while another thread or a stage of its own is inside.
+    pub fn core(&self) -> PyResult<MutexGuard<'_, Core>> {
+        let process = std::process::id();
+        if process != self.process {
+            return Err(Error::new_err(format!(
+                "this Sim was made by process {} and this is process {process}, forked from it, in which its threads do not \
+                 exist: make a Sim of its own in each process, or start processes by `spawn`",
+                self.process
+            )));
+        }
+        match self.core.try_lock() {
+            Ok(core) => Ok(core),
+            Err(TryLockError::Poisoned(broken)) => Ok(broken.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(Error::new_err(
+                "this Sim is at work in another thread, or calls itself from one of its own stages: wait until that call \
+                 returns, or give each thread a Sim of its own; stages change the arrays that they are given",
+            )),
+        }
+    }
+
+    fn check(&self, world: usize, drone: usize) -> PyResult<()> {
+        if world < self.n_worlds && drone < self.n_drones {
+            return Ok(());
+        }
+        Err(PyIndexError::new_err(format!(
+            "expected a world below {} and a drone below {}, got world {world}, drone {drone}",
+            self.n_worlds, self.n_drones
+        )))
+    }
+
+    fn shape(&self, tail: &[usize]) -> Vec<usize> {
+        [&[self.n_worlds, self.n_drones], tail].concat()
+    }
+}
+
+/// What Python says about one simulation, by name.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+struct Wanted {
+    n_worlds: usize,
+    dynamics: Vec<String>,
+    control: String,
+    freq: u32,
+    integrator: String,
+    precision: String,
+    engine: String,
+    seed: u64,
+    first_world: u64,
+    rotor_start: String,
+    randomization: String,
+    threads: Option<usize>,
+    state_freq: Option<u32>,
+    attitude_freq: Option<u32>,
+    body_rate_freq: Option<u32>,
+    force_torque_freq: Option<u32>,
+    scene: Option<(String, String)>,
+    shells: Vec<Option<String>>,
+}
+
+impl Wanted {
+    fn options(&self) -> PyResult<SimOptions> {
+        let rules: Randomization = match self.randomization.trim_start().starts_with('{') {
+            true => serde_json::from_str(&self.randomization).map_err(|e| {
+                PyValueError::new_err(format!(
+                    "randomization: {e}; see docs/python.md for how rules are written"
+                ))
+            })?,
+            false => Randomization::from_toml(&self.randomization).or_raise()?,
+        };
+        Ok(SimOptions {
+            n_worlds: self.n_worlds,
+            first_world: self.first_world,
+            seed: self.seed,
+            sim_hz: self.freq,
+            integrator: parse::<Integrator>(
+                "integrator",
+                "euler, semi_implicit_euler, rk4",
+                &self.integrator,
+            )?,
+            control: parse("control", "state, attitude, body_rate, force_torque, rotor_vel", &self.control)?,
+            rotor_start: parse::<RotorStart>("rotor_start", "off, hover", &self.rotor_start)?,
+            randomization: rules,
+            engine: parse::<Engine>("engine", "auto, reference, lanes", &self.engine)?,
+        })
+    }
+
+    fn rates(&self, of_vehicle: Rates) -> Rates {
+        Rates {
+            state_hz: self.state_freq.unwrap_or(of_vehicle.state_hz),
+            attitude_hz: self.attitude_freq.unwrap_or(of_vehicle.attitude_hz),
+            body_rate_hz: self.body_rate_freq.unwrap_or(of_vehicle.body_rate_hz),
+            force_torque_hz: self.force_torque_freq.unwrap_or(of_vehicle.force_torque_hz),
+        }
+    }
+}
+
+#[pymethods]
+impl PySim {
+    /// `wanted`: the arguments of `propwash.Sim`, checked and completed there.
+    #[new]
+    fn new(py: Python<'_>, vehicles: Vec<Py<PyVehicle>>, wanted: Wanted) -> PyResult<Self> {
+        let options = wanted.options()?;
+        let mode = options.control;
+        let mut drones = Vec::new();
+        for ((slot, vehicle), dynamics) in vehicles.iter().enumerate().zip(&wanted.dynamics) {
+            let vehicle = &vehicle.get().vehicle;
+            let modes = vehicle.modes(dynamics).or_raise()?;
+            if !modes.contains(&mode) {
+                let names: Vec<_> = modes.iter().map(|m| m.name()).collect();
+                return Err(PyValueError::new_err(format!(
+                    "control: expected one of {} for drone {slot} ({} with dynamics {dynamics}), got {}",
+                    names.join(", "),
+                    vehicle.name,
+                    mode.name()
+                )));
+            }
+            drones.push((vehicle.drone(dynamics).or_raise()?, wanted.rates(vehicle.rates)));
+        }
+        let pool = threads::pool(wanted.threads)?;
+        let (flight, sensing) = py.detach(|| {
+            let flight = match wanted.precision.as_str() {
+                "f32" => Flight::F32(Box::new(Sim::storing(options, drones).or_raise()?)),
+                "f64" => Flight::F64(Box::new(Sim::storing(options, drones).or_raise()?)),
+                got => {
+                    return Err(PyValueError::new_err(format!(
+                        "precision: expected f32 or f64, got {got:?}"
+                    )));
+                }
+            };
+            let shells: Vec<_> =
+                vehicles.iter().zip(&wanted.shells).map(|(v, s)| (&v.get().vehicle, s.as_deref())).collect();
+            let sensing = match &wanted.scene {
+                None => None,
+                Some((kind, text)) => Some(Sensing::new(kind, text, &shells, wanted.n_worlds)?),
+            };
+            Ok((flight, sensing))
+        })?;
+        let n_rotors = either!(&flight, sim => sim.n_rotors());
+        let n_obstacles = sensing.as_ref().map_or(0, Sensing::n_obstacles);
+        let core = Core { flight, sensing, numbers: Vec::new(), told: 0 };
+        Ok(Self {
+            core: Mutex::new(core),
+            slots: Mutex::default(),
+            call: Arc::default(),
+            pool,
+            process: std::process::id(),
+            n_worlds: wanted.n_worlds,
+            n_drones: vehicles.len(),
+            n_obstacles,
+            n_rotors,
+            mode,
+        })
+    }
+
+    /// Numbers of one drone's command.
+    #[getter]
+    fn command_width(&self) -> usize {
+        self.mode.width(self.n_rotors)
+    }
+
+    /// Most rotors of any drone.
+    #[getter]
+    fn n_rotors(&self) -> usize {
+        self.n_rotors
+    }
+
+    /// A view of the array called `name`, as wide as it is stored.
+    fn array<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let this = slf.get();
+        let mut core = this.core()?;
+        if let "obstacle_pos" | "obstacle_quat" = name {
+            let numbers = core.sensing.as_mut().map(|s| s.obstacle_array(name)).unwrap_or_default();
+            let shape = [this.n_worlds, this.n_obstacles, if name == "obstacle_pos" { 3 } else { 4 }];
+            // SAFETY: the vectors of obstacles are made once with the simulation and keep their length and place.
+            return Ok(unsafe { arrays::view(numbers, &shape, slf.clone().into_any())? }.into_any());
+        }
+        either!(&mut core.flight, sim => {
+            let data = &mut sim.data;
+            let (numbers, tail): (&mut Vec<_>, &[usize]) = match name {
+                "pos" => (&mut data.pos, &[3]),
+                "quat" => (&mut data.quat, &[4]),
+                "vel" => (&mut data.vel, &[3]),
+                "ang_vel" => (&mut data.ang_vel, &[3]),
+                "rotor_vel" => (&mut data.rotor_vel, &[MAX_ROTORS]),
+                "thrust" => (&mut data.thrust, &[]),
+                "command" => (&mut data.command, &[COMMAND_WIDTH]),
+                "rotor_command" => (&mut data.rotor_command, &[MAX_ROTORS]),
+                "attitude_command" => (&mut data.attitude_command, &[4]),
+                "disturbance_force" => (&mut data.disturbance_force, &[3]),
+                "disturbance_torque" => (&mut data.disturbance_torque, &[3]),
+                "wind" => (&mut data.wind, &[3]),
+                "ground_z" => (&mut data.ground_z, &[]),
+                "ceiling_z" => (&mut data.ceiling_z, &[]),
+                "controller_memory" => (&mut data.controller_memory, &[Memory::<f64>::LEN]),
+                "steps" | "episodes" => {
+                    let counts = if name == "steps" { &mut data.steps } else { &mut data.episodes };
+                    // SAFETY: as below.
+                    let view = unsafe { arrays::view(counts, &[this.n_worlds], slf.clone().into_any())? };
+                    return Ok(view.into_any());
+                }
+                _ => return Err(PyKeyError::new_err(format!("no array is called {name:?}"))),
+            };
+            // SAFETY: the simulation belongs to this object, and its arrays are made with it: nothing in this crate replaces or
+            // resizes them, and steps refuse arrays whose length was changed. Stages run Python code only through
+            // closures that leave the reference which they are given alone.
+            Ok(unsafe { arrays::view(numbers, &this.shape(tail), slf.clone().into_any())? }.into_any())
+        })
+    }
+
+    /// Sets all commands, (n_worlds, n_drones, command_width), of the mode called `mode`.
+    fn set_command(&self, mode: &str, command: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut core = self.core()?;
+        let own = self.mode.name();
+        if mode != own {
+            return Err(Error::new_err(format!(
+                "{mode}_control: this Sim was made with control=\"{own}\"; call {own}_control, or make a Sim with \
+                 control=\"{mode}\""
+            )));
+        }
+        let Core { flight, numbers, .. } = &mut *core;
+        let shape = self.shape(&[self.mode.width(self.n_rotors)]);
+        let axes = match self.mode {
+            ControlMode::State => "(n_worlds, n_drones, 16)",
+            ControlMode::RotorVel => "(n_worlds, n_drones, n_rotors)",
+            _ => "(n_worlds, n_drones, 4)",
+        };
+        arrays::numbers("command", axes, command, &shape, numbers)?;
+        either!(flight, sim => sim.set_command(numbers)).or_raise()
+    }
+
+    /// Advances all worlds; true when worlds were quarantined that were not before.
+    fn step(&self, py: Python<'_>, n_steps: usize, data: Py<PyAny>) -> PyResult<bool> {
+        let mut core = self.core()?;
+        let staged = !lock(&self.slots).is_empty();
+        let Core { flight, told, .. } = &mut *core;
+        either!(flight, sim => {
+            if staged {
+                self.call.begin(data);
+                let outcome = (0..n_steps).try_for_each(|_| {
+                    let done = py.detach(|| self.pool.install(|| sim.step(1))).or_raise();
+                    self.call.take_error().map_or(done, Err)
+                });
+                self.call.end();
+                outcome?;
+            } else {
+                py.detach(|| match sim.is_parallel(n_steps) {
+                    true => self.pool.install(|| sim.step(n_steps)),
+                    false => sim.step(n_steps),
+                }).or_raise()?;
+            }
+            let now = sim.n_quarantined();
+            let more = now > *told;
+            *told = now;
+            Ok(more)
+        })
+    }
+
+    /// Back to the initial states, in all worlds or in those of the mask.
+    #[pyo3(signature = (mask = None))]
+    fn reset(&self, py: Python<'_>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let mask = arrays::mask("mask", mask, self.n_worlds)?;
+        let mut core = self.core()?;
+        let Core { flight, told, .. } = &mut *core;
+        either!(flight, sim => {
+            py.detach(|| sim.reset(mask.as_deref())).or_raise()?;
+            *told = sim.n_quarantined();
+            Ok(())
+        })
+    }
+
+    /// Sets what resets start from: arrays (n_worlds, n_drones, n), each optional.
+    #[pyo3(signature = (pos, quat, vel, ang_vel))]
+    fn set_initial(
+        &self,
+        pos: &Bound<'_, PyAny>,
+        quat: &Bound<'_, PyAny>,
+        vel: &Bound<'_, PyAny>,
+        ang_vel: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let mut lists = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
+        let given = [("pos", pos, 3), ("quat", quat, 4), ("vel", vel, 3), ("ang_vel", ang_vel, 3)];
+        for (list, (name, value, width)) in lists.iter_mut().zip(given) {
+            let axes = format!("(n_worlds, n_drones, {width})");
+            arrays::numbers(name, &axes, value, &self.shape(&[width]), list)?;
+        }
+        let [pos, quat, vel, ang_vel] = lists;
+        let mut core = self.core()?;
+        let state = |row: usize| State {
+            pos: core::array::from_fn(|i| pos[3 * row + i]),
+            quat: unit(core::array::from_fn(|i| quat[4 * row + i])),
+            vel: core::array::from_fn(|i| vel[3 * row + i]),
+            ang_vel: core::array::from_fn(|i| ang_vel[3 * row + i]),
+            ..State::rest()
+        };
+        // All are tried before one is set.
+        for row in 0..self.n_worlds * self.n_drones {
+            let s = state(row);
+            let whole = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
+            if !whole.iter().all(|v| v.is_finite()) || s.quat == [0.0; 4] {
+                return Err(PyValueError::new_err(format!(
+                    "initial state of world {}, drone {}: expected finite numbers and an attitude that is not zero, got pos \
+                     {:?}, quat {:?}, vel {:?}, ang_vel {:?}; nothing was changed",
+                    row / self.n_drones,
+                    row % self.n_drones,
+                    s.pos,
+                    s.quat,
+                    s.vel,
+                    s.ang_vel
+                )));
+            }
+        }
+        for row in 0..self.n_worlds * self.n_drones {
+            let (world, drone) = (row / self.n_drones, row % self.n_drones);
+            either!(&mut core.flight, sim => sim.set_initial(world, drone, state(row))).or_raise()?;
+        }
+        Ok(())
+    }
+
+    /// Which worlds are quarantined.
+    fn quarantined<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let core = self.core()?;
+        let flags = either!(&core.flight, sim => sim.data.quarantine.iter().map(Option::is_some).collect());
+        arrays::owned(py, flags, &[self.n_worlds])
+    }
+
+    /// Of every quarantined world: index, drone, step, quantity, stage and all of it in words.
+    #[allow(clippy::type_complexity)]
+    fn quarantine(&self) -> PyResult<Vec<(usize, usize, u64, String, Option<String>, String)>> {
+        let core = self.core()?;
+        let told = |(w, q): (usize, &Option<Quarantine>)| {
+            let q = q.as_ref()?;
+            Some((w, q.drone, q.step, q.quantity.clone(), q.stage.clone(), q.to_string()))
+        };
+        Ok(either!(&core.flight, sim => sim.data.quarantine.iter().enumerate().filter_map(told).collect()))
+    }
+
+    /// Names of the stages, first to last.
+    fn stage_names(&self) -> PyResult<Vec<String>> {
+        let core = self.core()?;
+        Ok(either!(&core.flight, sim => sim.pipeline.names().iter().map(|n| n.to_string()).collect()))
+    }
+
+    /// Adds a stage: a function of the arrays, or a built-in one.
+    #[pyo3(signature = (place, name, stage, anchor = None))]
+    fn add_stage(
+        &self,
+        place: &str,
+        name: &str,
+        stage: &Bound<'_, PyAny>,
+        anchor: Option<&str>,
+    ) -> PyResult<()> {
+        let place = Place::of(place, anchor)?;
+        let mut core = self.core()?;
+        let built_in: Option<RestOnGround> = stage.extract().ok();
+        if built_in.is_none() && !stage.is_callable() {
+            return Err(PyTypeError::new_err(format!(
+                "stage {name:?}: expected a function of Sim.data or a propwash.RestOnGround, got {}",
+                stage.get_type().name()?.to_string_lossy()
+            )));
+        }
+        let slot = Slot::new(name, stage.clone().unbind());
+        either!(&mut core.flight, sim => {
+            let f = match &built_in {
+                Some(of) => of.stage(),
+                None => slot.stage(&self.call),
+            };
+            let pipeline = &mut sim.pipeline;
+            match place {
+                Place::First => pipeline.prepend(name, f),
+                Place::Last => pipeline.append(name, f),
+                Place::Before(anchor) => pipeline.insert_before(anchor, name, f),
+                Place::After(anchor) => pipeline.insert_after(anchor, name, f),
+                Place::Instead => pipeline.replace(name, f),
+            }
+        })
+        .or_raise()?;
+        let mut slots = lock(&self.slots);
+        slots.retain(|s| s.name != name);
+        if built_in.is_none() {
+            slots.push(slot);
+        }
+        Ok(())
+    }
+
+    /// Takes a stage out.
+    fn remove_stage(&self, name: &str) -> PyResult<()> {
+        let mut core = self.core()?;
+        either!(&mut core.flight, sim => sim.pipeline.remove(name)).or_raise()?;
+        lock(&self.slots).retain(|s| s.name != name);
+        Ok(())
+    }
+
+    /// Names and values of the parameters of one drone in one world.
+    fn parameters(&self, world: usize, drone: usize) -> PyResult<Vec<(String, f64)>> {
+        self.check(world, drone)?;
+        let core = self.core()?;
+        let mut of = either!(&core.flight, sim => sim.drone(world, drone).clone());
+        let mut out = Vec::new();
+        of.visit(&mut |name, value| out.push((name.to_string(), *value)));
+        Ok(out)
+    }
+
+    /// One parameter in all worlds, (n_worlds, n_drones); NaN for drones without it.
+    fn parameter<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let core = self.core()?;
+        let mut out = vec![f64::NAN; self.n_worlds * self.n_drones];
+        for (row, out) in out.iter_mut().enumerate() {
+            let (world, drone) = (row / self.n_drones, row % self.n_drones);
+            let mut of = either!(&core.flight, sim => sim.drone(world, drone).clone());
+            of.visit(&mut |n, value| {
+                if n == name {
+                    *out = *value;
+                }
+            });
+        }
+        if out.iter().all(|v| v.is_nan()) {
+            return Err(PyKeyError::new_err(format!(
+                "no drone has a parameter {name:?}; Sim.parameters() lists the names"
+            )));
+        }
+        arrays::owned(py, out, &[self.n_worlds, self.n_drones])
+    }
+
+    /// Sets one parameter of one drone, in each world to its own value, (n_worlds,).
+    fn set_parameter(
+        &self,
+        py: Python<'_>,
+        name: &str,
+        drone: usize,
+        values: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        self.check(0, drone)?;
+        let mut numbers = Vec::new();
+        arrays::numbers(name, "(n_worlds,)", values, &[self.n_worlds], &mut numbers)?;
+        let mut core = self.core()?;
+        either!(&mut core.flight, sim => py.detach(|| set_all(sim, name, drone, &numbers)))
+    }
+
+    /// Collective thrust that carries the weight of every drone, N, (n_worlds, n_drones).
+    fn hover_thrust<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let core = self.core()?;
+        let rows = 0..self.n_worlds * self.n_drones;
+        let of = |row| either!(&core.flight, sim => sim.drone(row / self.n_drones, row % self.n_drones).hover_thrust());
+        arrays::owned(py, rows.map(of).collect(), &[self.n_worlds, self.n_drones])
+    }
+
+    /// Rotor speeds that carry the weight of every drone, rad/s, (n_worlds, n_drones, n_rotors).
+    fn hover_rotor_vel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let core = self.core()?;
+        let rows = 0..self.n_worlds * self.n_drones;
+        let of = |row: usize| {
+            let speeds = either!(&core.flight, sim => sim.drone(row / self.n_drones, row % self.n_drones).hover_rotor_vel());
+            speeds.into_iter().take(self.n_rotors)
+        };
+        arrays::owned(py, rows.flat_map(of).collect(), &self.shape(&[self.n_rotors]))
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(PyTypeError::new_err(
+            "a Sim cannot be pickled or copied: make one with the same arguments where it is needed; its state are the arrays \
+             of Sim.data",
+        ))
+    }
+
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        let Ok(slots) = self.slots.try_lock() else { return Ok(()) };
+        for slot in slots.iter() {
+            if let Ok(function) = slot.function.try_lock() {
+                visit.call(&*function)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn __clear__(&self) {
+        let slots = std::mem::take(&mut *lock(&self.slots));
+        for slot in slots {
+            // Dropped after the lock: dropping may run Python code.
+            let function = lock(&slot.function).take();
+            drop(function);
+        }
+    }
+}
+
+/// A quaternion of length 1; zero where it has none.
+fn unit(q: [f64; 4]) -> [f64; 4] {
+    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if length > 1e-6 && length.is_finite() {
+        quat::normalize(q)
+    } else if length.is_nan() {
+        q
+    } else {
+        [0.0; 4]
+    }
+}
+
+/// One value for each world; all or none.
+fn set_all<N: Number>(sim: &mut Sim<N>, name: &str, drone: usize, values: &[f64]) -> PyResult<()> {
+    if values.iter().all(|v| v.to_bits() == values[0].to_bits()) {
+        return sim.set_parameter(None, drone, name, values[0]).or_raise();
+    }
+    let mut before = vec![f64::NAN; values.len()];
+    for (world, old) in before.iter_mut().enumerate() {
+        sim.drone(world, drone).clone().visit(&mut |n, v| {
+            if n == name {
+                *old = *v;
+            }
+        });
+    }
+    for (world, value) in values.iter().enumerate() {
+        let done = sim.set_parameter(Some(world), drone, name, *value).or_raise();
+        if done.is_err() {
+            for (world, old) in before.iter().enumerate().take(world) {
+                sim.set_parameter(Some(world), drone, name, *old).or_raise()?;
+            }
+            return done;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,137 @@
+//! `propwash.Vehicle`.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use propwash::vehicle::effects::named_parameters;
+use propwash::vehicle::{self, Vehicle};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use crate::errors::OrRaise;
+
+/// A vehicle: rigid body, rotors, on-board controllers and a list of effects, as one TOML file states them.
+///
+/// ``Vehicle("cf2x_L250")`` is a built-in one, ``Vehicle("my/quad.toml")`` a file. It cannot be changed;
+/// ``with_effects`` gives another one.
+#[pyclass(frozen, name = "Vehicle", module = "propwash")]
+#[derive(Clone)]
+pub struct PyVehicle {
+    pub vehicle: Vehicle,
+}
+
+#[pymethods]
+impl PyVehicle {
+    #[new]
+    fn new(source: PathBuf) -> PyResult<Self> {
+        let name = source.to_string_lossy();
+        // A file goes before a name, as on the command line.
+        let is_path = source.is_file() || source.extension().is_some() || source.components().count() > 1;
+        let vehicle = if is_path { Vehicle::load(&source) } else { Vehicle::builtin(&name) };
+        Ok(Self { vehicle: vehicle.or_raise()? })
+    }
+
+    /// A vehicle from the text of a vehicle file.
+    #[staticmethod]
+    #[pyo3(signature = (text, name = "vehicle"))]
+    fn from_toml(text: &str, name: &str) -> PyResult<Self> {
+        Ok(Self { vehicle: Vehicle::from_toml(name, text).or_raise()? })
+    }
+
+    /// Name: that of the built-in vehicle, or the file name without its ending.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.vehicle.name
+    }
+
+    /// Name of a built-in shell, or path of a shell's MJCF file: what others see and touch of the vehicle.
+    #[getter]
+    fn shell(&self) -> &str {
+        &self.vehicle.shell
+    }
+
+    /// Doubtful but allowed values of the file.
+    #[getter]
+    fn warnings(&self) -> Vec<String> {
+        self.vehicle.warnings().to_vec()
+    }
+
+    /// Names of the dynamics for which the file has parameters.
+    #[getter]
+    fn dynamics(&self) -> Vec<&'static str> {
+        self.vehicle.available_dynamics()
+    }
+
+    /// Rates of the on-board controller's stages, Hz.
+    #[getter]
+    fn rates(&self) -> BTreeMap<&'static str, u32> {
+        let r = self.vehicle.rates;
+        BTreeMap::from([
+            ("state", r.state_hz),
+            ("attitude", r.attitude_hz),
+            ("body_rate", r.body_rate_hz),
+            ("force_torque", r.force_torque_hz),
+        ])
+    }
+
+    /// Control modes that make sense with these dynamics.
+    #[pyo3(signature = (dynamics = "first_principles"))]
+    fn modes(&self, dynamics: &str) -> PyResult<Vec<&'static str>> {
+        Ok(self.vehicle.modes(dynamics).or_raise()?.into_iter().map(|m| m.name()).collect())
+    }
+
+    /// All parameters in SI by name, as `Sim.set_parameter` takes them.
+    #[pyo3(signature = (dynamics = "first_principles"))]
+    fn parameters(&self, dynamics: &str) -> PyResult<Vec<(String, f64)>> {
+        let mut drone = self.vehicle.drone(dynamics).or_raise()?;
+        let mut out = Vec::new();
+        drone.visit(&mut |name, value| out.push((name.to_string(), *value)));
+        Ok(out)
+    }
+
+    /// The effects that belong to these dynamics, in order: kind and parameters by name.
+    #[pyo3(signature = (dynamics = "first_principles"))]
+    #[allow(clippy::type_complexity)]
+    fn effects(&self, dynamics: &str) -> PyResult<Vec<(&'static str, Vec<(String, f64)>)>> {
+        let drone = self.vehicle.drone(dynamics).or_raise()?;
+        Ok(drone.effects.iter().map(|e| (e.kind(), named_parameters(e))).collect())
+    }
+
+    /// The same vehicle with further effects, written as in a vehicle file: the text of `[[effect]]` tables.
+    fn with_effects(&self, text: &str) -> PyResult<Self> {
+        let whole = format!("{}\n{text}\n", self.vehicle.to_toml());
+        let mut vehicle = Vehicle::from_toml(&self.vehicle.name, &whole).or_raise()?;
+        // Relative shells start at the file that this vehicle was read from.
+        if let Some(shell) = self.vehicle.shell_path() {
+            vehicle.shell = std::path::absolute(shell)?.to_string_lossy().into_owned();
+        }
+        Ok(Self { vehicle })
+    }
+
+    /// The file as TOML that reads back equal; comments are not kept.
+    fn to_toml(&self) -> &str {
+        self.vehicle.to_toml()
+    }
+
+    /// SHA-256 (hex) of `to_toml()`.
+    #[getter]
+    fn sha256(&self) -> String {
+        self.vehicle.sha256()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<propwash.Vehicle {} ({})>", self.vehicle.name, self.vehicle.available_dynamics().join(", "))
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(PyTypeError::new_err(
+            "a Vehicle cannot be pickled or copied: pass on its name or path, or its text (`to_toml()`), and make it anew",
+        ))
+    }
+}
+
+/// Names of the built-in vehicles.
+#[pyfunction]
+pub fn vehicles() -> Vec<&'static str> {
+    vehicle::BUILTIN.to_vec()
+}
