@@ -1,13 +1,26 @@
 from os import PathLike
-from typing import Any, Callable, Mapping, NoReturn, Sequence
+from typing import Any, Callable, Mapping, NoReturn, Sequence, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "Cameras",
+    "Error",
+    "RestOnGround",
+    "Sim",
+    "Vehicle",
+    "__version__",
+    "load_plugin_library",
+    "mujoco_version",
+    "vehicles",
+]
 
 __version__: str
 
 class Error(RuntimeError): ...
 
+@final
 class Vehicle:
     def __new__(cls, source: str | PathLike[str]) -> Vehicle: ...
     @staticmethod
@@ -31,11 +44,13 @@ class Vehicle:
     def to_toml(self) -> str: ...
     def __reduce__(self) -> NoReturn: ...
 
+@final
 class RestOnGround:
     def __new__(cls, rest_height_m: float) -> RestOnGround: ...
     @property
     def rest_height_m(self) -> float: ...
 
+@final
 class Cameras:
     @property
     def width(self) -> int: ...
@@ -45,6 +60,7 @@ class Cameras:
     def per_drone(self) -> bool: ...
     def k(self) -> NDArray[np.float64]: ...
 
+@final
 class Sim:
     def __new__(cls, vehicles: Sequence[Vehicle], wanted: Mapping[str, Any]) -> Sim: ...
     @property

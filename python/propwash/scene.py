@@ -2,9 +2,10 @@
 
 import json
 from dataclasses import dataclass, fields
-from typing import Any, Type, TypeVar
+from typing import Any, Sequence, TypeVar, Union
 
 T = TypeVar("T")
+Named = TypeVar("Named", bound=Union["Geom", "Obstacle"])
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ class SceneInfo:
         return _by_name("obstacle", self.obstacles, name)
 
 
-def _by_name(what: str, things: tuple[Any, ...], name: str) -> Any:
+def _by_name(what: str, things: Sequence[Named], name: str) -> Named:
     for thing in things:
         if thing.name == name:
             return thing
@@ -112,7 +113,7 @@ def _by_name(what: str, things: tuple[Any, ...], name: str) -> Any:
     raise KeyError(f"{what} {name!r} does not exist in this scene; there are: {known}")
 
 
-def _made(kind: Type[T], of: dict[str, Any]) -> T:
+def _made(kind: type[T], of: dict[str, Any]) -> T:
     names = [f.name for f in fields(kind)]  # type: ignore[arg-type]
     return kind(**{n: tuple(of[n]) if isinstance(of[n], list) else of[n] for n in names})
 

@@ -123,7 +123,7 @@ class DepthFrame:
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Pixels with a depth, (..., height, width)."""
-        return self.status == PixelStatus.HIT
+        return np.equal(self.status, PixelStatus.HIT)
 
     def geom_name(self, geom_id: int) -> str:
         """Name of a geom in this frame; empty for -1 and for geoms without one."""

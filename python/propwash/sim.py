@@ -232,7 +232,7 @@ class Sim:
         shell: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None = None,
     ) -> None:
         if n_drones is None:
-            n_drones = len(drone) if _is_list(drone) else 1
+            n_drones = len(drone) if isinstance(drone, (list, tuple)) else 1
         self.n_worlds = _whole("n_worlds", n_worlds, 1, 2**40)
         self.n_drones = _whole("n_drones", n_drones, 1, 2**20)
         self.freq = _whole("freq", freq, 1, 1_000_000)
@@ -555,13 +555,9 @@ class Sim:
         )
 
 
-def _is_list(value: object) -> bool:
-    return isinstance(value, (list, tuple))
-
-
 def _each(name: str, value: Any, n: int) -> list[Any]:
     """One for each drone."""
-    if not _is_list(value):
+    if not isinstance(value, (list, tuple)):
         return [value] * n
     if len(value) != n:
         raise ValueError(f"{name}: expected one, or a list of {n} (n_drones), got a list of {len(value)}")
@@ -618,6 +614,6 @@ def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[n
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{name}: expected real numbers, got {type(value).__name__} of dtype {array.dtype}")
     try:
-        return np.array(np.broadcast_to(array, shape), np.float64)
+        return np.array(np.broadcast_to(array, shape), np.float64, order="C")
     except ValueError:
         raise ValueError(f"{name}: expected shape {shape}, or one that broadcasts to it, got {array.shape}") from None

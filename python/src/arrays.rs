@@ -49,8 +49,9 @@ fn wrong_shape(name: &str, axes: &str, expected: &[usize], got: &[usize]) -> PyE
 
 fn extend<T: Element + Copy>(array: &PyReadonlyArrayDyn<'_, T>, out: &mut Vec<f64>, wide: impl Fn(T) -> f64) {
     match array.as_slice() {
-        Ok(numbers) => out.extend(numbers.iter().map(|v| wide(*v))),
-        Err(_) => out.extend(array.as_array().iter().map(|v| wide(*v))),
+        // A slice of an array in Fortran's order has another order.
+        Ok(numbers) if array.is_c_contiguous() => out.extend(numbers.iter().map(|v| wide(*v))),
+        _ => out.extend(array.as_array().iter().map(|v| wide(*v))),
     }
 }
 

@@ -51,10 +51,19 @@ pub struct Core {
     told: usize,
 }
 
+/// Owner of the arrays, which their views keep alive. It is an object of its own, apart from the one that holds stages: the
+/// garbage collector does not see what arrays hold, and would never free a stage that holds its simulation.
+#[pyclass(frozen, module = "propwash._native")]
+struct Owner {
+    _core: Arc<Mutex<Core>>,
+}
+
 /// The compiled side of `propwash.Sim`.
 #[pyclass(frozen, name = "Sim", module = "propwash._native")]
 pub struct PySim {
-    core: Mutex<Core>,
+    core: Arc<Mutex<Core>>,
+    /// What views of the arrays keep alive.
+    owner: Py<Owner>,
     /// Stages that are written in Python, apart so that the garbage collector finds them while a step runs.
     slots: Mutex<Vec<Arc<Slot>>>,
     call: Arc<Call>,
@@ -217,8 +226,11 @@ impl PySim {
         let n_rotors = either!(&flight, sim => sim.n_rotors());
         let n_obstacles = sensing.as_ref().map_or(0, Sensing::n_obstacles);
         let core = Core { flight, sensing, numbers: Vec::new(), told: 0 };
+        let core = Arc::new(Mutex::new(core));
+        let owner = Py::new(py, Owner { _core: core.clone() })?;
         Ok(Self {
-            core: Mutex::new(core),
+            core,
+            owner,
             slots: Mutex::default(),
             call: Arc::default(),
             pool,
@@ -244,14 +256,14 @@ impl PySim {
     }
 
     /// A view of the array called `name`, as wide as it is stored.
-    fn array<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Bound<'py, PyAny>> {
-        let this = slf.get();
-        let mut core = this.core()?;
+    fn array<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let owner = || self.owner.bind(py).clone().into_any();
+        let mut core = self.core()?;
         if let "obstacle_pos" | "obstacle_quat" = name {
             let numbers = core.sensing.as_mut().map(|s| s.obstacle_array(name)).unwrap_or_default();
-            let shape = [this.n_worlds, this.n_obstacles, if name == "obstacle_pos" { 3 } else { 4 }];
+            let shape = [self.n_worlds, self.n_obstacles, if name == "obstacle_pos" { 3 } else { 4 }];
             // SAFETY: the vectors of obstacles are made once with the simulation and keep their length and place.
-            return Ok(unsafe { arrays::view(numbers, &shape, slf.clone().into_any())? }.into_any());
+            return Ok(unsafe { arrays::view(numbers, &shape, owner())? }.into_any());
         }
         either!(&mut core.flight, sim => {
             let data = &mut sim.data;
@@ -274,15 +286,15 @@ impl PySim {
                 "steps" | "episodes" => {
                     let counts = if name == "steps" { &mut data.steps } else { &mut data.episodes };
                     // SAFETY: as below.
-                    let view = unsafe { arrays::view(counts, &[this.n_worlds], slf.clone().into_any())? };
+                    let view = unsafe { arrays::view(counts, &[self.n_worlds], owner())? };
                     return Ok(view.into_any());
                 }
                 _ => return Err(PyKeyError::new_err(format!("no array is called {name:?}"))),
             };
-            // SAFETY: the simulation belongs to this object, and its arrays are made with it: nothing in this crate replaces or
+            // SAFETY: the owner holds the simulation, whose arrays are made with it: nothing in this crate replaces or
             // resizes them, and steps refuse arrays whose length was changed. Stages run Python code only through
             // closures that leave the reference which they are given alone.
-            Ok(unsafe { arrays::view(numbers, &this.shape(tail), slf.clone().into_any())? }.into_any())
+            Ok(unsafe { arrays::view(numbers, &self.shape(tail), owner())? }.into_any())
         })
     }
 
@@ -558,6 +570,13 @@ impl PySim {
             let function = lock(&slot.function).take();
             drop(function);
         }
+    }
+}
+
+impl Drop for PySim {
+    /// Views may keep the arrays alive, and the stages with them; the functions are let go.
+    fn drop(&mut self) {
+        self.__clear__();
     }
 }
 

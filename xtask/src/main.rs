@@ -18,7 +18,8 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask setup            fetch MuJoCo 3.17.0 (pinned PyPI wheel) into .mujoco/; after it plain cargo works
   cargo xtask demo [--fresh]   set up, build, fly four worlds through the forest into out/demo
                                (--fresh deletes out/demo first; without it a finished run is kept)
-  cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust and Python tests
+  cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust tests, build the Python package and run
+                               its tests
                                (ARGS go to `cargo test`, and Python tests are then left out)
   cargo xtask bench [--quick]  make .venv with the pinned peers, run all benchmarks below but gap, alternately with the peers,
                                and write docs/performance_table.md and docs/performance.png from them

@@ -1,7 +1,7 @@
 //! The host's Python and pip, and the virtual environment that holds the pinned peers of the tests.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::run::{self, Result};
@@ -110,6 +110,29 @@ pub fn test_environment() -> Result<PathBuf> {
     })?;
     fs::write(&stamp, wanted).map_err(|e| format!("{} cannot be written: {e}", stamp.display()))?;
     Ok(python)
+}
+
+/// Builds the Python package in the dev profile, whose libraries the Rust tests use too, and puts it together in a folder for
+/// the search path of Python, which is returned. `pip install .` would compile everything again for release.
+pub fn package(target: &Path) -> Result<PathBuf> {
+    run::check(run::cargo().args(["build", "--workspace"]))?;
+    let (from, folder) = (run::root().join("python/propwash"), target.join("python"));
+    let to = folder.join("propwash");
+    let at = |path: &Path| format!("{}: the Python package cannot be put together there", path.display());
+    if to.exists() {
+        fs::remove_dir_all(&to).map_err(|e| format!("{}: {e}", at(&to)))?;
+    }
+    fs::create_dir_all(&to).map_err(|e| format!("{}: {e}", at(&to)))?;
+    let entries = fs::read_dir(&from).map_err(|e| format!("{}: {e}", from.display()))?;
+    for entry in entries.filter_map(std::io::Result::ok) {
+        let ending = entry.path().extension().map(|e| e.to_string_lossy().into_owned());
+        if matches!(ending.as_deref(), Some("py" | "pyi" | "typed")) {
+            fs::copy(entry.path(), to.join(entry.file_name())).map_err(|e| format!("{}: {e}", at(&to)))?;
+        }
+    }
+    let compiled = target.join("debug/lib_native.so");
+    fs::copy(&compiled, to.join("_native.abi3.so")).map_err(|e| format!("{}: {e}", compiled.display()))?;
+    Ok(folder)
 }
 
 /// Fails when `version` is below [`LEAST_PYTHON`].

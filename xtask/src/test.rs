@@ -10,13 +10,17 @@ use crate::{python, setup};
 
 /// Peers, and what the tests ask of each.
 const PEERS: &[(&str, &str)] = &[
-    ("crazyflow", "models, controllers and closed-loop runs in float64"),
+    (
+        "crazyflow",
+        "models, controllers and closed-loop runs in float64, and its Sim beside the one of our Python package",
+    ),
     ("mujoco", "rays, collisions, and the scenes of its own test data (the library that we link)"),
     ("mujoco-mjx", "depth of the geom types that it knows"),
     ("jax", "runs crazyflow and MJX"),
     ("numpy", "reads our arrays"),
     ("pyarrow", "reads our tables"),
     ("pillow", "reads our pictures"),
+    ("mypy", "compares the stubs of our Python package with its compiled module"),
 ];
 
 /// Counts of tests.
@@ -61,13 +65,12 @@ pub fn run(args: &[String]) -> Result {
 
     let folder = run::root().join("python/tests");
     if folder.is_dir() && args.is_empty() && built {
-        if !run::root().join("tests").is_dir() {
-            run::check(run::cargo().args(["build", "--bin", "propwash"]))?;
-        }
+        let package = python::package(&target)?;
         let mut tests = Command::new(&python);
         tests.args(["-m", "pytest", "python/tests", "-q", "-rs"]).current_dir(run::root());
         tests.arg(if colour { "--color=yes" } else { "--color=no" });
         prepare(&mut tests);
+        tests.env("PYTHONPATH", package);
         let mut last = Counts::default();
         ok &= watched(&mut tests, |line| last = pytest_counts(line).unwrap_or(last))?;
         counts.add(Some(last));

@@ -1,0 +1,171 @@
+"""Depth images, contacts, clearances and obstacles of propwash.Sim."""
+
+import numpy as np
+import pytest
+from conftest import ROOT, WALL
+
+import propwash
+from propwash import PixelStatus
+
+
+def test_a_camera_on_drones_gives_an_image_for_each_drone(wall):
+    depth = wall.render_depth("fpv", (33, 21))
+    assert depth.shape == (2, 1, 21, 33) and depth.dtype == np.float32
+    # The camera sits a little before the centre of the drone; the wall begins at 2.9 m.
+    ahead = depth[:, 0, 10, 16]
+    assert np.all((ahead > 2.8) & (ahead < 2.91)) and ahead[0] == ahead[1]
+
+
+def test_a_camera_of_the_scene_gives_one_image_for_each_world(wall):
+    frame = wall.depth_frame("overview")
+    assert frame.depth.shape == (2, 10, 20) and frame.pos.shape == (2, 3) and frame.k.shape == (3, 3)
+    assert np.all(frame.pos == [0.0, 0.0, 10.0])
+
+
+def test_frames_say_what_each_pixel_saw(wall):
+    camera = propwash.Camera("fpv", resolution=(64, 48), range=(0.5, 4.0))
+    frame = wall.depth_frame(camera, normals=True)
+    shape = (2, 1, 48, 64)
+    assert frame.depth.shape == frame.status.shape == frame.geom_id.shape == frame.body_id.shape == shape
+    assert frame.normal.shape == (*shape, 3) and frame.quat.shape == (2, 1, 4) and frame.k.shape == (1, 3, 3)
+    assert (frame.kind, frame.range) == ("range", (0.5, 4.0)) and np.all(frame.worlds == [0, 1])
+    middle = (0, 0, 23, 32)
+    assert frame.geom_name(frame.geom_id[middle]) == "wall" and frame.status[middle] == PixelStatus.HIT
+    assert np.allclose(frame.normal[middle], [-1, 0, 0])
+    assert np.all(np.isinf(frame.depth[frame.status == PixelStatus.TOO_FAR]))
+    assert np.all(frame.geom_id[frame.status == PixelStatus.MISS] == -1) and frame.geom_name(-1) == ""
+    assert np.array_equal(frame.hit, (frame.depth > 0) & np.isfinite(frame.depth))
+    assert np.array_equal(frame.depth, wall.render_depth(camera))
+    fx, cx = frame.k[0, 0, 0], frame.k[0, 0, 2]
+    assert cx == 32.0 and fx > 0.0
+
+
+def test_depth_agrees_with_rays_of_mujoco():
+    sim = propwash.Sim(1, 2, scene=ROOT / "xml/room.xml", precision="f64")
+    sim.set_initial(pos=[[-1.0, 0.5, 1.2], [0.5, -0.8, 0.8]], quat=[[0.0, 0.1, 0.2, 1.0], [0.1, 0.0, -0.9, 0.5]])
+    sim.reset()
+    ours = sim.depth_frame(propwash.Camera("fpv", resolution=(40, 30)))
+    theirs = sim.depth_frame(propwash.Camera("fpv", resolution=(40, 30), caster="mujoco"))
+    same = ours.geom_id == theirs.geom_id
+    assert same.mean() > 0.999 and ours.hit.mean() > 0.9
+    both = same & ours.hit & theirs.hit
+    assert np.abs(ours.depth[both] - theirs.depth[both]).max() < 1e-4
+
+
+def test_cameras_are_mounted_on_drones_or_in_the_world(wall):
+    ahead = propwash.Camera(mount="drone", pos=(0.1, 0.0, 0.0), fovy_deg=60.0, resolution=(11, 11), kind="z_depth")
+    depth = wall.render_depth(ahead)
+    assert depth.shape == (2, 1, 11, 11) and np.allclose(depth[0, 0, :9, 5], 2.8, atol=1e-5)
+    down = propwash.Camera(mount="world", pos=(0.0, 0.0, 5.0), quat=(0.0, 0.0, 0.0, 1.0), resolution=(5, 5))
+    frame = wall.depth_frame(down)
+    assert frame.depth.shape == (2, 5, 5) and frame.geom_name(frame.geom_id[0, 2, 2]).startswith("drone0/")
+    pinhole = propwash.Camera(mount="world", pos=(0, 0, 5), pinhole_px=(10.0, 10.0, 2.5, 2.5), resolution=(5, 5))
+    assert np.allclose(wall.depth_frame(pinhole).k, [[10, 0, 2.5], [0, 10, 2.5], [0, 0, 1]])
+
+
+def test_only_the_worlds_that_are_asked_for_are_rendered():
+    sim = propwash.Sim(5, scene=WALL)
+    sim.set_initial(pos=np.column_stack([np.zeros(5), np.zeros(5), 1.0 + np.arange(5)])[:, None])
+    sim.reset()
+    frame = sim.depth_frame("fpv", (8, 8), worlds=[4, 1])
+    assert frame.depth.shape == (2, 1, 8, 8) and np.all(frame.worlds == [4, 1])
+    assert np.array_equal(frame.depth, sim.render_depth("fpv", (8, 8))[[4, 1]])
+    assert frame.pos[0, 0, 2] > 4.9
+
+
+def test_arrays_of_an_earlier_call_are_written_over(wall):
+    depth = wall.render_depth("fpv", (16, 8))
+    before = depth.copy()
+    wall.data.pos[:, 0, 0] += 1.0
+    assert wall.render_depth("fpv", (16, 8), out=depth) is depth and not np.array_equal(depth, before)
+    frame = wall.depth_frame("fpv", (16, 8), normals=True)
+    again = wall.depth_frame("fpv", (16, 8), normals=True, out=frame)
+    assert again.depth is frame.depth and again.normal is frame.normal and np.array_equal(again.depth, depth)
+    with pytest.raises(ValueError, match=r"shape \(2, 1, 8, 16\)"):
+        wall.render_depth("fpv", (16, 8), out=np.empty((2, 1, 16, 8), np.float32))
+    with pytest.raises(ValueError, match="depth of out"):
+        wall.render_depth("fpv", (16, 8), out=np.empty((2, 1, 8, 16)))
+    with pytest.raises(ValueError, match="not contiguous"):
+        wall.render_depth("fpv", (16, 8), out=np.empty((2, 1, 8, 32), np.float32)[..., ::2])
+
+
+def test_obstacles_move_in_one_world(wall):
+    assert [o.name for o in wall.scene.obstacles] == ["gate"] and wall.obstacle_pos.shape == (2, 1, 3)
+    gate = wall.scene.obstacle("gate").index
+    wall.obstacle_pos[1, gate] = [1.5, 0.0, 1.0]
+    frame = wall.depth_frame("fpv", (9, 9))
+    names = [frame.geom_name(frame.geom_id[w, 0, 4, 4]) for w in range(2)]
+    assert names == ["wall", "bar"] and frame.depth[1, 0, 4, 4] < 1.0
+    near = wall.clearance()
+    assert near.distance[1, 0] < near.distance[0, 0] and wall.scene.geoms[near.other_geom[1, 0]].name == "bar"
+
+
+def test_contacts_name_both_sides():
+    sim = propwash.Sim(3, scene=WALL)
+    sim.set_initial(pos=np.array([[0.0, 0.0, 1.0], [2.9, 0.0, 1.0], [0.0, 0.0, 0.0]])[:, None])
+    sim.reset()
+    contacts = sim.contacts()
+    assert np.array_equal(contacts.touching, [[False], [True], [True]]) and len(contacts) == len(contacts.distance) > 0
+    names = {
+        w: {sim.scene.geoms[g].name for g in contacts.other_geom[contacts.world == w]} for w in np.unique(contacts.world)
+    }
+    assert names == {1: {"wall"}, 2: {"floor"}}
+    assert np.all(contacts.other_drone == -1) and np.all(contacts.drone == 0) and np.all(contacts.limited == 0)
+    assert contacts.point.shape == contacts.normal.shape == (len(contacts), 3)
+    assert np.allclose(np.linalg.norm(contacts.normal, axis=1), 1.0)
+    assert np.all(contacts.normal[contacts.world == 2][:, 2] > 0.99)
+
+
+def test_drones_touch_each_other():
+    sim = propwash.Sim(1, 3, scene=WALL)
+    sim.set_initial(pos=[[0.0, 0.0, 1.0], [0.02, 0.0, 1.0], [0.0, 2.0, 1.0]])
+    sim.reset()
+    contacts = sim.contacts()
+    assert np.array_equal(contacts.touching, [[True, True, False]])
+    assert set(zip(contacts.drone, contacts.other_drone)) == {(0, 1)}
+    near = sim.clearance(max_distance=10.0)
+    assert near.other_drone[0, 0] == 1 and near.distance[0, 0] < 0 and near.distance[0, 2] > 0
+
+
+def test_clearance_gives_the_closest_points(wall):
+    near = wall.clearance()
+    assert near.distance.shape == near.found.shape == (2, 1) and near.on_other.shape == (2, 1, 3)
+    assert np.all(near.found) and np.all(near.exact) and not near.quarantined.any()
+    assert np.allclose(np.linalg.norm(near.on_drone - near.on_other, axis=-1), near.distance)
+    assert wall.scene.geoms[near.other_geom[0, 0]].name == "floor" and 0.9 < near.distance[0, 0] < 1.0
+    far = wall.clearance(max_distance=0.1)
+    assert not far.found.any() and np.all(far.distance == 0.1) and np.all(far.other_geom == -1)
+
+
+def test_worlds_that_stand_still_are_marked_in_what_is_sensed(wall):
+    wall.data.vel[0] = np.nan
+    with pytest.warns(propwash.QuarantineWarning):
+        wall.step()
+    assert np.array_equal(wall.contacts().quarantined, [True, False])
+    assert np.array_equal(wall.clearance().quarantined, [True, False])
+
+
+@pytest.mark.parametrize("scene", sorted((ROOT / "xml").glob("*.xml")), ids=lambda p: p.name)
+@pytest.mark.filterwarnings("ignore::propwash.SceneWarning")
+def test_every_scene_is_seen_by_every_vehicle(scene):
+    for vehicle in ("cf2x_L250", "cf21B_500", "hb_x500"):
+        sim = propwash.Sim(2, drone=vehicle, scene=scene)
+        sim.set_initial(pos=[0.0, 0.0, 1.5])
+        sim.reset()
+        assert sim.scene.geoms and sim.scene.bodies[0].id == 0
+        camera = propwash.Camera(mount="drone", pos=(0.0, 0.0, 0.0), resolution=(24, 16))
+        assert sim.depth_frame(camera).hit.any()
+        assert sim.clearance().distance.shape == (2, 1)
+
+
+def test_results_do_not_depend_on_threads():
+    frames = []
+    for threads in (1, 3):
+        sim = propwash.Sim(20, scene=ROOT / "xml/forest.xml", threads=threads, seed=1, randomization=[
+            {"parameter": "initial.pos.*", "draw": {"uniform": [-2.0, 2.0]}},
+        ])  # fmt: skip
+        sim.data.pos[..., 2] += 2.5
+        frames.append((sim.depth_frame("fpv", (16, 16)), sim.clearance(), sim.contacts()))
+    (a, near_a, touch_a), (b, near_b, touch_b) = frames
+    assert np.array_equal(a.depth, b.depth) and np.array_equal(near_a.distance, near_b.distance)
+    assert np.array_equal(touch_a.point, touch_b.point)
