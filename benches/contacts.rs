@@ -62,9 +62,9 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> Fallible<()> {
-    machine::pin(&machine::last_core()?)?;
     let about = format!("one core; MuJoCo {}; medians of {} rounds", mujoco_version(), args.rounds);
     let mut report = Report::begin("contacts", args.json.as_deref(), &about)?;
+    machine::pin(&machine::last_core()?)?;
     let columns = [
         words("scene", "scene"),
         numbers("geoms", "geoms"),

@@ -104,6 +104,7 @@ fn run(args: &Args) -> Fallible<()> {
         numbers("propwash", "Propwash, frames/s"),
         numbers("propwash_best", "best"),
         numbers("ratio", "ratio of medians"),
+        numbers("ratio_of_bests", "ratio of bests"),
         numbers("real_time", "Propwash, × real time"),
         numbers("crazyflow_mib", "Crazyflow, MiB"),
         numbers("propwash_mib", "Propwash, MiB"),
@@ -144,6 +145,7 @@ fn run(args: &Args) -> Fallible<()> {
             let rate = |seconds: f64| worlds as f64 / seconds;
             let cell = |v: f64| shown(v, figures(v));
             let (our, their) = (rate(median(&mut our_times)), rate(median(&mut their_times)));
+            let our_best_rate = rate(our_best);
             let their_mib = theirs.as_ref().map_or(Ok(f64::NAN), |ready| ready.peer.peak_mib())?;
             if let Some(theirs) = &theirs {
                 versions = theirs.peer.versions();
@@ -154,8 +156,9 @@ fn run(args: &Args) -> Fallible<()> {
                 cell(their),
                 cell(rate(their_best)),
                 cell(our),
-                cell(rate(our_best)),
+                cell(our_best_rate),
                 number(our / their, 0),
+                number(our_best_rate / rate(their_best), 0),
                 cell(our * STEPS as f64 / 500.0),
                 number(their_mib, 0),
                 number(ours.peer.peak_mib()?, 0),

@@ -207,7 +207,8 @@ fn memory(args: &BenchArgs, report: &mut Report) -> Result<()> {
     match (told["before_mib"].as_f64(), told["peak_mib"].as_f64()) {
         (Some(before), Some(peak)) => {
             let grown = peak - before;
-            report.single(&format!("memory of {worlds} worlds of dynamics"), grown, "MiB", [grown, grown])
+            let what = format!("memory of {worlds} world{} of dynamics", if worlds == 1 { "" } else { "s" });
+            report.single(&what, grown, "MiB", [grown, grown])
         }
         _ => {
             report.warn("memory: this system does not say how much a process uses (no /proc/self/status)");
