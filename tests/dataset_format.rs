@@ -10,7 +10,7 @@ use propwash::dataset::{
     FlightRecord, FrameInput, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview,
     Quarantine, Reference, SceneRecord, StateRow, VehicleRecord, View, Writer, status,
 };
-use propwash::sense::Caster;
+use propwash::sense::{Caster, Collider};
 use rayon::prelude::*;
 
 const W: usize = 7;
@@ -58,6 +58,7 @@ fn manifest() -> Manifest {
             clearance_max_m: 5.0,
             contact_every_steps: 1,
             swept: true,
+            collider: Some(Collider::Native),
             trajectory: serde_json::json!({"kind": "circle", "radius_m": 0.1 + 0.2}),
         },
         cameras: vec![camera.clone(), camera],
@@ -534,26 +535,30 @@ fn foreign_folders_and_formats_are_refused_and_left_alone() {
     }
 }
 
-/// Data sets of versions that did not say who cast their rays are read, and not taken for ones that do.
+/// Data sets of versions that did not say who cast their rays and found their contacts are read, and not taken for ones that do.
 #[test]
-fn a_manifest_names_its_caster_and_older_ones_without_it_are_read() {
+fn a_manifest_names_its_caster_and_collider_and_older_ones_without_them_are_read() {
     let dir = tempfile::tempdir().unwrap();
     drop(dataset::create_or_resume(dir.path(), &manifest()).unwrap());
     let path = dir.path().join("manifest.json");
     let text = fs::read_to_string(&path).unwrap();
     assert_eq!(text.matches("\"caster\": \"native\"").count(), 2, "{text}");
-    let older: String = text.lines().filter(|l| !l.contains("\"caster\"")).flat_map(|l| [l, "\n"]).collect();
+    assert_eq!(text.matches("\"collider\": \"native\"").count(), 1, "{text}");
+    let unsaid = |l: &&str| !l.contains("\"caster\"") && !l.contains("\"collider\"");
+    let older: String = text.lines().filter(unsaid).flat_map(|l| [l, "\n"]).collect();
     fs::write(&path, &older).unwrap();
     let data = Dataset::open(dir.path()).unwrap();
     assert!(data.manifest().cameras.iter().all(|c| c.caster.is_none()));
     let mut unsaid = manifest();
+    assert!(data.manifest().flight.collider.is_none());
+    unsaid.flight.collider = None;
     for camera in &mut unsaid.cameras {
         camera.caster = None;
     }
     assert_eq!(data.manifest(), &unsaid);
     assert_eq!(unsaid.to_json().unwrap(), older, "it is written as it was");
     let error = dataset::create_or_resume(dir.path(), &manifest()).map(|_| ()).unwrap_err().to_string();
-    assert!(error.contains("cameras[0].caster: the folder has nothing, asked for \"native\""), "{error}");
+    assert!(error.contains("the folder has nothing, asked for \"native\""), "{error}");
 }
 
 #[test]

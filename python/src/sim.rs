@@ -4,9 +4,9 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::PyArrayDyn;
 use propwash::math::quat;
-use propwash::physics::controllers::{COMMAND_WIDTH, ControlMode, Memory, Rates};
+use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::physics::integrate::Integrator;
-use propwash::physics::rigid_body::{MAX_ROTORS, State};
+use propwash::physics::rigid_body::State;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::rollout::randomize::Randomization;
 use propwash::rollout::{Engine, RotorStart, Sim, SimOptions};
@@ -223,7 +223,7 @@ impl PySim {
             };
             Ok((flight, sensing))
         })?;
-        let n_rotors = either!(&flight, sim => sim.n_rotors());
+        let n_rotors = either!(&flight, sim => sim.data.n_rotors);
         let n_obstacles = sensing.as_ref().map_or(0, Sensing::n_obstacles);
         let core = Core { flight, sensing, numbers: Vec::new(), told: 0 };
         let core = Arc::new(Mutex::new(core));
@@ -267,22 +267,25 @@ impl PySim {
         }
         either!(&mut core.flight, sim => {
             let data = &mut sim.data;
+            let rows = self.n_worlds * self.n_drones;
+            let (rotors, command) = ([data.n_rotors], [data.command_width]);
+            let memory = [data.controller_memory.len() / rows];
             let (numbers, tail): (&mut Vec<_>, &[usize]) = match name {
                 "pos" => (&mut data.pos, &[3]),
                 "quat" => (&mut data.quat, &[4]),
                 "vel" => (&mut data.vel, &[3]),
                 "ang_vel" => (&mut data.ang_vel, &[3]),
-                "rotor_vel" => (&mut data.rotor_vel, &[MAX_ROTORS]),
+                "rotor_vel" => (&mut data.rotor_vel, &rotors),
                 "thrust" => (&mut data.thrust, &[]),
-                "command" => (&mut data.command, &[COMMAND_WIDTH]),
-                "rotor_command" => (&mut data.rotor_command, &[MAX_ROTORS]),
+                "command" => (&mut data.command, &command),
+                "rotor_command" => (&mut data.rotor_command, &rotors),
                 "attitude_command" => (&mut data.attitude_command, &[4]),
                 "disturbance_force" => (&mut data.disturbance_force, &[3]),
                 "disturbance_torque" => (&mut data.disturbance_torque, &[3]),
                 "wind" => (&mut data.wind, &[3]),
                 "ground_z" => (&mut data.ground_z, &[]),
                 "ceiling_z" => (&mut data.ceiling_z, &[]),
-                "controller_memory" => (&mut data.controller_memory, &[Memory::<f64>::LEN]),
+                "controller_memory" => (&mut data.controller_memory, &memory),
                 "steps" | "episodes" => {
                     let counts = if name == "steps" { &mut data.steps } else { &mut data.episodes };
                     // SAFETY: as below.
@@ -418,7 +421,7 @@ impl PySim {
     #[allow(clippy::type_complexity)]
     fn quarantine(&self) -> PyResult<Vec<(usize, usize, u64, String, Option<String>, String)>> {
         let core = self.core()?;
-        let told = |(w, q): (usize, &Option<Quarantine>)| {
+        let told = |(w, q): (usize, &Option<Box<Quarantine>>)| {
             let q = q.as_ref()?;
             Some((w, q.drone, q.step, q.quantity.clone(), q.stage.clone(), q.to_string()))
         };

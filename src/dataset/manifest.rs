@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::depth_png;
 use super::error::{DatasetError, Result};
 use super::table::{Column, clearance_columns, contact_columns, state_columns};
-use crate::sense::Caster;
+use crate::sense::{Caster, Collider};
 
 /// Name of the format, `format` in the manifest.
 pub const FORMAT: &str = "propwash-dataset";
@@ -102,6 +102,9 @@ pub struct FlightRecord {
     pub contact_every_steps: u32,
     /// The path between two steps is checked too, so that thin walls are not tunnelled through.
     pub swept: bool,
+    /// Who found contacts and clearances; none in data sets of versions that did not say it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub collider: Option<Collider>,
     /// Trajectory and its parameters.
     pub trajectory: Value,
 }

@@ -19,7 +19,7 @@ use crate::rollout::trajectory::{Spline, Trajectory};
 use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
 use crate::scene::{MAX_COORDINATE_M, ObstacleInfo, Pose, Scene, Worker, WorkerPool};
 use crate::sense::contact::MAX_PER_PAIR;
-use crate::sense::{self, Camera, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
+use crate::sense::{self, Camera, Collider, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use serde_json::json;
@@ -339,6 +339,7 @@ impl Flight {
                 clearance_max_m: self.clearance_max_m,
                 contact_every_steps: 1,
                 swept: true,
+                collider: Some(Collider::default()),
                 trajectory: {
                     let mut record = self.course.record();
                     record["randomization"] = json!(self.randomization);

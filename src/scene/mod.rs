@@ -5,6 +5,7 @@
 
 mod error;
 pub mod generate;
+mod kinematics;
 pub mod lint;
 mod model;
 mod pair;

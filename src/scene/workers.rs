@@ -12,6 +12,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::{MjModel, MjSpec};
 
+use super::kinematics::Moved;
 use super::model::{self, ObstacleKind};
 use super::sync;
 use super::{GeomType, Pose, Scene, SceneError};
@@ -165,6 +166,8 @@ pub struct Worker {
     guard: Guard,
     pub(super) data: *mut ffi::mjData,
     fresh: bool,
+    /// What was set since the last update.
+    pub(super) moved: Moved,
     /// Changes whenever bodies or geoms are placed anew.
     version: u64,
     collided: bool,
@@ -227,12 +230,14 @@ impl Worker {
             guard,
             data,
             fresh: false,
+            moved: Moved::default(),
             version: 0,
             collided: false,
             poisoned: None,
             drone_poses: vec![Pose::default(); scene.n_drones()],
             scratch: RayScratch::default(),
         };
+        worker.moved = Moved::new(&worker);
         for drone in 0..scene.n_drones() {
             worker.set_drone(drone, [0.0; 3], [0.0, 0.0, 0.0, 1.0])?;
         }
@@ -260,7 +265,7 @@ impl Worker {
         self.scene.0.model.ffi()
     }
 
-    fn alive(&self) -> Result<(), SceneError> {
+    pub(super) fn alive(&self) -> Result<(), SceneError> {
         match &self.poisoned {
             None => Ok(()),
             Some(message) => Err(SceneError::Poisoned { message: message.clone() }),
@@ -285,6 +290,7 @@ impl Worker {
         let Err(message) = (unsafe { self.guard.run(work) }) else { return Ok(()) };
         self.fresh = false;
         self.collided = false;
+        self.moved.everything();
         let remedy = if message.contains("mj_stackAlloc") || message.contains("memory") {
             "; give the scene more memory: <size memory=\"64M\"/>"
         } else {
@@ -330,6 +336,7 @@ impl Worker {
         let pose = sync::checked(|| format!("drone {drone}"), pos_m, quat_xyzw)?;
         self.write_qpos(address, &pose);
         self.drone_poses[drone] = pose;
+        self.moved.drone(drone);
         Ok(())
     }
 
@@ -390,38 +397,15 @@ impl Worker {
                 self.collided = false;
             }
         }
+        self.moved.obstacle(self.drone_poses.len(), index);
         Ok(())
     }
 
-    /// Computes where all bodies, geoms and cameras are. Hinges and slides keep their reference position.
-    ///
-    /// # Errors
-    /// [`SceneError::Engine`], [`SceneError::Poisoned`].
-    pub fn update(&mut self) -> Result<(), SceneError> {
-        self.alive()?;
-        let m = self.m();
-        let d = self.data;
-        let (cameras, com) = (!self.scene.0.cameras.is_empty(), self.scene.0.needs_com);
-        let flex = self.scene.0.n_flex > 0;
-        // SAFETY: model and data belong together; the closure only calls MuJoCo.
-        unsafe {
-            self.engine("mj_kinematics", || {
-                ffi::mj_kinematics(m, d);
-                if com {
-                    ffi::mj_comPos(m, d);
-                }
-                if cameras {
-                    ffi::mj_camlight(m, d);
-                }
-                if flex {
-                    ffi::mj_flex(m, d);
-                }
-            })?;
-        }
+    /// Notes that everything stands where its pose says.
+    pub(super) fn placed(&mut self) {
         self.fresh = true;
         self.version += 1;
         self.collided = false;
-        Ok(())
     }
 
     /// Number of the poses that [`Worker::update`] last placed; never 0.
@@ -728,6 +712,8 @@ impl Worker {
                 what: format!("drone {drone} has {} geoms, got places of {}", geoms.len(), places.len()),
             });
         }
+        // The next update places it where its own pose says.
+        self.moved.drone(drone);
         let r = crate::math::quat::matrix(pose.quat_xyzw);
         for (&geom, (local, turned)) in geoms.iter().zip(places) {
             let mut x = pose.pos_m;
