@@ -115,7 +115,8 @@ pub fn test_environment() -> Result<PathBuf> {
 /// Builds the Python package in the dev profile, whose libraries the Rust tests use too, and puts it together in a folder for
 /// the search path of Python, which is returned. `pip install .` would compile everything again for release.
 pub fn package(target: &Path) -> Result<PathBuf> {
-    run::check(run::cargo().args(["build", "--workspace"]))?;
+    // With tests, so that features of development dependencies are those of `cargo test` and nothing is compiled twice.
+    run::check(run::cargo().args(["build", "--workspace", "--lib", "--tests"]))?;
     let (from, folder) = (run::root().join("python/propwash"), target.join("python"));
     let to = folder.join("propwash");
     let at = |path: &Path| format!("{}: the Python package cannot be put together there", path.display());
