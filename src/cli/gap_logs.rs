@@ -1,12 +1,10 @@
 //! Flags that every command takes which holds a vehicle against flights, and what they make.
 
 use super::cmd::drones;
-use crate::flight::{FlightLog, Severity};
-use crate::gap::{Drive, Options, Track};
+use crate::gap::{Drive, Options, Track, fitted};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
 use clap::{Args, ValueEnum};
-use rayon::prelude::*;
 use std::path::PathBuf;
 
 /// What drives the model.
@@ -91,7 +89,7 @@ impl ReadingArgs {
     /// what else the checker says goes into the warnings of its track.
     ///
     /// # Errors
-    /// Those of vehicle files, of [`FlightLog::open`] and of [`Track::new`]; [`Error::Usage`] for a ceiling that is not
+    /// Those of vehicle files and of [`fitted::read`]; [`Error::Usage`] for a ceiling that is not
     /// above the ground or a log that is named twice.
     pub fn open(&self, logs: &[PathBuf]) -> Result<(Vehicle, Vec<Track>)> {
         let ground = self.ground_z.unwrap_or(0.0);
@@ -117,23 +115,7 @@ impl ReadingArgs {
             neighbours: (!self.neighbour.is_empty()).then(|| self.neighbour.clone()),
             load: self.load.clone(),
         };
-        let tracks = logs
-            .par_iter()
-            .map(|path| {
-                let (log, report) = FlightLog::open(path, self.mapping.as_deref())?;
-                let found = report.findings.iter().filter(|f| f.severity == Severity::Warning);
-                let mut said: Vec<String> = log.warnings.clone();
-                for text in found.map(|f| f.text.clone()) {
-                    if !said.contains(&text) {
-                        said.push(text);
-                    }
-                }
-                let mut track = Track::new(log, &vehicle, &options)?;
-                said.append(&mut track.warnings);
-                track.warnings = said;
-                Ok(track)
-            })
-            .collect::<Result<Vec<_>>>()?;
+        let tracks = fitted::read(logs, self.mapping.as_deref(), &vehicle, &options)?;
         Ok((vehicle, tracks))
     }
 }

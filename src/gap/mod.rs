@@ -11,6 +11,7 @@ pub(crate) mod disturbance;
 mod error;
 pub mod excite;
 mod fit;
+pub mod fitted;
 pub(crate) mod free_form;
 pub mod ladder;
 mod limits;

@@ -1,6 +1,6 @@
 //! `propwash add`: fitted effects into a vehicle file.
 
-use super::diagnose::{Fitted, fit, json_error, open, refuse_log};
+use super::diagnose::{fit, json_error, open, refuse_log};
 use super::vehicle::{save, text_of};
 use super::{drones, io_error, print, print_json, report};
 use crate::cli::exit::Outcome;
@@ -9,6 +9,8 @@ use crate::gap::GapError;
 use crate::gap::accept::{self, Source, today_utc};
 use crate::gap::complete::{Completion, Entry, note};
 use crate::gap::diagnose::Settings;
+use crate::gap::fitted::Fitted;
+use crate::gap::report::Report;
 use crate::gap::verdict::{Calibration, HorizonError, ParameterFit, Rung};
 use crate::physics::effects::Area;
 use crate::{Error, Result};
@@ -55,7 +57,9 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
         completion.add(&Entry::of(f))?;
     }
     if let Some(path) = &args.report {
-        report::of_diagnosis(path, verdict, &flights, &vehicle, steps.rungs.last().map(|(_, v)| v))?;
+        let after = steps.rungs.last().map(|(_, v)| v);
+        let page = Report::of_diagnosis(verdict, &flights, &vehicle, after)?;
+        report::write(path, page.html().as_bytes())?;
     }
     accept_and_say(args, &steps.text)?;
     if args.json {

@@ -4,6 +4,7 @@ use super::{print, print_json, report};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::CompareArgs;
 use crate::gap::compare::{Axes, Comparison, Horizon, LogComparison, Pooled};
+use crate::gap::report::Report;
 use crate::gap::{GapError, compare};
 use crate::{Error, Result};
 
@@ -12,7 +13,8 @@ pub fn run(args: &CompareArgs) -> Result<Outcome> {
     let (vehicle, tracks) = args.logs.open()?;
     let comparison = compare(&tracks, &vehicle)?;
     if let Some(path) = &args.report {
-        report::of_comparison(path, &comparison, &tracks, &vehicle)?;
+        let page = Report::with_flights(&comparison, &tracks, &vehicle)?;
+        report::write(path, page.html().as_bytes())?;
     }
     if args.json {
         print_json(

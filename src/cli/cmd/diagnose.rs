@@ -5,11 +5,10 @@ use super::{print, print_json, report};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::{DiagnoseArgs, HeldOutArgs};
 use crate::cli::gap_logs::ReadingArgs;
-use crate::gap::accept::{Source, today_utc};
-use crate::gap::complete::{Steps, steps};
-use crate::gap::diagnose::{Diagnosed, Settings, diagnose};
+use crate::gap::diagnose::Settings;
+use crate::gap::fitted::{self, Filed, Fitted};
 use crate::gap::ladder::Flights;
-use crate::gap::report::{ladder_png, text};
+use crate::gap::report::{Report, ladder_png, text};
 use crate::gap::{Diagnosis, GapError, compare};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -35,7 +34,8 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         report::write(path, &ladder_png(verdict)?)?;
     }
     if let Some(path) = &args.report {
-        report::of_diagnosis(path, verdict, &flights, &vehicle, fitted.after())?;
+        let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
+        report::write(path, page.html().as_bytes())?;
     }
     if args.json {
         print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
@@ -89,21 +89,6 @@ pub fn open(reading: &ReadingArgs, logs: &[PathBuf], held_out: &HeldOutArgs) -> 
     Ok((vehicle, flights))
 }
 
-/// A diagnosis with the vehicles that follow from it.
-pub struct Fitted {
-    /// With its ladder.
-    pub diagnosed: Diagnosed,
-    /// Vehicles and texts.
-    pub steps: Steps,
-}
-
-impl Fitted {
-    /// The vehicle with all that was found, where that changes it.
-    pub fn after(&self) -> Option<&Vehicle> {
-        self.steps.rungs[1..].last().map(|(_, vehicle)| vehicle)
-    }
-}
-
 /// Diagnoses flights and completes the vehicle, with a bar on a terminal. `name` is the vehicle as it was asked for,
 /// `command` names the command in the file's sources.
 pub fn fit(
@@ -121,43 +106,8 @@ pub fn fit(
         bar.set_position(done as u64);
     };
     let settings = Settings { progress: Some(&progress), ..settings };
-    let result = diagnose(&flights.fit, vehicle, &settings);
+    let filed = Filed { label: name, vehicle, text: text_of(name)? };
+    let result = fitted::fit(filed, flights, &settings, &format!("propwash {command}"), calibrate);
     bar.finish_and_clear();
-    let mut diagnosed = result?;
-    let verdict = &mut diagnosed.verdict;
-    verdict.logs = flights.summaries();
-    let held: Vec<String> = flights
-        .whole
-        .iter()
-        .zip(&flights.cut_s)
-        .map(|(t, cut)| match cut {
-            Some(cut) => format!("{} to {cut:.1} s", t.name),
-            None => t.name.clone(),
-        })
-        .collect();
-    let mut log_sha256: Vec<String> = flights.whole.iter().map(|t| t.log.sha256.clone()).collect();
-    log_sha256.dedup();
-    let source = Source {
-        log_sha256,
-        date: today_utc(),
-        text: format!(
-            "propwash {command} on {}, driven by {}",
-            held.join(", "),
-            flights.whole.first().map_or("nothing", |t| t.drive.title())
-        ),
-    };
-    let mut complete = verdict.clone();
-    if !calibrate {
-        complete.adjusted.clear();
-    }
-    let mut steps = steps(&complete, vehicle, text_of(name)?, name, source)?;
-    // A rung whose roll-outs run away is no rung; the others stand.
-    match flights.ladder(&steps.rungs) {
-        Ok(ladder) => verdict.ladder = ladder,
-        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
-    }
-    verdict.warnings.extend(flights.warnings.iter().cloned());
-    verdict.warnings.append(&mut steps.remarks.clone());
-    steps.remarks.dedup();
-    Ok(Fitted { diagnosed, steps })
+    result
 }

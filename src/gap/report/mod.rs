@@ -7,6 +7,7 @@ mod html;
 mod ladder_png;
 mod page_compare;
 mod page_data;
+mod pages;
 mod quantity;
 mod text;
 
