@@ -9,6 +9,7 @@ from ._mujoco import load_library as _load_library
 _load_library()
 
 from ._native import Error, RestOnGround, Vehicle, __version__, load_plugin_library, mujoco_version, vehicles  # noqa: E402
+from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
 from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, Sim  # noqa: E402
@@ -17,23 +18,33 @@ __all__ = [
     "Body",
     "Camera",
     "Clearance",
+    "Comparison",
     "Contacts",
     "Data",
     "DepthFrame",
+    "Diagnosis",
     "Error",
+    "Finding",
     "Geom",
+    "LogComparison",
     "Obstacle",
+    "Parameter",
     "Pipeline",
     "PixelStatus",
     "Quarantine",
     "QuarantineWarning",
+    "Report",
     "RestOnGround",
+    "Rung",
     "SceneCamera",
     "SceneInfo",
     "SceneWarning",
     "Sim",
     "Vehicle",
     "__version__",
+    "add",
+    "compare",
+    "diagnose",
     "load_plugin_library",
     "mujoco_version",
     "vehicles",

@@ -4,6 +4,7 @@
 mod arrays;
 mod camera;
 mod errors;
+mod gap;
 mod sense;
 mod sim;
 mod stages;
@@ -35,6 +36,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<sim::PySim>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
+    m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
+    m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(load_plugin_library, m)?)?;
     m.add_function(wrap_pyfunction!(mujoco_version, m)?)?;
     Ok(())

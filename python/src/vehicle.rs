@@ -18,6 +18,8 @@ use crate::errors::OrRaise;
 #[derive(Clone)]
 pub struct PyVehicle {
     pub vehicle: Vehicle,
+    /// Text of its file, with comments.
+    pub text: String,
 }
 
 #[pymethods]
@@ -27,15 +29,19 @@ impl PyVehicle {
         let name = source.to_string_lossy();
         // A file goes before a name, as on the command line.
         let is_path = source.is_file() || source.extension().is_some() || source.components().count() > 1;
-        let vehicle = if is_path { Vehicle::load(&source) } else { Vehicle::builtin(&name) };
-        Ok(Self { vehicle: vehicle.or_raise()? })
+        if !is_path {
+            let vehicle = Vehicle::builtin(&name).or_raise()?;
+            return Ok(Self { vehicle, text: Vehicle::builtin_file(&name).or_raise()?.into() });
+        }
+        let vehicle = Vehicle::load(&source).or_raise()?;
+        Ok(Self { vehicle, text: std::fs::read_to_string(&source)? })
     }
 
     /// A vehicle from the text of a vehicle file.
     #[staticmethod]
     #[pyo3(signature = (text, name = "vehicle"))]
     fn from_toml(text: &str, name: &str) -> PyResult<Self> {
-        Ok(Self { vehicle: Vehicle::from_toml(name, text).or_raise()? })
+        Ok(Self { vehicle: Vehicle::from_toml(name, text).or_raise()?, text: text.into() })
     }
 
     /// Name: that of the built-in vehicle, or the file name without its ending.
@@ -99,13 +105,19 @@ impl PyVehicle {
 
     /// The same vehicle with further effects, written as in a vehicle file: the text of `[[effect]]` tables.
     fn with_effects(&self, text: &str) -> PyResult<Self> {
-        let whole = format!("{}\n{text}\n", self.vehicle.to_toml());
-        let mut vehicle = Vehicle::from_toml(&self.vehicle.name, &whole).or_raise()?;
+        let text = format!("{}\n{text}\n", self.text);
+        let mut vehicle = Vehicle::from_toml(&self.vehicle.name, &text).or_raise()?;
         // Relative shells start at the file that this vehicle was read from.
         if let Some(shell) = self.vehicle.shell_path() {
             vehicle.shell = std::path::absolute(shell)?.to_string_lossy().into_owned();
         }
-        Ok(Self { vehicle })
+        Ok(Self { vehicle, text })
+    }
+
+    /// Text of its file, with comments.
+    #[getter]
+    fn text(&self) -> &str {
+        &self.text
     }
 
     /// The file as TOML that reads back equal; comments are not kept.

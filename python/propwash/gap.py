@@ -1,0 +1,447 @@
+"""Models against flights: where a vehicle's model fails, which physics it lacks, and the vehicle with that added."""
+
+from __future__ import annotations
+
+import hashlib
+import html
+import json
+import os
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Iterable, Mapping, Sequence, Union
+
+import numpy as np
+
+from . import _native
+from ._native import Vehicle
+
+if TYPE_CHECKING:
+    import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
+
+LogLike = Union[str, "os.PathLike[str]", "pandas.DataFrame", Mapping[str, Any]]
+"""A flight: a path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md)."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """One page for people: an HTML file that needs no other and no network."""
+
+    html: str = field(repr=False)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the page."""
+        Path(path).write_text(self.html, encoding="utf-8")
+
+    def show(self, height: int = 800) -> Any:
+        """Shows the page in a notebook; elsewhere in a browser. ``height`` in pixels."""
+        # A notebook has IPython loaded already; a program that has not needs none.
+        loaded = sys.modules.get("IPython")
+        if loaded is None or loaded.get_ipython() is None:
+            return self._open()
+        display = import_module("IPython.display")
+        return display.display(display.HTML(self._frame(height)))
+
+    def _open(self) -> None:
+        import webbrowser
+
+        name = hashlib.sha256(self.html.encode()).hexdigest()[:16]
+        path = Path(tempfile.gettempdir()) / f"propwash-{name}.html"
+        self.save(path)
+        webbrowser.open(path.as_uri())
+
+    def _frame(self, height: int) -> str:
+        # A frame of its own keeps the page's styles and scripts from those of the notebook.
+        page = html.escape(self.html, quote=True)
+        return f'<iframe srcdoc="{page}" width="100%" height="{int(height)}" style="border:0"></iframe>'
+
+    def _repr_html_(self) -> str:
+        return self._frame(800)
+
+
+@dataclass(frozen=True)
+class HorizonError:
+    """Root-mean-square error of roll-outs of one length from measured states, at their end."""
+
+    horizon_s: float
+    position_m: float
+    velocity_m_s: float
+    attitude_rad: float
+    rate_rad_s: float
+    n: int
+    """Roll-outs."""
+
+
+@dataclass(frozen=True)
+class LogComparison:
+    """One flight against the model."""
+
+    name: str
+    sha256: str
+    duration_s: float
+    drive: str
+    """What drove the model."""
+    agrees: bool
+    verdict: str
+    warnings: tuple[str, ...]
+    findings: tuple[str, ...]
+    """What the residuals go with, most telling first."""
+    horizons: tuple[HorizonError, ...]
+    worst_times_noise: float
+    """Largest error over what the sensors' noise makes."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything else, as the JSON of ``propwash compare --json``."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A model against flights."""
+
+    vehicle: str
+    agrees: bool
+    """Whether the model agrees with every flight to the noise of the sensors."""
+    verdict: str
+    """One sentence."""
+    logs: tuple[LogComparison, ...]
+    report: Report
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Errors of roll-outs, one row for each log and horizon, SI."""
+        return _frame([{"log": log.name, **vars(h)} for log in self.logs for h in log.horizons])
+
+    def _repr_html_(self) -> str:
+        return self.report._repr_html_()
+
+    def __str__(self) -> str:
+        return f"{self.vehicle}: {self.verdict}"
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of an effect as it was fitted, SI."""
+
+    name: str
+    unit: str
+    filed: float
+    """Value in the vehicle file, or the effect's default."""
+    value: float
+    sigma: float
+    """Standard deviation of ``value``."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A missing effect."""
+
+    id: str
+    kind: str
+    title: str
+    """In plain words."""
+    parameters: tuple[Parameter, ...]
+    evidence_nats: float
+    removed_share: float
+    """Share of the excess error that it removes on flight that the fit has not seen."""
+    certain: bool
+    """Whether no other effect explains the flights about as well."""
+    look_alikes: tuple[tuple[str, ...], ...]
+    """Effects that the flights cannot tell from it."""
+
+
+@dataclass(frozen=True)
+class Rung:
+    """The model with the first effects that were found: one step of the error ladder."""
+
+    label: str
+    training: tuple[HorizonError, ...]
+    """On the flights of the fit."""
+    held_out: tuple[HorizonError, ...]
+    """On flight that the fit has not seen."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Which physics a vehicle's model lacks."""
+
+    vehicle: str
+    verdict: str
+    """One sentence."""
+    findings: tuple[Finding, ...]
+    """Missing effects, most important first; empty where nothing is missing."""
+    unexplained: bool
+    """Whether something is missing that is in no list."""
+    ladder: tuple[Rung, ...]
+    next_flight: tuple[str, ...]
+    """Manoeuvres to fly next, most wanted first."""
+    warnings: tuple[str, ...]
+    undetermined: Mapping[str, str]
+    """Effects that the flights do not determine, and what to fly for them."""
+    text: str = field(repr=False)
+    """All of it in words."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash diagnose --json`` prints it."""
+    report: Report = field(repr=False)
+    ladder_png: bytes | None = field(repr=False)
+    """Picture of the ladder."""
+    completed: Vehicle | None
+    """The vehicle with everything that was found; None where nothing changes it."""
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The parameters that were found, one row for each, SI."""
+        rows = [{"effect": f.id, **vars(p), "certain": f.certain} for f in self.findings for p in f.parameters]
+        return _frame(rows)
+
+    def _repr_html_(self) -> str:
+        return self.report._repr_html_()
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def compare(
+    logs: LogLike | Sequence[LogLike],
+    vehicle: str | os.PathLike[str] | Vehicle,
+    *,
+    drive: str | None = None,
+    ground_z: float | None = None,
+    ceiling_z: float | None = None,
+    neighbours: Sequence[str] | None = None,
+    load: str | None = None,
+    mapping: str | os.PathLike[str] | None = None,
+) -> Comparison:
+    """Compares a vehicle's model with flights of it.
+
+    Args:
+        logs: One flight or several of one vehicle.
+        vehicle: Built-in name, path of a vehicle file, or a ``Vehicle``.
+        drive: What drives the model: ``"rotor_commands"``, ``"rotor_speeds"``, ``"attitude_commands"`` or ``"thrust"``; the first
+            that log and vehicle have where it is None.
+        ground_z, ceiling_z: Heights of ground (0 where None) and ceiling (none), m, world.
+        neighbours: Tracked objects that are other vehicles; all that are no loads where it is None.
+        load: Tracked object that hangs on a cable.
+        mapping: TOML file with names, units and frames of the logs; the one beside each log where it is None.
+
+    Raises:
+        ValueError: for a log that cannot be right or lacks what is needed; the message says what.
+    """
+    with _Logs(logs) as paths:
+        text, page = _native.gap_compare(
+            paths, _vehicle(vehicle), _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+        )
+    of = json.loads(text)
+    logs_ = tuple(
+        LogComparison(
+            **{k: log[k] for k in ("name", "sha256", "duration_s", "drive", "agrees", "verdict", "worst_times_noise")},
+            warnings=tuple(log["warnings"]),
+            findings=tuple(log["findings"]),
+            horizons=_horizons(h["error"] if "error" in h else h for h in log["horizons"]),
+            details=log,
+        )
+        for log in of["logs"]
+    )
+    return Comparison(of["vehicle"], of["agrees"], of["verdict"], logs_, Report(page))
+
+
+def diagnose(
+    logs: LogLike | Sequence[LogLike],
+    vehicle: str | os.PathLike[str] | Vehicle,
+    *,
+    held_out: LogLike | Sequence[LogLike] = (),
+    hold_out: float = 0.2,
+    candidates: Sequence[str] | None = None,
+    drive: str | None = None,
+    ground_z: float | None = None,
+    ceiling_z: float | None = None,
+    neighbours: Sequence[str] | None = None,
+    load: str | None = None,
+    mapping: str | os.PathLike[str] | None = None,
+) -> Diagnosis:
+    """Finds which effects of air, mass, drive and sensors a vehicle's model lacks.
+
+    Args:
+        logs, vehicle, drive, ground_z, ceiling_z, neighbours, load, mapping: As in ``compare``.
+        held_out: Flights that only check the result.
+        hold_out: Share of each log, its end, that only checks the result where there is no ``held_out``; 0 to 0.5.
+        candidates: Search among these effects only.
+
+    Raises:
+        ValueError: for a log that cannot be right or lacks what is needed.
+        KeyError: for an unknown candidate.
+    """
+    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, True)
+
+
+def add(
+    effects: str | Sequence[str],
+    logs: LogLike | Sequence[LogLike],
+    vehicle: str | os.PathLike[str] | Vehicle,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    force: bool = False,
+    effects_only: bool = False,
+    held_out: LogLike | Sequence[LogLike] = (),
+    hold_out: float = 0.2,
+    drive: str | None = None,
+    ground_z: float | None = None,
+    ceiling_z: float | None = None,
+    neighbours: Sequence[str] | None = None,
+    load: str | None = None,
+    mapping: str | os.PathLike[str] | None = None,
+) -> Diagnosis:
+    """Fits effects to flights and adds them to a vehicle: ``completed`` of what is returned, with values, standard deviations,
+    the logs' SHA-256 and the date.
+
+    Args:
+        effects: Names as ``diagnose`` gives them: ``"rotor_drag"``, ``"weak_rotor.2"``.
+        logs, vehicle, held_out, hold_out, drive, ground_z, ceiling_z, neighbours, load, mapping: As in ``diagnose``.
+        out: Vehicle file to write; none is written where it is None.
+        force: Replace the file ``out``, and take effects that the flights do not determine.
+        effects_only: Leave parameters within their tolerance as they are filed.
+
+    Raises:
+        ValueError: also for effects that the flights do not determine, with what to fly.
+        FileExistsError: where ``out`` exists, without ``force``.
+    """
+    names = [effects] if isinstance(effects, str) else list(effects)
+    if not names:
+        raise ValueError("effects: expected at least one name, such as 'rotor_drag', got none")
+    if out is not None and Path(out).exists() and not force:
+        raise FileExistsError(f"{os.fspath(out)} exists: give another name, or force=True to replace it")
+    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, not effects_only)
+    if made.undetermined and not force:
+        why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
+        raise ValueError(f"the flights do not show {why}; or force=True to take the values all the same")
+    if out is not None and made.completed is not None:
+        Path(out).write_text(made.completed.text, encoding="utf-8")
+    return made
+
+
+def _fit(
+    logs: Any,
+    vehicle: Any,
+    held_out: Any,
+    hold_out: float,
+    reading: dict[str, Any],
+    only: Sequence[str] | None,
+    given: list[str] | None,
+    calibrate: bool,
+) -> Diagnosis:
+    if not 0.0 <= hold_out <= 0.5:
+        raise ValueError(f"hold_out: expected a share from 0 to 0.5, got {hold_out}")
+    of_vehicle = _vehicle(vehicle)
+    with _Logs(logs) as paths, _Logs(held_out) as unseen:
+        both = [p for p in unseen if p in paths]
+        if both:
+            raise ValueError(f"held_out: expected flights that the fit does not see, got {both[0]}, which is one of the logs")
+        text, words, page, picture, changed, undetermined = _native.gap_diagnose(
+            paths, unseen, float(hold_out), of_vehicle, reading, None if only is None else list(only), given, calibrate
+        )
+    of = json.loads(text)
+    next_flight: list[str] = []
+    for name in (m for a in of["advice"] for m in a["manoeuvres"]):
+        if name not in next_flight:
+            next_flight.append(name)
+    return Diagnosis(
+        vehicle=of["vehicle"],
+        verdict=of["verdict"],
+        findings=tuple(
+            Finding(
+                **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
+                parameters=tuple(Parameter(**p) for p in f["parameters"]),
+                look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
+            )
+            for f in of["findings"]
+        ),
+        unexplained=of["remainder"]["unexplained"],
+        ladder=tuple(Rung(r["label"], _horizons(r["training"]), _horizons(r["held_out"])) for r in of["ladder"]),
+        next_flight=tuple(next_flight),
+        warnings=tuple(of["warnings"]),
+        undetermined=dict(undetermined),
+        text=words,
+        details=of,
+        report=Report(page),
+        ladder_png=picture,
+        completed=None if changed is None else Vehicle.from_toml(changed, of_vehicle.name),
+    )
+
+
+def _horizons(rows: Iterable[Mapping[str, Any]]) -> tuple[HorizonError, ...]:
+    return tuple(HorizonError(**row) for row in rows)
+
+
+def _frame(rows: list[dict[str, Any]]) -> pandas.DataFrame:
+    try:
+        library = import_module("pandas")
+    except ImportError:
+        raise ImportError("tables need pandas: run `pip install pandas`") from None
+    return library.DataFrame(rows)
+
+
+def _vehicle(value: str | os.PathLike[str] | Vehicle) -> Vehicle:
+    return value if isinstance(value, Vehicle) else Vehicle(value)
+
+
+def _reading(
+    drive: str | None,
+    ground_z: float | None,
+    ceiling_z: float | None,
+    neighbours: Sequence[str] | None,
+    load: str | None,
+    mapping: str | os.PathLike[str] | None,
+) -> dict[str, Any]:
+    heights = {"ground_z": ground_z, "ceiling_z": ceiling_z}
+    for name, z in heights.items():
+        if z is not None and not np.isfinite(z):
+            raise ValueError(f"{name}: expected a finite height in metres, got {z}")
+    return {
+        "drive": drive,
+        **heights,
+        "neighbours": None if neighbours is None else list(neighbours),
+        "load": load,
+        "mapping": mapping,
+    }
+
+
+class _Logs:
+    """Paths of flights; tables are written to files for as long as they are needed."""
+
+    def __init__(self, logs: Any) -> None:
+        self._logs = list(logs) if isinstance(logs, (list, tuple)) else [logs]
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+
+    def __enter__(self) -> list[str]:
+        paths = [self._path(k, log) for k, log in enumerate(self._logs)]
+        twice = [p for k, p in enumerate(paths) if p in paths[:k]]
+        if twice:
+            self.__exit__()
+            raise ValueError(f"logs: expected each log once, got {twice[0]} twice")
+        return paths
+
+    def __exit__(self, *_: object) -> None:
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def _path(self, number: int, log: Any) -> str:
+        if isinstance(log, (str, os.PathLike)):
+            return os.fsdecode(log)
+        if hasattr(log, "to_csv") and hasattr(log, "columns"):
+            columns = {str(name): log[name].to_numpy() for name in log.columns}
+        elif isinstance(log, Mapping):
+            columns = {str(name): np.asarray(values) for name, values in log.items()}
+        else:
+            raise TypeError(f"logs: expected a path, a pandas table or arrays by name, got {type(log).__name__}")
+        lengths = {name: len(values) for name, values in columns.items()}
+        if len(set(lengths.values())) != 1:
+            raise ValueError(f"logs: expected columns of one length, got {lengths}")
+        if self._folder is None:
+            self._folder = tempfile.TemporaryDirectory(prefix="propwash-")
+        path = Path(self._folder.name) / f"log_{number}.csv"
+        with path.open("w", encoding="utf-8") as f:
+            f.write(",".join(columns) + "\n")
+            for row in zip(*columns.values()):
+                # An empty cell is "not measured"; repr() gives every bit back.
+                f.write(",".join("" if v is None or v != v else repr(float(v)) for v in row) + "\n")
+        return str(path)

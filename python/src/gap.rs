@@ -1,0 +1,161 @@
+//! Models against flights: `propwash.compare`, `propwash.diagnose`, `propwash.add`.
+
+use std::path::PathBuf;
+
+use propwash::gap::diagnose::Settings;
+use propwash::gap::fitted::{self, Filed};
+use propwash::gap::ladder::Flights;
+use propwash::gap::report::{Report, ladder_png, text};
+use propwash::gap::{Drive, Options, Track, compare};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::errors::{Error, IntoPython, OrRaise};
+use crate::vehicle::PyVehicle;
+
+/// How logs are read.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Reading {
+    drive: Option<String>,
+    ground_z: Option<f64>,
+    ceiling_z: Option<f64>,
+    neighbours: Option<Vec<String>>,
+    load: Option<String>,
+    mapping: Option<PathBuf>,
+}
+
+impl Reading {
+    fn read(&self, logs: &[PathBuf], vehicle: &PyVehicle) -> PyResult<Vec<Track>> {
+        let drive = match self.drive.as_deref() {
+            None => None,
+            Some("rotor_speeds") => Some(Drive::RotorSpeeds),
+            Some("rotor_commands") => Some(Drive::RotorCommands),
+            Some("attitude_commands") => Some(Drive::AttitudeCommands),
+            Some("thrust") => Some(Drive::Thrust),
+            Some(got) => {
+                return Err(PyValueError::new_err(format!(
+                    "drive: expected rotor_speeds, rotor_commands, attitude_commands or thrust, got {got:?}"
+                )));
+            }
+        };
+        let ground = self.ground_z.unwrap_or(0.0);
+        if let Some(ceiling) = self.ceiling_z.filter(|c| !(*c > ground)) {
+            return Err(PyValueError::new_err(format!(
+                "ceiling_z: expected a height above the ground at {ground} m, got {ceiling} m"
+            )));
+        }
+        let options = Options {
+            drive,
+            ground_z_m: self.ground_z,
+            ceiling_z_m: self.ceiling_z,
+            neighbours: self.neighbours.clone(),
+            load: self.load.clone(),
+        };
+        fitted::read(logs, self.mapping.as_deref(), &vehicle.vehicle, &options).or_raise()
+    }
+}
+
+fn json(value: &impl serde::Serialize) -> PyResult<String> {
+    serde_json::to_string(value).map_err(|e| Error::new_err(format!("JSON cannot be written: {e}")))
+}
+
+/// A comparison as JSON and as a page.
+#[pyfunction]
+pub fn gap_compare(
+    py: Python<'_>,
+    logs: Vec<PathBuf>,
+    vehicle: Py<PyVehicle>,
+    reading: Reading,
+) -> PyResult<(String, String)> {
+    let pool = crate::threads::pool(None)?;
+    let vehicle = vehicle.get();
+    py.detach(|| {
+        pool.install(|| {
+            let tracks = reading.read(&logs, vehicle)?;
+            let comparison = compare(&tracks, &vehicle.vehicle).or_raise()?;
+            let page = Report::with_flights(&comparison, &tracks, &vehicle.vehicle).or_raise()?;
+            Ok((json(&comparison)?, page.html()))
+        })
+    })
+}
+
+/// What `gap_diagnose` gives: the diagnosis as JSON, in words, as a page and as a picture of its ladder; the text of the completed
+/// vehicle file with its remarks, none where nothing was found; effects that the flights do not determine, with what to fly.
+type Diagnosed<'py> =
+    (String, String, String, Option<Bound<'py, PyBytes>>, Option<String>, Vec<(String, String)>);
+
+/// Diagnoses flights, or fits the effects that are given.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn gap_diagnose(
+    py: Python<'_>,
+    logs: Vec<PathBuf>,
+    held_out: Vec<PathBuf>,
+    hold_out: f64,
+    vehicle: Py<PyVehicle>,
+    reading: Reading,
+    only: Option<Vec<String>>,
+    given: Option<Vec<String>>,
+    calibrate: bool,
+) -> PyResult<Diagnosed<'_>> {
+    let pool = crate::threads::pool(None)?;
+    let of = vehicle.get();
+    let adding = given.is_some();
+    let (fitted, page, picture) = py.detach(|| {
+        pool.install(|| {
+            let (tracks, unseen) = (reading.read(&logs, of)?, reading.read(&held_out, of)?);
+            let flights = Flights::new(tracks, unseen, hold_out);
+            propwash::gap::compare::one_vehicle(&flights.all()).or_raise()?;
+            let settings = Settings { given, only, progress: None };
+            let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
+            let by = if adding { "propwash.add" } else { "propwash.diagnose" };
+            let fitted = fitted::fit(filed, &flights, &settings, by, calibrate).or_raise()?;
+            let verdict = &fitted.diagnosed.verdict;
+            let page = Report::of_diagnosis(verdict, &flights, &of.vehicle, fitted.after()).or_raise()?;
+            // A diagnosis without a ladder has no picture of one; its warnings say why.
+            let picture = match verdict.ladder.is_empty() {
+                true => None,
+                false => Some(ladder_png(verdict).or_raise()?),
+            };
+            Ok::<_, PyErr>((fitted, page.html(), picture))
+        })
+    })?;
+    let verdict = &fitted.diagnosed.verdict;
+    let changed = fitted.after().is_some().then(|| fitted.steps.text.clone());
+    let open = fitted.diagnosed.undetermined();
+    let open = open.into_iter().map(|u| (u.id, format!("{}; {}", u.found, u.manoeuvre))).collect();
+    Ok((json(verdict)?, text(verdict), page, picture.map(|p| PyBytes::new(py, &p)), changed, open))
+}
+
+impl IntoPython for propwash::Error {
+    fn into_python(self) -> PyErr {
+        use propwash::Error as E;
+        let words = self.to_string();
+        match self {
+            E::Vehicle(e) => e.into_python(),
+            E::Rollout(e) => e.into_python(),
+            E::Scene(e) => e.into_python(),
+            E::Sense(e) => e.into_python(),
+            E::Gap(e) => e.into_python(),
+            E::Io { .. } | E::Flight(propwash::flight::FlightError::Read { .. }) => {
+                pyo3::exceptions::PyOSError::new_err(words)
+            }
+            E::Usage { .. } | E::Flight(_) | E::Accept(_) | E::Generate(_) => PyValueError::new_err(words),
+            _ => Error::new_err(words),
+        }
+    }
+}
+
+impl IntoPython for propwash::gap::GapError {
+    fn into_python(self) -> PyErr {
+        use propwash::gap::GapError as G;
+        let words = self.to_string();
+        match self {
+            G::Unknown { .. } => pyo3::exceptions::PyKeyError::new_err(words),
+            G::Log { .. } | G::DifferentVehicles { .. } => PyValueError::new_err(words),
+            _ => Error::new_err(words),
+        }
+    }
+}

@@ -1,0 +1,132 @@
+"""propwash.compare, diagnose and add: a flight of a vehicle whose drag the model does not have."""
+
+import numpy as np
+import pytest
+
+import propwash
+
+HIDDEN = '[[effect]]\nkind = "quadratic_drag"\ndrag_n_s2_per_m2 = [0.02, 0.02, 0.03]\n'
+
+
+def flight(vehicle, seconds=12, seed=0):
+    """A flight along a figure of eight in the columns of docs/logs.md, at 250 Hz, with a little noise of the sensors."""
+    sim = propwash.Sim(drone=vehicle, precision="f64")
+    sim.set_initial(pos=[0.0, 0.0, 5.0])
+    sim.reset()
+    rng = np.random.default_rng(seed)
+    names = "t px py pz qx qy qz qw vx vy vz wx wy wz cmd_rotor1 cmd_rotor2 cmd_rotor3 cmd_rotor4".split()
+    rows = []
+    command = np.zeros((1, 1, 16))
+    command[..., 12] = 1.0
+    for step in range(500 * seconds):
+        t = step / 500.0
+        grown = min(t / 2.0, 1.0)
+        grown = grown * grown * (3.0 - 2.0 * grown)
+        command[0, 0, :3] = [1.5 * grown * np.sin(1.2 * t), 0.9 * grown * np.sin(2.0 * t), 5.0 + 0.3 * grown * np.sin(0.9 * t)]
+        command[0, 0, 3:6] = [1.8 * grown * np.cos(1.2 * t), 1.8 * grown * np.cos(2.0 * t), 0.27 * grown * np.cos(0.9 * t)]
+        sim.state_control(command)
+        d = sim.data
+        state = [*d.pos[0, 0], *d.quat[0, 0], *d.vel[0, 0], *d.ang_vel[0, 0]]
+        sim.step()
+        if step % 2 == 0:
+            noise = rng.normal(size=13) * ([5e-4] * 3 + [2e-4] * 4 + [2e-3] * 3 + [5e-3] * 3)
+            rows.append([t, *(np.array(state) + noise), *d.rotor_command[0, 0]])
+    table = np.array(rows)
+    assert 4.0 < table[:, 3].min() and table[:, 3].max() < 6.0, "it stays in the air"
+    table[:, 4:8] /= np.linalg.norm(table[:, 4:8], axis=1, keepdims=True)
+    return dict(zip(names, table.T))
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return flight(propwash.Vehicle("cf2x_L250").with_effects(HIDDEN))
+
+
+def test_a_comparison_tells_a_model_that_agrees_from_one_that_does_not(flown):
+    vehicle = propwash.Vehicle("cf2x_L250")
+    lacks, right = propwash.compare(flown, vehicle), propwash.compare(flown, vehicle.with_effects(HIDDEN))
+    assert not lacks.agrees and lacks.verdict and str(lacks).startswith("cf2x_L250")
+    log, better = lacks.logs[0], right.logs[0]
+    assert log.horizons[-1].horizon_s == 1.0 and log.horizons[-1].n > 10
+    assert better.horizons[-1].position_m < 0.3 * log.horizons[-1].position_m
+    assert better.worst_times_noise < log.worst_times_noise
+    page = lacks.report.html
+    assert page.startswith("<!") and "<iframe srcdoc=" in lacks._repr_html_() and len(page) > 10_000
+
+
+def test_a_diagnosis_names_what_is_missing_and_completes_the_vehicle(flown, tmp_path):
+    verdict = propwash.diagnose(flown, "cf2x_L250", candidates=["quadratic_drag", "wrong_mass", "payload"])
+    assert [f.id for f in verdict.findings] == ["quadratic_drag"], verdict.text
+    x = verdict.findings[0].parameters[0]
+    assert abs(x.value - 0.02) < 5 * x.sigma + 0.002 and x.sigma > 0.0, x
+    assert "quadratic_drag" in [kind for kind, _ in verdict.completed.effects()]
+    assert [r.label for r in verdict.ladder][:2] == ["as filed", "+ quadratic_drag"]
+    assert verdict.ladder[1].held_out[-1].position_m < verdict.ladder[0].held_out[-1].position_m
+    assert verdict.ladder_png[:4] == b"\x89PNG" and verdict.text == str(verdict)
+    verdict.report.save(tmp_path / "gap.html")
+    assert (tmp_path / "gap.html").read_text() == verdict.report.html
+    propwash.Sim(drone=verdict.completed).step()
+
+
+def test_an_effect_is_fitted_and_written(flown, tmp_path):
+    out = tmp_path / "better.toml"
+    added = propwash.add("quadratic_drag", flown, "cf2x_L250", out)
+    better = propwash.Vehicle(out)
+    assert dict(better.effects())["quadratic_drag"] == dict(added.completed.effects())["quadratic_drag"]
+    assert "source_log_sha256" in out.read_text() and "propwash.add" in out.read_text()
+    with pytest.raises(FileExistsError, match="force=True"):
+        propwash.add("quadratic_drag", flown, "cf2x_L250", out)
+
+
+def test_tables_come_and_go_as_pandas(flown):
+    pandas = pytest.importorskip("pandas")
+    table = pandas.DataFrame(flown)
+    errors = propwash.compare(table, "cf2x_L250").to_frame()
+    assert list(errors.columns) == [
+        "log", "horizon_s", "position_m", "velocity_m_s", "attitude_rad", "rate_rad_s", "n",
+    ]  # fmt: skip
+
+
+def test_reports_show_themselves_in_a_notebook_and_elsewhere_in_a_browser(monkeypatch):
+    import sys
+    import types
+    import webbrowser
+
+    report = propwash.Report("<!doctype html><p>a < b & \"c\"</p>")
+    opened, shown = [], []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.delitem(sys.modules, "IPython", raising=False)
+    report.show()
+    assert len(opened) == 1 and opened[0].startswith("file://")
+    notebook = types.ModuleType("IPython")
+    notebook.get_ipython = lambda: object()
+    notebook.display = types.ModuleType("IPython.display")
+    notebook.display.HTML, notebook.display.display = str, shown.append
+    monkeypatch.setitem(sys.modules, "IPython", notebook)
+    monkeypatch.setitem(sys.modules, "IPython.display", notebook.display)
+    report.show(height=300)
+    assert len(opened) == 1 and 'height="300"' in shown[0] and "&lt;p&gt;a &lt; b &amp;" in shown[0]
+
+
+def test_what_makes_no_sense_is_refused(flown, tmp_path):
+    def refused(kind, words, call):
+        with pytest.raises(kind) as caught:
+            call()
+        assert all(w in str(caught.value) for w in words), caught.value
+
+    short = {name: values[:20] for name, values in flown.items()}
+    no_commands = {name: values for name, values in flown.items() if not name.startswith("cmd")}
+    uneven = {**flown, "px": flown["px"][:-1]}
+    refused(OSError, ["no/log.csv"], lambda: propwash.compare("no/log.csv", "cf2x_L250"))
+    refused(TypeError, ["logs", "int"], lambda: propwash.compare(5, "cf2x_L250"))
+    refused(ValueError, ["expected"], lambda: propwash.compare(short, "cf2x_L250"))
+    refused(ValueError, ["expected"], lambda: propwash.compare(no_commands, "cf2x_L250"))
+    refused(ValueError, ["one length"], lambda: propwash.compare(uneven, "cf2x_L250"))
+    refused(ValueError, ["drive", "stick"], lambda: propwash.compare(flown, "cf2x_L250", drive="stick"))
+    refused(ValueError, ["ceiling_z", "-1"], lambda: propwash.compare(flown, "cf2x_L250", ceiling_z=-1.0))
+    refused(ValueError, ["hold_out", "0.9"], lambda: propwash.diagnose(flown, "cf2x_L250", hold_out=0.9))
+    refused(KeyError, ["witchcraft"], lambda: propwash.diagnose(flown, "cf2x_L250", candidates=["witchcraft"]))
+    refused(ValueError, ["at least one"], lambda: propwash.add([], flown, "cf2x_L250"))
+    path = tmp_path / "a.csv"
+    path.write_text("t,px\n0.0,1.0\n")
+    refused(ValueError, ["each log once"], lambda: propwash.compare([path, path], "cf2x_L250"))
