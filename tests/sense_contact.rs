@@ -6,7 +6,9 @@ mod scenes;
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker};
-use propwash::sense::{Collider, Contact, SenseError, TOUCH_M, clearance, contacts, contacts_by, swept};
+use propwash::sense::{
+    Collider, Contact, SenseError, TOUCH_M, clearance, contacts, contacts_by, swept, swept_pair,
+};
 use scenes::{build, random_quat};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -756,4 +758,36 @@ fn a_used_worker_finds_bit_for_bit_what_a_fresh_one_finds() {
         assert_eq!(hits[0], hits[1]);
     }
     assert!(total > 100, "{total}");
+}
+
+/// Where roads cross, neither drone meets the other where it stands at the end.
+#[test]
+fn drones_that_cross_each_other_within_a_step_are_found() {
+    let ball = || shell("<geom type='sphere' size='0.1'/>");
+    let scene = build(
+        "<mujoco><worldbody><geom type='plane' size='9 9 1' pos='0 0 -3'/></worldbody></mujoco>",
+        &[ball(), ball()],
+    );
+    let mut worker = scene.worker().unwrap();
+    let at = |x: f64, y: f64| Pose::new([x, y, 0.0], LEVEL);
+    let mut cross = |from: Pose, to: Pose, other_from: Pose, other_to: Pose| {
+        worker.set_drone(0, to.pos_m, LEVEL).unwrap();
+        worker.set_drone(1, other_to.pos_m, LEVEL).unwrap();
+        worker.update().unwrap();
+        let alone = swept(&mut worker, 0, from, to).unwrap();
+        (alone, swept_pair(&mut worker, 0, from, to, 1, other_from).unwrap())
+    };
+    let (alone, hit) = cross(at(-1.0, 0.0), at(1.0, 0.0), at(0.0, -1.0), at(0.0, 1.0));
+    assert_eq!(alone, None);
+    let hit = hit.unwrap();
+    // Their distance is √2 |2 t − 1|, and 0.2 when they touch.
+    let t = 0.5 - 0.1 / 2f64.sqrt();
+    assert!((hit.fraction - t).abs() < 1e-4 && hit.other_drone == Some(1), "{hit:?}");
+    assert!(norm(sub(hit.pos_m, [2.0 * t - 1.0, 0.0, 0.0])) < 1e-3, "{hit:?}");
+    assert!(norm(sub(hit.point_m, [t - 0.5, t - 0.5, 0.0])) < 1e-3, "{hit:?}");
+    let corner = std::f64::consts::FRAC_1_SQRT_2;
+    assert!(norm(sub(hit.normal, [-corner, corner, 0.0])) < 1e-2, "{hit:?}");
+    // One behind the other at the same speed, and one that has gone when the other comes.
+    assert_eq!(cross(at(-1.0, 0.0), at(1.0, 0.0), at(-0.7, 0.0), at(1.3, 0.0)).1, None);
+    assert_eq!(cross(at(-1.0, 0.0), at(1.0, 0.0), at(0.0, 0.0), at(0.0, 2.0)).1, None);
 }

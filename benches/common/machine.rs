@@ -38,14 +38,22 @@ pub fn last_core() -> Fallible<String> {
 /// Keeps this process, and what it starts from now on, on some cores (`3`, `0-1`).
 pub fn pin(cores: &str) -> Fallible<()> {
     let id = std::process::id().to_string();
-    let out = Command::new("taskset")
-        .args(["--all-tasks", "--cpu-list", "--pid", cores, &id])
-        .output()
-        .map_err(|e| format!("`taskset` could not be started: {e}; install util-linux"))?;
-    if out.status.success() {
-        return Ok(());
+    let mut said = String::new();
+    // Threads of a pool that was just dropped may end while it looks at them.
+    for _ in 0..5 {
+        let out = Command::new("taskset")
+            .args(["--all-tasks", "--cpu-list", "--pid", cores, &id])
+            .output()
+            .map_err(|e| format!("`taskset` could not be started: {e}; install util-linux"))?;
+        if out.status.success() {
+            return Ok(());
+        }
+        said = String::from_utf8_lossy(&out.stderr).trim().to_string();
+        if !said.contains("No such process") {
+            break;
+        }
     }
-    Err(format!("taskset to cores {cores} failed: {}", String::from_utf8_lossy(&out.stderr).trim()).into())
+    Err(format!("taskset to cores {cores} failed: {said}").into())
 }
 
 /// A figure of `/proc/ID/status` in kB, as MiB: VmHWM is the most memory that the process had in use, VmRSS what it has now.

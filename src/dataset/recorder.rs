@@ -557,7 +557,7 @@ impl<'a> World<'a> {
             }
             now.push(pair);
         }
-        let mut met: Vec<(usize, usize)> = Vec::new();
+        let mut met: Vec<[usize; 2]> = Vec::new();
         for d in near {
             if step > 0 {
                 self.find_jumped(t, step, d, &mut met, out)?;
@@ -569,14 +569,14 @@ impl<'a> World<'a> {
         Ok(())
     }
 
-    /// What drone `d` touched between the last step and this one, and neither then nor now. `met` holds the pairs of
-    /// drones that have met in this step.
+    /// What drone `d` touched between the last step and this one, and neither then nor now. `seen` holds the pairs of
+    /// drones that were looked at in this step.
     fn find_jumped(
         &mut self,
         t: f64,
         step: u64,
         d: usize,
-        met: &mut Vec<(usize, usize)>,
+        seen: &mut Vec<[usize; 2]>,
         out: &mut WorldWriter,
     ) -> Result<()> {
         let scene = &self.flight.scene;
@@ -596,19 +596,22 @@ impl<'a> World<'a> {
                 }
             }
         }
-        for (a, b) in met.iter().filter(|(a, b)| *a == d || *b == d) {
-            known.extend(geoms_of(a + b - d));
-        }
         let (from, to) = (self.last[d], pose(&self.sim, d));
+        for e in (0..self.last.len()).filter(|e| *e != d) {
+            let pair = [d.min(e), d.max(e)];
+            let touched = geoms_of(e).any(|g| known.contains(&g));
+            known.extend(geoms_of(e));
+            if touched || seen.contains(&pair) {
+                continue;
+            }
+            seen.push(pair);
+            if let Some(hit) = sense::swept_pair(self.worker, d, from, to, e, self.last[e])? {
+                out.contact(&jumped(t, step, d, &hit, scene))?;
+            }
+        }
         while let Some(hit) = sense::swept_beyond(self.worker, d, from, to, &known)? {
             out.contact(&jumped(t, step, d, &hit, scene))?;
-            match hit.other_drone {
-                Some(e) => {
-                    met.push((d, e));
-                    known.extend(geoms_of(e));
-                }
-                None => known.push(hit.other_geom),
-            }
+            known.push(hit.other_geom);
         }
         Ok(())
     }

@@ -21,4 +21,4 @@ pub use depth::{Camera, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelSt
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};
-pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by};
+pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by, swept_pair};

@@ -11,7 +11,7 @@ use super::SenseError;
 use super::caster::world::World;
 use super::clearance::{PairDistance, box_distance, pair_distance};
 use super::collide::{Collider, Finder, Movers};
-use crate::math::quat;
+use crate::math::{quat, vec3};
 use crate::scene::{GeomType, Pose, Scene, Worker, checked_pose};
 
 /// The first touch on the way.
@@ -48,8 +48,8 @@ pub const TOUCH_M: f64 = 1e-5;
 const MAX_STEPS: usize = 10_000;
 
 /// First touch of a drone that moves from one pose to another, positions along a line, rotation about one axis at a
-/// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles or other drones,
-/// sweep each against their poses at the end of the step.
+/// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles sweep against their poses at the
+/// end of the step; [`swept_pair`] is for two drones.
 ///
 /// The worker's own poses are left as they were.
 ///
@@ -76,6 +76,46 @@ pub fn swept_beyond(
     ignored: &[i32],
 ) -> Result<Option<SweptHit>, SenseError> {
     swept_by(Collider::default(), worker, drone, from, to, ignored)
+}
+
+/// First touch of two drones that move both, from poses at the same time to poses at the same time; `to` of the other is where the
+/// worker has it. Exact for positions along lines; the other's rotation counts as done at the start, which for a part of it at
+/// radius r shifts the touch by less than r times the angle. Position, point and fraction are those of the touch.
+///
+/// # Errors
+/// As [`swept`].
+pub fn swept_pair(
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+    other: usize,
+    other_from: Pose,
+) -> Result<Option<SweptHit>, SenseError> {
+    let scene = worker.scene().clone();
+    let other_to = worker.drone_pose(other)?;
+    let who = || format!("drone {other} in a swept check");
+    let other_from = checked_pose(who, other_from.pos_m, other_from.quat_xyzw)?;
+    // Seen from the other, which then stands still.
+    let shift = vec3::sub(other_to.pos_m, other_from.pos_m);
+    let seen = Pose { pos_m: vec3::add(from.pos_m, shift), ..from };
+    let (way, start) = (vec3::sub(to.pos_m, seen.pos_m), vec3::sub(seen.pos_m, other_to.pos_m));
+    let square = vec3::dot(way, way);
+    let nearest = if square > 0.0 { (-vec3::dot(start, way) / square).clamp(0.0, 1.0) } else { 0.0 };
+    let apart = vec3::norm(vec3::add(start, vec3::scale(way, nearest)));
+    let touch = TOUCH_M + 2.0 * scene.ccd_tolerance();
+    if apart > scene.drone_radius_m(drone)? + scene.drone_radius_m(other)? + 2.0 * touch {
+        return Ok(None);
+    }
+    let ignored: Vec<i32> =
+        scene.geoms().iter().filter(|g| g.drone != Some(other)).map(|g| g.id as i32).collect();
+    let hit = swept_by(Collider::default(), worker, drone, seen, to, &ignored)?;
+    Ok(hit.map(|mut hit| {
+        let back = vec3::scale(shift, 1.0 - hit.fraction);
+        hit.pos_m = vec3::sub(hit.pos_m, back);
+        hit.point_m = vec3::sub(hit.point_m, back);
+        hit
+    }))
 }
 
 /// As [`swept_beyond`], by either collider.
