@@ -70,7 +70,7 @@ fn run(args: &Args) -> Fallible<()> {
         numbers("geoms", "geoms"),
         numbers("worlds", "worlds"),
         numbers("drones", "drones in each"),
-        numbers("contacts_mujoco", "contacts: `mj_kinematics` + `mj_collision`"),
+        numbers("contacts_mujoco", "contacts: `mj_collision`"),
         numbers("contacts_by_mujoco", "Propwash by MuJoCo"),
         numbers("contacts", "Propwash"),
         numbers("contacts_ratio", "ratio to MuJoCo"),
