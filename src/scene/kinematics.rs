@@ -60,7 +60,7 @@ impl Moved {
             let m = &*worker.m();
             let movables =
                 drones.chain(obstacles).map(|(root, place)| movable(m, root, place)).collect::<Vec<_>>();
-            let turning_cameras = (0..m.ncam as usize).any(|c| *m.cam_mode.add(c) as i32 != 0);
+            let turning_cameras = (0..m.ncam as usize).any(|c| *m.cam_mode.add(c) != 0);
             Self { which: vec![false; movables.len()], movables, all: true, turning_cameras }
         }
     }
