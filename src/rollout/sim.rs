@@ -106,6 +106,8 @@ pub struct Sim<N: Number = f64> {
     /// Where drones start from: one per slot, or one per (world, drone) where worlds differ.
     initial: Vec<State<f64>>,
     rates: Vec<Rates>,
+    /// What the arrays of controllers hold in this control mode.
+    memory_columns: Vec<usize>,
     /// States before the stage that runs.
     kept: Vec<State<f64>>,
     /// All arrays.
@@ -134,6 +136,7 @@ impl<N: Number> Sim<N> {
         let n_rotors = nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
         let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz, options.control, n_rotors);
         let initial = vec![State::rest(); data.n_drones];
+        let memory_columns = data.memory_columns.clone();
         let pipeline = Pipeline::default();
         let mut sim = Self {
             options,
@@ -142,6 +145,7 @@ impl<N: Number> Sim<N> {
             own: None,
             initial,
             rates,
+            memory_columns,
             kept: Vec::new(),
             data,
             pipeline,
@@ -159,6 +163,11 @@ impl<N: Number> Sim<N> {
         }
         sim.reset(None)?;
         Ok(sim)
+    }
+
+    /// Whether lanes compute the steps.
+    pub(super) fn in_lanes(&self) -> bool {
+        self.lanes.is_some()
     }
 
     /// The options.
@@ -493,6 +502,18 @@ impl<N: Number> Sim<N> {
                 name: "n_worlds, n_drones, sim_hz, n_rotors, command_width of data",
                 expected: format!("{} as the simulation was built", words(expected)),
                 got: words(got),
+            });
+        }
+        if data.memory_columns != self.memory_columns {
+            let words = |n: usize| format!("{n} numbers that controllers remember");
+            return Err(RolloutError::Option {
+                name: "control mode of data",
+                expected: format!(
+                    "that of the simulation, {}: {}",
+                    self.options.control.name(),
+                    words(self.memory_columns.len())
+                ),
+                got: format!("the data of another mode: {}", words(data.memory_columns.len())),
             });
         }
         let dt = 1.0 / f64::from(self.options.sim_hz);
@@ -1283,6 +1304,22 @@ mod tests {
             for (a, b) in want.controller_memory.iter().zip(&got.controller_memory) {
                 assert!((a - b).abs() < 1e-9 * (1.0 + a.abs()), "{calls:?}: {b:e}, not {a:e}");
             }
+        }
+    }
+
+    /// Commands of both modes have four numbers, but their controllers remember different ones.
+    #[test]
+    fn data_of_another_control_mode_are_refused() {
+        for engine in [Engine::Reference, Engine::Lanes] {
+            let of = |control: ControlMode| {
+                let options = SimOptions { engine, control, ..SimOptions::default() };
+                Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap()
+            };
+            let (mut attitude, rates) = (of(ControlMode::Attitude), of(ControlMode::BodyRate));
+            attitude.step(1).unwrap();
+            attitude.data = rates.data;
+            let message = attitude.step(1).unwrap_err().to_string();
+            assert!(message.contains("control mode of data") && message.contains("attitude"), "{message}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! What programs around a simulation ask of it beside its arrays.
 
-use super::sim::{Engine, Sim};
+use super::sim::Sim;
 use super::{lanes, pool};
 use crate::scalar::lanes::Number;
 
@@ -8,12 +8,7 @@ impl<N: Number> Sim<N> {
     /// Whether a call of `n_steps` wakes other threads, as far as there are any. One that does not runs on the thread that
     /// calls, and pays for no hand-over to a pool.
     pub fn is_parallel(&self, n_steps: usize) -> bool {
-        let in_lanes = match self.options().engine {
-            Engine::Auto => N::NAME == "f32",
-            Engine::Reference => false,
-            Engine::Lanes => true,
-        };
-        let limit = if in_lanes { lanes::SERIAL_LIMIT } else { pool::SERIAL_LIMIT };
+        let limit = if self.in_lanes() { lanes::SERIAL_LIMIT } else { pool::SERIAL_LIMIT };
         self.data.n_worlds.saturating_mul(self.data.n_drones).saturating_mul(n_steps) >= limit
     }
 
