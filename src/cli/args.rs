@@ -474,6 +474,50 @@ pub enum NewScene {
         #[arg(long, value_name = "M", value_parser = positive)]
         height: Option<f64>,
     },
+    /// Gates along a closed course around the start, in the open, and posts.
+    #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
+    Track {
+        /// Where it goes and what all kinds share.
+        #[command(flatten)]
+        common: NewArgs,
+        /// Number of gates.
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+        gates: Option<usize>,
+        /// Number of posts.
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+        posts: Option<usize>,
+        /// Radius of the course, m.
+        #[arg(long, value_name = "M", value_parser = positive)]
+        radius: Option<f64>,
+        /// How far gates stand off the circle, as a part of its radius.
+        #[arg(long, value_name = "PART", value_parser = not_negative)]
+        bend: Option<f64>,
+    },
+    /// Rooms joined by doors, with furniture.
+    #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
+    Rooms {
+        /// Where it goes and what all kinds share.
+        #[command(flatten)]
+        common: NewArgs,
+        /// Rooms along x.
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+        columns: Option<usize>,
+        /// Rooms along y.
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+        rows: Option<usize>,
+        /// Pieces of furniture in all rooms together.
+        #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+        things: Option<usize>,
+        /// Edge of a room, m.
+        #[arg(long, value_name = "M", value_parser = positive)]
+        room: Option<f64>,
+        /// Width of doors, m.
+        #[arg(long, value_name = "M", value_parser = positive)]
+        door: Option<f64>,
+        /// Height of the walls, m.
+        #[arg(long, value_name = "M", value_parser = positive)]
+        height: Option<f64>,
+    },
     /// Boxes, pillars and slabs, standing and floating.
     #[command(after_help = NEW_EXAMPLES, allow_negative_numbers = true)]
     Boxes {

@@ -17,7 +17,7 @@ pub use error::SceneError;
 pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
 pub use model::{
     BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
-    ObstacleKind, Scene, SceneSource, Shell, load_plugin_library,
+    ObstacleKind, Scene, SceneSource, Shell, SiteInfo, load_plugin_library,
 };
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;

@@ -17,6 +17,7 @@ use sha2::{Digest, Sha256};
 use super::sync;
 use super::workers::Guard;
 use super::{SceneError, Worker};
+use crate::math::{quat, vec3};
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -284,6 +285,21 @@ pub struct ObstacleInfo {
     pub(super) address: usize,
 }
 
+/// A site of the scene: a place with a name, which nothing sees or touches.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SiteInfo {
+    /// Name; sites without one are left out.
+    pub name: String,
+    /// Body that it belongs to.
+    pub body_id: usize,
+    /// Its middle in the world, m, where the model places its body.
+    pub pos_m: [f64; 3],
+    /// Its orientation in the world, x y z w.
+    pub quat_xyzw: [f64; 4],
+    /// Its three sizes, m: half edges of a box.
+    pub size_m: [f64; 3],
+}
+
 /// Triangles of a mesh, in the frame of the geoms that show it.
 #[derive(Clone, Copy, Debug)]
 pub struct MeshView<'a> {
@@ -317,6 +333,7 @@ pub(super) struct Inner {
     pub(super) bodies: Vec<BodyInfo>,
     pub(super) cameras: Vec<CameraInfo>,
     pub(super) obstacles: Vec<ObstacleInfo>,
+    pub(super) sites: Vec<SiteInfo>,
     pub(super) shells: Vec<String>,
     /// Root body of each drone.
     pub(super) drone_body: Vec<usize>,
@@ -707,6 +724,11 @@ impl Scene {
         &self.0.obstacles
     }
 
+    /// Sites that have a name, in the order of the model; those of drones are left out.
+    pub fn sites(&self) -> &[SiteInfo] {
+        &self.0.sites
+    }
+
     /// Root body of a drone.
     ///
     /// # Errors
@@ -1094,6 +1116,27 @@ fn describe(
 
         let weld = slice(m.body_weldid, n_body);
         let parents = slice(m.body_parentid, n_body);
+
+        let mut sites = Vec::new();
+        for site in 0..m.nsite as usize {
+            let name = text(m.name_siteadr, site);
+            let body_id = *m.site_bodyid.add(site) as usize;
+            if name.is_empty() || drone_of(body_id).is_some() {
+                continue;
+            }
+            let mut pos_m = *m.site_pos.cast::<[f64; 3]>().add(site);
+            let mut quat_xyzw = sync::from_wxyz(*m.site_quat.cast::<[f64; 4]>().add(site));
+            let mut body = body_id;
+            while body != 0 {
+                let q = sync::from_wxyz(*m.body_quat.cast::<[f64; 4]>().add(body));
+                pos_m = vec3::add(*m.body_pos.cast::<[f64; 3]>().add(body), quat::rotate(q, pos_m));
+                quat_xyzw = quat::mul(q, quat_xyzw);
+                body = parents[body] as usize;
+            }
+            let size_m = *m.site_size.cast::<[f64; 3]>().add(site);
+            sites.push(SiteInfo { name, body_id, pos_m, quat_xyzw, size_m });
+        }
+
         let mut bodies: Vec<BodyInfo> = Vec::with_capacity(n_body);
         for body in 0..n_body {
             let parent_id = parents[body] as usize;
@@ -1219,6 +1262,7 @@ fn describe(
             bodies,
             cameras,
             obstacles,
+            sites,
             shells: shells.iter().map(|s| s.name.clone()).collect(),
             drone_body,
             drone_qpos,

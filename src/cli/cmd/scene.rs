@@ -3,7 +3,9 @@
 use super::{io_error, print, print_json};
 use crate::cli::args::{LintArgs, NewArgs, NewScene, SceneArgs, SceneCommand};
 use crate::cli::exit::Outcome;
-use crate::scene::generate::{self, BoxesOptions, CorridorOptions, ForestOptions, GenerateError};
+use crate::scene::generate::{
+    self, BoxesOptions, CorridorOptions, ForestOptions, GenerateError, RoomsOptions, TrackOptions,
+};
 use crate::scene::{SceneSource, lint};
 use crate::{Error, Result};
 use serde_json::json;
@@ -67,6 +69,32 @@ fn new(kind: &NewScene) -> Result<Outcome> {
             };
             (common, generate::boxes(&options).map_err(named)?)
         }
+        NewScene::Track { common, gates, posts, radius, bend } => {
+            let d = TrackOptions::default();
+            let options = TrackOptions {
+                seed: common.seed,
+                gates: gates.unwrap_or(d.gates),
+                posts: posts.unwrap_or(d.posts),
+                moving: common.moving.unwrap_or(d.moving),
+                radius_m: radius.unwrap_or(d.radius_m),
+                bend: bend.unwrap_or(d.bend),
+            };
+            (common, generate::track(&options).map_err(named)?)
+        }
+        NewScene::Rooms { common, columns, rows, things, room, door, height } => {
+            let d = RoomsOptions::default();
+            let options = RoomsOptions {
+                seed: common.seed,
+                columns: columns.unwrap_or(d.columns),
+                rows: rows.unwrap_or(d.rows),
+                things: things.unwrap_or(d.things),
+                moving: common.moving.unwrap_or(d.moving),
+                room_m: room.unwrap_or(d.room_m),
+                door_m: door.unwrap_or(d.door_m),
+                height_m: height.unwrap_or(d.height_m),
+            };
+            (common, generate::rooms(&options).map_err(named)?)
+        }
     };
     write(common, &text)
 }
@@ -87,6 +115,14 @@ fn named(error: GenerateError) -> Error {
             "length_m" => "--length",
             "width_m" => "--width",
             "height_m" => "--height",
+            "posts" => "--posts",
+            "radius_m" => "--radius",
+            "bend" => "--bend",
+            "columns" => "--columns",
+            "rows" => "--rows",
+            "things" => "--things",
+            "room_m" => "--room",
+            "door_m" => "--door",
             _ => return None,
         })
     };
@@ -94,7 +130,10 @@ fn named(error: GenerateError) -> Error {
         GenerateError::OptionRange { option, found, expected, .. } if flag(option).is_some() => {
             Error::Usage {
                 flag: flag(option).unwrap_or_default(),
-                expected: expected.replace("size_m", "--extent").replace("width_m", "--width"),
+                expected: expected
+                    .replace("size_m", "--extent")
+                    .replace("width_m", "--width")
+                    .replace("room_m", "--room"),
                 got: found.to_string(),
             }
         }

@@ -1,13 +1,21 @@
-//! Scenes made from a seed: forests, corridors with gates, clutter of boxes, as MJCF text.
+//! Scenes made from a seed: forests, corridors with gates, clutter of boxes, race tracks, rooms, as MJCF text.
 //!
 //! The same options give the same text, byte for byte, on every machine: random numbers are counter-based (ChaCha8, keyed by seed,
 //! purpose and item), the arithmetic keeps to operations that IEEE 754 rounds exactly (no sine, no cosine), and numbers are printed with
 //! four decimals. Every scene leaves the start around (0, 0, 1) m free, names each geom and body, has cameras `overview` and `top`, and
 //! carries its moving obstacles as mocap bodies `mover_0`, `mover_1`, ….
 
+mod rooms;
+mod track;
+
+pub use rooms::{RoomsOptions, rooms};
+pub use track::{TrackOptions, track};
+
 use std::collections::HashMap;
 use std::fmt;
 use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
 
 use crate::random::{Key, Stream};
 
@@ -58,11 +66,15 @@ pub enum Kind {
     Corridor,
     /// Boxes, pillars and slabs, standing and floating: [`boxes`].
     Boxes,
+    /// Gates along a closed course: [`track`].
+    Track,
+    /// Rooms with doors and furniture: [`rooms`].
+    Rooms,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Kind; 3] = [Kind::Forest, Kind::Corridor, Kind::Boxes];
+    pub const ALL: [Kind; 5] = [Kind::Forest, Kind::Corridor, Kind::Boxes, Kind::Track, Kind::Rooms];
 
     /// The name on the command line.
     pub fn name(self) -> &'static str {
@@ -70,6 +82,8 @@ impl Kind {
             Kind::Forest => "forest",
             Kind::Corridor => "corridor",
             Kind::Boxes => "boxes",
+            Kind::Track => "track",
+            Kind::Rooms => "rooms",
         }
     }
 
@@ -96,7 +110,8 @@ impl FromStr for Kind {
 }
 
 /// Options of [`forest`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct ForestOptions {
     /// Seed of everything random.
     pub seed: u64,
@@ -132,7 +147,8 @@ impl Default for ForestOptions {
 }
 
 /// Options of [`corridor`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct CorridorOptions {
     /// Seed of everything random.
     pub seed: u64,
@@ -155,7 +171,8 @@ impl Default for CorridorOptions {
 }
 
 /// Options of [`boxes`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct BoxesOptions {
     /// Seed of everything random.
     pub seed: u64,
@@ -193,6 +210,13 @@ enum Purpose {
     CorridorBeam = 0x5C_0015,
     BoxesThing = 0x5C_0021,
     BoxesMover = 0x5C_0022,
+    TrackGate = 0x5C_0031,
+    TrackCourse = 0x5C_0032,
+    TrackPost = 0x5C_0033,
+    TrackMover = 0x5C_0034,
+    RoomsDoor = 0x5C_0041,
+    RoomsThing = 0x5C_0042,
+    RoomsMover = 0x5C_0043,
 }
 
 /// A stream of random numbers for one item.
@@ -434,6 +458,15 @@ impl Mjcf {
         self.line(&format!(
             "<geom name=\"{name}\" type=\"{shape}\" size=\"{}\" pos=\"{}\" material=\"{material}\"/>",
             numbers(size),
+            numbers(&pos)
+        ));
+    }
+
+    /// A place with a name, which nothing sees or touches: a box by half sizes.
+    fn site(&mut self, name: &str, size: [f64; 3], pos: [f64; 3]) {
+        self.line(&format!(
+            "<site name=\"{name}\" type=\"box\" size=\"{}\" pos=\"{}\" group=\"4\"/>",
+            numbers(&size),
             numbers(&pos)
         ));
     }
@@ -869,15 +902,39 @@ fn wall(out: &mut Mjcf, name: &str, a: [f64; 2], b: [f64; 2], height: f64) {
     out.geom(name, "box", &half, pos, "wall");
 }
 
-/// A gate: a frame around an opening, on posts. The body's x axis is the way through.
-fn gate(out: &mut Mjcf, name: &str, at: [f64; 2], along: [f64; 2], draw: &mut Draw, o: &CorridorOptions) {
-    let opening = draw.within(0.4, 0.5); // half of the free width and height
+/// A gate: a frame around an opening, on posts.
+struct Gate {
+    /// Foot, m.
+    at: [f64; 2],
+    /// The way through, a unit vector: the x axis of the body.
+    along: [f64; 2],
+    /// Half of the free width and height, m.
+    opening: f64,
+    /// The opening's middle: to the left of the foot, and above the ground, m.
+    side: f64,
+    z: f64,
+    /// An octagon of round bars; else a square.
+    octagon: bool,
+}
+
+impl Gate {
+    /// One that fits into the corridor.
+    fn in_corridor(at: [f64; 2], along: [f64; 2], draw: &mut Draw, o: &CorridorOptions) -> Self {
+        let opening = draw.within(0.4, 0.5);
+        let play = 0.5 * o.width_m - opening - BAR_M - 0.02;
+        let side = draw.within(-play, play);
+        let z = draw.within(0.8, (o.height_m - opening - BAR_M).min(1.5));
+        Self { at, along, opening, side, z, octagon: draw.unit() < 0.5 }
+    }
+}
+
+/// Writes a gate, with a site of its name that fills the opening: what a race looks for. Its x axis is the way through.
+fn gate(out: &mut Mjcf, name: &str, gate: &Gate) {
+    let Gate { at, along, opening, side, z, octagon } = *gate;
     let frame = opening + 0.5 * BAR_M; // to the middle of the bars
-    let play = 0.5 * o.width_m - opening - BAR_M - 0.02;
-    let side = draw.within(-play, play);
-    let z = draw.within(0.8, (o.height_m - opening - BAR_M).min(1.5)); // the opening's middle
-    let (b, octagon) = (0.5 * BAR_M, draw.unit() < 0.5);
+    let b = 0.5 * BAR_M;
     out.open(name, [at[0], at[1], 0.0], along);
+    out.site(name, [b, opening, opening], [0.0, side, z]);
     if octagon {
         // The apothem is `frame`; half of a side is frame tan 22.5 degrees = frame (sqrt 2 - 1).
         let k = frame * (std::f64::consts::SQRT_2 - 1.0);
@@ -1062,7 +1119,7 @@ pub fn corridor(options: &CorridorOptions) -> Result<String, GenerateError> {
         let (r, s) = slots[slot];
         let mut draw = Draw::new(o.seed, Purpose::CorridorGate, i);
         let at = runs[r].at(s + draw.within(-0.15, 0.15), 0.0);
-        gate(&mut out, &format!("gate_{i:02}"), at, runs[r].along, &mut draw, o);
+        gate(&mut out, &format!("gate_{i:02}"), &Gate::in_corridor(at, runs[r].along, &mut draw, o));
     }
     for (i, &slot) in pack[o.gates..wanted].iter().enumerate() {
         let (r, s) = slots[slot];
@@ -1368,6 +1425,8 @@ mod tests {
             corridor(&CorridorOptions { length_m: 60.0, gates: 15, moving: 4, ..Default::default() })
                 .unwrap(),
             boxes(&BoxesOptions { count: 130, size_m: 30.0, ..Default::default() }).unwrap(),
+            track(&TrackOptions { moving: 3, ..Default::default() }).unwrap(),
+            rooms(&RoomsOptions { moving: 2, room_m: 6.0, ..Default::default() }).unwrap(),
         ];
         for text in texts {
             let doc = Document::parse(&text).unwrap();
@@ -1448,11 +1507,64 @@ mod tests {
     }
 
     #[test]
+    fn gates_of_a_track_follow_each_other_counter_clockwise_and_point_onwards() {
+        for seed in 0..20 {
+            let o = TrackOptions { seed, gates: 9, ..Default::default() };
+            let text = track(&o).unwrap();
+            let doc = Document::parse(&text).unwrap();
+            let gates: Vec<([f64; 2], [f64; 2])> = doc
+                .descendants()
+                .filter(|n| is(n, "body") && n.attribute("name").is_some_and(|v| v.starts_with("gate_")))
+                .map(|g| {
+                    let (at, x) = (floats(g, "pos"), floats(g, "xyaxes"));
+                    let site = g.children().find(|n| is(n, "site")).expect("a site");
+                    assert_eq!(site.attribute("name"), g.attribute("name"));
+                    ([at[0], at[1]], [x[0], x[1]])
+                })
+                .collect();
+            assert_eq!(gates.len(), 9);
+            for (i, (at, along)) in gates.iter().enumerate() {
+                let (next, _) = gates[(i + 1) % 9];
+                let turn = at[0] * next[1] - at[1] * next[0];
+                let onwards = (next[0] - at[0]) * along[0] + (next[1] - at[1]) * along[1];
+                assert!(turn > 0.0 && onwards > 0.0, "seed {seed}, gate {i}");
+                let r = (at[0] * at[0] + at[1] * at[1]).sqrt() / o.radius_m;
+                assert!((1.0 - o.bend..=1.0 + o.bend).contains(&r), "seed {seed}, gate {i}: {r}");
+            }
+        }
+    }
+
+    #[test]
+    fn every_room_can_be_reached_through_doors() {
+        for seed in 0..50 {
+            let o = RoomsOptions { seed, columns: 4, rows: 3, things: 0, ..Default::default() };
+            let text = rooms(&o).unwrap();
+            let doc = Document::parse(&text).unwrap();
+            let mut reached: Vec<usize> = (0..12).collect();
+            let room = |x: f64, y: f64| {
+                (y / o.room_m).round() as usize * o.columns + (x / o.room_m).round() as usize
+            };
+            for site in doc.descendants().filter(|n| is(n, "site")) {
+                let (at, size) = (floats(site, "pos"), floats(site, "size"));
+                let across = if size[0] < size[1] { [0.6, 0.0] } else { [0.0, 0.6] };
+                let (a, b) =
+                    (room(at[0] - across[0], at[1] - across[1]), room(at[0] + across[0], at[1] + across[1]));
+                assert_ne!(a, b, "a door joins two rooms");
+                let (a, b) = (reached[a], reached[b]);
+                reached.iter_mut().filter(|r| **r == b).for_each(|r| *r = a);
+            }
+            assert!(reached.iter().all(|r| *r == reached[0]), "seed {seed}: {reached:?}");
+        }
+    }
+
+    #[test]
     fn the_default_options_fit_for_every_seed() {
         for seed in 0..200 {
             forest(&ForestOptions { seed, ..Default::default() }).unwrap();
             corridor(&CorridorOptions { seed, ..Default::default() }).unwrap();
             boxes(&BoxesOptions { seed, ..Default::default() }).unwrap();
+            track(&TrackOptions { seed, ..Default::default() }).unwrap();
+            rooms(&RoomsOptions { seed, ..Default::default() }).unwrap();
         }
     }
 
@@ -1478,6 +1590,13 @@ mod tests {
         assert_eq!(option(corridor(&CorridorOptions { height_m: -1.0, ..d() }).unwrap_err()), "height_m");
         let d = BoxesOptions::default;
         assert_eq!(option(boxes(&BoxesOptions { count: 1_000_000, ..d() }).unwrap_err()), "count");
+        let d = TrackOptions::default;
+        assert_eq!(option(track(&TrackOptions { gates: 2, ..d() }).unwrap_err()), "gates");
+        assert_eq!(option(track(&TrackOptions { gates: 200, ..d() }).unwrap_err()), "gates");
+        assert_eq!(option(track(&TrackOptions { bend: f64::NAN, ..d() }).unwrap_err()), "bend");
+        let d = RoomsOptions::default;
+        assert_eq!(option(rooms(&RoomsOptions { door_m: 3.9, ..d() }).unwrap_err()), "door_m");
+        assert_eq!(option(rooms(&RoomsOptions { columns: 0, ..d() }).unwrap_err()), "columns");
         let message =
             forest(&ForestOptions { size_m: -5.0, ..ForestOptions::default() }).unwrap_err().to_string();
         assert_eq!(message, "option size_m of a forest scene is -5: expected 4 to 1000 m");
@@ -1509,7 +1628,10 @@ mod tests {
             assert_eq!(kind.name().parse(), Ok(kind));
         }
         let error = "desert".parse::<Kind>().unwrap_err().to_string();
-        assert_eq!(error, "unknown scene kind \"desert\": expected one of forest, corridor, boxes");
+        assert_eq!(
+            error,
+            "unknown scene kind \"desert\": expected one of forest, corridor, boxes, track, rooms"
+        );
     }
 
     #[test]
@@ -1523,10 +1645,10 @@ mod tests {
     #[test]
     fn the_checked_in_forest_and_corridor_are_what_the_generator_writes() {
         let o = ForestOptions { seed: FOREST_SEED, ..Default::default() };
-        assert!(forest(&o).unwrap() == include_str!("../../xml/forest.xml"), "write xml/forest.xml again");
+        assert!(forest(&o).unwrap() == include_str!("../../../xml/forest.xml"), "write xml/forest.xml again");
         let o = CorridorOptions { seed: CORRIDOR_SEED, ..Default::default() };
         assert!(
-            corridor(&o).unwrap() == include_str!("../../xml/corridor.xml"),
+            corridor(&o).unwrap() == include_str!("../../../xml/corridor.xml"),
             "write xml/corridor.xml again"
         );
     }
