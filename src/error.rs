@@ -51,9 +51,18 @@ pub enum Error {
     /// Cameras, contacts, clearances.
     #[error(transparent)]
     Sense(#[from] crate::sense::SenseError),
+    /// Learning environments.
+    #[error(transparent)]
+    Env(Box<crate::env::EnvError>),
     /// A data set could not be written or read.
     #[error(transparent)]
     Dataset(#[from] crate::dataset::DatasetError),
+}
+
+impl From<crate::env::EnvError> for Error {
+    fn from(error: crate::env::EnvError) -> Self {
+        Self::Env(Box::new(error))
+    }
 }
 
 /// Result with [`Error`].

@@ -3,7 +3,7 @@
 //! The modules in the order in which data flows; this list is the map of the crate.
 //!
 //! ```text
-//! vehicle + command → physics → rollout → scene → sense → dataset
+//! vehicle + command → physics → rollout → scene → sense → dataset | env
 //! flight → gap → vehicle
 //! ```
 
@@ -29,6 +29,7 @@ pub mod flight;
 pub mod gap;
 
 pub mod dataset;
+pub mod env;
 
 pub mod export;
 

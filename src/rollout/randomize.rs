@@ -88,7 +88,7 @@ impl Rule {
     }
 
     /// The drawn number for a nominal one; `key` names world, drone and episode.
-    pub(super) fn apply(&self, name: &str, nominal: f64, key: Key) -> f64 {
+    pub(crate) fn apply(&self, name: &str, nominal: f64, key: Key) -> f64 {
         let of = if self.shared { self.parameter.as_str() } else { name };
         let mut stream: Stream = Key { purpose: purpose(of), ..key }.stream();
         match self.draw {

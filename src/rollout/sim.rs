@@ -183,6 +183,13 @@ impl<N: Number> Sim<N> {
         }
     }
 
+    /// Another seed, and counts of episodes that start anew: after the next [`Sim::reset`] of all worlds everything that is random
+    /// is that of a new simulation with this seed.
+    pub fn reseed(&mut self, seed: u64) {
+        self.options.seed = seed;
+        self.data.episodes.fill(0);
+    }
+
     /// Seconds since the last reset of `world`.
     pub fn time_s(&self, world: usize) -> f64 {
         self.data.time_s(world)

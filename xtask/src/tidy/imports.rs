@@ -24,7 +24,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("scene", &["math", "random", "error"]),
     ("sense", &["scene", "physics::measure", "math", "random", "error"]),
     ("dataset", &["rollout", "scene", "sense", "flight", "vehicle", "physics", "math", "random", "error"]),
-    ("env", &["rollout", "scene", "sense", "vehicle", "math", "error"]),
+    ("env", &["rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
     ("gap", &["rollout", "flight", "vehicle", "physics", "math", "scalar", "random", "error"]),
     ("export", &["scalar", "physics", "vehicle", "error"]),
     ("cli", &["*"]),

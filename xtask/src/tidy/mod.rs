@@ -85,6 +85,12 @@ const EXCEPTIONS: &[Exception] = &[
         reason: "the promise that the arrays of a simulation stay where they are",
     },
     Exception {
+        rule: "unsafe",
+        file: "python/src/env.rs",
+        line: "unsafe { arrays::view(",
+        reason: "the same promise for those of an environment",
+    },
+    Exception {
         rule: "one number type",
         file: "src/physics/sample.rs",
         line: "pub fn quad(effects: Vec<AnyEffect<f64>>) -> Drone<f64>",

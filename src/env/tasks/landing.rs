@@ -1,0 +1,79 @@
+//! Come to rest just above a place. Starts, goal, reward and observation are those of Crazyflow 0.4.0, `envs/landing_env.py`.
+
+use serde::{Deserialize, Serialize};
+
+use super::{
+    Beginning, Channel, EnvConfig, EnvError, Outcome, Start, Task, View, distance, in_order, in_range,
+    one_drone, store,
+};
+use crate::math::vec3;
+
+/// Options.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Landing {
+    /// Corners of the box in which episodes start, m.
+    pub start_m: [[f64; 3]; 2],
+    /// Start velocities lie within ± this along each axis, m/s.
+    pub start_speed_m_s: f64,
+    /// The place, m.
+    pub goal_m: [f64; 3],
+    /// The reward is exp(−this · distance − …
+    pub steepness_per_m: f64,
+    /// … − this · speed).
+    pub steepness_s_per_m: f64,
+}
+
+impl Default for Landing {
+    fn default() -> Self {
+        Self {
+            start_m: [[-1.0, -1.0, 1.0], [1.0, 1.0, 2.0]],
+            start_speed_m_s: 1.0,
+            goal_m: [0.0, 0.0, 0.1],
+            steepness_per_m: 2.0,
+            steepness_s_per_m: 2.0,
+        }
+    }
+}
+
+impl Task for Landing {
+    fn check(&self, config: &EnvConfig) -> Result<(), EnvError> {
+        one_drone("landing", config)?;
+        in_order("start_m", self.start_m)?;
+        in_order("goal_m", [self.goal_m; 2])?;
+        in_range("start_speed_m_s", self.start_speed_m_s, 0.0, 100.0)?;
+        in_range("steepness_per_m", self.steepness_per_m, 1e-6, 1e6)?;
+        in_range("steepness_s_per_m", self.steepness_s_per_m, 0.0, 1e6)
+    }
+
+    fn channels(&self) -> Vec<Channel> {
+        vec![Channel { name: "difference_to_goal", width: 3 }]
+    }
+
+    fn memory_len(&self, _: usize) -> usize {
+        0
+    }
+
+    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+        let pos_m = b.within(self.start_m);
+        let v = self.start_speed_m_s;
+        let vel_m_s = b.within([[-v; 3], [v; 3]]);
+        b.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
+        Ok(())
+    }
+
+    fn judge(&self, view: &View, _: &mut [f32], reward: &mut [f32]) -> Outcome {
+        let seen = &view.drones[0];
+        if seen.crashed {
+            reward[0] = -1.0;
+            return Outcome::Crashed;
+        }
+        let off = self.steepness_per_m * distance(seen.pos_m, self.goal_m);
+        reward[0] = (-off - self.steepness_s_per_m * vec3::norm(seen.vel_m_s)).exp() as f32;
+        Outcome::Goes
+    }
+
+    fn observe(&self, view: &View, _: &[f32], drone: usize, out: &mut [f32]) {
+        store(out, &vec3::sub(self.goal_m, view.drones[drone].pos_m));
+    }
+}
