@@ -1,4 +1,4 @@
-//! The host's Python and pip, and the virtual environment that holds the pinned peers of the tests.
+//! The host's Python and pip, and the virtual environments with pinned packages: the peers of the tests, and what builds the site.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::run::{self, Result};
 /// What the test environment holds, from the root of the checkout.
 pub const REQUIREMENTS: &str = "python/requirements-test.txt";
 
-/// Least Python of the test environment: what crazyflow, jax and numpy of [`REQUIREMENTS`] ask for.
+/// Least Python of the environments: what crazyflow, jax and numpy of [`REQUIREMENTS`] ask for.
 const LEAST_PYTHON: (u32, u32) = (3, 11);
 
 /// Least pip: the first with `--python`.
@@ -68,14 +68,17 @@ fn version_in(text: &str) -> Option<(u32, u32)> {
     Some((parts.next()?.parse().ok()?, parts.next()?.parse().ok()?))
 }
 
-/// The virtual environment of the tests: made when it is missing, brought up to date when [`REQUIREMENTS`] changed.
-/// Returns its Python.
+/// The virtual environment of the tests. Returns its Python.
 pub fn test_environment() -> Result<PathBuf> {
-    let root = run::root();
-    let venv = root.join(".venv");
+    environment(&run::root().join(".venv"), REQUIREMENTS, "the pinned peers of the tests (once, about 1 GB)")
+}
+
+/// A virtual environment with what the file `list` (from the root of the checkout) pins: made when it is missing, brought up to
+/// date when that file changed. `what` says in words what is installed. Returns its Python.
+pub fn environment(venv: &Path, list: &str, what: &str) -> Result<PathBuf> {
     let python = venv.join("bin/python");
     let stamp = venv.join("propwash-requirements.txt");
-    let list = root.join(REQUIREMENTS);
+    let list = run::root().join(list);
     let wanted = fs::read_to_string(&list).map_err(|e| format!("{} cannot be read: {e}", list.display()))?;
 
     let works = Command::new(&python).args(["-c", ""]).status().is_ok_and(|s| s.success());
@@ -91,21 +94,22 @@ pub fn test_environment() -> Result<PathBuf> {
     }
     if !works {
         at_least_python("`python3`", host.version)?;
-        eprintln!("making the test environment {}", venv.display());
+        eprintln!("making the environment {}", venv.display());
         // Without pip: the Python of some distributions lacks ensurepip; the host's pip installs into it instead.
-        run::check(host.command(&["-m", "venv", "--clear", "--without-pip"]).arg(&venv))?;
+        run::check(host.command(&["-m", "venv", "--clear", "--without-pip"]).arg(venv))?;
     } else {
         let told = run::output(Command::new(&python).arg("--version"))?;
         let version = version_in(&told).ok_or_else(|| format!("{} says `{told}`", python.display()))?;
         at_least_python(&format!("the Python of {}", venv.display()), version)
             .map_err(|e| format!("{e}, and delete that folder"))?;
     }
-    eprintln!("installing the pinned peers of the tests (once, about 1 GB)");
+    eprintln!("installing {what}");
     let mut install = host.command(&["-m", "pip", "--disable-pip-version-check", "--python"]);
     install.arg(&python).args(["install", "--quiet", "--requirement"]).arg(&list);
     run::check(&mut install).map_err(|e| {
         format!(
-            "{e}: the test environment could not be filled; pip's own words stand above (is there a network?)"
+            "{e}: {} could not be filled; pip's own words stand above (is there a network?)",
+            venv.display()
         )
     })?;
     fs::write(&stamp, wanted).map_err(|e| format!("{} cannot be written: {e}", stamp.display()))?;
@@ -123,17 +127,28 @@ pub fn package(target: &Path) -> Result<PathBuf> {
     if to.exists() {
         fs::remove_dir_all(&to).map_err(|e| format!("{}: {e}", at(&to)))?;
     }
-    fs::create_dir_all(&to).map_err(|e| format!("{}: {e}", at(&to)))?;
-    let entries = fs::read_dir(&from).map_err(|e| format!("{}: {e}", from.display()))?;
-    for entry in entries.filter_map(std::io::Result::ok) {
-        let ending = entry.path().extension().map(|e| e.to_string_lossy().into_owned());
-        if matches!(ending.as_deref(), Some("py" | "pyi" | "typed")) {
-            fs::copy(entry.path(), to.join(entry.file_name())).map_err(|e| format!("{}: {e}", at(&to)))?;
-        }
-    }
+    copy_python(&from, &to).map_err(|e| format!("{}: {e}", at(&to)))?;
     let compiled = target.join("debug/lib_native.so");
     fs::copy(&compiled, to.join("_native.abi3.so")).map_err(|e| format!("{}: {e}", compiled.display()))?;
     Ok(folder)
+}
+
+/// Copies the Python files of a folder and of the folders in it.
+fn copy_python(from: &Path, to: &Path) -> std::io::Result<()> {
+    fs::create_dir_all(to)?;
+    for entry in fs::read_dir(from)? {
+        let entry = entry?;
+        let (path, target) = (entry.path(), to.join(entry.file_name()));
+        let ending = path.extension().map(|e| e.to_string_lossy().into_owned());
+        if path.is_dir() {
+            if !path.ends_with("__pycache__") {
+                copy_python(&path, &target)?;
+            }
+        } else if matches!(ending.as_deref(), Some("py" | "pyi" | "typed")) {
+            fs::copy(&path, &target)?;
+        }
+    }
+    Ok(())
 }
 
 /// Fails when `version` is below [`LEAST_PYTHON`].
@@ -142,7 +157,7 @@ fn at_least_python(whose: &str, version: (u32, u32)) -> Result {
         return Ok(());
     }
     Err(format!(
-        "the peers of the tests need Python {}.{} or newer, {whose} is {}.{}: install a newer one and name it in \
+        "the pinned packages need Python {}.{} or newer, {whose} is {}.{}: install a newer one and name it in \
          PROPWASH_BASE_PYTHON",
         LEAST_PYTHON.0, LEAST_PYTHON.1, version.0, version.1
     ))
