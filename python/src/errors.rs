@@ -1,5 +1,6 @@
 //! Errors of Rust as exceptions of Python. The words stay as they are.
 
+use propwash::env::EnvError;
 use propwash::rollout::RolloutError;
 use propwash::scene::SceneError;
 use propwash::sense::SenseError;
@@ -66,6 +67,19 @@ impl IntoPython for SenseError {
                 PyValueError::new_err(self.to_string())
             }
             _ => Error::new_err(self.to_string()),
+        }
+    }
+}
+
+impl IntoPython for EnvError {
+    fn into_python(self) -> PyErr {
+        match self {
+            EnvError::Vehicle(e) => e.into_python(),
+            EnvError::Rollout(e) => e.into_python(),
+            EnvError::Scene(e) => e.into_python(),
+            EnvError::Sense(e) => e.into_python(),
+            EnvError::Place { .. } | EnvError::Ended { .. } => Error::new_err(self.to_string()),
+            _ => PyValueError::new_err(self.to_string()),
         }
     }
 }

@@ -3,6 +3,7 @@
 
 mod arrays;
 mod camera;
+mod env;
 mod errors;
 mod gap;
 mod sense;
@@ -35,6 +36,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<stages::RestOnGround>()?;
     m.add_class::<sim::PySim>()?;
     m.add_class::<camera::PyCameras>()?;
+    m.add_class::<env::PyEnv>()?;
+    m.add_function(wrap_pyfunction!(env::depth_devices, m)?)?;
+    m.add_function(wrap_pyfunction!(env::env_config, m)?)?;
+    m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;

@@ -24,6 +24,8 @@ pub fn pool(threads: Option<usize>) -> PyResult<Arc<ThreadPool>> {
     let made = rayon::ThreadPoolBuilder::new()
         .num_threads(threads.unwrap_or(0))
         .thread_name(|i| format!("propwash-{i}"))
+        // Fits of a diagnosis nest deeply; pages are taken only when they are used.
+        .stack_size(16 << 20)
         .build();
     let pool = Arc::new(made.map_err(|e| Error::new_err(format!("threads: they do not start: {e}")))?);
     known.push((process, threads, pool.clone()));

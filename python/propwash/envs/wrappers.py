@@ -1,0 +1,169 @@
+"""Wrappers of vector environments that change what is observed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from .vector import Info, Obs
+
+
+def _depth_of(env: VectorEnv[Any, Any, Any]) -> spaces.Box:
+    space = env.single_observation_space
+    if not isinstance(space, spaces.Dict) or not isinstance(space.spaces.get("depth"), spaces.Box):
+        raise TypeError(f'expected an environment that observes "depth", got one that observes {space}')
+    box = space.spaces["depth"]
+    assert isinstance(box, spaces.Box)
+    return box
+
+
+class _Observed(VectorWrapper[Any, Any, Any]):
+    """A wrapper that changes observations, those that end episodes too."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], space: spaces.Space[Any]) -> None:
+        super().__init__(env)
+        self.single_observation_space = space
+        self.observation_space = batch_space(space, self.num_envs)
+
+    def change(self, obs: Obs) -> Any:
+        """Observations as they shall be, of a batch of any size."""
+        raise NotImplementedError
+
+    def _changed_infos(self, info: Info) -> Info:
+        if "final_obs" in info:
+            final = np.full(self.num_envs, None, dtype=object)
+            for w in np.flatnonzero(info["_final_obs"]):
+                batch = self.change({name: value[None] for name, value in info["final_obs"][w].items()})
+                final[w] = {name: value[0] for name, value in batch.items()} if isinstance(batch, dict) else batch[0]
+            info["final_obs"] = final
+        return info
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, Info]:
+        """As that of the environment."""
+        obs, info = self.env.reset(seed=seed, options=options)
+        return self.change(obs), info
+
+    def step(self, actions: Any) -> tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+        """As that of the environment."""
+        obs, reward, terminated, truncated, info = self.env.step(actions)
+        return self.change(obs), reward, terminated, truncated, self._changed_infos(info)
+
+
+class NormalizeDepth(_Observed):
+    """Depth from 0 (at the camera) to 1 (as far as it sees); ``inverse``: nearness, from 1 (at ``near`` m and nearer) to 0."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], inverse: bool = False, near: float = 0.2) -> None:
+        box = _depth_of(env)
+        self._far = np.float32(box.high.max())
+        if not 0.0 < near < self._far:
+            raise ValueError(f"near: expected metres between 0 and {self._far}, got {near}")
+        self._inverse, self._near = inverse, np.float32(near)
+        space = env.single_observation_space
+        assert isinstance(space, spaces.Dict)
+        super().__init__(env, spaces.Dict({**space.spaces, "depth": spaces.Box(0.0, 1.0, box.shape, np.float32)}))
+
+    def change(self, obs: Obs) -> Obs:
+        """With depth from 0 to 1."""
+        depth = obs["depth"]
+        new: NDArray[Any]
+        if self._inverse:
+            low, high = 1.0 / self._far, 1.0 / self._near
+            new = (1.0 / np.maximum(depth, self._near) - low) / (high - low)
+        else:
+            new = depth / self._far
+        return {**obs, "depth": np.clip(new, 0.0, 1.0).astype(np.float32)}
+
+
+class ToF8x8(_Observed):
+    """Depth as a time-of-flight sensor of 8 x 8 zones gives it: of each zone the least, or the mean, of its pixels."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], reduce: str = "min") -> None:
+        box = _depth_of(env)
+        *head, height, width = box.shape
+        if height % 8 or width % 8:
+            raise ValueError(f"depth: expected a height and a width that 8 divides, got {height} x {width}")
+        if reduce not in ("min", "mean"):
+            raise ValueError(f'reduce: expected "min" or "mean", got {reduce!r}')
+        self._reduce = reduce
+        space = env.single_observation_space
+        assert isinstance(space, spaces.Dict)
+        high = float(box.high.max())
+        super().__init__(env, spaces.Dict({**space.spaces, "depth": spaces.Box(0.0, high, (*head, 8, 8), np.float32)}))
+
+    def change(self, obs: Obs) -> Obs:
+        """With 8 x 8 zones."""
+        depth = obs["depth"]
+        *head, height, width = depth.shape
+        zones = depth.reshape(*head, 8, height // 8, 8, width // 8)
+        new = zones.min(axis=(-3, -1)) if self._reduce == "min" else zones.mean(axis=(-3, -1))
+        return {**obs, "depth": np.asarray(new, np.float32)}
+
+
+class FlattenState(_Observed):
+    """All numbers but depth side by side as ``state``; without depth the observation is that array itself."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
+        space = env.single_observation_space
+        if not isinstance(space, spaces.Dict):
+            raise TypeError(f"expected an environment whose observations are dicts, got {space}")
+        self._names = [name for name in space.spaces if name != "depth"]
+        boxes = [space.spaces[name] for name in self._names]
+        assert all(isinstance(b, spaces.Box) for b in boxes)
+        *head, _ = boxes[0].shape or (0,)
+        width = sum((b.shape or (0,))[-1] for b in boxes)
+        state = spaces.Box(-np.inf, np.inf, (*head, width), np.float32)
+        self._depth = "depth" in space.spaces
+        super().__init__(env, spaces.Dict({"depth": space.spaces["depth"], "state": state}) if self._depth else state)
+
+    def change(self, obs: Obs) -> Any:
+        """With one array of numbers."""
+        state = np.concatenate([obs[name] for name in self._names], axis=-1)
+        return {"depth": obs["depth"], "state": state} if self._depth else state
+
+
+class DepthFrameStack(_Observed):
+    """The last ``n`` depth images, oldest first: ``depth`` gets a leading axis of ``n``. A new episode begins with ``n`` times its
+    first image."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], n: int = 3) -> None:
+        box = _depth_of(env)
+        if n < 1:
+            raise ValueError(f"n: expected at least 1, got {n}")
+        self._n = n
+        space = env.single_observation_space
+        assert isinstance(space, spaces.Dict)
+        high = float(box.high.max())
+        stacked = spaces.Box(0.0, high, (n, *box.shape), np.float32)
+        super().__init__(env, spaces.Dict({**space.spaces, "depth": stacked}))
+        self._frames = np.zeros((self.num_envs, n, *box.shape), np.float32)
+        self._ended = np.zeros(self.num_envs, bool)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, Info]:
+        """As that of the environment."""
+        obs, info = self.env.reset(seed=seed, options=options)
+        mask = info.get("reset_mask", np.ones(self.num_envs, bool))
+        self._frames[mask] = obs["depth"][mask][:, None]
+        self._ended[mask] = False
+        return {**obs, "depth": self._frames.copy()}, info
+
+    def step(self, actions: Any) -> tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], Info]:
+        """As that of the environment."""
+        obs, reward, terminated, truncated, info = self.env.step(actions)
+        done = terminated | truncated
+        mode = self.env.metadata.get("autoreset_mode")
+        if mode == AutoresetMode.SAME_STEP:
+            for w in np.flatnonzero(done):
+                last = np.concatenate([self._frames[w][1:], info["final_obs"][w]["depth"][None]])
+                info["final_obs"][w] = {**info["final_obs"][w], "depth": last}
+            fresh = done
+        else:
+            fresh = self._ended
+        self._frames = np.concatenate([self._frames[:, 1:], obs["depth"][:, None]], axis=1)
+        self._frames[fresh] = obs["depth"][fresh][:, None]
+        self._ended = done
+        return {**obs, "depth": self._frames.copy()}, reward, terminated, truncated, info

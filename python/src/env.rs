@@ -1,0 +1,298 @@
+//! The batch of worlds behind `propwash.envs`.
+
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+
+use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use propwash::env::{Env, EnvConfig};
+use propwash::scene::{SceneError, WorkerPool};
+use propwash::sense::{DepthFrame, SenseError};
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::ThreadPool;
+
+use crate::arrays;
+use crate::camera::CameraSpec;
+use crate::errors::{Error, OrRaise};
+use crate::threads;
+use crate::vehicle::PyVehicle;
+
+/// What views of the arrays keep alive.
+#[pyclass(frozen, module = "propwash._native")]
+struct EnvOwner {
+    _env: Arc<Mutex<Env>>,
+}
+
+/// A batch of worlds to learn in.
+#[pyclass(frozen, name = "Env", module = "propwash._native")]
+pub struct PyEnv {
+    env: Arc<Mutex<Env>>,
+    owner: Py<EnvOwner>,
+    pool: Arc<ThreadPool>,
+    /// The process that made it.
+    process: u32,
+    parallel: bool,
+    /// Shape of actions.
+    action: [usize; 3],
+    /// Numbers of actions, reused.
+    numbers: Mutex<(Vec<f64>, Vec<f32>)>,
+}
+
+impl PyEnv {
+    fn env(&self) -> PyResult<MutexGuard<'_, Env>> {
+        let process = std::process::id();
+        if process != self.process {
+            return Err(Error::new_err(format!(
+                "this environment was made by process {} and this is process {process}, forked from it, in which its threads do \
+                 not exist: make an environment of its own in each process, or start processes by `spawn`",
+                self.process
+            )));
+        }
+        match self.env.try_lock() {
+            Ok(env) => Ok(env),
+            Err(TryLockError::Poisoned(broken)) => Ok(broken.into_inner()),
+            Err(TryLockError::WouldBlock) => Err(Error::new_err(
+                "this environment is at work in another thread: wait until that call returns, or give each thread an \
+                 environment of its own",
+            )),
+        }
+    }
+
+    fn world(&self, world: usize) -> PyResult<()> {
+        if world < self.action[0] {
+            return Ok(());
+        }
+        Err(PyIndexError::new_err(format!("world: expected less than {}, got {world}", self.action[0])))
+    }
+}
+
+#[pymethods]
+impl PyEnv {
+    /// `config`: a description in JSON.
+    #[new]
+    #[pyo3(signature = (config, vehicles, threads = None))]
+    fn new(
+        py: Python<'_>,
+        config: &str,
+        vehicles: Vec<Py<PyVehicle>>,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let config = EnvConfig::from_json(config).or_raise()?;
+        let pool = threads::pool(threads)?;
+        let vehicles: Vec<_> = vehicles.iter().map(|v| v.get().vehicle.clone()).collect();
+        let env = py.detach(|| pool.install(|| Env::new(config, &vehicles))).or_raise()?;
+        let action = [env.config().n_worlds, env.config().n_drones, env.action_width()];
+        let parallel = env.is_parallel();
+        let env = Arc::new(Mutex::new(env));
+        let owner = Py::new(py, EnvOwner { _env: env.clone() })?;
+        let process = std::process::id();
+        Ok(Self { env, owner, pool, process, parallel, action, numbers: Mutex::default() })
+    }
+
+    /// Shape of actions: worlds, drones, numbers of each.
+    #[getter]
+    fn action_shape(&self) -> (usize, usize, usize) {
+        self.action.into()
+    }
+
+    /// Names and widths of what is observed.
+    fn channels(&self) -> PyResult<Vec<(&'static str, usize)>> {
+        Ok(self.env()?.channels().iter().map(|c| (c.name, c.width)).collect())
+    }
+
+    /// Least and greatest actions, (n_drones, action).
+    #[allow(clippy::type_complexity)]
+    fn action_limits<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<f32>>)> {
+        let (low, high) = self.env()?.action_limits();
+        let shape = &self.action[1..];
+        Ok((arrays::owned(py, low, shape)?, arrays::owned(py, high, shape)?))
+    }
+
+    /// Width and height of images, zero without a camera; least and greatest depth, m.
+    fn image(&self) -> PyResult<([usize; 2], [f64; 2])> {
+        let env = self.env()?;
+        Ok((env.image_size(), env.depth_range_m()))
+    }
+
+    /// What it was made of, as JSON.
+    fn config_json(&self) -> PyResult<String> {
+        serde_json::to_string(self.env()?.config()).map_err(|e| Error::new_err(e.to_string()))
+    }
+
+    /// A view of the array called `name`.
+    fn array<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let mut env = self.env()?;
+        let owner = || self.owner.bind(py).clone().into_any();
+        let [n, d, _] = self.action;
+        let [w, h] = env.image_size();
+        let width: usize = env.channels().iter().map(|c| c.width).sum();
+        // The owner holds the environment, whose arrays are made with it and never replaced or
+        // resized; only calls on this object write to them, and those do not run Python code meanwhile.
+        macro_rules! view {
+            ($numbers:expr, $shape:expr) => {
+                // SAFETY: by what stands above.
+                unsafe { arrays::view($numbers, $shape, owner())? }.into_any()
+            };
+        }
+        Ok(match name {
+            "observation" => view!(env.observation(), &[n, d, width]),
+            "depth" if w > 0 => view!(env.depth(), &[n, d, h, w]),
+            "reward" => view!(env.reward(), &[n, d]),
+            "terminated" => view!(env.terminated(), &[n]),
+            "truncated" => view!(env.truncated(), &[n]),
+            "ending" => view!(env.ending(), &[n]),
+            "clearance" => view!(env.clearance(), &[n, d]),
+            "final_observation" => view!(env.final_observation(), &[n, d, width]),
+            "final_depth" if w > 0 => view!(env.final_depth(), &[n, d, h, w]),
+            _ => return Err(PyKeyError::new_err(format!("no array is called {name:?}"))),
+        })
+    }
+
+    /// Begins new episodes in all worlds, or in those of the mask.
+    #[pyo3(signature = (seed = None, mask = None))]
+    fn reset(&self, py: Python<'_>, seed: Option<u64>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let mask = arrays::mask("reset_mask", mask, self.action[0])?;
+        let mut env = self.env()?;
+        let env = &mut *env;
+        py.detach(|| match self.parallel {
+            true => self.pool.install(|| env.reset(seed, mask.as_deref())),
+            false => env.reset(seed, mask.as_deref()),
+        })
+        .or_raise()
+    }
+
+    /// Flies one step. Returns whether any episode ended, and whether any action was held within its limits.
+    fn step(&self, py: Python<'_>, action: &Bound<'_, PyAny>) -> PyResult<(bool, bool)> {
+        let mut env = self.env()?;
+        let mut numbers = self.numbers.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        let (wide, narrow) = &mut *numbers;
+        narrow.clear();
+        let exact =
+            action.cast::<PyArrayDyn<f32>>().ok().filter(|a| a.shape() == self.action && a.is_c_contiguous());
+        match exact {
+            Some(array) => narrow.extend_from_slice(array.try_readonly()?.as_slice()?),
+            None => {
+                arrays::numbers("action", "(n_worlds, n_drones, action)", action, &self.action, wide)?;
+                narrow.extend(wide.iter().map(|v| *v as f32));
+            }
+        }
+        let env = &mut *env;
+        py.detach(|| match self.parallel {
+            true => self.pool.install(|| env.step(narrow)),
+            false => env.step(narrow),
+        })
+        .or_raise()?;
+        let ended = env.ending().iter().any(|e| *e != 0);
+        Ok((ended, (0..self.action[0]).any(|w| env.clipped(w))))
+    }
+
+    /// Worlds whose last action was held within its limits.
+    fn clipped<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let env = self.env()?;
+        arrays::owned(py, (0..self.action[0]).map(|w| env.clipped(w)).collect(), &[self.action[0]])
+    }
+
+    /// Layout in which each world flies.
+    fn layouts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
+        let env = self.env()?;
+        arrays::owned(py, (0..self.action[0]).map(|w| env.layout(w) as i64).collect(), &[self.action[0]])
+    }
+
+    /// Levels of a world's episode, as JSON.
+    fn levels_json(&self, world: usize) -> PyResult<String> {
+        self.world(world)?;
+        serde_json::to_string(self.env()?.levels(world)).map_err(|e| Error::new_err(e.to_string()))
+    }
+
+    /// Names and values of the parameters of one drone in one world.
+    fn parameters(&self, world: usize, drone: usize) -> PyResult<Vec<(String, f64)>> {
+        self.world(world)?;
+        if drone >= self.action[1] {
+            return Err(PyIndexError::new_err(format!(
+                "drone: expected less than {}, got {drone}",
+                self.action[1]
+            )));
+        }
+        let mut of = self.env()?.flight().drone(world, drone).clone();
+        let mut out = Vec::new();
+        of.visit(&mut |name, value| out.push((name.to_string(), *value)));
+        Ok(out)
+    }
+
+    /// Box around what stands in a layout, m; none for one without geoms, or without layouts.
+    fn extent(&self, layout: usize) -> PyResult<Option<[[f64; 3]; 2]>> {
+        Ok(self.env()?.course(layout).and_then(|c| c.extent_m))
+    }
+
+    /// What a camera sees in a world: depth, status, geom_id, normal by name.
+    fn view<'py>(&self, py: Python<'py>, world: usize, camera: CameraSpec) -> PyResult<Bound<'py, PyDict>> {
+        self.world(world)?;
+        let env = self.env()?;
+        let Some(scene) = env.scene(env.layout(world)) else {
+            return Err(Error::new_err(
+                "this environment has no scene to be shown: give it one, scene=\"path of an MJCF file\"",
+            ));
+        };
+        let cameras = camera.build(scene)?;
+        let pool = WorkerPool::new(scene);
+        let mut frame = DepthFrame::new();
+        let data = &env.flight().data;
+        py.detach(|| {
+            pool.with(|worker| -> Result<(), SenseError> {
+                for d in 0..data.n_drones {
+                    let s = data.state(world, d);
+                    worker.set_drone(d, s.pos, s.quat)?;
+                }
+                worker.update()?;
+                cameras.cameras[0].render(worker, &mut frame)
+            })
+            .map_err(|e: SceneError| SenseError::from(e))
+            .and_then(|r| r)
+        })
+        .or_raise()?;
+        let shape = [frame.height, frame.width];
+        let out = PyDict::new(py);
+        let normal = frame.normal.take().unwrap_or_default();
+        if !normal.is_empty() {
+            let list = normal.into_iter().flatten().collect();
+            out.set_item("normal", arrays::owned(py, list, &[frame.height, frame.width, 3])?)?;
+        }
+        out.set_item("depth", arrays::owned(py, frame.depth_m, &shape)?)?;
+        out.set_item("status", arrays::owned(py, frame.status, &shape)?)?;
+        out.set_item("geom_id", arrays::owned(py, frame.geom_id, &shape)?)?;
+        Ok(out)
+    }
+
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(PyTypeError::new_err(
+            "an environment cannot be pickled or copied: make one with the same arguments where it is needed",
+        ))
+    }
+}
+
+/// Names of the depth devices.
+#[pyfunction]
+pub fn depth_devices() -> Vec<&'static str> {
+    propwash::sense::DEVICES.iter().map(|d| d.name).collect()
+}
+
+/// A description in TOML or JSON, completed, as JSON.
+#[pyfunction]
+pub fn env_config(text: &str) -> PyResult<String> {
+    let config = if text.trim_start().starts_with('{') {
+        EnvConfig::from_json(text)
+    } else {
+        EnvConfig::from_toml(text)
+    };
+    serde_json::to_string(&config.or_raise()?).map_err(|e| PyValueError::new_err(e.to_string()))
+}
+
+/// Rules of randomisation in TOML as JSON.
+#[pyfunction]
+pub fn rules_json(text: &str) -> PyResult<String> {
+    let rules = propwash::rollout::randomize::Randomization::from_toml(text).or_raise()?;
+    serde_json::to_string(&rules).map_err(|e| PyValueError::new_err(e.to_string()))
+}

@@ -1,0 +1,460 @@
+"""Learning environments: Gymnasium's checkers, the same episodes from the same seed, modes, wrappers, wrong input."""
+
+import copy
+import multiprocessing
+import os
+import pickle
+import threading
+import warnings
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+import propwash
+import propwash.envs as envs
+from propwash.envs.vector import config_file, depth_devices
+
+SMALL = {"width": 8, "height": 8}
+#: Every id with what makes it quick.
+QUICK = {
+    name: {"layouts": 2, "camera": SMALL} if name.split("/")[1].startswith(("Forest", "Gate", "Room", "Swarm")) else {}
+    for name in envs.IDS
+}
+
+
+def make(name, num_envs=3, **kwargs):
+    return gymnasium.make_vec(name, num_envs=num_envs, **{**QUICK[name], **kwargs})
+
+
+def actions(env, step):
+    rng = np.random.default_rng(step)
+    return rng.uniform(-0.8, 0.8, env.action_space.shape).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", envs.IDS)
+def test_gymnasiums_checker_passes(name):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*Box observation space.*")
+        env = gymnasium.make(name, render_mode="rgb_array", **QUICK[name])
+        has_scene = bool(QUICK[name])
+        check_env(env.unwrapped, skip_render_check=not has_scene)
+
+
+@pytest.mark.parametrize("name", envs.IDS)
+def test_vectors_are_what_their_spaces_say(name):
+    env = make(name)
+    assert isinstance(env.unwrapped, gymnasium.vector.VectorEnv)
+    assert env.spec is not None and env.spec.id == name
+    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    obs, info = env.reset(seed=3)
+    assert env.observation_space.contains(obs) and info == {}
+    for step in range(30):
+        obs, reward, terminated, truncated, info = env.step(actions(env, step))
+        assert env.observation_space.contains(obs), step
+        assert reward.shape == (3,) and reward.dtype == np.float64 and np.isfinite(reward).all()
+        assert terminated.shape == truncated.shape == (3,) and terminated.dtype == truncated.dtype == np.bool_
+        if "_ending" in info:
+            assert (info["_ending"] == (terminated | truncated)).all()
+            assert all(envs.ENDINGS[e] for e in info["ending"][info["_ending"]])
+    assert all(value.dtype == np.float32 for value in obs.values())
+
+
+@pytest.mark.parametrize("name", envs.IDS)
+def test_the_same_seed_gives_the_same_episodes_at_any_thread_count(name):
+    def flown(threads, seed):
+        env = make(name, num_envs=5, threads=threads, max_episode_time=0.4)
+        obs, _ = env.reset(seed=seed)
+        out = [*obs.values()]
+        for step in range(20):
+            obs, reward, terminated, truncated, _ = env.step(actions(env, step))
+            out += [*obs.values(), reward, terminated, truncated]
+        return out
+
+    one, three, other = flown(1, 7), flown(3, 7), flown(1, 8)
+    assert all((a == b).all() for a, b in zip(one, three, strict=True))
+    assert any((a != b).any() for a, b in zip(one, other, strict=True))
+
+
+def test_a_seed_seeds_everything_that_is_random():
+    rules = [
+        {"parameter": "body.mass_kg", "draw": {"scale": [0.8, 1.2]}},
+        {"parameter": "env.wind_m_s.*", "draw": {"normal": 1.0}},
+        {"parameter": "env.pos_sigma_m", "draw": {"uniform": [0.0, 0.05]}},
+    ]
+    a, b = (make("Propwash/ReachPos-v0", randomization=rules) for _ in range(2))
+    for seed in (1, 2):
+        (x, _), (y, _) = a.reset(seed=seed), b.reset(seed=seed)
+        assert all((x[k] == y[k]).all() for k in x)
+        assert a.unwrapped.levels(1) == b.unwrapped.levels(1)
+        assert a.unwrapped.parameters(2) == b.unwrapped.parameters(2)
+    assert a.unwrapped.levels(0) != a.unwrapped.levels(1)
+    masses = {a.unwrapped.parameters(w)["body.mass_kg"] for w in range(3)}
+    assert len(masses) == 3
+    # Without a seed two batches differ.
+    (x, _), (y, _) = (make("Propwash/ReachPos-v0").reset() for _ in range(2))
+    assert (x["pos"] != y["pos"]).any()
+
+
+def test_modes_of_autoreset_are_gymnasiums():
+    def of(mode):
+        env = make("Propwash/ReachPos-v0", num_envs=2, autoreset_mode=mode, max_episode_time=0.1)
+        env.reset(seed=1)
+        return env
+
+    zero = np.zeros((2, 4), np.float32)
+    following, same, disabled = (of(m) for m in AutoresetMode)
+    assert {e.metadata["autoreset_mode"] for e in (following, same, disabled)} == set(AutoresetMode)
+    for _ in range(5):
+        last, _, _, truncated, info = following.step(zero)
+    assert truncated.all() and "final_obs" not in info
+    begun, reward, _, truncated, _ = following.step(zero)
+    assert not truncated.any() and (reward == 0.0).all()
+    for _ in range(5):
+        obs, _, _, truncated, info = same.step(zero)
+    assert truncated.all() and (info["_final_obs"]).all()
+    for w in range(2):
+        assert all((info["final_obs"][w][k] == last[k][w]).all() for k in last)
+    assert all((obs[k] == begun[k]).all() for k in obs)
+    for _ in range(5):
+        disabled.step(zero)
+    with pytest.raises(propwash.Error, match="world 0 has ended"):
+        disabled.step(zero)
+    obs, info = disabled.reset(options={"reset_mask": np.array([True, False])})
+    assert (obs["pos"][0] == begun["pos"][0]).all() and (obs["pos"][1] == last["pos"][1]).all()
+
+
+def test_observations_are_copies_unless_asked_otherwise():
+    for copies in (True, False):
+        env = make("Propwash/ForestDepth-v0", copy=copies)
+        first, _ = env.reset(seed=1)
+        kept = {k: v.copy() for k, v in first.items()}
+        env.step(actions(env, 0))
+        same = all((first[k] == kept[k]).all() for k in ("vel", "depth"))
+        assert same == copies
+
+
+def test_rewards_of_reaching_are_crazyflows():
+    # The formulas of crazyflow 0.4.0, envs/: exp(-2 d), exp(-|dv|), exp(-2 d) exp(-2 v), at what is observed after the step.
+    for name, reward_of in {
+        "Propwash/ReachPos-v0": lambda o: np.exp(-2.0 * np.linalg.norm(o["difference_to_goal"], axis=-1)),
+        "Propwash/ReachVel-v0": lambda o: np.exp(-np.linalg.norm(o["difference_to_target_vel"], axis=-1)),
+        "Propwash/Landing-v0": lambda o: np.exp(
+            -2.0 * np.linalg.norm(o["difference_to_goal"], axis=-1) - 2.0 * np.linalg.norm(o["vel"], axis=-1)
+        ),
+        "Propwash/Trajectory-v0": lambda o: np.exp(-2.0 * np.linalg.norm(o["local_samples"][:, :3], axis=-1)),
+    }.items():
+        env = make(name, num_envs=20)
+        env.reset(seed=2)
+        for step in range(5):
+            obs, reward, terminated, _, _ = env.step(0.2 * actions(env, step))
+            assert not terminated.any()
+            np.testing.assert_allclose(reward, reward_of(obs), rtol=2e-5, err_msg=name)
+
+
+def test_the_figure_of_eight_is_crazyflows():
+    env = make("Propwash/Trajectory-v0", num_envs=1)
+    obs, _ = env.reset(seed=0)
+    points = obs["local_samples"].reshape(10, 3) + obs["pos"]
+    phase = 2.0 * np.pi * 0.1 * np.arange(10) / 10.0
+    expected = np.stack([np.sin(phase), 0.0 * phase, 0.5 * np.sin(2.0 * phase) + 1.0], axis=-1)
+    np.testing.assert_allclose(points, expected, atol=1e-6)
+
+
+def test_depth_is_what_the_simulator_renders():
+    env = make("Propwash/ForestDepth-v0", num_envs=1, scene="xml/forest.xml", layouts=None, camera={"width": 16, "height": 12})
+    obs, _ = env.reset(seed=5)
+    sim = propwash.Sim(scene="xml/forest.xml", control="attitude")
+    sim.data.pos[0, 0], sim.data.quat[0, 0] = obs["pos"][0], obs["quat"][0]
+    camera = propwash.Camera("fpv", resolution=(16, 12), kind="z_depth", range=(0.02, 10.0))
+    frame = sim.render_depth(camera)
+    frame = getattr(frame, "depth", frame)[0, 0]
+    expected = np.where(frame < 10.0, frame, 10.0)
+    np.testing.assert_allclose(obs["depth"][0], expected, rtol=1e-6)
+    assert (obs["depth"] < 10.0).any() and env.unwrapped.clearance[0] > 0.0
+
+
+def test_every_named_device_sees():
+    assert {"vl53l5cx", "d435", "kinect_v1", "ideal"} <= set(depth_devices())
+    for device in depth_devices():
+        env = gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=2, layouts=1, camera=device)
+        obs, _ = env.reset(seed=1)
+        again, _ = env.reset(seed=1)
+        assert env.observation_space.contains(obs) and (obs["depth"] == again["depth"]).all(), device
+        clean = gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=2, layouts=1, camera=device, levels={"depth_noise": 0.0})
+        exact, _ = clean.reset(seed=1)
+        assert ((obs["depth"] != exact["depth"]).any()) == (device != "ideal"), device
+
+
+def test_layouts_differ_between_worlds_and_come_back():
+    env = make("Propwash/ForestDepth-v0", num_envs=16, layouts=3, scene={"forest": {"trees": 10, "size_m": 8.0, "moving": 0}})
+    env.reset(seed=1)
+    first = env.unwrapped.layouts()
+    assert set(first.tolist()) == {0, 1, 2}
+    env.reset()
+    assert (env.unwrapped.layouts() != first).any()
+
+
+def test_swarms_have_an_axis_of_drones_and_rewards_apart():
+    env = make("Propwash/SwarmCross-v0", num_envs=2, n_drones=4)
+    obs, _ = env.reset(seed=1)
+    assert obs["pos"].shape == (2, 4, 3) and obs["depth"].shape == (2, 4, 8, 8) and obs["neighbours"].shape == (2, 4, 24)
+    assert env.action_space.shape == (2, 4, 4)
+    _, reward, _, _, info = env.step(actions(env, 0))
+    np.testing.assert_allclose(reward, info["reward"].mean(axis=1), rtol=1e-6)
+    # The nearest neighbour first, along the own heading.
+    off = obs["pos"][0, 1:] - obs["pos"][0, 0]
+    nearest = np.linalg.norm(off, axis=-1).min()
+    assert np.isclose(np.linalg.norm(obs["neighbours"][0, 0, :3]), nearest, rtol=1e-5)
+
+
+def test_pettingzoos_checkers_pass():
+    pytest.importorskip("pettingzoo")
+    from pettingzoo.test import parallel_api_test, parallel_seed_test
+
+    from propwash.envs.parallel import SwarmEnv
+
+    quick = {"n_drones": 3, "layouts": 1, "camera": SMALL}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="options: there are none")
+        parallel_api_test(SwarmEnv(**quick), num_cycles=200)
+        parallel_seed_test(lambda: SwarmEnv(**quick), num_cycles=30)
+    env = SwarmEnv(**quick)
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match="missing"):
+        env.step({"drone_0": np.zeros(4)})
+    with pytest.raises(ValueError, match="drone_1"):
+        env.step({f"drone_{d}": np.zeros(4 - (d == 1)) for d in range(3)})
+
+
+def test_wrappers_change_what_they_say():
+    base = make("Propwash/ForestDepth-v0", camera={"width": 16, "height": 16}, autoreset_mode="SameStep", max_episode_time=0.2)
+    plain, _ = base.reset(seed=1)
+    near = envs.NormalizeDepth(base, inverse=True)
+    obs, _ = near.reset(seed=1)
+    assert near.observation_space.contains(obs) and obs["depth"].max() <= 1.0
+    assert np.argmax(obs["depth"][0]) == np.argmin(plain["depth"][0])
+    zones = envs.ToF8x8(base)
+    obs, _ = zones.reset(seed=1)
+    assert zones.observation_space.contains(obs)
+    assert obs["depth"][0, 0, 0] == plain["depth"][0, :2, :2].min()
+    flat = envs.FlattenState(zones)
+    obs, _ = flat.reset(seed=1)
+    assert set(obs) == {"depth", "state"} and obs["state"].shape == (3, 19)
+    stack = envs.DepthFrameStack(flat, 3)
+    obs, _ = stack.reset(seed=1)
+    assert obs["depth"].shape == (3, 3, 8, 8) and (obs["depth"][:, 0] == obs["depth"][:, 2]).all()
+    seen = [obs["depth"][:, -1]]
+    for step in range(4):
+        obs, _, terminated, truncated, info = stack.step(actions(base, step))
+        if not (terminated | truncated).any():
+            seen.append(obs["depth"][:, -1])
+            assert (obs["depth"][:, 1] == seen[-2]).all()
+    # The fourth step ends all episodes: what is observed begins anew, what was is kept.
+    assert truncated.all() and (obs["depth"][:, 0] == obs["depth"][:, 2]).all()
+    final = info["final_obs"][0]
+    assert final["depth"].shape == (3, 8, 8) and (final["depth"][1] == seen[-1][0]).all()
+    numbers = envs.FlattenState(make("Propwash/ReachPos-v0"))
+    obs, _ = numbers.reset(seed=1)
+    assert obs.shape == (3, 16) and numbers.observation_space.contains(obs)
+    with pytest.raises(TypeError, match="depth"):
+        envs.ToF8x8(make("Propwash/ReachPos-v0"))
+
+
+def test_gymnasiums_own_wrappers_work():
+    from gymnasium.wrappers.vector import ClipAction, RecordEpisodeStatistics, RescaleAction
+
+    env = RecordEpisodeStatistics(ClipAction(RescaleAction(make("Propwash/ReachPos-v0", max_episode_time=0.1), -2.0, 2.0)))
+    env.reset(seed=1)
+    for _ in range(5):
+        *_, info = env.step(np.zeros((3, 4), np.float32))
+    assert (info["episode"]["l"] == 5).all() and (info["episode"]["r"] > 0.0).all()
+
+
+def test_pictures_show_the_scene():
+    env = make("Propwash/GateRace-v0", num_envs=2, render_mode="rgb_array")
+    env.reset(seed=1)
+    pictures = env.render()
+    assert len(pictures) == 2 and pictures[0].shape == (240, 320, 3) and pictures[0].dtype == np.uint8
+    assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) > 20
+    view = env.unwrapped.view(0, "fpv")
+    assert view["depth"].shape == (240, 320)
+    flat = make("Propwash/ReachPos-v0", render_mode="rgb_array")
+    flat.reset(seed=1)
+    with pytest.raises(propwash.Error, match="no scene"):
+        flat.render()
+
+
+def test_a_description_in_toml_is_complete(tmp_path):
+    path = tmp_path / "env.toml"
+    path.write_text('step_hz = 25\n[task]\nkind = "landing"\n[levels]\nwind_m_s = [1.0, 0.0, 0.0]\n')
+    config = config_file(path)
+    assert config["task"]["goal_m"] == [0.0, 0.0, 0.1] and config["levels"]["wind_m_s"] == [1.0, 0.0, 0.0]
+    path.write_text("step_hz = 25\nstep_hx = 1\n")
+    with pytest.raises(ValueError, match="line 2.*step_hx"):
+        config_file(path)
+    made = make("Propwash/ReachPos-v0").unwrapped.config
+    assert made["n_worlds"] == 3 and made["task"]["kind"] == "reach_pos"
+
+
+@pytest.mark.parametrize(
+    "kwargs, error, words",
+    [
+        ({"task": "fly"}, ValueError, "task: expected one of reach_pos.*got 'fly'"),
+        ({"num_envs": 0}, ValueError, "num_envs.*1.*0"),
+        ({"num_envs": 2.5}, TypeError, "num_envs"),
+        ({"freq": 60}, ValueError, "step_hz: expected a divisor of sim_hz"),
+        ({"action": "thrust"}, ValueError, "unknown variant `thrust`"),
+        ({"action_options": {"tilt": 1}}, ValueError, "unknown field `tilt`"),
+        ({"task_options": {"goal": 1}}, ValueError, "unknown field `goal`"),
+        ({"drone": "cf3"}, ValueError, "cf3"),
+        ({"drone": 3}, TypeError, "drone"),
+        ({"dynamics": "newton"}, ValueError, "newton"),
+        ({"scene": {"desert": {}}}, ValueError, "scene: expected one entry.*forest"),
+        ({"scene": 3}, TypeError, "scene: expected a path"),
+        ({"scene": "missing.xml"}, OSError, "missing.xml"),
+        ({"camera": True}, ValueError, "camera"),
+        ({"camera": "ideal"}, ValueError, "camera: expected none without a scene"),
+        ({"scene": "forest", "camera": "lidar"}, ValueError, "camera device: expected one of ideal"),
+        ({"autoreset_mode": "later"}, ValueError, "autoreset_mode.*NextStep.*later"),
+        ({"render_mode": "human"}, ValueError, "render_mode.*human"),
+        ({"levels": {"action_delay_s": 5}}, ValueError, "env.action_delay_s: expected 0 to 1, got 5"),
+        ({"randomization": [{"parameter": "env.wind", "draw": {"normal": 1}}]}, ValueError, "env.wind"),
+        ({"randomization": [{"parameter": "body.mas", "draw": {"normal": 1}}]}, KeyError, "body.mas"),
+        ({"n_drones": 2}, ValueError, "n_drones: expected 1"),
+        ({"max_episode_time": float("nan")}, ValueError, "max_episode_s"),
+    ],
+)
+def test_arguments_that_make_no_sense_are_refused(kwargs, error, words):
+    with pytest.raises(error, match=words):
+        envs.DroneVectorEnv(**{"num_envs": 1, **kwargs})
+
+
+def test_actions_that_make_no_sense_are_refused_and_nothing_is_flown():
+    env = make("Propwash/ReachPos-v0")
+    with pytest.raises(ValueError, match="reset of all worlds first"):
+        env.unwrapped.step(np.zeros((3, 4), np.float32))
+    obs, _ = env.reset(seed=1)
+    for action, error, words in [
+        (np.zeros((3, 3)), ValueError, r"expected shape \(3, 4\).*\(3, 3\)"),
+        (np.zeros(12), ValueError, r"expected shape \(3, 4\)"),
+        (np.full((3, 4), np.nan), ValueError, "world 0, drone 0, entry 0.*NaN"),
+        (np.full((3, 4), np.inf, np.float32), ValueError, "finite"),
+        (np.zeros((3, 4), complex), TypeError, "complex"),
+        (np.full((3, 4), "a"), TypeError, "action: expected an array of real numbers"),
+        (np.zeros((3, 4), bool), TypeError, "bool"),
+        (None, ValueError, r"expected shape \(3, 4\)"),
+    ]:
+        with pytest.raises(error, match=words):
+            env.step(action)
+    # Other number types and orders are taken.
+    env.step(np.zeros((3, 4), np.int64))
+    env.step(np.asfortranarray(np.zeros((3, 4))))
+    env.step([[0.0] * 4] * 3)
+    _, _, _, _, info = env.step(np.array([[0, 0, 0, 0], [2, 0, 0, 0], [0, 0, 0, 0]], np.float32))
+    assert info["clipped"].tolist() == [False, True, False]
+
+
+def test_seeds_and_masks_that_make_no_sense_are_refused():
+    env = make("Propwash/ReachPos-v0")
+    for seed, error in [([1, 2, 3], TypeError), ("1", TypeError), (-1, ValueError), (1.5, TypeError)]:
+        with pytest.raises(error, match="seed"):
+            env.reset(seed=seed)
+    with pytest.raises(ValueError, match="reset_mask"):
+        env.reset(options={"mask": 1})
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=r"\(3,\)"):
+        env.reset(options={"reset_mask": np.array([True])})
+    with pytest.raises(TypeError, match="booleans"):
+        env.reset(options={"reset_mask": np.array([1, 0, 0])})
+    with pytest.raises(ValueError, match="seed"):
+        env.reset(seed=1, options={"reset_mask": np.array([True, False, False])})
+
+
+def test_single_environments_refuse_what_is_for_batches():
+    with pytest.raises(TypeError, match="make_vec"):
+        envs.DroneEnv(num_envs=2)
+    env = gymnasium.make("Propwash/ReachPos-v0", max_episode_time=0.1)
+    with pytest.raises(RuntimeError, match="reset first"):
+        env.step(np.zeros(4))
+    env.reset(seed=1)
+    for _ in range(5):
+        *_, truncated, info = env.step(np.zeros(4, np.float32))
+    assert truncated and info["ending"] == "time_up" and info["is_success"] is False
+    with pytest.raises(RuntimeError, match="has ended"):
+        env.step(np.zeros(4, np.float32))
+
+
+def test_closed_environments_and_copies_are_refused():
+    env = make("Propwash/ReachPos-v0")
+    env.reset(seed=1)
+    for how in (pickle.dumps, copy.copy, copy.deepcopy):
+        with pytest.raises(TypeError, match="cannot be pickled or copied"):
+            how(env.unwrapped)
+    env.close()
+    env.close()
+    for call in (lambda: env.reset(), lambda: env.step(np.zeros((3, 4))), lambda: env.unwrapped.layouts()):
+        with pytest.raises(RuntimeError, match="closed"):
+            call()
+
+
+def _in_a_fork(env, queue):
+    try:
+        env.step(np.zeros((3, 4), np.float32))
+        queue.put("nothing happened")
+    except propwash.Error as e:
+        queue.put(str(e))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_forked_process_is_told():
+    env = make("Propwash/ReachPos-v0").unwrapped
+    env.reset(seed=1)
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process = context.Process(target=_in_a_fork, args=(env, queue))
+        process.start()
+    assert "forked" in queue.get(timeout=60)
+    process.join(timeout=60)
+
+
+def test_two_threads_get_an_error_or_a_turn_and_never_a_crash():
+    env = make("Propwash/ForestDepth-v0", num_envs=64)
+    env.reset(seed=1)
+    action = np.zeros((64, 4), np.float32)
+    seen = []
+
+    def fly():
+        for _ in range(20):
+            try:
+                env.step(action)
+                seen.append("ok")
+            except propwash.Error as e:
+                seen.append(str(e))
+
+    workers = [threading.Thread(target=fly) for _ in range(4)]
+    for w in workers:
+        w.start()
+    for w in workers:
+        w.join()
+    assert len(seen) == 80 and "ok" in seen
+    assert all(s == "ok" or "at work in another thread" in s for s in seen)
+
+
+def test_stable_baselines_take_the_batch():
+    pytest.importorskip("stable_baselines3")
+    from propwash.envs.sb3 import SB3VecEnv
+
+    with pytest.raises(ValueError, match="SameStep"):
+        SB3VecEnv(make("Propwash/ReachPos-v0"))
+    env = SB3VecEnv(envs.FlattenState(make("Propwash/ReachPos-v0", autoreset_mode="SameStep", max_episode_time=0.1)))
+    env.seed(1)
+    obs = env.reset()
+    assert obs.shape == (3, 16)
+    for _ in range(5):
+        obs, reward, done, infos = env.step(np.zeros((3, 4), np.float32))
+    assert done.all() and all(i["TimeLimit.truncated"] and i["terminal_observation"].shape == (16,) for i in infos)
