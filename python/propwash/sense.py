@@ -135,19 +135,19 @@ class Contacts:
     """All contacts of all drones, one entry for each, in the order of worlds. ``n`` is their number."""
 
     world: NDArray[np.int32]
-    """(n,)"""
+    """The world. (n,)"""
     drone: NDArray[np.int32]
     """The drone; of two drones the one with the lower number. (n,)"""
     other_drone: NDArray[np.int32]
     """The other drone, -1 for a thing of the scene. (n,)"""
     drone_geom: NDArray[np.int32]
-    """(n,)"""
+    """The geom of the drone. (n,)"""
     drone_body: NDArray[np.int32]
-    """(n,)"""
+    """The body of the drone. (n,)"""
     other_geom: NDArray[np.int32]
     """What is touched; -1 for a flex. (n,)"""
     other_body: NDArray[np.int32]
-    """(n,)"""
+    """The body of what is touched. (n,)"""
     other_flex: NDArray[np.int32]
     """-1 for a geom. (n,)"""
     distance: NDArray[np.float64]
@@ -163,6 +163,7 @@ class Contacts:
     touching: NDArray[np.bool_]
     """Whether a drone touches anything (distance <= 0). (n_worlds, n_drones)"""
     scene: SceneInfo
+    """What the ids stand for."""
 
     def __len__(self) -> int:
         return len(self.world)
@@ -179,8 +180,11 @@ class Clearance:
     exact: NDArray[np.bool_]
     """False where ``distance`` is only a lower bound, or the depth of a height field may be greater."""
     drone_geom: NDArray[np.int32]
+    """The geom of the drone that is nearest."""
     other_geom: NDArray[np.int32]
+    """The geom of the obstacle."""
     other_body: NDArray[np.int32]
+    """The body of the obstacle."""
     other_drone: NDArray[np.int32]
     """The drone that the nearest thing belongs to, -1 for none."""
     on_drone: NDArray[np.float64]
@@ -190,6 +194,7 @@ class Clearance:
     quarantined: NDArray[np.bool_]
     """Worlds that stand still since their numbers stopped being numbers. (n_worlds,)"""
     scene: SceneInfo
+    """What the ids stand for."""
 
 
 def _whole(name: str, value: object, low: int, high: int) -> int:

@@ -1,6 +1,16 @@
-"""Every block of Python in the README and in docs/python.md runs."""
+"""Every block of Python in the README and in docs/ runs by itself, every command line of ours is one that the program takes,
+and the pages name all that can be called.
 
+A block that cannot run says so in the source of its page, in the line before it: ``<!-- not run: reason -->``.
+"""
+
+import ast
+import inspect
+import os
 import re
+import shlex
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,23 +19,169 @@ from test_gap import HIDDEN, flight
 
 import propwash
 
-BLOCKS = [
-    pytest.param(block, id=f"{name}-{k}")
-    for name in ("README.md", "docs/python.md")
-    for k, block in enumerate(re.findall(r"^```python\n(.*?)^```$", (ROOT / name).read_text(), re.S | re.M))
-]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?^```(?P<language>\w+)\n(?P<code>.*?)^```$", re.S | re.M)
+PEERS = ("crazyflow", "jax")
+"""Packages without which a block is skipped, unless ``PROPWASH_REQUIRE_PEERS`` is 1."""
+PLACEHOLDERS = ("…", "...")
 
 
-def test_both_have_examples():
-    assert len(BLOCKS) >= 5
+def blocks(language):
+    """Blocks of one language: page, number of the line, code, and why it cannot run."""
+    found = []
+    for page in PAGES:
+        text = page.read_text()
+        for block in BLOCK.finditer(text):
+            if block["language"] == language:
+                line = text.count("\n", 0, block.start("code")) + 1
+                found.append((page.relative_to(ROOT).as_posix(), line, block["code"], block["reason"]))
+    return found
 
 
-@pytest.mark.parametrize("block", BLOCKS)
-def test_examples_run(block, monkeypatch, tmp_path):
-    monkeypatch.chdir(ROOT)
-    if "flight.csv" in block:
-        columns = flight(propwash.Vehicle("cf2x_L250").with_effects(HIDDEN))
-        path = tmp_path / "flight.csv"
-        np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
-        block = block.replace('"flight.csv"', repr(str(path))).replace('"out/gap.html"', repr(str(tmp_path / "gap.html")))
-    exec(compile(block, "example", "exec"), {})
+def commands():
+    """Command lines of the program, without comments: page, number of the line, words after ``propwash``."""
+    found = []
+    for page, line, code, reason in blocks("sh"):
+        if reason is not None:
+            continue
+        for k, text in enumerate(code.splitlines()):
+            whole, end = text, k
+            while whole.rstrip().endswith("\\"):
+                end += 1
+                whole = whole.rstrip()[:-1] + " " + code.splitlines()[end]
+            words = shlex.split(whole, comments=True)
+            while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
+                words.pop(0)
+            if words[:2] == ["cargo", "run"] and "--" in words and "--example" not in words:
+                words = ["propwash", *words[words.index("--") + 1 :]]
+            if words and words[0].split("/")[-1] == "propwash":
+                found.append((page, line + k, words[1:]))
+    return found
+
+
+PYTHON, COMMANDS = blocks("python"), commands()
+NAMES = {}
+"""What the blocks that ran have left, by page and line."""
+
+
+def named(rows):
+    return [pytest.param(*row, id=f"{row[0]}:{row[1]}") for row in rows]
+
+
+@pytest.fixture(scope="session")
+def checkout(tmp_path_factory):
+    """A folder that looks like the checkout to a block, and takes what it writes; with a flight.csv."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for name in ("assets", "docs", "notebooks", "params", "xml"):
+        (folder / name).symlink_to(ROOT / name)
+    (folder / "out").mkdir()
+    columns = flight(propwash.Vehicle("cf2x_L250").with_effects(HIDDEN))
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(folder / "flight.csv", table, delimiter=",", header=",".join(columns), comments="")
+    return folder
+
+
+def test_blocks_and_commands_are_found():
+    assert len(PYTHON) >= 12 and len(COMMANDS) >= 30
+    assert {page for page, *_ in PYTHON} >= {"README.md", "docs/python.md", "docs/quickstart.md", "docs/migrate.md"}
+
+
+@pytest.mark.parametrize("page, line, code, reason", named(PYTHON))
+def test_examples_run(page, line, code, reason, checkout, monkeypatch):
+    if reason is not None:
+        ast.parse(code)
+        pytest.skip(reason)
+    if os.environ.get("PROPWASH_REQUIRE_PEERS") != "1":
+        for package in PEERS:
+            if re.search(rf"^(?:import|from) {package}\b", code, re.M):
+                pytest.importorskip(package)
+    if "out/forest" in code:
+        fly_forest(checkout)
+    monkeypatch.chdir(checkout)
+    run(page, line, code)
+
+
+def run(page, line, code):
+    """Runs a block once and gives its names."""
+    if (page, line) not in NAMES:
+        names = {"__name__": "__main__"}
+        exec(compile("\n" * (line - 1) + code, str(ROOT / page), "exec"), names)
+        NAMES[page, line] = names
+    return NAMES[page, line]
+
+
+def fly_forest(folder):
+    """The data set that the pages read, in small."""
+    if (folder / "out/forest").is_dir():
+        return
+    program = os.environ.get("PROPWASH_BIN")
+    if not program:
+        pytest.skip("PROPWASH_BIN names no program that makes the data set out/forest")
+    words = "fly --scene xml/forest.xml --drone cf2x_L250 --worlds 2 --trajectory lissajous --seconds 0.5 --camera fpv"
+    command = [program, *words.split(), "--size", "64x64", "--out", "out/forest"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("page, line, words", named(COMMANDS))
+def test_the_program_takes_the_command_lines(page, line, words):
+    """Options and values are read, in order, before the help is asked for: an unknown one fails."""
+    program = os.environ.get("PROPWASH_BIN")
+    if not program:
+        pytest.skip("PROPWASH_BIN names no program")
+    words = [w for w in words if w not in PLACEHOLDERS and not re.fullmatch(r"\[.*\]?|.*\]", w)]
+    for stop in ("|", ">", "&&", ";"):
+        words = words[: words.index(stop)] if stop in words else words
+    done = subprocess.run([program, *words, "--help"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "Usage: propwash" in done.stdout, f"{page}:{line}: {done.stdout}{done.stderr}"
+
+
+def test_commands_of_xtask_in_the_pages_are_those_there_are():
+    text = (ROOT / "xtask/src/main.rs").read_text()
+    known = set(re.findall(r'Some\("([a-z]+)"', text))
+    for page in PAGES:
+        for name in re.findall(r"cargo xtask ([a-z]+)", page.read_text()):
+            assert name in known, f"{page.name}: `cargo xtask {name}`; there are: {', '.join(sorted(known))}"
+
+
+def test_both_programs_of_the_page_for_users_of_crazyflow_end_at_the_same_place():
+    if os.environ.get("PROPWASH_REQUIRE_PEERS") != "1":
+        pytest.importorskip("crazyflow")
+    theirs, ours = [run(page, line, code)["sim"] for page, line, code, _ in PYTHON if page == "docs/migrate.md"][:2]
+    there, here = np.asarray(theirs.data.states.pos), ours.data.pos
+    assert there.shape == here.shape and np.abs(there - here).max() < 1e-3 and np.all(here[..., 2] > 0.4)
+
+
+def test_the_api_page_names_all_that_the_package_gives():
+    told = set(re.findall(r"^::: propwash\.(\w+)$", (ROOT / "docs/api.md").read_text(), re.M))
+    assert set(propwash.__all__) - {"__version__"} <= told
+
+
+def test_every_page_is_in_the_navigation():
+    """mkdocs says so too, when the site is built."""
+    navigation = (ROOT / "mkdocs.yml").read_text().split("\nnav:\n")[1]
+    for page in PAGES[1:]:
+        path = page.relative_to(ROOT / "docs").as_posix()
+        assert path.startswith("effects/") or re.search(rf": {re.escape(path)}$", navigation, re.M), f"{path} is in no menu"
+
+
+def test_the_docstrings_of_the_stub_are_those_of_the_compiled_module():
+    """Editors and the API page read the stub; `help()` reads the module."""
+    stub = ast.parse((Path(propwash.__file__).parent / "_native.pyi").read_text())
+    names = {name for name in propwash.__all__ if getattr(propwash._native, name, None) is getattr(propwash, name)}
+    public = [node for node in stub.body if getattr(node, "name", None) in names]
+    assert len(public) >= 6
+    for node in public:
+        thing = getattr(propwash, node.name)
+        assert ast.get_docstring(node) == inspect.cleandoc(thing.__doc__), node.name
+        for member in getattr(node, "body", []):
+            if isinstance(member, ast.FunctionDef) and not member.name.startswith("_"):
+                words = getattr(thing, member.name).__doc__
+                assert (ast.get_docstring(member) or "") == inspect.cleandoc(words or ""), f"{node.name}.{member.name}"
+
+
+def test_nothing_of_the_site_comes_from_other_hosts():
+    text = (ROOT / "mkdocs.yml").read_text()
+    assert re.search(r"^  font: false$", text, re.M) and "http" not in text
+    for path in (ROOT / "docs/site").iterdir():
+        assert not re.search(r"(url\(|@import|src=|href=)", path.read_text()), path.name

@@ -3,7 +3,7 @@
 use std::process::Stdio;
 
 use crate::run::{self, Result};
-use crate::{setup, test, tidy};
+use crate::{docs, setup, test, tidy};
 
 /// Formatting, lints, rules, documentation, licences, tests; stops at the first that fails.
 pub fn run() -> Result {
@@ -13,6 +13,7 @@ pub fn run() -> Result {
     run::check(run::cargo().args(["clippy", "--workspace", "--all-targets", "--", "-D", "warnings"]))?;
     tidy::run()?;
     run::check(run::cargo().args(["doc", "--workspace", "--no-deps"]).env("RUSTDOCFLAGS", "-D warnings"))?;
+    docs::run(&[])?;
     let mut deny = run::cargo();
     let has_deny = deny.args(["deny", "--version"]).stdout(Stdio::null()).stderr(Stdio::null());
     if has_deny.status().is_ok_and(|s| s.success()) {

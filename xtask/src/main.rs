@@ -5,6 +5,7 @@ use std::process::ExitCode;
 mod bench;
 mod ci;
 mod demo;
+mod docs;
 mod gen_kernels;
 mod python;
 mod run;
@@ -36,9 +37,12 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--write renews that table too)
       gap                      how often the diagnosis names effects that are hidden in simulated flights
   cargo xtask bench report     write the page anew from benches/results
+  cargo xtask docs [--notebooks]
+                               build the site of the documentation into target/site, with mkdocs in target/docs-venv; a link
+                               that leads nowhere fails (--notebooks: first run all notebooks/ anew and write what they show)
   cargo xtask gen [--check]    write the kernels in src/kernels/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
-  cargo xtask ci               fmt, clippy, tidy, docs, cargo deny (if installed), test
+  cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test
 
 Environment:
   PROPWASH_MUJOCO_DIR    a folder with lib/libmujoco.so and lib/libmujoco.so.3.17.0 to use instead of .mujoco/
@@ -53,6 +57,7 @@ fn main() -> ExitCode {
         Some("demo") => demo::run(rest),
         Some("test") => test::run(rest),
         Some("bench") => bench::run(rest),
+        Some("docs") => docs::run(rest),
         Some("gen") => gen_kernels::run(rest),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
