@@ -93,6 +93,9 @@ def test_a_seed_seeds_everything_that_is_random():
     assert a.unwrapped.levels(0) != a.unwrapped.levels(1)
     masses = {a.unwrapped.parameters(w)["body.mass_kg"] for w in range(3)}
     assert len(masses) == 3
+    # The seed of the making is that of the first reset.
+    (x, _), (y, _) = make("Propwash/ReachPos-v0", seed=1).reset(), make("Propwash/ReachPos-v0").reset(seed=1)
+    assert all((x[k] == y[k]).all() for k in x)
     # Without a seed two batches differ.
     (x, _), (y, _) = (make("Propwash/ReachPos-v0").reset() for _ in range(2))
     assert (x["pos"] != y["pos"]).any()
@@ -324,6 +327,7 @@ def test_a_description_in_toml_is_complete(tmp_path):
         ({"randomization": [{"parameter": "env.wind", "draw": {"normal": 1}}]}, ValueError, "env.wind"),
         ({"randomization": [{"parameter": "body.mas", "draw": {"normal": 1}}]}, KeyError, "body.mas"),
         ({"n_drones": 2}, ValueError, "n_drones: expected 1"),
+        ({"threads": 0}, ValueError, "threads"),
         ({"max_episode_time": float("nan")}, ValueError, "max_episode_s"),
     ],
 )

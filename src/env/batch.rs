@@ -109,6 +109,8 @@ pub struct Env {
     /// Due times of commands within a step; reused.
     dues: Vec<u64>,
     reset_done: bool,
+    /// A first reset was tried.
+    begun: bool,
     size: [usize; 2],
     range_m: [f64; 2],
     observation: Vec<f32>,
@@ -264,6 +266,7 @@ impl Env {
             mask: vec![false; n],
             dues: Vec::with_capacity(config.substeps() as usize),
             reset_done: false,
+            begun: false,
             size,
             range_m,
             observation: vec![0.0; n * d * width],
@@ -437,6 +440,10 @@ impl Env {
             self.plan.config.seed = seed;
             self.flight.reseed(seed);
         }
+        if seed.is_none() && !self.begun {
+            // The first episodes are those that the seed of the description gives.
+            self.flight.reseed(self.plan.config.seed);
+        }
         if !self.reset_done && mask.is_some_and(|m| m.iter().any(|v| !v)) {
             return Err(EnvError::option(
                 "reset mask",
@@ -444,6 +451,7 @@ impl Env {
                 "one that leaves worlds out",
             ));
         }
+        self.begun = true;
         let mut own = std::mem::take(&mut self.mask);
         match mask {
             Some(mask) => own.copy_from_slice(mask),

@@ -195,6 +195,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             wanted["randomization"] = json.loads(text)
         _finite("", wanted)
         vehicles = [_vehicle(d) for d in _each("drone", drone, self.n_drones)]
+        threads = None if threads is None else _whole("threads", threads, 1, 1024)
         self._native = _native.Env(json.dumps(wanted), vehicles, threads)
         self._seeded = seed is not None
         self._copy = bool(copy)
