@@ -1,7 +1,7 @@
 """Learns to fly through a forest by what a depth camera shows: PPO (Schulman et al., 2017) with a small network.
 
     pip install 'propwash[envs]' torch matplotlib
-    python examples/train_forest.py --minutes 15
+    python examples/train_forest.py --minutes 6
 
 Writes the learning curve to out/train_forest.png, the policy to out/train_forest.pt, and flights of the trained policy through forests that
 it has not seen, with what it saw, to out/train_forest_flight.png. Actions are velocities along the heading; docs/environments.md says what is
@@ -176,7 +176,7 @@ def fly(policy: Policy | None, seed: int, num_envs: int = 64) -> tuple[float, di
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--minutes", type=float, default=15.0, help="stop after so many minutes")
+    parser.add_argument("--minutes", type=float, default=6.0, help="stop after so many minutes")
     parser.add_argument("--steps", type=int, default=6_000_000, help="steps of all worlds together")
     parser.add_argument("--num-envs", type=int, default=128)
     parser.add_argument("--seed", type=int, default=1)

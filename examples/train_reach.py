@@ -139,7 +139,7 @@ def distance_at_end(policy: Policy, seed: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=float, default=60.0, help="stop after so many seconds")
-    parser.add_argument("--steps", type=int, default=700_000, help="steps of all worlds together")
+    parser.add_argument("--steps", type=int, default=500_000, help="steps of all worlds together")
     parser.add_argument("--num-envs", type=int, default=256)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out"))

@@ -133,6 +133,13 @@ impl std::fmt::Debug for Env {
     }
 }
 
+/// What random numbers are for.
+const BEGIN: u32 = purpose("env.begin");
+const LEVELS_OF: u32 = purpose("env.levels");
+const LAYOUT: u32 = purpose("env.layout");
+const DEPTH: u32 = purpose("env.depth");
+const STATE_NOISE: u32 = purpose("env.state");
+
 /// Worlds below which one thread does all, without and with a scene.
 const SERIAL: [usize; 2] = [256, 2];
 
@@ -688,14 +695,14 @@ fn neutral_commands(
 
 impl Plan {
     /// Which random numbers a world takes.
-    fn key(&self, w: usize, world: &World, name: &str) -> Key {
+    fn key(&self, w: usize, world: &World, purpose: u32) -> Key {
         Key {
             seed: self.config.seed,
             world: self.config.first_world + w as u64,
             drone: 0,
             // Episodes count from the top bits down, so that steps of two episodes never share a number.
             step: world.episode.rotate_left(40) ^ world.step,
-            purpose: purpose(name),
+            purpose,
         }
     }
 
@@ -767,8 +774,8 @@ impl Plan {
         world.memory.fill(0.0);
         world.jerk.fill(0.0);
         world.last_action.fill(0.0);
-        let draw = self.key(w, world, "env.begin").stream();
-        world.levels = self.rules.draw(&self.config.levels, self.key(w, world, "env.levels"));
+        let draw = self.key(w, world, BEGIN).stream();
+        world.levels = self.rules.draw(&self.config.levels, self.key(w, world, LEVELS_OF));
         let task = self.config.task.task();
         if layouts.is_empty() {
             let course = Course::default();
@@ -782,7 +789,7 @@ impl Plan {
                 memory,
             });
         }
-        world.layout = self.key(w, world, "env.layout").stream().below(layouts.len() as u64) as usize;
+        world.layout = self.key(w, world, LAYOUT).stream().below(layouts.len() as u64) as usize;
         let layout = &layouts[world.layout];
         layout.pool.with(|worker| {
             let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
@@ -822,7 +829,7 @@ impl Plan {
         if judge && !fresh {
             world.step += 1;
         }
-        let key = self.key(w, world, "env.depth");
+        let key = self.key(w, world, DEPTH);
         if let Some(layout) = layout {
             layout.pool.with(|worker| -> Result<(), EnvError> {
                 feel(layout, worker, &mut world.drones, self.config.look_m, fresh || quarantined)?;
@@ -894,15 +901,17 @@ impl Plan {
             *out.ending = if *out.truncated { Ending::TimeUp } else { ending } as u8;
             world.ended = *out.terminated || *out.truncated;
         }
-        let key = self.key(w, world, "env.state");
-        world.observed.copy_from_slice(&world.seen);
-        if world.levels.is_noisy() {
+        let noisy = world.levels.is_noisy();
+        if noisy {
+            let key = self.key(w, world, STATE_NOISE);
+            world.observed.copy_from_slice(&world.seen);
             for (d, seen) in world.observed.iter_mut().enumerate() {
                 blur(seen, &world.levels, Key { drone: d as u32, ..key });
             }
         }
-        let seen = view(&world.observed, None);
-        for (d, (row, s)) in out.observation.chunks_exact_mut(self.width).zip(&world.observed).enumerate() {
+        let drones = if noisy { &world.observed } else { &world.seen };
+        let seen = view(drones, None);
+        for (d, (row, s)) in out.observation.chunks_exact_mut(self.width).zip(drones).enumerate() {
             store(&mut row[0..], &s.pos_m);
             store(&mut row[3..], &s.quat_xyzw);
             store(&mut row[7..], &s.vel_m_s);
