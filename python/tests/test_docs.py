@@ -21,8 +21,10 @@ import propwash
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?^```(?P<language>\w+)\n(?P<code>.*?)^```$", re.S | re.M)
-PEERS = ("crazyflow", "jax")
+PEERS = ("crazyflow", "jax", "datasets", "webdataset", "ray", "gymnasium", "pettingzoo")
 """Packages without which a block is skipped, unless ``PROPWASH_REQUIRE_PEERS`` is 1."""
+HEAVY = ("torch",)
+"""Packages that are no part of the test environment: torch for Linux takes 3 GB."""
 PLACEHOLDERS = ("…", "...")
 
 
@@ -91,10 +93,9 @@ def test_examples_run(page, line, code, reason, checkout, monkeypatch):
     if reason is not None:
         ast.parse(code)
         pytest.skip(reason)
-    if os.environ.get("PROPWASH_REQUIRE_PEERS") != "1":
-        for package in PEERS:
-            if re.search(rf"^(?:import|from) {package}\b", code, re.M):
-                pytest.importorskip(package)
+    for package in HEAVY if os.environ.get("PROPWASH_REQUIRE_PEERS") == "1" else (*PEERS, *HEAVY):
+        if re.search(rf"^(?:import|from) {package}\b", code, re.M):
+            pytest.importorskip(package)
     if "out/forest" in code:
         fly_forest(checkout)
     monkeypatch.chdir(checkout)
@@ -117,7 +118,7 @@ def fly_forest(folder):
     program = os.environ.get("PROPWASH_BIN")
     if not program:
         pytest.skip("PROPWASH_BIN names no program that makes the data set out/forest")
-    words = "fly --scene xml/forest.xml --drone cf2x_L250 --worlds 2 --trajectory lissajous --seconds 0.5 --camera fpv"
+    words = "fly --scene xml/forest.xml --drone cf2x_L250 --worlds 4 --trajectory lissajous --seconds 0.5 --camera fpv"
     command = [program, *words.split(), "--size", "64x64", "--out", "out/forest"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
