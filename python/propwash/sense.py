@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from . import _native
+
 if TYPE_CHECKING:
     from .scene import SceneInfo
 
@@ -117,17 +119,26 @@ class DepthFrame:
     """Near and far limit, m."""
     worlds: NDArray[np.int64]
     """Worlds that were rendered, (n_worlds,)."""
-    scene: SceneInfo
-    """What the ids stand for."""
+    scenes: tuple[SceneInfo, ...]
+    """All scenes of the simulation."""
+    layout: NDArray[np.int64]
+    """Which of them each world flies in, of those that were rendered. (n_worlds,)"""
+
+    @property
+    def scene(self) -> SceneInfo:
+        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
+        return _only(self.scenes)
 
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Pixels with a depth, (..., height, width)."""
         return np.equal(self.status, PixelStatus.HIT)
 
-    def geom_name(self, geom_id: int) -> str:
-        """Name of a geom in this frame; empty for -1 and for geoms without one."""
-        return "" if geom_id < 0 else self.scene.geoms[geom_id].name
+    def geom_name(self, geom_id: int, k: int | None = None) -> str:
+        """Name of a geom in this frame, in that of entry ``k`` of ``worlds`` where they fly in different scenes; empty for -1 and
+        for geoms without one."""
+        scene = self.scene if k is None else self.scenes[int(self.layout[k])]
+        return "" if geom_id < 0 else scene.geoms[geom_id].name
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +173,15 @@ class Contacts:
     """Worlds that stand still since their numbers stopped being numbers: contacts are of the last good state. (n_worlds,)"""
     touching: NDArray[np.bool_]
     """Whether a drone touches anything (distance <= 0). (n_worlds, n_drones)"""
-    scene: SceneInfo
-    """What the ids stand for."""
+    scenes: tuple[SceneInfo, ...]
+    """All scenes of the simulation."""
+    layout: NDArray[np.int64]
+    """Which of them each world flies in. (n_worlds,)"""
+
+    @property
+    def scene(self) -> SceneInfo:
+        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
+        return _only(self.scenes)
 
     def __len__(self) -> int:
         return len(self.world)
@@ -193,8 +211,21 @@ class Clearance:
     """Closest point on the obstacle, m, world."""
     quarantined: NDArray[np.bool_]
     """Worlds that stand still since their numbers stopped being numbers. (n_worlds,)"""
-    scene: SceneInfo
-    """What the ids stand for."""
+    scenes: tuple[SceneInfo, ...]
+    """All scenes of the simulation."""
+    layout: NDArray[np.int64]
+    """Which of them each world flies in. (n_worlds,)"""
+
+    @property
+    def scene(self) -> SceneInfo:
+        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
+        return _only(self.scenes)
+
+
+def _only(scenes: tuple[SceneInfo, ...]) -> SceneInfo:
+    if len(scenes) != 1:
+        raise _native.Error(f"the worlds fly in {len(scenes)} scenes, each with ids of its own: take scenes[layout[world]]")
+    return scenes[0]
 
 
 def _whole(name: str, value: object, low: int, high: int) -> int:

@@ -172,7 +172,8 @@ class Sim:
         dynamics: ``"first_principles"``, ``"so_rpy"``, ``"so_rpy_rotor"`` or ``"so_rpy_rotor_drag"``; or a list, one for each drone.
         control: What commands mean: ``"state"``, ``"attitude"``, ``"body_rate"``, ``"force_torque"`` or ``"rotor_vel"``.
         freq: Steps per second.
-        scene: Path of an MJCF (or URDF) file, or MJCF text; without one drones fly, and neither see nor touch.
+        scene: Path of an MJCF (or URDF) file, or MJCF text, or a list of them; without one drones fly, and neither see nor touch.
+        layout: Which scene of a list each world flies in, (n_worlds,); by turns where it is None. ``Sim.layout`` changes it.
         integrator: ``"euler"``, ``"semi_implicit_euler"`` or ``"rk4"``.
         precision: ``"f32"``, or ``"f64"`` for comparisons: the number that is stored and, in lanes, computed with.
         engine: ``"auto"``: ``"lanes"`` of the processor for f32, ``"reference"`` (the equations, world by world) for f64.
@@ -201,9 +202,12 @@ class Sim:
     vehicles: tuple[Vehicle, ...]
     """The vehicle of each drone."""
     scene: SceneInfo | None
-    """What is in the scene."""
+    """What is in the scene, the first one where there are several."""
+    scenes: tuple[SceneInfo, ...]
+    """What is in each scene."""
     obstacle_pos: NDArray[np.float64]
-    """Positions of the bodies that can be moved (``scene.obstacles``), m, world; writable. (n_worlds, n_obstacles, 3)"""
+    """Positions of the bodies that can be moved (``scene.obstacles``), m, world; writable; NaN in rows that the scene of a world
+    does not have. (n_worlds, n_obstacles, 3)"""
     obstacle_quat: NDArray[np.float64]
     """Their orientations x y z w; writable. (n_worlds, n_obstacles, 4)"""
 
@@ -215,8 +219,9 @@ class Sim:
         dynamics: str | Sequence[str] = "first_principles",
         control: str = "state",
         freq: int = 500,
-        scene: str | os.PathLike[str] | None = None,
+        scene: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
         *,
+        layout: ArrayLike | None = None,
         integrator: str = "euler",
         precision: str = "f32",
         engine: str = "auto",
@@ -245,6 +250,9 @@ class Sim:
         self.seed = _whole("seed", seed, 0, 2**64 - 1)
         self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
 
+        sources = _scenes(scene)
+        self._layout = _layout(layout, self.n_worlds, len(sources or []))
+
         def rate(name: str, hz: int | None) -> int | None:
             return None if hz is None else _whole(name, hz, 1, 1_000_000)
 
@@ -265,7 +273,8 @@ class Sim:
             "attitude_freq": rate("attitude_freq", attitude_freq),
             "body_rate_freq": rate("body_rate_freq", body_rate_freq),
             "force_torque_freq": rate("force_torque_freq", force_torque_freq),
-            "scene": _scene(scene),
+            "scene": sources,
+            "layout": [int(i) for i in self._layout],
             "shells": [None if s is None else _path("shell", s) for s in _each("shell", shell, self.n_drones)],
         }
         self._native = _native.Sim(list(self.vehicles), wanted)
@@ -273,12 +282,11 @@ class Sim:
         self.pipeline = Pipeline(self._native)
         self.obstacle_pos = self._native.array("obstacle_pos")
         self.obstacle_quat = self._native.array("obstacle_quat")
-        self.scene = None
-        if scene is not None:
-            self.scene = scene_info(self._native.scene_json())
-            for text in self.scene.warnings:
-                warnings.warn(text, SceneWarning, stacklevel=2)
-        self._cameras: dict[tuple[Camera, bool], _native.Cameras] = {}
+        self.scenes = tuple(scene_info(self._native.scene_json(i)) for i in range(len(sources or [])))
+        self.scene = self.scenes[0] if self.scenes else None
+        for text in dict.fromkeys(text for info in self.scenes for text in info.warnings):
+            warnings.warn(text, SceneWarning, stacklevel=2)
+        self._cameras: dict[tuple[Camera, bool], list[_native.Cameras]] = {}
         self._initial = {
             "pos": np.zeros((self.n_worlds, self.n_drones, 3)),
             "quat": np.tile([0.0, 0.0, 0.0, 1.0], (self.n_worlds, self.n_drones, 1)),
@@ -422,18 +430,21 @@ class Sim:
 
     def contacts(self) -> Contacts:
         """All contacts of drones with the scene and with each other, at the present poses."""
-        arrays = self._native.contacts()
+        arrays: dict[str, Any] = self._in_scenes(self._native.contacts)
         touching = np.zeros((self.n_worlds, self.n_drones), bool)
         real = arrays["distance"] <= 0.0
         touching[arrays["world"][real], arrays["drone"][real]] = True
         both = real & (arrays["other_drone"] >= 0)
         touching[arrays["world"][both], arrays["other_drone"][both]] = True
-        return Contacts(**arrays, touching=touching, quarantined=self.quarantined, scene=self._scene())
+        return Contacts(**arrays, touching=touching, quarantined=self.quarantined, **self._labels(None))
 
     def clearance(self, max_distance: float = 5.0) -> Clearance:
         """Distance of every drone to the nearest thing that can collide, looking no farther than ``max_distance`` metres."""
         (limit,) = _floats("max_distance", [max_distance], 1)
-        return Clearance(**self._native.clearance(limit), quarantined=self.quarantined, scene=self._scene())
+        arrays: dict[str, Any] = self._in_scenes(
+            lambda scene, worlds: self._native.clearance(limit, scene, worlds)
+        )
+        return Clearance(**arrays, quarantined=self.quarantined, **self._labels(None))
 
     def render_depth(
         self,
@@ -456,8 +467,8 @@ class Sim:
         """
         cameras, _ = self._camera(camera, resolution, False)
         chosen, n = self._worlds(worlds)
-        depth = np.empty(self._image(cameras, n), np.float32) if out is None else out
-        self._native.render(cameras, chosen, {"depth": depth})
+        depth = np.empty(self._image(cameras[0], n), np.float32) if out is None else out
+        self._render(cameras, chosen, {"depth": depth})
         return depth
 
     def depth_frame(
@@ -478,7 +489,7 @@ class Sim:
         """
         cameras, spec = self._camera(camera, resolution, normals)
         chosen, n = self._worlds(worlds)
-        shape = self._image(cameras, n)
+        shape = self._image(cameras[0], n)
         names = {"depth": np.float32, "status": np.uint8, "geom_id": np.int32, "body_id": np.int32}
         planes: dict[str, Any]
         if out is None:
@@ -491,26 +502,88 @@ class Sim:
         if normals:
             old = None if out is None else out.normal
             planes["normal"] = np.empty((*shape, 3), np.float32) if old is None else old
-        pos, quat = self._native.render(cameras, chosen, planes)
+        pos, quat = self._render(cameras, chosen, planes)
         return DepthFrame(
             **planes,
             pos=pos,
             quat=quat,
-            k=cameras.k(),
+            k=cameras[0].k(),
             kind=spec.kind,
             range=spec.range,
             worlds=np.arange(self.n_worlds) if chosen is None else np.asarray(chosen, np.int64),
-            scene=self._scene(),
+            **self._labels(chosen),
         )
 
     def measure_ground(self) -> None:
         """Writes the height of the scene below every drone into ``data.ground_z`` (-inf for none), where ground effect and
         ``RestOnGround`` read it. It stays until written again."""
-        self._native.measure_ground()
+        if len(self.scenes) <= 1:
+            self._native.measure_ground(0, None)
+            return
+        for scene, worlds in self._groups(None):
+            self._native.measure_ground(scene, [int(w) for w in worlds])
 
-    def _scene(self) -> SceneInfo:
-        assert self.scene is not None, "the compiled module has raised Error before"
-        return self.scene
+    @property
+    def layout(self) -> NDArray[np.int64]:
+        """Which of ``scenes`` each world flies in, a copy; set it to move worlds from one to another. (n_worlds,), empty without a scene"""
+        return self._layout.copy()
+
+    @layout.setter
+    def layout(self, value: ArrayLike) -> None:
+        self._layout = _layout(value, self.n_worlds, len(self.scenes))
+
+    def _labels(self, chosen: list[int] | None) -> dict[str, Any]:
+        """What ids of a result stand for."""
+        return {"scenes": self.scenes, "layout": self.layout if chosen is None else self._layout[chosen]}
+
+    def _groups(self, chosen: list[int] | None) -> list[tuple[int, NDArray[np.int64]]]:
+        """Scenes, and the places in ``chosen`` of the worlds in each."""
+        layout = self._layout if chosen is None else self._layout[chosen]
+        return [(int(i), np.flatnonzero(layout == i)) for i in np.unique(layout)]
+
+    def _in_scenes(self, ask: Callable[[int, list[int] | None], dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+        """Contacts or clearances of all worlds, asked scene by scene."""
+        if len(self.scenes) <= 1:
+            return ask(0, None)
+        parts = [(worlds, ask(scene, [int(w) for w in worlds])) for scene, worlds in self._groups(None)]
+        first = parts[0][1]
+        if "world" not in first:
+            out = {name: np.empty((self.n_worlds, *a.shape[1:]), a.dtype) for name, a in first.items()}
+            for worlds, part in parts:
+                for name, a in part.items():
+                    out[name][worlds] = a
+            return out
+        limited = np.empty(self.n_worlds, first["limited"].dtype)
+        for worlds, part in parts:
+            limited[worlds] = part.pop("limited")
+            part["world"] = worlds[part["world"]].astype(part["world"].dtype)
+        out = {name: np.concatenate([part[name] for _, part in parts]) for name in first}
+        order = np.argsort(out["world"], kind="stable")
+        return {**{name: a[order] for name, a in out.items()}, "limited": limited}
+
+    def _render(
+        self, cameras: list[_native.Cameras], chosen: list[int] | None, planes: dict[str, Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Renders scene by scene into ``planes``; positions and orientations of the cameras."""
+        if len(self.scenes) <= 1:
+            return self._native.render(cameras[0], chosen, planes)
+        n = self.n_worlds if chosen is None else len(chosen)
+        image = self._image(cameras[0], n)
+        for name, plane in planes.items():
+            shape = (*image, 3) if name == "normal" else image
+            if plane is not None and (not isinstance(plane, np.ndarray) or plane.shape != shape):
+                got = getattr(plane, "shape", type(plane).__name__)
+                raise ValueError(f"{name} of out: expected an array of shape {shape}, got {got}")
+        head = image[:-2]
+        pos, quat = np.empty((*head, 3)), np.empty((*head, 4))
+        for scene, places in self._groups(chosen):
+            worlds = [int(k) if chosen is None else chosen[int(k)] for k in places]
+            part = {name: None if p is None else np.empty((len(places), *p.shape[1:]), p.dtype) for name, p in planes.items()}
+            pos[places], quat[places] = self._native.render(cameras[scene], worlds, part)
+            for name, plane in part.items():
+                if plane is not None:
+                    planes[name][places] = plane
+        return pos, quat
 
     def _worlds(self, worlds: ArrayLike | None) -> tuple[list[int] | None, int]:
         if worlds is None:
@@ -523,7 +596,7 @@ class Sim:
 
     def _camera(
         self, camera: str | Camera, resolution: tuple[int, int] | None, normals: bool
-    ) -> tuple[_native.Cameras, Camera]:
+    ) -> tuple[list[_native.Cameras], Camera]:
         if isinstance(camera, str):
             camera = Camera(camera)
         elif not isinstance(camera, Camera):
@@ -534,10 +607,23 @@ class Sim:
         try:
             made = self._cameras.get((camera, normals))
         except TypeError:  # lists where tuples are expected
-            return self._native.cameras(spec), camera
+            return self._build(spec), camera
         if made is None:
-            made = self._cameras[(camera, normals)] = self._native.cameras(spec)
+            made = self._cameras[(camera, normals)] = self._build(spec)
         return made, camera
+
+    def _build(self, spec: dict[str, Any]) -> list[_native.Cameras]:
+        """The camera in every scene, with one size and one K in all."""
+        made = [self._native.cameras(spec, i) for i in range(max(len(self.scenes), 1))]
+        first = made[0]
+        for i, other in enumerate(made):
+            same = (other.width, other.height, other.per_drone) == (first.width, first.height, first.per_drone)
+            if not same or not np.array_equal(other.k(), first.k()):
+                raise ValueError(
+                    f"camera: expected one size and one lens in all scenes, got {first.width} x {first.height} in the first and "
+                    f"{other.width} x {other.height} in scene {i}, or another K: give resolution and fovy_deg"
+                )
+        return made
 
     def _image(self, cameras: _native.Cameras, n_worlds: int) -> tuple[int, ...]:
         tail = (cameras.height, cameras.width)
@@ -593,6 +679,30 @@ def _scene(value: str | os.PathLike[str] | None) -> tuple[str, str] | None:
     if isinstance(value, str) and value.lstrip().startswith("<"):
         return "xml", value
     return "path", _path("scene", value)
+
+
+def _scenes(value: Any) -> list[tuple[str, str]] | None:
+    if value is None:
+        return None
+    if isinstance(value, (list, tuple)):
+        if not value:
+            raise ValueError("scene: expected at least one, got an empty list")
+        return [one for one in map(_scene, value) if one is not None]
+    one = _scene(value)
+    return None if one is None else [one]
+
+
+def _layout(value: ArrayLike | None, n_worlds: int, n_scenes: int) -> NDArray[np.int64]:
+    if value is None:
+        return np.arange(n_worlds if n_scenes else 0) % max(n_scenes, 1)
+    array = np.asarray(value)
+    if array.dtype.kind not in "iu" or array.shape != (n_worlds,):
+        raise ValueError(
+            f"layout: expected whole numbers of shape ({n_worlds},) = (n_worlds,), got {array.dtype} of shape {array.shape}"
+        )
+    if n_scenes == 0 or array.min() < 0 or array.max() >= n_scenes:
+        raise ValueError(f"layout: expected numbers below {n_scenes}, the number of scenes, got {array.min()} to {array.max()}")
+    return array.astype(np.int64)
 
 
 def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -> str:

@@ -21,10 +21,9 @@ use crate::camera::{CameraSpec, PyCameras};
 use crate::errors::{Error, IntoPython, OrRaise};
 use crate::sim::{Core, Flight, PySim, either};
 
-/// The scene of a simulation, and what it needs to sense in it.
+/// The scenes of a simulation, of which each world has one, and what it needs to sense in them.
 pub struct Sensing {
-    pub scene: Scene,
-    pool: WorkerPool,
+    scenes: Vec<(Scene, WorkerPool)>,
     obstacle_pos: Vec<f64>,
     obstacle_quat: Vec<f64>,
     /// Poses of the worlds that are asked about.
@@ -58,17 +57,13 @@ impl Poses {
 }
 
 impl Sensing {
-    /// `kind`: `path`, or `xml` where `text` is the MJCF itself; shells of the drones, or paths of other ones.
+    /// Of each scene its kind, `path`, or `xml` where its text is the MJCF itself; shells of the drones, or paths of other ones;
+    /// the scene of each world.
     pub fn new(
-        kind: &str,
-        text: &str,
+        sources: &[(String, String)],
         drones: &[(&Vehicle, Option<&str>)],
-        n_worlds: usize,
+        layout: &[usize],
     ) -> PyResult<Self> {
-        let source = match kind {
-            "xml" => SceneSource::text("given as text", text),
-            _ => SceneSource::file(text),
-        };
         let shells: Vec<Shell> = drones
             .iter()
             .map(|(vehicle, path)| match (path, vehicle.shell_path()) {
@@ -78,27 +73,47 @@ impl Sensing {
             })
             .collect::<Result<_, _>>()
             .or_raise()?;
-        let scene = Scene::build(&source, &shells).or_raise()?;
-        let repeated = |of: fn(&propwash::scene::ObstacleInfo) -> Vec<f64>| {
-            let one: Vec<f64> = scene.obstacles().iter().flat_map(of).collect();
-            one.repeat(n_worlds)
+        let mut scenes: Vec<(Scene, WorkerPool)> = Vec::new();
+        for (kind, text) in sources {
+            let source = match kind.as_str() {
+                "xml" => SceneSource::text("given as text", text),
+                _ => SceneSource::file(text),
+            };
+            let scene = Scene::build(&source, &shells).or_raise()?;
+            scenes.push((scene.clone(), WorkerPool::new(&scene)));
+        }
+        // Worlds in scenes with fewer have no numbers in the rows that are left.
+        let most = scenes.iter().map(|(s, _)| s.obstacles().len()).max().unwrap_or(0);
+        let of_worlds = |of: fn(&propwash::scene::ObstacleInfo) -> Vec<f64>, width: usize| -> Vec<f64> {
+            let of_world = |i: &usize| {
+                let mut rows: Vec<f64> = scenes[*i].0.obstacles().iter().flat_map(of).collect();
+                rows.resize(most * width, f64::NAN);
+                rows
+            };
+            layout.iter().flat_map(of_world).collect()
         };
         Ok(Self {
-            pool: WorkerPool::new(&scene),
-            obstacle_pos: repeated(|o| o.pos_m.to_vec()),
-            obstacle_quat: repeated(|o| o.quat_xyzw.to_vec()),
+            obstacle_pos: of_worlds(|o| o.pos_m.to_vec(), 3),
+            obstacle_quat: of_worlds(|o| o.quat_xyzw.to_vec(), 4),
             poses: Poses::default(),
             contacts: Vec::new(),
             limited: Vec::new(),
             clearance: Vec::new(),
             camera_poses: Vec::new(),
-            scene,
+            scenes,
         })
     }
 
-    /// Number of bodies that can be moved.
+    /// Number of bodies that can be moved in the scene with most.
     pub fn n_obstacles(&self) -> usize {
-        self.scene.obstacles().len()
+        self.scenes.iter().map(|(s, _)| s.obstacles().len()).max().unwrap_or(0)
+    }
+
+    /// The scene called by its number.
+    fn scene(&self, index: usize) -> PyResult<&Scene> {
+        self.scenes.get(index).map(|(s, _)| s).ok_or_else(|| {
+            PyIndexError::new_err(format!("scene: expected less than {}, got {index}", self.scenes.len()))
+        })
     }
 
     /// The numbers of `obstacle_pos` or `obstacle_quat`.
@@ -106,11 +121,11 @@ impl Sensing {
         if name == "obstacle_pos" { &mut self.obstacle_pos } else { &mut self.obstacle_quat }
     }
 
-    /// Takes over the poses of the worlds asked about, all of them where `worlds` is none.
-    fn load(&mut self, flight: &Flight, worlds: Option<&[usize]>) {
+    /// Takes over the poses of the worlds asked about, all of them where `worlds` is none; they fly in the scene `scene`.
+    fn load(&mut self, flight: &Flight, worlds: Option<&[usize]>, scene: usize) {
+        let (n_obstacles, own) = (self.n_obstacles(), self.scenes[scene].0.obstacles().len());
+        let n_drones = self.scenes.first().map_or(0, |(s, _)| s.n_drones());
         let poses = &mut self.poses;
-        let n_obstacles = self.scene.obstacles().len();
-        let n_drones = self.scene.n_drones();
         for list in
             [&mut poses.drone_pos, &mut poses.drone_quat, &mut poses.obstacle_pos, &mut poses.obstacle_quat]
         {
@@ -125,8 +140,8 @@ impl Sensing {
                 poses.drone_pos.extend(sim.data.pos[rows(3, n_drones)].iter().map(|v| v.wide()));
                 poses.drone_quat.extend(sim.data.quat[rows(4, n_drones)].iter().map(|v| v.wide()));
             });
-            poses.obstacle_pos.extend_from_slice(&self.obstacle_pos[rows(3, n_obstacles)]);
-            poses.obstacle_quat.extend_from_slice(&self.obstacle_quat[rows(4, n_obstacles)]);
+            poses.obstacle_pos.extend_from_slice(&self.obstacle_pos[rows(3, n_obstacles)][..3 * own]);
+            poses.obstacle_quat.extend_from_slice(&self.obstacle_quat[rows(4, n_obstacles)][..4 * own]);
         }
     }
 }
@@ -195,11 +210,11 @@ fn slice<'a, T: Element>(plane: &'a mut Plane<'_, T>) -> PyResult<Option<&'a mut
 
 #[pymethods]
 impl PySim {
-    /// What is in the scene, as JSON.
-    fn scene_json(&self) -> PyResult<String> {
+    /// What is in a scene, as JSON.
+    fn scene_json(&self, scene: usize) -> PyResult<String> {
         let mut core = self.core()?;
         let (_, sensing) = core.sensing()?;
-        let scene = &sensing.scene;
+        let scene = sensing.scene(scene)?;
         Ok(json!({
             "name": scene.name(), "geoms": scene.geoms(), "bodies": scene.bodies(), "cameras": scene.cameras(),
             "obstacles": scene.obstacles(), "warnings": scene.warnings(), "sha256": scene.hash(),
@@ -207,11 +222,11 @@ impl PySim {
         .to_string())
     }
 
-    /// The cameras that `spec` describes: one for each drone, or one of the scene or the world.
-    fn cameras(&self, spec: CameraSpec) -> PyResult<PyCameras> {
+    /// The cameras that `spec` describes in a scene: one for each drone, or one of the scene or the world.
+    fn cameras(&self, spec: CameraSpec, scene: usize) -> PyResult<PyCameras> {
         let mut core = self.core()?;
         let (_, sensing) = core.sensing()?;
-        spec.build(&sensing.scene)
+        spec.build(sensing.scene(scene)?)
     }
 
     /// Renders into `planes` (depth, status, geom_id, body_id, normal: arrays or None), and returns positions and
@@ -244,18 +259,18 @@ impl PySim {
         };
         let mut core = self.core()?;
         let (flight, sensing) = core.sensing()?;
-        if !cameras.belong_to(&sensing.scene) {
+        let Some(scene) = sensing.scenes.iter().position(|(s, _)| cameras.belong_to(s)) else {
             return Err(PyValueError::new_err(
                 "camera: expected one of this Sim, got one of another Sim's scene",
             ));
-        }
-        sensing.load(flight, worlds.as_deref());
+        };
+        sensing.load(flight, worlds.as_deref(), scene);
         let mut poses = std::mem::take(&mut sensing.camera_poses);
         poses.resize(n_worlds * cameras.cameras.len(), Pose::default());
         let done = py.detach(|| {
             self.pool.install(|| {
                 let at = sensing.poses.world_poses();
-                render_batch_into(&sensing.pool, &cameras.cameras, &at, out, &mut poses)
+                render_batch_into(&sensing.scenes[scene].1, &cameras.cameras, &at, out, &mut poses)
             })
         });
         let pos = poses.iter().flat_map(|p| p.pos_m).collect();
@@ -266,15 +281,24 @@ impl PySim {
         Ok((arrays::owned(py, pos, &of(3))?, arrays::owned(py, quat, &of(4))?))
     }
 
-    /// All contacts as arrays by name, one entry for each contact in the order of worlds.
-    fn contacts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    /// All contacts in a scene as arrays by name, one entry for each contact in the order of worlds, which are those of the list
+    /// or all; their numbers are places in it.
+    #[pyo3(signature = (scene, worlds))]
+    fn contacts<'py>(
+        &self,
+        py: Python<'py>,
+        scene: usize,
+        worlds: Option<Vec<usize>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        self.check_worlds(worlds.as_deref())?;
         let mut core = self.core()?;
         let (flight, sensing) = core.sensing()?;
-        sensing.load(flight, None);
-        let Sensing { pool, poses, contacts, limited, .. } = sensing;
+        sensing.scene(scene)?;
+        sensing.load(flight, worlds.as_deref(), scene);
+        let Sensing { scenes, poses, contacts, limited, .. } = sensing;
         let at = poses.world_poses();
-        py.detach(|| self.pool.install(|| contacts_batch(pool, &at, contacts, limited)))
-            .map_err(|e| in_worlds(e, None))?;
+        py.detach(|| self.pool.install(|| contacts_batch(&scenes[scene].1, &at, contacts, limited)))
+            .map_err(|e| in_worlds(e, worlds.as_deref()))?;
         let all = || contacts.iter().enumerate().flat_map(|(w, list)| list.iter().map(move |c| (w, c)));
         let n = all().count();
         let out = PyDict::new(py);
@@ -294,12 +318,23 @@ impl PySim {
         out.set_item("point", arrays::owned(py, all().flat_map(|(_, c)| c.point_m).collect(), &[n, 3])?)?;
         out.set_item("normal", arrays::owned(py, all().flat_map(|(_, c)| c.normal).collect(), &[n, 3])?)?;
         let limited: Vec<i64> = limited.iter().map(|n| *n as i64).collect();
-        out.set_item("limited", arrays::owned(py, limited, &[self.n_worlds])?)?;
+        let n_worlds = limited.len();
+        out.set_item("limited", arrays::owned(py, limited, &[n_worlds])?)?;
         Ok(out)
     }
 
-    /// Distance to the nearest obstacle of every drone as arrays by name, (n_worlds, n_drones, …).
-    fn clearance<'py>(&self, py: Python<'py>, max_distance: f64) -> PyResult<Bound<'py, PyDict>> {
+    /// Distance to the nearest obstacle of every drone in a scene as arrays by name, (n_worlds, n_drones, …), in the worlds of the
+    /// list or all.
+    #[pyo3(signature = (max_distance, scene, worlds))]
+    fn clearance<'py>(
+        &self,
+        py: Python<'py>,
+        max_distance: f64,
+        scene: usize,
+        worlds: Option<Vec<usize>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        self.check_worlds(worlds.as_deref())?;
+        let n_worlds = worlds.as_ref().map_or(self.n_worlds, Vec::len);
         let mut core = self.core()?;
         let (flight, sensing) = core.sensing()?;
         if !(max_distance > 0.0 && max_distance < 1e9) {
@@ -307,14 +342,15 @@ impl PySim {
                 "max_distance: expected metres between 0 and 1e9, got {max_distance}"
             )));
         }
-        sensing.load(flight, None);
-        let Sensing { pool, poses, clearance, .. } = sensing;
+        sensing.scene(scene)?;
+        sensing.load(flight, worlds.as_deref(), scene);
+        let Sensing { scenes, poses, clearance, .. } = sensing;
         let at = poses.world_poses();
-        py.detach(|| self.pool.install(|| clearance_batch(pool, &at, max_distance, clearance)))
-            .map_err(|e| in_worlds(e, None))?;
+        py.detach(|| self.pool.install(|| clearance_batch(&scenes[scene].1, &at, max_distance, clearance)))
+            .map_err(|e| in_worlds(e, worlds.as_deref()))?;
         let all = &*clearance;
-        let shape = [self.n_worlds, self.n_drones];
-        let points = [self.n_worlds, self.n_drones, 3];
+        let shape = [n_worlds, self.n_drones];
+        let points = [n_worlds, self.n_drones, 3];
         let out = PyDict::new(py);
         let ids = |name: &str, of: &dyn Fn(&Clearance) -> i32| -> PyResult<()> {
             out.set_item(name, arrays::owned(py, all.iter().map(of).collect(), &shape)?)
@@ -338,26 +374,31 @@ impl PySim {
         Ok(out)
     }
 
-    /// Writes the height of the scene under every drone into `data.ground_z`; −∞ where there is nothing.
-    fn measure_ground(&self, py: Python<'_>) -> PyResult<()> {
+    /// Writes the height of a scene under every drone into `data.ground_z`, in the worlds of the list or all; −∞ where there is
+    /// nothing.
+    #[pyo3(signature = (scene, worlds))]
+    fn measure_ground(&self, py: Python<'_>, scene: usize, worlds: Option<Vec<usize>>) -> PyResult<()> {
+        self.check_worlds(worlds.as_deref())?;
+        let n_worlds = worlds.as_ref().map_or(self.n_worlds, Vec::len);
         let mut core = self.core()?;
         core.sensing()?;
         let Core { flight, sensing, .. } = &mut *core;
         let Some(sensing) = sensing else { return Err(no_scene()) };
-        sensing.load(flight, None);
-        let Sensing { pool, poses, .. } = sensing;
-        let at = poses.world_poses();
+        sensing.scene(scene)?;
+        sensing.load(flight, worlds.as_deref(), scene);
+        let Sensing { scenes, poses, .. } = sensing;
+        let (at, pool) = (poses.world_poses(), &scenes[scene].1);
         let n_drones = self.n_drones;
         let heights: Vec<Result<Vec<f64>, SceneError>> = py.detach(|| {
             self.pool.install(|| {
-                (0..self.n_worlds)
+                (0..n_worlds)
                     .into_par_iter()
-                    .map(|world| {
+                    .map(|k| {
                         pool.with(|worker| {
-                            at.apply(world, worker)?;
+                            at.apply(k, worker)?;
                             (0..n_drones)
                                 .map(|d| {
-                                    let z = at.drone_pos_m[3 * (world * n_drones + d) + 2];
+                                    let z = at.drone_pos_m[3 * (k * n_drones + d) + 2];
                                     Ok(worker
                                         .ground_distance(d)?
                                         .map_or(f64::NEG_INFINITY, |below| z - below))
@@ -368,7 +409,8 @@ impl PySim {
                     .collect()
             })
         });
-        for (world, list) in heights.into_iter().enumerate() {
+        for (k, list) in heights.into_iter().enumerate() {
+            let world = worlds.as_ref().map_or(k, |list| list[k]);
             for (drone, z) in list.or_raise()?.into_iter().enumerate() {
                 let row = world * n_drones + drone;
                 match flight {

@@ -141,7 +141,8 @@ struct Wanted {
     attitude_freq: Option<u32>,
     body_rate_freq: Option<u32>,
     force_torque_freq: Option<u32>,
-    scene: Option<(String, String)>,
+    scene: Option<Vec<(String, String)>>,
+    layout: Vec<usize>,
     shells: Vec<Option<String>>,
 }
 
@@ -219,7 +220,7 @@ impl PySim {
                 vehicles.iter().zip(&wanted.shells).map(|(v, s)| (&v.get().vehicle, s.as_deref())).collect();
             let sensing = match &wanted.scene {
                 None => None,
-                Some((kind, text)) => Some(Sensing::new(kind, text, &shells, wanted.n_worlds)?),
+                Some(sources) => Some(Sensing::new(sources, &shells, &wanted.layout)?),
             };
             Ok((flight, sensing))
         })?;

@@ -169,3 +169,80 @@ def test_results_do_not_depend_on_threads():
     (a, near_a, touch_a), (b, near_b, touch_b) = frames
     assert np.array_equal(a.depth, b.depth) and np.array_equal(near_a.distance, near_b.distance)
     assert np.array_equal(touch_a.point, touch_b.point)
+
+
+WALLS = [
+    f"""<mujoco><worldbody><geom name="floor" type="plane" size="20 20 0.1" pos="0 0 {z}"/>
+    <geom name="wall_{x}" type="box" size="0.1 5 5" pos="{x} 0 0"/>
+    <body name="gate" mocap="true" pos="0 {x} 1"><geom name="bar" type="sphere" size="0.5"/></body></worldbody></mujoco>"""
+    for x, z in ((3, 0.0), (5, -1.0))
+]
+
+
+def test_worlds_fly_in_scenes_of_their_own():
+    layout = [0, 1, 1, 0, 1]
+    sim = propwash.Sim(5, scene=WALLS, layout=layout)
+    alone = [propwash.Sim(5, scene=text) for text in WALLS]
+    start = np.random.default_rng(1).uniform([-1, -1, 0.02], [1, 1, 1], (5, 1, 3))
+    start[[0, 2], 0] = [2.88, 0.0, 1.0]  # in the wall of the first scene only
+    for s in (sim, *alone):
+        s.set_initial(pos=start)
+        s.reset()
+    assert [len(sim.scenes), sim.layout.tolist()] == [2, layout] and sim.scene is sim.scenes[0]
+    frame = sim.depth_frame("fpv", (8, 6), normals=True)
+    each = [s.depth_frame("fpv", (8, 6), normals=True) for s in alone]
+    plain, clear = sim.render_depth("fpv", (8, 6)), sim.clearance()
+    apart = [s.clearance() for s in alone]
+    for w, i in enumerate(layout):
+        for name in ("depth", "status", "geom_id", "body_id", "normal", "pos", "quat"):
+            assert (getattr(frame, name)[w] == getattr(each[i], name)[w]).all(), name
+        assert (plain[w] == frame.depth[w]).all()
+        for name in ("distance", "found", "other_geom", "on_drone", "on_other"):
+            assert (getattr(clear, name)[w] == getattr(apart[i], name)[w]).all(), name
+    assert frame.geom_name(int(frame.geom_id[1, 0, 0, 4]), k=1) == "wall_5"
+    with pytest.raises(propwash.Error, match="2 scenes"):
+        frame.geom_name(1)
+    some = sim.depth_frame("fpv", (8, 6), worlds=[4, 0])
+    assert (some.depth[0] == frame.depth[4]).all() and (some.depth[1] == frame.depth[0]).all()
+    assert some.layout.tolist() == [1, 0]
+    # Contacts in the order of worlds, with the numbers of worlds.
+    contacts, theirs = sim.contacts(), [s.contacts() for s in alone]
+    assert (np.diff(contacts.world) >= 0).all()
+    for w, i in enumerate(layout):
+        mine, other = contacts.world == w, theirs[i].world == w
+        assert (contacts.distance[mine] == theirs[i].distance[other]).all()
+        assert (contacts.other_geom[mine] == theirs[i].other_geom[other]).all()
+        assert contacts.limited[w] == theirs[i].limited[w]
+    assert contacts.touching[0, 0] and not contacts.touching[2, 0]
+    sim.measure_ground()
+    np.testing.assert_allclose(sim.data.ground_z[:, 0], [0.0 if i == 0 else -1.0 for i in layout], atol=1e-6)
+    # Obstacles stand where the scene of each world has them.
+    assert sim.obstacle_pos[:, 0, 1].tolist() == [3.0 if i == 0 else 5.0 for i in layout]
+    mixed = propwash.Sim(2, scene=[WALLS[0], mixed_alone()])
+    assert np.isnan(mixed.obstacle_pos[1]).all() and np.isfinite(mixed.obstacle_pos[0]).all()
+    assert abs(mixed.clearance().distance[1, 0] - propwash.Sim(1, scene=mixed_alone()).clearance().distance[0, 0]) < 1e-9
+    sim.layout = [1, 1, 1, 1, 0]
+    assert (sim.render_depth("fpv", (8, 6))[0] == each[1].depth[0]).all()
+    assert propwash.Sim(3, scene=WALLS).layout.tolist() == [0, 1, 0]
+
+
+def mixed_alone():
+    return "<mujoco><worldbody><geom type='box' size='1 1 1' pos='4 0 0'/></worldbody></mujoco>"
+
+
+def test_scenes_and_layouts_that_do_not_fit_are_refused():
+    for layout, words in [([0, 1], r"shape \(3,\)"), ([0, 1, 2], "below 2"), ([0, -1, 1], "below 2"), ([0.0, 1.0, 0.0], "whole")]:
+        with pytest.raises(ValueError, match=words):
+            propwash.Sim(3, scene=WALLS, layout=layout)
+    with pytest.raises(ValueError, match="below 0"):
+        propwash.Sim(3, layout=[0, 0, 0])
+    with pytest.raises(ValueError, match="empty list"):
+        propwash.Sim(3, scene=[])
+    cameras = [t.replace("<worldbody>", f'<worldbody><camera name="c" pos="0 0 9" fovy="{40 + 9 * i}"/>') for i, t in enumerate(WALLS)]
+    sim = propwash.Sim(2, scene=cameras)
+    with pytest.raises(ValueError, match="one size and one lens in all scenes"):
+        sim.render_depth("c", (4, 4))
+    assert sim.render_depth(propwash.Camera("c", fovy_deg=50.0, resolution=(4, 4))).shape == (2, 4, 4)
+    out = np.empty((2, 1, 4, 5), np.float32)
+    with pytest.raises(ValueError, match=r"expected an array of shape \(2, 1, 4, 4\)"):
+        sim.render_depth("fpv", (4, 4), out=out)
