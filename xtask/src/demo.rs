@@ -1,10 +1,11 @@
-//! The main job from nothing: set-up, build, one flight through the forest.
+//! The main job from nothing: set-up, build, one flight through the forest, and the script of the README in Python.
 
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 use crate::run::{self, Result};
-use crate::{setup, test};
+use crate::{python, setup, test};
 
 /// Where the data set goes, from the root of the checkout.
 const OUT: &str = "out/demo";
@@ -44,13 +45,14 @@ pub fn run(args: &[String]) -> Result {
         }
     }
     setup::run()?;
-    run::check(run::cargo().args(["build", "--release"]))?;
+    run::check(run::cargo().args(["build", "--release", "-p", "propwash", "-p", "propwash-python"]))?;
     let root = run::root();
     let out = root.join(OUT);
     if fresh && out.exists() {
         fs::remove_dir_all(&out).map_err(|e| format!("{} cannot be deleted: {e}", out.display()))?;
     }
-    let program = test::target_dir()?.join("release/propwash");
+    let target = test::target_dir()?;
+    let program = target.join("release/propwash");
     run::check(Command::new(program).args(FLY).current_dir(&root))?;
     let picture = out.join("overview.png");
     if !picture.is_file() {
@@ -59,8 +61,48 @@ pub fn run(args: &[String]) -> Result {
             picture.display()
         ));
     }
+    let script = in_python(&target)?;
+    println!("in Python:        {script}");
     println!("data set:         {}", out.display());
     println!("overview picture: {}", picture.display());
     println!("more:             target/release/propwash --help");
     Ok(())
+}
+
+/// What the script of the README needs, from the root of the checkout.
+const REQUIREMENTS: &str = "python/requirements-demo.txt";
+
+/// Runs the script of the README with the package as it was built. Returns what to say of it: without a Python that is new enough
+/// it is left out, since the flight above needs none.
+fn in_python(target: &Path) -> Result<String> {
+    if let Err(why) = python::Host::find().and_then(|host| host.is_new_enough()) {
+        return Ok(format!("left out: {why}"));
+    }
+    let python = python::environment(&target.join("demo-venv"), REQUIREMENTS, "NumPy and MuJoCo (once)")?;
+    let package = python::assemble(&target.join("release"), &target.join("python-release"))?;
+    let path = run::root().join("README.md");
+    let readme = fs::read_to_string(&path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
+    let block = first_block(&readme).ok_or_else(|| format!("{} has no block of Python", path.display()))?;
+    let mut script = Command::new(python);
+    script.args(["-c", block]).current_dir(run::root()).env("PYTHONPATH", &package);
+    run::check(&mut script)?;
+    Ok(format!("the script of the README ran; PYTHONPATH={}", package.display()))
+}
+
+/// The first block of Python in a page.
+fn first_block(page: &str) -> Option<&str> {
+    let start = page.find("```python\n")? + "```python\n".len();
+    page[start..].find("\n```").map(|end| &page[start..start + end])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_block_of_python_is_found() {
+        let page = "# A\n```sh\nls\n```\n```python\nimport a\nprint(a)\n```\n```python\nb\n```\n";
+        assert_eq!(first_block(page), Some("import a\nprint(a)"));
+        assert_eq!(first_block("```sh\nls\n```\n"), None);
+    }
 }

@@ -17,7 +17,8 @@ const HELP: &str = "\
 Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fetches the rest.
 
   cargo xtask setup            fetch MuJoCo 3.17.0 (pinned PyPI wheel) into .mujoco/; after it plain cargo works
-  cargo xtask demo [--fresh]   set up, build, fly four worlds through the forest into out/demo
+  cargo xtask demo [--fresh]   set up, build, fly four worlds through the forest into out/demo, run the
+                               script of the README in Python
                                (--fresh deletes out/demo first; without it a finished run is kept)
   cargo xtask test [ARGS...]   set up, make .venv with the pinned peers, run all Rust tests, build the Python package and run
                                its tests

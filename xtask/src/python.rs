@@ -53,6 +53,18 @@ impl Host {
         Ok(Self { program, version, pip })
     }
 
+    /// Fails when Python or its pip is too old for an environment.
+    pub fn is_new_enough(&self) -> Result {
+        at_least_python("`python3`", self.version)?;
+        if self.pip < LEAST_PIP {
+            return Err(format!(
+                "pip {}.{} is older than {}.{}",
+                self.pip.0, self.pip.1, LEAST_PIP.0, LEAST_PIP.1
+            ));
+        }
+        Ok(())
+    }
+
     /// A command of this Python.
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(&self.program);
@@ -121,16 +133,21 @@ pub fn environment(venv: &Path, list: &str, what: &str) -> Result<PathBuf> {
 pub fn package(target: &Path) -> Result<PathBuf> {
     // With tests, so that features of development dependencies are those of `cargo test` and nothing is compiled twice.
     run::check(run::cargo().args(["build", "--workspace", "--lib", "--tests"]))?;
-    let (from, folder) = (run::root().join("python/propwash"), target.join("python"));
+    assemble(&target.join("debug"), &target.join("python"))
+}
+
+/// Puts the package together in `folder` with the module compiled in `profile`, a folder of the target; returns `folder`.
+pub fn assemble(profile: &Path, folder: &Path) -> Result<PathBuf> {
+    let from = run::root().join("python/propwash");
     let to = folder.join("propwash");
     let at = |path: &Path| format!("{}: the Python package cannot be put together there", path.display());
     if to.exists() {
         fs::remove_dir_all(&to).map_err(|e| format!("{}: {e}", at(&to)))?;
     }
     copy_python(&from, &to).map_err(|e| format!("{}: {e}", at(&to)))?;
-    let compiled = target.join("debug/lib_native.so");
+    let compiled = profile.join("lib_native.so");
     fs::copy(&compiled, to.join("_native.abi3.so")).map_err(|e| format!("{}: {e}", compiled.display()))?;
-    Ok(folder)
+    Ok(folder.to_path_buf())
 }
 
 /// Copies the Python files of a folder and of the folders in it.
