@@ -153,11 +153,7 @@ impl Task for ForestDepth {
         } else {
             Outcome::Goes
         };
-        match outcome {
-            Outcome::Crashed | Outcome::Left => value -= w.crash,
-            Outcome::Done => value += w.success,
-            Outcome::Goes => {}
-        }
+        value += w.end(outcome);
         reward[0] = value as f32;
         outcome
     }

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Start, Task, View, distance, in_order, in_range,
-    one_drone, store,
+    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, one_drone,
+    store,
 };
 use crate::math::vec3;
 
@@ -55,10 +55,7 @@ impl Task for Landing {
     }
 
     fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
-        let pos_m = b.within(self.start_m);
-        let v = self.start_speed_m_s;
-        let vel_m_s = b.within([[-v; 3], [v; 3]]);
-        b.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
+        b.start_within(self.start_m, self.start_speed_m_s);
         Ok(())
     }
 

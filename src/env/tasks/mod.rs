@@ -142,6 +142,13 @@ impl Beginning<'_> {
         core::array::from_fn(|k| self.draw.uniform(low[k], high[k]))
     }
 
+    /// The first drone starts in a box, m, with a velocity within ± `speed_m_s` along each axis.
+    pub fn start_within(&mut self, space: [[f64; 3]; 2], speed_m_s: f64) {
+        let pos_m = self.within(space);
+        let vel_m_s = self.within([[-speed_m_s; 3], [speed_m_s; 3]]);
+        self.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
+    }
+
     /// Distance from drone `drone`, level at `pos_m`, to the nearest thing but other drones, m, at most `look_m`; `look_m`
     /// without a scene. Drones that have a start stand there; the others are far away.
     pub fn clearance(&mut self, drone: usize, pos_m: [f64; 3], look_m: f64) -> Result<f64, EnvError> {
@@ -364,6 +371,15 @@ impl Weights {
             in_range(name, got, 0.0, 1e6)?;
         }
         in_range("weights.safe_m", self.safe_m, 1e-3, 1e3)
+    }
+
+    /// What the end of a task is worth.
+    pub(super) fn end(&self, outcome: Outcome) -> f64 {
+        match outcome {
+            Outcome::Crashed | Outcome::Left => -self.crash,
+            Outcome::Done => self.success,
+            Outcome::Goes => 0.0,
+        }
     }
 
     /// What nearness and a changing action cost in one step.

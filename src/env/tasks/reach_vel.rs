@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Start, Task, View, distance, in_order, in_range, load3,
+    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, load3,
     one_drone, store,
 };
 use crate::math::vec3;
@@ -51,10 +51,8 @@ impl Task for ReachVel {
     }
 
     fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
-        let pos_m = b.within(self.start_m);
-        let (v, goal) = (self.start_speed_m_s, self.goal_speed_m_s);
-        let vel_m_s = b.within([[-v; 3], [v; 3]]);
-        b.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
+        b.start_within(self.start_m, self.start_speed_m_s);
+        let goal = self.goal_speed_m_s;
         let goal = b.within([[-goal; 3], [goal; 3]]);
         store(b.memory, &goal);
         Ok(())

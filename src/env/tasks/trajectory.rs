@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Start, Task, View, distance, in_order, in_range,
-    is_within, load3, one_drone, store,
+    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, is_within,
+    load3, one_drone, store,
 };
 use crate::math::vec3;
 
@@ -113,10 +113,8 @@ impl Task for Trajectory {
         };
         store(b.memory, &numbers);
         let first = self.at(b.memory, 0.0);
-        let (off, v) = (self.start_off_m, self.start_speed_m_s);
-        let shift = b.within([[-off; 3], [off; 3]]);
-        let vel_m_s = b.within([[-v; 3], [v; 3]]);
-        b.starts[0] = Start { pos_m: vec3::add(first, shift), vel_m_s, yaw_rad: 0.0 };
+        let off = [self.start_off_m; 3];
+        b.start_within([vec3::sub(first, off), vec3::add(first, off)], self.start_speed_m_s);
         Ok(())
     }
 
