@@ -1,6 +1,7 @@
 //! Flags that every command takes which holds a vehicle against flights, and what they make.
 
 use super::cmd::drones;
+use crate::gap::track::StatedNoise;
 use crate::gap::{Drive, Options, Track, fitted};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -64,6 +65,10 @@ pub struct ReadingArgs {
     /// Tracked object that hangs on a cable. Default: the one whose name has "load" in it.
     #[arg(long, value_name = "NAME")]
     pub load: Option<String>,
+    /// Noise of a channel (standard deviation of one sample, SI), in place of what the log says of it: position=0.002 (m),
+    /// attitude=0.01 (rad), gyro=0.05 (rad/s), accel=0.3 (m/s²). Repeat it for several.
+    #[arg(long, value_name = "CHANNEL=VALUE", value_parser = stated_noise)]
+    pub noise: Vec<(String, f64)>,
     /// Mapping of the logs' names, units and frames. Default: the file beside each log that ends in .toml.
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
@@ -74,6 +79,22 @@ fn finite(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if v.is_finite() => Ok(v),
         _ => Err(format!("expected a finite number, got {text:?}")),
+    }
+}
+
+/// Channels whose noise can be stated.
+const CHANNELS: [&str; 4] = ["position", "attitude", "gyro", "accel"];
+
+/// A channel and its noise.
+fn stated_noise(text: &str) -> Result<(String, f64), String> {
+    let (channel, value) =
+        text.split_once('=').ok_or_else(|| format!("expected CHANNEL=VALUE, got {text:?}"))?;
+    if !CHANNELS.contains(&channel) {
+        return Err(format!("expected one of {}, got {channel:?}", CHANNELS.join(", ")));
+    }
+    match finite(value)? {
+        v if v > 0.0 => Ok((channel.into(), v)),
+        _ => Err(format!("expected a noise above 0, got {value}")),
     }
 }
 
@@ -108,7 +129,16 @@ impl ReadingArgs {
             });
         }
         let vehicle = drones::find(&self.vehicle)?;
+        let stated =
+            |channel: &str| self.noise.iter().rev().find(|(name, _)| name == channel).map(|(_, v)| *v);
+        let noise = StatedNoise {
+            position_m: stated("position"),
+            attitude_rad: stated("attitude"),
+            gyro_rad_s: stated("gyro"),
+            accel_m_s2: stated("accel"),
+        };
         let options = Options {
+            noise,
             drive: self.drive.map(Drive::from),
             ground_z_m: self.ground_z,
             ceiling_z_m: self.ceiling_z,

@@ -4,7 +4,7 @@ use super::GapError;
 use super::cable::{differing, reattach};
 use super::disturbance::{Disturbance, Reduced};
 use super::excite;
-use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
+use super::fit::{Prepared, forces_only};
 use super::free_form::{self, Doing, Sample};
 use super::limits;
 use super::model::Model;
@@ -12,13 +12,13 @@ use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
 use super::solve::{Solution, WEAK, chi2, polished, solve, sum, with_scatter};
-use super::track::{Drive, Track};
+use super::track::Track;
 use super::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
 };
 use crate::flight::clean;
 use crate::math::{euler, quat};
-use crate::physics::drone::{self, Drone};
+use crate::physics::drone;
 use crate::physics::effects::Area;
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::surroundings::Surroundings;
@@ -74,7 +74,6 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
             reason: format!("one is driven by {}, the other by {}", first.drive.title(), other.drive.title()),
         });
     }
-    let tracks = &tracks.iter().map(|t| scattered(t, &drone)).collect::<Result<Vec<_>, _>>()?[..];
     let all: Vec<&Track> = tracks.iter().collect();
     let mut logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
     let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
@@ -132,34 +131,6 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let mut verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     verdict.warnings.extend(cables);
     Ok(Diagnosed { verdict, solution, model })
-}
-
-/// A log with the noise that its sensors have beside the model, where only forces are modelled.
-///
-/// The scatter of neighbouring samples is far too small a figure for channels that an estimator or a filter has smoothed.
-/// What the plain model leaves when every window has its own start and disturbances is the better one.
-fn scattered(track: &Track, drone: &Drone<f64>) -> Result<Track, GapError> {
-    let mut track = track.clone();
-    if track.drive != Drive::Thrust {
-        return Ok(track);
-    }
-    for _ in 0..2 {
-        let log = Prepared::new(&track, drone);
-        let model = Model::new(drone, &[&track], &[&log.around])?;
-        let filed = model.filed();
-        let logs = [log];
-        let linear = linearise(&logs, &model, &filed, &[], 0.1, &Starts::new());
-        let nothing = vec![0.0; filed.len()];
-        let mut disturbance = Disturbance::unknown();
-        for _ in 0..3 {
-            disturbance = linear.disturbance(&disturbance, &nothing);
-        }
-        let left = left_over(&logs, &model, &linear, &disturbance, &filed);
-        let [position, _, _, accel] = left.map(|(times, n)| if n < 100 { 1.0 } else { times.max(1.0) });
-        track.noise.position_m *= position;
-        track.noise.accel_m_s2 *= accel;
-    }
-    Ok(track)
 }
 
 /// Indices of candidates by their ids.
@@ -413,12 +384,13 @@ fn speak(
         dynamics: tracks.first().map_or_else(String::new, |t| t.dynamics.into()),
         logs: tracks
             .iter()
-            .map(|t| LogSummary {
+            .zip(&solution.linear.noise)
+            .map(|(t, noise)| LogSummary {
                 name: t.name.clone(),
                 sha256: t.log.sha256.clone(),
                 duration_s: t.duration_s(),
                 drive: t.drive.title().into(),
-                noise: t.noise,
+                noise: *noise,
                 held_out: false,
             })
             .collect(),

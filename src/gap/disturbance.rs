@@ -32,6 +32,9 @@ pub(crate) struct Disturbance {
     pub quick: [f64; 4],
     /// Share of the first part that is still there in the next window.
     pub kept: [f64; 4],
+    /// Standard deviation of a window's attitude about the measured one, rad. Where the attitude is an input, it is off by
+    /// this much for the whole window.
+    pub attitude_rad: f64,
 }
 
 /// Which of the four sizes each of the six disturbances has.
@@ -41,17 +44,21 @@ const MOST_KEPT: f64 = 0.95;
 /// Prior standard deviations of a window's initial state about its start value: m, m/s, rad, rad/s.
 const START: [f64; 4] = [0.1, 1.0, 0.2, 1.0];
 
+/// Error of a measured attitude that is always expected, rad.
+const LEAST_TURN_RAD: f64 = 1e-3;
+
 impl Disturbance {
     /// Before anything is known.
     pub fn unknown() -> Self {
         let sizes = [0.2, 0.2, 2.0, 1.0];
-        Self { common: sizes, quick: sizes, kept: [0.0; 4] }
+        Self { common: sizes, quick: sizes, kept: [0.0; 4], attitude_rad: START[2] }
     }
 
     /// Whether no size differs by more than 3 %.
     pub fn near(&self, other: &Self) -> bool {
         let pairs = self.common.iter().zip(&other.common).chain(self.quick.iter().zip(&other.quick));
-        pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03)
+        let attitude = (self.attitude_rad / other.attitude_rad - 1.0).abs() < 0.03;
+        attitude && pairs.into_iter().all(|(a, b)| (a / b - 1.0).abs() < 0.03)
     }
 
     /// Root mean square of the common parts: force (m/s²), torque (rad/s²).
@@ -59,6 +66,12 @@ impl Disturbance {
         let [f, fz, t, tz] = self.common;
         let mean = |a: f64, b: f64| ((2.0 * a * a + b * b) / 3.0).sqrt();
         (mean(f, fz), mean(t, tz))
+    }
+
+    /// Standard deviations of a window's start about the measured state: m, m/s, rad, rad/s.
+    fn start(&self) -> [f64; 4] {
+        let [position, velocity, _, rate] = START;
+        [position, velocity, self.attitude_rad, rate]
     }
 
     /// Variance of the common part of each component where nothing is known of it.
@@ -145,8 +158,9 @@ impl Window {
     fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<Cholesky<f64, Dyn>> {
         let len = own_len(self.pushes);
         let mut own = self.gram.view((0, 0), (len, len)).into_owned();
+        let start = disturbance.start();
         for k in 0..START_STATE {
-            own[(k, k)] += START[k / 3].powi(-2);
+            own[(k, k)] += start[k / 3].powi(-2);
         }
         // Covariance common² 11ᵀ + quick² I over the pushes of one component.
         let n = self.pushes as f64;
@@ -196,7 +210,7 @@ impl Window {
         factor.l_dirty().solve_lower_triangular_mut(&mut x);
         gram.gemm(-1.0, &x.transpose(), &x, 1.0);
         let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
-        let start: f64 = START.iter().map(|s| 3.0 * s.ln()).sum();
+        let start: f64 = disturbance.start().iter().map(|s| 3.0 * s.ln()).sum();
         let quick: f64 = SIZE_OF.iter().map(|s| self.pushes as f64 * disturbance.quick[*s].ln()).sum();
         Some(Core { gram, occam: narrower + start + quick })
     }
@@ -281,13 +295,14 @@ impl Linear {
     pub fn disturbance(&self, now: &Disturbance, delta: &[f64]) -> Disturbance {
         // For each component: mean square of the pushes' sum over their number, and of what differs from their mean; the
         // estimate of their mean, and its share of the true one.
-        let parts: Vec<Option<[[f64; 4]; 6]>> = self
+        let solved: Vec<Option<(f64, [[f64; 4]; 6])>> = self
             .windows
             .par_iter()
             .map(|w| {
                 let (mean, cov) = w.own_solution(now, delta)?;
                 let n = w.pushes as f64;
-                Some(core::array::from_fn(|r| {
+                let turned = (6..9).map(|k| mean[k] * mean[k] + cov[(k, k)]).sum::<f64>() / 3.0;
+                let sums = core::array::from_fn(|r| {
                     let (mut all, mut trace, mut estimate, mut spread) = (0.0, 0.0, 0.0, 0.0);
                     for i in 0..w.pushes {
                         estimate += mean[place(i, r)] / n;
@@ -305,13 +320,15 @@ impl Linear {
                     let prior = now.common[size].powi(2) + now.quick[size].powi(2) / n;
                     let share = (1.0 - spread / prior).max(0.0);
                     [all, (trace - all) / (n - 1.0).max(1.0), estimate, share]
-                }))
+                });
+                Some((turned, sums))
             })
             .collect();
+        let parts: Vec<Option<[[f64; 4]; 6]>> = solved.iter().map(|s| s.map(|s| s.1)).collect();
         let pushes = self.windows.first().map_or(1, |w| w.pushes) as f64;
         let known: Vec<&[[f64; 4]; 6]> = parts.iter().flatten().collect();
         let count = known.len().max(1) as f64;
-        let mut out = Disturbance { common: [0.0; 4], quick: [0.0; 4], kept: [0.0; 4] };
+        let mut out = Disturbance { common: [0.0; 4], quick: [0.0; 4], kept: [0.0; 4], ..*now };
         let mut members = [0.0; 4];
         let mut lag = [[0.0; 2]; 4];
         for r in 0..6 {
@@ -327,6 +344,10 @@ impl Linear {
                     lag[size][1] += a[r][3] * b[r][3];
                 }
             }
+        }
+        if self.windows.iter().all(|w| w.rows_of[1] == 0) {
+            let turned: f64 = solved.iter().flatten().map(|s| s.0).sum::<f64>() / count;
+            out.attitude_rad = turned.sqrt().max(LEAST_TURN_RAD);
         }
         const LEAST: [f64; 4] = [2e-3, 2e-3, 2e-2, 2e-2];
         for s in 0..4 {
@@ -361,7 +382,8 @@ mod tests {
         let rows = DMatrix::from_fn(n_rows, width, |_, _| dice.normal());
         let start = Measured { pos: [0.0; 3], quat: [0.0, 0.0, 0.0, 1.0], vel: [0.0; 3], ang_vel: [0.0; 3] };
         let from = seed as usize * 10 * super::super::replay::PUSH_STEPS;
-        Window { log: 0, from, start, gram: rows.transpose() * &rows, n_rows, pushes: PUSHES }
+        let (gram, rows_of) = (rows.transpose() * &rows, [n_rows, 0, 0, 0]);
+        Window { log: 0, from, start, gram, rows: Vec::new(), rows_of, n_rows, pushes: PUSHES }
     }
 
     #[test]
@@ -372,8 +394,9 @@ mod tests {
             common: [0.3, 0.5, 0.3, 0.3],
             quick: [0.2, 0.4, 0.2, 0.2],
             kept: [0.7, 0.8, 0.3, 0.9],
+            attitude_rad: START[2],
         };
-        let linear = Linear { windows, at: vec![0.0; PARAMETERS], horizon_s };
+        let linear = Linear { windows, at: vec![0.0; PARAMETERS], horizon_s, noise: Vec::new() };
         let reduced = linear.reduce(&disturbance);
 
         // All unknowns of all windows together, with the covariance of a disturbance that stays.
@@ -385,7 +408,7 @@ mod tests {
                 prior[(a * own + k, a * own + k)] = START[k / 3].powi(2);
             }
             for (r, size) in SIZE_OF.into_iter().enumerate() {
-                let Disturbance { common, quick, kept } = disturbance;
+                let Disturbance { common, quick, kept, .. } = disturbance;
                 for b in 0..WINDOWS {
                     let stays = common[size].powi(2) * kept[size].powi((a as i32 - b as i32).abs());
                     for i in 0..PUSHES {

@@ -8,13 +8,12 @@
 //! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
 //! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
 
-use super::disturbance::Disturbance;
 use super::model::{Enters, Model};
 use super::replay::{
-    Around, PUSH_STEPS, Plant, Point, Push, Raw, STEP, STEP_S, Tick, between, by_pose, delays, drive_by_pose,
+    Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, Tick, between, by_pose, delays, drive_by_pose,
 };
 use super::residual::believed;
-use super::track::{Drive, Measured, Track};
+use super::track::{Drive, Measured, Noise, Track};
 use crate::flight::resample::rotation_vector;
 use crate::math::quat;
 use crate::physics::drone::Drone;
@@ -37,6 +36,8 @@ type DriveDual = Dual<f64, N_DRIVE>;
 pub(crate) const START_STATE: usize = 12;
 /// Steps between two nodes of the variational equation.
 const NODE: usize = 2;
+/// Sensors: position, attitude, gyroscope, accelerometer.
+pub(crate) const CHANNELS: usize = 4;
 /// Numbers that sensors read: position, attitude, rates, specific force.
 const OUTPUTS: usize = 12;
 
@@ -72,6 +73,10 @@ pub(crate) struct Window {
     pub start: Measured,
     /// JᵀJ of [own unknowns | parameters | residual], each row divided by its noise.
     pub gram: DMatrix<f64>,
+    /// The rows themselves, (row, column), those of one channel together.
+    pub rows: Vec<f32>,
+    /// Number of rows of position, attitude, gyroscope and accelerometer.
+    pub rows_of: [usize; CHANNELS],
     /// Number of rows.
     pub n_rows: usize,
     /// Number of its disturbances, each of six numbers.
@@ -94,6 +99,8 @@ pub(crate) struct Linear {
     pub at: Vec<f64>,
     /// Length of the windows, s.
     pub horizon_s: f64,
+    /// Noise by which the rows of each log were divided.
+    pub noise: Vec<Noise>,
 }
 
 /// Parameter inputs with their slopes at every node of a log.
@@ -245,6 +252,7 @@ pub(crate) fn linearise(
     chosen: &[usize],
     horizon_s: f64,
     starts: &Starts,
+    noise: &[Noise],
 ) -> Linear {
     let steps = ((horizon_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
     let plain = model.plain_at(values, chosen);
@@ -272,6 +280,7 @@ pub(crate) fn linearise(
             steps,
             index,
             known: starts,
+            noise: &noise[index],
         };
         let starts: Vec<usize> = (0..)
             .map(|w| w * steps * STEP)
@@ -280,7 +289,7 @@ pub(crate) fn linearise(
         windows.par_extend(starts.into_par_iter().filter_map(|from| job.window(from)));
     }
     windows.sort_by_key(|w| (w.log, w.from));
-    Linear { windows, at: values.to_vec(), horizon_s: steps as f64 * STEP_S }
+    Linear { windows, at: values.to_vec(), horizon_s: steps as f64 * STEP_S, noise: noise.to_vec() }
 }
 
 struct Job<'a> {
@@ -295,6 +304,7 @@ struct Job<'a> {
     steps: usize,
     index: usize,
     known: &'a Starts,
+    noise: &'a Noise,
 }
 
 impl Job<'_> {
@@ -322,15 +332,16 @@ impl Job<'_> {
         let pushes = self.steps.div_ceil(PUSH_STEPS);
         let width = own_len(pushes) + self.model.parameters.len();
         let outputs = self.sensitivities(from, &points, own_len(pushes), width);
-        let rows = self.rows(from, &points, &outputs, own_len(pushes), width);
+        let (rows, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
         let n_rows = rows.len() / (width + 1);
         // A window with little in it says nothing reliable about its own unknowns.
         if n_rows < 2 * START_STATE {
             return None;
         }
+        let single: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
         let matrix = DMatrix::from_vec(width + 1, n_rows, rows);
         let gram = &matrix * matrix.transpose();
-        Some(Window { log: self.index, from, start, gram, n_rows, pushes })
+        Some(Window { log: self.index, from, start, gram, rows: single, rows_of, n_rows, pushes })
     }
 
     /// A measured state with the rate that the gyroscope read at its time, where the two clocks differ.
@@ -369,8 +380,9 @@ impl Job<'_> {
         for k in 0..12 {
             s[k][k] = 1.0;
         }
+        // A given attitude may be off, by the same turn all along the window; no rate follows from it.
         if self.p.track.drive == Drive::Thrust {
-            for k in 6..12 {
+            for k in 9..12 {
                 s[k][k] = 0.0;
             }
         }
@@ -526,9 +538,10 @@ impl Job<'_> {
         outputs: &[Vec<[f64; OUTPUTS]>],
         own: usize,
         width: usize,
-    ) -> Vec<f64> {
-        let track = self.p.track;
+    ) -> (Vec<f64>, [usize; CHANNELS]) {
+        let (track, noise) = (self.p.track, self.noise);
         let mut out = Vec::new();
+        let mut rows_of = [0; CHANNELS];
         let begin = self.p.around.time_s(from);
         let end = begin + self.steps as f64 * STEP_S;
         let node_s = STEP_S * NODE as f64;
@@ -557,6 +570,7 @@ impl Job<'_> {
                         }
                         out.push(slope / sigma);
                     }
+                    rows_of[o / 3] += 1;
                     out.push(residual[r] / sigma);
                 }
             };
@@ -574,20 +588,20 @@ impl Job<'_> {
             let after = track.position.t_s[i] - delay - begin;
             let reading = reading_at(after);
             let residual = core::array::from_fn(|k| track.position.values[i][k] - reading.pos[k]);
-            push(after, 0..3, residual, track.noise.position_m, 0);
+            push(after, 0..3, residual, noise.position_m, 0);
         }
         if track.drive != Drive::Thrust {
             for i in inside(&track.attitude.t_s, delay) {
                 let after = track.attitude.t_s[i] - delay - begin;
                 let reading = reading_at(after);
                 let turn = quat::mul(quat::conjugate(reading.quat), track.attitude.values[i]);
-                push(after, 3..6, rotation_vector(turn), track.noise.attitude_rad, 0);
+                push(after, 3..6, rotation_vector(turn), noise.attitude_rad, 0);
             }
         }
         // Fast sensors are averaged over a step: between nodes the model is as good as straight. Which samples stand together
         // does not depend on the clocks, or their noise would decide between clocks.
         for (channel, sigma, which, of) in
-            [(&track.gyro, track.noise.gyro_rad_s, 6..9, 1), (&track.accel, track.noise.accel_m_s2, 9..12, 2)]
+            [(&track.gyro, noise.gyro_rad_s, 6..9, 1), (&track.accel, noise.accel_m_s2, 9..12, 2)]
         {
             if track.drive == Drive::Thrust && of == 1 {
                 continue;
@@ -615,7 +629,7 @@ impl Job<'_> {
                 i = next;
             }
         }
-        out
+        (out, rows_of)
     }
 
     /// How fast the outputs change, per s.
@@ -689,100 +703,6 @@ fn output_slopes(reading: &crate::physics::measure::Reading<Wide>, k: usize) -> 
         out[3 + r] = 2.0 * turn[r];
         out[6 + r] = reading.gyro[r].partials[k];
         out[9 + r] = reading.accel[r].partials[k];
-    }
-    out
-}
-
-/// Root mean square of what remains of position, attitude, gyroscope and accelerometer, each over its noise, when every
-/// window starts at its own estimate: (value, number of samples).
-pub(crate) fn left_over(
-    logs: &[Prepared],
-    model: &Model,
-    linear: &Linear,
-    disturbance: &Disturbance,
-    values: &[f64],
-) -> [(f64, usize); 4] {
-    let all: Vec<usize> = (0..model.candidates.len()).collect();
-    let drone = model.plain_at(values, &all);
-    let delta: Vec<f64> = values.iter().zip(&linear.at).map(|(v, a)| v - a).collect();
-    let steps = (linear.horizon_s / STEP_S).round() as usize;
-    let mut sums = [(0.0, 0usize); 4];
-    for (index, p) in logs.iter().enumerate() {
-        let ticks = drive_by_pose(p.track, &p.around, &p.raw, &drone);
-        let believed = (p.track.drive == Drive::Thrust)
-            .then(|| Around { measured: believed(p.track, &p.around, &drone), ..p.around.clone() });
-        let plant = Plant::new(&drone, p.track, believed.as_ref().unwrap_or(&p.around));
-        let parts: Vec<[(f64, usize); 4]> = linear
-            .windows
-            .par_iter()
-            .filter(|w| w.log == index)
-            .filter_map(|w| {
-                let (own, _) = w.own_solution(disturbance, &delta)?;
-                let start = w.moved(&own);
-                let push: Vec<Push> = (0..w.pushes)
-                    .map(|i| {
-                        let at = START_STATE + 6 * i;
-                        Push {
-                            acc: core::array::from_fn(|k| own[at + k]),
-                            ang_acc: core::array::from_fn(|k| own[at + 3 + k]),
-                        }
-                    })
-                    .collect();
-                let mut points = Vec::new();
-                plant.roll(&ticks, w.from, steps, &start, &push, &mut points);
-                Some(window_left_over(p, &plant, &points, w.from, delays(p.track, &drone)))
-            })
-            .collect();
-        for part in parts {
-            for c in 0..4 {
-                sums[c].0 += part[c].0;
-                sums[c].1 += part[c].1;
-            }
-        }
-    }
-    sums.map(|(sum, n)| ((sum / (3 * n.max(1)) as f64).sqrt(), n))
-}
-
-fn window_left_over(
-    p: &Prepared,
-    plant: &Plant<f64>,
-    points: &[Point],
-    from: usize,
-    delays: [f64; 3],
-) -> [(f64, usize); 4] {
-    let track = p.track;
-    let begin = p.around.time_s(from);
-    let end = begin + (points.len() - 1) as f64 * STEP_S;
-    let reading_at = |after: f64| {
-        let step = ((after / STEP_S) as usize).min(points.len() - 2);
-        plant.reading(points, step, after - step as f64 * STEP_S)
-    };
-    let mut out = [(0.0, 0); 4];
-    let mut add = |c: usize, residual: [f64; 3], sigma: f64| {
-        out[c].0 += residual.iter().map(|r| (r / sigma).powi(2)).sum::<f64>();
-        out[c].1 += 1;
-    };
-    let range = |t: &[f64], delay: f64| {
-        t.partition_point(|t| t - delay < begin)..t.partition_point(|t| t - delay < end)
-    };
-    for i in range(&track.position.t_s, delays[0]) {
-        let reading = reading_at(track.position.t_s[i] - delays[0] - begin);
-        let r = core::array::from_fn(|k| track.position.values[i][k] - reading.pos[k]);
-        add(0, r, track.noise.position_m);
-    }
-    let turns = track.drive != Drive::Thrust;
-    for i in range(&track.attitude.t_s, delays[0]).filter(|_| turns) {
-        let reading = reading_at(track.attitude.t_s[i] - delays[0] - begin);
-        let turn = quat::mul(quat::conjugate(reading.quat), track.attitude.values[i]);
-        add(1, rotation_vector(turn), track.noise.attitude_rad);
-    }
-    for i in range(&track.gyro.t_s, delays[1]).filter(|_| turns) {
-        let reading = reading_at(track.gyro.t_s[i] - delays[1] - begin);
-        add(2, core::array::from_fn(|k| track.gyro.values[i][k] - reading.gyro[k]), track.noise.gyro_rad_s);
-    }
-    for i in range(&track.accel.t_s, delays[2]) {
-        let reading = reading_at(track.accel.t_s[i] - delays[2] - begin);
-        add(3, core::array::from_fn(|k| track.accel.values[i][k] - reading.accel[k]), track.noise.accel_m_s2);
     }
     out
 }

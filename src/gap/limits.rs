@@ -30,7 +30,7 @@ const DEMANDING: f64 = 1.4;
 pub(super) fn poor(model: &Model, solution: &Solution) -> Result<bool, GapError> {
     let air = excite::Air::default();
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
-    let calm = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4] };
+    let calm = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4], ..solution.disturbance };
     let (h, g) = sum(&solution.linear.reduce(&calm), |_| true);
     let evidence = Evidence::new(model, &h, &g, &solution.linear.at, 1.0, 1.0)?;
     let hidden = limits(model, &evidence, solution).iter().filter(|l| !l.visible && l.id != LIMIT).count();

@@ -42,8 +42,10 @@ pub(crate) struct Parameter {
     pub spike: f64,
     /// Plausible size.
     pub slab: f64,
-    /// Which way it can go.
+    /// Which way it can go from where the effect is absent.
     pub sign: Sign,
+    /// How far it can go back from its filed value until the effect is absent, slabs.
+    pub back: f64,
     /// Where it enters.
     pub enters: Enters,
 }
@@ -132,16 +134,22 @@ impl Model {
                 _ if candidate.needs == Needs::Commands => Enters::Drive,
                 _ => Enters::Dynamics,
             };
+            let filed = visited[ordinal].1;
+            // An effect that the file lists may be weaker than filed, down to nothing.
+            let absent = absent_value(&candidate, &freedom.name).unwrap_or(filed);
+            let size = if freedom.sign == Sign::Up { (filed - absent).max(0.0) } else { 0.0 };
+            let slab = freedom.slab.max(size);
             self.parameters.push(Parameter {
                 candidate: self.candidates.len(),
                 effect,
                 ordinal,
                 name: freedom.name.clone(),
                 unit: freedom.unit,
-                filed: visited[ordinal].1,
-                spike: freedom.spike.max(CLOSED * freedom.slab),
-                slab: freedom.slab,
+                filed,
+                spike: freedom.spike.max(CLOSED * slab),
+                slab,
                 sign: freedom.sign,
+                back: size / slab,
                 enters,
             });
         }
@@ -275,6 +283,20 @@ impl Model {
     pub fn plain_at(&self, values: &[f64], chosen: &[usize]) -> Drone<f64> {
         self.drone_at(values, &self.effects_of(chosen), |_, v| v)
     }
+}
+
+/// Value of a candidate's parameter at which its effect is absent.
+fn absent_value(candidate: &Candidate, name: &str) -> Option<f64> {
+    if let Some((_, preset)) = candidate.preset.iter().find(|(n, _)| n == name) {
+        return Some(*preset);
+    }
+    let mut found = None;
+    AnyEffect::by_kind(candidate.kind)?.visit("", &mut |n, value| {
+        if n.trim_start_matches('.') == name {
+            found = Some(*value);
+        }
+    });
+    found
 }
 
 /// A candidate as these logs can tell it.

@@ -128,7 +128,7 @@ impl<'a> Evidence<'a> {
             log_det += -s2.ln() + ((1.0 - s2) / s2).ln() + 2.0 * factor.l_dirty()[(i, i)].ln();
         }
         let mut evidence = gain - 0.5 * log_det;
-        // One-sided slabs: twice the normal on the allowed side.
+        // One-sided slabs: the normal on the allowed side, made whole.
         let k = DMatrix::from_fn(m, m, |i, j| self.k0[(open[i], open[j])]);
         let spread = factor.solve(&k);
         for (i, p) in open.iter().enumerate() {
@@ -143,7 +143,9 @@ impl<'a> Evidence<'a> {
                 mean += k[(i, j)] * solved[j];
                 variance += k[(i, j)] * spread[(j, i)];
             }
-            evidence += (2.0 * normal_cdf(side * mean / variance.max(1e-300).sqrt())).max(1e-300).ln();
+            let back = self.model.parameters[*p].back;
+            let allowed = normal_cdf((side * mean + back) / variance.max(1e-300).sqrt());
+            evidence += (allowed / normal_cdf(back)).max(1e-300).ln();
         }
         evidence
     }
@@ -167,7 +169,7 @@ impl<'a> Evidence<'a> {
         })?;
         let mut cov = factor.inverse();
         let mut mean = &cov * &self.b;
-        // A parameter that an open one-sided slab would send the wrong way stays where it is filed.
+        // A parameter that an open one-sided slab would send the wrong way stays where its effect is absent.
         for _ in 0..4 {
             let wrong = (0..n).find(|k| {
                 let p = &self.model.parameters[*k];
@@ -175,18 +177,20 @@ impl<'a> Evidence<'a> {
                     && cov[(*k, *k)] > 0.0
                     && match p.sign {
                         Sign::Any => false,
-                        Sign::Up => mean[*k] < -1e-12,
-                        Sign::Down => mean[*k] > 1e-12,
+                        Sign::Up => mean[*k] < -p.back - 1e-12,
+                        Sign::Down => mean[*k] > p.back + 1e-12,
                     }
             });
             let Some(k) = wrong else { break };
             let column = cov.column(k).into_owned();
-            let (value, variance) = (mean[k], cov[(k, k)]);
+            let p = &self.model.parameters[k];
+            let bound = if p.sign == Sign::Up { -p.back } else { p.back };
+            let (value, variance) = (mean[k] - bound, cov[(k, k)]);
             mean -= &column * (value / variance);
             cov -= &column * column.transpose() / variance;
             // Its own uncertainty stays as it was, one-sided.
             cov[(k, k)] = 0.0;
-            mean[k] = 0.0;
+            mean[k] = bound;
         }
         let slab = |k: usize| self.model.parameters[k].slab;
         Ok(Posterior {

@@ -5,7 +5,9 @@ use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Linear, Prepared, Starts, forces_only, linearise};
 use super::model::Model;
+use super::policy::GIVEN_ATTITUDE_RAD;
 use super::search::{Evidence, Posterior, Scored};
+use super::track::Noise;
 use crate::flight::clean;
 use nalgebra::{DMatrix, DVector};
 
@@ -160,7 +162,8 @@ pub(crate) fn solve(
     drop(evidence);
     alone.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, c) in alone.into_iter().take(4) {
-        let start = Start { set: vec![c], held: 3, ..Start::file(model, Disturbance::unknown()) };
+        let unknown = Disturbance::unknown();
+        let start = Start { set: vec![c], held: 3, disturbance: unknown, ..Start::beside(model, &best) };
         if let Some(other) = again(logs, model, None, start, progress)?
             && other.better_than(&best, model)?
         {
@@ -206,7 +209,7 @@ fn pruned(
                 set: rest.clone(),
                 horizon: 1,
                 widest: best.tolerance,
-                ..Start::file(model, best.disturbance)
+                ..Start::beside(model, &best)
             };
             let Some(other) = again(logs, model, Some(&rest), start, progress)? else { continue };
             let without = other.evidence(model)?;
@@ -239,8 +242,7 @@ pub(crate) fn polished(
         return Ok(None);
     }
     let timing = model.timing();
-    let mut start =
-        Start { set: found.set.clone(), horizon: 1, follow: true, ..Start::file(model, found.disturbance) };
+    let mut start = Start { set: found.set.clone(), horizon: 1, follow: true, ..Start::beside(model, found) };
     // Candidates may have been added since.
     for (k, p) in model.parameters.iter().enumerate().take(found.posterior.mean.len()) {
         if found.set.contains(&p.candidate)
@@ -320,9 +322,16 @@ struct Start {
     follow: bool,
     /// Widest tolerances that are tried.
     widest: f64,
+    /// Noise of every log, where it is known; explanations are compared with the same noise.
+    noise: Option<Vec<Noise>>,
 }
 
 impl Start {
+    /// At the vehicle file, with what another solution knows of disturbances and noise.
+    fn beside(model: &Model, other: &Solution) -> Self {
+        Self { noise: Some(other.linear.noise.clone()), ..Self::file(model, other.disturbance) }
+    }
+
     /// At the vehicle file.
     fn file(model: &Model, disturbance: Disturbance) -> Self {
         Self {
@@ -333,6 +342,7 @@ impl Start {
             held: 0,
             follow: false,
             widest: f64::INFINITY,
+            noise: None,
         }
     }
 }
@@ -398,7 +408,7 @@ fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
         }
     }
     set.sort_unstable();
-    Some(Start { values, set, horizon: 1, ..Start::file(model, found.disturbance) })
+    Some(Start { values, set, horizon: 1, ..Start::beside(model, found) })
 }
 
 /// [`settle`] from a start of its own; `None` where the model there flies through no window.
@@ -429,12 +439,18 @@ fn settle(
         set: given.map(<[usize]>::to_vec).unwrap_or_default(),
         ..Start::file(model, Disturbance::unknown())
     });
-    let Start { mut values, mut set, mut disturbance, horizon, held, follow, widest } = start;
+    let Start { mut values, mut set, mut disturbance, horizon, held, follow, widest, noise: known } = start;
+    let least: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
+    let mut noise = known.clone().unwrap_or_else(|| least.clone());
+    let forces_only = forces_only(logs);
+    if from_file && forces_only {
+        disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
+    }
+    let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
     let all: usize = ROUNDS.iter().sum();
     let mut done = 0;
     let mut last = None;
     let timing = model.timing();
-    let forces_only = forces_only(logs);
     let mut tolerance = 1.0;
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
         let mut starts = Starts::new();
@@ -443,7 +459,7 @@ fn settle(
             let at_work: Vec<usize> = (0..model.candidates.len())
                 .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
                 .collect();
-            let linear = linearise(logs, model, &values, &at_work, horizon_s, &starts);
+            let linear = linearise(logs, model, &values, &at_work, horizon_s, &starts, &noise);
             progress(done, all);
             done += 1;
             if linear.windows.len() < 4 {
@@ -466,7 +482,9 @@ fn settle(
                 let evidence = Evidence::new(model, &h, &g, &linear.at, phi, tolerance)?;
                 let posterior = evidence.posterior(&set)?;
                 let delta = difference(&posterior, &linear.at);
-                phi = dispersion(model, &linear, &reduced, &delta);
+                // What any candidate could explain is no scatter: a missing effect would divide its own evidence by it.
+                let free = difference(&evidence.posterior(&every)?, &linear.at);
+                phi = dispersion(model, &linear, &reduced, &free);
                 if pass >= PASSES {
                     break reduced;
                 }
@@ -526,6 +544,16 @@ fn settle(
                 }
             }
             let delta = difference(&posterior, &linear.at);
+            // With all candidates free, for the same reason as above.
+            let quieter = match &known {
+                Some(known) => known.clone(),
+                None => {
+                    let free = difference(&evidence.posterior(&every)?, &linear.at);
+                    linear.noise_beside(&disturbance, &free, &least)
+                }
+            };
+            let same_noise = quieter.iter().zip(&noise).all(|(a, b)| a.near(b));
+            noise = quieter;
             if !forces_only {
                 starts = linear.starts(&disturbance, &delta);
             }
@@ -542,7 +570,7 @@ fn settle(
                 tolerance,
                 posterior,
             });
-            if same && moved < 1.0 && done > held {
+            if same && same_noise && moved < 1.0 && done > held {
                 break;
             }
         }

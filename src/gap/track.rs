@@ -1,6 +1,7 @@
 //! A flight log made ready to be flown again by a model: what drives it, what was measured, and how noisy that is.
 
 use super::GapError;
+use super::inputs::{Response, without_noise};
 use crate::flight::{Channel, FlightLog, clean, resample};
 use crate::math::quat;
 use crate::physics::airframe;
@@ -35,9 +36,24 @@ impl Drive {
     }
 }
 
+/// Noise of channels as the user states it, in place of what the log says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct StatedNoise {
+    /// Position, m.
+    pub position_m: Option<f64>,
+    /// Attitude, rad.
+    pub attitude_rad: Option<f64>,
+    /// Gyroscope, rad/s.
+    pub gyro_rad_s: Option<f64>,
+    /// Accelerometer, m/s².
+    pub accel_m_s2: Option<f64>,
+}
+
 /// How a log is to be read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
+    /// Noise of channels that is not to be estimated.
+    pub noise: StatedNoise,
     /// What drives the model; the first that the log and the vehicle have of rotor commands, measured rotor speeds,
     /// attitude commands, thrust, if not given.
     pub drive: Option<Drive>,
@@ -62,6 +78,12 @@ pub struct Noise {
     pub gyro_rad_s: f64,
     /// Accelerometer, m/s².
     pub accel_m_s2: f64,
+    /// Measured rotor speeds that drive the model, rad/s.
+    pub rotor_rad_s: Option<f64>,
+    /// Thrust that drives the model, N.
+    pub thrust_n: Option<f64>,
+    /// Whether position, attitude, gyroscope and accelerometer have the noise that the user states.
+    pub stated: [bool; 4],
 }
 
 /// Samples of commands or of measured inputs.
@@ -135,7 +157,7 @@ impl Track {
                 ));
             }
         }
-        let (drive, dynamics, inputs) = choose_drive(&log, vehicle, options, &name, &mut warnings)?;
+        let (drive, dynamics, mut inputs) = choose_drive(&log, vehicle, options, &name, &mut warnings)?;
         let position = distinct(&log.position_m, "position", &mut warnings);
         let mut attitude = distinct(&log.attitude, "attitude", &mut warnings);
         for q in &mut attitude.values {
@@ -184,12 +206,38 @@ impl Track {
         };
         let gyro = usable(gyro, "angular velocity", &mut warnings);
         let accel = usable(accel, "specific force", &mut warnings);
-        let noise = Noise {
-            position_m: noise_of(&position).max(2e-5),
-            attitude_rad: attitude_noise(&attitude).max(1e-4),
-            gyro_rad_s: noise_of(&gyro).max(5e-4),
-            accel_m_s2: noise_of(&accel).max(5e-3),
+        let stated = &options.noise;
+        let mut noise = Noise {
+            position_m: stated.position_m.unwrap_or_else(|| noise_of(&position).max(2e-5)),
+            attitude_rad: stated.attitude_rad.unwrap_or_else(|| attitude_noise(&attitude).max(1e-4)),
+            gyro_rad_s: stated.gyro_rad_s.unwrap_or_else(|| noise_of(&gyro).max(5e-4)),
+            accel_m_s2: stated.accel_m_s2.unwrap_or_else(|| noise_of(&accel).max(5e-3)),
+            rotor_rad_s: None,
+            thrust_n: None,
+            stated: [
+                stated.position_m.is_some(),
+                stated.attitude_rad.is_some(),
+                stated.gyro_rad_s.is_some(),
+                stated.accel_m_s2.is_some(),
+            ],
         };
+        let response = Response { gyro: &gyro, accel: &accel };
+        match drive {
+            Drive::RotorSpeeds => {
+                if let Some(smooth) = without_noise(&inputs.rotors, &response) {
+                    inputs.rotors = smooth.inputs;
+                    noise.rotor_rad_s = Some(smooth.noise);
+                }
+            }
+            Drive::Thrust => {
+                if let Some(smooth) = without_noise(std::slice::from_ref(&inputs.thrust), &response) {
+                    inputs.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
+                    noise.thrust_n = Some(smooth.noise);
+                }
+            }
+            // What is sent is known.
+            Drive::RotorCommands | Drive::AttitudeCommands => {}
+        }
         let load = match &options.load {
             Some(wanted) => Some(known_object(&log, wanted)?),
             None => log.objects_m.keys().find(|n| is_load(n)).cloned(),

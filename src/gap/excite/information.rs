@@ -9,7 +9,8 @@ use crate::gap::GapError;
 use crate::gap::disturbance::Disturbance;
 use crate::gap::fit::{Prepared, Starts, linearise};
 use crate::gap::model::Model;
-use crate::gap::track::Track;
+use crate::gap::policy::GIVEN_ATTITUDE_RAD;
+use crate::gap::track::{Drive, Noise, Track};
 use nalgebra::{Cholesky, DMatrix};
 
 /// Length of windows, s: the longest that the fit uses.
@@ -25,9 +26,13 @@ pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMat
 /// The same for flights that are prepared already.
 pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let n = model.parameters.len();
-    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S, &Starts::new());
+    let noise: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
+    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S, &Starts::new(), &noise);
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
-    let disturbance = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4] };
+    let mut disturbance = Disturbance { common: sizes, quick: sizes, ..Disturbance::unknown() };
+    if logs.iter().any(|l| l.track.drive == Drive::Thrust) {
+        disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
+    }
     let mut out = vec![DMatrix::zeros(n, n); logs.len()];
     for (window, reduced) in linear.windows.iter().zip(linear.reduce(&disturbance)) {
         out[window.log] += reduced.h;

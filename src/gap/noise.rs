@@ -1,0 +1,188 @@
+//! How noisy each channel of each log is beside the model.
+//!
+//! What neighbouring samples differ by ([`super::track::noise_of`]) is the least that a channel can be off by. Channels that an
+//! estimator or a filter has smoothed are off by more, over longer times. That shows in what is left of them when every window
+//! has its own start and its own disturbances: how large it is, and how long it keeps its sign. A channel that is off by `s`
+//! for `τ` samples on end says as much about a slow number as one with white noise of `s √τ` (coloured residuals: Morelli and
+//! Klein, "Accuracy of aerodynamic model parameters estimated from flight test data", J. Guidance, Control and Dynamics 20(1),
+//! 1997).
+//!
+//! What is left is looked at with *all* candidates free. What one missing effect leaves would else count as noise, and divide
+//! the very evidence for it.
+
+use super::disturbance::Disturbance;
+use super::fit::{CHANNELS, Linear, Window, own_len};
+use super::policy::{NOISE_SETTLED, SLOWEST_NOISE};
+use super::track::Noise;
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+impl Noise {
+    /// Standard deviations of position (m), attitude (rad), gyroscope (rad/s) and accelerometer (m/s²).
+    pub(super) fn channels(&self) -> [f64; CHANNELS] {
+        [self.position_m, self.attitude_rad, self.gyro_rad_s, self.accel_m_s2]
+    }
+
+    /// With other standard deviations.
+    pub(super) fn with_channels(
+        &self,
+        [position_m, attitude_rad, gyro_rad_s, accel_m_s2]: [f64; CHANNELS],
+    ) -> Self {
+        Self { position_m, attitude_rad, gyro_rad_s, accel_m_s2, ..*self }
+    }
+
+    /// Whether no channel differs by more than [`NOISE_SETTLED`].
+    pub(super) fn near(&self, other: &Self) -> bool {
+        let pairs = self.channels().into_iter().zip(other.channels());
+        pairs.into_iter().all(|(a, b)| (a / b).ln().abs() < NOISE_SETTLED)
+    }
+}
+
+/// Sums over what is left of one channel.
+#[derive(Clone, Copy)]
+struct Left {
+    square: f64,
+    rows: f64,
+    /// Rows that the window's own unknowns have used up.
+    used: f64,
+    /// Products of samples so far apart, and their number.
+    lagged: [(f64, f64); SLOWEST_NOISE],
+}
+
+impl Left {
+    fn nothing() -> Self {
+        Self { square: 0.0, rows: 0.0, used: 0.0, lagged: [(0.0, 0.0); SLOWEST_NOISE] }
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.square += other.square;
+        self.rows += other.rows;
+        self.used += other.used;
+        for (a, b) in self.lagged.iter_mut().zip(&other.lagged) {
+            a.0 += b.0;
+            a.1 += b.1;
+        }
+    }
+
+    /// Standard deviation of white noise that says as little, over that by which the rows were divided.
+    fn times(&self) -> f64 {
+        let free = self.rows - self.used;
+        if free < 0.1 * self.rows || free < 30.0 || self.square <= 0.0 {
+            return 1.0;
+        }
+        let variance = self.square / self.rows;
+        // Samples on end for which it keeps its sign: until the first lag at which nothing is left of it.
+        let together: f64 = self
+            .lagged
+            .iter()
+            .map(|(sum, n)| if *n > 0.0 { sum / n / variance } else { 0.0 })
+            .take_while(|rho| *rho > 0.0)
+            .sum();
+        (self.square / free * (1.0 + 2.0 * together)).sqrt()
+    }
+}
+
+/// What a window leaves of its rows, with its own unknowns at their estimate.
+fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<[Left; CHANNELS]> {
+    let (own, covariance) = window.own_solution(disturbance, delta)?;
+    let n_own = own_len(window.pushes);
+    let width = n_own + delta.len() + 1;
+    let shift: Vec<f64> = own.iter().copied().chain(delta.iter().copied()).collect();
+    let rest: Vec<f64> = window
+        .rows
+        .chunks_exact(width)
+        .map(|row| {
+            let told: f64 = row.iter().zip(&shift).map(|(j, x)| f64::from(*j) * x).sum();
+            f64::from(row[width - 1]) - told
+        })
+        .collect();
+    let mut out = [Left::nothing(); CHANNELS];
+    let mut from = 0;
+    for (channel, rows) in window.rows_of.into_iter().enumerate() {
+        let part = &rest[from..from + rows];
+        let left = &mut out[channel];
+        left.square = part.iter().map(|e| e * e).sum();
+        left.rows = rows as f64;
+        let own_rows = DMatrix::from_fn(rows, n_own, |i, k| f64::from(window.rows[(from + i) * width + k]));
+        left.used = (&own_rows * &covariance).component_mul(&own_rows).sum();
+        // Samples have three axes each.
+        for (lag, (sum, n)) in left.lagged.iter_mut().enumerate() {
+            let apart = 3 * (lag + 1);
+            if apart < rows {
+                *sum = part[apart..].iter().zip(part).map(|(a, b)| a * b).sum();
+                *n = (rows - apart) as f64;
+            }
+        }
+        from += rows;
+    }
+    Some(out)
+}
+
+impl Linear {
+    /// Noise of every log with the parameters `delta` away; never less than `least`, what neighbouring samples differ by.
+    pub fn noise_beside(&self, disturbance: &Disturbance, delta: &[f64], least: &[Noise]) -> Vec<Noise> {
+        let all: Vec<Option<(usize, [Left; CHANNELS])>> =
+            self.windows.par_iter().map(|w| Some((w.log, left_of(w, disturbance, delta)?))).collect();
+        let mut sums = vec![[Left::nothing(); CHANNELS]; least.len()];
+        for (log, left) in all.iter().flatten() {
+            sums[*log].iter_mut().zip(left).for_each(|(sum, part)| sum.add(part));
+        }
+        (0..least.len())
+            .map(|log| {
+                let (now, floor) = (self.noise[log].channels(), least[log].channels());
+                let stated = least[log].stated;
+                self.noise[log].with_channels(core::array::from_fn(|c| {
+                    // What the user states is not doubted.
+                    if stated[c] { floor[c] } else { (now[c] * sums[log][c].times()).max(floor[c]) }
+                }))
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Key, purpose};
+
+    /// What is left of a channel whose errors stay for about `stays` samples.
+    fn left(stays: f64, n: usize) -> Left {
+        let key = Key { seed: 2, world: 0, drone: 0, step: 0, purpose: purpose("noise test") };
+        let mut dice = key.stream();
+        let kept = if stays > 0.0 { (-1.0 / stays).exp() } else { 0.0 };
+        let mut now = [0.0; 3];
+        let mut part = Vec::new();
+        for _ in 0..n {
+            for x in &mut now {
+                *x = kept * *x + (1.0 - kept * kept).sqrt() * dice.normal();
+                part.push(*x);
+            }
+        }
+        let mut out = Left::nothing();
+        out.square = part.iter().map(|e| e * e).sum();
+        out.rows = part.len() as f64;
+        for (lag, (sum, n)) in out.lagged.iter_mut().enumerate() {
+            let apart = 3 * (lag + 1);
+            *sum = part[apart..].iter().zip(&part).map(|(a, b)| a * b).sum();
+            *n = (part.len() - apart) as f64;
+        }
+        out
+    }
+
+    #[test]
+    fn errors_that_stay_count_as_more_noise_and_white_ones_as_they_are() {
+        assert!((left(0.0, 5000).times() - 1.0).abs() < 0.06, "{}", left(0.0, 5000).times());
+        // An error that fades with e over τ samples is summed by 2τ of them.
+        let smooth = left(6.0, 20000).times();
+        let known = ((1.0 + (-1.0f64 / 6.0).exp()) / (1.0 - (-1.0f64 / 6.0).exp())).sqrt();
+        assert!((smooth / known - 1.0).abs() < 0.1, "{smooth} {known}");
+    }
+
+    #[test]
+    fn what_the_start_of_a_window_has_used_up_is_missing_from_what_is_left() {
+        let mut some = left(0.0, 200);
+        some.square *= 0.5;
+        some.used = 0.5 * some.rows;
+        assert!((some.times() - 1.0).abs() < 0.1);
+    }
+}
