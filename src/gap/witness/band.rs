@@ -10,10 +10,10 @@ struct Biquad {
 
 impl Biquad {
     fn new(cut_hz: f64, step_s: f64) -> Self {
-        // Two passes halve the power where one leaves 1/√2 of it: (f/f₀)⁴ = √2 − 1 there.
-        let cut_hz = cut_hz / (2.0f64.sqrt() - 1.0).powf(0.25);
-        // Above 0.49 of the sampling rate nothing is left to cut.
-        let k = (core::f64::consts::PI * (cut_hz * step_s).min(0.49)).tan();
+        // Above 0.49 of the sampling rate nothing is left to cut. Two passes halve the power where one leaves 1/√2 of it:
+        // (f/f₀)⁴ = √2 − 1 there.
+        let k =
+            (core::f64::consts::PI * (cut_hz * step_s).min(0.49)).tan() / (2.0f64.sqrt() - 1.0).powf(0.25);
         let norm = 1.0 / (1.0 + 2.0f64.sqrt() * k + k * k);
         let b0 = k * k * norm;
         Self {

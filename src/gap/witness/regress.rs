@@ -303,7 +303,8 @@ fn blocks_of(log: &Samples, channels: &[Channel], cut_hz: f64) -> Vec<Sums> {
         let to = if b + 1 == n_blocks { kept.len() } else { (b + 1) * per_block };
         let mut sums = Sums::zero(channels);
         for i in &kept[b * per_block..to] {
-            let row: Vec<f64> = rows[i * width..(i + 1) * width].iter().zip(&mean).map(|(x, m)| x - m).collect();
+            let row: Vec<f64> =
+                rows[i * width..(i + 1) * width].iter().zip(&mean).map(|(x, m)| x - m).collect();
             for (a, (c, p)) in place.iter().enumerate() {
                 // Columns of a channel stand together.
                 for (e, (d, q)) in place.iter().enumerate().skip(a).take_while(|(_, (d, _))| d == c) {

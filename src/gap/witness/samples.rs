@@ -13,8 +13,10 @@ use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::scalar::Real;
 use rayon::prelude::*;
 
-/// Steps of a roll-out between two instants: those of the nodes at which [`drive_inputs`] gives slopes, 10 ms.
-pub(super) const EVERY: usize = 2;
+/// Steps of a roll-out between two instants, 20 ms: six in a period of the fastest band.
+const EVERY: usize = 4;
+/// Steps between the nodes at which [`drive_inputs`] gives slopes.
+const DRIVE_EVERY: usize = 2;
 /// Time between two instants, s.
 pub(super) const EVERY_S: f64 = STEP_S * EVERY as f64;
 /// Longest hole that is bridged by a straight line so that a filter can pass it, s; well below the period of the band.
@@ -24,6 +26,8 @@ const BRIDGED_S: f64 = 0.1;
 const FLYING: f64 = 0.3;
 /// See [`FLYING`].
 const HELD_UP: f64 = 0.7;
+/// Time around such an instant that is left out too, s: falling with the motors off, the impact, and jumps after it.
+const BESIDE_GROUND_S: f64 = 0.5;
 
 /// Slope times plausible size, m/s² or rad/s², below which a parameter does not act on a channel: rounding.
 const LEAST_SLOPE: f64 = 1e-9;
@@ -116,10 +120,39 @@ fn known<'a>(replay: &'a Replay, step: usize) -> Option<&'a Measured> {
     replay.around.measured.get(step)?.as_ref().filter(|_| valid)
 }
 
-/// Mean of three neighbours under the hat that falls to zero one instant away: what a second difference over an instant sees.
+/// Offsets and weights of a hat that falls to zero `apart` away: its mean is what a second difference over `apart` sees of
+/// what was differentiated. All that is compared is seen through it, so that nothing above the band folds into it.
+fn hat(apart: usize) -> impl Iterator<Item = (usize, f64)> {
+    let square = (apart * apart) as f64;
+    (1..2 * apart).map(move |i| (i, (apart - i.abs_diff(apart)) as f64 / square))
+}
+
+/// Mean under the hat over an instant; nothing where a neighbour is missing.
 fn under_hat(list: &[Option<[f64; 3]>], step: usize) -> Option<[f64; 3]> {
-    let (a, b, c) = (list.get(step.checked_sub(1)?)?.as_ref()?, list[step].as_ref()?, list.get(step + 1)?.as_ref()?);
-    Some(core::array::from_fn(|k| 0.25 * a[k] + 0.5 * b[k] + 0.25 * c[k]))
+    let from = step.checked_sub(EVERY)?;
+    let mut sum = [0.0; 3];
+    for (offset, weight) in hat(EVERY) {
+        let value = list.get(from + offset)?.as_ref()?;
+        (0..3).for_each(|k| sum[k] += weight * value[k]);
+    }
+    Some(sum)
+}
+
+/// Mean of the inputs under the same hat.
+fn input_under_hat(ticks: &[Tick<f64>], at: usize) -> Tick<f64> {
+    let apart = EVERY * STEP;
+    let mut out =
+        Tick { rotor_vel: [0.0; MAX_ROTORS], rotor_acc: [0.0; MAX_ROTORS], thrust: 0.0, command: [0.0; 4] };
+    for (offset, weight) in hat(apart) {
+        let tick = &ticks[(at + offset).saturating_sub(apart).min(ticks.len() - 1)];
+        for r in 0..MAX_ROTORS {
+            out.rotor_vel[r] += weight * tick.rotor_vel[r];
+            out.rotor_acc[r] += weight * tick.rotor_acc[r];
+        }
+        out.thrust += weight * tick.thrust;
+        (0..4).for_each(|k| out.command[k] += weight * tick.command[k]);
+    }
+    out
 }
 
 /// Measured less modelled specific force (m/s², body) and angular acceleration (rad/s², body) at every instant.
@@ -151,7 +184,8 @@ fn residuals(replay: &Replay) -> Vec<Option<[f64; CHANNELS]>> {
             })
             .collect()
     });
-    (0..n)
+    let mut held = Vec::new();
+    let mut out: Vec<Option<[f64; CHANNELS]>> = (0..n)
         .step_by(EVERY)
         .map(|i| {
             let (model, turning) = (under_hat(&force, i)?, under_hat(&torque, i)?);
@@ -161,6 +195,7 @@ fn residuals(replay: &Replay) -> Vec<Option<[f64; CHANNELS]>> {
             };
             let of_gravity = vec3::norm(gravity).max(1e-9);
             if vec3::norm(model) < FLYING * of_gravity && vec3::norm(felt) > HELD_UP * of_gravity {
+                held.push(i / EVERY);
                 return None;
             }
             let turned = match track.drive {
@@ -171,22 +206,36 @@ fn residuals(replay: &Replay) -> Vec<Option<[f64; CHANNELS]>> {
             let (f, t) = (vec3::sub(felt, model), vec3::sub(turned, turning));
             Some([f[0], f[1], f[2], t[0], t[1], t[2]])
         })
-        .collect()
+        .collect();
+    let beside = (BESIDE_GROUND_S / EVERY_S).round() as usize;
+    for at in held {
+        let to = (at + beside + 1).min(out.len());
+        out[at.saturating_sub(beside)..to].fill(None);
+    }
+    out
 }
 
 /// Specific force from the second difference of positions.
 fn felt_by_positions(replay: &Replay, i: usize, gravity: [f64; 3]) -> Option<[f64; 3]> {
     let at = |i: usize| known(replay, i).map(|m| m.pos);
     let (a, b, c) = (at(i.checked_sub(EVERY)?)?, at(i)?, at(i + EVERY)?);
-    let acc: [f64; 3] = core::array::from_fn(|k| (a[k] - 2.0 * b[k] + c[k]) / (EVERY_S * EVERY_S) - gravity[k]);
+    let acc: [f64; 3] =
+        core::array::from_fn(|k| (a[k] - 2.0 * b[k] + c[k]) / (EVERY_S * EVERY_S) - gravity[k]);
     Some(quat::rotate_inverse(known(replay, i)?.quat, acc))
 }
 
-/// Angular acceleration as the difference of the mean rates after and before an instant (Simpson's rule for both).
+/// Weights of Simpson's rule for the mean over the [`EVERY`] steps after an instant.
+const SIMPSON: [f64; EVERY + 1] = [1.0 / 12.0, 4.0 / 12.0, 2.0 / 12.0, 4.0 / 12.0, 1.0 / 12.0];
+
+/// Angular acceleration as the difference of the mean rates after and before an instant.
 fn turned_by_rates(replay: &Replay, i: usize) -> Option<[f64; 3]> {
-    let w = |i: usize| known(replay, i).map(|m| m.ang_vel);
-    let (a, b, d, e) = (w(i.checked_sub(2)?)?, w(i - 1)?, w(i + 1)?, w(i + 2)?);
-    Some(core::array::from_fn(|k| (4.0 * d[k] + e[k] - a[k] - 4.0 * b[k]) / (6.0 * EVERY_S)))
+    let from = i.checked_sub(EVERY)?;
+    let mut sum = [0.0; 3];
+    for (j, weight) in SIMPSON.iter().enumerate() {
+        let (before, after) = (known(replay, from + EVERY - j)?, known(replay, i + j)?);
+        (0..3).for_each(|k| sum[k] += weight * (after.ang_vel[k] - before.ang_vel[k]) / EVERY_S);
+    }
+    Some(sum)
 }
 
 /// Angular acceleration from the turns to the next and from the last instant.
@@ -213,6 +262,9 @@ fn slopes(
         .iter()
         .map(|p| (p.parameters.as_slice(), Plant::new(&p.drone, log.track, &replay.around)))
         .collect();
+    let place = |k: &usize| by.iter().position(|b| b == k);
+    let places: Vec<Vec<Option<usize>>> =
+        plants.iter().map(|(list, _)| list.iter().map(place).collect()).collect();
     let lit = |v: [f64; 3]| v.map(Wide::lit);
     (0..replay.n_steps().div_ceil(EVERY))
         .into_par_iter()
@@ -220,9 +272,9 @@ fn slopes(
         .map_init(Vec::new, |neighbours, node| {
             let step = node * EVERY;
             let m = known(replay, step)?;
-            let tick = &replay.ticks[step * STEP];
+            let tick = input_under_hat(&replay.ticks, step * STEP);
             let mut out = vec![[0.0; CHANNELS]; by.len()];
-            for (parameters, plant) in &plants {
+            for ((parameters, plant), places) in plants.iter().zip(&places) {
                 let mut state = State::<Wide> {
                     pos: lit(m.pos),
                     quat: m.quat.map(Wide::lit),
@@ -230,11 +282,11 @@ fn slopes(
                     ang_vel: lit(m.ang_vel),
                     ..State::rest()
                 };
-                let driven = driven(tick, inputs, parameters, node);
+                let driven = driven(&tick, inputs, parameters, step / DRIVE_EVERY);
                 let rate = plant.rate(step * STEP, &driven, &mut state, neighbours);
                 let accel = plant.drone.read(&state, &rate).accel;
-                for (slot, k) in parameters.iter().enumerate() {
-                    let Some(place) = by.iter().position(|b| b == k) else { continue };
+                for (slot, place) in places.iter().enumerate() {
+                    let Some(place) = *place else { continue };
                     for r in 0..3 {
                         out[place][r] = accel[r].partials[slot];
                         out[place][3 + r] = rate.ang_acc[r].partials[slot];
