@@ -26,8 +26,8 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// Directions of one pass of duals.
-const N: usize = 12;
-type Wide = Dual<f64, N>;
+pub(super) const N: usize = 12;
+pub(super) type Wide = Dual<f64, N>;
 /// Drive parameters of one pass.
 const N_DRIVE: usize = 8;
 type DriveDual = Dual<f64, N_DRIVE>;
@@ -104,13 +104,13 @@ pub(crate) struct Linear {
 }
 
 /// Parameter inputs with their slopes at every node of a log.
-struct DriveInputs {
+pub(super) struct DriveInputs {
     ticks: Vec<Tick<f64>>,
     /// For every drive parameter: rotor speeds' and rotor rates' slopes, thrust's, commands', by node tick.
-    slopes: Vec<(usize, Vec<Tick<f64>>)>,
+    pub slopes: Vec<(usize, Vec<Tick<f64>>)>,
 }
 
-fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
+pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
     let plain = model.plain_at(values, chosen);
     let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
     let free: Vec<usize> = (0..values.len())
@@ -206,13 +206,13 @@ fn around_nodes(ticks: &[Tick<f64>]) -> Vec<Tick<f64>> {
 }
 
 /// Parameters that share a pass of duals.
-struct Pass {
-    parameters: Vec<usize>,
-    drone: Drone<Wide>,
+pub(super) struct Pass {
+    pub parameters: Vec<usize>,
+    pub drone: Drone<Wide>,
 }
 
 /// Passes over all parameters that enter the dynamics, the drive or the readings.
-fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pass> {
+pub(super) fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pass> {
     let constant = model.effects_of(chosen);
     let mut free: Vec<usize> =
         (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(1 | 2))).collect();

@@ -28,6 +28,7 @@ pub(crate) mod shapes;
 mod solve;
 pub mod track;
 pub mod verdict;
+pub(crate) mod witness;
 
 pub use causes::{Cause, Response};
 pub use compare::{Comparison, compare};
