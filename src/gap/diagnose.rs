@@ -8,14 +8,16 @@ use super::fit::{Prepared, forces_only};
 use super::free_form::{self, Doing, Sample};
 use super::limits;
 use super::model::Model;
+use super::opinion;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
 use super::solve::{Solution, WEAK, chi2, polished, solve, sum, with_scatter};
 use super::track::Track;
 use super::verdict::{
-    Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder,
+    Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder, Said,
 };
+use super::witness::Witness;
 use crate::flight::clean;
 use crate::math::{euler, quat};
 use crate::physics::drone;
@@ -233,11 +235,14 @@ fn speak(
     let whole = evidence.of(&solution.set);
     let apart = each_for_itself(solution);
     let mut findings = Vec::new();
+    let witness = witness(model, logs, solution);
     for c in &solution.set {
+        let second = opinion::of(model, &witness, solution, *c);
         let candidate = &model.candidates[*c];
         let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
-        let look_alikes: Vec<LookAlike> = evidence
-            .in_place_of(&solution.set, *c, THRESHOLD)
+        let mut alike = evidence.in_place_of(&solution.set, *c, THRESHOLD);
+        alike.extend(evidence.by_scale(&solution.set, *c, THRESHOLD));
+        let look_alikes: Vec<LookAlike> = alike
             .into_iter()
             .take(8)
             .map(|(ids, worse)| LookAlike {
@@ -260,7 +265,8 @@ fn speak(
             set: model.preset_values(*c),
             evidence_nats: whole - evidence.of(&rest),
             removed_share: removed_share(model, solution, &apart, &[*c])?,
-            certain: look_alikes.is_empty(),
+            certain: look_alikes.is_empty() && !matches!(second.said, Said::Differs | Said::Answer),
+            second,
             look_alikes,
         });
     }
@@ -330,7 +336,14 @@ fn speak(
         && remainder.unexplained
         && (together < 0.5 || explained < LEANING || (event && explained < EVENTFUL))
     {
-        doubt(&mut findings, &mut nearest, poor, |_| true);
+        // Weather is a background: it takes nothing from what two independent estimators agree on.
+        let background = if drift { weather() } else { None };
+        let stands = |f: &Finding| f.second.said == Said::Agrees && f.evidence_nats >= BESIDE_WEATHER;
+        let shielded = background.is_some();
+        doubt(&mut findings, &mut nearest, poor, |f| !(shielded && stands(f)));
+        if shielded && !findings.is_empty() {
+            weather_found = background;
+        }
     }
     if drift && findings.is_empty() {
         weather_found = weather();
@@ -407,6 +420,16 @@ fn speak(
         dispersion: solution.dispersion,
         warnings,
     })
+}
+
+/// The second estimator, with the model as filed but for its clocks: half a millisecond would turn a regression.
+fn witness(model: &Model, logs: &[Prepared], solution: &Solution) -> Witness {
+    let timing = model.timing();
+    let mut values = model.filed();
+    for k in timing.iter().flat_map(|c| model.of(*c)) {
+        values[k] = solution.posterior.mean[k];
+    }
+    Witness::at(logs, model, &values, &timing)
 }
 
 /// Id of what no candidate describes, among look-alikes.
@@ -493,6 +516,7 @@ fn turbulence(
         kind: "turbulence".into(),
         title: "gusty air without a rhythm".into(),
         area: Area::Airframe,
+        second: opinion::weather(),
         set: Vec::new(),
         parameters,
         evidence_nats: 0.5 * n * (left.force_m_s2 / LARGE_FORCE_M_S2).powi(2).ln(),

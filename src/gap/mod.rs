@@ -18,6 +18,7 @@ pub mod ladder;
 mod limits;
 pub(crate) mod model;
 mod noise;
+mod opinion;
 pub mod overlay;
 mod policy;
 pub(crate) mod replay;

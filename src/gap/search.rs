@@ -12,7 +12,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Evidence that an effect must bring to be added, nats.
 pub(crate) const THRESHOLD: f64 = 6.0;
-/// Most effects of one verdict.
+/// Most effects of one verdict; inertia about several axes counts once.
 pub(crate) const MOST: usize = 4;
 
 /// The log's quadratic in scaled parameters z = (value − filed)/slab: ln L = bᵀz − ½ zᵀAz, and what follows for all spikes.
@@ -150,6 +150,12 @@ impl<'a> Evidence<'a> {
         evidence
     }
 
+    /// Number of kinds in a set.
+    fn kinds(&self, set: &[usize]) -> usize {
+        let kind = |c: usize| self.model.candidates[c].kind;
+        (0..set.len()).filter(|i| !set[..*i].iter().any(|c| kind(*c) == kind(set[*i]))).count()
+    }
+
     fn scored(&self, mut set: Vec<usize>) -> Scored {
         set.sort_unstable();
         Scored { evidence: self.of(&set), set }
@@ -259,7 +265,9 @@ impl<'a> Evidence<'a> {
                         for other in (0..n).filter(may).filter(|o| !now.set.contains(o)) {
                             moves.push([rest.clone(), vec![other]].concat());
                         }
-                    } else if now.set.len() < MOST {
+                    } else if self.kinds(&now.set) < MOST
+                        || now.set.iter().any(|x| self.model.candidates[*x].kind == self.model.candidates[c].kind)
+                    {
                         moves.push([now.set.clone(), vec![c]].concat());
                     }
                 }
@@ -276,6 +284,32 @@ impl<'a> Evidence<'a> {
             }
         }
         (best, seen)
+    }
+
+    /// Other sets of mass, thrust, inertia and torque in place of those in `set`, of which `of` is one: a factor common to all
+    /// of them shows nowhere, so one of two sets can stand in the other's place though no single exchange tells so. Each with what
+    /// it is worse by, within `margin` nats.
+    pub fn by_scale(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
+        let scale = |c: &usize| OF_SCALE.contains(&self.model.candidates[*c].kind);
+        let own: Vec<usize> = set.iter().copied().filter(scale).collect();
+        if own.len() < 2 || !own.contains(&of) {
+            return Vec::new();
+        }
+        let rest: Vec<usize> = set.iter().copied().filter(|c| !own.contains(c)).collect();
+        let all: Vec<usize> = (0..self.members.len()).filter(scale).filter(|c| self.model.may[*c]).collect();
+        let score = self.scored(set.to_vec()).score();
+        let mut out: Vec<(Vec<usize>, f64)> = (1..1usize << all.len())
+            .map(|bits| (0..all.len()).filter(|i| bits & (1 << i) != 0).map(|i| all[i]).collect::<Vec<_>>())
+            .filter(|other| other.len() <= own.len() + 1 && !own.iter().all(|c| other.contains(c)))
+            .map(|other| {
+                let worse = score - self.scored([rest.clone(), other.clone()].concat()).score();
+                (other, worse)
+            })
+            .filter(|(_, worse)| *worse < margin)
+            .collect();
+        out.sort_by(|x, y| x.1.total_cmp(&y.1));
+        out.truncate(MOST_BY_SCALE);
+        out
     }
 
     /// What stands in place of candidate `of` in `set` and fits almost as well, within `margin` nats: single candidates and
@@ -306,6 +340,12 @@ impl<'a> Evidence<'a> {
         out
     }
 }
+
+/// Most sets that are named in place of another by a common factor.
+const MOST_BY_SCALE: usize = 3;
+/// Kinds that a vehicle's motion knows only by their ratios: mass, thrust, inertia and torque all larger by one factor is the
+/// same motion.
+const OF_SCALE: [&str; 4] = ["wrong_mass", "thrust_scale", "wrong_inertia", "torque_scale"];
 
 /// Posterior covariance of all parameters from their information and the precision of their priors.
 pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>> {

@@ -32,6 +32,34 @@ pub struct LookAlike {
     pub manoeuvre: String,
 }
 
+/// What the second estimator says of a finding.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Said {
+    /// Unseen flight gains by it, and the values agree.
+    Agrees,
+    /// It would see what the fit claims, and sees something else.
+    Differs,
+    /// What the pilot does against the weather could look the same.
+    Answer,
+    /// It cannot see such an effect.
+    Silent,
+}
+
+/// The second line of evidence: a regression of force and torque in a band of frequencies, which knows nothing of sensor noise
+/// and start states.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Opinion {
+    /// Whether it agrees with the fit.
+    pub said: Said,
+    /// Share of the force or torque left by the others that the effect explains on flight which the regression has not seen.
+    pub gain: Option<f64>,
+    /// Its standard error, by the scatter of stretches of flight.
+    pub gain_sigma: Option<f64>,
+    /// In words, with both numbers where they differ.
+    pub text: String,
+}
+
 /// An effect that the verdict names.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
@@ -51,8 +79,10 @@ pub struct Finding {
     pub evidence_nats: f64,
     /// Share of the excess error that it removes on segments that the fit has not seen, 0 to 1; negative: it makes it worse.
     pub removed_share: f64,
-    /// Whether no other effect explains the log about as well.
+    /// Whether no other effect explains the log about as well, and the second estimator has nothing against it.
     pub certain: bool,
+    /// What the second estimator says.
+    pub second: Opinion,
     /// Others that the log cannot tell from it.
     pub look_alikes: Vec<LookAlike>,
 }

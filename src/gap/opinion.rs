@@ -1,0 +1,55 @@
+//! What the regression in a band says of each finding, in words and numbers: the second line of evidence of a verdict.
+
+use super::model::Model;
+use super::solve::Solution;
+use super::verdict::{Opinion, Said};
+use super::witness::{Agreement, Testimony, Witness, agreement};
+
+/// What the second estimator says of candidate `c` of a solution.
+pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize) -> Opinion {
+    let Some(testimony) = witness.testimony(&solution.set, c) else {
+        return silent("acts on sensors, clocks or limits, of which a regression of forces and torques says nothing");
+    };
+    let posterior = &solution.posterior;
+    let said = agreement(&testimony, &posterior.mean, &posterior.sigma);
+    let words = |k: usize, value: f64, sigma: f64| {
+        let p = &model.parameters[k];
+        let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
+        format!("{} = {value:.4e} ± {sigma:.1e}{unit}", p.name)
+    };
+    let share = format!("explains {:.0} % of the {} that is left on other flight", 100.0 * testimony.gain, group(&testimony));
+    match said {
+        Agreement::Agrees => opinion(Said::Agrees, &testimony, format!("agrees: {share}")),
+        Agreement::Differs { parameter, claimed, found, sigma, gains } => {
+            let gain = if gains { share } else { format!("no gain on other flight ({share})") };
+            let text = format!(
+                "differs: {} by the regression, {claimed:.4e} by the fit; {gain}",
+                words(parameter, found, sigma)
+            );
+            opinion(Said::Differs, &testimony, text)
+        }
+        Agreement::Mute if testimony.could_be_an_answer() => opinion(
+            Said::Answer,
+            &testimony,
+            format!("cannot tell it from what the pilot does against the weather: {share}"),
+        ),
+        Agreement::Mute => silent("could not see an effect of this size"),
+    }
+}
+
+fn group(testimony: &Testimony) -> &'static str {
+    if testimony.by_turning { "torque" } else { "force" }
+}
+
+fn opinion(said: Said, testimony: &Testimony, text: String) -> Opinion {
+    Opinion { said, gain: Some(testimony.gain), gain_sigma: Some(testimony.gain_sigma), text }
+}
+
+fn silent(text: &str) -> Opinion {
+    Opinion { said: Said::Silent, gain: None, gain_sigma: None, text: text.into() }
+}
+
+/// Of weather, which has no pattern to regress on.
+pub(super) fn weather() -> Opinion {
+    silent("weather has no pattern that a regression could find")
+}
