@@ -6,6 +6,7 @@ use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, Starts, forces_only, left_over, linearise};
 use super::free_form::{self, Doing, Sample};
+use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::replay::{STEP, STEP_S, drive, drone_for};
@@ -291,6 +292,7 @@ fn speak(
             removed_share: removed_share(model, solution, &apart, &[*c])?,
             certain: look_alikes.is_empty(),
             look_alikes,
+            held_out: None,
         });
     }
     findings.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
@@ -310,6 +312,9 @@ fn speak(
             kind: candidate.kind.into(),
             area: candidate.area,
             parameter: parameter_fit(model, solution, k),
+            set: model.preset_values(p.candidate),
+            tolerance: p.spike,
+            helps: false,
         };
         let off = (entry.parameter.value - p.filed).abs();
         if off > 2.0 * entry.parameter.sigma && off > 0.5 * p.spike {
@@ -422,6 +427,7 @@ fn speak(
                 held_out: false,
             })
             .collect(),
+        headline: headline(&verdict, &findings, remainder.unexplained),
         verdict,
         findings,
         calibration,
@@ -527,6 +533,7 @@ fn turbulence(
         removed_share: 0.0,
         certain: !patterned,
         look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
+        held_out: None,
     })
 }
 
