@@ -107,14 +107,13 @@ Image(verdict.ladder_png, width=720)
 #
 # ## Add
 #
-# `add` fits named effects and writes a vehicle file, with standard deviations, the hash of the log and the date. The ladder
-# says that moving everything else within its tolerance, the calibration, does harm here: attitude and body rate get worse on
-# unseen flight. `effects_only` leaves it out.
+# `add` fits named effects and writes a vehicle file, with standard deviations, the hash of the log and the date. Nothing is
+# written that raises the error on unseen flight; parameters within their tolerance stay as filed without `calibrate=True`.
 
 # %%
 folder = tempfile.TemporaryDirectory()
 better_file = Path(folder.name) / "better.toml"
-propwash.add("quadratic_drag", log, model, better_file, effects_only=True)
+propwash.add("quadratic_drag", log, model, better_file)
 better = propwash.Vehicle(better_file)
 print(better_file.read_text().split('kind = "quadratic_drag"')[1].split("source")[0].strip())
 

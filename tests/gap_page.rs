@@ -55,7 +55,7 @@ fn a_raw_log_becomes_a_better_vehicle_file() {
     assert!(text("better.toml").contains("rotor_drag"), "{}", text("better.toml"));
     assert!(
         text("better.toml").contains("gyro_bias"),
-        "what the sensors are off by too: {}",
+        "what helps of the sensors' faults too: {}",
         text("better.toml")
     );
     assert!(said(&outputs[5]).contains("rotor_drag"), "{}", said(&outputs[5]));

@@ -11,16 +11,6 @@
     return (name) => style.getPropertyValue("--" + name).trim();
   }
 
-  function broken(text, width) {
-    const lines = [""];
-    for (const word of text.split(" ")) {
-      const last = lines[lines.length - 1];
-      if (last && last.length + 1 + word.length > width) lines.push(word);
-      else lines[lines.length - 1] = last ? last + " " + word : word;
-    }
-    return lines.map(plain).join("<br>");
-  }
-
   function trace(t, chart, color) {
     const hollow = t.dashed;
     const out = {
@@ -28,7 +18,7 @@
       line: { color: color(t.role), width: t.width, dash: hollow ? "dash" : "solid" },
       marker: { color: hollow ? color("paper") : color(t.role), size: 8, symbol: symbols[t.symbol % symbols.length],
         line: { color: color(t.role), width: 1.5 } },
-      hovertemplate: (chart.categories ? "" : "%{x:.4~g}: ") + "%{y:.4~g}" + (chart.y_title ? " " + plain(chart.y_title) : ""),
+      hovertemplate: "%{x:.4~g}: %{y:.4~g}" + (chart.y_title ? " " + plain(chart.y_title) : ""),
     };
     if (t.bars.length) {
       out.error_y = { type: "data", array: t.bars, color: color(t.role), thickness: 1.2, width: 3 };
@@ -53,27 +43,6 @@
     const x = { ...axis, title: { ...axis.title, text: plain(chart.x_title) }, zeroline: false };
     // The unit of y stands in the caption.
     const y = { ...axis, nticks: 6 };
-    if (chart.categories) {
-      const n = chart.categories.length;
-      const letters = Math.max(8, Math.floor((width - 60) / n / 6.6));
-      Object.assign(x, { tickmode: "array", tickvals: chart.categories.map((_, k) => k), showgrid: false,
-        ticktext: chart.categories.map((c) => broken(c, letters)), range: [-0.5, n - 0.5], tickangle: 0,
-        tickfont: { size: 12 }, ticklabeloverflow: "allow" });
-    }
-    if (chart.log) {
-      const values = chart.traces.flatMap((t) => t.y).filter((v) => v > 0);
-      const low = Math.log10(Math.min(...values)), high = Math.log10(Math.max(...values));
-      const pad = Math.max(0.12, 0.25 - 0.5 * (high - low));
-      Object.assign(y, { type: "log", range: [low - pad, high + pad], dtick: high - low > 2.2 ? 1 : "D2",
-        exponentformat: "none", tickformat: "~g", zeroline: false });
-      delete y.nticks;
-      if (high - low <= 2.2) {
-        const ticks = [];
-        for (let d = Math.floor(low) - 1; d <= high + 1; d++) for (const s of [1, 2, 5]) ticks.push(s * 10 ** d);
-        delete y.dtick;
-        Object.assign(y, { tickmode: "array", tickvals: ticks, ticktext: ticks.map((v) => String(+v.toPrecision(1))) });
-      }
-    }
     return {
       paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", showlegend: false, hovermode: "closest",
       font: { family: getComputedStyle(document.body).fontFamily, size: 13, color: color("soft") },

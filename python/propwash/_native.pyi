@@ -165,7 +165,7 @@ def gap_diagnose(
     only: Sequence[str] | None,
     given: Sequence[str] | None,
     calibrate: bool,
-) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]]]: ...
+) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
 def load_plugin_library(path: str | PathLike[str]) -> None:
     """Loads a library of MuJoCo plugins, for all scenes built afterwards."""
 

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import tempfile
+import warnings
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -68,8 +69,9 @@ class HorizonError:
     horizon_s: float
     position_m: float
     velocity_m_s: float
-    attitude_rad: float
-    rate_rad_s: float
+    attitude_rad: float | None
+    """None where the attitude is an input of the model."""
+    rate_rad_s: float | None
     n: int
     """Roll-outs."""
 
@@ -147,6 +149,10 @@ class Finding:
     """Whether no other effect explains the flights about as well."""
     look_alikes: tuple[tuple[str, ...], ...]
     """Effects that the flights cannot tell from it."""
+    held_out: Mapping[str, Any] | None
+    """What it does on flight that the fit has not seen: ``channel`` and ``unit``, error ``without`` and ``with`` it, ``written``."""
+    doubt: str | None
+    """Why it is not in ``completed``: with it the error on unseen flight rises."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,10 @@ class Rung:
     """On the flights of the fit."""
     held_out: tuple[HorizonError, ...]
     """On flight that the fit has not seen."""
+    training_lack: Mapping[str, Any] | None
+    """Force (``force_n``) and torque (``torque_n_m``) that the model lacks at the instants of the flights of the fit."""
+    held_out_lack: Mapping[str, Any] | None
+    """The same on flight that the fit has not seen."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +175,8 @@ class Diagnosis:
     """Which physics a vehicle's model lacks."""
 
     vehicle: str
+    headline: str
+    """The verdict in at most 90 characters."""
     verdict: str
     """One sentence."""
     findings: tuple[Finding, ...]
@@ -185,7 +197,9 @@ class Diagnosis:
     ladder_png: bytes | None = field(repr=False)
     """Picture of the ladder."""
     completed: Vehicle | None
-    """The vehicle with everything that was found; None where nothing changes it."""
+    """The vehicle with what was found and makes it no worse on unseen flight; None where nothing does."""
+    nothing_written: str | None
+    """Why ``completed`` is None."""
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters that were found, one row for each, SI."""
@@ -270,7 +284,7 @@ def diagnose(
         KeyError: for an unknown candidate.
     """
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
-    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, True)
+    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False)
 
 
 def add(
@@ -280,7 +294,7 @@ def add(
     out: str | os.PathLike[str] | None = None,
     *,
     force: bool = False,
-    effects_only: bool = False,
+    calibrate: bool = False,
     held_out: LogLike | Sequence[LogLike] = (),
     hold_out: float = 0.2,
     drive: str | None = None,
@@ -298,7 +312,11 @@ def add(
         logs, vehicle, held_out, hold_out, drive, ground_z, ceiling_z, neighbours, load, mapping: As in ``diagnose``.
         out: Vehicle file to write; none is written where it is None.
         force: Replace the file ``out``, and take effects that the flights do not determine.
-        effects_only: Leave parameters within their tolerance as they are filed.
+        calibrate: Also set parameters within their tolerance to their estimates: those of the groups that lower the error on
+            flight that the fit has not seen.
+
+    Nothing is written that raises the error on flight that the fit has not seen: such effects have a ``doubt`` and are not in
+    ``completed``, which is None where nothing is left; then there is no file either, with a warning that says why.
 
     Raises:
         ValueError: also for effects that the flights do not determine, with what to fly.
@@ -310,12 +328,14 @@ def add(
     if out is not None and Path(out).exists() and not force:
         raise FileExistsError(f"{os.fspath(out)} exists: give another name, or force=True to replace it")
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
-    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, not effects_only)
+    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate)
     if made.undetermined and not force:
         why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
         raise ValueError(f"the flights do not show {why}; or force=True to take the values all the same")
     if out is not None and made.completed is not None:
         Path(out).write_text(made.completed.text, encoding="utf-8")
+    elif out is not None:
+        warnings.warn(f"{os.fspath(out)} is not written: {made.nothing_written}", stacklevel=2)
     return made
 
 
@@ -336,7 +356,7 @@ def _fit(
         both = [p for p in unseen if p in paths]
         if both:
             raise ValueError(f"held_out: expected flights that the fit does not see, got {both[0]}, which is one of the logs")
-        text, words, page, picture, changed, undetermined = _native.gap_diagnose(
+        text, words, page, picture, changed, undetermined, nothing = _native.gap_diagnose(
             paths, unseen, float(hold_out), of_vehicle, reading, None if only is None else list(only), given, calibrate
         )
     of = json.loads(text)
@@ -346,17 +366,23 @@ def _fit(
             next_flight.append(name)
     return Diagnosis(
         vehicle=of["vehicle"],
+        headline=of["headline"],
         verdict=of["verdict"],
         findings=tuple(
             Finding(
                 **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
                 parameters=tuple(Parameter(**p) for p in f["parameters"]),
                 look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
+                held_out=f["held_out"],
+                doubt=f["held_out"]["doubt"] if f["held_out"] else None,
             )
             for f in of["findings"]
         ),
         unexplained=of["remainder"]["unexplained"],
-        ladder=tuple(Rung(r["label"], _horizons(r["training"]), _horizons(r["held_out"])) for r in of["ladder"]),
+        ladder=tuple(
+            Rung(r["label"], _horizons(r["training"]), _horizons(r["held_out"]), r["training_lack"], r["held_out_lack"])
+            for r in of["ladder"]
+        ),
         next_flight=tuple(next_flight),
         warnings=tuple(of["warnings"]),
         undetermined=dict(undetermined),
@@ -365,11 +391,12 @@ def _fit(
         report=Report(page),
         ladder_png=picture,
         completed=None if changed is None else Vehicle.from_toml(changed, of_vehicle.name),
+        nothing_written=nothing,
     )
 
 
 def _horizons(rows: Iterable[Mapping[str, Any]]) -> tuple[HorizonError, ...]:
-    return tuple(HorizonError(**row) for row in rows)
+    return tuple(HorizonError(**{"attitude_rad": None, "rate_rad_s": None, **row}) for row in rows)
 
 
 def _frame(rows: list[dict[str, Any]]) -> pandas.DataFrame:

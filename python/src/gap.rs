@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use propwash::gap::diagnose::Settings;
-use propwash::gap::fitted::{self, Filed};
+use propwash::gap::fitted::{self, Calibrate, Filed};
 use propwash::gap::ladder::Flights;
 use propwash::gap::report::{Report, ladder_png, text};
 use propwash::gap::{Drive, Options, Track, compare};
@@ -82,9 +82,17 @@ pub fn gap_compare(
 }
 
 /// What `gap_diagnose` gives: the diagnosis as JSON, in words, as a page and as a picture of its ladder; the text of the completed
-/// vehicle file with its remarks, none where nothing was found; effects that the flights do not determine, with what to fly.
-type Diagnosed<'py> =
-    (String, String, String, Option<Bound<'py, PyBytes>>, Option<String>, Vec<(String, String)>);
+/// vehicle file with its remarks, none where nothing was found; effects that the flights do not determine, with what to fly; why
+/// nothing was completed, where nothing was.
+type Diagnosed<'py> = (
+    String,
+    String,
+    String,
+    Option<Bound<'py, PyBytes>>,
+    Option<String>,
+    Vec<(String, String)>,
+    Option<String>,
+);
 
 /// Diagnoses flights, or fits the effects that are given.
 #[pyfunction]
@@ -111,6 +119,11 @@ pub fn gap_diagnose(
             let settings = Settings { given, only, progress: None };
             let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
             let by = if adding { "propwash.add" } else { "propwash.diagnose" };
+            let calibrate = match (adding, calibrate) {
+                (_, true) => Calibrate::Write,
+                (true, false) => Calibrate::No,
+                (false, false) => Calibrate::Show,
+            };
             let fitted = fitted::fit(filed, &flights, &settings, by, calibrate).or_raise()?;
             let verdict = &fitted.diagnosed.verdict;
             let page = Report::of_diagnosis(verdict, &flights, &of.vehicle, fitted.after()).or_raise()?;
@@ -123,10 +136,11 @@ pub fn gap_diagnose(
         })
     })?;
     let verdict = &fitted.diagnosed.verdict;
-    let changed = fitted.after().is_some().then(|| fitted.steps.text.clone());
+    let changed = fitted.after().is_some().then(|| fitted.text.clone());
+    let nothing = fitted.nothing();
     let open = fitted.diagnosed.undetermined();
     let open = open.into_iter().map(|u| (u.id, format!("{}; {}", u.found, u.manoeuvre))).collect();
-    Ok((json(verdict)?, text(verdict), page, picture.map(|p| PyBytes::new(py, &p)), changed, open))
+    Ok((json(verdict)?, text(verdict), page, picture.map(|p| PyBytes::new(py, &p)), changed, open, nothing))
 }
 
 impl IntoPython for propwash::Error {

@@ -61,6 +61,10 @@ def test_a_diagnosis_names_what_is_missing_and_completes_the_vehicle(flown, tmp_
     assert abs(x.value - 0.02) < 5 * x.sigma + 0.002 and x.sigma > 0.0, x
     assert "quadratic_drag" in [kind for kind, _ in verdict.completed.effects()]
     assert [r.label for r in verdict.ladder][:2] == ["as filed", "+ quadratic_drag"]
+    assert verdict.findings[0].held_out["with"] < verdict.findings[0].held_out["without"]
+    assert verdict.findings[0].doubt is None and verdict.nothing_written is None
+    assert verdict.headline == "missing: quadratic_drag"
+    assert verdict.ladder[1].held_out_lack["force_n"] < verdict.ladder[0].held_out_lack["force_n"]
     assert verdict.ladder[1].held_out[-1].position_m < verdict.ladder[0].held_out[-1].position_m
     assert verdict.ladder_png[:4] == b"\x89PNG" and verdict.text == str(verdict)
     verdict.report.save(tmp_path / "gap.html")
@@ -73,6 +77,7 @@ def test_an_effect_is_fitted_and_written(flown, tmp_path):
     added = propwash.add("quadratic_drag", flown, "cf2x_L250", out)
     better = propwash.Vehicle(out)
     assert dict(better.effects())["quadratic_drag"] == dict(added.completed.effects())["quadratic_drag"]
+    assert {kind for kind, _ in better.effects()} <= {"quadratic_drag", *(k for k, _ in propwash.Vehicle("cf2x_L250").effects())}
     assert "source_log_sha256" in out.read_text() and "propwash.add" in out.read_text()
     with pytest.raises(FileExistsError, match="force=True"):
         propwash.add("quadratic_drag", flown, "cf2x_L250", out)

@@ -90,8 +90,9 @@ Examples:
   propwash add payload weak_rotor.2 --vehicle my_quad.toml --fit a.csv b.csv --held-out c.csv --out better.toml
   propwash add --from-diagnosis diagnosis.json --vehicle my_quad.toml --out better.toml
 
-Values, standard deviations, the logs' SHA-256 and the date go into the file, in SI units. Parameters that were
-within tolerance are set to their estimates too, unless --effects-only is given.";
+Values, standard deviations, the logs' SHA-256 and the date go into the file, in SI units. Nothing is written that
+raises the error on flight that the fit has not seen. Exit codes: 0 the file was written, 1 there is nothing that makes
+the vehicle better, and no file, 2 error.";
 
 /// `propwash add`.
 #[derive(Clone, Debug, ClapArgs)]
@@ -118,9 +119,9 @@ pub struct AddArgs {
     /// Replace the file at --out, which may be that of --vehicle; write effects that the flights cannot determine too.
     #[arg(long)]
     pub force: bool,
-    /// Leave parameters that are within tolerance as they are filed.
+    /// Also set parameters within tolerance to their estimates: those of the groups that lower the error on unseen flight.
     #[arg(long)]
-    pub effects_only: bool,
+    pub calibrate: bool,
     /// Write one page for a browser: error ladder, overlays, residuals before and after.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,

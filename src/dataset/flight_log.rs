@@ -3,7 +3,7 @@
 use super::error::{DatasetError, Result};
 use super::reader::WorldReader;
 use super::table::Table;
-use crate::flight::{Channel, FlightLog, Format};
+use crate::flight::{Channel, FlightLog, Format, Simulated};
 use std::ops::Range;
 
 impl WorldReader<'_> {
@@ -24,6 +24,11 @@ impl WorldReader<'_> {
         let mut log = FlightLog::empty(&path, sha256, Format::Parquet);
         let rows = Rows::of(&table, drone)?;
         log.n_rows = rows.index.len();
+        let flight = &manifest.flight;
+        log.simulated = Some(Simulated {
+            step_s: 1.0 / f64::from(flight.sim_hz),
+            order: if flight.integrator == "rk4" { 4 } else { 1 },
+        });
         log.position_m = rows.channel(["px", "py", "pz"]);
         log.attitude = rows.channel(["qx", "qy", "qz", "qw"]);
         log.velocity_m_s = rows.channel(["vx", "vy", "vz"]);

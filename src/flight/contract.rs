@@ -4,7 +4,7 @@ use super::channel::Channel;
 use super::error::{FlightError, Result};
 use super::mapping::{Attitude, Mapping, Source};
 use super::table::{self, CellRules, Table};
-use super::{ClockFault, FlightLog, Format};
+use super::{ClockFault, FlightLog, Format, Simulated};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// What the unit of a contract column measures; a mapping's unit must be of the same kind.
@@ -59,6 +59,8 @@ const NAMES: &[(&str, Kind)] = &[
     ("ref_ay", Kind::Acceleration),
     ("ref_az", Kind::Acceleration),
     ("ref_yaw", Kind::Angle),
+    ("sim_step", Kind::Time),
+    ("sim_order", Kind::Number),
 ];
 
 /// Most rotors that a log may have.
@@ -295,6 +297,12 @@ fn fill(log: &mut FlightLog, columns: &Columns, t: &[f64]) -> Result<()> {
     log.ref_yaw_rad = columns.group(t, ["ref_yaw"], w)?.map(|v| [map.to_yaw(v[0])]);
     log.cmd_attitude_rad = commanded(columns, t, w)?;
     log.cmd_thrust_n = columns.group(t, ["cmd_thrust"], w)?;
+    let simulated = columns.group(t, ["sim_step", "sim_order"], w)?;
+    log.simulated = simulated
+        .values
+        .first()
+        .filter(|v| v[0] > 0.0 && v[1] >= 1.0)
+        .map(|v| Simulated { step_s: v[0], order: v[1] as u32 });
     log.thrust_n = columns.group(t, ["thrust"], w)?;
     log.vbat_v = columns.group(t, ["vbat"], w)?;
     log.attitude = attitude(columns, t, w)?.map(|q| map.to_attitude(q));

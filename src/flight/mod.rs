@@ -91,6 +91,8 @@ pub struct FlightLog {
     pub ref_acceleration_m_s2: Channel<3>,
     /// Reference yaw, rad.
     pub ref_yaw_rad: Channel<1>,
+    /// How the flight was simulated, where it was.
+    pub simulated: Option<Simulated>,
     /// Positions of whatever else was tracked, m, world, by name.
     pub objects_m: BTreeMap<String, Channel<3>>,
     /// What was ignored, filled or changed while reading.
@@ -98,6 +100,15 @@ pub struct FlightLog {
     /// Rows of the file whose time does not rise: (row, time before, time, s).
     #[serde(skip)]
     pub(crate) clock_faults: Vec<ClockFault>,
+}
+
+/// How a flight was simulated: what its integrator makes of the equations of motion is part of it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Simulated {
+    /// Step of the integrator, s.
+    pub step_s: f64,
+    /// Its order: 1 for Euler's schemes, 4 for Runge and Kutta's.
+    pub order: u32,
 }
 
 /// A row whose time is not after that of the row before.
@@ -208,6 +219,7 @@ impl FlightLog {
             ref_velocity_m_s: Channel::default(),
             ref_acceleration_m_s2: Channel::default(),
             ref_yaw_rad: Channel::default(),
+            simulated: None,
             objects_m: BTreeMap::new(),
             warnings: Vec::new(),
             clock_faults: Vec::new(),

@@ -63,6 +63,10 @@ fn columns(log: &FlightLog) -> Columns {
     }
     let q = &log.attitude;
     add(&["qx", "qy", "qz", "qw"].map(String::from), &q.t_s, &|i, k| q.values[i][k]);
+    if let (Some(of), Some(first)) = (log.simulated, times.first()) {
+        let names = ["sim_step", "sim_order"].map(String::from);
+        add(&names, &[*first], &|_, k| if k == 0 { of.step_s } else { f64::from(of.order) });
+    }
     let mut one = |name: String, c: &Channel<1>| add(&[name], &c.t_s, &|i, _| c.values[i][0]);
     one("thrust".into(), &log.thrust_n);
     one("cmd_thrust".into(), &log.cmd_thrust_n);

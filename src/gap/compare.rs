@@ -5,6 +5,9 @@
 
 use super::GapError;
 use super::causes::{self, BLOCK_S, Block, Label, short};
+use super::constants;
+use super::integration;
+use super::judge::settling_s;
 use super::replay::{self, Around, Raw, STEP, STEP_S};
 use super::residual::{self, Replay, Residuals};
 use super::track::{Drive, Measured, Track};
@@ -497,11 +500,25 @@ fn one_step(replay: &Replay, residuals: &Residuals) -> OneStep {
     }
 }
 
+/// The span of a log in which motors turn as the model has them, s.
+fn settled(replay: &Replay) -> [f64; 2] {
+    let [from, to] = replay.track.span_s;
+    [from + settling_s(replay.track), to]
+}
+
 fn horizons(replay: &Replay) -> Vec<Horizon> {
-    let (errors, expected) = rayon::join(
-        || residual::replay_errors(replay, &HORIZONS_S, None),
+    let settled = settled(replay);
+    let (errors, mut expected) = rayon::join(
+        || residual::replay_errors(replay, &HORIZONS_S, Some(&[settled])),
         || residual::expected_errors(replay, &HORIZONS_S),
     );
+    // What the integrator of a simulated flight makes is no fault of the vehicle.
+    for (e, made) in expected.iter_mut().zip(integration::errors(replay)) {
+        e.position_m = e.position_m.hypot(made[0]);
+        e.velocity_m_s = e.velocity_m_s.hypot(made[1]);
+        e.attitude_rad = e.attitude_rad.hypot(made[2]);
+        e.rate_rad_s = e.rate_rad_s.hypot(made[3]);
+    }
     let (track, noise) = (replay.track, &replay.track.noise);
     let turning = track.drive != Drive::Thrust;
     let length = |sigma: f64| 3f64.sqrt() * sigma;
@@ -765,10 +782,11 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     let around = Around::new(track, &drone);
     let raw = Raw::new(track, &around);
     let replay = Replay::new(track, &around, &raw, &drone);
-    let ((residuals, horizons), loop_) = rayon::join(
+    let ((mut residuals, horizons), loop_) = rayon::join(
         || rayon::join(|| Residuals::new(&replay), || horizons(&replay)),
         || closed_loop(&replay, vehicle),
     );
+    residuals.samples.retain(|s| replay.time_s(s.step) >= settled(&replay)[0]);
     let fault = |found: String| GapError::Log {
         log: track.name.clone(),
         expected: format!("stretches of at least {} s with pose and {}", HORIZONS_S[0], track.drive.title()),
@@ -799,7 +817,9 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     let context = context(&replay);
     let blocks = blocks(&replay, &residuals, &context);
     let causes = cause_list(&blocks, &context.labels, false);
-    let findings = sentences(&causes);
+    // What is there throughout comes first: it rules roll-outs, and no cause tells of it.
+    let mut findings = constants::sentences(&one_step, &constants::Build::of(&replay.plant().parts));
+    findings.extend(sentences(&causes));
     let worst = worst(&replay, &residuals, &context);
     let (closed_loop, closed_loop_missing) = match loop_ {
         Ok(flown) => (Some(flown), None),

@@ -2,6 +2,7 @@
 
 use super::accept::{self, AcceptError, FittedEffect, FittedParameter, Source};
 use super::diagnose::Diagnosed;
+use super::policy::NO_INFLUENCE_SIGMAS;
 use super::verdict::{Calibration, Diagnosis, Finding, ParameterFit};
 use crate::physics::effects::Area;
 use crate::vehicle::{DYNAMICS, Vehicle};
@@ -9,10 +10,6 @@ use crate::vehicle::{DYNAMICS, Vehicle};
 /// Kinds that describe the air or the limits of one flight; a vehicle file gets them as findings only.
 const OF_THE_FLIGHT: [&str; 5] =
     ["constant_wind", "gust", "turbulence", "disturbance", "actuator_saturation"];
-/// Tolerance parameters that the log moves by less than so many of their standard deviations stay as filed. Estimates are
-/// correlated and hold together only: with those above one standard deviation alone, the body rate after 1 s on an unseen
-/// flight was off by 106 mrad/s, with all of them by 31 (rotor drag hidden, 20 s of excited flight).
-const NEGLIGIBLE_SIGMAS: f64 = 0.1;
 /// An effect is undetermined where the data narrow none of its parameters below this share of its plausible size.
 const UNDETERMINED: f64 = 0.7;
 
@@ -56,28 +53,75 @@ pub fn note(sensor: bool, kind: &str) -> Option<String> {
     OF_THE_FLIGHT.contains(&kind).then(|| "of the flight that it was fitted to".into())
 }
 
-/// Tolerance parameters that the log moves, by kind.
+/// Tolerance parameters that the log moves, by effect. Parameters that were fitted together are never parted: an effect is
+/// there whole, or where all of it is as good as without influence ([`NO_INFLUENCE_SIGMAS`]) not at all.
 pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
     let mut out: Vec<Entry> = Vec::new();
     for c in adjusted {
-        let p = &c.parameter;
-        let off = p.sigma > 0.0 && (p.value - p.filed).abs() > NEGLIGIBLE_SIGMAS * p.sigma;
-        if !off || OF_THE_FLIGHT.contains(&c.kind.as_str()) || c.kind == "slung_payload" {
+        if OF_THE_FLIGHT.contains(&c.kind.as_str()) || c.kind == "slung_payload" {
             continue;
         }
+        let p = &c.parameter;
         match out.iter_mut().find(|e| e.kind == c.kind && e.id == own_id(c)) {
-            Some(entry) => entry.parameters.push(p.clone()),
+            Some(entry) => {
+                entry.parameters.push(p.clone());
+                let new: Vec<_> = c.set.iter().filter(|s| !entry.set.contains(s)).cloned().collect();
+                entry.set.extend(new);
+            }
             None => out.push(Entry {
                 id: own_id(c),
                 kind: c.kind.clone(),
                 parameters: vec![p.clone()],
-                set: Vec::new(),
+                set: c.set.clone(),
                 sensor: c.area == Area::Measurement,
                 note: Some("within tolerance, adjusted".into()),
             }),
         }
     }
+    out.retain(has_influence);
+    for entry in &mut out {
+        // A value that the fit moves itself is not one that was set.
+        let Entry { parameters, set, .. } = entry;
+        set.retain(|(name, _)| parameters.iter().all(|p| p.name != *name));
+    }
     out
+}
+
+/// Whether the parameters of an entry together are further from the file than chance moves them.
+fn has_influence(entry: &Entry) -> bool {
+    let off: Vec<f64> = entry
+        .parameters
+        .iter()
+        .filter(|p| p.value != p.filed && p.sigma > 0.0)
+        .map(|p| (p.value - p.filed) / p.sigma)
+        .collect();
+    let square = off.iter().map(|z| z * z).sum::<f64>() / off.len().max(1) as f64;
+    square.sqrt() > NO_INFLUENCE_SIGMAS
+}
+
+/// Groups of parameters within tolerance, in the words of who builds a vehicle.
+pub const GROUPS: [&str; 7] = [
+    "rotors unequal",
+    "inertia",
+    "mass and centre of mass",
+    "thrust and torque curves",
+    "air",
+    "sensor offsets",
+    "clocks",
+];
+
+/// The group (of [`GROUPS`]) of an effect.
+pub fn group(kind: &str, area: Area) -> &'static str {
+    let index = match (kind, area) {
+        ("weak_rotor" | "rotor_tilt", _) => 0,
+        ("wrong_inertia" | "rotor_inertia", _) => 1,
+        ("clock_offset" | "command_delay", _) => 6,
+        (_, Area::Mass) => 2,
+        (_, Area::Drive) => 3,
+        (_, Area::Airframe) => 4,
+        (_, Area::Measurement) => 5,
+    };
+    GROUPS[index]
 }
 
 /// Expressions of the user's are told apart by their id.
@@ -118,6 +162,11 @@ impl Completion {
     /// # Errors
     /// [`AcceptError`]; the text is then as before.
     pub fn add(&mut self, entry: &Entry) -> Result<(), AcceptError> {
+        self.put(entry, true)
+    }
+
+    /// Adds an effect; without `bend` its values stand together or not at all.
+    fn put(&mut self, entry: &Entry, bend: bool) -> Result<(), AcceptError> {
         let mut parameters = entry.parameters.clone();
         loop {
             let fitted = parameters.iter().map(|p| FittedParameter {
@@ -150,7 +199,7 @@ impl Completion {
                 }
                 Err(AcceptError::OutOfRange { effect, parameter, expected, found }) => {
                     let near = |p: &&mut ParameterFit| {
-                        p.name == parameter
+                        bend && p.name == parameter
                             && p.value != p.filed
                             && (p.sigma <= 0.0 || (p.value - p.filed).abs() <= p.sigma)
                     };
@@ -176,31 +225,24 @@ impl Completion {
         }
     }
 
-    /// Adds the calibration, without the values that physics excludes.
+    /// Adds the calibration and gives the number of its parameters. An effect of which physics excludes a value is left as
+    /// filed whole, since its other values hold with that one only.
     ///
     /// # Errors
     /// [`AcceptError`] but for values out of range.
     pub fn calibrate(&mut self, adjusted: &[Calibration]) -> Result<usize, AcceptError> {
         let mut n = 0;
-        for mut entry in calibration(adjusted) {
-            while !entry.parameters.is_empty() {
-                match self.add(&entry) {
-                    Ok(()) => {
-                        n += entry.parameters.len();
-                        break;
-                    }
-                    Err(AcceptError::OutOfRange { parameter, expected, found, .. })
-                        if entry.parameters.iter().any(|p| p.name == parameter) =>
-                    {
-                        self.remarks.push(format!(
-                            "{}: {parameter} stays as filed (the fit gives {}, expected {expected})",
-                            entry.kind,
-                            short(&found)
-                        ));
-                        entry.parameters.retain(|p| p.name != parameter);
-                    }
-                    Err(other) => return Err(other),
+        for entry in calibration(adjusted) {
+            match self.put(&entry, false) {
+                Ok(()) => n += entry.parameters.len(),
+                Err(AcceptError::OutOfRange { parameter, expected, found, .. }) => {
+                    self.remarks.push(format!(
+                        "{}: stays as filed (the fit gives {parameter} = {}, expected {expected})",
+                        entry.kind,
+                        short(&found)
+                    ));
                 }
+                Err(other) => return Err(other),
             }
         }
         Ok(n)
@@ -269,15 +311,14 @@ impl Diagnosed {
 pub struct Steps {
     /// Label and vehicle of each rung.
     pub rungs: Vec<(String, Vehicle)>,
-    /// The vehicle file with all findings.
-    pub effects_text: String,
     /// The vehicle file with all findings and the calibration.
     pub text: String,
     /// What could not be written, and what was left as filed.
     pub remarks: Vec<String>,
 }
 
-/// Completes a vehicle by a verdict, step by step. A finding that no file can hold gets no rung but a remark.
+/// Completes a vehicle by all of a verdict, its calibration too, step by step and without a judgement of the steps (see
+/// [`super::fitted::fit`]). A finding that no file can hold gets no rung but a remark.
 ///
 /// # Errors
 /// [`AcceptError`] where the text is no vehicle file.
@@ -300,12 +341,11 @@ pub fn steps(
             Err(other) => return Err(other),
         }
     }
-    let effects_text = completion.text.clone();
     if completion.calibrate(&verdict.adjusted)? > 0 {
         rungs.push(("+ calibration".into(), completion.vehicle(vehicle)?));
     }
     remarks.append(&mut completion.remarks);
-    Ok(Steps { rungs, effects_text, text: completion.text, remarks })
+    Ok(Steps { rungs, text: completion.text, remarks })
 }
 /// A number in a message with as many digits as a reader needs.
 fn short(number: &str) -> String {

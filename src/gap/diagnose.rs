@@ -6,6 +6,7 @@ use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, forces_only};
 use super::free_form::{self, Doing, Sample};
+use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
@@ -268,6 +269,7 @@ fn speak(
             certain: look_alikes.is_empty() && !matches!(second.said, Said::Differs | Said::Answer),
             second,
             look_alikes,
+            held_out: None,
         });
     }
     findings.sort_by(|a, b| b.evidence_nats.total_cmp(&a.evidence_nats));
@@ -287,6 +289,9 @@ fn speak(
             kind: candidate.kind.into(),
             area: candidate.area,
             parameter: parameter_fit(model, solution, k),
+            set: model.preset_values(p.candidate),
+            tolerance: p.spike,
+            helps: false,
         };
         let off = (entry.parameter.value - p.filed).abs();
         if off > 2.0 * entry.parameter.sigma && off > 0.5 * p.spike {
@@ -407,6 +412,7 @@ fn speak(
                 held_out: false,
             })
             .collect(),
+        headline: headline(&verdict, &findings, remainder.unexplained),
         verdict,
         findings,
         calibration,
@@ -523,6 +529,7 @@ fn turbulence(
         removed_share: 0.0,
         certain: !patterned,
         look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
+        held_out: None,
     })
 }
 

@@ -1,12 +1,18 @@
 //! From flights to a diagnosis and the vehicle that it completes: what `diagnose` and `add` do, without a terminal.
 
-use super::accept::{Source, today_utc};
-use super::complete::{Steps, steps};
+mod calibration;
+mod findings;
+
+use super::accept::{AcceptError, Source, today_utc};
+use super::complete::{Completion, Entry};
 use super::diagnose::{Diagnosed, Settings, diagnose};
+use super::headline::headline;
+use super::judge::Judge;
 use super::ladder::Flights;
 use super::track::{Options, Track};
+use super::verdict::{Calibration, Finding};
 use crate::Result;
-use crate::flight::{FlightLog, Severity};
+use crate::flight::{CheckReport, Fault, FlightLog, Severity};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -25,9 +31,8 @@ pub fn read(
     logs.par_iter()
         .map(|path| {
             let (log, report) = FlightLog::open(path, mapping)?;
-            let found = report.findings.iter().filter(|f| f.severity == Severity::Warning);
             let mut said: Vec<String> = log.warnings.clone();
-            for text in found.map(|f| f.text.clone()) {
+            for text in warnings(&report) {
                 if !said.contains(&text) {
                     said.push(text);
                 }
@@ -40,6 +45,27 @@ pub fn read(
         .collect()
 }
 
+/// What a checker warns of. A gap is in all channels: it is said once, with the place of the longest.
+fn warnings(report: &CheckReport) -> Vec<String> {
+    let found: Vec<_> = report.findings.iter().filter(|f| f.severity == Severity::Warning).collect();
+    let (gaps, mut others): (Vec<_>, Vec<_>) = found.into_iter().partition(|f| f.fault == Fault::Gap);
+    let longest = |channel: &str| {
+        let of = report.channels.iter().find(|c| c.name == channel);
+        of.map_or(0.0, |c| c.largest_gap_s)
+    };
+    let worst = gaps.iter().max_by(|a, b| longest(&a.channel).total_cmp(&longest(&b.channel)));
+    let mut out = Vec::new();
+    match worst {
+        Some(worst) if gaps.len() > 1 => {
+            let at = worst.at_s.map_or_else(String::new, |at| format!(", at {at:.1} s"));
+            out.push(format!("{}{at}; {} other channels have gaps too", worst.text, gaps.len() - 1));
+        }
+        _ => others.extend(gaps),
+    }
+    out.extend(others.into_iter().map(|f| f.text.clone()));
+    out
+}
+
 /// The vehicle as it is filed.
 pub struct Filed<'a> {
     /// Name or path, as messages say it.
@@ -50,23 +76,55 @@ pub struct Filed<'a> {
     pub text: String,
 }
 
-/// A diagnosis with the vehicles that follow from it.
+/// What becomes of parameters within tolerance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Calibrate {
+    /// They stay as filed.
+    No,
+    /// The ladder shows what they would bring; they stay as filed.
+    Show,
+    /// Those of the groups that lower the error on flight that the fit has not seen are written.
+    Write,
+}
+
+/// A diagnosis with the vehicle that follows from it.
 pub struct Fitted {
     /// With its ladder.
     pub diagnosed: Diagnosed,
-    /// Vehicles and texts.
-    pub steps: Steps,
+    /// The vehicle with all that is written; none where nothing is.
+    pub after: Option<Vehicle>,
+    /// The text of its file; that of the file as it was where nothing is written.
+    pub text: String,
+    /// Number of parameters within tolerance that are written.
+    pub calibrated: usize,
+    /// Findings that no vehicle file can hold, by id, with the reason.
+    pub unwritable: Vec<(String, AcceptError)>,
 }
 
 impl Fitted {
-    /// The vehicle with all that was found, where that changes it.
+    /// The vehicle with all that is written, where that changes it.
     pub fn after(&self) -> Option<&Vehicle> {
-        self.steps.rungs[1..].last().map(|(_, vehicle)| vehicle)
+        self.after.as_ref()
+    }
+
+    /// Why nothing is written, where nothing is.
+    pub fn nothing(&self) -> Option<String> {
+        if self.after.is_some() {
+            return None;
+        }
+        let findings = &self.diagnosed.verdict.findings;
+        let doubts: Vec<String> =
+            findings.iter().filter_map(|f| Some(format!("{}: {}", f.id, f.doubt()?))).collect();
+        Some(if doubts.is_empty() {
+            "nothing is written: nothing was found that changes the vehicle".into()
+        } else {
+            format!("nothing is written; {}", doubts.join("; "))
+        })
     }
 }
 
-/// Diagnoses flights, completes the vehicle, and measures every step on all flights. `by` names who did it in the file's
-/// sources; without `calibrate` parameters within tolerance stay as filed.
+/// Diagnoses flights and completes the vehicle by what makes it no worse on flight that the fit has not seen, and measures
+/// every step on all flights. `by` names who did it in the file's sources.
 ///
 /// # Errors
 /// Those of [`diagnose`], and where the text is no vehicle file.
@@ -75,11 +133,69 @@ pub fn fit(
     flights: &Flights,
     settings: &Settings,
     by: &str,
-    calibrate: bool,
+    calibrate: Calibrate,
 ) -> Result<Fitted> {
     let mut diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
     let verdict = &mut diagnosed.verdict;
     verdict.logs = flights.summaries();
+    verdict.warnings.extend(flights.warnings.iter().cloned());
+    let writer = Writer { source: source(flights, by), dynamics: verdict.dynamics.clone(), filed: &filed };
+    let judge = Judge::new(flights);
+    if !verdict.findings.is_empty() && judge.blind(filed.vehicle) {
+        let words = "is too short to judge what was found: it is written as it was fitted";
+        verdict.warnings.push(format!("{} {words}", judge.title()));
+    } else if !judge.unseen && !verdict.findings.is_empty() {
+        verdict.warnings.push(
+            "no flight was kept from the fit: what is written was judged on the flight of the fit alone"
+                .into(),
+        );
+    }
+    let (writable, unwritable) = writer.writable(&verdict.findings)?;
+    for (id, error) in &unwritable {
+        verdict.warnings.push(format!("the ladder is without {id}: {error}"));
+    }
+    let kept = findings::judged(&writer, &judge, &mut verdict.findings, writable)?;
+    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+    let doubtful: Vec<&str> =
+        verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
+    if !doubtful.is_empty() {
+        verdict.verdict = format!("{}; in doubt and not written: {}", verdict.verdict, doubtful.join(", "));
+    }
+
+    let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];
+    let mut completion = writer.begin();
+    for index in kept {
+        let finding = &verdict.findings[index];
+        completion.add(&Entry::of(finding))?;
+        rungs.push((format!("+ {}", finding.id), completion.vehicle(filed.vehicle)?));
+    }
+    let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
+    let mut calibrated = 0;
+    if calibrate != Calibrate::No {
+        let shown = calibration::judged(&writer, &judge, &completion, &mut verdict.adjusted)?;
+        let helping: Vec<Calibration> = verdict.adjusted.iter().filter(|c| c.helps).cloned().collect();
+        if calibrate == Calibrate::Write {
+            calibrated = completion.calibrate(&helping)?;
+            if calibrated > 0 {
+                after = Some(completion.vehicle(filed.vehicle)?);
+            }
+            rungs.extend(shown.into_iter().filter(|s| s.helps).map(|s| (s.label, s.vehicle)));
+        } else {
+            rungs.extend(shown.into_iter().map(|s| (s.label, s.vehicle)));
+        }
+    }
+    // A rung whose roll-outs run away is no rung; the others stand.
+    match flights.ladder(&rungs) {
+        Ok(ladder) => verdict.ladder = ladder,
+        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+    }
+    completion.remarks.dedup();
+    verdict.warnings.append(&mut completion.remarks);
+    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
+}
+
+/// Where the values of a file come from.
+fn source(flights: &Flights, by: &str) -> Source {
     let held: Vec<String> = flights
         .whole
         .iter()
@@ -91,7 +207,7 @@ pub fn fit(
         .collect();
     let mut log_sha256: Vec<String> = flights.whole.iter().map(|t| t.log.sha256.clone()).collect();
     log_sha256.dedup();
-    let source = Source {
+    Source {
         log_sha256,
         date: today_utc(),
         text: format!(
@@ -99,19 +215,44 @@ pub fn fit(
             held.join(", "),
             flights.whole.first().map_or("nothing", |t| t.drive.title())
         ),
-    };
-    let mut complete = verdict.clone();
-    if !calibrate {
-        complete.adjusted.clear();
     }
-    let mut steps = steps(&complete, filed.vehicle, filed.text, filed.label, source)?;
-    // A rung whose roll-outs run away is no rung; the others stand.
-    match flights.ladder(&steps.rungs) {
-        Ok(ladder) => verdict.ladder = ladder,
-        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+}
+
+/// Writes findings into the text of the filed vehicle.
+struct Writer<'a> {
+    source: Source,
+    dynamics: String,
+    filed: &'a Filed<'a>,
+}
+
+impl Writer<'_> {
+    fn begin(&self) -> Completion {
+        let Filed { label, vehicle, text } = self.filed;
+        Completion::new(vehicle, text.clone(), label, &self.dynamics, self.source.clone())
     }
-    verdict.warnings.extend(flights.warnings.iter().cloned());
-    verdict.warnings.append(&mut steps.remarks.clone());
-    steps.remarks.dedup();
-    Ok(Fitted { diagnosed, steps })
+
+    /// Indices of findings that a file can hold, and the others with the reason.
+    fn writable(&self, findings: &[Finding]) -> Result<(Vec<usize>, Vec<(String, AcceptError)>)> {
+        let mut completion = self.begin();
+        let (mut can, mut cannot) = (Vec::new(), Vec::new());
+        for (index, f) in findings.iter().enumerate() {
+            match completion.add(&Entry::of(f)) {
+                Ok(()) => can.push(index),
+                Err(error @ (AcceptError::OutOfRange { .. } | AcceptError::Effect { .. })) => {
+                    cannot.push((f.id.clone(), error));
+                }
+                Err(other) => return Err(other.into()),
+            }
+        }
+        Ok((can, cannot))
+    }
+
+    /// The vehicle with some of the findings.
+    fn with(&self, findings: &[Finding], chosen: &[usize]) -> Result<Vehicle> {
+        let mut completion = self.begin();
+        for index in chosen {
+            completion.add(&Entry::of(&findings[*index]))?;
+        }
+        Ok(completion.vehicle(self.filed.vehicle)?)
+    }
 }

@@ -1,10 +1,9 @@
-//! The error ladder: roll-outs of the model as filed and with one effect after the other, on the flight that the fit has
-//! seen and on flight that it has not.
+//! The error ladder: what the model as filed and with one effect after the other leaves, at the instants and in roll-outs, on
+//! the flight that the fit has seen and on flight that it has not.
 
 use super::GapError;
 use super::compare::HORIZONS_S;
-use super::replay::{Around, Raw, drone_for};
-use super::residual::horizon_errors;
+use super::judge::Seen;
 use super::track::{SHORTEST_S, Track};
 use super::verdict::{HorizonError, LogSummary, Rung};
 use crate::vehicle::Vehicle;
@@ -91,43 +90,30 @@ impl Flights {
     /// # Errors
     /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
     pub fn errors(&self, vehicle: &Vehicle) -> Result<(Vec<HorizonError>, Vec<HorizonError>), GapError> {
-        type Part = (Vec<HorizonError>, Vec<HorizonError>);
-        let one = |track: &Track, cut: Option<f64>, seen: bool| -> Result<Part, GapError> {
-            let drone = drone_for(track, vehicle)?;
-            let around = Around::new(track, &drone);
-            let raw = Raw::new(track, &around);
-            let of = |span| horizon_errors(track, &around, &raw, &drone, &HORIZONS_S, Some(&[span]));
+        let [training, unseen] = self.look(vehicle)?;
+        Ok((training.horizons, unseen.horizons))
+    }
+
+    /// What a vehicle leaves on flight that the fit sees, and on flight that it does not see.
+    fn look(&self, vehicle: &Vehicle) -> Result<[Seen; 2], GapError> {
+        let one = |(track, cut): (&Track, &Option<f64>)| -> Result<[Seen; 2], GapError> {
             let [from, to] = track.span_s;
-            let (training, unseen) = match (cut, seen) {
-                (Some(cut), _) => (of([from, cut]), of([cut, to])),
-                (None, true) => (of([from, to]), Vec::new()),
-                (None, false) => (Vec::new(), of([from, to])),
+            let mut parts = match cut {
+                Some(cut) => Seen::of(track, vehicle, &[[from, *cut], [*cut, to]])?,
+                None => Seen::of(track, vehicle, &[[from, to]])?,
             };
-            let finite = |e: &HorizonError| {
-                (e.position_m + e.velocity_m_s + e.attitude_rad + e.rate_rad_s).is_finite()
-            };
-            if !training.iter().chain(&unseen).all(finite) {
-                return Err(GapError::Numbers {
-                    what: "roll-outs",
-                    reason: format!(
-                        "with {} the model does not stay finite on {}: check the vehicle file's values",
-                        track.drive.title(),
-                        track.name
-                    ),
-                });
-            }
-            Ok((training, unseen))
+            parts.resize_with(2, Seen::default);
+            let unseen = parts.remove(1);
+            Ok([parts.remove(0), unseen])
         };
-        let mut parts: Vec<Part> = self
-            .whole
-            .par_iter()
-            .zip(&self.cut_s)
-            .map(|(t, cut)| one(t, *cut, true))
-            .collect::<Result<_, _>>()?;
-        parts.extend(self.held_out.par_iter().map(|t| one(t, None, false)).collect::<Result<Vec<_>, _>>()?);
-        let training: Vec<&[HorizonError]> = parts.iter().map(|p| p.0.as_slice()).collect();
-        let unseen: Vec<&[HorizonError]> = parts.iter().map(|p| p.1.as_slice()).collect();
-        Ok((pooled(&training), pooled(&unseen)))
+        let mut parts: Vec<[Seen; 2]> =
+            self.whole.par_iter().zip(&self.cut_s).map(one).collect::<Result<_, _>>()?;
+        let held_out = |t: &Track| -> Result<[Seen; 2], GapError> {
+            Ok([Seen::default(), Seen::of(t, vehicle, &[t.span_s])?.remove(0)])
+        };
+        parts.extend(self.held_out.par_iter().map(held_out).collect::<Result<Vec<_>, _>>()?);
+        let (training, unseen) = parts.into_iter().map(|[a, b]| (a, b)).unzip();
+        Ok([Seen::together(training), Seen::together(unseen)])
     }
 
     /// One rung for each vehicle, under its label.
@@ -138,15 +124,21 @@ impl Flights {
         rungs
             .par_iter()
             .map(|(label, vehicle)| {
-                let (training, held_out) = self.errors(vehicle)?;
-                Ok(Rung { label: label.clone(), training, held_out })
+                let [training, unseen] = self.look(vehicle)?;
+                Ok(Rung {
+                    label: label.clone(),
+                    training_lack: training.lack(),
+                    held_out_lack: unseen.lack(),
+                    training: training.horizons,
+                    held_out: unseen.horizons,
+                })
             })
             .collect()
     }
 }
 
 /// Root mean squares over all roll-outs; horizons that no roll-out reached are left out.
-fn pooled(parts: &[&[HorizonError]]) -> Vec<HorizonError> {
+pub(crate) fn pooled(parts: &[&[HorizonError]]) -> Vec<HorizonError> {
     let mut out: Vec<HorizonError> = Vec::new();
     for horizon_s in HORIZONS_S {
         let list: Vec<&HorizonError> =

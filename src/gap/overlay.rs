@@ -4,7 +4,7 @@ use super::GapError;
 use super::replay::{Around, Raw, STEP, STEP_S, drone_for};
 use super::report::Overlay;
 use super::residual::Replay;
-use super::track::Track;
+use super::track::{Drive, Track};
 use crate::math::euler;
 use crate::vehicle::Vehicle;
 
@@ -100,7 +100,9 @@ pub fn overlays(
         }
         column
     };
-    Ok(CHANNELS
+    // Attitude and body rate that the drive feeds in are no results.
+    let results = if track.drive == Drive::Thrust { 6 } else { CHANNELS.len() };
+    Ok(CHANNELS[..results]
         .iter()
         .enumerate()
         .map(|(c, (channel, unit))| Overlay {

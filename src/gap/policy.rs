@@ -1,22 +1,81 @@
-//! Every threshold of the gap finder, each with what it states and what set it.
+//! Thresholds of the gap finder: each a named number with what it states and what set it.
+//!
+//! Nothing is written into a vehicle file that makes it fly worse on flight that the fit has not seen. A vehicle's errors
+//! there are those of six channels: force and torque that the model lacks at the instants, position and attitude at the
+//! end of roll-outs of 0.5 and 1 s. One vehicle is *worse* than another where the geometric mean of its errors over
+//! theirs is above one.
 
 /// Part of the frequencies up to half the sample rate in which a measured input holds nothing but noise.
 ///
 /// Rotors of small vehicles follow to 5 to 10 Hz; speeds are logged at 100 to 500 Hz. The uppermost part is left out: loggers
 /// that interpolate have less noise there (a Crazyflie's deck at 500 Hz: 2.4 rad/s up to 200 Hz, 0.7 at 250 Hz).
-pub(in crate::gap) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
+pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
 
 /// Coherence of an input with what answers it, at its best frequency, from which on frequencies of less coherence are taken
 /// to hold noise. Below, it is the answer that is noisy.
-pub(in crate::gap) const COHERENT_FROM: f64 = 0.6;
+pub(crate) const COHERENT_FROM: f64 = 0.6;
 
 /// Logarithm of the ratio below which the noise of a channel counts as settled.
-pub(in crate::gap) const NOISE_SETTLED: f64 = 0.15;
+pub(crate) const NOISE_SETTLED: f64 = 0.15;
 
 /// Samples on end over which errors of a channel are looked for that keep their sign. Windows of 0.25 s hold 60 poses at
 /// 240 Hz; what lasts longer is part of a window's start.
-pub(in crate::gap) const SLOWEST_NOISE: usize = 40;
+pub(crate) const SLOWEST_NOISE: usize = 40;
 
 /// Error of an attitude that drives the model, before a log says more, rad: estimators are off by one to two degrees in
 /// manoeuvres.
-pub(in crate::gap) const GIVEN_ATTITUDE_RAD: f64 = 0.02;
+pub(crate) const GIVEN_ATTITUDE_RAD: f64 = 0.02;
+
+/// Lengths of the roll-outs that judge a vehicle, s: short enough that a flight of a few seconds has some, long enough that
+/// they integrate what the instants show.
+pub(crate) const JUDGE_HORIZONS_S: [f64; 2] = [0.5, 1.0];
+
+/// Length of the means by which force and torque at the instants are judged, s. Means over 50 ms pass 3 Hz on by 96 % and
+/// have their first zero at 20 Hz: the motion of a multirotor, without the vibration of its frame.
+pub(crate) const BAND_S: f64 = 0.05;
+
+/// Fewest of those means on which a judgement rests: 1 s of flight.
+pub(crate) const FEWEST_INSTANTS: usize = 20;
+
+/// Ratio of errors above which a vehicle counts as worse. One, and no tolerance: a finding that helps by nothing is not
+/// missed in a file, and one that harms by little harms.
+pub(crate) const WORSE: f64 = 1.0;
+
+/// Share of an effect's squared change that one direction must hold for the effect to be told by that direction alone
+/// ("force across the rotors").
+pub(crate) const ONE_DIRECTION: f64 = 0.8;
+
+/// Root mean square of an effect's change of force and torque, over the noise of the sensors in the same means, below
+/// which the effect acts on neither and is told by the attitude of roll-outs: a twentieth adds 0.1 % to an error that is all noise.
+pub(crate) const ACTS_NOWHERE: f64 = 0.05;
+
+/// An effect within tolerance is not written where its parameters together are no further from the file than so many
+/// standard deviations (root mean square over them): at one, chance alone moves them as far.
+pub(crate) const NO_INFLUENCE_SIGMAS: f64 = 1.0;
+
+/// Tolerances from which on a number of the calibration is not called within tolerance: one vehicle in four hundred is off as far
+/// in a number that its builder took care of.
+pub(crate) const FAR_TOLERANCES: f64 = 3.0;
+
+/// Named groups of calibration that a ladder shows as rungs of their own; the rest is one rung. More make it unreadable.
+pub(crate) const GROUPS_SHOWN: usize = 3;
+
+/// Most characters of a headline: one line of 34 px on a page of 1400 px, and of a terminal.
+pub const HEADLINE_CHARS: usize = 90;
+
+/// Attitude error of roll-outs, rad, below which the attitude is an input of the model and no result: rounding makes
+/// 10⁻¹⁵, the best sensor of attitude 10⁻⁴.
+pub(crate) const FED_IN_RAD: f64 = 1e-9;
+
+/// A mean force or torque is a finding in words where it is at least so many times the noise of a sample: what agrees with a
+/// log by [`super::compare::AGREE`] is not spoken of.
+pub(crate) const CONSTANT_TIMES_NOISE: f64 = super::compare::AGREE;
+
+/// … and makes at least this share of the mean square in its axis: otherwise what varies is the matter, and its mean comes by the
+/// way that was flown.
+pub(crate) const CONSTANT_SHARE: f64 = 0.5;
+
+/// Seconds at the beginning of a log driven by commands that are not judged: how fast the motors turn there is not known, and a
+/// wrong start of motors with a lag of 0.15 s falls to a thousandth in 1 s. The built-in Crazyflies, flown from hover, were off by
+/// 0.7 % of their weight 80 ms after the start, by 0.01 % after 0.9 s.
+pub(crate) const SETTLING_S: f64 = 1.0;

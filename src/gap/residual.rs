@@ -581,18 +581,6 @@ fn finish(horizons_s: &[f64], sums: &[[f64; 4]], counts: &[usize]) -> Vec<Horizo
 /// Root-mean-square errors (length of the 3-D difference) of roll-outs that start from the measured state every 0.1 s,
 /// against the measured state at their ends; `segments` (s, from–to) are the spans in which they must lie. A horizon that
 /// never fits has `n` 0; a roll-out that does not stay finite makes its errors not finite.
-pub(crate) fn horizon_errors(
-    track: &Track,
-    around: &Around,
-    raw: &Raw,
-    drone: &Drone<f64>,
-    horizons_s: &[f64],
-    segments: Option<&[[f64; 2]]>,
-) -> Vec<HorizonError> {
-    replay_errors(&Replay::new(track, around, raw, drone), horizons_s, segments)
-}
-
-/// [`horizon_errors`] of a model that is already driven along the log.
 pub(crate) fn replay_errors(
     replay: &Replay,
     horizons_s: &[f64],

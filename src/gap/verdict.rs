@@ -85,6 +85,45 @@ pub struct Finding {
     pub second: Opinion,
     /// Others that the log cannot tell from it.
     pub look_alikes: Vec<LookAlike>,
+    /// What it does to the errors on flight that the fit has not seen; null where that was not measured.
+    pub held_out: Option<HeldOut>,
+}
+
+/// What a finding does to a vehicle's errors on flight that the fit has not seen: the vehicle with all that is written, and the
+/// same without this finding (with it, for one that is not written).
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HeldOut {
+    /// The channel on which it acts most: `force across the rotors`, `torque about body z`, `attitude after 0.5 s`.
+    pub channel: String,
+    /// SI unit of the channel.
+    pub unit: String,
+    /// Error of the channel without the finding, root mean square.
+    pub without: f64,
+    /// The same with it.
+    pub with: f64,
+    /// Both over what the noise of the sensors makes; null where that is not known.
+    pub times_noise: Option<[f64; 2]>,
+    /// Errors of position and attitude after 0.5 and 1 s with it, over those without it: geometric mean.
+    pub roll_outs: f64,
+    /// Whether a vehicle file is better off with it.
+    pub written: bool,
+    /// Why it is not written, with the numbers; null where it is.
+    pub doubt: Option<String>,
+}
+
+impl Calibration {
+    /// How many times its tolerance it is off; zero where that is not known.
+    pub fn times_tolerance(&self) -> f64 {
+        let off = (self.parameter.value - self.parameter.filed).abs();
+        if self.tolerance > 0.0 { off / self.tolerance } else { 0.0 }
+    }
+}
+
+impl Finding {
+    /// Why it is in doubt and not written, where it is.
+    pub fn doubt(&self) -> Option<&str> {
+        self.held_out.as_ref().and_then(|h| h.doubt.as_deref())
+    }
 }
 
 /// A parameter within its tolerance whose estimate differs from the file.
@@ -98,6 +137,15 @@ pub struct Calibration {
     pub area: Area,
     /// The parameter.
     pub parameter: ParameterFit,
+    /// Other parameters of the effect at values that were set before the fit (the speed at which a thrust curve is held), SI.
+    #[serde(default)]
+    pub set: Vec<(String, f64)>,
+    /// How far a carefully built vehicle is off in it (standard deviation), in the unit of the parameter.
+    #[serde(default)]
+    pub tolerance: f64,
+    /// Whether its group of parameters lowers the error on flight that the fit has not seen.
+    #[serde(default)]
+    pub helps: bool,
 }
 
 /// A term of the free-form description of what remains.
@@ -169,12 +217,19 @@ pub struct HorizonError {
     pub position_m: f64,
     /// Velocity at the end, m/s.
     pub velocity_m_s: f64,
-    /// Attitude at the end, rad.
+    /// Attitude at the end, rad; left out of files where the drive feeds it in.
+    #[serde(skip_serializing_if = "fed_in")]
     pub attitude_rad: f64,
-    /// Body rate at the end, rad/s.
+    /// Body rate at the end, rad/s; left out of files where the drive feeds it in.
+    #[serde(skip_serializing_if = "fed_in")]
     pub rate_rad_s: f64,
     /// Number of roll-outs.
     pub n: usize,
+}
+
+/// Whether an error of attitude (rad) or body rate (rad/s) is rounding alone: the channel is an input of the model.
+fn fed_in(error: &f64) -> bool {
+    error.abs() <= super::policy::FED_IN_RAD
 }
 
 /// One rung of the ladder: the model with the first effects that were found.
@@ -186,6 +241,25 @@ pub struct Rung {
     pub training: Vec<HorizonError>,
     /// Errors on flights (or segments) that the fit has not seen, by horizon.
     pub held_out: Vec<HorizonError>,
+    /// Force and torque that the model lacks at the instants of the flights of the fit.
+    pub training_lack: Option<Lack>,
+    /// The same on flights (or segments) that the fit has not seen.
+    pub held_out_lack: Option<Lack>,
+}
+
+/// Force and torque that a model lacks at the instants of a flight, means over 50 ms: root mean squares of their lengths.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Lack {
+    /// Force, N.
+    pub force_n: f64,
+    /// Force over what the noise of the sensors makes.
+    pub force_times_noise: f64,
+    /// Torque, N·m; null where the drive says nothing of torques.
+    pub torque_n_m: Option<f64>,
+    /// Torque over what the noise of the sensors makes.
+    pub torque_times_noise: Option<f64>,
+    /// Number of means.
+    pub n: usize,
 }
 
 /// One log of a diagnosis.
@@ -218,6 +292,8 @@ pub struct Diagnosis {
     pub logs: Vec<LogSummary>,
     /// One sentence: what is missing, or that nothing is.
     pub verdict: String,
+    /// The same in at most 90 characters.
+    pub headline: String,
     /// The missing effects, most important first; empty where nothing is missing.
     pub findings: Vec<Finding>,
     /// Parameters within tolerance that the log corrects by more than two standard deviations.

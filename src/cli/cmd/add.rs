@@ -9,8 +9,9 @@ use crate::gap::GapError;
 use crate::gap::accept::{self, Source, today_utc};
 use crate::gap::complete::{Completion, Entry, note};
 use crate::gap::diagnose::Settings;
-use crate::gap::fitted::Fitted;
-use crate::gap::report::Report;
+use crate::gap::fitted::Calibrate;
+use crate::gap::headline::{before_after, pair};
+use crate::gap::report::{Report, turns};
 use crate::gap::verdict::{Calibration, HorizonError, ParameterFit, Rung};
 use crate::physics::effects::Area;
 use crate::{Error, Result};
@@ -33,8 +34,10 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     let (vehicle, flights) = open(&args.reading, &args.fit, &args.held_out)?;
     let settings = Settings { given: Some(args.effects.clone()), ..Settings::default() };
     let name = &args.reading.vehicle;
-    let Fitted { diagnosed, steps } = fit(name, &vehicle, &flights, settings, "add", !args.effects_only)?;
-    if let (Some(open), false) = (diagnosed.undetermined().first(), args.force) {
+    let calibrate = if args.calibrate { Calibrate::Write } else { Calibrate::No };
+    let mut fitted = fit(name, &vehicle, &flights, settings, "add", calibrate)?;
+    let undetermined = fitted.diagnosed.undetermined();
+    if let (Some(open), false) = (undetermined.first(), args.force) {
         return Err(Error::Gap(GapError::Log {
             log: flights.fit.iter().map(|t| t.name.as_str()).collect::<Vec<_>>().join(", "),
             expected: format!("a flight that shows {}", open.id),
@@ -42,40 +45,51 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
             remedy: format!("{}; or add --force to write the value all the same", open.manoeuvre),
         }));
     }
-    let verdict = &diagnosed.verdict;
-    let missing =
-        verdict.findings.iter().find(|f| !steps.rungs.iter().any(|(l, _)| *l == format!("+ {}", f.id)));
-    if let Some(f) = missing {
+    if !fitted.unwritable.is_empty() {
         // The file cannot hold it: its own words say why.
-        let mut completion = Completion::new(
-            &vehicle,
-            text_of(name)?,
-            name,
-            &verdict.dynamics,
-            Source { log_sha256: Vec::new(), date: today_utc(), text: "propwash add".into() },
-        );
-        completion.add(&Entry::of(f))?;
+        return Err(fitted.unwritable.remove(0).1.into());
     }
+    let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.report {
-        let after = steps.rungs.last().map(|(_, v)| v);
-        let page = Report::of_diagnosis(verdict, &flights, &vehicle, after)?;
+        let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
         report::write(path, page.html().as_bytes())?;
     }
-    accept_and_say(args, &steps.text)?;
+    let nothing = fitted.nothing();
+    if nothing.is_none() {
+        accept_and_say(args, &fitted.text)?;
+    }
+    let outcome = if nothing.is_some() { Outcome::Found } else { Outcome::Fine };
     if args.json {
         return print_json(&json!({
             "vehicle": name,
-            "out": args.out,
+            "out": nothing.is_none().then_some(&args.out),
+            "nothing_written": nothing,
+            "calibrated": fitted.calibrated,
             "diagnosis": serde_json::to_value(verdict).map_err(json_error)?,
         }))
-        .map(|()| Outcome::Fine);
+        .map(|()| outcome);
     }
-    for f in &verdict.findings {
+    if let Some(words) = &nothing {
+        print(words)?;
+    }
+    for f in verdict.findings.iter().filter(|f| f.doubt().is_none()) {
         show_parameters(&f.id, &f.parameters)?;
+        if let Some(words) = before_after(f) {
+            print(format_args!("{}  {words}", f.id))?;
+        }
     }
-    let calibrated = verdict.ladder.last().is_some_and(|r| r.label == "+ calibration");
-    if calibrated {
-        print("and parameters within tolerance at their estimates (--effects-only leaves them as filed)")?;
+    if nothing.is_none() {
+        for f in &verdict.findings {
+            if let Some(doubt) = f.doubt() {
+                print(format_args!("{}: {doubt}", f.id))?;
+            }
+        }
+    }
+    if args.calibrate {
+        print(match fitted.calibrated {
+            0 => "no group of parameters within tolerance lowers the error on unseen flight: they stay as filed".into(),
+            n => format!("and {n} parameters within tolerance at their estimates"),
+        })?;
     }
     if let [before, .., after] = &verdict.ladder[..] {
         show_errors(before, after)?;
@@ -83,7 +97,7 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     for warning in &verdict.warnings {
         print(format_args!("warning: {warning}"))?;
     }
-    Ok(Outcome::Fine)
+    Ok(outcome)
 }
 
 /// Writes the file, and says so where no JSON is printed.
@@ -104,26 +118,33 @@ fn show_parameters(id: &str, parameters: &[ParameterFit]) -> Result<()> {
     Ok(())
 }
 
-/// Errors of roll-outs before and after, on unseen flight where there is some.
+/// Errors before and after, on unseen flight where there is some.
 fn show_errors(before: &Rung, after: &Rung) -> Result<()> {
     let unseen = !after.held_out.is_empty();
     let errors = |r: &Rung| if unseen { r.held_out.clone() } else { r.training.clone() };
+    let lack = |r: &Rung| if unseen { r.held_out_lack } else { r.training_lack };
     let on = if unseen { "flight that the fit has not seen" } else { "the flight of the fit" };
-    print(format_args!("error of roll-outs on {on}, before → after"))?;
-    print(format_args!(
-        "  {:>5}  {:>20}  {:>20}  {:>20}  {:>20}",
-        "s", "position mm", "velocity mm/s", "attitude mrad", "rate mrad/s"
-    ))?;
+    print(format_args!("error on {on}, before → after"))?;
+    if let (Some(b), Some(a)) = (lack(before), lack(after)) {
+        print(format_args!("  force that the model lacks   {}", pair(b.force_n, a.force_n, "N")))?;
+        if let (Some(b), Some(a)) = (b.torque_n_m, a.torque_n_m) {
+            print(format_args!("  torque that the model lacks  {}", pair(b, a, "N·m")))?;
+        }
+    }
+    let turning = turns(std::slice::from_ref(before));
+    let mut head = format!("  {:>5}  {:>20}  {:>20}", "s", "position mm", "velocity mm/s");
+    if turning {
+        head = format!("{head}  {:>20}  {:>20}", "attitude mrad", "rate mrad/s");
+    }
+    print(head)?;
     for (b, a) in errors(before).iter().zip(errors(after)) {
         let cell = |pick: fn(&HorizonError) -> f64| format!("{:.2} → {:.2}", 1e3 * pick(b), 1e3 * pick(&a));
-        print(format_args!(
-            "  {:>5}  {:>20}  {:>20}  {:>20}  {:>20}",
-            a.horizon_s,
-            cell(|e| e.position_m),
-            cell(|e| e.velocity_m_s),
-            cell(|e| e.attitude_rad),
-            cell(|e| e.rate_rad_s)
-        ))?;
+        let mut line =
+            format!("  {:>5}  {:>20}  {:>20}", a.horizon_s, cell(|e| e.position_m), cell(|e| e.velocity_m_s));
+        if turning {
+            line = format!("{line}  {:>20}  {:>20}", cell(|e| e.attitude_rad), cell(|e| e.rate_rad_s));
+        }
+        print(line)?;
     }
     Ok(())
 }
@@ -154,6 +175,19 @@ struct SavedFinding {
     area: Area,
     parameters: Vec<ParameterFit>,
     set: Vec<(String, f64)>,
+    #[serde(default)]
+    held_out: Option<SavedHeldOut>,
+}
+
+#[derive(Deserialize)]
+struct SavedHeldOut {
+    doubt: Option<String>,
+}
+
+impl SavedFinding {
+    fn doubt(&self) -> Option<&str> {
+        self.held_out.as_ref().and_then(|h| h.doubt.as_deref())
+    }
 }
 
 fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
@@ -200,8 +234,12 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
         ),
     };
     let mut completion = Completion::new(&vehicle, text_of(name)?, name, &saved.dynamics, source);
-    let mut written = Vec::new();
+    let (mut written, mut doubtful) = (Vec::new(), Vec::new());
     for f in saved.findings.iter().filter(chosen) {
+        if let Some(doubt) = f.doubt() {
+            doubtful.push(format!("{}: {doubt}", f.id));
+            continue;
+        }
         let sensor = f.area == Area::Measurement;
         completion.add(&Entry {
             id: f.id.clone(),
@@ -214,39 +252,47 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
         written.push(f);
     }
     // The calibration goes with all findings together: some of them left out, it would make up for them.
-    let whole = written.len() == saved.findings.len();
-    let calibrated = if args.effects_only || !whole { 0 } else { completion.calibrate(&saved.adjusted)? };
-    if written.is_empty() && calibrated == 0 {
-        return Err(usage(
-            "a diagnosis that found something to write".into(),
-            "one that found nothing".into(),
-        ));
+    let whole = written.len() == saved.findings.iter().filter(|f| f.doubt().is_none()).count();
+    let helping: Vec<Calibration> = saved.adjusted.into_iter().filter(|c| c.helps).collect();
+    let calibrated = if args.calibrate && whole { completion.calibrate(&helping)? } else { 0 };
+    let nothing = written.is_empty() && calibrated == 0;
+    if !nothing {
+        accept_and_say(args, &completion.text)?;
     }
-    accept_and_say(args, &completion.text)?;
+    let outcome = if nothing { Outcome::Found } else { Outcome::Fine };
     if args.json {
         let ids: Vec<&str> = written.iter().map(|f| f.id.as_str()).collect();
         return print_json(&json!({
             "vehicle": name,
-            "out": args.out,
+            "out": (!nothing).then_some(&args.out),
             "effects": ids,
+            "doubtful": doubtful,
             "calibrated": calibrated,
             "remarks": completion.remarks,
         }))
-        .map(|()| Outcome::Fine);
+        .map(|()| outcome);
+    }
+    if nothing {
+        print("nothing is written: the diagnosis found nothing that makes the vehicle better")?;
     }
     for f in written {
         show_parameters(&f.id, &f.parameters)?;
     }
-    if calibrated > 0 {
-        print(format_args!(
-            "and {calibrated} parameters within tolerance at their estimates (--effects-only leaves them as filed)"
-        ))?;
+    for words in doubtful {
+        print(words)?;
     }
-    if !whole && !args.effects_only {
-        print("parameters within tolerance stay as filed: their estimates hold with all findings only")?;
+    if args.calibrate {
+        print(match calibrated {
+            0 if !whole => {
+                "parameters within tolerance stay as filed: their estimates hold with all findings only"
+                    .into()
+            }
+            0 => "parameters within tolerance stay as filed: none lowers the error on unseen flight".into(),
+            n => format!("and {n} parameters within tolerance at their estimates"),
+        })?;
     }
     for remark in &completion.remarks {
         print(format_args!("warning: {remark}"))?;
     }
-    Ok(Outcome::Fine)
+    Ok(outcome)
 }

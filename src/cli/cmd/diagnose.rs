@@ -6,7 +6,7 @@ use crate::cli::exit::Outcome;
 use crate::cli::gap_args::{DiagnoseArgs, HeldOutArgs};
 use crate::cli::gap_logs::ReadingArgs;
 use crate::gap::diagnose::Settings;
-use crate::gap::fitted::{self, Filed, Fitted};
+use crate::gap::fitted::{self, Calibrate, Filed, Fitted};
 use crate::gap::ladder::Flights;
 use crate::gap::report::{Report, ladder_png, text};
 use crate::gap::{Diagnosis, GapError, compare};
@@ -24,7 +24,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
     let settings = Settings { only, ..Settings::default() };
-    let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", true)?;
+    let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", Calibrate::Show)?;
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {
         let text = serde_json::to_string_pretty(verdict).map_err(json_error)?;
@@ -97,7 +97,7 @@ pub fn fit(
     flights: &Flights,
     settings: Settings,
     command: &str,
-    calibrate: bool,
+    calibrate: Calibrate,
 ) -> Result<Fitted> {
     let style = ProgressStyle::with_template("{bar:40} fitting, {elapsed} elapsed");
     let bar = ProgressBar::new(1).with_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

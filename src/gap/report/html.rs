@@ -3,9 +3,16 @@
 use super::comparison;
 use super::page_data::{self, Chart, MOST_POINTS};
 use super::quantity::{Scale, interval, percent, quantity, significant};
-use super::text::{LADDER_CHANNELS, area, at, bounds, horizons, ladder_scale, noise, sorted_singles};
+use super::rungs::measures;
+use super::text::{
+    area, at, bounds, compared, horizons, ladder_channels, ladder_scale, noise, sorted_singles,
+};
 use super::{Against, Overlay, Report, ResidualSeries};
-use crate::gap::verdict::{Diagnosis, Finding, HorizonError, Limit, ParameterFit, Remainder, Rung};
+use crate::gap::headline::{evidence, pair};
+use crate::gap::policy::FAR_TOLERANCES;
+use crate::gap::verdict::{
+    Calibration, Diagnosis, Finding, HorizonError, Limit, ParameterFit, Remainder, Rung,
+};
 use std::fmt::Write as _;
 
 const STYLE: &str = include_str!("../../../assets/report/page.css");
@@ -94,7 +101,8 @@ impl Page {
     fn header(&mut self, report: &Report) {
         put!(self, "<header>\n<h1>{}</h1>\n", esc(&report.title));
         if let Some(d) = &report.diagnosis {
-            put!(self, "<p class=\"verdict\">{}</p>\n", esc(&sentence(&d.verdict)));
+            put!(self, "<p class=\"verdict\">{}</p>\n", esc(&sentence(&d.headline)));
+            put!(self, "<p class=\"lead\">{}</p>\n", esc(&sentence(&evidence(d))));
             let fact = |name: &str, value: String| format!("<span>{name} <b>{}</b></span>", esc(&value));
             let fit = d.logs.iter().filter(|l| !l.held_out).count();
             let seconds: f64 = d.logs.iter().map(|l| l.duration_s).sum();
@@ -121,11 +129,15 @@ impl Page {
             "missing",
             "What is missing",
             "What is missing",
-            "Most important first. Intervals are 95 %; the bar is the share of the excess error that the effect removes on segments that the fit has not seen.",
+            "Most important first. Each is judged in the channel on which it acts, on flight that the fit has not seen; intervals are 95 %.",
         );
         self.body.push_str("<div class=\"cards\">\n");
         for f in &d.findings {
-            let (class, word) = if f.certain { ("sure", "certain") } else { ("doubt", "one of several") };
+            let (class, word) = match (f.doubt(), f.certain) {
+                (Some(_), _) => ("doubt", "in doubt, not written"),
+                (None, true) => ("sure", "certain"),
+                (None, false) => ("doubt", "one of several"),
+            };
             put!(
                 self,
                 "<section class=\"card\"><h3><code>{}</code> <span class=\"tag {class}\">{word}</span></h3>\
@@ -134,22 +146,55 @@ impl Page {
                 esc(&f.title),
                 area(f.area)
             );
-            let worse = f.removed_share < 0.0;
-            put!(
-                self,
-                "<div class=\"meter\"><i{} style=\"width:{:.1}%\"></i></div><dl><dt>unseen error {}</dt><dd>{}</dd>",
-                if worse { " class=\"worse\"" } else { "" },
-                100.0 * f.removed_share.abs().min(1.0),
-                if worse { "added" } else { "removed" },
-                percent(f.removed_share.abs())
-            );
-            put!(self, "<dt>evidence</dt><dd>{} nats</dd>", significant(f.evidence_nats, 3));
+            self.before_after(f);
+            put!(self, "<dt>evidence</dt><dd>{} nats (6 are required)</dd>", significant(f.evidence_nats, 3));
             for p in &f.parameters {
                 put!(self, "<dt>{}</dt><dd>{}</dd>", esc(&p.name), esc(&interval(p.value, p.sigma, &p.unit)));
             }
-            self.body.push_str("</dl></section>\n");
+            self.body.push_str("</dl>");
+            if let Some(doubt) = f.doubt() {
+                put!(self, "<p class=\"small\">{}</p>", esc(&sentence(doubt)));
+            }
+            for l in &f.look_alikes {
+                put!(
+                    self,
+                    "<p class=\"small\">or <code>{}</code>: {}, {}</p>",
+                    esc(&l.ids.join(" + ")),
+                    esc(&l.title),
+                    esc(&compared(l))
+                );
+            }
+            self.body.push_str("</section>\n");
         }
         self.body.push_str("</div>\n");
+    }
+
+    /// What a finding does in its own channel: a bar, the numbers, and the beginning of a list.
+    fn before_after(&mut self, f: &Finding) {
+        let Some(h) = &f.held_out else {
+            put!(
+                self,
+                "<dl><dt>excess error {}</dt><dd>{}</dd>",
+                if f.removed_share < 0.0 { "added" } else { "removed" },
+                percent(f.removed_share.abs())
+            );
+            return;
+        };
+        let worse = h.with > h.without;
+        let share =
+            if h.without.max(h.with) > 0.0 { h.with.min(h.without) / h.with.max(h.without) } else { 1.0 };
+        put!(
+            self,
+            "<div class=\"meter\"><i{} style=\"width:{:.1}%\"></i></div><dl><dt>{}</dt><dd>{}</dd>",
+            if worse { " class=\"worse\"" } else { "" },
+            100.0 * (1.0 - share).clamp(0.0, 1.0),
+            esc(&h.channel),
+            esc(&pair(h.without, h.with, &h.unit))
+        );
+        if let Some([a, b]) = h.times_noise {
+            put!(self, "<dt>times noise</dt><dd>{} → {}</dd>", significant(a, 2), significant(b, 2));
+        }
+        put!(self, "<dt>roll-outs</dt><dd>{} of the error without it</dd>", percent(h.roll_outs));
     }
 
     fn figure(&mut self, chart: Chart, caption: &str, aside: &str) {
@@ -181,29 +226,32 @@ impl Page {
             "ladder",
             "Error ladder",
             "Error ladder",
-            "Root mean square error at the end of roll-outs that start from measured states, as filed and with each effect added. Logarithmic.",
+            "Root mean squares on flight that the fit has not seen: force and torque that the model lacks at the instants, then errors at the end of roll-outs from measured states. Upright marks: the flight of the fit.",
         );
-        let names: Vec<(String, String)> = horizons
-            .iter()
-            .enumerate()
-            .map(|(k, h)| (format!("c{}", k % 6), format!("after {}", quantity(*h, "s", 2))))
-            .collect();
-        let mut legend: Vec<(&str, &str, &str)> =
-            names.iter().map(|(role, words)| (role.as_str(), "", words.as_str())).collect();
-        if rungs.iter().any(|r| !r.held_out.is_empty()) {
-            legend.push(("soft", "", "unseen flight"));
-        }
-        if rungs.iter().any(|r| !r.training.is_empty()) {
-            legend.push(("soft", "dashed", "flight of the fit"));
-        }
-        self.legend(&legend);
-        self.body.push_str("<div class=\"plots\">\n");
-        for chart in page_data::ladder(rungs) {
-            let (title, unit) = (chart.title.clone(), chart.y_title.clone());
-            self.figure(chart, &title, &unit);
+        self.body.push_str("<div class=\"rungs\">\n");
+        for measure in measures(rungs) {
+            put!(self, "<figure><figcaption>{}</figcaption>\n", esc(&measure.name));
+            for (k, rung) in rungs.iter().enumerate() {
+                let length = |v: Option<f64>| v.map_or(0.0, |v| 100.0 * measure.length(v));
+                let [unseen, seen] = measure.values[k];
+                let mark = match (unseen, seen) {
+                    (Some(_), Some(_)) => format!("<b style=\"left:{:.1}%\"></b>", length(seen)),
+                    _ => String::new(),
+                };
+                put!(
+                    self,
+                    "<div class=\"rung\"><span>{}</span><div><i{} style=\"width:{:.1}%\"></i>{mark}</div><span>{}</span><span>{}</span></div>\n",
+                    esc(&rung.label),
+                    if k == 0 { " class=\"first\"" } else { "" },
+                    length(measure.drawn(k)),
+                    esc(&measure.words(k)),
+                    esc(&measure.share(k))
+                );
+            }
+            self.body.push_str("</figure>\n");
         }
         self.body.push_str("</div>\n<details><summary>The same in numbers</summary>\n");
-        for (name, unit, error) in LADDER_CHANNELS {
+        for (name, unit, error) in ladder_channels(rungs).iter().copied() {
             put!(
                 self,
                 "<div class=\"scroll\"><table><thead><tr><th>{name}: unseen flight (flight of the fit)</th>"
@@ -367,13 +415,13 @@ impl Page {
     fn parameters(&mut self, d: &Diagnosis) {
         let found: Vec<(&str, &ParameterFit)> =
             d.findings.iter().flat_map(|f| f.parameters.iter().map(|p| (f.id.as_str(), p))).collect();
-        let of = |list: &'_ [crate::gap::verdict::Calibration]| -> Vec<(String, ParameterFit)> {
-            list.iter().map(|c| (c.id.clone(), c.parameter.clone())).collect()
+        let known = |c: &&Calibration| {
+            d.calibration.iter().any(|k| k.id == c.id && k.parameter.name == c.parameter.name)
         };
-        let calibration = of(&d.calibration);
-        let others: Vec<(String, ParameterFit)> =
-            of(&d.adjusted).into_iter().filter(|a| !calibration.contains(a)).collect();
-        if found.is_empty() && calibration.is_empty() && others.is_empty() {
+        let others: Vec<&Calibration> = d.adjusted.iter().filter(|c| !known(c)).collect();
+        let (far, calibration): (Vec<&Calibration>, Vec<&Calibration>) =
+            d.calibration.iter().partition(|c| c.times_tolerance() > FAR_TOLERANCES);
+        if found.is_empty() && d.calibration.is_empty() && others.is_empty() {
             return;
         }
         self.section(
@@ -385,12 +433,25 @@ impl Page {
         if !found.is_empty() {
             self.parameter_table(found.into_iter());
         }
-        if !calibration.is_empty() {
-            self.body.push_str(
-                "<h3>Within tolerance, but measured better than filed</h3>\
-                 <p class=\"small\">More than two standard deviations from the vehicle file, less than a missing effect.</p>\n",
-            );
-            self.parameter_table(calibration.iter().map(|(id, p)| (id.as_str(), p)));
+        let rows = |list: &[&'_ Calibration]| -> Vec<(String, ParameterFit)> {
+            list.iter().map(|c| (c.id.clone(), c.parameter.clone())).collect()
+        };
+        for (list, title, words) in [
+            (
+                &calibration,
+                "Small corrections (within manufacturing tolerance)",
+                "More than two standard deviations from the vehicle file, less than a missing effect.",
+            ),
+            (
+                &far,
+                "Outside tolerance, but not enough evidence for a finding",
+                "More than three tolerances from the vehicle file: look at these numbers, or fly more.",
+            ),
+        ] {
+            if !list.is_empty() {
+                put!(self, "<h3>{title}</h3><p class=\"small\">{words}</p>\n");
+                self.parameter_table(rows(list).iter().map(|(id, p)| (id.as_str(), p)));
+            }
         }
         if !others.is_empty() {
             put!(
@@ -398,7 +459,7 @@ impl Page {
                 "<details><summary>The other {} tolerance parameters at their estimates</summary>\n",
                 others.len()
             );
-            self.parameter_table(others.iter().map(|(id, p)| (id.as_str(), p)));
+            self.parameter_table(rows(&others).iter().map(|(id, p)| (id.as_str(), p)));
             self.body.push_str("</details>\n");
         }
     }
@@ -449,10 +510,10 @@ impl Page {
             for l in &f.look_alikes {
                 put!(
                     self,
-                    "<li><code>{}</code> {} <span class=\"small\">fits {} nats worse.</span> To tell them apart: {}</li>",
+                    "<li><code>{}</code> {} <span class=\"small\">It {}.</span> To tell them apart: {}</li>",
                     esc(&l.ids.join(" + ")),
                     esc(&l.title),
-                    significant(l.worse_by_nats, 2),
+                    esc(&compared(l)),
                     esc(&l.manoeuvre)
                 );
             }
@@ -658,7 +719,7 @@ impl Page {
         if report.diagnosis.is_some() {
             notes.extend([
                 "An effect counts as missing when the log holds at least 6 nats of evidence that its parameters lie outside the tolerance of a carefully built vehicle. One nat is a factor e in probability; 6 are a factor 400.",
-                "“Absent” does not mean zero: every parameter of a real vehicle is a little off. What stays within tolerance stands under “measured better than filed”.",
+                "“Absent” does not mean zero: every parameter of a real vehicle is a little off. What stays within tolerance stands under “small corrections”.",
                 "“Unseen” is flight that took no part in the fit. An effect that helps only where it was fitted is not believed.",
                 "Errors of roll-outs cannot fall below the noise of the measured states that they start from.",
             ]);

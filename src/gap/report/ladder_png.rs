@@ -1,17 +1,23 @@
-//! The error ladder as a picture: one panel per channel, logarithmic, a line per horizon, unseen flight and flight of
-//! the fit apart.
+//! The error ladder as a picture: a row per rung with its name on the left, and in each measure a bar with its value and its
+//! per cent of the model as filed.
 
-use super::quantity::{quantity, significant};
-use super::text::{LADDER_CHANNELS, LadderChannel, at, horizons};
+use super::quantity::percent;
+use super::rungs::{Measure, measures};
 use crate::gap::GapError;
-use crate::gap::verdict::{Diagnosis, HorizonError, Rung};
-use tiny_skia::{
-    Color, FillRule, LineCap, LineJoin, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash, Transform,
-};
+use crate::gap::headline::evidence;
+use crate::gap::verdict::Diagnosis;
+use tiny_skia::{Color, FillRule, Paint, Path, PathBuilder, Pixmap, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
-/// Width and height of the picture, pixels.
-pub const LADDER_PNG_SIZE: [u32; 2] = [1600, 1180];
+/// Width of the picture, pixels; its height grows with the number of rungs.
+pub const LADDER_PNG_WIDTH: u32 = 1600;
+/// Margin, height of the head with title, verdict and names of the measures, and height of a row, pixels.
+const MARGIN: f32 = 70.0;
+const HEAD: f32 = 262.0;
+const ROW: f32 = 62.0;
+/// Widest column of names, and distance between columns, pixels.
+const NAMES: f32 = 400.0;
+const GAP: f32 = 34.0;
 
 const REGULAR: &[u8] = include_bytes!("../../../assets/report/DejaVuSans.subset.ttf");
 const BOLD: &[u8] = include_bytes!("../../../assets/report/DejaVuSans-Bold.subset.ttf");
@@ -20,61 +26,51 @@ const PAPER: [u8; 3] = [255, 255, 255];
 const INK: [u8; 3] = [28, 32, 38];
 const SOFT: [u8; 3] = [96, 104, 116];
 const GRID: [u8; 3] = [226, 229, 234];
-/// Colours that stay apart for colour-blind eyes: M. Okabe and K. Ito, "Color Universal Design", 2008.
-const LINES: [[u8; 3]; 6] =
-    [[0, 114, 178], [213, 94, 0], [0, 158, 115], [204, 121, 167], [230, 159, 0], [86, 180, 233]];
+/// The model as filed and the model with what was found, apart for colour-blind eyes: M. Okabe and K. Ito, "Color Universal
+/// Design", 2008.
+const FILED: [u8; 3] = [213, 94, 0];
+const FOUND: [u8; 3] = [0, 114, 178];
 
-/// The ladder of a diagnosis as a PNG image of [`LADDER_PNG_SIZE`].
+/// The ladder of a diagnosis as a PNG image, [`LADDER_PNG_WIDTH`] wide.
 ///
 /// # Errors
 /// [`GapError::Numbers`] where the image cannot be drawn or encoded.
 pub fn ladder_png(diagnosis: &Diagnosis) -> Result<Vec<u8>, GapError> {
-    let mut page = Page::new()?;
-    page.heading(&format!("Error ladder of {}", diagnosis.vehicle), &diagnosis.verdict);
-    let horizons = horizons(&diagnosis.ladder);
-    if horizons.is_empty() {
-        page.text([80.0, 220.0], 24.0, false, SOFT, Anchor::Start, "No roll-outs were made.");
-    } else {
-        page.legend(&horizons, &diagnosis.ladder);
-        let (width, height) = (680.0, 380.0);
-        for (k, channel) in LADDER_CHANNELS.iter().enumerate() {
-            let left = 130.0 + (k % 2) as f32 * 770.0;
-            let top = 254.0 + (k / 2) as f32 * 480.0;
-            page.panel([left, top, width - 30.0, height], channel, &horizons, &diagnosis.ladder);
+    let measures = measures(&diagnosis.ladder);
+    let rows = if measures.is_empty() { 1 } else { diagnosis.ladder.len() };
+    let mut page = Page::new((HEAD + ROW * rows as f32 + MARGIN) as u32)?;
+    page.heading(
+        &format!("Error ladder of {}", diagnosis.vehicle),
+        &diagnosis.headline,
+        &evidence(diagnosis),
+    );
+    if measures.is_empty() {
+        page.text([MARGIN, HEAD], 24.0, false, SOFT, Anchor::Start, "No roll-outs were made.");
+        return page.encode();
+    }
+    let labels: Vec<String> = diagnosis.ladder.iter().map(|r| r.label.clone()).collect();
+    let widest = labels.iter().map(|l| page.width(l, 21.0, false)).fold(0.0, f32::max);
+    let names = widest.min(NAMES);
+    for (k, label) in labels.iter().enumerate() {
+        let lines = page.lines(label, 21.0, names, 2);
+        let first = page.row(k) + if lines.len() == 1 { 7.0 } else { -5.0 };
+        for (i, line) in lines.iter().enumerate() {
+            page.text([MARGIN, first + 25.0 * i as f32], 21.0, false, INK, Anchor::Start, line);
         }
     }
+    let left = MARGIN + names + GAP;
+    let width = (LADDER_PNG_WIDTH as f32 - MARGIN - left + GAP) / measures.len() as f32 - GAP;
+    for (k, measure) in measures.iter().enumerate() {
+        page.bars(left + (width + GAP) * k as f32, width, measure);
+    }
+    page.foot(&measures);
     page.encode()
 }
 
 #[derive(Clone, Copy)]
 enum Anchor {
     Start,
-    Middle,
     End,
-}
-
-/// Positions of values on a logarithmic axis.
-struct LogAxis {
-    low: f64,
-    high: f64,
-    top: f32,
-    height: f32,
-}
-
-impl LogAxis {
-    fn y(&self, value: f64) -> f32 {
-        let share = (value / self.low).log10() / (self.high / self.low).log10();
-        self.top + self.height * (1.0 - share as f32)
-    }
-
-    /// Round values on the axis: 1, 2, 5 of each decade, or only decades where there are many.
-    fn ticks(&self) -> Vec<f64> {
-        let decades = (self.low.log10().floor() as i32)..=(self.high.log10().ceil() as i32);
-        let wide = (self.high / self.low).log10() > 2.5;
-        let steps: &[f64] = if wide { &[1.0] } else { &[1.0, 2.0, 5.0] };
-        let all = decades.flat_map(|d| steps.iter().map(move |s| s * 10f64.powi(d)));
-        all.filter(|v| (self.low..=self.high).contains(v)).collect()
-    }
 }
 
 struct Page<'a> {
@@ -84,11 +80,10 @@ struct Page<'a> {
 }
 
 impl Page<'_> {
-    fn new() -> Result<Self, GapError> {
+    fn new(height: u32) -> Result<Self, GapError> {
         let failed = |reason: String| GapError::Numbers { what: "the picture of the ladder", reason };
-        let [width, height] = LADDER_PNG_SIZE;
-        let mut pixels =
-            Pixmap::new(width, height).ok_or_else(|| failed("there is no memory for it".into()))?;
+        let mut pixels = Pixmap::new(LADDER_PNG_WIDTH, height)
+            .ok_or_else(|| failed("there is no memory for it".into()))?;
         pixels.fill(color(PAPER));
         let face = |data| Face::parse(data, 0).map_err(|e| failed(format!("the font cannot be read: {e}")));
         Ok(Self { pixels, regular: face(REGULAR)?, bold: face(BOLD)? })
@@ -96,7 +91,7 @@ impl Page<'_> {
 
     fn encode(self) -> Result<Vec<u8>, GapError> {
         let mut out = Vec::new();
-        let mut encoder = png::Encoder::new(&mut out, LADDER_PNG_SIZE[0], LADDER_PNG_SIZE[1]);
+        let mut encoder = png::Encoder::new(&mut out, self.pixels.width(), self.pixels.height());
         encoder.set_color(png::ColorType::Rgb);
         encoder.set_depth(png::BitDepth::Eight);
         let rgb: Vec<u8> = self.pixels.data().chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
@@ -110,143 +105,63 @@ impl Page<'_> {
         Ok(out)
     }
 
-    fn heading(&mut self, title: &str, verdict: &str) {
-        let wide = LADDER_PNG_SIZE[0] as f32 - 160.0;
-        let title = self.shortened(title, 34.0, true, wide);
-        self.text([80.0, 68.0], 34.0, true, INK, Anchor::Start, &title);
-        for (k, line) in self.lines(verdict, 21.0, wide, 2).iter().enumerate() {
-            self.text([80.0, 108.0 + 29.0 * k as f32], 21.0, false, SOFT, Anchor::Start, line);
+    fn heading(&mut self, title: &str, verdict: &str, evidence: &str) {
+        let wide = LADDER_PNG_WIDTH as f32 - 2.0 * MARGIN;
+        let title = self.shortened(title, 20.0, true, wide);
+        self.text([MARGIN, 54.0], 20.0, true, SOFT, Anchor::Start, &title);
+        let verdict = self.shortened(verdict, 31.0, true, wide);
+        self.text([MARGIN, 100.0], 31.0, true, INK, Anchor::Start, &verdict);
+        for (k, line) in self.lines(evidence, 20.0, wide, 2).iter().enumerate() {
+            self.text([MARGIN, 138.0 + 27.0 * k as f32], 20.0, false, SOFT, Anchor::Start, line);
         }
     }
 
-    fn legend(&mut self, horizons: &[f64], ladder: &[Rung]) {
-        let (y, mut x) = (180.0, 80.0);
-        let mut item = |page: &mut Self, style: Option<usize>, dashed: bool, words: &str| {
-            let ink = style.map_or(SOFT, |k| LINES[k % LINES.len()]);
-            page.line(&[[x, y], [x + 46.0, y]], ink, 3.0, dashed);
-            page.marker([x + 23.0, y], style.unwrap_or(0), ink, !dashed);
-            page.text([x + 56.0, y + 7.0], 20.0, false, INK, Anchor::Start, words);
-            x += 56.0 + page.width(words, 20.0, false) + 36.0;
-        };
-        for (k, h) in horizons.iter().enumerate() {
-            item(self, Some(k), false, &format!("after {}", quantity(*h, "s", 2)));
-        }
-        if ladder.iter().any(|r| !r.held_out.is_empty()) {
-            item(self, None, false, "unseen flight");
-        }
-        if ladder.iter().any(|r| !r.training.is_empty()) {
-            item(self, None, true, "flight of the fit");
-        }
+    /// Middle of a row.
+    fn row(&self, k: usize) -> f32 {
+        HEAD + ROW * (k as f32 + 0.5)
     }
 
-    fn panel(
-        &mut self,
-        [left, top, width, height]: [f32; 4],
-        (name, unit, error): &LadderChannel,
-        horizons: &[f64],
-        ladder: &[Rung],
-    ) {
-        self.text([left, top - 14.0], 21.0, true, INK, Anchor::Start, &format!("Error of the {name}, RMS"));
-        let drawn = |v: f64| v.is_finite() && v > 0.0;
-        // Angles in degrees, so that the ticks are round.
-        let (by, unit) = if *unit == "rad" { (1f64.to_degrees(), "°") } else { (1.0, *unit) };
-        let error = |e: &HorizonError| by * error(e);
-        let values = ladder.iter().flat_map(|r| r.training.iter().chain(&r.held_out)).map(&error);
-        let (low, high) =
-            values.filter(|v| drawn(*v)).fold((f64::INFINITY, 0.0f64), |(l, h), v| (l.min(v), h.max(v)));
-        if high == 0.0 {
-            let middle = [left + 0.5 * width, top + 0.5 * height];
-            self.text(middle, 20.0, false, SOFT, Anchor::Middle, "no error to show");
-            return;
+    /// A column: name of the measure, and a bar per rung with its value and its per cent of the first.
+    fn bars(&mut self, left: f32, width: f32, measure: &Measure) {
+        let lines = self.lines(&measure.name, 20.0, width, 2);
+        for (i, line) in lines.iter().enumerate() {
+            let y = HEAD - 16.0 - 25.0 * (lines.len() - 1 - i) as f32;
+            self.text([left, y], 20.0, true, INK, Anchor::Start, line);
         }
-        // At least half a decade, and room at both ends.
-        let grow = (3.2 / (high / low)).max(1.0).sqrt() * 1.3;
-        let axis = LogAxis { low: low / grow, high: high * grow, top, height };
-        for tick in axis.ticks() {
-            let y = axis.y(tick);
-            self.line(&[[left, y], [left + width, y]], GRID, 1.5, false);
-            let words =
-                if unit == "°" { format!("{}°", significant(tick, 1)) } else { quantity(tick, unit, 1) };
-            self.text([left - 12.0, y + 6.0], 17.0, false, SOFT, Anchor::End, &words);
-        }
-        self.line(&[[left, top + height], [left + width, top + height]], SOFT, 1.5, false);
-        let slot = width / ladder.len() as f32;
-        let x = |k: usize| left + slot * (k as f32 + 0.5);
-        for (k, rung) in ladder.iter().enumerate() {
-            self.line(&[[x(k), top + height], [x(k), top + height + 6.0]], SOFT, 1.5, false);
-            for (row, line) in self.lines(&rung.label, 17.0, slot - 10.0, 2).iter().enumerate() {
-                let y = top + height + 27.0 + 21.0 * row as f32;
-                self.text([x(k), y], 17.0, false, INK, Anchor::Middle, line);
-            }
-        }
-        // Flight of the fit first, so that the unseen one lies on top.
-        for held_out in [false, true] {
-            for (k, h) in horizons.iter().enumerate() {
-                let points: Vec<Option<[f32; 2]>> = ladder
-                    .iter()
-                    .enumerate()
-                    .map(|(i, r)| {
-                        let errors = if held_out { &r.held_out } else { &r.training };
-                        at(errors, *h).map(&error).filter(|v| drawn(*v)).map(|v| [x(i), axis.y(v)])
-                    })
-                    .collect();
-                let ink = LINES[k % LINES.len()];
-                for pair in points.windows(2) {
-                    if let [Some(a), Some(b)] = pair {
-                        self.line(&[*a, *b], ink, if held_out { 3.5 } else { 2.5 }, !held_out);
-                    }
-                }
-                for p in points.into_iter().flatten() {
-                    self.marker(p, k, ink, held_out);
-                }
+        self.rectangle([left, HEAD - 4.0, width, 1.5], GRID);
+        for k in 0..measure.values.len() {
+            let y = self.row(k);
+            self.text([left, y - 5.0], 19.0, k == 0, INK, Anchor::Start, &measure.words(k));
+            self.text([left + width, y - 5.0], 19.0, false, SOFT, Anchor::End, &measure.share(k));
+            self.rectangle([left, y + 4.0, width, 13.0], GRID);
+            let Some(value) = measure.drawn(k).filter(|v| v.is_finite()) else { continue };
+            let length = (width * measure.length(value) as f32).max(2.0);
+            self.rectangle([left, y + 4.0, length, 13.0], if k == 0 { FILED } else { FOUND });
+            // On the flight of the fit: a mark.
+            if let ([Some(_), Some(seen)], true) = (measure.values[k], value > 0.0) {
+                let at = left + width * measure.length(seen) as f32;
+                self.rectangle([at.min(left + width - 3.0), y + 1.0, 3.0, 19.0], INK);
             }
         }
     }
 
-    /// A disc, square, diamond or triangle, one per line; hollow for the flight of the fit.
-    fn marker(&mut self, [x, y]: [f32; 2], shape: usize, ink: [u8; 3], filled: bool) {
-        let r = 7.0;
-        let corners: &[[f32; 2]] = match shape % 4 {
-            0 => &[],
-            1 => &[[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
-            2 => &[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]],
-            _ => &[[0.0, -1.15], [1.1, 0.85], [-1.1, 0.85]],
+    fn foot(&mut self, measures: &[Measure]) {
+        let both = measures.iter().flat_map(|m| &m.values).any(|v| v[0].is_some() && v[1].is_some());
+        let unseen = measures.iter().flat_map(|m| &m.values).any(|v| v[0].is_some());
+        let words = match (both, unseen) {
+            (true, _) => "Bars: flight that the fit has not seen; upright marks: the flight of the fit.",
+            (false, true) => "On flight that the fit has not seen.",
+            (false, false) => "On the flight of the fit.",
         };
-        let mut path = PathBuilder::new();
-        if corners.is_empty() {
-            path.push_circle(x, y, r);
-        } else {
-            for (k, [dx, dy]) in corners.iter().enumerate() {
-                let (px, py) = (x + r * dx, y + r * dy);
-                if k == 0 { path.move_to(px, py) } else { path.line_to(px, py) }
-            }
-            path.close();
-        }
-        if let Some(path) = path.finish() {
-            self.fill(&path, if filled { ink } else { PAPER });
-            self.stroke(&path, ink, 2.5, false);
-        }
+        let words = format!("{words} Root mean squares; {} is the model as filed.", percent(1.0));
+        let y = self.pixels.height() as f32 - 28.0;
+        self.text([MARGIN, y], 17.0, false, SOFT, Anchor::Start, &words);
     }
 
-    fn line(&mut self, points: &[[f32; 2]], ink: [u8; 3], width: f32, dashed: bool) {
-        let mut path = PathBuilder::new();
-        for (k, [x, y]) in points.iter().enumerate() {
-            if k == 0 { path.move_to(*x, *y) } else { path.line_to(*x, *y) }
+    fn rectangle(&mut self, [x, y, width, height]: [f32; 4], ink: [u8; 3]) {
+        if let Some(rect) = tiny_skia::Rect::from_xywh(x, y, width, height) {
+            self.fill(&PathBuilder::from_rect(rect), ink);
         }
-        if let Some(path) = path.finish() {
-            self.stroke(&path, ink, width, dashed);
-        }
-    }
-
-    fn stroke(&mut self, path: &Path, ink: [u8; 3], width: f32, dashed: bool) {
-        let stroke = Stroke {
-            width,
-            line_cap: LineCap::Butt,
-            line_join: LineJoin::Round,
-            dash: if dashed { StrokeDash::new(vec![9.0, 6.0], 0.0) } else { None },
-            ..Stroke::default()
-        };
-        self.pixels.stroke_path(path, &paint(ink), &stroke, Transform::identity(), None);
     }
 
     fn fill(&mut self, path: &Path, ink: [u8; 3]) {
@@ -268,7 +183,6 @@ impl Page<'_> {
     fn text(&mut self, at: [f32; 2], size: f32, bold: bool, ink: [u8; 3], anchor: Anchor, words: &str) {
         let shift = match anchor {
             Anchor::Start => 0.0,
-            Anchor::Middle => 0.5 * self.width(words, size, bold),
             Anchor::End => self.width(words, size, bold),
         };
         let face = self.face(bold);

@@ -9,13 +9,16 @@ mod page_compare;
 mod page_data;
 mod pages;
 mod quantity;
+mod rungs;
 mod text;
 
 use super::compare::Comparison;
 use super::verdict::Diagnosis;
 use serde::Serialize;
 
-pub use ladder_png::{LADDER_PNG_SIZE, ladder_png};
+pub use ladder_png::{LADDER_PNG_WIDTH, ladder_png};
+pub(crate) use quantity::{Scale, significant};
+pub(crate) use rungs::turns;
 pub use text::{TEXT_COLUMNS, text};
 
 /// Everything that a page shows. What is empty is left out of the page.

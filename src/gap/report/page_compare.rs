@@ -65,7 +65,9 @@ impl Page {
             put!(self, "<th class=\"n\">{}</th>", quantity(h.error.horizon_s, "s", 2));
         }
         self.body.push_str("</tr></thead><tbody>");
-        for (k, (name, unit, error)) in LADDER_CHANNELS.iter().enumerate() {
+        // Attitude and body rate that the drive feeds in are no results.
+        let fed_in = |k: usize| log.horizons.iter().all(|h| h.times_expected[k].is_none());
+        for (k, (name, unit, error)) in LADDER_CHANNELS.iter().enumerate().filter(|(k, _)| !fed_in(*k)) {
             put!(self, "<tr><td>{name}</td>");
             for h in &log.horizons {
                 let cell = |h: &crate::gap::compare::Horizon| {

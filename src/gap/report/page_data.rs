@@ -1,10 +1,8 @@
 //! The charts of a page as plain JSON: traces with a role instead of a colour, which the page's script draws in the
 //! colours of its theme.
 
-use super::quantity::{HALF_95, Scale, quantity};
-use super::text::{LADDER_CHANNELS, at, horizons};
+use super::quantity::{HALF_95, Scale};
 use super::{Against, Bin, Overlay, ResidualSeries};
-use crate::gap::verdict::Rung;
 use serde::Serialize;
 
 /// Most points of a drawn line.
@@ -19,10 +17,6 @@ pub(super) struct Chart {
     pub title: String,
     pub x_title: String,
     pub y_title: String,
-    /// Logarithmic y axis.
-    pub log: bool,
-    /// Names along x instead of numbers.
-    pub categories: Option<Vec<String>>,
     pub traces: Vec<Trace>,
     /// Marked stretches of x: from, to, label.
     pub marks: Vec<(f64, f64, String)>,
@@ -69,59 +63,6 @@ fn axis(name: &str, unit: &str) -> String {
 /// Seven digits are enough for a screen.
 fn short(v: f64) -> Option<f64> {
     v.is_finite().then(|| format!("{v:.6e}").parse().unwrap_or(v))
-}
-
-/// The ladder, one chart per channel.
-pub(super) fn ladder(rungs: &[Rung]) -> Vec<Chart> {
-    let horizons = horizons(rungs);
-    let mut out = Vec::new();
-    if horizons.is_empty() {
-        return out;
-    }
-    for (k, (name, unit, error)) in LADDER_CHANNELS.iter().enumerate() {
-        let values = rungs.iter().flat_map(|r| r.training.iter().chain(&r.held_out)).map(error);
-        let logs: Vec<f64> = values.filter(|v| v.is_finite() && *v > 0.0).map(f64::ln).collect();
-        let middle = if logs.is_empty() { 1.0 } else { (logs.iter().sum::<f64>() / logs.len() as f64).exp() };
-        let scale = Scale::for_size(middle, unit);
-        let mut traces = Vec::new();
-        for held_out in [false, true] {
-            for (h, horizon) in horizons.iter().enumerate() {
-                let errors = |r: &Rung| {
-                    let errors = if held_out { &r.held_out } else { &r.training };
-                    at(errors, *horizon).map(error).filter(|v| *v > 0.0).and_then(|v| short(v * scale.factor))
-                };
-                let y: Vec<Option<f64>> = rungs.iter().map(errors).collect();
-                if y.iter().all(Option::is_none) {
-                    continue;
-                }
-                let of = if held_out { "unseen flight" } else { "flight of the fit" };
-                traces.push(Trace {
-                    name: format!("{}, {of}", quantity(*horizon, "s", 2)),
-                    role: format!("c{}", h % 6),
-                    mode: "lines+markers",
-                    dashed: !held_out,
-                    symbol: h,
-                    width: if held_out { 2.5 } else { 1.5 },
-                    x: (0..rungs.len()).map(|i| i as f64).collect(),
-                    y,
-                    bars: Vec::new(),
-                });
-            }
-        }
-        out.push(Chart {
-            id: format!("ladder-{k}"),
-            title: format!("Error of the {name}"),
-            x_title: String::new(),
-            y_title: scale.unit,
-            log: true,
-            categories: Some(rungs.iter().map(|r| r.label.clone()).collect()),
-            traces,
-            marks: Vec::new(),
-            noise: None,
-            thinned: false,
-        });
-    }
-    out
 }
 
 /// Measured against simulated.
@@ -172,8 +113,6 @@ pub(super) fn against(k: usize, a: &Against) -> Chart {
         title: format!("{} against {}", a.residual, a.cause),
         x_title: axis(&a.cause, &x.unit),
         y_title: y.unit,
-        log: false,
-        categories: None,
         traces,
         marks: Vec::new(),
         noise: None,
@@ -187,8 +126,6 @@ fn over_time(id: String, name: &str, scale: &Scale) -> Chart {
         title: name.to_string(),
         x_title: "time, s".into(),
         y_title: scale.unit.clone(),
-        log: false,
-        categories: None,
         traces: Vec::new(),
         marks: Vec::new(),
         noise: None,

@@ -1,7 +1,10 @@
 //! A diagnosis as text for a terminal.
 
 use super::quantity::{HALF_95, Scale, interval, percent, quantity, significant};
-use crate::gap::verdict::{Calibration, Diagnosis, Finding, HorizonError, LogSummary, Rung};
+use super::rungs::{measures, turns};
+use crate::gap::headline::{before_after, evidence};
+use crate::gap::policy::FAR_TOLERANCES;
+use crate::gap::verdict::{Calibration, Diagnosis, Finding, HorizonError, LogSummary, LookAlike, Rung};
 use crate::physics::effects::Area;
 use std::fmt::Write as _;
 
@@ -15,12 +18,27 @@ const MOST_SINGLES: usize = 8;
 pub(super) type LadderChannel = (&'static str, &'static str, fn(&HorizonError) -> f64);
 
 /// The channels of the ladder.
-pub(super) const LADDER_CHANNELS: [LadderChannel; 4] = [
+pub(super) static LADDER_CHANNELS: [LadderChannel; 4] = [
     ("position", "m", |e| e.position_m),
     ("velocity", "m/s", |e| e.velocity_m_s),
     ("attitude", "rad", |e| e.attitude_rad),
     ("body rate", "rad/s", |e| e.rate_rad_s),
 ];
+
+/// The channels that are results of the model: without attitude and body rate where the drive feeds them in.
+pub(super) fn ladder_channels(ladder: &[Rung]) -> &'static [LadderChannel] {
+    if turns(ladder) { &LADDER_CHANNELS } else { &LADDER_CHANNELS[..2] }
+}
+
+/// How well a look-alike fits, in words.
+pub(super) fn compared(l: &LookAlike) -> String {
+    let nats = significant(l.worse_by_nats.abs(), 2);
+    if l.worse_by_nats < 0.0 {
+        format!("fits better by {nats}\u{a0}nats, less plausible")
+    } else {
+        format!("fits worse by {nats}\u{a0}nats")
+    }
+}
 
 /// Horizons that the ladder has anywhere, rising, s.
 pub(super) fn horizons(ladder: &[Rung]) -> Vec<f64> {
@@ -51,7 +69,8 @@ pub(super) fn area(area: Area) -> &'static str {
 pub fn text(diagnosis: &Diagnosis) -> String {
     let d = diagnosis;
     let mut out = Out::default();
-    out.paragraph(0, &format!("{}: {}", d.vehicle, d.verdict));
+    out.paragraph(0, &format!("{}: {}", d.vehicle, d.headline));
+    out.paragraph(0, &evidence(d));
     for (k, finding) in d.findings.iter().enumerate() {
         out.finding(k + 1, finding);
     }
@@ -100,7 +119,11 @@ impl Out {
     }
 
     fn finding(&mut self, number: usize, f: &Finding) {
-        let certain = if f.certain { "" } else { ", not certain" };
+        let certain = match (f.doubt(), f.certain) {
+            (Some(_), _) => ", in doubt, not written",
+            (None, true) => "",
+            (None, false) => ", not certain",
+        };
         self.heading(&format!("{number}. {}", f.id));
         self.paragraph(4, &format!("{} ({}{certain})", f.title, area(f.area)));
         let rows: Vec<Vec<String>> = f
@@ -115,23 +138,27 @@ impl Out {
             })
             .collect();
         self.table(4, &[], &rows, &[false, true, false]);
+        if let Some(words) = before_after(f) {
+            self.paragraph(4, &format!("without it → with it on held-out flight: {words}"));
+        }
+        if let Some(doubt) = f.doubt() {
+            self.paragraph(4, doubt);
+        }
         let verb = if f.removed_share < 0.0 { "adds" } else { "removes" };
         self.paragraph(
             4,
             &format!(
-                "{verb} {} of the excess error on segments that the fit has not seen; evidence {}\u{a0}nats",
-                percent(f.removed_share.abs()),
-                significant(f.evidence_nats, 3)
+                "evidence {}\u{a0}nats (6 are required); {verb} {} of the excess error on held-out windows of the fit",
+                significant(f.evidence_nats, 3),
+                percent(f.removed_share.abs())
             ),
         );
         for l in &f.look_alikes {
-            let words = format!(
-                "{} ({}): {}\u{a0}nats worse; to tell them apart: {}",
-                l.ids.join(" + "),
-                l.title,
-                significant(l.worse_by_nats, 2),
-                l.manoeuvre
-            );
+            let apart = match l.manoeuvre.is_empty() {
+                true => String::new(),
+                false => format!("; to tell them apart: {}", l.manoeuvre),
+            };
+            let words = format!("{} ({}): {}{apart}", l.ids.join(" + "), l.title, compared(l));
             self.hanging("    or  ", 8, &words);
         }
     }
@@ -143,6 +170,7 @@ impl Out {
         }
         let unseen = ladder.iter().any(|r| !r.held_out.is_empty());
         let seen = ladder.iter().any(|r| !r.training.is_empty());
+        self.instants(ladder, unseen);
         self.heading(match (unseen, seen) {
             (true, true) => {
                 "Error of roll-outs, RMS at their end: on unseen flight (on the flight of the fit)"
@@ -150,7 +178,7 @@ impl Out {
             (true, false) => "Error of roll-outs, RMS at their end: on unseen flight",
             _ => "Error of roll-outs, RMS at their end: on the flight of the fit",
         });
-        for (name, unit, error) in LADDER_CHANNELS {
+        for (name, unit, error) in ladder_channels(ladder).iter().copied() {
             let mut header = vec![name.to_string()];
             let mut columns = Vec::new();
             for h in &horizons {
@@ -182,24 +210,60 @@ impl Out {
         }
     }
 
+    /// Force and torque at the instants, with their per cent of the first rung.
+    fn instants(&mut self, ladder: &[Rung], unseen: bool) {
+        let shown: Vec<_> = measures(ladder).into_iter().filter(|m| m.name.contains("lacks")).collect();
+        if shown.is_empty() {
+            return;
+        }
+        self.heading(if unseen {
+            "What the model lacks at the instants, RMS of means over 50 ms, on unseen flight"
+        } else {
+            "What the model lacks at the instants, RMS of means over 50 ms, on the flight of the fit"
+        });
+        let mut header = vec![String::new()];
+        for m in &shown {
+            let what = m.name.split(' ').next().unwrap_or_default();
+            header.extend([format!("{what}, {}", m.scale.unit), "of filed".into(), "times noise".into()]);
+        }
+        let rows: Vec<Vec<String>> = ladder
+            .iter()
+            .enumerate()
+            .map(|(k, r)| {
+                let lack = if unseen { r.held_out_lack } else { r.training_lack };
+                let times = [lack.map(|l| l.force_times_noise), lack.and_then(|l| l.torque_times_noise)];
+                let mut row = vec![r.label.clone()];
+                for m in &shown {
+                    let value = m.drawn(k).map_or("–".into(), |v| significant(v * m.scale.factor, 3));
+                    let which = usize::from(m.name.starts_with("torque"));
+                    let noise = times[which].map_or("–".into(), |t| significant(t, 2));
+                    row.extend([value, m.share(k), noise]);
+                }
+                row
+            })
+            .collect();
+        let mut right = vec![true; header.len()];
+        right[0] = false;
+        self.table(2, &header, &rows, &right);
+    }
+
     fn calibration(&mut self, calibration: &[Calibration]) {
         if calibration.is_empty() {
             return;
         }
-        self.heading("Within tolerance, but measured better than filed");
-        let rows: Vec<Vec<String>> = calibration
-            .iter()
-            .map(|c| {
-                let p = &c.parameter;
-                vec![
-                    c.id.clone(),
-                    p.name.clone(),
-                    interval(p.value, p.sigma, &p.unit),
-                    format!("filed {}", quantity(p.filed, &p.unit, 4)),
-                ]
-            })
-            .collect();
-        self.table(2, &[], &rows, &[false, false, true, false]);
+        let (far, within): (Vec<_>, Vec<_>) =
+            calibration.iter().partition(|c| c.times_tolerance() > FAR_TOLERANCES);
+        for (title, list) in [
+            ("Small corrections (within manufacturing tolerance)", within),
+            ("Outside tolerance, but not enough evidence for a finding", far),
+        ] {
+            if list.is_empty() {
+                continue;
+            }
+            self.heading(title);
+            let rows: Vec<Vec<String>> = list.iter().map(|c| calibration_row(c)).collect();
+            self.table(2, &[], &rows, &[false, false, true, false, false]);
+        }
     }
 
     fn remainder(&mut self, d: &Diagnosis) {
@@ -320,6 +384,19 @@ impl Out {
             let _ = writeln!(self.0, "{}", line.trim_end());
         }
     }
+}
+
+/// A line about a parameter of the calibration.
+fn calibration_row(c: &Calibration) -> Vec<String> {
+    let p = &c.parameter;
+    let far = c.times_tolerance();
+    vec![
+        c.id.clone(),
+        p.name.clone(),
+        interval(p.value, p.sigma, &p.unit),
+        format!("filed {}", quantity(p.filed, &p.unit, 4)),
+        if far > FAR_TOLERANCES { format!("{} tolerances off", significant(far, 2)) } else { String::new() },
+    ]
 }
 
 /// Candidates tried alone, most evidence first.

@@ -1,0 +1,138 @@
+//! A force or torque that is there throughout a flight, in words: what it is, and what makes such a one.
+
+use super::compare::{Axes, OneStep};
+use super::headline::number;
+use super::policy::{CONSTANT_SHARE, CONSTANT_TIMES_NOISE};
+use crate::math::vec3;
+use crate::physics::effects::Parts;
+use crate::physics::rigid_body::MAX_ROTORS;
+
+/// What turns a residual into a fault that makes it.
+pub(crate) struct Build {
+    weight_n: f64,
+    mass_kg: f64,
+    /// Mean distance of the rotors from the planes through the centre of mass, along x and y, m.
+    arms_m: [f64; 2],
+}
+
+impl Build {
+    pub fn of(parts: &Parts<f64>) -> Self {
+        let mass_kg = parts.body.mass_kg;
+        let n = parts.airframe.n_rotors.clamp(1, MAX_ROTORS);
+        let arm = |axis: usize| {
+            parts.airframe.rotors[..n].iter().map(|r| r.position_m[axis].abs()).sum::<f64>() / n as f64
+        };
+        Self { weight_n: mass_kg * vec3::norm(parts.body.gravity_m_s2), mass_kg, arms_m: [arm(0), arm(1)] }
+    }
+}
+
+/// The constant forces and torques of a comparison, the largest over its noise first.
+pub(crate) fn sentences(one_step: &OneStep, build: &Build) -> Vec<String> {
+    let mut out: Vec<(f64, String)> = Vec::new();
+    if let Some(torque) = &one_step.torque {
+        constants(torque, "torque about", "N·m", &mut out, &|k, mean| torque_cause(build, k, mean));
+    }
+    constants(&one_step.force, "force along", "N", &mut out, &|k, mean| force_cause(build, k, mean));
+    out.sort_by(|a, b| b.0.total_cmp(&a.0));
+    out.into_iter().map(|(_, text)| text).collect()
+}
+
+fn constants(
+    axes: &Axes,
+    what: &str,
+    unit: &str,
+    out: &mut Vec<(f64, String)>,
+    cause: &dyn Fn(usize, f64) -> String,
+) {
+    for (k, axis) in ["x", "y", "z"].iter().enumerate() {
+        let (mean, sigma) = (axes.mean[k], axes.sigma[k]);
+        let mostly = mean * mean >= CONSTANT_SHARE * axes.rms[k] * axes.rms[k];
+        if sigma > 0.0 && mean.abs() >= CONSTANT_TIMES_NOISE * sigma && mostly {
+            let times = mean.abs() / sigma;
+            let text = format!(
+                "a {what} body {axis} of {} is missing throughout ({times:.1} times noise): {}",
+                number(mean, unit),
+                cause(k, mean)
+            );
+            out.push((times, text));
+        }
+    }
+}
+
+/// Rotors that differ, or a centre of mass to the side; about z, rotors that resist turning unequally.
+fn torque_cause(build: &Build, axis: usize, torque_n_m: f64) -> String {
+    let offset = || number(torque_n_m.abs() / build.weight_n, "m");
+    // With one side stronger by a share e of its thrust, the torque is e/2 · weight · arm.
+    let share = |arm: f64| 200.0 * torque_n_m.abs() / (build.weight_n * arm);
+    let sides = match (axis, torque_n_m > 0.0) {
+        (0, true) => "the rotors on the left are stronger than those on the right",
+        (0, false) => "the rotors on the right are stronger than those on the left",
+        (1, true) => "the rotors behind are stronger than those ahead",
+        (1, false) => "the rotors ahead are stronger than those behind",
+        _ => return "rotors lean, or resist turning more one way round than the other".into(),
+    };
+    let arm = build.arms_m[1 - axis];
+    if arm > 0.0 {
+        format!("{sides} by about {:.1} %, or the centre of mass is {} off", share(arm), offset())
+    } else {
+        format!("the centre of mass is {} off", offset())
+    }
+}
+
+/// Thrust or mass along z; across, wind or an attitude that is askew.
+fn force_cause(build: &Build, axis: usize, force_n: f64) -> String {
+    let share = force_n.abs() / build.weight_n;
+    if axis < 2 {
+        return format!(
+            "a steady wind, or attitude and thrust are askew by {:.2}°",
+            share.atan().to_degrees()
+        );
+    }
+    let (thrust, mass) = if force_n > 0.0 { ("stronger", "lighter") } else { ("weaker", "heavier") };
+    format!(
+        "thrust is {:.1} % {thrust} than filed, or the vehicle {} {mass}",
+        100.0 * share,
+        number(share * build.mass_kg, "kg")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::compare::Series;
+
+    fn axes(mean: [f64; 3], rest: f64, sigma: f64) -> Axes {
+        let rms = mean.map(|m| m.hypot(rest));
+        Axes { rms, mean, sigma: [sigma; 3], in_sigmas: rms.map(|r| r / sigma), explained: [None; 3] }
+    }
+
+    #[test]
+    fn a_constant_torque_is_told_by_what_makes_it() {
+        let build = Build { weight_n: 7.36, mass_kg: 0.75, arms_m: [0.1, 0.1] };
+        let step = |torque, force| OneStep {
+            n: 1000,
+            force_from: "accelerometer",
+            torque_from: "gyroscope",
+            certainty: String::new(),
+            force,
+            torque: Some(torque),
+            series: Series::default(),
+        };
+        let quiet = axes([0.0; 3], 0.03, 0.03);
+        let words = sentences(&step(axes([5.1e-3, 0.0, 0.0], 1e-3, 3.4e-4), quiet.clone()), &build);
+        assert_eq!(
+            words,
+            [
+                "a torque about body x of 5.10 mN·m is missing throughout (15.0 times noise): the rotors on the left are \
+              stronger than those on the right by about 1.4 %, or the centre of mass is 693 µm off"
+            ]
+        );
+        // One that is within the noise, or a small part of what varies, is not spoken of.
+        assert!(sentences(&step(axes([6e-4, 0.0, 0.0], 1e-5, 3.4e-4), quiet.clone()), &build).is_empty());
+        assert!(sentences(&step(axes([5.1e-3, 0.0, 0.0], 2e-2, 3.4e-4), quiet.clone()), &build).is_empty());
+        let heavy =
+            sentences(&step(axes([0.0; 3], 1e-4, 3.4e-4), axes([0.0, 0.0, -0.2], 0.02, 0.03)), &build);
+        assert_eq!(heavy.len(), 1);
+        assert!(heavy[0].contains("2.7 % weaker") && heavy[0].contains("20.4 g heavier"), "{heavy:?}");
+    }
+}

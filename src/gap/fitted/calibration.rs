@@ -1,0 +1,94 @@
+//! Calibration parted into groups, each judged on flight that the fit has not seen, those that bring most first.
+
+use super::Writer;
+use crate::Result;
+use crate::gap::complete::{Completion, GROUPS, calibration, group};
+use crate::gap::judge::Judge;
+use crate::gap::policy::{GROUPS_SHOWN, WORSE};
+use crate::gap::verdict::Calibration;
+use crate::vehicle::Vehicle;
+use rayon::prelude::*;
+
+/// A rung of calibration.
+pub(super) struct Shown {
+    /// `+ rotors unequal`.
+    pub label: String,
+    /// The vehicle with it, and all before it.
+    pub vehicle: Vehicle,
+    /// Whether all of it lowers the error.
+    pub helps: bool,
+}
+
+/// Marks the parameters whose groups help, on top of the findings in `found`, and gives the rungs: the groups that bring most
+/// by name, then the rest.
+///
+/// No rung where the vehicle cannot be flown at all.
+///
+/// # Errors
+/// Where the text is no vehicle file.
+pub(super) fn judged(
+    writer: &Writer,
+    judge: &Judge,
+    found: &Completion,
+    adjusted: &mut [Calibration],
+) -> Result<Vec<Shown>> {
+    let of = |list: &[Calibration], name: &str| -> Vec<Calibration> {
+        list.iter().filter(|c| group(&c.kind, c.area) == name).cloned().collect()
+    };
+    let Ok(base) = judge.look(&found.vehicle(writer.filed.vehicle)?) else { return Ok(Vec::new()) };
+    // Each alone says in which order to try them.
+    let alone = |name: &&'static str| -> Result<Option<(f64, &'static str)>> {
+        let mut one = found.clone();
+        if one.calibrate(&of(adjusted, name))? == 0 {
+            return Ok(None);
+        }
+        let ratio = judge.look(&one.vehicle(writer.filed.vehicle)?).map_or(f64::INFINITY, |s| s.over(&base));
+        Ok(Some((ratio, *name)))
+    };
+    let tried: Vec<Option<(f64, &'static str)>> = GROUPS.par_iter().map(alone).collect::<Result<_>>()?;
+    let mut order: Vec<(f64, &'static str)> = tried.into_iter().flatten().collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+
+    let (mut with, mut seen) = (found.clone(), base);
+    let (mut out, mut left): (Vec<Shown>, Vec<&'static str>) = (Vec::new(), Vec::new());
+    let (mut small, mut small_entries) = (false, 0);
+    for (_, name) in order {
+        let mut next = with.clone();
+        let list = of(adjusted, name);
+        next.calibrate(&list)?;
+        let vehicle = next.vehicle(writer.filed.vehicle)?;
+        match judge.look(&vehicle) {
+            Ok(then) if then.over(&seen) < WORSE => {
+                (with, seen) = (next, then);
+                adjusted.iter_mut().filter(|c| group(&c.kind, c.area) == name).for_each(|c| c.helps = true);
+                if out.len() < GROUPS_SHOWN {
+                    out.push(Shown { label: format!("+ {name}"), vehicle, helps: true });
+                } else {
+                    small = true;
+                    small_entries += parameters(&list);
+                }
+            }
+            _ => left.push(name),
+        }
+    }
+    if small {
+        let label = format!("+ the other {small_entries} that help");
+        out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: true });
+    }
+    if !left.is_empty() {
+        let mut rest = 0;
+        for name in left {
+            let list = of(adjusted, name);
+            with.calibrate(&list)?;
+            rest += parameters(&list);
+        }
+        let label = format!("+ the other {rest} within tolerance");
+        out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: false });
+    }
+    Ok(out)
+}
+
+/// Number of parameters that a file gets from a list.
+fn parameters(list: &[Calibration]) -> usize {
+    calibration(list).iter().map(|e| e.parameters.len()).sum()
+}

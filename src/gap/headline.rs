@@ -1,0 +1,180 @@
+//! A verdict in one line: what is missing, in at most [`HEADLINE_CHARS`] characters, and a sentence of evidence for it.
+
+use super::policy::HEADLINE_CHARS;
+use super::report::{Scale, significant};
+use super::verdict::{Diagnosis, Finding};
+
+/// The verdict's short form: what is missing and what is in doubt, most important first. `verdict` is the whole sentence, which
+/// speaks where nothing was found.
+pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> String {
+    let name = |f: &Finding| match f.look_alikes.len() {
+        _ if f.certain => f.id.clone(),
+        0 => f.id.clone(),
+        1 => format!("{} (or {})", f.id, f.look_alikes[0].ids.join(" + ")),
+        n => format!("{} (or {n} others)", f.id),
+    };
+    let sure: Vec<String> = findings.iter().filter(|f| f.doubt().is_none()).map(name).collect();
+    let doubtful: Vec<String> =
+        findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.clone()).collect();
+    if findings.is_empty() {
+        // What stands behind these is for the sentence.
+        let end = [" (nearest", "; "].iter().filter_map(|stop| verdict.find(stop)).min();
+        return shortened(&verdict[..end.unwrap_or(verdict.len())]);
+    }
+    let rest = if unexplained { "; something unexplained is left" } else { "" };
+    let listed = |names: &[String], shown: usize| match names.len() - shown {
+        0 => names.join("; "),
+        more if shown == 0 => format!("{more} effects"),
+        more => format!("{} and {more} more", names[..shown].join("; ")),
+    };
+    // The last names go first, those in doubt before the others.
+    let mut shown = [sure.len(), doubtful.len()];
+    loop {
+        let mut parts = Vec::new();
+        if !sure.is_empty() {
+            parts.push(format!("missing: {}", listed(&sure, shown[0])));
+        }
+        if !doubtful.is_empty() {
+            parts.push(format!("in doubt: {}", listed(&doubtful, shown[1])));
+        }
+        let line = format!("{}{rest}", parts.join("; "));
+        if line.chars().count() <= HEADLINE_CHARS || shown == [0, 0] {
+            return shortened(&line);
+        }
+        let from = if shown[1] > 0 { 1 } else { 0 };
+        shown[from] -= 1;
+    }
+}
+
+/// At most [`HEADLINE_CHARS`] characters, with an ellipsis where words were cut.
+fn shortened(line: &str) -> String {
+    if line.chars().count() <= HEADLINE_CHARS {
+        return line.to_string();
+    }
+    let kept: String = line.chars().take(HEADLINE_CHARS - 1).collect();
+    format!("{}…", kept.trim_end())
+}
+
+/// One sentence of evidence for a headline: what the first finding does to the error, or what stays without any.
+pub fn evidence(d: &Diagnosis) -> String {
+    let first = d.findings.iter().find(|f| f.doubt().is_none()).or(d.findings.first());
+    let Some(f) = first else { return d.remainder.text.clone() };
+    if let Some(doubt) = f.doubt() {
+        return format!("{}: {doubt}", f.id);
+    }
+    let nats = significant(f.evidence_nats, 3);
+    match before_after(f) {
+        Some(words) => format!("without and with {} on held-out flight: {words}", f.id),
+        None => format!("{}: evidence {nats} nats (6 are required)", f.id),
+    }
+}
+
+/// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; none where it was not measured.
+pub fn before_after(f: &Finding) -> Option<String> {
+    let h = f.held_out.as_ref()?;
+    let numbers = pair(h.without, h.with, &h.unit);
+    let times = h.times_noise.map_or_else(String::new, |[a, b]| {
+        format!(", {} → {} times noise", significant(a, 2), significant(b, 2))
+    });
+    Some(format!("{} {numbers}{times}", h.channel))
+}
+
+/// `395 → 45 mN`: both in the unit that suits the larger.
+pub(crate) fn pair(before: f64, after: f64, unit: &str) -> String {
+    let scale = Scale::for_size(before.max(after), unit);
+    let digits = if (before / after).ln().abs() < 0.1 { 4 } else { 3 };
+    let mark = if scale.unit.is_empty() || scale.unit == "°" { "" } else { " " };
+    format!(
+        "{} → {}{mark}{}",
+        significant(before * scale.factor, digits),
+        significant(after * scale.factor, digits),
+        scale.unit
+    )
+}
+
+/// A number with three digits and its unit.
+pub(crate) fn number(value: f64, unit: &str) -> String {
+    Scale::for_size(value, unit).show(value, 3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::verdict::{HeldOut, LookAlike};
+    use crate::physics::effects::Area;
+
+    fn finding(id: &str, alike: usize, doubt: bool) -> Finding {
+        let look = LookAlike {
+            ids: vec!["com_offset".into(), "torque_scale".into()],
+            title: String::new(),
+            worse_by_nats: 1.0,
+            manoeuvre: String::new(),
+        };
+        Finding {
+            id: id.into(),
+            kind: id.into(),
+            title: String::new(),
+            area: Area::Airframe,
+            parameters: Vec::new(),
+            set: Vec::new(),
+            evidence_nats: 100.0,
+            removed_share: 0.5,
+            certain: alike == 0,
+            look_alikes: vec![look; alike],
+            held_out: Some(HeldOut {
+                channel: "force across the rotors".into(),
+                unit: "N".into(),
+                without: 0.395,
+                with: 0.045,
+                times_noise: Some([8.7, 1.2]),
+                roll_outs: 0.8,
+                written: !doubt,
+                doubt: doubt.then(|| "it harms".to_string()),
+            }),
+        }
+    }
+
+    #[test]
+    fn a_headline_is_short_and_begins_with_what_is_missing() {
+        let of = |list: &[Finding], unexplained| headline("a sentence", list, unexplained);
+        assert_eq!(of(&[finding("rotor_drag", 0, false)], false), "missing: rotor_drag");
+        assert_eq!(
+            of(&[finding("rotor_drag", 0, false), finding("payload", 3, false)], true),
+            "missing: rotor_drag; payload (or 3 others); something unexplained is left"
+        );
+        assert_eq!(
+            of(&[finding("rotor_drag", 0, false), finding("linear_drag", 0, true)], false),
+            "missing: rotor_drag; in doubt: linear_drag"
+        );
+        assert_eq!(of(&[finding("linear_drag", 0, true)], false), "in doubt: linear_drag");
+        let many: Vec<Finding> =
+            (0..12).map(|i| finding(&format!("an_effect_with_a_long_name.{i}"), i % 3, i > 8)).collect();
+        for n in 1..=many.len() {
+            let line = of(&many[..n], n % 2 == 0);
+            assert!(line.chars().count() <= HEADLINE_CHARS, "{line}");
+            assert!(line.starts_with("missing: "), "{line}");
+        }
+        assert!(
+            of(&many, false).contains("more") || of(&many, false).contains("effects"),
+            "{}",
+            of(&many, false)
+        );
+    }
+
+    #[test]
+    fn without_findings_the_sentence_speaks_in_short() {
+        let long =
+            "unexplained: something is missing that is not in the list (nearest, but not enough: a, b, c)";
+        assert_eq!(headline(long, &[], true), "unexplained: something is missing that is not in the list");
+        let hidden =
+            "nothing is missing that these logs could show; 12 effects of usual size could hide in them";
+        assert_eq!(headline(hidden, &[], false), "nothing is missing that these logs could show");
+        assert_eq!(headline("nothing is missing", &[], false), "nothing is missing");
+    }
+
+    #[test]
+    fn what_a_finding_does_is_told_in_its_own_channel() {
+        let words = before_after(&finding("rotor_drag", 0, false));
+        assert_eq!(words.as_deref(), Some("force across the rotors 395 → 45.0 mN, 8.7 → 1.2 times noise"));
+    }
+}
