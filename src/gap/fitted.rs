@@ -6,7 +6,7 @@ use super::diagnose::{Diagnosed, Settings, diagnose};
 use super::ladder::Flights;
 use super::track::{Options, Track};
 use crate::Result;
-use crate::flight::{FlightLog, Severity};
+use crate::flight::{Fault, FlightLog, Severity};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
@@ -25,7 +25,9 @@ pub fn read(
     logs.par_iter()
         .map(|path| {
             let (log, report) = FlightLog::open(path, mapping)?;
-            let found = report.findings.iter().filter(|f| f.severity == Severity::Warning);
+            // What is left out, the track says itself.
+            let own = |f: Fault| matches!(f, Fault::Gap | Fault::Glitch | Fault::RotorDead | Fault::Crash);
+            let found = report.findings.iter().filter(|f| f.severity == Severity::Warning && !own(f.fault));
             let mut said: Vec<String> = log.warnings.clone();
             for text in found.map(|f| f.text.clone()) {
                 if !said.contains(&text) {

@@ -24,6 +24,7 @@ pub(crate) mod search;
 pub(crate) mod shapes;
 mod solve;
 pub mod track;
+mod usable;
 pub mod verdict;
 
 pub use causes::{Cause, Response};
