@@ -313,3 +313,16 @@ parameter.k = { value = 0.0, unit = "N/m", slab = 0.5, min = 0 }
     let error = set_expression(&text, "quad", "line", &[k(0.1)], &source).unwrap_err().to_string();
     assert!(error.contains("expression line"), "{error}");
 }
+
+#[test]
+fn a_held_out_log_that_is_too_short_takes_no_verdict_back() {
+    let case = Case::new(&["rotor_drag"], 12.0);
+    case.flight("short.csv", &["rotor_drag"], 1.0, 1);
+    let run = case.run(
+        "diagnose flight.csv --vehicle quad.toml --candidates rotor_drag --held-out short.csv --report gap.html",
+    );
+    assert!(run.code() < 2, "{}", run.error());
+    assert!(run.text().starts_with("quad: "), "{}", run.text());
+    assert!(run.text().contains("not held out: short.csv: expected at least 2 s"), "{}", run.text());
+    assert!(case.path("gap.html").is_file());
+}

@@ -11,14 +11,17 @@ mod contract;
 mod error;
 mod mapping;
 pub mod resample;
+pub mod stray;
 mod table;
 mod ulog;
+pub mod usable;
 mod write;
 
 pub use channel::Channel;
 pub use check::{CheckReport, Fault, Finding, Severity, check};
 pub use error::{FlightError, Result};
 pub use mapping::Mapping;
+pub use usable::{Excluded, Reason, Unusable};
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};

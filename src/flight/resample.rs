@@ -12,6 +12,18 @@ pub fn grid(from_s: f64, to_s: f64, period_s: f64) -> Vec<f64> {
     (0..=n).map(|i| from_s + i as f64 * period_s).collect()
 }
 
+/// Steps longer than this many usual ones are gaps.
+const GAP_PERIODS: f64 = 4.5;
+
+/// Mean distance of samples, s, gaps apart; `None` with fewer than two. Where samples are missing here and there (held values
+/// that were left out) it is longer than the median: local fits need that many samples.
+pub fn spacing_s(t_s: &[f64]) -> Option<f64> {
+    let steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 0.0).collect();
+    let limit = GAP_PERIODS * super::clean::median(steps.clone())?;
+    let ordinary: Vec<f64> = steps.into_iter().filter(|d| *d <= limit).collect();
+    Some(ordinary.iter().sum::<f64>() / ordinary.len() as f64)
+}
+
 /// Index `i` with `t[i] <= at <= t[i + 1]` and the fraction of the way, `None` outside. `t` rises.
 fn place(t: &[f64], at: f64) -> Option<(usize, f64)> {
     if t.len() < 2 || !(at >= t[0]) || !(at <= t[t.len() - 1]) {

@@ -20,6 +20,7 @@ use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::State;
 use crate::rollout::trajectory::Reference;
 use crate::rollout::{Sim, SimOptions};
+use crate::units::STANDARD_GRAVITY_M_S2 as G;
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -208,7 +209,7 @@ pub struct Comparison {
 /// Compares a vehicle with flights.
 ///
 /// # Errors
-/// [`GapError::Log`] without any log or where too little of one can be used, [`GapError::DifferentVehicles`] where logs
+/// [`GapError::Log`] without any log, [`GapError::TooShort`] where too little of one can be used, [`GapError::DifferentVehicles`] where logs
 /// cannot be of one vehicle, [`GapError::Numbers`] where the model does not stay finite.
 pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapError> {
     if tracks.is_empty() {
@@ -250,8 +251,8 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     })
 }
 
-/// Refuses logs that cannot be of one vehicle: other numbers of rotors, or levels of rotor speed or thrust in level flight
-/// that differ by more than 30 %.
+/// Refuses logs that cannot be of one vehicle: other numbers of rotors, or thrusts or rotor speeds that differ by more than
+/// 30 % at the same load factor. A flight of hard turns has twice the thrust of a hover.
 ///
 /// # Errors
 /// [`GapError::DifferentVehicles`].
@@ -272,11 +273,7 @@ pub fn one_vehicle(tracks: &[Track]) -> Result<(), GapError> {
                 2 => std::slice::from_ref(&t.log.thrust_n),
                 _ => std::slice::from_ref(&t.log.cmd_thrust_n),
             };
-            let all = channels.iter().flat_map(|c| {
-                let inside = c.t_s.iter().map(|at| *at >= t.span_s[0] && *at <= t.span_s[1]);
-                c.values.iter().zip(inside).filter(|(_, inside)| *inside).map(|(v, _)| v[0])
-            });
-            clean::median(all.collect()).filter(|m| *m > 0.0)
+            per_load(t, channels, if which < 2 { 0.5 } else { 1.0 })
         };
         let names = [
             ("rotor speeds", "rad/s"),
@@ -288,13 +285,55 @@ pub fn one_vehicle(tracks: &[Track]) -> Result<(), GapError> {
             if let (Some(a), Some(b)) = (level(first, which), level(other, which))
                 && a.max(b) > 1.3 * a.min(b)
             {
-                let reason = format!("their median {name} are {} and {} {unit}", short(a), short(b));
+                let (a, b) = (short(a), short(b));
+                let reason = format!("at a load factor of 1 their median {name} are {a} and {b} {unit}");
                 return differ(other, reason);
             }
         }
     }
     Ok(())
 }
+
+/// Median of channels in the usable flight, each sample over the load factor to a power: thrust goes with it, rotor speed with
+/// its root. The load factor is what the accelerometer feels along the rotors' axis, or what holds the motion up.
+fn per_load(track: &Track, channels: &[crate::flight::Channel<1>], power: f64) -> Option<f64> {
+    let stride = channels.first().map_or(1, |c| (c.len() / MOST_LOADS).max(1));
+    let mut all = Vec::new();
+    for c in channels {
+        let [from, to] = track.span_s;
+        let used: Vec<usize> = (0..c.len())
+            .step_by(stride)
+            .filter(|i| c.t_s[*i] >= from && c.t_s[*i] <= to && !track.is_excluded(c.t_s[*i]))
+            .collect();
+        let at: Vec<f64> = used.iter().map(|i| c.t_s[*i]).collect();
+        let felt: Vec<Option<f64>> = if track.accel.is_empty() {
+            let half = 0.1f64.max(4.2 * track.position.period_s().unwrap_or(0.01));
+            let pulled = resample::local_parabola(&track.position, &at, half);
+            pulled
+                .iter()
+                .map(|p| p.as_ref().map(|p| vec3::norm(vec3::add(p.curvature, [0.0, 0.0, G]))))
+                .collect()
+        } else {
+            let half = LOAD_HALF_S.max(3.2 * track.accel.period_s().unwrap_or(0.01));
+            resample::local_parabola(&track.accel, &at, half)
+                .iter()
+                .map(|a| a.as_ref().map(|a| a.value[2]))
+                .collect()
+        };
+        for (i, felt) in used.iter().zip(felt) {
+            let load = felt.map_or(1.0, |f| f / G);
+            if load > LEAST_LOAD {
+                all.push(c.values[*i][0] / load.powf(power));
+            }
+        }
+    }
+    clean::median(all).filter(|m| *m > 0.0)
+}
+
+/// Samples of a channel at which load factors are taken, half width of their smoothing, s, and the least that says anything.
+const MOST_LOADS: usize = 2000;
+const LOAD_HALF_S: f64 = 0.03;
+const LEAST_LOAD: f64 = 0.3;
 
 /// What happens along a log, per instant, in the order of its labels; NaN where not known.
 struct Context {
@@ -787,7 +826,7 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
         || closed_loop(&replay, vehicle),
     );
     residuals.samples.retain(|s| replay.time_s(s.step) >= settled(&replay)[0]);
-    let fault = |found: String| GapError::Log {
+    let fault = |found: String| GapError::TooShort {
         log: track.name.clone(),
         expected: format!("stretches of at least {} s with pose and {}", HORIZONS_S[0], track.drive.title()),
         found,

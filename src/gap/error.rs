@@ -16,6 +16,18 @@ pub enum GapError {
         /// What to do.
         remedy: String,
     },
+    /// Too little of a log can be used.
+    #[error("{log}: expected {expected}, found {found}: {remedy}")]
+    TooShort {
+        /// Name of the log.
+        log: String,
+        /// What is needed.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// What to do.
+        remedy: String,
+    },
     /// A name that is none of those known.
     #[error("`{name}` is no {what}; there are {known}")]
     Unknown {

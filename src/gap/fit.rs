@@ -62,6 +62,38 @@ pub(crate) fn forces_only(logs: &[Prepared]) -> bool {
     logs.iter().any(|l| l.track.drive == Drive::Thrust)
 }
 
+/// Unknowns of the start of a window: where the attitude is an input, position and velocity only.
+fn unknowns(drive: Drive) -> usize {
+    if drive == Drive::Thrust { START_STATE / 2 } else { START_STATE }
+}
+
+/// Rows of a window for every unknown of its start: fewer say nothing reliable.
+const ROWS_PER_UNKNOWN: usize = 2;
+
+/// Shortest windows whose rows tell their own start, s: slow sensors need longer ones.
+pub(crate) fn shortest_window_s(logs: &[Prepared]) -> f64 {
+    let one = |p: &Prepared| {
+        let track = p.track;
+        let [from, to] = track.span_s;
+        let per_s = |t: &[f64]| {
+            let n = t.partition_point(|t| *t <= to) - t.partition_point(|t| *t < from);
+            n as f64 / (to - from).max(STEP_S)
+        };
+        // Fast sensors are averaged over a step.
+        let fast = |t: &[f64]| per_s(t).min(1.0 / STEP_S);
+        let turning = if track.drive == Drive::Thrust {
+            0.0
+        } else {
+            per_s(&track.attitude.t_s) + fast(&track.gyro.t_s)
+        };
+        let samples_per_s = per_s(&track.position.t_s) + turning + fast(&track.accel.t_s);
+        // A window may begin just after a sample.
+        (ROWS_PER_UNKNOWN * unknowns(track.drive)) as f64 / 3.0 / samples_per_s.max(1e-3)
+            + 1.0 / samples_per_s.max(1e-3)
+    };
+    logs.iter().map(one).fold(0.0, f64::max)
+}
+
 /// One window: where it lies and what it says.
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
@@ -335,12 +367,16 @@ impl Job<'_> {
         let (rows, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
         let n_rows = rows.len() / (width + 1);
         // A window with little in it says nothing reliable about its own unknowns.
-        if n_rows < 2 * START_STATE {
+        if n_rows < ROWS_PER_UNKNOWN * unknowns(p.track.drive) {
             return None;
         }
         let single: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
         let matrix = DMatrix::from_vec(width + 1, n_rows, rows);
         let gram = &matrix * matrix.transpose();
+        // A model may stay finite where its slopes do not.
+        if !gram.iter().all(|x| x.is_finite()) {
+            return None;
+        }
         Some(Window { log: self.index, from, start, gram, rows: single, rows_of, n_rows, pushes })
     }
 

@@ -45,25 +45,11 @@ pub fn read(
         .collect()
 }
 
-/// What a checker warns of. A gap is in all channels: it is said once, with the place of the longest.
+/// What a checker warns of, but for what a track leaves out and says itself.
 fn warnings(report: &CheckReport) -> Vec<String> {
-    let found: Vec<_> = report.findings.iter().filter(|f| f.severity == Severity::Warning).collect();
-    let (gaps, mut others): (Vec<_>, Vec<_>) = found.into_iter().partition(|f| f.fault == Fault::Gap);
-    let longest = |channel: &str| {
-        let of = report.channels.iter().find(|c| c.name == channel);
-        of.map_or(0.0, |c| c.largest_gap_s)
-    };
-    let worst = gaps.iter().max_by(|a, b| longest(&a.channel).total_cmp(&longest(&b.channel)));
-    let mut out = Vec::new();
-    match worst {
-        Some(worst) if gaps.len() > 1 => {
-            let at = worst.at_s.map_or_else(String::new, |at| format!(", at {at:.1} s"));
-            out.push(format!("{}{at}; {} other channels have gaps too", worst.text, gaps.len() - 1));
-        }
-        _ => others.extend(gaps),
-    }
-    out.extend(others.into_iter().map(|f| f.text.clone()));
-    out
+    let own = |f: Fault| matches!(f, Fault::Gap | Fault::Glitch | Fault::RotorDead | Fault::Crash);
+    let found = report.findings.iter().filter(|f| f.severity == Severity::Warning && !own(f.fault));
+    found.map(|f| f.text.clone()).collect()
 }
 
 /// The vehicle as it is filed.

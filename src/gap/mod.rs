@@ -32,6 +32,7 @@ pub(crate) mod search;
 pub(crate) mod shapes;
 mod solve;
 pub mod track;
+mod usable;
 pub mod verdict;
 pub(crate) mod witness;
 

@@ -69,6 +69,8 @@ pub(crate) struct Model {
     pub not_tried: Vec<(String, String)>,
 }
 
+/// Share of its filed value that a time constant, a mass or an inertia keeps at least: ten times off is another vehicle.
+const LEAST_SHARE: f64 = 0.1;
 /// Smallest spike over slab; where a candidate says that a parameter is free only with the effect.
 const CLOSED: f64 = 1e-3;
 
@@ -156,6 +158,15 @@ impl Model {
         self.candidates.push(candidate);
         self.may.push(true);
         Ok(())
+    }
+
+    /// Least value of a parameter that the model divides by. At nothing a motor answers at once and an empty mass flies off;
+    /// below, motors run away from their commands.
+    pub fn least(&self, parameter: usize) -> Option<f64> {
+        let p = &self.parameters[parameter];
+        let kind = self.candidates[p.candidate].kind;
+        let divides = matches!(kind, "motor_lag" | "wrong_mass" | "wrong_inertia") && p.unit == "1";
+        divides.then_some(LEAST_SHARE * p.filed)
     }
 
     /// Values without any missing effect.

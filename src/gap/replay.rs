@@ -66,6 +66,11 @@ impl Around {
         let at: Vec<f64> = (0..=n_steps).map(|i| from_s + i as f64 * STEP_S).collect();
         let mut measured = vec![None; settle];
         measured.extend(track.measured_state(&at[settle..]));
+        for (state, t) in measured.iter_mut().zip(&at) {
+            state.take_if(|_| {
+                track.excluded.iter().any(|e| e.hides_state() && *t >= e.from_s && *t <= e.to_s)
+            });
+        }
         let wind = if track.log.wind_m_s.len() > 1 { held(&track.log.wind_m_s, &at) } else { Vec::new() };
         let mut neighbours = Vec::new();
         if !track.neighbours.is_empty() {
@@ -165,7 +170,7 @@ impl Raw {
             rotor_acc: Vec::new(),
             thrust: Vec::new(),
             sent: Vec::new(),
-            valid: vec![true; n],
+            valid: (0..n).map(|k| !track.is_excluded(from + k as f64 * TICK_S)).collect(),
         };
         let mut cover = |t: &[f64]| {
             for (a, b) in out.valid.iter_mut().zip(covered(t, from, n)) {

@@ -285,10 +285,7 @@ impl Residuals {
             })
             .collect();
         let times = |late_s: f64| -> Vec<f64> { (0..n).map(|i| replay.time_s(i) + late_s).collect() };
-        let period = |c: &[f64]| {
-            let steps = c.windows(2).map(|w| w[1] - w[0]).collect();
-            crate::flight::clean::median(steps).unwrap_or(0.01)
-        };
+        let period = |c: &[f64]| resample::spacing_s(c).unwrap_or(0.01);
 
         // Forces. A local parabola sees a signal's value with the weights 3 − 5u², and what was integrated twice, through
         // its second derivative, with (1 − u²)²; once, through its slope, with 1 − u².

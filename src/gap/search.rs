@@ -200,7 +200,12 @@ impl<'a> Evidence<'a> {
         }
         let slab = |k: usize| self.model.parameters[k].slab;
         Ok(Posterior {
-            mean: (0..n).map(|k| self.model.parameters[k].filed + mean[k] * slab(k)).collect(),
+            mean: (0..n)
+                .map(|k| {
+                    let value = self.model.parameters[k].filed + mean[k] * slab(k);
+                    self.model.least(k).map_or(value, |least| value.max(least))
+                })
+                .collect(),
             sigma: (0..n).map(|k| cov[(k, k)].max(0.0).sqrt() * slab(k)).collect(),
         })
     }

@@ -3,7 +3,7 @@
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
-use super::fit::{Linear, Prepared, Starts, forces_only, linearise};
+use super::fit::{Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
 use super::policy::GIVEN_ATTITUDE_RAD;
 use super::search::{Evidence, Posterior, Scored};
@@ -452,6 +452,7 @@ fn settle(
     let mut last = None;
     let timing = model.timing();
     let mut tolerance = 1.0;
+    let shortest_s = shortest_window_s(logs);
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
         let mut starts = Starts::new();
         for _ in 0..if follow { 1 } else { rounds } {
@@ -459,7 +460,8 @@ fn settle(
             let at_work: Vec<usize> = (0..model.candidates.len())
                 .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
                 .collect();
-            let linear = linearise(logs, model, &values, &at_work, horizon_s, &starts, &noise);
+            let length_s = horizon_s.max(shortest_s);
+            let linear = linearise(logs, model, &values, &at_work, length_s, &starts, &noise);
             progress(done, all);
             done += 1;
             if linear.windows.len() < 4 {
@@ -468,7 +470,7 @@ fn settle(
                 }
                 return Err(GapError::Log {
                     log: logs.first().map_or_else(String::new, |l| l.track.name.clone()),
-                    expected: format!("at least 4 stretches of {horizon_s} s with pose and inputs"),
+                    expected: format!("at least 4 stretches of {length_s:.2} s with pose and inputs"),
                     found: linear.windows.len().to_string(),
                     remedy: "check the log for gaps (propwash log check), or give a longer flight".into(),
                 });
@@ -540,6 +542,9 @@ fn settle(
                     let step = (posterior.mean[k] - linear.at[k])
                         .clamp(-LONGEST_STEP * p.slab, LONGEST_STEP * p.slab);
                     next[k] = linear.at[k] + step;
+                    if let Some(least) = model.least(k) {
+                        next[k] = next[k].max(least);
+                    }
                     moved = moved.max(step.abs() / posterior.sigma[k].max(0.02 * p.slab));
                 }
             }

@@ -1,8 +1,8 @@
 //! A flight log made ready to be flown again by a model: what drives it, what was measured, and how noisy that is.
 
-use super::GapError;
 use super::inputs::{Response, without_noise};
-use crate::flight::{Channel, FlightLog, clean, resample};
+use super::{GapError, usable};
+use crate::flight::{Channel, Excluded, FlightLog, clean, resample};
 use crate::math::quat;
 use crate::physics::airframe;
 use crate::physics::rigid_body::MAX_ROTORS;
@@ -122,6 +122,8 @@ pub struct Track {
     pub load: Option<String>,
     /// What was left out or assumed.
     pub warnings: Vec<String>,
+    /// Spans that are left out: on the ground, a crash, gaps.
+    pub excluded: Vec<Excluded>,
     pub(crate) inputs: Inputs,
     pub(crate) position: Channel<3>,
     pub(crate) attitude: Channel<4>,
@@ -138,7 +140,8 @@ impl Track {
     /// A log for a vehicle.
     ///
     /// # Errors
-    /// [`GapError::Log`] where the log has no pose, nothing that drives the model, or less than [`SHORTEST_S`] of both.
+    /// [`GapError::Log`] where the log has no pose or nothing that drives the model, [`GapError::TooShort`] where it has less
+    /// than [`SHORTEST_S`] of both.
     pub fn new(log: FlightLog, vehicle: &Vehicle, options: &Options) -> Result<Self, GapError> {
         let name = log.path.file_name().map_or_else(|| "log".into(), |n| n.to_string_lossy().into_owned());
         let mut warnings = Vec::new();
@@ -158,8 +161,11 @@ impl Track {
             }
         }
         let (drive, dynamics, mut inputs) = choose_drive(&log, vehicle, options, &name, &mut warnings)?;
-        let position = distinct(&log.position_m, "position", &mut warnings);
-        let mut attitude = distinct(&log.attitude, "attitude", &mut warnings);
+        // What no flight model explains is in no channel from here on.
+        let cut = usable::look(&log, vehicle);
+        warnings.extend(cut.words());
+        let position = cut.without("position", &distinct(&log.position_m, "position", &mut warnings));
+        let mut attitude = cut.without("attitude", &distinct(&log.attitude, "attitude", &mut warnings));
         for q in &mut attitude.values {
             *q = quat::normalize(*q);
         }
@@ -167,14 +173,25 @@ impl Track {
             if n < 50 {
                 return Err(fault(
                     &format!("a {what} that changes in flight, at least 50 times"),
-                    format!("{n} different samples: nothing moves, or the sensor is stuck"),
+                    match cut.words().join("; ") {
+                        said if said.is_empty() => {
+                            format!("{n} different samples: nothing moves, or the sensor is stuck")
+                        }
+                        said => format!("{n} different samples ({said})"),
+                    },
                     "give a log of a flight",
                 ));
             }
         }
-        plausible_thrust(drive, dynamics, &inputs, vehicle, &fault)?;
+        let flying = Inputs {
+            rotors: inputs.rotors.iter().map(|c| usable::flying(&cut, c)).collect(),
+            thrust: usable::flying(&cut, &inputs.thrust),
+            attitude: Channel::default(),
+        };
+        plausible_thrust(drive, dynamics, &flying, vehicle, &fault)?;
         let gyro = distinct(&log.angular_velocity_rad_s, "angular velocity", &mut warnings);
         let accel = distinct(&log.specific_force_m_s2, "specific force", &mut warnings);
+        let (gyro, accel) = (cut.without("angular velocity", &gyro), cut.without("specific force", &accel));
 
         let mut span = [0.0, f64::INFINITY];
         let mut within = |t: &[f64]| {
@@ -189,12 +206,14 @@ impl Track {
         within(&inputs.attitude.t_s);
         // Motors and filters of the model need a moment to forget how they were started.
         span[0] += SETTLE_S;
-        if !(span[1] - span[0] >= SHORTEST_S) {
-            return Err(fault(
-                &format!("at least {SHORTEST_S} s with pose and {}", drive.title()),
-                format!("{:.2} s", (span[1] - span[0]).max(0.0)),
-                "give a longer flight",
-            ));
+        let span = usable::trimmed(&cut.excluded, span);
+        if let Some(found) = usable::too_little(&cut, span) {
+            return Err(GapError::TooShort {
+                log: name.clone(),
+                expected: format!("at least {SHORTEST_S} s with pose and {}", drive.title()),
+                found,
+                remedy: "give a longer flight".into(),
+            });
         }
         let in_span = |c: &Channel<3>| c.t_s.iter().filter(|t| **t >= span[0] && **t <= span[1]).count();
         let usable = |c: Channel<3>, what: &str, warnings: &mut Vec<String>| {
@@ -259,6 +278,7 @@ impl Track {
             neighbours,
             load,
             warnings,
+            excluded: cut.excluded,
             inputs,
             position,
             attitude,
@@ -274,6 +294,11 @@ impl Track {
         self.span_s[1] - self.span_s[0]
     }
 
+    /// Whether nothing counts at a time: the vehicle on the ground, a crash.
+    pub(crate) fn is_excluded(&self, at_s: f64) -> bool {
+        self.excluded.iter().any(|e| e.whole() && at_s >= e.from_s && at_s <= e.to_s)
+    }
+
     /// The same log, of which only the part within a span (s) is used.
     pub fn cut(&self, span_s: [f64; 2]) -> Self {
         let [from, to] = self.span_s;
@@ -287,7 +312,7 @@ impl Track {
 
     /// Half widths of the local polynomials behind [`Track::measured_state`].
     pub(crate) fn windows(&self) -> Windows {
-        let period = |c: &[f64]| clean::median(c.windows(2).map(|w| w[1] - w[0]).collect()).unwrap_or(0.01);
+        let period = |c: &[f64]| resample::spacing_s(c).unwrap_or(0.01);
         let p_period = period(&self.position.t_s);
         // A parabola over T has the velocity noise σ √(12/n) / T; longer spans bend. 60 ms each side at 1 cm, 20 ms at best.
         let half = (0.02 * (self.noise.position_m / 3e-4).powf(0.3)).clamp(0.02, 0.08).max(3.2 * p_period);
@@ -301,14 +326,18 @@ impl Track {
     /// State at a time, from local polynomials through the measurements: (position, attitude, velocity, body rate).
     pub(crate) fn measured_state(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
         let Windows { position_s, attitude_s: a_half, rate_s } = self.windows();
-        let positions = resample::local_parabola(&self.position, at_s, position_s);
-        let rates = (self.gyro.is_empty()).then(|| resample::body_rates(&self.attitude, at_s, rate_s));
-        let gyros = resample::local_parabola(&self.gyro, at_s, rate_s);
-        at_s.iter()
-            .enumerate()
-            .map(|(i, at)| {
+        let positions =
+            widened(at_s, position_s, |at, half| resample::local_parabola(&self.position, at, half));
+        let rates = (self.gyro.is_empty())
+            .then(|| widened(at_s, rate_s, |at, half| resample::body_rates(&self.attitude, at, half)));
+        let gyros = widened(at_s, rate_s, |at, half| resample::local_parabola(&self.gyro, at, half));
+        let attitudes = widened(at_s, a_half, |at, half| {
+            at.iter().map(|at| smooth_attitude(&self.attitude, *at, half)).collect()
+        });
+        (0..at_s.len())
+            .map(|i| {
                 let position = positions[i].as_ref()?;
-                let attitude = smooth_attitude(&self.attitude, *at, a_half)?;
+                let attitude = attitudes[i]?;
                 let rate = match &rates {
                     Some(rates) => rates[i]?,
                     None => gyros[i].as_ref()?.value,
@@ -317,6 +346,22 @@ impl Track {
             })
             .collect()
     }
+}
+
+/// How much wider local fits become where too few samples lie, as between held values. Gaps are longer: 4.5 usual steps.
+const WIDER: [f64; 2] = [1.4, 2.0];
+
+/// Local fits at times, wider where they cannot be made.
+fn widened<T>(at_s: &[f64], half_s: f64, fit: impl Fn(&[f64], f64) -> Vec<Option<T>>) -> Vec<Option<T>> {
+    let mut out = fit(at_s, half_s);
+    for wider in WIDER {
+        let open: Vec<usize> = (0..out.len()).filter(|i| out[*i].is_none()).collect();
+        let at: Vec<f64> = open.iter().map(|i| at_s[*i]).collect();
+        for (i, found) in open.into_iter().zip(fit(&at, wider * half_s)) {
+            out[i] = found;
+        }
+    }
+    out
 }
 
 /// Half widths of local polynomials, s.

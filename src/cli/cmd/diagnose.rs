@@ -30,17 +30,18 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         let text = serde_json::to_string_pretty(verdict).map_err(json_error)?;
         report::write(path, format!("{text}\n").as_bytes())?;
     }
+    // Said before anything is drawn: a picture that cannot be drawn takes no verdict back.
+    if args.json {
+        print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
+    } else {
+        print(text(verdict).trim_end())?;
+    }
     if let Some(path) = &args.ladder {
         report::write(path, &ladder_png(verdict)?)?;
     }
     if let Some(path) = &args.report {
         let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
         report::write(path, page.html().as_bytes())?;
-    }
-    if args.json {
-        print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
-    } else {
-        print(text(verdict).trim_end())?;
     }
     Ok(outcome(verdict))
 }
@@ -83,8 +84,19 @@ pub fn open(reading: &ReadingArgs, logs: &[PathBuf], held_out: &HeldOutArgs) -> 
         });
     }
     let (vehicle, tracks) = reading.open(logs)?;
-    let (_, unseen) = reading.open(&held_out.held_out)?;
-    let flights = Flights::new(tracks, unseen, held_out.hold_out);
+    let (mut unseen, mut short) = (Vec::new(), Vec::new());
+    for log in &held_out.held_out {
+        match reading.open(std::slice::from_ref(log)) {
+            Ok((_, track)) => unseen.extend(track),
+            // A fit needs no such log.
+            Err(Error::Gap(error @ GapError::TooShort { .. })) => {
+                short.push(format!("not held out: {error}"));
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    let mut flights = Flights::new(tracks, unseen, held_out.hold_out);
+    flights.warnings.extend(short);
     compare::one_vehicle(&flights.all())?;
     Ok((vehicle, flights))
 }

@@ -6,6 +6,7 @@ mod values;
 
 use super::FlightLog;
 use super::align::Lag;
+use super::usable::{self, Known, Reason, Unusable};
 use serde::Serialize;
 use std::fmt;
 
@@ -62,6 +63,10 @@ pub enum Fault {
     Glitch,
     /// Two channels are out of step.
     Delay,
+    /// Part of the log is no flight: the vehicle stands, or its motors are off.
+    NoFlight,
+    /// The vehicle hits something.
+    Crash,
 }
 
 /// One sentence about the log.
@@ -125,6 +130,8 @@ pub struct CheckReport {
     pub delays: Vec<ChannelDelay>,
     /// Findings, the worst first.
     pub findings: Vec<Finding>,
+    /// What compare and diagnose leave out.
+    pub unusable: Unusable,
 }
 
 impl CheckReport {
@@ -163,8 +170,14 @@ pub fn check(log: &FlightLog) -> CheckReport {
     }
     let channels = clock::check(log, &mut found);
     let mut delays = Vec::new();
+    let mut unusable = Unusable::default();
     if !found.refused() {
         values::check(log, &mut found);
+        // What is in another unit would look like a jump, or a crash.
+        if !found.refused() {
+            unusable = usable::look(log, &Known::default());
+            no_flight(&unusable, &mut found);
+        }
     }
     if !found.0.iter().any(|f| {
         f.severity == Severity::Refuse
@@ -184,6 +197,38 @@ pub fn check(log: &FlightLog) -> CheckReport {
         channels,
         delays,
         findings: found.0,
+        unusable,
+    }
+}
+
+/// Says what is no flight. Gaps are said where the clock is checked.
+fn no_flight(unusable: &Unusable, found: &mut Findings) {
+    for (text, reason) in unusable.sentences() {
+        let first = |reason: Reason| unusable.excluded.iter().find(|e| e.reason == reason).map(|e| e.from_s);
+        match reason {
+            Some(Reason::OnGround | Reason::MotorsOff) => {
+                found.info(Fault::NoFlight, "", reason.and_then(first), text);
+            }
+            Some(Reason::Crash) => found.warn(Fault::Crash, "", first(Reason::Crash), text),
+            Some(Reason::Outliers) => found.warn(Fault::Glitch, "", first(Reason::Outliers), text),
+            Some(Reason::Dropout) | None => {}
+        }
+    }
+    for o in &unusable.outliers {
+        let n = o.t_s.len();
+        let text = format!(
+            "{} has {} far from {} neighbours: compare and diagnose leave {} out",
+            o.channel,
+            if n == 1 { "one sample".into() } else { format!("{n} samples") },
+            if n == 1 { "its" } else { "their" },
+            if n == 1 { "it" } else { "them" },
+        );
+        // Raw inertial sensors have such samples in every flight.
+        if matches!(o.channel, "position" | "attitude") {
+            found.warn(Fault::Glitch, o.channel, o.t_s.first().copied(), text);
+        } else {
+            found.info(Fault::Glitch, o.channel, o.t_s.first().copied(), text);
+        }
     }
 }
 

@@ -15,7 +15,6 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) {
     for (i, c) in log.rotor_speed_rad_s.iter().enumerate() {
         rotor(log, i, c, found);
     }
-    jumps(log, found);
 }
 
 fn quaternions(q: &Channel<4>, found: &mut Findings) {
@@ -314,27 +313,4 @@ fn glitches<const N: usize>(
             c.t_s[worst]
         ),
     );
-}
-
-fn jumps(log: &FlightLog, found: &mut Findings) {
-    glitches("position", &log.position_m, 25.0, 0.1, "m", found);
-    let q = &log.attitude;
-    let angle = |i: usize| {
-        let dot: f64 = (0..4).map(|k| q.values[i][k] * q.values[i - 1][k]).sum();
-        2.0 * dot.abs().min(1.0).acos()
-    };
-    let far: Vec<usize> =
-        (1..q.len()).filter(|i| angle(*i) > 0.5 && angle(*i) > 60.0 * (q.t_s[*i] - q.t_s[*i - 1])).collect();
-    if let Some(first) = far.first() {
-        found.warn(
-            Fault::Glitch,
-            "attitude",
-            Some(q.t_s[*first]),
-            format!(
-                "the attitude jumps {} by more than 0.5 rad from one sample to the next (markers mixed up?): leave those \
-                 samples out",
-                if far.len() == 1 { "once".into() } else { format!("{} times", far.len()) }
-            ),
-        );
-    }
 }

@@ -2,6 +2,7 @@
 
 use super::Report;
 use crate::Result;
+use crate::gap::GapError;
 use crate::gap::compare::{Comparison, compare};
 use crate::gap::ladder::Flights;
 use crate::gap::overlay::overlays;
@@ -52,8 +53,19 @@ impl Report {
         after: Option<&Vehicle>,
     ) -> Result<Self> {
         let mut report = Self::of(diagnosis.clone());
-        let all = flights.all();
-        report.comparison_before = Some(compare(&all, before)?);
+        let mut all = flights.all();
+        // A held-out log that is too short to compare is none.
+        report.comparison_before = Some(loop {
+            match compare(&all, before) {
+                Err(GapError::TooShort { log, .. })
+                    if flights.held_out.iter().any(|t| t.name == log)
+                        && all.iter().any(|t| t.name == log) =>
+                {
+                    all.retain(|t| t.name != log);
+                }
+                other => break other?,
+            }
+        });
         report.comparison_after = after.map(|v| compare(&all, v)).transpose()?;
         // Unseen flight first.
         let parted = flights.whole.iter().zip(&flights.cut_s);
