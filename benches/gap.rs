@@ -57,7 +57,8 @@ struct Args {
     /// for work on the finder, `report` (odd seeds, other vehicles) for the figures that are published.
     #[arg(long)]
     half: Option<String>,
-    /// Inputs of those rows: commands, rotors, thrust, attitude; all where none is named.
+    /// Inputs of those rows: commands, rotors, thrust; all where none is named. Also attitude, where a response can be
+    /// identified.
     #[arg(long, value_delimiter = ',')]
     inputs: Vec<String>,
     /// Their noise levels: fine, rough, filtered; all where none is named.

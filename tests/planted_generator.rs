@@ -7,8 +7,8 @@ mod planted;
 use planted::linear::{add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, quat_exp, sub};
 use planted::world::{Air, DelayLine, Dryden, LOAD, LOAD_SPEED, ROTORS, SIZE, attitude, near_wall, part};
 use planted::{
-    BOX_M, Build, CEILING_Z_M, Deviations, Excitation, Figures, Flight, HIDDEN, Inputs, MAX_ROTORS, Marker, NoiseLevel,
-    Nominal, Plan, Scatter, Sensors, Speeds, State, UNLISTED, World, fly, of_rotors,
+    BOX_M, Build, CEILING_Z_M, Deviations, Excitation, Figures, Flight, HIDDEN, Inputs, MAX_ROTORS, Marker,
+    NoiseLevel, Nominal, Plan, Scatter, Sensors, Speeds, State, UNLISTED, World, fly, of_rotors,
 };
 use propwash::flight::{CheckReport, Fault, FlightLog, Severity, check};
 use propwash::physics::controllers::ControlMode;
@@ -747,7 +747,7 @@ fn the_filter_of_the_inertial_unit_takes_half_the_power_at_its_frequency() {
             let t = f64::from(k) * 1e-5;
             let y = filter.step(1e-5, [(std::f64::consts::TAU * hz * t).sin(), 0.0, 0.0]);
             if t > 0.5 {
-                peak = peak.max(y[0]);
+                peak = peak.max(y[0].abs());
             }
         }
         near(peak, share, 0.01);
@@ -785,8 +785,6 @@ fn vehicles_of_35_g_to_5_kg_with_4_to_8_rotors_fly_with_any_effect() {
         }
     }
     assert!(shrunk.len() <= 24, "{shrunk:?}");
-    let plan = Plan::exciting(&quad(), &["weak_rotor.5"], 1.0, 0).seed;
-    assert_eq!(plan, 0);
     assert!(
         fly(&Plan::exciting(&quad(), &["weak_rotor.5"], 1.0, 0)).unwrap_err().contains("one of 4 rotors")
     );
@@ -794,9 +792,10 @@ fn vehicles_of_35_g_to_5_kg_with_4_to_8_rotors_fly_with_any_effect() {
 
 #[test]
 fn a_fair_world_scatters_otherwise_than_the_priors_and_knows_no_common_mount() {
+    let scale = nominal().scale(10.0);
     for scatter in [Scatter::Normal, Scatter::Uniform, Scatter::StudentT] {
         let build = Build { width: 1.0, scatter, apart: false };
-        let masses = (0..2000).map(|seed| Deviations::tolerances(seed, build).mass_factor - 1.0);
+        let masses = (0..2000).map(|seed| Deviations::tolerances(seed, build, &scale).mass_factor - 1.0);
         near(rms(masses), 0.005, 0.0005);
     }
     let builds: Vec<Build> = (0..60).map(Build::fair).collect();
@@ -806,11 +805,10 @@ fn a_fair_world_scatters_otherwise_than_the_priors_and_knows_no_common_mount() {
         assert!(builds.iter().any(|b| b.scatter == scatter), "{scatter:?}");
     }
     let vehicle = quad();
-    let scale = nominal().scale(10.0);
     let mut which = [0, 0];
     for seed in 0..20 {
         let build = Build { width: 0.0, scatter: Scatter::Normal, apart: true };
-        let mut dev = Deviations::tolerances(seed, build);
+        let mut dev = Deviations::tolerances(seed, build, &scale);
         dev.plant("mount", seed, 1.0, &scale, true);
         let [pose, imu] = [norm(dev.mount_rad), norm(dev.imu_mount_rad)];
         assert!((pose == 0.0) != (imu == 0.0), "{pose} {imu}");
@@ -829,28 +827,35 @@ fn a_fair_world_scatters_otherwise_than_the_priors_and_knows_no_common_mount() {
 }
 
 #[test]
-fn attitude_commands_are_what_moves_the_vehicle() {
+fn attitude_and_thrust_commands_are_logged_as_the_vehicle_follows_them() {
     let vehicle = quad();
     let plan = Plan {
         build: Build::usual(0.0),
         sensors: Sensors::with(Inputs::Attitude),
-        ..Plan::exciting(&vehicle, &[], 40.0, 0)
+        ..Plan::exciting(&vehicle, &[], 20.0, 0)
     };
     let flight = fly(&plan).unwrap();
     let (log, report) = checked(&flight);
     assert!(!report.findings.iter().any(|f| f.severity == Severity::Refuse), "{:?}", report.findings);
-    assert!(log.cmd_rotor_rad_s.is_empty() && log.cmd_attitude_rad.t_s.len() == 20_001);
-    let found = propwash::gap::attitude_model::identify(
-        &log,
-        &vehicle,
-        &propwash::gap::attitude_model::Options::default(),
-    )
-    .unwrap();
-    // The loop of the pilot: attitude 5.5 1/s around rates 15 1/s, behind motors of 35 ms.
-    let gain = found.get("command_gain_per_s2.roll").unwrap().value;
-    let stiff = -found.get("angle_gain_per_s2.roll").unwrap().value;
-    near(gain / stiff, 1.0, 0.1);
-    assert!((40.0..200.0).contains(&stiff), "{stiff}");
-    let answering = found.apply(&vehicle, "2026-01-01").unwrap();
-    assert!(Nominal::read(&answering).is_ok());
+    assert!(log.cmd_rotor_rad_s.is_empty() && log.cmd_attitude_rad.t_s.len() == 10_001);
+    // The attitude follows its command about 0.15 s late; without the command half of it would be left.
+    let (mut left, mut all) = ([0.0; 3], [0.0; 3]);
+    for (t, command) in log.cmd_attitude_rad.t_s.iter().zip(&log.cmd_attitude_rad.values) {
+        if *t > 19.0 {
+            break;
+        }
+        let r = matrix(attitude(&between(&flight, t + 0.15)));
+        let is = [r[2][1].atan2(r[2][2]), (-r[2][0]).asin(), r[1][0].atan2(r[0][0])];
+        assert!(command[2].abs() < 2.0, "yaw stays near one heading: {}", command[2]);
+        for k in 0..3 {
+            left[k] += (is[k] - command[k]).powi(2);
+            all[k] += command[k].powi(2);
+        }
+    }
+    for k in 0..3 {
+        assert!(left[k] < 0.5 * all[k], "axis {k}: {} of {}", left[k], all[k]);
+    }
+    let thrust =
+        log.cmd_thrust_n.values.iter().map(|v| v[0]).sum::<f64>() / log.cmd_thrust_n.values.len() as f64;
+    near(thrust, 0.75 * 9.81, 0.6);
 }

@@ -325,7 +325,7 @@ impl Deviations {
 
     /// Tolerances of a carefully built and measured vehicle. The standard deviations of usual width are those of careful
     /// weighing and bench tests: mass 0.5 %, thrust 1.2 %, inertia 3 %, torque 3 %, each rotor 0.7 %, …
-    pub fn tolerances(seed: u64, build: Build) -> Self {
+    pub fn tolerances(seed: u64, build: Build, scale: &Scale) -> Self {
         let draw = |name: &str| -> Box<dyn FnMut(f64) -> f64> {
             let mut stream = stream(seed, 0, name);
             Box::new(move |sigma| sigma * build.width * build.scatter.draw(&mut stream))
@@ -337,6 +337,8 @@ impl Deviations {
         let one = |name: &str, sigma: f64| draw(name)(sigma);
         let factors = |v: V| [1.0 + v[0], 1.0 + v[1], 1.0 + v[2]];
         const DEG: f64 = std::f64::consts::PI / 180.0;
+        // Small vehicles are balanced as well in proportion to their size.
+        let small = scale.arm.min(1.0);
         let com = three("com", 1.0);
         let wind = three("wind", 0.02);
         let mut rotor = draw("rotor");
@@ -352,7 +354,7 @@ impl Deviations {
             mass_factor: 1.0 + one("mass", 0.005),
             inertia_factor: factors(three("inertia", 0.03)),
             rotor_inertia_factor: 1.0 + one("rotor inertia", 0.05),
-            com_offset_m: [0.2e-3 * com[0], 0.2e-3 * com[1], 0.8e-3 * com[2]],
+            com_offset_m: [0.2e-3 * small * com[0], 0.2e-3 * small * com[1], 0.8e-3 * small * com[2]],
             thrust_factor: 1.0 + one("thrust", 0.012),
             rotor_factor: std::array::from_fn(|_| 1.0 + rotor(0.007)),
             torque_factor: 1.0 + one("torque", 0.03),

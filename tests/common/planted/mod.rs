@@ -33,7 +33,7 @@ pub use self::{
 };
 
 use linear::{V, add, mul, norm, sub};
-use pilot::{Dither, Pilot, Track};
+use pilot::{Dither, Pilot, Reference, Track};
 use propwash::vehicle::Vehicle;
 use sensors::{Recorder, Sample};
 use serde::Serialize;
@@ -287,7 +287,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     let scale = nominal.scale(plan.seconds);
     let filed = nominal.filed(plan.seconds);
     let figures = Figures::new(plan.noise, plan.seed, plan.flight);
-    let mut dev = Deviations::tolerances(plan.seed, plan.build);
+    let mut dev = Deviations::tolerances(plan.seed, plan.build, &scale);
     for id in &plan.hidden {
         dev.plant(id, plan.seed, size, &scale, plan.build.apart);
     }
@@ -320,8 +320,17 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         plan.flight,
     );
 
-    let first = track.at(0.0);
+    let turns = pilot.turns();
+    let reference_at = |t: f64| {
+        let r = track.at(t);
+        let r = Reference { yaw: turns * r.yaw, yaw_rate: turns * r.yaw_rate, ..r };
+        // Attitude responses count yaw from one heading: it stays within a radian of it, and no turn is fed forward.
+        let held = Reference { yaw: r.yaw.sin(), yaw_rate: 0.0, ..r };
+        if plan.sensors.attitude { held } else { r }
+    };
+    let first = reference_at(0.0);
     let mut x = world.at_hover(first.p, first.yaw);
+    pilot.trim(part(&world.rate(0.0, &x, &world::rotors(&x), &Air::default()), 10));
     let with_neighbour = plan.excitation == Excitation::BelowNeighbour || plan.hidden.contains(&"downwash");
     let mut neighbour = with_neighbour.then(|| {
         let at = add(first.p, Neighbour::aside(-LEAD_S));
@@ -347,7 +356,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     };
     for k in -lead..=last {
         let t = k as f64 * TICK_S;
-        let reference = track.at(t);
+        let reference = reference_at(t);
         let command = pilot.command(t, TICK_S, &x, &reference);
         line.push(t + dev.delay_s, command, t);
         if let Some(n) = &mut neighbour {

@@ -423,6 +423,14 @@ impl Dither {
 /// Motors that are quicker than this get the full gains; gains of slower ones fall with their time, s.
 const QUICK_S: f64 = 0.036;
 
+/// Angular acceleration about x, y, z (rad/s²) that all rotors together make at hover, of a vehicle that dither and gains were
+/// tuned for; less nimble vehicles get less dither and are not asked for more than [`ASKED`] of what they can.
+const NIMBLE_RAD_S2: V = [200.0, 200.0, 20.0];
+/// Share of that angular acceleration about x, y, z; together with a thrust that comes down it is about all that there is.
+const ASKED: V = [0.5, 0.5, 0.25];
+/// Share of it that a trim may take.
+const TRIM: f64 = 0.3;
+
 /// The on-board controller: position, attitude and rate errors to rotor speeds through the nominal vehicle.
 #[derive(Clone, Debug)]
 pub struct Pilot {
@@ -434,6 +442,14 @@ pub struct Pilot {
     curves: Vec<V>,
     /// Share of the gains of a vehicle with quick motors.
     pace: f64,
+    /// Share of the dither about x, y, z of a nimble vehicle, and greatest angular acceleration that is asked for, rad/s².
+    nimble: V,
+    most: V,
+    /// What all rotors together make at hover, rad/s².
+    can: V,
+    /// Angular acceleration that holds against what the vehicle file does not know, rad/s²; only of vehicles with slow motors,
+    /// whose gains are too low to do without.
+    trim: V,
     thrust_n: [f64; 2],
     limits: [f64; 2],
     dither: Option<Dither>,
@@ -473,6 +489,12 @@ impl Pilot {
             [r.axis[2], torque[0], torque[1], torque[2]]
         };
         let effect: Vec<[f64; 4]> = nominal.rotors.iter().map(one).collect();
+        let can: V = std::array::from_fn(|k| {
+            let torque: f64 = effect.iter().map(|e| e[k + 1].abs()).sum::<f64>() * nominal.hover_n();
+            torque / nominal.inertia[k][k]
+        });
+        let nimble: V = std::array::from_fn(|k| (can[k] / NIMBLE_RAD_S2[k]).min(1.0));
+        let most = std::array::from_fn(|k| if nimble[k] < 1.0 { ASKED[k] * can[k] } else { f64::INFINITY });
         Ok(Self {
             mass_kg: nominal.mass_kg,
             inertia: nominal.inertia,
@@ -485,9 +507,25 @@ impl Pilot {
             dither,
             integral: [0.0; 3],
             stream,
+            nimble,
+            most,
+            can,
+            trim: [0.0; 3],
             through_attitude,
             wanted: Wanted::default(),
         })
+    }
+
+    /// Share of the turns of a nimble vehicle that this one can fly.
+    pub fn turns(&self) -> f64 {
+        self.nimble[2]
+    }
+
+    /// Trims a vehicle that turns with `ang` (rad/s²) under the rotor speeds of hover, as one that has flown before.
+    pub fn trim(&mut self, ang: V) {
+        if self.pace < 1.0 {
+            self.trim = mul(ang, -1.0);
+        }
     }
 
     /// Rotor speeds for one tick of `dt` s.
@@ -519,7 +557,7 @@ impl Pilot {
         let dither = self.dither.as_ref().filter(|_| r.dither > 0.0);
         let (x_axis, y, z) = match dither.filter(|_| self.through_attitude) {
             Some(dither) => {
-                let by: V = std::array::from_fn(|k| r.dither * pace * dither.angle(k, t));
+                let by: V = std::array::from_fn(|k| r.dither * pace * self.nimble[k] * dither.angle(k, t));
                 let turned = matrix(quat_exp(by));
                 let column = |k: usize| {
                     let [a, b, c] = [turned[0][k], turned[1][k], turned[2][k]];
@@ -545,14 +583,25 @@ impl Pilot {
         if let Some(dither) = dither {
             for k in 0..if self.through_attitude { 0 } else { 3 } {
                 let (v, d) = dither.at(k, t);
-                rate[k] += r.dither * pace * v;
-                spin_up[k] = r.dither * pace * d;
+                rate[k] += r.dither * pace * self.nimble[k] * v;
+                spin_up[k] = r.dither * pace * self.nimble[k] * d;
             }
             gain += r.dither * dither.at(3, t).0;
         }
         rate = [rate[0].clamp(-6.0, 6.0), rate[1].clamp(-6.0, 6.0), rate[2].clamp(-3.0, 3.0)];
         const RATE_GAIN_PER_S: V = [15.0, 15.0, 8.0];
         let ang: V = std::array::from_fn(|i| spin_up[i] + RATE_GAIN_PER_S[i] * pace * (rate[i] - w[i]));
+        if pace < 1.0 {
+            // Proportional and integral, with an integral time of half a second.
+            for i in 0..3 {
+                // Where more is wanted than there is, a trim would only wind up.
+                if (ang[i] + self.trim[i]).abs() < self.most[i] {
+                    let more = 2.0 * dt * RATE_GAIN_PER_S[i] * pace * (rate[i] - w[i]);
+                    self.trim[i] = (self.trim[i] + more).clamp(-TRIM * self.can[i], TRIM * self.can[i]);
+                }
+            }
+        }
+        let ang: V = std::array::from_fn(|i| (ang[i] + self.trim[i]).clamp(-self.most[i], self.most[i]));
         let torque = add(mat_vec(self.inertia, ang), cross(w, mat_vec(self.inertia, w)));
         let weight = self.mass_kg * norm(self.gravity);
         let collective = (gain * self.mass_kg * dot(push, columns[2])).clamp(0.25 * weight, 1.8 * weight);
