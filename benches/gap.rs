@@ -2,6 +2,8 @@
 //!
 //! Without `--effects` it runs the whole table of docs/gap.md; with it, single cases with all that is known about them.
 
+#[path = "gap/honest.rs"]
+mod honest;
 #[path = "../tests/common/planted/mod.rs"]
 mod planted;
 #[path = "gap/score.rs"]
@@ -10,9 +12,10 @@ mod score;
 mod table;
 
 use clap::Parser;
-use planted::{Excitation, HIDDEN, NoiseLevel, id};
+use planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, id};
 use propwash::vehicle::Vehicle;
 use score::{Case, Outcome};
+use std::path::PathBuf;
 
 /// Plants effects in simulated flights and asks the diagnosis what is missing.
 #[derive(Parser)]
@@ -50,6 +53,26 @@ struct Args {
     /// Parts of the table to run: single, pairs, none, unlisted, ordinary, time.
     #[arg(long, value_delimiter = ',')]
     parts: Vec<String>,
+    /// Runs the rows of realistic inputs in place of the table, on this half of seeds and vehicles: `develop` (even seeds) is
+    /// for work on the finder, `report` (odd seeds, other vehicles) for the figures that are published.
+    #[arg(long)]
+    half: Option<String>,
+    /// Inputs of those rows: commands, rotors, thrust; all where none is named. Also attitude, where a response can be
+    /// identified.
+    #[arg(long, value_delimiter = ',')]
+    inputs: Vec<String>,
+    /// Their noise levels: fine, rough, filtered; all where none is named.
+    #[arg(long, value_delimiter = ',')]
+    levels: Vec<String>,
+    /// Their vehicles, by the names of tests/data/planted_NAME.toml; all of the half where none is named.
+    #[arg(long, value_delimiter = ',')]
+    vehicles: Vec<String>,
+    /// Cases per row, a sample that is always the same; all effects with all seeds where absent.
+    #[arg(long)]
+    sample: Option<usize>,
+    /// Where to write one line of JSON per case of those rows.
+    #[arg(long)]
+    out: Option<PathBuf>,
     /// Pairs of effects per noise level.
     #[arg(long, default_value_t = 50)]
     pairs: u64,
@@ -60,6 +83,9 @@ struct Args {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let args = Args::parse();
+    if args.half.is_some() {
+        return honest::run(&args);
+    }
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
     let vehicle = Vehicle::load(path)?;
     if args.effects.is_empty() {
@@ -84,7 +110,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 noise,
                 excitation,
                 seconds: args.seconds,
-                tolerance: args.tolerance,
+                build: Build::usual(args.tolerance),
+                inputs: Inputs::Commands,
                 closure: false,
                 tracked: !args.untracked,
             };

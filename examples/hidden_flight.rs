@@ -9,7 +9,7 @@
 mod planted;
 
 use clap::{Parser, ValueEnum};
-use planted::{Excitation, Marker, NoiseLevel, Plan, Sensors};
+use planted::{Build, Excitation, Inputs, Marker, NoiseLevel, Plan, Sensors};
 use propwash::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -38,13 +38,19 @@ struct Args {
     /// How good the sensors and how calm the air are.
     #[arg(long, default_value = "fine")]
     noise: Level,
-    /// Vehicle file: four rotors, no filed effect but linear drag; an invented quadrotor of 0.75 kg if absent.
+    /// What of the log drives the model, in place of rotor commands: measured rotor speeds, thrust, or attitude commands.
+    #[arg(long, default_value = "commands")]
+    inputs: Drive,
+    /// Tolerances, mounts and clocks that do not know the priors of the diagnosis.
+    #[arg(long)]
+    fair: bool,
+    /// Vehicle file: four to eight rotors, no filed effect but linear drag; an invented quadrotor of 0.75 kg if absent.
     #[arg(long)]
     vehicle: Option<PathBuf>,
     /// What is not logged.
     #[arg(long, value_delimiter = ',')]
     without: Vec<Channel>,
-    /// Log measured rotor speeds.
+    /// Log measured rotor speeds too.
     #[arg(long)]
     rotors: bool,
     /// The position system follows the airframe instead of the true centre of mass.
@@ -71,6 +77,15 @@ struct Args {
 enum Level {
     Fine,
     Rough,
+    Filtered,
+}
+
+#[derive(Clone, Copy, PartialEq, ValueEnum)]
+enum Drive {
+    Commands,
+    Rotors,
+    Thrust,
+    Attitude,
 }
 
 #[derive(Clone, Copy, PartialEq, ValueEnum)]
@@ -97,6 +112,7 @@ fn main() -> ExitCode {
 fn run(args: &Args) -> Result<(), String> {
     if args.list {
         println!("effects: {}", planted::HIDDEN.join(" "));
+        println!("effects of vehicles with more than four rotors: {}", planted::MORE_ROTORS.join(" "));
         println!("effects that no list of candidates has: {}", planted::UNLISTED.join(" "));
         let names: Vec<&str> = Excitation::ALL.iter().map(|(name, _)| *name).collect();
         println!("excitations: {}", names.join(" "));
@@ -121,19 +137,33 @@ fn run(args: &Args) -> Result<(), String> {
         plan.excitation = Excitation::by_name(name)?;
     }
     let with = |channel| !args.without.contains(&channel);
+    let driven = Sensors::with(match args.inputs {
+        Drive::Commands => Inputs::Commands,
+        Drive::Rotors => Inputs::Rotors,
+        Drive::Thrust => Inputs::Thrust,
+        Drive::Attitude => Inputs::Attitude,
+    });
+    if args.fair {
+        plan.build = Build::fair(args.seed);
+    }
     plan.sensors = Sensors {
         poses: with(Channel::Poses),
         gyro: with(Channel::Gyro),
         accel: with(Channel::Accel),
-        commands: with(Channel::Commands),
+        commands: driven.commands && with(Channel::Commands),
         battery: with(Channel::Battery),
         references: with(Channel::References),
         load: with(Channel::Load),
-        rotors: args.rotors,
+        rotors: driven.rotors || args.rotors,
+        ..driven
     };
     plan.flight = args.flight;
     plan.size = args.size;
-    plan.noise = if args.noise == Level::Fine { NoiseLevel::Fine } else { NoiseLevel::Rough };
+    plan.noise = match args.noise {
+        Level::Fine => NoiseLevel::Fine,
+        Level::Rough => NoiseLevel::Rough,
+        Level::Filtered => NoiseLevel::Filtered,
+    };
     if args.marker_on_airframe {
         plan.marker = Marker::Airframe;
     }

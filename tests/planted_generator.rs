@@ -5,10 +5,10 @@
 mod planted;
 
 use planted::linear::{add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, quat_exp, sub};
-use planted::world::{Air, DelayLine, Dryden, attitude, near_wall, part};
+use planted::world::{Air, DelayLine, Dryden, LOAD, LOAD_SPEED, ROTORS, SIZE, attitude, near_wall, part};
 use planted::{
-    BOX_M, CEILING_Z_M, Deviations, Excitation, Flight, HIDDEN, Marker, NoiseLevel, Nominal, Plan, Sensors,
-    State, UNLISTED, World, fly,
+    BOX_M, Build, CEILING_Z_M, Deviations, Excitation, Figures, Flight, HIDDEN, Inputs, MAX_ROTORS, Marker,
+    NoiseLevel, Nominal, Plan, Scatter, Sensors, Speeds, State, UNLISTED, World, fly, of_rotors,
 };
 use propwash::flight::{CheckReport, Fault, FlightLog, Severity, check};
 use propwash::physics::controllers::ControlMode;
@@ -23,6 +23,13 @@ use std::fmt::Write;
 fn quad() -> Vehicle {
     Vehicle::load("tests/data/planted_quad.toml").unwrap()
 }
+
+/// A vehicle of tests/data/planted_NAME.toml.
+fn planted(name: &str) -> Vehicle {
+    Vehicle::load(format!("tests/data/planted_{name}.toml")).unwrap()
+}
+
+const VEHICLES: [&str; 6] = ["micro", "pocket", "quad", "kilo", "hexa", "octo"];
 
 fn nominal() -> Nominal {
     Nominal::read(&quad()).unwrap()
@@ -55,7 +62,7 @@ fn near(a: f64, b: f64, by: f64) {
 }
 
 /// Runs with constant commands.
-fn run(w: &World, mut x: State, commands: [f64; 4], seconds: f64, h: f64) -> State {
+fn run(w: &World, mut x: State, commands: Speeds, seconds: f64, h: f64) -> State {
     let n = (seconds / h).round() as usize;
     for k in 0..n {
         x = w.rk4(k as f64 * h, h, &x, &commands, &Air::default());
@@ -149,22 +156,22 @@ fn a_vehicle_with_still_rotors_falls_freely_and_then_at_its_terminal_speed() {
     let mut x = hover();
     x[13..17].fill(0.0);
     let free = world(|d| d.linear_drag_factor = [0.0; 3]);
-    let y = run(&free, x, [0.0; 4], 2.0, 1e-3);
+    let y = run(&free, x, [0.0; MAX_ROTORS], 2.0, 1e-3);
     near(y[2] - x[2], -0.5 * 9.81 * 4.0, 1e-9);
     near(y[9], -9.81 * 2.0, 1e-9);
 
-    let slow = run(&World::nominal(&nominal()), x, [0.0; 4], 60.0, 1e-2);
+    let slow = run(&World::nominal(&nominal()), x, [0.0; MAX_ROTORS], 60.0, 1e-2);
     near(slow[9], -0.75 * 9.81 / 0.26, 1e-6);
     let square = world(|d| {
         d.linear_drag_factor = [0.0; 3];
         d.quadratic_drag_n_s2_per_m2 = [0.03; 3];
     });
-    near(run(&square, x, [0.0; 4], 60.0, 1e-2)[9], -(0.75f64 * 9.81 / 0.03).sqrt(), 1e-6);
+    near(run(&square, x, [0.0; MAX_ROTORS], 60.0, 1e-2)[9], -(0.75f64 * 9.81 / 0.03).sqrt(), 1e-6);
     let cube = world(|d| {
         d.linear_drag_factor = [0.0; 3];
         d.cubic_drag_n_s3_per_m3 = 0.01;
     });
-    near(run(&cube, x, [0.0; 4], 60.0, 1e-2)[9], -(0.75f64 * 9.81 / 0.01).cbrt(), 1e-6);
+    near(run(&cube, x, [0.0; MAX_ROTORS], 60.0, 1e-2)[9], -(0.75f64 * 9.81 / 0.01).cbrt(), 1e-6);
 }
 
 #[test]
@@ -172,9 +179,9 @@ fn motors_follow_a_step_exponentially_after_its_delay() {
     let w = world(|d| d.lag_factor = [2.0, 0.5]);
     let x = hover();
     let from = x[13];
-    let mut line = DelayLine::new([from; 4]);
-    line.push(0.013, [from + 100.0; 4], 0.0);
-    line.push(0.213, [from; 4], 0.0);
+    let mut line = DelayLine::new([from; MAX_ROTORS]);
+    line.push(0.013, [from + 100.0; MAX_ROTORS], 0.0);
+    line.push(0.213, [from; MAX_ROTORS], 0.0);
     let mut y = x;
     for k in 0..213 {
         let t = f64::from(k) * 1e-3;
@@ -197,10 +204,10 @@ fn motors_follow_a_step_exponentially_after_its_delay() {
 /// Kinetic and potential energy of body and mass on the cable, J.
 fn energy(w: &World, x: &State) -> f64 {
     let g = 9.81;
-    let (v, rate, pv) = (part(x, 7), part(x, 10), part(x, 20));
+    let (v, rate, pv) = (part(x, 7), part(x, 10), part(x, LOAD_SPEED));
     let spin = 0.5 * dot(rate, mat_vec(w.inertia, rate));
     let m = w.dev.slung_kg;
-    0.5 * w.mass_kg * dot(v, v) + w.mass_kg * g * x[2] + spin + 0.5 * m * dot(pv, pv) + m * g * x[19]
+    0.5 * w.mass_kg * dot(v, v) + w.mass_kg * g * x[2] + spin + 0.5 * m * dot(pv, pv) + m * g * x[LOAD + 2]
 }
 
 #[test]
@@ -220,13 +227,13 @@ fn a_pendulum_keeps_its_length_and_its_energy_and_swings_with_its_period() {
     x[10..13].copy_from_slice(&[0.0, 1.5, 0.7]);
     let hook = add(part(&x, 0), mat_vec(matrix(attitude(&x)), w.hook_m));
     let down = mat_vec(matrix(quat_exp([0.8, 0.0, 0.0])), [0.0, 0.0, -0.5]);
-    x[17..20].copy_from_slice(&add(hook, down));
+    x[LOAD..LOAD_SPEED].copy_from_slice(&add(hook, down));
     let hook_speed = add(part(&x, 7), mat_vec(matrix(attitude(&x)), cross(part(&x, 10), w.hook_m)));
-    x[20..23].copy_from_slice(&hook_speed);
+    x[LOAD_SPEED..SIZE].copy_from_slice(&hook_speed);
     let before = energy(&w, &x);
-    let y = run(&w, x, [0.0; 4], 1.0, 1e-3);
+    let y = run(&w, x, [0.0; MAX_ROTORS], 1.0, 1e-3);
     let hook = add(part(&y, 0), mat_vec(matrix(attitude(&y)), w.hook_m));
-    near(norm(sub(part(&y, 17), hook)), 0.5, 1e-12);
+    near(norm(sub(part(&y, LOAD), hook)), 0.5, 1e-12);
     // What is lost went into the air: drag × speed² of at most 9 m/s.
     let lost = before - energy(&w, &y);
     assert!((0.0..0.003 * 81.0).contains(&lost), "{lost}");
@@ -241,10 +248,10 @@ fn a_pendulum_keeps_its_length_and_its_energy_and_swings_with_its_period() {
     });
     let mut x = hover();
     let aside = [x[0] + 0.5 * 0.05f64.sin(), x[1], x[2] - 0.5 * 0.05f64.cos()];
-    x[17..20].copy_from_slice(&aside);
+    x[LOAD..LOAD_SPEED].copy_from_slice(&aside);
     let period = std::f64::consts::TAU * (0.5f64 / 9.81).sqrt();
-    let y = run(&heavy, x, [x[13]; 4], period, period / 2000.0);
-    near(y[17] - y[0], 0.5 * 0.05f64.sin() * (-0.003 * period / (2.0 * 0.06)).exp(), 1e-4);
+    let y = run(&heavy, x, [x[13]; MAX_ROTORS], period, period / 2000.0);
+    near(y[LOAD] - y[0], 0.5 * 0.05f64.sin() * (-0.003 * period / (2.0 * 0.06)).exp(), 1e-4);
     // Under tension the vehicle carries both weights.
     let both = world(|d| {
         change(d);
@@ -263,9 +270,9 @@ fn half_the_step_gives_the_same_flight() {
     });
     let mut x = w.at_hover([0.0, 0.0, 5.0], 0.0);
     x[10..13].copy_from_slice(&[2.0, -3.0, 1.0]);
-    let commands = [900.0, 1100.0, 1250.0, 1050.0];
+    let commands = [900.0, 1100.0, 1250.0, 1050.0, 0.0, 0.0, 0.0, 0.0];
     let (coarse, fine) = (run(&w, x, commands, 0.5, 1e-3), run(&w, x, commands, 0.5, 2.5e-4));
-    for i in 0..23 {
+    for i in 0..SIZE {
         near(coarse[i], fine[i], 1e-6 * (1.0 + fine[i].abs()));
     }
 }
@@ -295,7 +302,7 @@ fn turbulence_has_its_size_its_memory_and_no_dependence_on_the_step() {
 }
 
 /// A vehicle file with the true parameters of one effect, by the names that the truth gives them.
-fn filed_with(id: &str, parameters: &BTreeMap<String, f64>) -> Option<Vehicle> {
+fn filed_with(base: &Vehicle, id: &str, parameters: &BTreeMap<String, f64>) -> Option<Vehicle> {
     let kind = id.split('.').next().unwrap_or(id);
     // Of effects with memory, random numbers or on sensors the simulator's rate alone says nothing; their parameters have
     // names of their own here.
@@ -321,7 +328,7 @@ fn filed_with(id: &str, parameters: &BTreeMap<String, f64>) -> Option<Vehicle> {
     if !KINDS.contains(&kind) || apart.contains(&kind) {
         return None;
     }
-    let mut text = format!("{}\n[[effect]]\nkind = \"{kind}\"\n", quad().to_toml());
+    let mut text = format!("{}\n[[effect]]\nkind = \"{kind}\"\n", base.to_toml());
     let mut lists: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for (name, value) in parameters {
         match name.split_once('.') {
@@ -342,29 +349,37 @@ fn filed_with(id: &str, parameters: &BTreeMap<String, f64>) -> Option<Vehicle> {
 
 #[test]
 fn the_equations_agree_with_those_of_the_simulator_for_every_effect_that_both_have() {
-    let nominal = nominal();
+    for name in ["quad", "micro", "hexa", "octo"] {
+        agree_with_the_simulator(&planted(name));
+    }
+}
+
+fn agree_with_the_simulator(filed_vehicle: &Vehicle) {
+    let nominal = Nominal::read(filed_vehicle).unwrap();
+    let (rotors, hover_rad_s) = (nominal.rotors.len(), nominal.hover_rad_s());
     let scale = nominal.scale(20.0);
     let filed = nominal.filed(20.0);
     let mut compared = Vec::new();
-    for id in HIDDEN {
+    for id in of_rotors(rotors) {
         for seed in 0..5 {
             let mut dev = Deviations::none();
-            dev.plant(id, seed, 1.0, &scale);
-            let Some(vehicle) = filed_with(id, &dev.parameters(id, &filed)) else { continue };
+            dev.plant(id, seed, 1.0, &scale, false);
+            let Some(vehicle) = filed_with(filed_vehicle, id, &dev.parameters(id, &filed)) else { continue };
             let drone = vehicle.drone("first_principles").unwrap();
             let w = World::new(&nominal, &dev, 20.0);
             let mut s = planted::hidden::stream(seed, 0, "states");
-            let mut x = hover();
+            let mut x = World::nominal(&nominal).at_hover([0.0, 0.0, 10.0], 0.0);
             x[0..3].copy_from_slice(&[s.uniform(-0.1, 0.1), s.uniform(-0.1, 0.1), s.uniform(0.15, 0.3)]);
             let q = quat_exp([s.uniform(-0.4, 0.4), s.uniform(-0.4, 0.4), s.uniform(-1.0, 1.0)]);
             x[3..7].copy_from_slice(&q);
             for i in 7..13 {
                 x[i] = s.uniform(-4.0, 4.0);
             }
-            for i in 13..17 {
+            for i in ROTORS..ROTORS + rotors {
                 x[i] *= s.uniform(0.7, 1.3);
             }
-            let commands: [f64; 4] = std::array::from_fn(|_| 1072.0 * s.uniform(0.7, 1.15));
+            let commands: Speeds =
+                std::array::from_fn(|i| if i < rotors { hover_rad_s * s.uniform(0.7, 1.15) } else { 0.0 });
             let t = s.uniform(0.0, 10.0);
             let above = [0.05, -0.02, 0.9];
             let air = Air { neighbour_m: Some(above), ..Air::default() };
@@ -373,9 +388,7 @@ fn the_equations_agree_with_those_of_the_simulator_for_every_effect_that_both_ha
             let mut state = rigid_body::State::rest();
             (state.pos, state.quat) = (part(&x, 0), attitude(&x));
             (state.vel, state.ang_vel) = (part(&x, 7), part(&x, 10));
-            state.rotor_vel[..4].copy_from_slice(&x[13..17]);
-            let mut sent = [0.0; 8];
-            sent[..4].copy_from_slice(&commands);
+            state.rotor_vel = planted::world::rotors(&x);
             let neighbour = Neighbour {
                 pos: above,
                 vel: [0.0; 3],
@@ -388,18 +401,18 @@ fn the_equations_agree_with_those_of_the_simulator_for_every_effect_that_both_ha
                 neighbours: std::slice::from_ref(&neighbour),
                 ..Surroundings::calm()
             };
-            let theirs = drone.rate(&state, &Command::Rotors(sent), &around);
+            let theirs = drone.rate(&state, &Command::Rotors(commands), &around);
             for i in 0..3 {
                 near(ours[7 + i], theirs.acc[i], 1e-9 * (1.0 + theirs.acc[i].abs()));
                 near(ours[10 + i], theirs.ang_acc[i], 1e-9 * (1.0 + theirs.ang_acc[i].abs()));
             }
-            for i in 0..4 {
+            for i in 0..rotors {
                 let limit = dev.max_rotor_rad_s;
                 if commands[i] < limit {
-                    near(ours[13 + i], theirs.rotor_acc[i], 1e-9 * (1.0 + theirs.rotor_acc[i].abs()));
+                    near(ours[ROTORS + i], theirs.rotor_acc[i], 1e-9 * (1.0 + theirs.rotor_acc[i].abs()));
                 }
             }
-            compared.push(*id);
+            compared.push(id);
         }
     }
     compared.dedup();
@@ -517,7 +530,7 @@ fn the_exciting_flight_excites() {
 fn sensors_read_the_truth_through_their_planted_errors() {
     let vehicle = quad();
     let quiet = |hidden: &[&'static str]| Plan {
-        tolerance: 0.0,
+        build: Build::usual(0.0),
         sensors: Sensors { rotors: true, ..Sensors::default() },
         ..Plan::exciting(&vehicle, hidden, 10.0, 5)
     };
@@ -591,4 +604,258 @@ fn channels_can_be_left_out_and_wrong_plans_are_refused_in_words() {
     let windy = Vehicle::from_toml("windy", &windy).unwrap();
     assert!(refused(Plan::exciting(&windy, &[], 1.0, 0)).contains("no effect but linear_drag"));
     assert!(Excitation::by_name("loop").unwrap_err().contains("lissajous"));
+}
+
+/// The true state between two of a flight, 10 ms apart.
+fn between(flight: &Flight, t: f64) -> State {
+    let k = ((t / 0.01).floor().max(0.0) as usize).min(flight.states.len() - 2);
+    let (a, b) = (&flight.states[k], &flight.states[k + 1]);
+    let share = (t - a.0) / (b.0 - a.0);
+    std::array::from_fn(|i| a.1[i] + share * (b.1[i] - a.1[i]))
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, n) = values.fold((0.0, 0.0), |(sum, n), v| (sum + v * v, n + 1.0));
+    (sum / n).sqrt()
+}
+
+#[test]
+fn measured_rotor_speeds_and_thrust_have_the_noise_that_was_drawn() {
+    let vehicle = quad();
+    let figures: Vec<Figures> = (0..40).map(|seed| Figures::new(NoiseLevel::Fine, seed, 0)).collect();
+    let span = |pick: fn(&Figures) -> f64| {
+        let all = figures.iter().map(pick);
+        (all.clone().fold(f64::INFINITY, f64::min), all.fold(0.0, f64::max))
+    };
+    let (least, most) = span(|f| f.rotor_rad_s);
+    assert!(least < 1.0 && most > 7.0 && most <= 8.0, "{least} {most}");
+    let (least, most) = span(|f| f.thrust_share);
+    assert!(least < 0.003 && most > 0.017 && most <= 0.02, "{least} {most}");
+    let (least, most) = span(|f| f.rotor_hz);
+    assert!(least >= 250.0 && most <= 500.0 && most > 1.5 * least, "{least} {most}");
+    for seed in 0..4 {
+        let plan = Plan { excitation: Excitation::HoverYaw, ..Plan::exciting(&vehicle, &[], 10.0, seed) };
+        let measured = fly(&Plan { sensors: Sensors::with(Inputs::Rotors), ..plan.clone() }).unwrap();
+        let (log, report) = checked(&measured);
+        assert!(!report.findings.iter().any(|f| f.severity == Severity::Refuse), "{:?}", report.findings);
+        assert!(log.cmd_rotor_rad_s.is_empty() && log.rotor_speed_rad_s.len() == 4);
+        let noise = measured.truth.figures.rotor_rad_s;
+        for (i, channel) in log.rotor_speed_rad_s.iter().enumerate() {
+            let off = channel.t_s.iter().zip(&channel.values);
+            let start = measured.truth.log_start_s;
+            // Between states, motors are known to about 2 rad/s.
+            let seen = rms(off.map(|(t, v)| v[0] - between(&measured, t + start)[ROTORS + i]));
+            near(seen, noise, 0.1 * noise + 2.0);
+        }
+        let thrust = fly(&Plan { sensors: Sensors::with(Inputs::Thrust), ..plan }).unwrap();
+        let (log, _) = checked(&thrust);
+        assert!(log.rotor_speed_rad_s.is_empty() && log.cmd_rotor_rad_s.is_empty());
+        let start = thrust.truth.log_start_s;
+        let filed = |x: &State| planted::world::rotors(x).iter().map(|w| 1.6e-6 * w * w).sum::<f64>();
+        let off = log.thrust_n.t_s.iter().zip(&log.thrust_n.values);
+        let seen = rms(off.map(|(t, v)| v[0] / filed(&between(&thrust, t + start)) - 1.0));
+        near(seen, thrust.truth.figures.thrust_share, 0.1 * thrust.truth.figures.thrust_share + 0.002);
+    }
+}
+
+/// Rotation vector from the true to the logged attitude, world, rad.
+fn turn(q: [f64; 4], x: &State) -> [f64; 3] {
+    let t = attitude(x);
+    let r = planted::linear::quat_mul(q, [-t[0], -t[1], -t[2], t[3]]);
+    let sign = if r[3] < 0.0 { -2.0 } else { 2.0 };
+    [sign * r[0], sign * r[1], sign * r[2]]
+}
+
+#[test]
+fn an_estimator_s_log_is_smooth_slowly_wrong_and_leans_in_manoeuvres() {
+    let vehicle = quad();
+    for seed in 0..4 {
+        let plan = Plan {
+            noise: NoiseLevel::Filtered,
+            build: Build::usual(0.0),
+            sensors: Sensors::with(Inputs::Rotors),
+            ..Plan::exciting(&vehicle, &[], 20.0, seed)
+        };
+        let flight = fly(&plan).unwrap();
+        let (log, report) = checked(&flight);
+        assert!(!report.findings.iter().any(|f| f.severity == Severity::Refuse), "{:?}", report.findings);
+        let figures = flight.truth.figures;
+        let filters = figures.filters.unwrap();
+        let late = figures.clock_s[0] - flight.truth.log_start_s;
+        let times = &log.position_m.t_s;
+        let off: Vec<[f64; 3]> = times
+            .iter()
+            .zip(&log.position_m.values)
+            .map(|(t, p)| sub(*p, part(&between(&flight, t - late), 0)))
+            .collect();
+        let held = figures.held[0];
+        let new: Vec<usize> =
+            (1..off.len()).filter(|k| log.position_m.values[*k] != log.position_m.values[k - 1]).collect();
+        near(1.0 - new.len() as f64 / off.len() as f64, held, 0.02);
+        if held == 0.0 {
+            // A quarter of the error at most is new from sample to sample at 50 Hz, and less at higher rates.
+            let jumps = rms((1..off.len()).map(|k| norm(sub(off[k], off[k - 1]))));
+            let size = rms(off.iter().map(|o| norm(*o)));
+            assert!(size > 3e-4 && size < 9e-3 && jumps < 0.3 * size, "{size} {jumps}");
+        }
+        // The lean is along a × z, of 1 to 3° at 5 m/s².
+        let (mut with, mut square) = (0.0, 0.0);
+        let mut lagged = [0.0; 3];
+        for k in 1..times.len() {
+            let at = times[k] - late;
+            let (x, before) = (between(&flight, at), between(&flight, at - 0.01));
+            let acc = mul(sub(part(&x, 7), part(&before, 7)), 100.0);
+            let keep = (-(times[k] - times[k - 1]) / filters.lean_memory_s).exp();
+            lagged = add(mul(lagged, keep), mul([acc[0], acc[1], 0.0], 1.0 - keep));
+            let axis = cross(lagged, [0.0, 0.0, 1.0]);
+            if held == 0.0 {
+                with += dot(turn(log.attitude.values[k], &x), axis);
+                square += dot(axis, axis);
+            }
+        }
+        let wanted = filters.lean_rad_per_m_s2;
+        let degrees = (5.0 * wanted).to_degrees();
+        assert!((1.0..3.0).contains(&degrees), "{degrees}");
+        if held == 0.0 {
+            near(with / square, wanted, 0.25 * wanted);
+        }
+        let velocity = &log.velocity_m_s;
+        assert_eq!(velocity.t_s.len(), times.len());
+        let wrong = rms(velocity
+            .t_s
+            .iter()
+            .zip(&velocity.values)
+            .map(|(t, v)| norm(sub(*v, part(&between(&flight, t - late), 7)))));
+        assert!(wrong < 0.35, "{wrong}");
+        // The next flight has clocks of its own, and its truth says how late they are with the delay of the filters.
+        let next = fly(&Plan { flight: 1, ..plan.clone() }).unwrap();
+        assert_ne!(next.truth.figures.clock_s, figures.clock_s);
+        let told = flight.truth.all["clock_offset.gyro"]["late_s"];
+        near(told, figures.clock_s[1] - figures.drive_clock_s + filters.late_s(), 1e-12);
+        assert!((0.0025..0.007).contains(&filters.late_s()), "{}", filters.late_s());
+        assert_eq!(flight.csv(), fly(&plan).unwrap().csv());
+    }
+}
+
+#[test]
+fn the_filter_of_the_inertial_unit_takes_half_the_power_at_its_frequency() {
+    let figures = planted::estimator::Filters { cut_hz: 50.0, ..planted::estimator::Filters::new(0, 0) };
+    for (hz, share) in [(1.0, 1.0), (50.0, 0.5f64.sqrt()), (200.0, 0.13)] {
+        let mut filter = planted::estimator::LowPass::new(&figures);
+        let mut peak: f64 = 0.0;
+        for k in 0..100_000 {
+            let t = f64::from(k) * 1e-5;
+            let y = filter.step(1e-5, [(std::f64::consts::TAU * hz * t).sin(), 0.0, 0.0]);
+            if t > 0.5 {
+                peak = peak.max(y[0].abs());
+            }
+        }
+        near(peak, share, 0.01);
+    }
+}
+
+#[test]
+fn vehicles_of_35_g_to_5_kg_with_4_to_8_rotors_fly_with_any_effect() {
+    let masses: Vec<f64> = VEHICLES.iter().map(|n| Nominal::read(&planted(n)).unwrap().mass_kg).collect();
+    assert!(masses[0] == 0.035 && masses[5] == 5.0 && masses.is_sorted(), "{masses:?}");
+    let mut shrunk = Vec::new();
+    for name in VEHICLES {
+        let vehicle = planted(name);
+        assert_eq!(vehicle.warnings(), [] as [String; 0]);
+        let rotors = vehicle.file().rotor.len();
+        let all = of_rotors(rotors);
+        assert_eq!(all.len(), HIDDEN.len() + rotors - 4);
+        for (k, id) in all.iter().chain(UNLISTED).enumerate() {
+            let seed = k as u64;
+            let plan = Plan { build: Build::fair(seed), ..Plan::exciting(&vehicle, &[*id], 8.0, seed) };
+            let flight = fly(&plan).unwrap_or_else(|e| panic!("{name} {e}"));
+            let motion = flight.truth.motion;
+            assert!(motion.farthest_m < BOX_M && motion.height_m[0] > 0.0, "{name} {id} {seed}: {motion:?}");
+            if flight.truth.size < 1.0 {
+                shrunk.push((name, *id, flight.truth.size));
+            }
+        }
+        for (what, excitation) in Excitation::ALL {
+            let plan = Plan { excitation: *excitation, ..Plan::exciting(&vehicle, &[], 10.0, 3) };
+            let flight = fly(&plan).unwrap_or_else(|e| panic!("{name} {what} {e}"));
+            assert!(flight.truth.motion.tracking_m < 0.9, "{name} {what}: {:?}", flight.truth.motion);
+            let (log, report) = checked(&flight);
+            assert_eq!(log.cmd_rotor_rad_s.len(), rotors);
+            assert!(!report.findings.iter().any(|f| f.severity == Severity::Refuse), "{:?}", report.findings);
+        }
+    }
+    assert!(shrunk.len() <= 24, "{shrunk:?}");
+    assert!(
+        fly(&Plan::exciting(&quad(), &["weak_rotor.5"], 1.0, 0)).unwrap_err().contains("one of 4 rotors")
+    );
+}
+
+#[test]
+fn a_fair_world_scatters_otherwise_than_the_priors_and_knows_no_common_mount() {
+    let scale = nominal().scale(10.0);
+    for scatter in [Scatter::Normal, Scatter::Uniform, Scatter::StudentT] {
+        let build = Build { width: 1.0, scatter, apart: false };
+        let masses = (0..2000).map(|seed| Deviations::tolerances(seed, build, &scale).mass_factor - 1.0);
+        near(rms(masses), 0.005, 0.0005);
+    }
+    let builds: Vec<Build> = (0..60).map(Build::fair).collect();
+    assert!(builds.iter().any(|b| b.apart) && builds.iter().any(|b| !b.apart));
+    assert!(builds.iter().all(|b| b.width >= 0.5 && b.width <= 2.0) && builds.iter().any(|b| b.width > 1.8));
+    for scatter in [Scatter::Normal, Scatter::Uniform, Scatter::StudentT] {
+        assert!(builds.iter().any(|b| b.scatter == scatter), "{scatter:?}");
+    }
+    let vehicle = quad();
+    let mut which = [0, 0];
+    for seed in 0..20 {
+        let build = Build { width: 0.0, scatter: Scatter::Normal, apart: true };
+        let mut dev = Deviations::tolerances(seed, build, &scale);
+        dev.plant("mount", seed, 1.0, &scale, true);
+        let [pose, imu] = [norm(dev.mount_rad), norm(dev.imu_mount_rad)];
+        assert!((pose == 0.0) != (imu == 0.0), "{pose} {imu}");
+        which[usize::from(pose == 0.0)] += 1;
+        assert!(dev.also(&["mount"], &scale, 4).is_empty() && dev.also(&[], &scale, 4) == ["mount"]);
+        dev.plant("clock_offset.gyro", seed, 1.0, &scale, true);
+        assert!(dev.clock_s[1] == dev.clock_s[2] && dev.clock_s[0] == 0.0);
+        assert_eq!(dev.also(&["mount", "clock_offset.gyro"], &scale, 4), ["clock_offset.accel"]);
+    }
+    assert!(which[0] > 3 && which[1] > 3, "{which:?}");
+    // Of usual tolerances nothing counts as an effect.
+    for seed in 0..50 {
+        let truth = fly(&Plan::exciting(&vehicle, &[], 0.5, seed)).unwrap().truth;
+        assert_eq!(truth.also, [] as [&str; 0], "seed {seed}");
+    }
+}
+
+#[test]
+fn attitude_and_thrust_commands_are_logged_as_the_vehicle_follows_them() {
+    let vehicle = quad();
+    let plan = Plan {
+        build: Build::usual(0.0),
+        sensors: Sensors::with(Inputs::Attitude),
+        ..Plan::exciting(&vehicle, &[], 20.0, 0)
+    };
+    let flight = fly(&plan).unwrap();
+    let (log, report) = checked(&flight);
+    assert!(!report.findings.iter().any(|f| f.severity == Severity::Refuse), "{:?}", report.findings);
+    assert!(log.cmd_rotor_rad_s.is_empty() && log.cmd_attitude_rad.t_s.len() == 10_001);
+    // The attitude follows its command about 0.15 s late; without the command half of it would be left.
+    let (mut left, mut all) = ([0.0; 3], [0.0; 3]);
+    for (t, command) in log.cmd_attitude_rad.t_s.iter().zip(&log.cmd_attitude_rad.values) {
+        if *t > 19.0 {
+            break;
+        }
+        let r = matrix(attitude(&between(&flight, t + 0.15)));
+        let is = [r[2][1].atan2(r[2][2]), (-r[2][0]).asin(), r[1][0].atan2(r[0][0])];
+        assert!(command[2].abs() < 2.0, "yaw stays near one heading: {}", command[2]);
+        for k in 0..3 {
+            left[k] += (is[k] - command[k]).powi(2);
+            all[k] += command[k].powi(2);
+        }
+    }
+    for k in 0..3 {
+        assert!(left[k] < 0.5 * all[k], "axis {k}: {} of {}", left[k], all[k]);
+    }
+    let thrust =
+        log.cmd_thrust_n.values.iter().map(|v| v[0]).sum::<f64>() / log.cmd_thrust_n.values.len() as f64;
+    near(thrust, 0.75 * 9.81, 0.6);
 }

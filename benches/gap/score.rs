@@ -1,6 +1,8 @@
 //! One flight with hidden effects, its diagnosis, and how right that is.
 
-use super::planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan, Truth, UNLISTED, fly};
+use super::planted::{
+    Build, CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, Sensors, Truth, UNLISTED, fly,
+};
 use propwash::flight::FlightLog;
 use propwash::gap::accept::Source;
 use propwash::gap::compare::compare;
@@ -14,12 +16,12 @@ use propwash::physics::effects::{Area, candidates};
 use propwash::vehicle::Vehicle;
 use std::time::Instant;
 
-type Failure = Box<dyn std::error::Error + Send + Sync>;
+pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 
 /// Effects of the air of one day, which no vehicle file keeps.
-const OF_THE_DAY: [&str; 4] = ["constant_wind", "gust", "turbulence", "actuator_saturation"];
+pub const OF_THE_DAY: [&str; 4] = ["constant_wind", "gust", "turbulence", "actuator_saturation"];
 /// Horizon at which models are compared on an unseen flight, s.
-const CLOSURE_S: f64 = 0.5;
+pub const CLOSURE_S: f64 = 0.5;
 
 /// What is flown and asked.
 #[derive(Clone)]
@@ -34,8 +36,10 @@ pub struct Case {
     pub excitation: Option<Excitation>,
     /// Length, s.
     pub seconds: f64,
-    /// Width of the tolerances.
-    pub tolerance: f64,
+    /// Tolerances, and how sensors are fixed.
+    pub build: Build,
+    /// What of the log drives the model.
+    pub inputs: Inputs,
     /// Whether the completed vehicle is tried on a second flight.
     pub closure: bool,
     /// Whether a load on a cable is tracked.
@@ -56,26 +60,30 @@ pub struct Outcome {
     pub closure: Option<f64>,
 }
 
-/// Names that mean the same: a battery that sags with the time is two candidates, by voltage and by time.
-fn same(a: &str, b: &str) -> bool {
+/// Names that mean the same: a battery that sags with the time is two candidates, by voltage and by time; what is askew is
+/// all sensors, or those of the pose or of the inertial unit alone.
+pub fn same(a: &str, b: &str) -> bool {
     let sag = |x: &str| matches!(x, "battery_sag" | "thrust_fade");
-    a == b || (sag(a) && sag(b))
+    let askew = |x: &str| matches!(x, "mount" | "mount.pose" | "mount.imu");
+    a == b || (sag(a) && sag(b)) || (askew(a) && askew(b))
 }
 
 impl Case {
-    fn plan<'a>(&self, vehicle: &'a Vehicle, flight: u64) -> Plan<'a> {
+    /// The plan of its flight number `flight`.
+    pub fn plan<'a>(&self, vehicle: &'a Vehicle, flight: u64) -> Plan<'a> {
         let mut plan = Plan::exciting(vehicle, &self.hidden, self.seconds, self.seed);
-        plan.tolerance = self.tolerance;
+        plan.build = self.build;
         plan.noise = self.noise;
         plan.flight = flight;
-        plan.sensors.load = self.tracked;
+        plan.sensors = Sensors { load: self.tracked, ..Sensors::with(self.inputs) };
         if let Some(excitation) = self.excitation {
             plan.excitation = excitation;
         }
         plan
     }
 
-    fn track(&self, vehicle: &Vehicle, flight: &Flight) -> Result<Track, Failure> {
+    /// A flight as a diagnosis gets it.
+    pub fn track(&self, vehicle: &Vehicle, flight: &Flight) -> Result<Track, Failure> {
         let ceiling = flight.truth.excitation == Excitation::NearCeiling;
         self.track_under(vehicle, flight, ceiling.then_some(CEILING_Z_M))
     }
@@ -162,12 +170,17 @@ impl Case {
     }
 }
 
-fn source() -> Source {
+/// Where what the bench writes comes from.
+pub fn source() -> Source {
     Source { log_sha256: vec!["0".repeat(64)], date: "2026-01-01".into(), text: "bench".into() }
 }
 
 /// True value of a parameter of a candidate, where the generator has it.
 pub fn true_value(truth: &Truth, id: &str, name: &str) -> Option<f64> {
+    if id == "mount" && truth.build.apart {
+        // Where the sensors are fixed apart, one mount for all of them has no true value.
+        return None;
+    }
     let values = truth.all.get(if id == "thrust_fade" { "battery_sag" } else { id })?;
     let other = match (id, name) {
         ("rotor_tilt", "lean_rad.0") => "lean_x_rad".to_string(),

@@ -2,16 +2,16 @@
 
 use super::Args;
 use super::planted::hidden::stream as planted_stream;
-use super::planted::{Excitation, HIDDEN, NoiseLevel, UNLISTED};
+use super::planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, UNLISTED};
 use super::score::{Case, Outcome};
 use propwash::vehicle::Vehicle;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 const LEVELS: [NoiseLevel; 2] = [NoiseLevel::Fine, NoiseLevel::Rough];
-const PARTS: [&str; 6] = ["single", "pairs", "none", "unlisted", "ordinary", "time"];
+pub const PARTS: [&str; 6] = ["single", "pairs", "none", "unlisted", "ordinary", "time"];
 /// Length of an ordinary flight, s.
-const ORDINARY_S: f64 = 30.0;
+pub const ORDINARY_S: f64 = 30.0;
 
 /// Runs the parts that were asked for (all, where none was named) and prints the table.
 pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std::error::Error>> {
@@ -27,7 +27,8 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         noise: NoiseLevel::Fine,
         excitation: None,
         seconds: args.seconds,
-        tolerance: args.tolerance,
+        build: Build::usual(args.tolerance),
+        inputs: Inputs::Commands,
         closure: false,
         tracked: true,
     };
@@ -219,7 +220,7 @@ fn share(out: &[Outcome], right: impl Fn(&Outcome) -> bool) -> String {
     percent(out.iter().filter(|o| right(o)).count(), out.len())
 }
 
-fn percent(part: usize, of: usize) -> String {
+pub fn percent(part: usize, of: usize) -> String {
     format!("{:.1} %", 100.0 * part as f64 / of.max(1) as f64)
 }
 

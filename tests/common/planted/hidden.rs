@@ -4,6 +4,7 @@
 //! Equations: docs/effects/*.md; sizes: of a quadrotor of 0.75 kg, scaled with mass and hover speed for others.
 
 use super::linear::{V, mul, norm, sub, unit};
+use super::world::{MAX_ROTORS, Speeds};
 use propwash::random::{Key, Stream, purpose};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -53,9 +54,20 @@ pub const HIDDEN: &[&str] = &[
     "clock_offset.accel",
 ];
 
+/// The same of vehicles with more than four rotors.
+pub const MORE_ROTORS: &[&str] = &["weak_rotor.5", "weak_rotor.6", "weak_rotor.7", "weak_rotor.8"];
+
+/// Effects of [`HIDDEN`] and [`MORE_ROTORS`] that a vehicle of `n` rotors can have.
+pub fn of_rotors(n: usize) -> Vec<&'static str> {
+    HIDDEN.iter().chain(&MORE_ROTORS[..n.clamp(4, MAX_ROTORS) - 4]).copied().collect()
+}
+
 /// Effects that no list of candidates has, for the verdict "unexplained".
 pub const UNLISTED: &[&str] =
     &["cubic_drag", "roll_dependent_thrust", "sudden_push", "swing_torque", "speed_thrust_loss"];
+
+/// How late a clock must be for its lateness to be a fact and no tolerance, s: more than a sample of a fast sensor.
+pub const CLOCK_S: f64 = 0.002;
 
 /// Height of the ceiling of the hall in which [`super::Excitation::NearCeiling`] is flown, m, world.
 pub const CEILING_Z_M: f64 = 3.0;
@@ -65,7 +77,7 @@ pub const CEILING_Z_M: f64 = 3.0;
 /// # Errors
 /// A sentence with all ids where there is none.
 pub fn id(name: &str) -> Result<&'static str, String> {
-    HIDDEN.iter().chain(UNLISTED).find(|known| **known == name).copied().ok_or_else(|| {
+    HIDDEN.iter().chain(MORE_ROTORS).chain(UNLISTED).find(|known| **known == name).copied().ok_or_else(|| {
         format!(
             "expected the id of an effect, found `{name}`: take one of {}, {}, or none",
             HIDDEN.join(", "),
@@ -89,6 +101,64 @@ pub struct Scale {
     pub inertia: f64,
     /// Length of the flight, s.
     pub seconds: f64,
+}
+
+/// How tolerances scatter about the vehicle file. The priors of a diagnosis are normal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scatter {
+    /// Normal, sorted out beyond three standard deviations.
+    Normal,
+    /// Uniform with the same standard deviation.
+    Uniform,
+    /// Student's t with four degrees of freedom and the same standard deviation, sorted out beyond four of them.
+    StudentT,
+}
+
+impl Scatter {
+    /// One draw of standard deviation 1.
+    fn draw(self, s: &mut Stream) -> f64 {
+        match self {
+            // Beyond three standard deviations a part would have been sent back.
+            Self::Normal => s.normal().clamp(-3.0, 3.0),
+            Self::Uniform => 3f64.sqrt() * s.uniform(-1.0, 1.0),
+            Self::StudentT => {
+                let n = s.normal();
+                let chi2: f64 = (0..4).map(|_| s.normal().powi(2)).sum();
+                // t = n / √(χ²/4) has variance 2.
+                (n / (0.25 * chi2).sqrt() / 2f64.sqrt()).clamp(-4.0, 4.0)
+            }
+        }
+    }
+}
+
+/// How carefully a vehicle was built and its sensors fixed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Build {
+    /// Width of the tolerances: 1 as usual, 0 for a vehicle exactly as filed.
+    pub width: f64,
+    /// How they scatter.
+    pub scatter: Scatter,
+    /// Whether the body of the position system and the inertial unit are fixed each by itself, so that one of them alone may be
+    /// askew, and gyroscope and accelerometer have one clock. Candidates of a diagnosis turn all sensors together, and have a
+    /// clock for each.
+    pub apart: bool,
+}
+
+impl Build {
+    /// Normal tolerances `width` times as wide as usual, one mount for all sensors, one clock for each.
+    pub fn usual(width: f64) -> Self {
+        Self { width, scatter: Scatter::Normal, apart: false }
+    }
+
+    /// A world that does not know the priors: tolerances up to twice as wide, from any distribution, and mounts and clocks
+    /// otherwise than candidates have them in every second vehicle.
+    pub fn fair(seed: u64) -> Self {
+        let mut s = stream(seed, 2, "fair world");
+        let width = s.uniform(0.5, 2.0);
+        let scatter = [Scatter::Normal, Scatter::Uniform, Scatter::StudentT][s.below(3) as usize];
+        Self { width, scatter, apart: s.below(2) == 0 }
+    }
 }
 
 /// Everything in which truth and vehicle file differ. Factors are 1 and the rest 0 where they agree.
@@ -117,7 +187,7 @@ pub struct Deviations {
     /// Share s of the hover thrust that is linear in the rotor speed: T = (1 − s) k Ω² + s k Ω_hover Ω.
     pub thrust_curve_share: f64,
     /// Thrust over the filed one, of each rotor.
-    pub rotor_factor: [f64; 4],
+    pub rotor_factor: Speeds,
     /// Torque over the filed one.
     pub torque_factor: f64,
     /// Time to spin up and down over the filed one.
@@ -133,7 +203,7 @@ pub struct Deviations {
     /// Lean of each thrust axis about its own arm, times its spin, rad.
     pub twist_rad: f64,
     /// Lean of each single thrust axis about body x and y, rad.
-    pub rotor_lean_rad: [[f64; 2]; 4],
+    pub rotor_lean_rad: [[f64; 2]; MAX_ROTORS],
     /// Linear drag over the filed one, x, y, z.
     pub linear_drag_factor: V,
     /// Linear drag beyond that, N·s/m, body x, y, z.
@@ -166,8 +236,10 @@ pub struct Deviations {
     pub gust_phase_rad: f64,
     /// Standard deviation of hidden turbulence, m/s; the air of every flight has its own beside it.
     pub turbulence_m_s: f64,
-    /// Rotation vector from the body to the frame of attitude, gyroscope and accelerometer, rad, body.
+    /// Rotation vector from the body to the frame of attitudes, rad, body.
     pub mount_rad: V,
+    /// The same of gyroscope and accelerometer; equal to it where all sensors are fixed together.
+    pub imu_mount_rad: V,
     /// Rotation vector of the position system's world about the true x and y, rad.
     pub tilt_rad: [f64; 2],
     /// Place of the position marker from the centre of mass, m, body.
@@ -209,7 +281,7 @@ impl Deviations {
             hook_m: [0.0; 3],
             thrust_factor: 1.0,
             thrust_curve_share: 0.0,
-            rotor_factor: [1.0; 4],
+            rotor_factor: [1.0; MAX_ROTORS],
             torque_factor: 1.0,
             lag_factor: [1.0; 2],
             delay_s: 0.0,
@@ -217,7 +289,7 @@ impl Deviations {
             max_rotor_rad_s: f64::INFINITY,
             lean_rad: [0.0; 2],
             twist_rad: 0.0,
-            rotor_lean_rad: [[0.0; 2]; 4],
+            rotor_lean_rad: [[0.0; 2]; MAX_ROTORS],
             linear_drag_factor: [1.0; 3],
             linear_drag_n_s_per_m: [0.0; 3],
             quadratic_drag_n_s2_per_m2: [0.0; 3],
@@ -235,6 +307,7 @@ impl Deviations {
             gust_phase_rad: 0.0,
             turbulence_m_s: 0.0,
             mount_rad: [0.0; 3],
+            imu_mount_rad: [0.0; 3],
             tilt_rad: [0.0; 2],
             marker_m: [0.0; 3],
             gyro_bias_rad_s: [0.0; 3],
@@ -250,13 +323,12 @@ impl Deviations {
         }
     }
 
-    /// Tolerances of a carefully built and measured vehicle, `width` times as wide as usual. The standard deviations are
-    /// those of careful weighing and bench tests: mass 0.5 %, thrust 1.2 %, inertia 3 %, torque 3 %, each rotor 0.7 %, …
-    pub fn tolerances(seed: u64, width: f64) -> Self {
+    /// Tolerances of a carefully built and measured vehicle. The standard deviations of usual width are those of careful
+    /// weighing and bench tests: mass 0.5 %, thrust 1.2 %, inertia 3 %, torque 3 %, each rotor 0.7 %, …
+    pub fn tolerances(seed: u64, build: Build, scale: &Scale) -> Self {
         let draw = |name: &str| -> Box<dyn FnMut(f64) -> f64> {
             let mut stream = stream(seed, 0, name);
-            // Beyond three standard deviations a part would have been sent back.
-            Box::new(move |sigma| sigma * width * stream.normal().clamp(-3.0, 3.0))
+            Box::new(move |sigma| sigma * build.width * build.scatter.draw(&mut stream))
         };
         let three = |name: &str, sigma: f64| {
             let mut d = draw(name);
@@ -265,17 +337,24 @@ impl Deviations {
         let one = |name: &str, sigma: f64| draw(name)(sigma);
         let factors = |v: V| [1.0 + v[0], 1.0 + v[1], 1.0 + v[2]];
         const DEG: f64 = std::f64::consts::PI / 180.0;
+        // Small vehicles are balanced as well in proportion to their size.
+        let small = scale.arm.min(1.0);
         let com = three("com", 1.0);
         let wind = three("wind", 0.02);
         let mut rotor = draw("rotor");
         let mut lean = draw("rotor lean");
         let tilt = three("tilt", 0.05 * DEG);
         let mut lag = draw("lag");
+        let mount_rad = three("mount", 0.17 * DEG);
+        let mut clock_s = three("clock", 0.3e-3);
+        if build.apart {
+            clock_s[2] = clock_s[1];
+        }
         Self {
             mass_factor: 1.0 + one("mass", 0.005),
             inertia_factor: factors(three("inertia", 0.03)),
             rotor_inertia_factor: 1.0 + one("rotor inertia", 0.05),
-            com_offset_m: [0.2e-3 * com[0], 0.2e-3 * com[1], 0.8e-3 * com[2]],
+            com_offset_m: [0.2e-3 * small * com[0], 0.2e-3 * small * com[1], 0.8e-3 * small * com[2]],
             thrust_factor: 1.0 + one("thrust", 0.012),
             rotor_factor: std::array::from_fn(|_| 1.0 + rotor(0.007)),
             torque_factor: 1.0 + one("torque", 0.03),
@@ -284,19 +363,21 @@ impl Deviations {
             rotor_lean_rad: std::array::from_fn(|_| [lean(0.05 * DEG), lean(0.05 * DEG)]),
             linear_drag_factor: factors(three("drag", 0.1)),
             wind_m_s: [wind[0], wind[1], 0.3 * wind[2]],
-            mount_rad: three("mount", 0.17 * DEG),
+            mount_rad,
+            imu_mount_rad: if build.apart { three("mount of the imu", 0.17 * DEG) } else { mount_rad },
             tilt_rad: [tilt[0], tilt[1]],
             marker_m: three("marker", 0.5e-3),
             gyro_bias_rad_s: three("gyro bias", 0.002),
             gyro_scale: three("gyro scale", 0.002),
             accel_bias_m_s2: three("accel bias", 0.03),
-            clock_s: three("clock", 0.3e-3),
+            clock_s,
             ..Self::none()
         }
     }
 
-    /// Adds the hidden effect `id`, drawn from `seed`; `size` 1 is the size as drawn, 0 is nothing.
-    pub fn plant(&mut self, id: &'static str, seed: u64, size: f64, scale: &Scale) {
+    /// Adds the hidden effect `id`, drawn from `seed`; `size` 1 is the size as drawn, 0 is nothing. Sensors that are fixed
+    /// `apart` have one mount askew or the other, and one clock for gyroscope and accelerometer.
+    pub fn plant(&mut self, id: &'static str, seed: u64, size: f64, scale: &Scale, apart: bool) {
         let mut s = stream(seed, 1, id);
         let sign = |s: &mut Stream| if s.below(2) == 0 { 1.0 } else { -1.0 };
         let level = |s: &mut Stream| {
@@ -367,9 +448,8 @@ impl Deviations {
             "rotor_inertia" => self.rotor_inertia_factor *= towards(s.uniform(2.0, 4.0)),
             "thrust_scale" => self.thrust_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.06, 0.12)),
             "thrust_curve" => self.thrust_curve_share = size * sign(&mut s) * s.uniform(0.2, 0.45),
-            "weak_rotor.1" | "weak_rotor.2" | "weak_rotor.3" | "weak_rotor.4" => {
-                let which = usize::from(id.as_bytes()[id.len() - 1] - b'1');
-                self.rotor_factor[which] *= towards(1.0 - s.uniform(0.08, 0.2));
+            _ if id.starts_with("weak_rotor") => {
+                self.rotor_factor[rotor_of(id)] *= towards(1.0 - s.uniform(0.08, 0.2));
             }
             "torque_scale" => self.torque_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.2, 0.4)),
             "motor_lag" => {
@@ -387,7 +467,16 @@ impl Deviations {
                 // Shrinking moves the limit up to where nothing reaches it.
                 self.max_rotor_rad_s = scale.hover_rad_s * (drawn + (1.0 - size) * 0.5);
             }
-            "mount" => plus(&mut self.mount_rad, mul(anywhere(&mut s), size * s.uniform(1.5, 4.0) * DEG)),
+            "mount" => {
+                let askew = mul(anywhere(&mut s), size * s.uniform(1.5, 4.0) * DEG);
+                let which = s.below(2);
+                if !apart || which == 0 {
+                    plus(&mut self.mount_rad, askew);
+                }
+                if !apart || which == 1 {
+                    plus(&mut self.imu_mount_rad, askew);
+                }
+            }
             "world_tilt" => {
                 let tilt = mul(level(&mut s), size * s.uniform(0.7, 2.0) * DEG);
                 self.tilt_rad[0] += tilt[0];
@@ -405,7 +494,13 @@ impl Deviations {
                 plus(&mut self.accel_bias_m_s2, mul(anywhere(&mut s), size * s.uniform(0.3, 0.8)));
             }
             "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
-                self.clock_s[channel_of(id)] += size * sign(&mut s) * s.uniform(0.01, 0.025);
+                let late = size * sign(&mut s) * s.uniform(0.01, 0.025);
+                let own = channel_of(id);
+                for (i, clock) in self.clock_s.iter_mut().enumerate() {
+                    if i == own || (apart && i > 0 && own > 0) {
+                        *clock += late;
+                    }
+                }
             }
             "cubic_drag" => self.cubic_drag_n_s3_per_m3 = size * m * s.uniform(0.008, 0.014),
             "roll_dependent_thrust" => self.roll_thrust = size * sign(&mut s) * s.uniform(0.12, 0.25),
@@ -465,14 +560,15 @@ impl Deviations {
             }
             "turbulence" => one("sigma_m_s", self.turbulence_m_s),
             "rotor_tilt" => {
-                let mean = |k: usize| self.rotor_lean_rad.iter().map(|r| r[k]).sum::<f64>() / 4.0;
+                let n = filed.arms.len();
+                let mean = |k: usize| self.rotor_lean_rad[..n].iter().map(|r| r[k]).sum::<f64>() / n as f64;
                 one("lean_x_rad", self.lean_rad[0] + mean(0));
                 one("lean_y_rad", self.lean_rad[1] + mean(1));
                 let along = |i: usize| {
                     let (own, arm) = (self.rotor_lean_rad[i], filed.arms[i]);
-                    (own[0] * arm[0] + own[1] * arm[1]) / 4.0
+                    (own[0] * arm[0] + own[1] * arm[1]) / n as f64
                 };
-                one("twist_rad", self.twist_rad - (0..4).map(along).sum::<f64>());
+                one("twist_rad", self.twist_rad - (0..n).map(along).sum::<f64>());
             }
             "payload" => {
                 one("mass_kg", self.payload_kg);
@@ -497,10 +593,7 @@ impl Deviations {
                 one("linear_n_s_per_rad", self.thrust_curve_share * k * filed.hover_rad_s);
                 one("quadratic_n_s2_per_rad2", -self.thrust_curve_share * k);
             }
-            "weak_rotor.1" => one("factor", self.rotor_factor[0]),
-            "weak_rotor.2" => one("factor", self.rotor_factor[1]),
-            "weak_rotor.3" => one("factor", self.rotor_factor[2]),
-            "weak_rotor.4" => one("factor", self.rotor_factor[3]),
+            _ if id.starts_with("weak_rotor") => one("factor", self.rotor_factor[rotor_of(id)]),
             "torque_scale" => one("factor", self.torque_factor),
             "motor_lag" => {
                 one("spin_up_factor", self.lag_factor[0]);
@@ -512,7 +605,8 @@ impl Deviations {
                 one("thrust_loss_per_s", self.sag_share / filed.seconds);
             }
             "actuator_saturation" => one("max_rotor_vel_rad_s", self.max_rotor_rad_s),
-            "mount" => many = list("rotation_rad", &self.mount_rad),
+            "mount" | "mount.pose" => many = list("rotation_rad", &self.mount_rad),
+            "mount.imu" => many = list("rotation_rad", &self.imu_mount_rad),
             "world_tilt" => many = list("rotation_rad", &self.tilt_rad),
             "sensor_offset" => many = list("position_m", &self.marker_m),
             "gyro_bias" => many = list("bias_rad_s", &self.gyro_bias_rad_s),
@@ -536,6 +630,36 @@ impl Deviations {
         out
     }
 
+    /// Effects of the list that are there although nobody planted them: tolerances and clocks so far off that a diagnosis
+    /// that names them says what is so. A parameter counts from the least size at which [`Self::plant`] plants its effect on, a
+    /// clock from [`CLOCK_S`] on.
+    pub fn also(&self, planted: &[&str], scale: &Scale, rotors: usize) -> Vec<&'static str> {
+        const DEG: f64 = std::f64::consts::PI / 180.0;
+        let off = |id: &str| -> f64 {
+            match id {
+                "wrong_mass" => (self.mass_factor - 1.0).abs() / 0.08,
+                "thrust_scale" => (self.thrust_factor - 1.0).abs() / 0.06,
+                "torque_scale" => (self.torque_factor - 1.0).abs() / 0.2,
+                "rotor_inertia" => (self.rotor_inertia_factor - 1.0).abs(),
+                "motor_lag" => self.lag_factor.iter().map(|f| (f - 1.0).abs() / 0.3).fold(0.0, f64::max),
+                "command_delay" => self.delay_s / 0.008,
+                "com_offset" => norm(self.com_offset_m) / (3e-3 * scale.arm),
+                "constant_wind" => norm(self.wind_m_s) / 0.8,
+                "mount" => norm(self.mount_rad).max(norm(self.imu_mount_rad)) / (1.5 * DEG),
+                "world_tilt" => self.tilt_rad[0].hypot(self.tilt_rad[1]) / (0.7 * DEG),
+                "sensor_offset" => norm(self.marker_m) / 0.01,
+                "gyro_bias" => norm(self.gyro_bias_rad_s) / 0.03,
+                "gyro_scale" => self.gyro_scale.iter().map(|e| e.abs() / 0.03).fold(0.0, f64::max),
+                "accel_bias" => norm(self.accel_bias_m_s2) / 0.3,
+                _ if id.starts_with("wrong_inertia") => (self.inertia_factor[axis_of(id)] - 1.0).abs() / 0.15,
+                _ if id.starts_with("weak_rotor") => (self.rotor_factor[rotor_of(id)] - 1.0).abs() / 0.08,
+                _ if id.starts_with("clock_offset") => self.clock_s[channel_of(id)].abs() / CLOCK_S,
+                _ => 0.0,
+            }
+        };
+        of_rotors(rotors).into_iter().filter(|id| !planted.contains(id) && off(id) >= 1.0).collect()
+    }
+
     /// Whether a slung payload hangs below the vehicle.
     pub fn has_cable(&self) -> bool {
         self.slung_kg > 0.0
@@ -548,7 +672,7 @@ impl Deviations {
 }
 
 /// What the vehicle file says where a true parameter is a share of it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Filed {
     /// Diagonal of the linear drag.
     pub linear_drag_n_s_per_m: V,
@@ -559,12 +683,16 @@ pub struct Filed {
     /// Length of the flight.
     pub seconds: f64,
     /// Directions from the middle to the hubs, x and y.
-    pub arms: [[f64; 2]; 4],
+    pub arms: Vec<[f64; 2]>,
 }
 
 /// Random numbers for one thing: `seed` and `flight` as in [`super::Plan`].
 pub fn stream(seed: u64, flight: u64, name: &str) -> Stream {
     Key { seed, world: flight, drone: 0, step: 0, purpose: purpose(name) }.stream()
+}
+
+fn rotor_of(id: &str) -> usize {
+    usize::from(id.as_bytes()[id.len() - 1] - b'1')
 }
 
 fn axis_of(id: &str) -> usize {

@@ -17,6 +17,7 @@
 
 #![allow(dead_code, reason = "every program that includes this uses its own part of it")]
 
+pub mod estimator;
 pub mod hidden;
 pub mod linear;
 pub mod pilot;
@@ -25,20 +26,20 @@ pub mod world;
 
 #[allow(unused_imports, reason = "every program that includes this uses its own part of it")]
 pub use self::{
-    hidden::{CEILING_Z_M, Deviations, HIDDEN, UNLISTED, id},
+    hidden::{Build, CEILING_Z_M, Deviations, HIDDEN, MORE_ROTORS, Scatter, UNLISTED, id, of_rotors},
     pilot::Excitation,
-    sensors::{Figures, NoiseLevel, Sensors},
-    world::{Nominal, State, World},
+    sensors::{Figures, Inputs, NoiseLevel, Sensors},
+    world::{MAX_ROTORS, Nominal, Speeds, State, World},
 };
 
 use linear::{V, add, mul, norm, sub};
-use pilot::{Dither, Pilot, Track};
+use pilot::{Dither, Pilot, Reference, Track};
 use propwash::vehicle::Vehicle;
 use sensors::{Recorder, Sample};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::Path;
-use world::{Air, DelayLine, Dryden, attitude, part, rotors};
+use world::{Air, DelayLine, Dryden, attitude, part};
 
 /// Period of the controller, s.
 pub const TICK_S: f64 = 0.002;
@@ -62,7 +63,7 @@ pub enum Marker {
 /// What is to be flown.
 #[derive(Clone, Debug)]
 pub struct Plan<'a> {
-    /// The vehicle as filed; four rotors, no filed effect but linear drag.
+    /// The vehicle as filed; four to eight rotors, no filed effect but linear drag.
     pub vehicle: &'a Vehicle,
     /// Ids of [`HIDDEN`] or [`UNLISTED`].
     pub hidden: Vec<&'static str>,
@@ -84,8 +85,8 @@ pub struct Plan<'a> {
     pub marker: Marker,
     /// Size of the hidden effects: 1 as drawn, 0 nothing.
     pub size: f64,
-    /// Width of the tolerances: 1 as usual, 0 for a vehicle exactly as filed.
-    pub tolerance: f64,
+    /// Tolerances of the vehicle, and how its sensors are fixed.
+    pub build: Build,
 }
 
 impl<'a> Plan<'a> {
@@ -104,7 +105,7 @@ impl<'a> Plan<'a> {
             sensors: Sensors::default(),
             marker: Marker::CentreOfMass,
             size: 1.0,
-            tolerance: 1.0,
+            build: Build::usual(1.0),
         }
     }
 }
@@ -129,8 +130,12 @@ pub struct Truth {
     pub vehicle: String,
     /// The hidden effects.
     pub hidden: Vec<Planted>,
+    /// How carefully it was built.
+    pub build: Build,
     /// Share of the drawn size at which the vehicle could be flown; 1 unless that was too much for the controller.
     pub size: f64,
+    /// Effects of the list that nobody planted and that are there all the same: [`Deviations::also`].
+    pub also: Vec<&'static str>,
     /// True values of the parameters of all effects, hidden or not.
     pub all: BTreeMap<&'static str, BTreeMap<String, f64>>,
     /// All deviations from the file, tolerances included.
@@ -186,7 +191,7 @@ pub struct Flight {
     /// True states every 10 ms: (time, state).
     pub states: Vec<(f64, State)>,
     /// Commanded rotor speeds, every [`TICK_S`]: (time, rad/s).
-    pub commands: Vec<(f64, [f64; 4])>,
+    pub commands: Vec<(f64, Speeds)>,
     csv: String,
 }
 
@@ -216,6 +221,12 @@ pub fn fly(plan: &Plan) -> Result<Flight, String> {
     }
     for name in &plan.hidden {
         id(name)?;
+        let n = plan.vehicle.file().rotor.len();
+        if let Some(k) = name.strip_prefix("weak_rotor.").and_then(|k| k.parse::<usize>().ok())
+            && k > n
+        {
+            return Err(format!("expected one of {n} rotors, found {name}: choose another effect"));
+        }
         if plan.hidden.iter().filter(|other| *other == name).count() > 1 {
             return Err(format!("expected each effect once, found {name} twice: name it once"));
         }
@@ -276,9 +287,9 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     let scale = nominal.scale(plan.seconds);
     let filed = nominal.filed(plan.seconds);
     let figures = Figures::new(plan.noise, plan.seed, plan.flight);
-    let mut dev = Deviations::tolerances(plan.seed, plan.tolerance);
+    let mut dev = Deviations::tolerances(plan.seed, plan.build, &scale);
     for id in &plan.hidden {
-        dev.plant(id, plan.seed, size, &scale);
+        dev.plant(id, plan.seed, size, &scale, plan.build.apart);
     }
     let world = World::new(nominal, &dev, plan.seconds);
     let track = match plan.excitation {
@@ -292,23 +303,42 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     let flat = matches!(plan.excitation, Excitation::LowPass | Excitation::NearCeiling);
     let dither = dithers.then(|| Dither::new(plan.seed, plan.flight, flat));
     let pilot_noise = hidden::stream(plan.seed, plan.flight, "pilot");
-    let mut pilot = Pilot::new(nominal, dither, pilot_noise).map_err(Failure::Plan)?;
+    let mut pilot = Pilot::new(nominal, dither, plan.sensors.attitude, pilot_noise).map_err(Failure::Plan)?;
     let mut light =
         Dryden::new(figures.turbulence_m_s, hidden::stream(plan.seed, plan.flight, "light turbulence"));
     let mut heavy =
         Dryden::new(dev.turbulence_m_s, hidden::stream(plan.seed, plan.flight, "hidden turbulence"));
-    let mut recorder =
-        Recorder::new(plan.sensors, &figures, &world, plan.marker, plan.seconds, plan.seed, plan.flight);
+    let curves = nominal.rotors.iter().map(|r| r.thrust).collect();
+    let mut recorder = Recorder::new(
+        plan.sensors,
+        &figures,
+        &world,
+        curves,
+        plan.marker,
+        plan.seconds,
+        plan.seed,
+        plan.flight,
+    );
 
-    let first = track.at(0.0);
+    let turns = pilot.turns();
+    let reference_at = |t: f64| {
+        let r = track.at(t);
+        let r = Reference { yaw: turns * r.yaw, yaw_rate: turns * r.yaw_rate, ..r };
+        // Attitude responses count yaw from one heading: it stays within a radian of it, and no turn is fed forward.
+        let held = Reference { yaw: r.yaw.sin(), yaw_rate: 0.0, ..r };
+        if plan.sensors.attitude { held } else { r }
+    };
+    let first = reference_at(0.0);
     let mut x = world.at_hover(first.p, first.yaw);
+    pilot.trim(part(&world.rate(0.0, &x, &world::rotors(&x), &Air::default()), 10));
     let with_neighbour = plan.excitation == Excitation::BelowNeighbour || plan.hidden.contains(&"downwash");
     let mut neighbour = with_neighbour.then(|| {
         let at = add(first.p, Neighbour::aside(-LEAD_S));
         Neighbour { behind: first.p, last: at, now: at }
     });
     let hover = nominal.hover_rad_s();
-    let mut line = DelayLine::new([hover; 4]);
+    let rotors = nominal.rotors.len();
+    let mut line = DelayLine::new(std::array::from_fn(|i| if i < rotors { hover } else { 0.0 }));
     let lead = (LEAD_S / TICK_S).round() as i64;
     let last = (plan.seconds / TICK_S).ceil() as i64;
     let h = TICK_S / STEPS as f64;
@@ -326,7 +356,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     };
     for k in -lead..=last {
         let t = k as f64 * TICK_S;
-        let reference = track.at(t);
+        let reference = reference_at(t);
         let command = pilot.command(t, TICK_S, &x, &reference);
         line.push(t + dev.delay_s, command, t);
         if let Some(n) = &mut neighbour {
@@ -337,8 +367,8 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
                 states.push((t, x));
             }
             commands.push((t, command));
-            recorder.command(k, t, &command, &reference);
-            motion.watch(&x, &reference, &command, hover);
+            recorder.command(k, t, &command, &pilot.wanted, &reference);
+            motion.watch(&x, &reference, &command, hover, rotors);
             if world.dev.max_rotor_rad_s.is_finite() {
                 let over = command.iter().any(|c| *c * world.voltage_share(t) > dev.max_rotor_rad_s);
                 motion.saturated += f64::from(u8::from(over));
@@ -362,9 +392,17 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
                     air: &air,
                     neighbour_m: neighbour.as_ref().map(|n| n.at(share(at))),
                 };
-                recorder.take(channel, &world, &sample);
+                recorder.take(channel, &world, &sample, at - from);
             }
             x = world.advance(from, from + h, &x, &line, &air);
+            let end = Sample {
+                t: from + h,
+                state: &x,
+                commands: line.at(from + h),
+                air: &air,
+                neighbour_m: air.neighbour_m,
+            };
+            recorder.follow(&world, h, &end);
             light.step(h);
             heavy.step(h);
         }
@@ -373,23 +411,29 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     let n = commands.len() as f64;
     motion.saturated /= n;
     motion.tracking_m = (motion.tracking_m / n).sqrt();
+    dev.clock_s = lateness(&dev, &figures, plan.sensors);
     let none = Deviations::none();
     let hidden = plan
         .hidden
         .iter()
         .map(|id| Planted {
             id,
-            listed: HIDDEN.contains(id),
+            listed: !UNLISTED.contains(id),
             parameters: dev.parameters(id, &filed),
             filed: none.parameters(id, &filed),
         })
         .collect();
+    let also = dev.also(&plan.hidden, &scale, rotors);
+    let every = of_rotors(rotors).into_iter().chain(["mount.pose", "mount.imu"]);
+    let all = every.map(|id| (id, dev.parameters(id, &filed))).collect();
     let (csv, log_start_s, gaps_s) = recorder.finish();
     let truth = Truth {
         vehicle: plan.vehicle.name.clone(),
         hidden,
+        build: plan.build,
         size,
-        all: HIDDEN.iter().map(|id| (*id, dev.parameters(id, &filed))).collect(),
+        also,
+        all,
         deviations: dev,
         seed: plan.seed,
         flight: plan.flight,
@@ -406,15 +450,30 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     Ok(Flight { truth, states, commands, csv })
 }
 
+/// How late poses, gyroscope and accelerometer are written against what drives the model, with the delay of their filters, s.
+fn lateness(dev: &Deviations, figures: &Figures, sensors: Sensors) -> V {
+    let filter = figures.filters.map_or(0.0, |f| f.late_s());
+    let drive = if sensors.rotors || sensors.thrust { figures.drive_clock_s } else { 0.0 };
+    let own = add(dev.clock_s, figures.clock_s);
+    [own[0] - drive, own[1] + filter - drive, own[2] + filter - drive]
+}
+
 impl Motion {
-    fn watch(&mut self, x: &State, reference: &pilot::Reference, command: &[f64; 4], hover: f64) {
+    fn watch(
+        &mut self,
+        x: &State,
+        reference: &pilot::Reference,
+        command: &Speeds,
+        hover: f64,
+        rotors: usize,
+    ) {
         let p = part(x, 0);
         self.farthest_m = p.iter().fold(self.farthest_m, |m, v| m.max(v.abs()));
         self.height_m = [self.height_m[0].min(p[2]), self.height_m[1].max(p[2])];
         self.speed_m_s = self.speed_m_s.max(norm(part(x, 7)));
         let w = part(x, 10);
         self.rate_rad_s = std::array::from_fn(|i| self.rate_rad_s[i].max(w[i].abs()));
-        let share = command.iter().map(|c| c * c).sum::<f64>() / (4.0 * hover * hover);
+        let share = command.iter().map(|c| c * c).sum::<f64>() / (rotors as f64 * hover * hover);
         self.thrust_share = [self.thrust_share[0].min(share), self.thrust_share[1].max(share)];
         let off = sub(p, reference.p);
         self.tracking_m += linear::dot(off, off);
@@ -425,7 +484,7 @@ impl Motion {
 fn crash(x: &State, under_ceiling: bool) -> Option<&'static str> {
     let p = part(x, 0);
     let up = linear::matrix(attitude(x))[2][2];
-    if x.iter().any(|v| !v.is_finite()) || rotors(x).iter().any(|w| *w < 0.0) {
+    if x.iter().any(|v| !v.is_finite()) || world::rotors(x).iter().any(|w| *w < 0.0) {
         Some("was lost")
     } else if p.iter().any(|v| v.abs() > 0.97 * BOX_M) {
         Some("left the box")

@@ -1,8 +1,8 @@
 //! What is flown: reference tracks, dither, and a geometric controller that believes in the vehicle file.
 
 use super::hidden::{CEILING_Z_M, stream};
-use super::linear::{V, add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, solve4, sub, unit};
-use super::world::{Nominal, State, attitude, part, speed_for};
+use super::linear::{V, add, cross, dot, mat_t_vec, mat_vec, matrix, mul, norm, quat_exp, solve4, sub, unit};
+use super::world::{Nominal, Speeds, State, TrueRotor, attitude, part, speed_for};
 use propwash::random::Stream;
 use propwash::rollout::trajectory::Spline;
 use serde::Serialize;
@@ -406,6 +406,11 @@ impl Dither {
         Self { tones }
     }
 
+    /// The sum number `k` integrated over time, an angle.
+    fn angle(&self, k: usize, t: f64) -> f64 {
+        self.tones[k].iter().map(|[w, a, phase]| -a / w * (w * t + phase).cos()).sum()
+    }
+
     /// Value and derivative of the sum number `k`.
     fn at(&self, k: usize, t: f64) -> (f64, f64) {
         self.tones[k].iter().fold((0.0, 0.0), |(v, d), [w, a, phase]| {
@@ -415,19 +420,54 @@ impl Dither {
     }
 }
 
+/// Motors that are quicker than this get the full gains; gains of slower ones fall with their time, s.
+const QUICK_S: f64 = 0.036;
+
+/// Angular acceleration about x, y, z (rad/s²) that all rotors together make at hover, of a vehicle that dither and gains were
+/// tuned for; less nimble vehicles get less dither and are not asked for more than [`ASKED`] of what they can.
+const NIMBLE_RAD_S2: V = [200.0, 200.0, 20.0];
+/// Share of that angular acceleration about x, y, z; together with a thrust that comes down it is about all that there is.
+const ASKED: V = [0.5, 0.5, 0.25];
+/// Share of it that a trim may take.
+const TRIM: f64 = 0.3;
+
 /// The on-board controller: position, attitude and rate errors to rotor speeds through the nominal vehicle.
 #[derive(Clone, Debug)]
 pub struct Pilot {
     mass_kg: f64,
     inertia: [V; 3],
     gravity: V,
-    mix: [[f64; 4]; 4],
-    curves: [V; 4],
+    /// Thrust of each rotor per collective thrust and torque about x, y, z.
+    mix: Vec<[f64; 4]>,
+    curves: Vec<V>,
+    /// Share of the gains of a vehicle with quick motors.
+    pace: f64,
+    /// Share of the dither about x, y, z of a nimble vehicle, and greatest angular acceleration that is asked for, rad/s².
+    nimble: V,
+    most: V,
+    /// What all rotors together make at hover, rad/s².
+    can: V,
+    /// Angular acceleration that holds against what the vehicle file does not know, rad/s²; only of vehicles with slow motors,
+    /// whose gains are too low to do without.
+    trim: V,
     thrust_n: [f64; 2],
     limits: [f64; 2],
     dither: Option<Dither>,
     integral: V,
     stream: Stream,
+    /// Whether the dither goes through the attitude commands, so that all that moves the vehicle stands in them.
+    through_attitude: bool,
+    /// What was wanted last.
+    pub wanted: Wanted,
+}
+
+/// What the outer loop wants of the inner one.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted {
+    /// Roll, pitch, yaw, rad.
+    pub attitude_rad: V,
+    /// Collective thrust, N.
+    pub thrust_n: f64,
 }
 
 impl Pilot {
@@ -435,45 +475,61 @@ impl Pilot {
     ///
     /// # Errors
     /// A sentence where the rotors cannot make thrust and torque about all axes.
-    pub fn new(nominal: &Nominal, dither: Option<Dither>, stream: Stream) -> Result<Self, String> {
-        let mut effect = [[0.0; 4]; 4];
-        for (i, r) in nominal.rotors.iter().enumerate() {
+    pub fn new(
+        nominal: &Nominal,
+        dither: Option<Dither>,
+        through_attitude: bool,
+        stream: Stream,
+    ) -> Result<Self, String> {
+        let one = |r: &TrueRotor| {
             let hover = nominal.hover_rad_s();
             let ratio = (r.torque[1] * hover + r.torque[2] * hover * hover) / nominal.hover_n();
             let arm = cross(r.at_m, r.axis);
             let torque = add(arm, mul(r.axis, r.spin * ratio));
-            for (k, v) in [r.axis[2], torque[0], torque[1], torque[2]].into_iter().enumerate() {
-                effect[k][i] = v;
-            }
-        }
-        let mut mix = [[0.0; 4]; 4];
-        for k in 0..4 {
-            let mut wanted = [0.0; 4];
-            wanted[k] = 1.0;
-            let column = solve4(effect, wanted).ok_or_else(|| {
-                "expected rotors that can make thrust and torque about all axes, found others: choose another vehicle"
-                    .to_string()
-            })?;
-            for i in 0..4 {
-                mix[i][k] = column[i];
-            }
-        }
+            [r.axis[2], torque[0], torque[1], torque[2]]
+        };
+        let effect: Vec<[f64; 4]> = nominal.rotors.iter().map(one).collect();
+        let can: V = std::array::from_fn(|k| {
+            let torque: f64 = effect.iter().map(|e| e[k + 1].abs()).sum::<f64>() * nominal.hover_n();
+            torque / nominal.inertia[k][k]
+        });
+        let nimble: V = std::array::from_fn(|k| (can[k] / NIMBLE_RAD_S2[k]).min(1.0));
+        let most = std::array::from_fn(|k| if nimble[k] < 1.0 { ASKED[k] * can[k] } else { f64::INFINITY });
         Ok(Self {
             mass_kg: nominal.mass_kg,
             inertia: nominal.inertia,
             gravity: nominal.gravity,
-            mix,
-            curves: nominal.rotors.map(|r| r.thrust),
+            mix: mix(&effect)?,
+            curves: nominal.rotors.iter().map(|r| r.thrust).collect(),
+            pace: (QUICK_S / nominal.lag_s()).min(1.0),
             thrust_n: nominal.limits.map(|w| super::world::curve(nominal.rotors[0].thrust, w)),
             limits: nominal.limits,
             dither,
             integral: [0.0; 3],
             stream,
+            nimble,
+            most,
+            can,
+            trim: [0.0; 3],
+            through_attitude,
+            wanted: Wanted::default(),
         })
     }
 
+    /// Share of the turns of a nimble vehicle that this one can fly.
+    pub fn turns(&self) -> f64 {
+        self.nimble[2]
+    }
+
+    /// Trims a vehicle that turns with `ang` (rad/s²) under the rotor speeds of hover, as one that has flown before.
+    pub fn trim(&mut self, ang: V) {
+        if self.pace < 1.0 {
+            self.trim = mul(ang, -1.0);
+        }
+    }
+
     /// Rotor speeds for one tick of `dt` s.
-    pub fn command(&mut self, t: f64, dt: f64, x: &State, r: &Reference) -> [f64; 4] {
+    pub fn command(&mut self, t: f64, dt: f64, x: &State, r: &Reference) -> Speeds {
         let mut noise = |sigma: f64| -> V { std::array::from_fn(|_| sigma * self.stream.normal()) };
         let p = add(part(x, 0), noise(1e-3));
         let w = add(part(x, 10), noise(0.01));
@@ -483,7 +539,9 @@ impl Pilot {
             self.integral[i] = (self.integral[i] + e[i] * dt).clamp(-3.0, 3.0);
         }
         let e_v = sub(r.v, part(x, 7)).map(|e| e.clamp(-4.0, 4.0));
-        let mut acc: V = std::array::from_fn(|i| r.a[i] + 5.0 * e[i] + 3.6 * e_v[i] + 1.2 * self.integral[i]);
+        let pace = self.pace;
+        let (k_p, k_v, k_i) = (5.0 * pace * pace, 3.6 * pace, 1.2 * pace * pace * pace);
+        let mut acc: V = std::array::from_fn(|i| r.a[i] + k_p * e[i] + k_v * e_v[i] + k_i * self.integral[i]);
         let level = acc[0].hypot(acc[1]);
         if level > 9.0 {
             acc[0] *= 9.0 / level;
@@ -496,6 +554,21 @@ impl Pilot {
         let z = unit(push);
         let y = unit(cross(z, [r.yaw.cos(), r.yaw.sin(), 0.0]));
         let x_axis = cross(y, z);
+        let dither = self.dither.as_ref().filter(|_| r.dither > 0.0);
+        let (x_axis, y, z) = match dither.filter(|_| self.through_attitude) {
+            Some(dither) => {
+                let by: V = std::array::from_fn(|k| r.dither * pace * self.nimble[k] * dither.angle(k, t));
+                let turned = matrix(quat_exp(by));
+                let column = |k: usize| {
+                    let [a, b, c] = [turned[0][k], turned[1][k], turned[2][k]];
+                    add(add(mul(x_axis, a), mul(y, b)), mul(z, c))
+                };
+                (column(0), column(1), column(2))
+            }
+            None => (x_axis, y, z),
+        };
+        self.wanted.attitude_rad =
+            [y[2].atan2(z[2]), -x_axis[2].clamp(-1.0, 1.0).asin(), x_axis[1].atan2(x_axis[0])];
         let wanted = |v: V| add(add(mul(x_axis, v[0]), mul(y, v[1])), mul(z, v[2]));
         // Half of vee(Rdᵀ R − Rᵀ Rd), by columns.
         let columns: [V; 3] =
@@ -504,33 +577,47 @@ impl Pilot {
         let entry = |i: usize, j: usize| dot(goals[i], columns[j]) - dot(columns[i], goals[j]);
         let error = [0.5 * entry(2, 1), 0.5 * entry(0, 2), 0.5 * entry(1, 0)];
 
-        let mut rate = [-5.5 * error[0], -5.5 * error[1], -2.5 * error[2]];
+        let mut rate = [-5.5 * pace * error[0], -5.5 * pace * error[1], -2.5 * pace * error[2]];
         rate = add(rate, mat_t_vec(turn, [0.0, 0.0, r.yaw_rate]));
         let (mut spin_up, mut gain) = ([0.0; 3], 1.0);
-        if let Some(dither) = self.dither.as_ref().filter(|_| r.dither > 0.0) {
-            for k in 0..3 {
+        if let Some(dither) = dither {
+            for k in 0..if self.through_attitude { 0 } else { 3 } {
                 let (v, d) = dither.at(k, t);
-                rate[k] += r.dither * v;
-                spin_up[k] = r.dither * d;
+                rate[k] += r.dither * pace * self.nimble[k] * v;
+                spin_up[k] = r.dither * pace * self.nimble[k] * d;
             }
             gain += r.dither * dither.at(3, t).0;
         }
         rate = [rate[0].clamp(-6.0, 6.0), rate[1].clamp(-6.0, 6.0), rate[2].clamp(-3.0, 3.0)];
         const RATE_GAIN_PER_S: V = [15.0, 15.0, 8.0];
-        let ang: V = std::array::from_fn(|i| spin_up[i] + RATE_GAIN_PER_S[i] * (rate[i] - w[i]));
+        let ang: V = std::array::from_fn(|i| spin_up[i] + RATE_GAIN_PER_S[i] * pace * (rate[i] - w[i]));
+        if pace < 1.0 {
+            // Proportional and integral, with an integral time of half a second.
+            for i in 0..3 {
+                // Where more is wanted than there is, a trim would only wind up.
+                if (ang[i] + self.trim[i]).abs() < self.most[i] {
+                    let more = 2.0 * dt * RATE_GAIN_PER_S[i] * pace * (rate[i] - w[i]);
+                    self.trim[i] = (self.trim[i] + more).clamp(-TRIM * self.can[i], TRIM * self.can[i]);
+                }
+            }
+        }
+        let ang: V = std::array::from_fn(|i| (ang[i] + self.trim[i]).clamp(-self.most[i], self.most[i]));
         let torque = add(mat_vec(self.inertia, ang), cross(w, mat_vec(self.inertia, w)));
         let weight = self.mass_kg * norm(self.gravity);
         let collective = (gain * self.mass_kg * dot(push, columns[2])).clamp(0.25 * weight, 1.8 * weight);
+        self.wanted.thrust_n = collective;
         self.share(collective, torque)
     }
 
     /// Thrust and torque to rotor speeds; where rotors come to their limits, yaw gives way first.
-    fn share(&self, collective: f64, torque: V) -> [f64; 4] {
-        let of = |yaw: f64| -> [f64; 4] {
+    fn share(&self, collective: f64, torque: V) -> Speeds {
+        let n = self.curves.len();
+        let of = |yaw: f64| -> Speeds {
             let wanted = [collective, torque[0], torque[1], yaw * torque[2]];
-            std::array::from_fn(|i| (0..4).map(|k| self.mix[i][k] * wanted[k]).sum())
+            let one = |mix: &[f64; 4]| (0..4).map(|k| mix[k] * wanted[k]).sum::<f64>();
+            std::array::from_fn(|i| self.mix.get(i).map_or(0.0, one))
         };
-        let inside = |n: &[f64; 4]| n.iter().all(|n| *n >= self.thrust_n[0] && *n <= self.thrust_n[1]);
+        let inside = |all: &Speeds| all[..n].iter().all(|n| *n >= self.thrust_n[0] && *n <= self.thrust_n[1]);
         let mut thrusts = of(1.0);
         for yaw in [0.6, 0.3, 0.0] {
             if inside(&thrusts) {
@@ -538,8 +625,30 @@ impl Pilot {
             }
             thrusts = of(yaw);
         }
-        std::array::from_fn(|i| {
-            speed_for(self.curves[i], thrusts[i].max(0.0)).clamp(self.limits[0], self.limits[1])
-        })
+        let speed =
+            |i: usize| speed_for(self.curves[i], thrusts[i].max(0.0)).clamp(self.limits[0], self.limits[1]);
+        std::array::from_fn(|i| if i < n { speed(i) } else { 0.0 })
     }
+}
+
+/// Thrusts of least squares for a wanted collective thrust and torque, by what each rotor does.
+fn mix(effect: &[[f64; 4]]) -> Result<Vec<[f64; 4]>, String> {
+    let n = effect.len();
+    // With four rotors the square matrix itself, else E Eᵀ: thrusts = Eᵀ (E Eᵀ)⁻¹ wanted.
+    let gram =
+        |j: usize, k: usize| if n == 4 { effect[k][j] } else { effect.iter().map(|e| e[j] * e[k]).sum() };
+    let square: [[f64; 4]; 4] = std::array::from_fn(|j| std::array::from_fn(|k| gram(j, k)));
+    let mut mix = vec![[0.0; 4]; n];
+    for k in 0..4 {
+        let mut wanted = [0.0; 4];
+        wanted[k] = 1.0;
+        let column = solve4(square, wanted).ok_or_else(|| {
+            "expected rotors that can make thrust and torque about all axes, found others: choose another vehicle"
+                .to_string()
+        })?;
+        for (i, row) in mix.iter_mut().enumerate() {
+            row[k] = if n == 4 { column[i] } else { (0..4).map(|j| effect[i][j] * column[j]).sum() };
+        }
+    }
+    Ok(mix)
 }

@@ -18,9 +18,22 @@ const AIR_KG_M3: f64 = 1.225;
 /// Drag of the mass on the cable, N·s/m: small, so that it swings less in the end.
 const CABLE_MASS_DRAG_N_S_PER_M: f64 = 0.003;
 
-/// Position 0..3, quaternion xyzw 3..7, velocity 7..10, body rate 10..13, rotors 13..17, mass on the cable: position
-/// 17..20, velocity 20..23.
-pub type State = [f64; 23];
+/// Most rotors of a vehicle.
+pub const MAX_ROTORS: usize = 8;
+/// A number for each rotor; 0 where there is none.
+pub type Speeds = [f64; MAX_ROTORS];
+/// Where the rotors stand in a state.
+pub const ROTORS: usize = 13;
+/// Where the place of the mass on the cable stands in a state.
+pub const LOAD: usize = ROTORS + MAX_ROTORS;
+/// Where its velocity stands.
+pub const LOAD_SPEED: usize = LOAD + 3;
+/// Numbers of a state.
+pub const SIZE: usize = LOAD_SPEED + 3;
+
+/// Position 0..3, quaternion xyzw 3..7, velocity 7..10, body rate 10..13, rotors from [`ROTORS`], mass on the cable:
+/// position from [`LOAD`], velocity from [`LOAD_SPEED`].
+pub type State = [f64; SIZE];
 
 /// Three numbers of a state from `at` on.
 pub fn part(x: &State, at: usize) -> V {
@@ -33,8 +46,8 @@ pub fn attitude(x: &State) -> Q {
 }
 
 /// The rotors of a state, rad/s.
-pub fn rotors(x: &State) -> [f64; 4] {
-    [x[13], x[14], x[15], x[16]]
+pub fn rotors(x: &State) -> Speeds {
+    std::array::from_fn(|i| x[ROTORS + i])
 }
 
 /// One true rotor.
@@ -70,7 +83,7 @@ pub struct Nominal {
     /// Gravity, m/s², world.
     pub gravity: V,
     /// The rotors.
-    pub rotors: [TrueRotor; 4],
+    pub rotors: Vec<TrueRotor>,
     /// Linear drag, N·s/m.
     pub linear_drag: M,
     /// Least and greatest commanded rotor speed, rad/s.
@@ -92,20 +105,20 @@ pub fn speed_for(c: V, value: f64) -> f64 {
 }
 
 impl Nominal {
-    /// Reads the numbers of a vehicle with four rotors and no filed effect but linear drag.
+    /// Reads the numbers of a vehicle with four to eight rotors and no filed effect but linear drag.
     ///
     /// # Errors
     /// A sentence where the vehicle has other rotors or effects.
     pub fn read(vehicle: &Vehicle) -> Result<Self, String> {
         let drone = vehicle.drone("first_principles").map_err(|e| e.to_string())?;
         let frame = &drone.airframe;
-        if frame.n_rotors != 4 {
+        if !(4..=MAX_ROTORS).contains(&frame.n_rotors) {
             return Err(format!(
-                "expected a vehicle with four rotors, found {} in {}: choose another vehicle file",
+                "expected a vehicle with 4 to {MAX_ROTORS} rotors, found {} in {}: choose another vehicle file",
                 frame.n_rotors, vehicle.name
             ));
         }
-        let rotors = std::array::from_fn(|i| {
+        let one = |i: usize| {
             let r = &frame.rotors[i];
             TrueRotor {
                 at_m: r.position_m,
@@ -118,7 +131,8 @@ impl Nominal {
                 inertia: r.inertia_kg_m2,
                 radius: r.radius_m,
             }
-        });
+        };
+        let rotors: Vec<TrueRotor> = (0..frame.n_rotors).map(one).collect();
         let mut linear_drag = [[0.0; 3]; 3];
         for entry in &vehicle.file().effect {
             if entry.models.as_ref().is_some_and(|m| !m.iter().any(|name| name == "first_principles")) {
@@ -145,7 +159,7 @@ impl Nominal {
             (None, Some(d)) => (d.thrust_min_n, d.thrust_max_n),
             (None, None) => return Err(format!("expected a [controller] table in {}", vehicle.name)),
         };
-        let first: &TrueRotor = &rotors[0];
+        let first = rotors[0];
         Ok(Self {
             mass_kg: drone.body.mass_kg,
             inertia: drone.body.inertia_kg_m2,
@@ -156,9 +170,16 @@ impl Nominal {
         })
     }
 
+    /// Time that a motor takes for a small change of speed at hover, mean of up and down, s.
+    pub fn lag_s(&self) -> f64 {
+        let hover = self.hover_rad_s();
+        let of = |[c_v, c_d]: [f64; 2]| 1.0 / (c_v + 2.0 * c_d * hover);
+        0.5 * (of(self.rotors[0].up) + of(self.rotors[0].down))
+    }
+
     /// Thrust of one rotor at hover, N.
     pub fn hover_n(&self) -> f64 {
-        self.mass_kg * norm(self.gravity) / 4.0
+        self.mass_kg * norm(self.gravity) / self.rotors.len() as f64
     }
 
     /// Rotor speed at hover, rad/s.
@@ -168,7 +189,8 @@ impl Nominal {
 
     /// What hidden effects are scaled by.
     pub fn scale(&self, seconds: f64) -> Scale {
-        let arm = self.rotors.iter().map(|r| r.at_m[0].hypot(r.at_m[1])).sum::<f64>() / 4.0;
+        let arm =
+            self.rotors.iter().map(|r| r.at_m[0].hypot(r.at_m[1])).sum::<f64>() / self.rotors.len() as f64;
         Scale {
             mass: self.mass_kg / 0.75,
             hover_rad_s: self.hover_rad_s(),
@@ -186,10 +208,14 @@ impl Nominal {
             thrust_n_s2_per_rad2: self.rotors[0].thrust[2],
             hover_rad_s: self.hover_rad_s(),
             seconds,
-            arms: self.rotors.map(|r| {
-                let [x, y, _] = unit([r.at_m[0], r.at_m[1], 0.0]);
-                [x, y]
-            }),
+            arms: self
+                .rotors
+                .iter()
+                .map(|r| {
+                    let [x, y, _] = unit([r.at_m[0], r.at_m[1], 0.0]);
+                    [x, y]
+                })
+                .collect(),
         }
     }
 }
@@ -216,7 +242,7 @@ pub struct World {
     /// Gravity, m/s².
     pub gravity: V,
     /// The rotors.
-    pub rotors: [TrueRotor; 4],
+    pub rotors: Vec<TrueRotor>,
     /// Linear drag with all that is hidden, N·s/m.
     pub linear_drag: M,
     /// From the filed to the true centre of mass (offset and payload), m.
@@ -256,7 +282,7 @@ impl World {
             mass = both;
         }
         let hover = nominal.hover_rad_s();
-        let mut rotors = nominal.rotors;
+        let mut rotors = nominal.rotors.clone();
         for (i, r) in rotors.iter_mut().enumerate() {
             r.at_m = sub(r.at_m, com);
             let gain = dev.thrust_factor * dev.rotor_factor[i];
@@ -309,7 +335,7 @@ impl World {
     }
 
     /// The derivative of a state under commanded rotor speeds.
-    pub fn rate(&self, t: f64, x: &State, commands: &[f64; 4], air: &Air) -> State {
+    pub fn rate(&self, t: f64, x: &State, commands: &Speeds, air: &Air) -> State {
         let d = &self.dev;
         let (p, v, w) = (part(x, 0), part(x, 7), part(x, 10));
         let q = attitude(x);
@@ -323,7 +349,7 @@ impl World {
 
         let mut force = [0.0; 3];
         let mut torque = air.torque_n_m;
-        let mut out = [0.0; 23];
+        let mut out = [0.0; SIZE];
         let mut gain = 1.0;
         if d.roll_thrust != 0.0 {
             let roll = r[2][1].atan2(r[2][2]);
@@ -333,11 +359,11 @@ impl World {
             gain *= 1.0 - d.speed_loss * (speed / 3.0).tanh();
         }
         for (i, rotor) in self.rotors.iter().enumerate() {
-            let omega = x[13 + i];
+            let omega = x[ROTORS + i];
             let target = self.target(commands[i], t);
             let [c_v, c_d] = if target > omega { rotor.up } else { rotor.down };
             let omega_dot = c_v * (target - omega) + c_d * (target * target - omega * omega);
-            out[13 + i] = omega_dot;
+            out[ROTORS + i] = omega_dot;
 
             let hub = add(u, cross(w, rotor.at_m));
             let axial = dot(hub, rotor.axis);
@@ -378,8 +404,8 @@ impl World {
             let pull = self.cable(x, r, world_force, torque);
             world_force = add(world_force, pull.0);
             torque = add(torque, cross(self.hook_m, mat_t_vec(r, pull.0)));
-            out[17..20].copy_from_slice(&x[20..23]);
-            out[20..23].copy_from_slice(&pull.1);
+            out[LOAD..LOAD_SPEED].copy_from_slice(&x[LOAD_SPEED..SIZE]);
+            out[LOAD_SPEED..SIZE].copy_from_slice(&pull.1);
         }
         let acc = add(mul(world_force, 1.0 / self.mass_kg), self.gravity);
         let ang_acc = self.turn(w, torque);
@@ -419,10 +445,10 @@ impl World {
         let mass = self.dev.slung_kg;
         let lever = mat_vec(r, self.hook_m);
         let spin = mat_vec(r, cross(w, self.hook_m));
-        let d = sub(part(x, 17), add(part(x, 0), lever));
-        let d_dot = sub(part(x, 20), add(part(x, 7), spin));
+        let d = sub(part(x, LOAD), add(part(x, 0), lever));
+        let d_dot = sub(part(x, LOAD_SPEED), add(part(x, 7), spin));
         let n = unit(d);
-        let drag = mul(part(x, 20), -CABLE_MASS_DRAG_N_S_PER_M);
+        let drag = mul(part(x, LOAD_SPEED), -CABLE_MASS_DRAG_N_S_PER_M);
         // Accelerations of hook and mass without tension, then per newton of tension.
         let ang = self.turn(w, torque);
         let bend = add(cross(ang, self.hook_m), cross(w, cross(w, self.hook_m)));
@@ -437,7 +463,7 @@ impl World {
     }
 
     /// One step of Runge–Kutta 4 with constant commands.
-    pub fn rk4(&self, t: f64, h: f64, x: &State, commands: &[f64; 4], air: &Air) -> State {
+    pub fn rk4(&self, t: f64, h: f64, x: &State, commands: &Speeds, air: &Air) -> State {
         let along = |k: &State, h: f64| -> State { std::array::from_fn(|i| x[i] + h * k[i]) };
         let a = self.rate(t, x, commands, air);
         let b = self.rate(t + 0.5 * h, &along(&a, 0.5 * h), commands, air);
@@ -457,12 +483,12 @@ impl World {
         let r = matrix(attitude(x));
         let hook = add(part(x, 0), mat_vec(r, self.hook_m));
         let hook_speed = add(part(x, 7), mat_vec(r, cross(part(x, 10), self.hook_m)));
-        let n = unit(sub(part(x, 17), hook));
+        let n = unit(sub(part(x, LOAD), hook));
         let at = add(hook, mul(n, self.dev.cable_m));
-        let relative = sub(part(x, 20), hook_speed);
-        let speed = sub(part(x, 20), mul(n, dot(relative, n)));
-        x[17..20].copy_from_slice(&at);
-        x[20..23].copy_from_slice(&speed);
+        let relative = sub(part(x, LOAD_SPEED), hook_speed);
+        let speed = sub(part(x, LOAD_SPEED), mul(n, dot(relative, n)));
+        x[LOAD..LOAD_SPEED].copy_from_slice(&at);
+        x[LOAD_SPEED..SIZE].copy_from_slice(&speed);
     }
 
     /// From `t` to `until` under the commands of a delay line, in one step per stretch of constant command.
@@ -485,15 +511,15 @@ impl World {
 
     /// Hover at `p` with yaw `yaw`, rotors and cable at rest.
     pub fn at_hover(&self, p: V, yaw: f64) -> State {
-        let mut x = [0.0; 23];
+        let mut x = [0.0; SIZE];
         x[0..3].copy_from_slice(&p);
         x[3..7].copy_from_slice(&quat_exp([0.0, 0.0, yaw]));
         let weight = (self.mass_kg + self.dev.slung_kg) * norm(self.gravity);
         for (i, rotor) in self.rotors.iter().enumerate() {
-            x[13 + i] = speed_for(rotor.thrust, weight / 4.0);
+            x[ROTORS + i] = speed_for(rotor.thrust, weight / self.rotors.len() as f64);
         }
         let hook = add(p, mat_vec(matrix(attitude(&x)), self.hook_m));
-        x[17..20].copy_from_slice(&[hook[0], hook[1], hook[2] - self.dev.cable_m]);
+        x[LOAD..LOAD_SPEED].copy_from_slice(&[hook[0], hook[1], hook[2] - self.dev.cable_m]);
         x
     }
 }
@@ -507,17 +533,17 @@ pub fn near_wall(strength: f64, radius: f64, d: f64) -> f64 {
 /// Commands on their way to the motors: (time from which the motors see it, rotor speeds), oldest first.
 #[derive(Clone, Debug)]
 pub struct DelayLine {
-    commands: VecDeque<(f64, [f64; 4])>,
+    commands: VecDeque<(f64, Speeds)>,
 }
 
 impl DelayLine {
     /// In force since ever.
-    pub fn new(commands: [f64; 4]) -> Self {
+    pub fn new(commands: Speeds) -> Self {
         Self { commands: VecDeque::from([(f64::NEG_INFINITY, commands)]) }
     }
 
     /// A command that arrives at time `at`, later than those before; forgets what is no longer seen at `now`.
-    pub fn push(&mut self, at: f64, commands: [f64; 4], now: f64) {
+    pub fn push(&mut self, at: f64, commands: Speeds, now: f64) {
         self.commands.push_back((at, commands));
         while self.commands.len() > 1 && self.commands[1].0 <= now {
             self.commands.pop_front();
@@ -525,7 +551,7 @@ impl DelayLine {
     }
 
     /// What the motors see at time `t`.
-    pub fn at(&self, t: f64) -> [f64; 4] {
+    pub fn at(&self, t: f64) -> Speeds {
         self.commands[self.index_at(t)].1
     }
 
