@@ -105,6 +105,14 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
             }
         }
         drop(evidence);
+        // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
+        let witness = (!shares.is_empty()).then(|| witness(&model, &logs, &solution));
+        shares.retain(|(_, c)| {
+            let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+            let nats = solution.evidence(&model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
+            let said = witness.as_ref().map(|w| opinion::of(&model, w, &solution, *c).said);
+            nats < BESIDE_WEATHER || said != Some(Said::Agrees)
+        });
         let Some((_, least)) = shares.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
             break;
         };
@@ -353,6 +361,10 @@ fn speak(
     if drift && findings.is_empty() {
         weather_found = weather();
     }
+    // Beside what is not explained, air that no second estimator has felt is in doubt.
+    for f in findings.iter_mut().filter(|f| f.area == Area::Airframe && f.second.said == Said::Silent) {
+        f.certain &= !remainder.unexplained;
+    }
     findings.extend(weather_found);
     let explained = findings.iter().any(|f| f.kind == "turbulence" && f.certain);
     let remainder = Remainder { unexplained: remainder.unexplained && !explained, ..remainder };
@@ -423,6 +435,7 @@ fn speak(
         limits,
         not_tried: model.not_tried.clone(),
         singles,
+        second: opinion::selection(model, &witness),
         dispersion: solution.dispersion,
         warnings,
     })
@@ -721,12 +734,19 @@ fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hid
         .map(|f| {
             if f.certain {
                 f.id.clone()
+            } else if f.look_alikes.is_empty() {
+                format!("{} (not certain: the second estimator {})", f.id, f.second.said.words())
             } else {
                 let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
                 format!("{} (or {})", f.id, others.join(", or "))
             }
         })
         .collect();
+    // What was taken back is told all the same.
+    let seen = |text: String| match nearest {
+        [] => text,
+        near => format!("{text} (seen, but not enough to be sure: {})", near.join(", ")),
+    };
     match (findings.is_empty(), remainder.unexplained) {
         (true, false) if hidden == 0 => "nothing is missing".into(),
         (true, false) => {
@@ -734,10 +754,8 @@ fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hid
                 "nothing is missing that these logs could show; {hidden} effects of usual size could hide in them"
             )
         }
-        (false, false) => format!("missing: {}", names.join("; ")),
-        (false, true) => {
-            format!("missing: {}; and something unexplained is left", names.join("; "))
-        }
+        (false, false) => seen(format!("missing: {}", names.join("; "))),
+        (false, true) => seen(format!("missing: {}; and something unexplained is left", names.join("; "))),
         (true, true) if nearest.is_empty() => {
             "unexplained: something is missing that is not in the list".into()
         }

@@ -9,7 +9,7 @@ use super::diagnose::{Diagnosed, Settings, diagnose};
 use super::headline::headline;
 use super::judge::Judge;
 use super::ladder::Flights;
-use super::track::{Options, Track};
+use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Finding};
 use crate::Result;
 use crate::flight::{CheckReport, Fault, FlightLog, Severity};
@@ -123,7 +123,12 @@ pub fn fit(
 ) -> Result<Fitted> {
     let mut diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
     let verdict = &mut diagnosed.verdict;
+    // With the noise that the fit has found the logs to have.
+    let noise: Vec<Noise> = verdict.logs.iter().map(|l| l.noise).collect();
     verdict.logs = flights.summaries();
+    for (log, noise) in verdict.logs.iter_mut().filter(|l| !l.held_out).zip(noise) {
+        log.noise = noise;
+    }
     verdict.warnings.extend(flights.warnings.iter().cloned());
     let writer = Writer { source: source(flights, by), dynamics: verdict.dynamics.clone(), filed: &filed };
     let judge = Judge::new(flights);

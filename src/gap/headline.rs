@@ -120,6 +120,7 @@ mod tests {
             evidence_nats: 100.0,
             removed_share: 0.5,
             certain: alike == 0,
+            second: crate::gap::opinion::weather(),
             look_alikes: vec![look; alike],
             held_out: Some(HeldOut {
                 channel: "force across the rotors".into(),

@@ -30,6 +30,8 @@ pub(super) struct Smoothed {
     pub inputs: Vec<Channel<1>>,
     /// Standard deviation of what was taken away, unit of the inputs.
     pub noise: f64,
+    /// Time over which the inputs were smoothed (root mean square of the kernel's reach, the widest of all directions), s.
+    pub reach_s: f64,
 }
 
 /// What the vehicle did, to hold inputs against.
@@ -62,7 +64,8 @@ pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Optio
             inputs.iter().map(|c| without_noise(std::slice::from_ref(c), response)).collect();
         let each = each?;
         let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
-        return Some(Smoothed { inputs: each.into_iter().flat_map(|s| s.inputs).collect(), noise });
+        let reach_s = each.iter().map(|s| s.reach_s).fold(0.0, f64::max);
+        return Some(Smoothed { inputs: each.into_iter().flat_map(|s| s.inputs).collect(), noise, reach_s });
     }
     let columns: Vec<Vec<f64>> = inputs.iter().map(|c| c.component(0)).collect();
     let basis = principal_axes(&columns);
@@ -83,11 +86,9 @@ pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Optio
         modes.iter().map(|m| fourier.spectra(m, &answer_spectra, &segments)).collect();
     // White noise is the same in every direction: the quietest of them says most truly how much it is.
     let floor = spectra.iter().filter_map(|s| noise_floor(&s.power)).fold(f64::INFINITY, f64::min);
-    let smoothed: Vec<Vec<f64>> = modes
-        .iter()
-        .zip(&spectra)
-        .map(|(m, s)| filtered(m, &runs, &fourier.kernel(&shares(s, floor))))
-        .collect();
+    let kernels: Vec<Vec<f64>> = spectra.iter().map(|s| fourier.kernel(&shares(s, floor))).collect();
+    let smoothed: Vec<Vec<f64>> = modes.iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
+    let reach_s = period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max);
     let mut removed = 0.0;
     let inputs = (0..inputs.len())
         .map(|r| {
@@ -101,7 +102,8 @@ pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Optio
             Channel::new(first.t_s.clone(), values)
         })
         .collect();
-    Some(Smoothed { inputs, noise: (removed / (columns.len() * first.len()).max(1) as f64).sqrt() })
+    let noise = (removed / (columns.len() * first.len()).max(1) as f64).sqrt();
+    Some(Smoothed { inputs, noise, reach_s })
 }
 
 /// Stretches of a record without interruption: (first, one after the last).
@@ -289,6 +291,16 @@ fn shares(spectra: &Spectra, floor: f64) -> Vec<f64> {
             least
         })
         .collect()
+}
+
+/// Root mean square distance of a kernel's weights from its middle, samples.
+fn reach(kernel: &[f64]) -> f64 {
+    let mut sums = (0.0, kernel[0] * kernel[0]);
+    for (i, w) in kernel.iter().enumerate().skip(1) {
+        sums.0 += 2.0 * w * w * (i * i) as f64;
+        sums.1 += 2.0 * w * w;
+    }
+    (sums.0 / sums.1).sqrt()
 }
 
 /// A record under a kernel without phase; at its ends the weights that are left stand for all.

@@ -2,6 +2,7 @@
 //! which numbers of them are free.
 
 use super::GapError;
+use super::policy::SMOOTHED_TIMING;
 use super::replay::Around;
 use super::track::{Drive, Track};
 use crate::flight::clean;
@@ -327,6 +328,13 @@ fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> 
                     ("cable_length_m".into(), cable.length_m),
                     ("damping_per_s".into(), cable.damping_per_s),
                 ];
+            }
+        }
+        // What was smoothed is known in time to a part of that.
+        "clock_offset" => {
+            let smoothed_s = tracks.iter().map(|t| t.smoothed_s).fold(0.0, f64::max);
+            for f in &mut candidate.freedoms {
+                f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
             }
         }
         // Up to the fastest command a limit does nothing: the search starts there.

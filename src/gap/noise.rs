@@ -12,7 +12,7 @@
 
 use super::disturbance::Disturbance;
 use super::fit::{CHANNELS, Linear, Window, own_len};
-use super::policy::{NOISE_SETTLED, SLOWEST_NOISE};
+use super::policy::{NOISE_SETTLED, NOISE_WINDOWS, SLOWEST_NOISE};
 use super::track::Noise;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -121,8 +121,14 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
 impl Linear {
     /// Noise of every log with the parameters `delta` away; never less than `least`, what neighbouring samples differ by.
     pub fn noise_beside(&self, disturbance: &Disturbance, delta: &[f64], least: &[Noise]) -> Vec<Noise> {
-        let all: Vec<Option<(usize, [Left; CHANNELS])>> =
-            self.windows.par_iter().map(|w| Some((w.log, left_of(w, disturbance, delta)?))).collect();
+        // A standard deviation needs no more windows than these.
+        let step = (self.windows.len() / (NOISE_WINDOWS * least.len().max(1))).max(1);
+        let all: Vec<Option<(usize, [Left; CHANNELS])>> = self
+            .windows
+            .par_iter()
+            .step_by(step)
+            .map(|w| Some((w.log, left_of(w, disturbance, delta)?)))
+            .collect();
         let mut sums = vec![[Left::nothing(); CHANNELS]; least.len()];
         for (log, left) in all.iter().flatten() {
             sums[*log].iter_mut().zip(left).for_each(|(sum, part)| sum.add(part));

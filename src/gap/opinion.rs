@@ -2,13 +2,15 @@
 
 use super::model::Model;
 use super::solve::Solution;
-use super::verdict::{Opinion, Said};
+use super::verdict::{Opinion, Said, SecondStep};
 use super::witness::{Agreement, Testimony, Witness, agreement};
 
 /// What the second estimator says of candidate `c` of a solution.
 pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize) -> Opinion {
     let Some(testimony) = witness.testimony(&solution.set, c) else {
-        return silent("acts on sensors, clocks or limits, of which a regression of forces and torques says nothing");
+        return silent(
+            "acts on sensors, clocks or limits, of which a regression of forces and torques says nothing",
+        );
     };
     let posterior = &solution.posterior;
     let said = agreement(&testimony, &posterior.mean, &posterior.sigma);
@@ -17,7 +19,11 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
         let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
         format!("{} = {value:.4e} ± {sigma:.1e}{unit}", p.name)
     };
-    let share = format!("explains {:.0} % of the {} that is left on other flight", 100.0 * testimony.gain, group(&testimony));
+    let share = format!(
+        "explains {:.0} % of the {} that is left on other flight",
+        100.0 * testimony.gain,
+        group(&testimony)
+    );
     match said {
         Agreement::Agrees => opinion(Said::Agrees, &testimony, format!("agrees: {share}")),
         Agreement::Differs { parameter, claimed, found, sigma, gains } => {
@@ -52,4 +58,15 @@ fn silent(text: &str) -> Opinion {
 /// Of weather, which has no pattern to regress on.
 pub(super) fn weather() -> Opinion {
     silent("weather has no pattern that a regression could find")
+}
+
+/// What the second estimator would name by itself.
+pub(super) fn selection(model: &Model, witness: &Witness) -> Vec<SecondStep> {
+    let step = |s: super::witness::Step| SecondStep {
+        id: model.candidates[s.candidate].id.clone(),
+        gain: s.gain,
+        gain_sigma: s.gain_sigma,
+        within_tolerance: s.within_tolerance,
+    };
+    witness.search().into_iter().map(step).collect()
 }

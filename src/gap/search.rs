@@ -271,7 +271,10 @@ impl<'a> Evidence<'a> {
                             moves.push([rest.clone(), vec![other]].concat());
                         }
                     } else if self.kinds(&now.set) < MOST
-                        || now.set.iter().any(|x| self.model.candidates[*x].kind == self.model.candidates[c].kind)
+                        || now
+                            .set
+                            .iter()
+                            .any(|x| self.model.candidates[*x].kind == self.model.candidates[c].kind)
                     {
                         moves.push([now.set.clone(), vec![c]].concat());
                     }

@@ -125,6 +125,8 @@ pub struct Track {
     /// Spans that are left out: on the ground, a crash, gaps.
     pub excluded: Vec<Excluded>,
     pub(crate) inputs: Inputs,
+    /// Time over which measured inputs were smoothed, s.
+    pub(crate) smoothed_s: f64,
     pub(crate) position: Channel<3>,
     pub(crate) attitude: Channel<4>,
     pub(crate) gyro: Channel<3>,
@@ -240,18 +242,21 @@ impl Track {
                 stated.accel_m_s2.is_some(),
             ],
         };
+        let mut smoothed_s = 0.0;
         let response = Response { gyro: &gyro, accel: &accel };
         match drive {
             Drive::RotorSpeeds => {
                 if let Some(smooth) = without_noise(&inputs.rotors, &response) {
                     inputs.rotors = smooth.inputs;
                     noise.rotor_rad_s = Some(smooth.noise);
+                    smoothed_s = smooth.reach_s;
                 }
             }
             Drive::Thrust => {
                 if let Some(smooth) = without_noise(std::slice::from_ref(&inputs.thrust), &response) {
                     inputs.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
                     noise.thrust_n = Some(smooth.noise);
+                    smoothed_s = smooth.reach_s;
                 }
             }
             // What is sent is known.
@@ -280,6 +285,7 @@ impl Track {
             warnings,
             excluded: cut.excluded,
             inputs,
+            smoothed_s,
             position,
             attitude,
             gyro,

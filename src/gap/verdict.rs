@@ -46,6 +46,31 @@ pub enum Said {
     Silent,
 }
 
+/// A step of the second estimator's own selection.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SecondStep {
+    /// Candidate id.
+    pub id: String,
+    /// Share of the force or torque left by the steps before that it explains on flight which the regression has not seen.
+    pub gain: f64,
+    /// Its standard error.
+    pub gain_sigma: f64,
+    /// Whether its values are within the vehicle's tolerances.
+    pub within_tolerance: bool,
+}
+
+impl Said {
+    /// In words that follow "the second estimator".
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Agrees => "agrees",
+            Self::Differs => "differs",
+            Self::Answer => "cannot tell it from the pilot's answer to the weather",
+            Self::Silent => "says nothing of it",
+        }
+    }
+}
+
 /// The second line of evidence: a regression of force and torque in a band of frequencies, which knows nothing of sensor noise
 /// and start states.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -313,6 +338,8 @@ pub struct Diagnosis {
     pub not_tried: Vec<(String, String)>,
     /// Every candidate tried alone: id, evidence for it, nats.
     pub singles: Vec<(String, f64)>,
+    /// What the second estimator would name by itself, most explaining first.
+    pub second: Vec<SecondStep>,
     /// Dispersion by which evidence and intervals were divided (1: residuals as noisy as the sensors).
     pub dispersion: f64,
     /// What was assumed or left out.

@@ -136,6 +136,7 @@ impl Page {
             let (class, word) = match (f.doubt(), f.certain) {
                 (Some(_), _) => ("doubt", "in doubt, not written"),
                 (None, true) => ("sure", "certain"),
+                (None, false) if f.look_alikes.is_empty() => ("doubt", "not certain"),
                 (None, false) => ("doubt", "one of several"),
             };
             put!(
@@ -152,6 +153,7 @@ impl Page {
                 put!(self, "<dt>{}</dt><dd>{}</dd>", esc(&p.name), esc(&interval(p.value, p.sigma, &p.unit)));
             }
             self.body.push_str("</dl>");
+            put!(self, "<p class=\"small\">second estimator: {}</p>", esc(&f.second.text));
             if let Some(doubt) = f.doubt() {
                 put!(self, "<p class=\"small\">{}</p>", esc(&sentence(doubt)));
             }

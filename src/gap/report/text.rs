@@ -153,6 +153,7 @@ impl Out {
                 percent(f.removed_share.abs())
             ),
         );
+        self.paragraph(4, &format!("second estimator: {}", f.second.text));
         for l in &f.look_alikes {
             let apart = match l.manoeuvre.is_empty() {
                 true => String::new(),

@@ -82,6 +82,7 @@ pub(crate) struct Testimony {
     pub by_force: Vec<Estimate>,
     pub by_torque: Vec<Estimate>,
     /// The same as `values` in the other bands.
+    #[cfg(test)]
     pub in_bands: Vec<Vec<Estimate>>,
     /// Share of the variance that the others leave out of sample which the candidate removes out of sample, per body axis.
     pub force_gain: [f64; 3],
@@ -105,7 +106,9 @@ pub(crate) struct Testimony {
 pub(crate) struct Step {
     pub candidate: usize,
     /// As in [`Testimony`], beside the candidates of the steps before.
+    #[cfg(test)]
     pub force_gain: [f64; 3],
+    #[cfg(test)]
     pub torque_gain: [f64; 3],
     pub gain: f64,
     pub gain_sigma: f64,
@@ -200,6 +203,7 @@ const TORQUES: [bool; CHANNELS] = [false, false, false, true, true, true];
 
 impl Witness {
     /// With the model as filed.
+    #[cfg(test)]
     pub fn new(logs: &[Prepared], model: &Model) -> Self {
         Self::at(logs, model, &model.filed(), &[])
     }
@@ -249,6 +253,7 @@ impl Witness {
 
     /// Share of the residual's variance that a set explains on flight that each fit has not seen: specific force x, y, z,
     /// angular acceleration x, y, z.
+    #[cfg(test)]
     pub fn explained(&self, set: &[usize]) -> Option<[f64; CHANNELS]> {
         let band = &self.bands[0];
         let left = band.left(&self.parameters(set), &ALL, &self.sides)?;
@@ -256,6 +261,7 @@ impl Witness {
     }
 
     /// The same on the logs of another witness, by a fit to all of this one's.
+    #[cfg(test)]
     pub fn explains(&self, set: &[usize], unseen: &Self) -> Option<[f64; CHANNELS]> {
         let fit = self.bands[0].fit(&self.parameters(set), &ALL, &self.sides)?;
         Some(Gain::new(&unseen.bands[0].before(), &unseen.bands[0].left_by(&fit)).channel)
@@ -302,6 +308,7 @@ impl Witness {
             values: self.estimates(0, &with, c, &ALL)?,
             by_force: self.estimates(0, &with, c, &FORCES).unwrap_or_default(),
             by_torque: self.estimates(0, &with, c, &TORQUES).unwrap_or_default(),
+            #[cfg(test)]
             in_bands: (1..self.bands.len()).filter_map(|b| self.estimates(b, &with, c, &ALL)).collect(),
             force_gain: [x, y, z],
             torque_gain: [roll, pitch, yaw],
@@ -336,6 +343,7 @@ impl Witness {
                 .max_by(|a, b| a.1.score.total_cmp(&b.1.score));
             let Some((candidate, gain)) = best else { break };
             let most = gain.most();
+            #[cfg(test)]
             let [x, y, z, roll, pitch, yaw] = gain.channel;
             set.push(candidate);
             let within =
@@ -344,7 +352,9 @@ impl Witness {
             out.push(Step {
                 within_tolerance: found.iter().all(within),
                 candidate,
+                #[cfg(test)]
                 force_gain: [x, y, z],
+                #[cfg(test)]
                 torque_gain: [roll, pitch, yaw],
                 gain: gain.group[most].0,
                 gain_sigma: gain.group[most].1,

@@ -145,6 +145,7 @@ impl Band {
     }
 
     /// Squares that a fit to other logs leaves.
+    #[cfg(test)]
     pub fn left_by(&self, fit: &Fit) -> Left {
         self.blocks.iter().map(|b| self.rest(b, fit)).collect()
     }

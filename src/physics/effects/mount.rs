@@ -86,7 +86,10 @@ mod tests {
         assert_eq!((markers.gyro, markers.accel), (none.gyro, none.accel));
         assert!((markers.quat[0] - none.quat[0]).abs() > 1e-3);
         let (imu, _) = read(Params { imu_rotation_rad: turn, ..Params::default() });
-        assert!((imu.gyro[0] - none.gyro[0]).abs() > 1e-3 && (0..4).all(|i| (imu.quat[i] - none.quat[i]).abs() < 1e-12));
+        assert!(
+            (imu.gyro[0] - none.gyro[0]).abs() > 1e-3
+                && (0..4).all(|i| (imu.quat[i] - none.quat[i]).abs() < 1e-12)
+        );
     }
 
     #[test]
