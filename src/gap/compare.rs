@@ -857,7 +857,8 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     let blocks = blocks(&replay, &residuals, &context);
     let causes = cause_list(&blocks, &context.labels, false);
     // What is there throughout comes first: it rules roll-outs, and no cause tells of it.
-    let mut findings = constants::sentences(&one_step, &constants::Build::of(&replay.plant().parts));
+    let build = constants::Build::of(&replay.plant().parts);
+    let mut findings = constants::sentences(&one_step, &build, &causes);
     findings.extend(sentences(&causes));
     let worst = worst(&replay, &residuals, &context);
     let (closed_loop, closed_loop_missing) = match loop_ {

@@ -1,8 +1,9 @@
 //! A force or torque that is there throughout a flight, in words: what it is, and what makes such a one.
 
+use super::causes::Cause;
 use super::compare::{Axes, OneStep};
 use super::headline::number;
-use super::policy::{CONSTANT_SHARE, CONSTANT_TIMES_NOISE};
+use super::policy::{CONSTANT_CAUSE, CONSTANT_SHARE, CONSTANT_TIMES_NOISE};
 use crate::math::vec3;
 use crate::physics::effects::Parts;
 use crate::physics::rigid_body::MAX_ROTORS;
@@ -26,28 +27,47 @@ impl Build {
     }
 }
 
-/// The constant forces and torques of a comparison, the largest over its noise first.
-pub(crate) fn sentences(one_step: &OneStep, build: &Build) -> Vec<String> {
+/// The constant forces and torques of a comparison, the largest over its noise first. A mean that comes by what varies is none:
+/// drag of a vehicle that flies ahead all the time has one.
+pub(crate) fn sentences(one_step: &OneStep, build: &Build, causes: &[Cause]) -> Vec<String> {
     let mut out: Vec<(f64, String)> = Vec::new();
     if let Some(torque) = &one_step.torque {
-        constants(torque, "torque about", "N·m", &mut out, &|k, mean| torque_cause(build, k, mean));
+        let free = |k: usize, mean: f64| {
+            !comes_of(causes, ["torque_body_x", "torque_body_y", "torque_body_z"][k], mean)
+        };
+        constants(torque, ("torque about", "N·m"), &mut out, &free, &|k, mean| torque_cause(build, k, mean));
     }
-    constants(&one_step.force, "force along", "N", &mut out, &|k, mean| force_cause(build, k, mean));
+    let free =
+        |k: usize, mean: f64| !comes_of(causes, ["force_body_x", "force_body_y", "force_body_z"][k], mean);
+    constants(&one_step.force, ("force along", "N"), &mut out, &free, &|k, mean| force_cause(build, k, mean));
     out.sort_by(|a, b| b.0.total_cmp(&a.0));
     out.into_iter().map(|(_, text)| text).collect()
 }
 
+/// Whether a mean residual is gone where a cause that most of its variance goes with is zero.
+fn comes_of(causes: &[Cause], response: &str, mean: f64) -> bool {
+    causes.iter().filter(|c| c.name != "time").any(|c| {
+        let n: usize = c.counts.iter().sum();
+        let middle =
+            c.values.iter().zip(&c.counts).map(|(v, n)| v * *n as f64).sum::<f64>() / n.max(1) as f64;
+        let of = c.responses.iter().find(|r| r.name == response);
+        of.is_some_and(|r| {
+            r.share >= CONSTANT_CAUSE && (mean - r.slope * middle).abs() < (1.0 - CONSTANT_CAUSE) * mean.abs()
+        })
+    })
+}
+
 fn constants(
     axes: &Axes,
-    what: &str,
-    unit: &str,
+    (what, unit): (&str, &str),
     out: &mut Vec<(f64, String)>,
+    free: &dyn Fn(usize, f64) -> bool,
     cause: &dyn Fn(usize, f64) -> String,
 ) {
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
         let (mean, sigma) = (axes.mean[k], axes.sigma[k]);
         let mostly = mean * mean >= CONSTANT_SHARE * axes.rms[k] * axes.rms[k];
-        if sigma > 0.0 && mean.abs() >= CONSTANT_TIMES_NOISE * sigma && mostly {
+        if sigma > 0.0 && mean.abs() >= CONSTANT_TIMES_NOISE * sigma && mostly && free(k, mean) {
             let times = mean.abs() / sigma;
             let text = format!(
                 "a {what} body {axis} of {} is missing throughout ({times:.1} times noise): {}",
@@ -119,7 +139,7 @@ mod tests {
             series: Series::default(),
         };
         let quiet = axes([0.0; 3], 0.03, 0.03);
-        let words = sentences(&step(axes([5.1e-3, 0.0, 0.0], 1e-3, 3.4e-4), quiet.clone()), &build);
+        let words = sentences(&step(axes([5.1e-3, 0.0, 0.0], 1e-3, 3.4e-4), quiet.clone()), &build, &[]);
         assert_eq!(
             words,
             [
@@ -128,11 +148,40 @@ mod tests {
             ]
         );
         // One that is within the noise, or a small part of what varies, is not spoken of.
-        assert!(sentences(&step(axes([6e-4, 0.0, 0.0], 1e-5, 3.4e-4), quiet.clone()), &build).is_empty());
-        assert!(sentences(&step(axes([5.1e-3, 0.0, 0.0], 2e-2, 3.4e-4), quiet.clone()), &build).is_empty());
+        assert!(
+            sentences(&step(axes([6e-4, 0.0, 0.0], 1e-5, 3.4e-4), quiet.clone()), &build, &[]).is_empty()
+        );
+        assert!(
+            sentences(&step(axes([5.1e-3, 0.0, 0.0], 2e-2, 3.4e-4), quiet.clone()), &build, &[]).is_empty()
+        );
         let heavy =
-            sentences(&step(axes([0.0; 3], 1e-4, 3.4e-4), axes([0.0, 0.0, -0.2], 0.02, 0.03)), &build);
+            sentences(&step(axes([0.0; 3], 1e-4, 3.4e-4), axes([0.0, 0.0, -0.2], 0.02, 0.03)), &build, &[]);
         assert_eq!(heavy.len(), 1);
+        // A drag of −0.1 N·s/m at 2 m/s ahead is no constant, though it is there throughout.
+        let drag = crate::gap::Response {
+            name: "force_body_x".into(),
+            title: String::new(),
+            unit: "N".into(),
+            means: vec![-0.15, -0.25],
+            standard_errors: vec![1e-3; 2],
+            share: 0.98,
+            significance: 9.0,
+            correlation: -0.99,
+            slope: -0.1,
+            slope_sigma: 1e-3,
+        };
+        let speed = Cause {
+            name: "velocity_forward".into(),
+            title: String::new(),
+            unit: "m/s".into(),
+            edges: vec![1.0, 2.0, 3.0],
+            values: vec![1.5, 2.5],
+            counts: vec![20, 20],
+            responses: vec![drag],
+        };
+        let pushed = step(axes([0.0; 3], 1e-4, 3.4e-4), axes([-0.2, 0.0, 0.0], 0.05, 0.03));
+        assert_eq!(sentences(&pushed, &build, &[]).len(), 1);
+        assert!(sentences(&pushed, &build, &[speed]).is_empty());
         assert!(heavy[0].contains("2.7 % weaker") && heavy[0].contains("20.4 g heavier"), "{heavy:?}");
     }
 }
