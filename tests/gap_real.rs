@@ -8,10 +8,16 @@ use propwash::flight::FlightLog;
 use propwash::gap::accept::{FittedEffect, FittedParameter, Source, add, today_utc};
 use propwash::gap::compare::{LogComparison, compare};
 use propwash::gap::diagnose::{Settings, diagnose};
-use propwash::gap::verdict::{Diagnosis, Finding, ParameterFit};
-use propwash::gap::{Options, Track};
+use propwash::gap::verdict::{Diagnosis, Finding, ParameterFit, Said};
+use propwash::gap::{Drive, Options, Track};
 use propwash::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
+
+/// The log of a track, driven by what `drive` says.
+fn driven(path: &Path, vehicle: &Vehicle, drive: Drive) -> Track {
+    let log = FlightLog::open(path, None).unwrap().0;
+    Track::new(log, vehicle, &Options { drive: Some(drive), ..Options::default() }).unwrap()
+}
 
 /// A folder of real logs beside the repository.
 fn real(name: &str) -> Option<PathBuf> {
@@ -151,4 +157,48 @@ fn a_payload_on_a_cable_and_the_drag_are_found_and_hold_on_other_flights() {
         assert!((load.value - known).abs() < load.sigma && load.sigma < 0.0005, "{load:?}");
         finding(&d, "linear_drag");
     }
+}
+
+#[test]
+fn drag_and_flapping_of_a_brushless_crazyflie_are_found_by_either_input() {
+    let Some(folder) = real("imrc_brushless") else { return };
+    // The vehicle without drag; neither it nor the logs may be part of this repository.
+    let Some(vehicles) = real("../cases/gap/vehicles") else { return };
+    let v = Vehicle::load(vehicles.join("imrc_brushless_nodrag.toml")).unwrap();
+    let path = |i: &str| folder.join(format!("eckart{i}.csv"));
+    let tracks = |drive| ["00", "03"].map(|i| driven(&path(i), &v, drive));
+    let unseen = |vehicle: &Vehicle, drive| {
+        let c = compare(&[driven(&path("02"), vehicle, drive)], vehicle).unwrap().logs.remove(0);
+        c.horizons[3].error.position_m
+    };
+
+    // README of the data: 12.5 and 12.2 mN·s/m.
+    let d = diagnose(&tracks(Drive::Thrust), &v, &Settings::default()).unwrap().verdict;
+    describe("brushless, by thrust", &d);
+    let drag = finding(&d, "linear_drag");
+    assert!(drag.certain && drag.second.said == Said::Agrees, "{}", drag.second.text);
+    for (k, known) in [(0, 12.5e-3), (1, 12.2e-3)] {
+        let p = value(drag, &format!("drag_n_s_per_m.{k}.{k}"));
+        assert!((p.value / known - 1.0).abs() < 0.15, "{p:?}");
+    }
+    let errors = [&v, &completed(&v, &d)].map(|v| unseen(v, Drive::Thrust));
+    notes::tell(&format!(
+        "brushless, by thrust: position after 1 s {:.3} m -> {:.3} m",
+        errors[0], errors[1]
+    ));
+    assert!(errors[1] < errors[0], "{errors:?}");
+
+    // By measured rotor speeds with 3 to 5 rad/s of noise: the torque against the velocity.
+    let d = diagnose(&tracks(Drive::RotorSpeeds), &v, &Settings::default()).unwrap().verdict;
+    describe("brushless, by rotor speeds", &d);
+    let flapping = finding(&d, "blade_flapping");
+    assert!(flapping.certain && flapping.second.said == Said::Agrees, "{}", flapping.second.text);
+    let mut only = d.clone();
+    only.findings.retain(|f| f.id == "blade_flapping");
+    let errors = [&v, &completed(&v, &only)].map(|v| unseen(v, Drive::RotorSpeeds));
+    notes::tell(&format!(
+        "brushless, by rotor speeds: position after 1 s {:.3} m -> {:.3} m",
+        errors[0], errors[1]
+    ));
+    assert!(errors[1] < 0.6 * errors[0], "{errors:?}");
 }
