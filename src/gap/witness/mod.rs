@@ -213,7 +213,7 @@ impl Witness {
     pub fn at(logs: &[Prepared], model: &Model, values: &[f64], chosen: &[usize]) -> Self {
         let by: Vec<usize> = (0..values.len()).filter(|k| linear(model, *k)).collect();
         let samples: Vec<Samples> =
-            logs.iter().map(|log| Samples::new(log, model, values, chosen, &by)).collect();
+            logs.par_iter().map(|log| Samples::new(log, model, values, chosen, &by)).collect();
         let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
         let bands: Vec<Band> = BANDS_HZ.par_iter().map(|hz| Band::new(&samples, slab.clone(), *hz)).collect();
         let visible = |k: usize| (0..CHANNELS).any(|c| bands[0].size(k, c) * slab[k] > LEAST_COLUMN);
