@@ -22,11 +22,20 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelSummary
     backwards(log, &unordered, found);
     time_unit(&out, found);
     let refused = found.refused();
+    let mut gaps: Vec<Gaps> = Vec::new();
     log.for_each(|name, c| {
         if !refused && !unordered.iter().any(|n| n == name) {
-            spacing(log, name, c, found);
+            spacing(log, name, c, found, &mut gaps);
         }
     });
+    for g in gaps {
+        let (names, have) = match &g.names[..] {
+            [one] => (one.clone(), "has"),
+            [most @ .., last] => (format!("{} and {last}", most.join(", ")), "have"),
+            [] => continue,
+        };
+        found.warn(Fault::Gap, &g.names[0], Some(g.at_s), format!("{names} {have} {}", g.text));
+    }
     for c in &out {
         if c.held > 0.15 && is_motion(&c.name) {
             found.info(
@@ -44,6 +53,13 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelSummary
     }
     too_little(log, found);
     out
+}
+
+/// The same gaps of one or several channels.
+struct Gaps {
+    names: Vec<String>,
+    at_s: f64,
+    text: String,
 }
 
 /// Poses and inertial sensors, which always move in flight.
@@ -131,7 +147,7 @@ fn time_unit(channels: &[ChannelSummary], found: &mut Findings) {
     );
 }
 
-fn spacing(log: &FlightLog, name: &str, c: &dyn ChannelView, found: &mut Findings) {
+fn spacing(log: &FlightLog, name: &str, c: &dyn ChannelView, found: &mut Findings, all: &mut Vec<Gaps>) {
     let t = c.t_s();
     if t.len() < 8 {
         return;
@@ -173,19 +189,17 @@ fn spacing(log: &FlightLog, name: &str, c: &dyn ChannelView, found: &mut Finding
         return;
     }
     let lost: f64 = gaps.iter().map(|i| steps[*i] - period).sum();
-    found.warn(
-        Fault::Gap,
-        name,
-        Some(t[worst]),
-        format!(
-            "{name} has {} of more than {:.0} ms, {:.0} ms without samples in all, the longest {:.0} ms; what falls into \
-             gaps is not used",
-            if gaps.len() == 1 { "a gap".into() } else { format!("{} gaps", gaps.len()) },
-            GAP_PERIODS * period * 1e3,
-            lost * 1e3,
-            steps[worst] * 1e3
-        ),
+    let text = format!(
+        "{} of more than {:.0} ms, {:.0} ms without samples in all, the longest {:.0} ms; what falls into gaps is not used",
+        if gaps.len() == 1 { "a gap".into() } else { format!("{} gaps", gaps.len()) },
+        GAP_PERIODS * period * 1e3,
+        lost * 1e3,
+        steps[worst] * 1e3
     );
+    match all.iter_mut().find(|g| g.text == text && (g.at_s - t[worst]).abs() < period) {
+        Some(same) => same.names.push(name.into()),
+        None => all.push(Gaps { names: vec![name.into()], at_s: t[worst], text }),
+    }
 }
 
 /// Distance that the logged velocity covers between two times, and the distance of the positions, m, where they
