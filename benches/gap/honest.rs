@@ -298,7 +298,8 @@ impl Row {
                             out.push((i, vec![together[first], together[second]], args.pairs * k + j));
                         }
                     }
-                    _ => out.extend(all.into_iter().map(|e| (i, vec![e], k))),
+                    // A seed for each effect, so that a few vehicles and sensors do not rule a row.
+                    _ => out.extend(all.into_iter().zip(100 * k..).map(|(e, number)| (i, vec![e], number))),
                 }
             }
         }
@@ -323,7 +324,7 @@ impl Row {
             .map(|(k, (craft, hidden, number))| {
                 let seed = 2 * (args.first + number) + odd;
                 // Vehicles of one seed are different ones.
-                let seed = seed + 1000 * craft as u64;
+                let seed = seed + 10_000 * craft as u64;
                 let special = self.part == "ordinary";
                 let case = Case {
                     hidden,
