@@ -11,7 +11,7 @@ use propwash::gap::report::{
 use propwash::gap::track::Noise;
 use propwash::gap::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, HeldOut, HorizonError, Lack, Limit, LogSummary,
-    LookAlike, ParameterFit, Remainder, Rung,
+    LookAlike, Opinion, ParameterFit, Remainder, Rung, Said,
 };
 use propwash::gap::{Cause, Response};
 use propwash::physics::effects::Area;
@@ -32,6 +32,9 @@ fn log(name: &str, held_out: bool) -> LogSummary {
             attitude_rad: 0.0034,
             gyro_rad_s: 0.0117,
             accel_m_s2: f64::NAN,
+            rotor_rad_s: None,
+            thrust_n: None,
+            stated: [false; 4],
         },
         held_out,
     }
@@ -72,6 +75,10 @@ fn rung(label: &str, training: f64, held_out: f64) -> Rung {
     }
 }
 
+fn opinion(said: Said, text: &str) -> Opinion {
+    Opinion { said, gain: None, gain_sigma: None, text: text.into() }
+}
+
 /// Two effects, one of them uncertain, and something left.
 fn sample() -> Diagnosis {
     Diagnosis {
@@ -95,6 +102,10 @@ fn sample() -> Diagnosis {
                 evidence_nats: 913.0,
                 removed_share: 0.874,
                 certain: true,
+                second: opinion(
+                    Said::Agrees,
+                    "agrees: explains 90 % of the force that is left on other flight",
+                ),
                 look_alikes: vec![],
                 held_out: Some(HeldOut {
                     channel: "force across the rotors".into(),
@@ -117,6 +128,7 @@ fn sample() -> Diagnosis {
                 evidence_nats: 41.6,
                 removed_share: 0.0631,
                 certain: false,
+                second: opinion(Said::Silent, "could not see an effect of this size"),
                 look_alikes: vec![LookAlike {
                     ids: vec!["com_offset.y".into(), "torque_scale".into()],
                     title: "centre of mass to the side, with another torque constant".into(),
@@ -218,6 +230,7 @@ fn sample() -> Diagnosis {
         ]
         .map(|(id, nats)| (id.to_string(), nats))
         .to_vec(),
+        second: vec![],
         dispersion: 1.37,
         limits: vec![Limit {
             id: "ground_effect".into(),
