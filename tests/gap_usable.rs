@@ -19,7 +19,7 @@ use std::path::Path;
 const G: f64 = 9.81;
 
 fn vehicle() -> Vehicle {
-    Vehicle::load(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/planted_quad.toml")).unwrap()
+    Vehicle::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/planted_quad.toml")).unwrap()
 }
 
 fn read(csv: &str) -> FlightLog {

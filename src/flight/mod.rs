@@ -17,6 +17,7 @@ mod ulog;
 pub mod usable;
 mod write;
 
+pub use crate::units::STANDARD_GRAVITY_M_S2;
 pub use channel::Channel;
 pub use check::{CheckReport, Fault, Finding, Severity, check};
 pub use error::{FlightError, Result};

@@ -209,6 +209,9 @@ fn source(flights: &Flights, by: &str) -> Source {
     }
 }
 
+/// Findings that no vehicle file can hold, by id, with the reason.
+type Unwritable = Vec<(String, AcceptError)>;
+
 /// Writes findings into the text of the filed vehicle.
 struct Writer<'a> {
     source: Source,
@@ -223,7 +226,7 @@ impl Writer<'_> {
     }
 
     /// Indices of findings that a file can hold, and the others with the reason.
-    fn writable(&self, findings: &[Finding]) -> Result<(Vec<usize>, Vec<(String, AcceptError)>)> {
+    fn writable(&self, findings: &[Finding]) -> Result<(Vec<usize>, Unwritable)> {
         let mut completion = self.begin();
         let (mut can, mut cannot) = (Vec::new(), Vec::new());
         for (index, f) in findings.iter().enumerate() {

@@ -13,6 +13,9 @@ use super::verdict::{HeldOut, HorizonError, Lack};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 
+/// Two numbers for each body axis.
+type PerAxis = [(f64, f64); 3];
+
 /// What a model leaves on one stretch of a flight: means over [`BAND_S`], told apart by the number of their span.
 #[derive(Clone, Debug, Default)]
 struct Stretch {
@@ -239,7 +242,7 @@ impl Seen {
     }
 
     /// Squares of the differences of force and torque from another model's, and of the noise, summed by axis.
-    fn change(&self, other: &Self) -> ([(f64, f64); 3], [(f64, f64); 3]) {
+    fn change(&self, other: &Self) -> (PerAxis, PerAxis) {
         let (mut force, mut torque) = ([(0.0, 0.0); 3], [(0.0, 0.0); 3]);
         for (a, b) in self.stretches.iter().zip(&other.stretches) {
             let mut j = 0;
@@ -371,7 +374,7 @@ mod tests {
 
     fn seen(force: [f64; 3], torque: [f64; 3], position_m: f64, attitude_rad: f64) -> Seen {
         let n = 40;
-        let sign = |i: usize| if i % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         Seen {
             stretches: vec![Stretch {
                 numbers: (0..n).collect(),
