@@ -10,6 +10,7 @@ use planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan};
 use propwash::flight::FlightLog;
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::excite;
+use propwash::gap::verdict::Finding;
 use propwash::gap::{Diagnosis, Options, Track};
 use propwash::vehicle::Vehicle;
 
@@ -202,7 +203,9 @@ fn what_a_quiet_flight_hides_shows_in_the_flight_that_is_advised() {
 #[test]
 fn weather_in_a_slow_flight_is_named_in_doubt() {
     let (d, _) = flown(&["turbulence"], 1, |plan| plan.excitation = Excitation::Circle);
-    assert_eq!(names(&d), ["turbulence"], "{}", d.verdict);
-    assert!(!d.findings[0].certain && d.findings[0].look_alikes[0].ids == ["unlisted"], "{}", d.verdict);
+    // Other effects are named beside it in such a flight; none of them for sure, all of them perhaps what is in no list.
+    assert!(names(&d).contains(&"turbulence"), "{}", d.verdict);
+    let doubtful = |f: &Finding| !f.certain && f.look_alikes.iter().any(|l| l.ids == ["unlisted"]);
+    assert!(d.findings.iter().all(doubtful), "{}", d.verdict);
     assert!(d.remainder.unexplained, "{}", d.verdict);
 }

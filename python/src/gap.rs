@@ -52,6 +52,7 @@ impl Reading {
             ceiling_z_m: self.ceiling_z,
             neighbours: self.neighbours.clone(),
             load: self.load.clone(),
+            ..Options::default()
         };
         fitted::read(logs, self.mapping.as_deref(), &vehicle.vehicle, &options).or_raise()
     }

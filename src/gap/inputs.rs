@@ -8,12 +8,11 @@
 //! kept by the share of its power that is no noise ("Extrapolation, interpolation and smoothing of stationary time
 //! series", 1949, ch. 3).
 //!
-//! Noise is known by two signs: white noise has the same power at all frequencies, most of which rotors with their inertia
-//! do not reach; and what is no motion of the rotors turns nothing: it does not go with what gyroscope and accelerometer
-//! read (coherence: Bendat and Piersol, "Random data", 4th ed. 2010, ch. 6).
+//! Noise is known by its even power at high frequencies, to which rotors with their inertia do not follow. What a logger adds at
+//! some frequency only (a beat of the rotors) is not told from motion.
 
-use super::policy::{COHERENT_FROM, NOISE_BAND};
-use crate::flight::{Channel, clean, resample};
+use super::policy::NOISE_BAND;
+use crate::flight::{Channel, clean};
 use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Length of one segment of a spectrum, s: frequencies 2 Hz apart.
@@ -34,24 +33,8 @@ pub(super) struct Smoothed {
     pub reach_s: f64,
 }
 
-/// What the vehicle did, to hold inputs against.
-pub(super) struct Response<'a> {
-    /// Body rates, rad/s.
-    pub gyro: &'a Channel<3>,
-    /// Specific force, m/s².
-    pub accel: &'a Channel<3>,
-}
-
-/// Spectra of an input and of what answers it, by frequency.
-struct Spectra {
-    /// Power of the input.
-    power: Vec<f64>,
-    /// The largest coherence with any answer, 0 to 1; empty where nothing was measured that answers.
-    coherence: Vec<f64>,
-}
-
 /// The inputs without noise; `None` where the record is too short to tell noise from signal.
-pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Option<Smoothed> {
+pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let first = inputs.first()?;
     let period_s = first.period_s()?;
     let length = ((SEGMENT_S / period_s).round() as usize / 2 * 2).max(8);
@@ -61,7 +44,7 @@ pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Optio
     let together = inputs.iter().all(|c| c.t_s == first.t_s);
     if !together {
         let each: Option<Vec<Smoothed>> =
-            inputs.iter().map(|c| without_noise(std::slice::from_ref(c), response)).collect();
+            inputs.iter().map(|c| without_noise(std::slice::from_ref(c))).collect();
         let each = each?;
         let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
         let reach_s = each.iter().map(|s| s.reach_s).fold(0.0, f64::max);
@@ -74,18 +57,14 @@ pub(super) fn without_noise(inputs: &[Channel<1>], response: &Response) -> Optio
             (0..first.len()).map(|i| (0..inputs.len()).map(|r| basis[(r, m)] * columns[r][i]).sum()).collect()
         })
         .collect();
-    let answers = answers(&first.t_s, response);
     let fourier = Fourier::new(length);
     let segments = segments(&runs, length);
     if segments.len() < FEWEST_SEGMENTS {
         return None;
     }
-    let answer_spectra: Vec<Vec<Option<Line>>> =
-        answers.iter().map(|a| fourier.lines(a, &segments)).collect();
-    let spectra: Vec<Spectra> =
-        modes.iter().map(|m| fourier.spectra(m, &answer_spectra, &segments)).collect();
+    let spectra: Vec<Vec<f64>> = modes.iter().map(|m| fourier.power(m, &segments)).collect();
     // White noise is the same in every direction: the quietest of them says most truly how much it is.
-    let floor = spectra.iter().filter_map(|s| noise_floor(&s.power)).fold(f64::INFINITY, f64::min);
+    let floor = spectra.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
     let kernels: Vec<Vec<f64>> = spectra.iter().map(|s| fourier.kernel(&shares(s, floor))).collect();
     let smoothed: Vec<Vec<f64>> = modes.iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
     let reach_s = period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max);
@@ -139,20 +118,6 @@ fn principal_axes(columns: &[Vec<f64>]) -> DMatrix<f64> {
     SymmetricEigen::new(covariance).eigenvectors
 }
 
-/// What answers the inputs, at their times: angular acceleration and specific force, per axis.
-fn answers(t_s: &[f64], response: &Response) -> Vec<Vec<Option<f64>>> {
-    let mut out = Vec::new();
-    for (channel, slope) in [(response.gyro, true), (response.accel, false)] {
-        let Some(period_s) = channel.period_s() else { continue };
-        let local = resample::local_parabola(channel, t_s, (2.2 * period_s).max(0.005));
-        for k in 0..3 {
-            let pick = |l: &resample::Local<3>| if slope { l.slope[k] } else { l.value[k] };
-            out.push(local.iter().map(|l| l.as_ref().map(pick)).collect());
-        }
-    }
-    out
-}
-
 /// One segment's Fourier coefficients: (cosine, sine) by frequency.
 type Line = Vec<(f64, f64)>;
 
@@ -203,46 +168,15 @@ impl Fourier {
             .collect()
     }
 
-    /// Coefficients of every segment; `None` where a value is missing.
-    fn lines(&self, values: &[Option<f64>], segments: &[usize]) -> Vec<Option<Line>> {
-        segments
-            .iter()
-            .map(|from| {
-                let part: Option<Vec<f64>> = values[*from..from + self.length].iter().copied().collect();
-                Some(self.line(&part?))
-            })
-            .collect()
-    }
-
-    /// Power of an input, and its coherence with what answers it.
-    fn spectra(&self, input: &[f64], answers: &[Vec<Option<Line>>], segments: &[usize]) -> Spectra {
-        let half = self.length / 2;
-        let lines: Vec<Line> = segments.iter().map(|s| self.line(&input[*s..s + self.length])).collect();
-        let square = |(c, s): (f64, f64)| c * c + s * s;
-        let power =
-            (0..half).map(|k| lines.iter().map(|l| square(l[k])).sum::<f64>() / lines.len() as f64).collect();
-        let mut coherence = vec![0.0; if answers.is_empty() { 0 } else { half }];
-        for answer in answers {
-            let both: Vec<(&Line, &Line)> =
-                lines.iter().zip(answer).filter_map(|(l, a)| Some((l, a.as_ref()?))).collect();
-            if both.len() < FEWEST_SEGMENTS {
-                continue;
-            }
-            for (k, most) in coherence.iter_mut().enumerate() {
-                let (mut xx, mut yy, mut re, mut im) = (0.0, 0.0, 0.0, 0.0);
-                for (x, y) in &both {
-                    xx += square(x[k]);
-                    yy += square(y[k]);
-                    re += x[k].0 * y[k].0 + x[k].1 * y[k].1;
-                    im += x[k].0 * y[k].1 - x[k].1 * y[k].0;
-                }
-                let raw = (re * re + im * im) / (xx * yy).max(f64::MIN_POSITIVE);
-                // So many segments agree by chance to the inverse of their number.
-                let chance = 1.0 / both.len() as f64;
-                *most = f64::max(*most, ((raw - chance) / (1.0 - chance)).max(0.0));
+    /// Power of an input by frequency, mean over segments.
+    fn power(&self, input: &[f64], segments: &[usize]) -> Vec<f64> {
+        let mut sum = vec![0.0; self.length / 2];
+        for from in segments {
+            for (sum, (c, s)) in sum.iter_mut().zip(self.line(&input[*from..from + self.length])) {
+                *sum += (c * c + s * s) / segments.len() as f64;
             }
         }
-        Spectra { power, coherence }
+        sum
     }
 
     /// The kernel without phase whose frequency response is `shares`, one way from its middle, under Hann's window.
@@ -273,21 +207,16 @@ fn noise_floor(power: &[f64]) -> Option<f64> {
 }
 
 /// Share of each frequency that is no noise: never more at a higher frequency, for rotors follow slow commands better.
-fn shares(spectra: &Spectra, floor: f64) -> Vec<f64> {
-    let coherence = &spectra.coherence;
-    let peak = (1..coherence.len()).max_by(|a, b| coherence[*a].total_cmp(&coherence[*b]));
-    // Where the answer says little at best, it is the answer that is noisy.
-    let telling = peak.filter(|k| coherence[*k] > COHERENT_FROM);
+fn shares(power: &[f64], floor: f64) -> Vec<f64> {
     let mut least: f64 = 1.0;
-    (0..spectra.power.len())
-        .map(|k| {
-            let white = (1.0 - floor / spectra.power[k].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+    power
+        .iter()
+        .enumerate()
+        .map(|(k, power)| {
             // The straight line was taken out of the lowest ones.
-            let mut share = if k < 2 { 1.0 } else { white };
-            if let Some(peak) = telling.filter(|peak| k > *peak) {
-                share = share.min(coherence[k] / coherence[peak]);
-            }
-            least = least.min(share);
+            let white =
+                if k < 2 { 1.0 } else { (1.0 - floor / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) };
+            least = least.min(white);
             least
         })
         .collect()
@@ -330,19 +259,18 @@ mod tests {
 
     const HZ: f64 = 500.0;
 
-    /// Four rotors that turn a vehicle slowly to and fro, with white noise of `sigma`; and what the gyroscope reads.
-    fn flown(sigma: f64, n: usize) -> (Vec<Channel<1>>, Vec<Vec<f64>>, Channel<3>) {
+    /// Four rotors that turn a vehicle slowly to and fro, with white noise of `sigma`.
+    fn flown(sigma: f64, n: usize) -> (Vec<Channel<1>>, Vec<Vec<f64>>) {
         let key = Key { seed: 5, world: 0, drone: 0, step: 0, purpose: purpose("inputs test") };
         let mut dice = key.stream();
         let mut truth = vec![Vec::new(); 4];
-        let (mut inputs, mut gyro) = (vec![Channel::<1>::default(); 4], Channel::<3>::default());
-        let (mut state, mut rate) = ([0.0; 3], [0.0; 3]);
+        let mut inputs = vec![Channel::<1>::default(); 4];
+        let mut state = [0.0; 3];
         for i in 0..n {
             let t = i as f64 / HZ;
             for k in 0..3 {
                 // A first-order lag of 40 ms under white commands.
                 state[k] += (-state[k] / 0.04 + 400.0 * dice.normal()) / HZ;
-                rate[k] += (0.5 * state[k] - 3.0 * rate[k]) / HZ;
             }
             let all = 1500.0 + 10.0 * (3.0 * t).sin();
             let [a, b, c] = state;
@@ -352,9 +280,8 @@ mod tests {
                 truth[r].push(value);
                 inputs[r].push(t, [value + sigma * dice.normal()]);
             }
-            gyro.push(t, rate.map(|w| w + 1e-3 * dice.normal()));
         }
-        (inputs, truth, gyro)
+        (inputs, truth)
     }
 
     fn slope(x: &[f64], y: &[f64]) -> f64 {
@@ -366,9 +293,8 @@ mod tests {
 
     #[test]
     fn smoothed_inputs_answer_as_the_true_ones_do() {
-        let (inputs, truth, gyro) = flown(4.0, 10_000);
-        let none = Channel::default();
-        let out = without_noise(&inputs, &Response { gyro: &gyro, accel: &none }).unwrap();
+        let (inputs, truth) = flown(4.0, 10_000);
+        let out = without_noise(&inputs).unwrap();
         let roll = |c: &dyn Fn(usize, usize) -> f64| -> Vec<f64> {
             (300..9700).map(|i| c(0, i) + c(1, i) - c(2, i) - c(3, i)).collect()
         };
@@ -383,9 +309,8 @@ mod tests {
 
     #[test]
     fn exact_inputs_stay_as_they_are() {
-        let (inputs, _, gyro) = flown(0.0, 10_000);
-        let none = Channel::default();
-        let out = without_noise(&inputs, &Response { gyro: &gyro, accel: &none }).unwrap();
+        let (inputs, _) = flown(0.0, 10_000);
+        let out = without_noise(&inputs).unwrap();
         for (a, b) in inputs.iter().zip(&out.inputs) {
             assert_eq!(a.t_s, b.t_s);
             let scatter = clean::robust_sigma(&a.component(0)).unwrap();
@@ -400,9 +325,8 @@ mod tests {
 
     #[test]
     fn a_short_or_interrupted_record_says_nothing_of_its_noise() {
-        let (inputs, _, gyro) = flown(4.0, 700);
-        let none = Channel::default();
-        assert!(without_noise(&inputs, &Response { gyro: &gyro, accel: &none }).is_none());
+        let (inputs, _) = flown(4.0, 700);
+        assert!(without_noise(&inputs).is_none());
         assert_eq!(runs(&[0.0, 0.01, 0.02, 0.2, 0.21], 0.01), vec![(0, 3), (3, 5)]);
     }
 }

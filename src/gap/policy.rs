@@ -11,10 +11,6 @@
 /// that interpolate have less noise there (a Crazyflie's deck at 500 Hz: 2.4 rad/s up to 200 Hz, 0.7 at 250 Hz).
 pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
 
-/// Coherence of an input with what answers it, at its best frequency, from which on frequencies of less coherence are taken
-/// to hold noise. Below, it is the answer that is noisy.
-pub(crate) const COHERENT_FROM: f64 = 0.6;
-
 /// Part of the time over which an input was smoothed by which sensors may seem late for it. A simulated flight whose clocks are
 /// right, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to have inertial sensors 3 and 7 ms early.
 pub(crate) const SMOOTHED_TIMING: f64 = 0.5;

@@ -444,10 +444,16 @@ fn input_noise(track: &Track) -> Option<(f64, f64)> {
     match track.drive {
         Drive::RotorSpeeds => {
             let n = track.inputs.rotors.len().max(1) as f64;
-            let square: f64 = track.inputs.rotors.iter().map(|c| noise_of(c).powi(2)).sum();
+            // What smoothing took away tells how noisy the rest is too: slow noise stays in.
+            let known = track.noise.rotor_rad_s;
+            let each = |c: &Channel<1>| known.unwrap_or_else(|| noise_of(c));
+            let square: f64 = track.inputs.rotors.iter().map(|c| each(c).powi(2)).sum();
             Some(((square / n).sqrt(), period(track.inputs.rotors.first()?)))
         }
-        Drive::Thrust => Some((noise_of(&track.inputs.thrust), period(&track.inputs.thrust))),
+        Drive::Thrust => {
+            let sigma = track.noise.thrust_n.unwrap_or_else(|| noise_of(&track.inputs.thrust));
+            Some((sigma, period(&track.inputs.thrust)))
+        }
         Drive::RotorCommands | Drive::AttitudeCommands => None,
     }
 }

@@ -41,6 +41,8 @@ pub(crate) struct Solution {
     /// Disturbances with nothing found, at the same window length.
     pub disturbance_before: Disturbance,
     pub dispersion: f64,
+    /// The same beside what was found, over the noise that neighbouring samples show: what no disturbance makes.
+    pub misfit: f64,
     /// How many times wider than usual this vehicle's tolerances are.
     pub tolerance: f64,
     pub posterior: Posterior,
@@ -122,6 +124,12 @@ fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], delta: &[f64]
         .map(|k| scatter[k] / information[k])
         .collect();
     clean::median(ratios).unwrap_or(1.0).max(per_row).max(1.0)
+}
+
+/// How much larger, squared, the noise beside the model is than what neighbouring samples show, in the worst channel.
+fn inflation(noise: &[Noise], least: &[Noise]) -> f64 {
+    let pairs = noise.iter().zip(least).flat_map(|(a, b)| a.channels().into_iter().zip(b.channels()));
+    pairs.map(|(a, b)| (a / b).powi(2)).fold(1.0, f64::max)
 }
 
 /// Searches (or, with `given`, fits that set) until it settles. `progress(done, of)` hears of every linearisation.
@@ -565,6 +573,7 @@ fn settle(
             let same = best.set == set;
             set = best.set.clone();
             values = next;
+            let misfit = dispersion(model, &linear, &reduced, &delta) * inflation(&linear.noise, &least);
             last = Some(Solution {
                 set: set.clone(),
                 linear,
@@ -572,6 +581,7 @@ fn settle(
                 disturbance,
                 disturbance_before: disturbance,
                 dispersion: phi,
+                misfit,
                 tolerance,
                 posterior,
             });

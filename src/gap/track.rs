@@ -1,6 +1,6 @@
 //! A flight log made ready to be flown again by a model: what drives it, what was measured, and how noisy that is.
 
-use super::inputs::{Response, without_noise};
+use super::inputs::without_noise;
 use super::{GapError, usable};
 use crate::flight::{Channel, Excluded, FlightLog, clean, resample};
 use crate::math::quat;
@@ -243,17 +243,16 @@ impl Track {
             ],
         };
         let mut smoothed_s = 0.0;
-        let response = Response { gyro: &gyro, accel: &accel };
         match drive {
             Drive::RotorSpeeds => {
-                if let Some(smooth) = without_noise(&inputs.rotors, &response) {
+                if let Some(smooth) = without_noise(&inputs.rotors) {
                     inputs.rotors = smooth.inputs;
                     noise.rotor_rad_s = Some(smooth.noise);
                     smoothed_s = smooth.reach_s;
                 }
             }
             Drive::Thrust => {
-                if let Some(smooth) = without_noise(std::slice::from_ref(&inputs.thrust), &response) {
+                if let Some(smooth) = without_noise(std::slice::from_ref(&inputs.thrust)) {
                     inputs.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
                     noise.thrust_n = Some(smooth.noise);
                     smoothed_s = smooth.reach_s;
