@@ -490,7 +490,9 @@ fn turbulence(
     // Weather has no pattern, but for what the pilot does against it: all that there is in a quiet flight.
     let pattern = |t: &FreeTerm| t.on.starts_with("force") && t.explained_share > WEATHER_SHARE;
     // Nor does it leave more than disturbances and the sensors' noise make together.
-    let misfit = solution.misfit > MOST_DISPERSION;
+    // Quiet flights show too little to tell; what is named there stands in doubt anyway.
+    let scatter = if poor { solution.dispersion } else { solution.misfit };
+    let misfit = scatter > MOST_DISPERSION;
     let patterned = left.terms.iter().any(pattern);
     if misfit || (patterned && !poor) || left.force_m_s2 <= LARGE_FORCE_M_S2 {
         return None;
