@@ -7,14 +7,14 @@
 use super::Args;
 use super::planted::hidden::stream;
 use super::planted::{Build, Excitation, Inputs, NoiseLevel, Plan, Sensors, Truth, UNLISTED, fly, of_rotors};
-use super::score::{CLOSURE_S, Case, Failure, OF_THE_DAY, Outcome, same, source};
+use super::score::{CLOSURE_S, Case, Failure, OF_THE_DAY, Outcome, added, same};
 use super::table::{ORDINARY_S, PARTS, percent};
 use propwash::flight::FlightLog;
 use propwash::gap::Diagnosis;
 use propwash::gap::attitude_model;
 use propwash::gap::compare::compare;
-use propwash::gap::complete::steps;
 use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::fitted::Calibrate;
 use propwash::vehicle::Vehicle;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -467,22 +467,26 @@ fn score(o: &Outcome) -> Score {
     }
 }
 
-/// The vehicle with what was found, against the filed one, on a flight that the fit has not seen.
+/// The vehicle as `add` writes it, against the filed one, on a flight that it has not seen. Nothing where it writes nothing, or
+/// something of the one flight.
 fn held_out(o: &Outcome, craft: &Craft) -> Result<Option<HeldOut>, Failure> {
     // Clocks of an on-board computer are those of the flight, as its weather is.
     let of_the_flight = |kind: &str| {
         OF_THE_DAY.contains(&kind)
             || (o.case.noise == NoiseLevel::Filtered && kind.starts_with("clock_offset"))
     };
-    let mut verdict = o.verdict.clone();
-    verdict.findings.retain(|f| !of_the_flight(&f.kind));
-    verdict.adjusted.clear();
-    if verdict.findings.is_empty() {
+    if o.verdict.findings.is_empty() {
         return Ok(None);
     }
-    let found = steps(&verdict, &craft.vehicle, craft.text.clone(), &craft.name, source())?;
-    let (_, completed) = found.rungs.last().ok_or("no rung")?;
-    let unseen = case_flight(o, craft)?;
+    let added = added(case_flight(o, craft, 0)?, &craft.vehicle, &craft.text, Calibrate::No)?;
+    let findings = &added.diagnosed.verdict.findings;
+    let written: Vec<_> =
+        findings.iter().filter(|f| f.held_out.as_ref().is_some_and(|h| h.written)).collect();
+    let Some(completed) = added.after() else { return Ok(None) };
+    if written.iter().any(|f| of_the_flight(&f.kind)) {
+        return Ok(None);
+    }
+    let unseen = case_flight(o, craft, UNSEEN)?;
     let of = |v: &Vehicle| -> Result<Errors, Failure> {
         let all = compare(std::slice::from_ref(&unseen), v)?;
         let log = all.logs.first().ok_or("no log")?;
@@ -495,15 +499,15 @@ fn held_out(o: &Outcome, craft: &Craft) -> Result<Option<HeldOut>, Failure> {
         })
     };
     Ok(Some(HeldOut {
-        written: verdict.findings.iter().map(|f| f.id.clone()).collect(),
+        written: written.iter().map(|f| f.id.clone()).collect(),
         filed: of(&craft.vehicle)?,
         completed: of(completed)?,
     }))
 }
 
-/// The flight that the fit has not seen, of the same vehicle.
-fn case_flight(o: &Outcome, craft: &Craft) -> Result<propwash::gap::Track, Failure> {
-    let mut plan = o.case.plan(&craft.vehicle, UNSEEN);
+/// A flight of the vehicle of a case, by its number.
+fn case_flight(o: &Outcome, craft: &Craft, number: u64) -> Result<propwash::gap::Track, Failure> {
+    let mut plan = o.case.plan(&craft.vehicle, number);
     plan.size = o.truth.size;
     o.case.track(&craft.vehicle, &fly(&plan)?)
 }

@@ -6,9 +6,10 @@ use super::planted::{
 use propwash::flight::FlightLog;
 use propwash::gap::accept::Source;
 use propwash::gap::compare::compare;
-use propwash::gap::complete::{Completion, Entry, steps};
+use propwash::gap::complete::{Completion, Entry};
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::excite;
+use propwash::gap::fitted::{self, Calibrate, Filed, Fitted};
 use propwash::gap::ladder::Flights;
 use propwash::gap::verdict::ParameterFit;
 use propwash::gap::{Diagnosis, Options, Track};
@@ -22,6 +23,9 @@ pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 pub const OF_THE_DAY: [&str; 4] = ["constant_wind", "gust", "turbulence", "actuator_saturation"];
 /// Horizon at which models are compared on an unseen flight, s.
 pub const CLOSURE_S: f64 = 0.5;
+
+/// Share of a flight that `add` keeps from the fit, as the command does by itself.
+const HOLD_OUT: f64 = 0.2;
 
 /// What is flown and asked.
 #[derive(Clone)]
@@ -154,10 +158,9 @@ impl Case {
         if self.closure && out.exact() && !self.hidden.iter().any(|h| OF_THE_DAY.contains(h)) {
             let unseen = self.track(vehicle, &fly(&self.plan(vehicle, 1))?)?;
             let text = std::fs::read_to_string(path)?;
-            let source = source();
-            let found = steps(&out.verdict, vehicle, text.clone(), "vehicle", source.clone())?;
-            let found = found.rungs.last().ok_or("no rung")?.1.clone();
-            let truth = true_vehicle(vehicle, text, &out, source)?;
+            let track = self.track(vehicle, &fly(&self.plan(vehicle, 0))?)?;
+            let found = added(track, vehicle, &text, Calibrate::Write)?.after.unwrap_or(vehicle.clone());
+            let truth = true_vehicle(vehicle, text, &out, source())?;
             let flights = Flights::new(Vec::new(), vec![unseen], 0.0);
             let error = |v: &Vehicle| -> Result<f64, Failure> {
                 let (_, held_out) = flights.errors(v)?;
@@ -170,8 +173,15 @@ impl Case {
     }
 }
 
-/// Where what the bench writes comes from.
-pub fn source() -> Source {
+/// What `propwash add` makes of a flight, of which it keeps the last fifth to judge by.
+pub fn added(track: Track, vehicle: &Vehicle, text: &str, calibrate: Calibrate) -> Result<Fitted, Failure> {
+    let filed = Filed { label: &vehicle.name, vehicle, text: text.into() };
+    let flights = Flights::new(vec![track], Vec::new(), HOLD_OUT);
+    Ok(fitted::fit(filed, &flights, &Settings::default(), "bench", calibrate)?)
+}
+
+/// Where the true values that the bench writes come from.
+fn source() -> Source {
     Source { log_sha256: vec!["0".repeat(64)], date: "2026-01-01".into(), text: "bench".into() }
 }
 

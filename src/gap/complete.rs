@@ -3,7 +3,7 @@
 use super::accept::{self, AcceptError, FittedEffect, FittedParameter, Source};
 use super::diagnose::Diagnosed;
 use super::policy::NO_INFLUENCE_SIGMAS;
-use super::verdict::{Calibration, Diagnosis, Finding, ParameterFit};
+use super::verdict::{Calibration, Finding, ParameterFit};
 use crate::physics::effects::Area;
 use crate::vehicle::{DYNAMICS, Vehicle};
 
@@ -307,46 +307,6 @@ impl Diagnosed {
     }
 }
 
-/// Vehicles of the ladder: as filed, with one finding more each, with the calibration; and the text of the last.
-pub struct Steps {
-    /// Label and vehicle of each rung.
-    pub rungs: Vec<(String, Vehicle)>,
-    /// The vehicle file with all findings and the calibration.
-    pub text: String,
-    /// What could not be written, and what was left as filed.
-    pub remarks: Vec<String>,
-}
-
-/// Completes a vehicle by all of a verdict, its calibration too, step by step and without a judgement of the steps (see
-/// [`super::fitted::fit`]). A finding that no file can hold gets no rung but a remark.
-///
-/// # Errors
-/// [`AcceptError`] where the text is no vehicle file.
-pub fn steps(
-    verdict: &Diagnosis,
-    vehicle: &Vehicle,
-    text: String,
-    label: &str,
-    source: Source,
-) -> Result<Steps, AcceptError> {
-    let mut completion = Completion::new(vehicle, text, label, &verdict.dynamics, source);
-    let mut rungs = vec![("as filed".to_string(), vehicle.clone())];
-    let mut remarks = Vec::new();
-    for finding in &verdict.findings {
-        match completion.add(&Entry::of(finding)) {
-            Ok(()) => rungs.push((format!("+ {}", finding.id), completion.vehicle(vehicle)?)),
-            Err(error @ (AcceptError::OutOfRange { .. } | AcceptError::Effect { .. })) => {
-                remarks.push(format!("the ladder is without {}: {error}", finding.id));
-            }
-            Err(other) => return Err(other),
-        }
-    }
-    if completion.calibrate(&verdict.adjusted)? > 0 {
-        rungs.push(("+ calibration".into(), completion.vehicle(vehicle)?));
-    }
-    remarks.append(&mut completion.remarks);
-    Ok(Steps { rungs, text: completion.text, remarks })
-}
 /// A number in a message with as many digits as a reader needs.
 fn short(number: &str) -> String {
     number.parse::<f64>().map_or_else(|_| number.to_string(), |v| format!("{v:.2e}"))

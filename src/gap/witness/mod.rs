@@ -25,10 +25,8 @@ use samples::Samples;
 
 /// Specific force x, y, z and angular acceleration x, y, z.
 pub(crate) const CHANNELS: usize = 6;
-/// Cut-off of the band that is judged, and of those that check it, Hz. Vehicles' own motion lies below 3 Hz, measured rotor
-/// speeds and estimators are true up to 8 Hz; the sets of real flights in `docs/gap.md` were explained by regressions in
-/// these bands.
-pub(crate) const BANDS_HZ: [f64; 3] = [5.0, 3.0, 8.0];
+/// Cut-off of the band, Hz. Vehicles' own motion lies below 3 Hz, measured rotor speeds and estimators are true up to 8 Hz.
+const BAND_HZ: f64 = 5.0;
 /// Root mean square of a candidate's column at its plausible size, m/s² or rad/s², below which it is no column: rounding.
 const LEAST_COLUMN: f64 = 1e-6;
 /// Standard errors by which a gain on unseen flight must be above zero.
@@ -66,8 +64,7 @@ pub(crate) struct Witness {
     /// Candidates of mass and drive, whose columns the pilot's answer is in.
     answers: Vec<bool>,
     may: Vec<bool>,
-    /// By [`BANDS_HZ`].
-    bands: Vec<Band>,
+    band: Band,
 }
 
 /// An estimate of a parameter: its index, value (not offset) and standard error, in the parameter's unit.
@@ -81,9 +78,6 @@ pub(crate) struct Testimony {
     /// The same by force alone and by torque alone, of the parameters that act there.
     pub by_force: Vec<Estimate>,
     pub by_torque: Vec<Estimate>,
-    /// The same as `values` in the other bands.
-    #[cfg(test)]
-    pub in_bands: Vec<Vec<Estimate>>,
     /// Share of the variance that the others leave out of sample which the candidate removes out of sample, per body axis.
     pub force_gain: [f64; 3],
     pub torque_gain: [f64; 3],
@@ -106,10 +100,6 @@ pub(crate) struct Testimony {
 pub(crate) struct Step {
     pub candidate: usize,
     /// As in [`Testimony`], beside the candidates of the steps before.
-    #[cfg(test)]
-    pub force_gain: [f64; 3],
-    #[cfg(test)]
-    pub torque_gain: [f64; 3],
     pub gain: f64,
     pub gain_sigma: f64,
     /// Whether all of its estimates are within the vehicle's tolerances: no effect to look for, but worth a step of its own
@@ -215,8 +205,8 @@ impl Witness {
         let samples: Vec<Samples> =
             logs.par_iter().map(|log| Samples::new(log, model, values, chosen, &by)).collect();
         let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
-        let bands: Vec<Band> = BANDS_HZ.par_iter().map(|hz| Band::new(&samples, slab.clone(), *hz)).collect();
-        let visible = |k: usize| (0..CHANNELS).any(|c| bands[0].size(k, c) * slab[k] > LEAST_COLUMN);
+        let band = Band::new(&samples, slab.clone(), BAND_HZ);
+        let visible = |k: usize| (0..CHANNELS).any(|c| band.size(k, c) * slab[k] > LEAST_COLUMN);
         let witnessed = |k: &usize| by.contains(k) && visible(*k);
         let sides = model
             .parameters
@@ -238,13 +228,13 @@ impl Witness {
             spike: model.parameters.iter().map(|p| p.spike).collect(),
             answers: model.candidates.iter().map(|c| c.area != Area::Airframe).collect(),
             may: model.may.clone(),
-            bands,
+            band,
         }
     }
 
     /// Whether the regressions can say anything about a candidate: its slope at the values of the model is not nothing.
     pub fn covers(&self, c: usize) -> bool {
-        self.bands[0].judges() && !self.members[c].is_empty()
+        self.band.judges() && !self.members[c].is_empty()
     }
 
     fn parameters(&self, set: &[usize]) -> Vec<usize> {
@@ -255,7 +245,7 @@ impl Witness {
     /// angular acceleration x, y, z.
     #[cfg(test)]
     pub fn explained(&self, set: &[usize]) -> Option<[f64; CHANNELS]> {
-        let band = &self.bands[0];
+        let band = &self.band;
         let left = band.left(&self.parameters(set), &ALL, &self.sides)?;
         Some(Gain::new(&band.before(), &left).channel)
     }
@@ -263,18 +253,12 @@ impl Witness {
     /// The same on the logs of another witness, by a fit to all of this one's.
     #[cfg(test)]
     pub fn explains(&self, set: &[usize], unseen: &Self) -> Option<[f64; CHANNELS]> {
-        let fit = self.bands[0].fit(&self.parameters(set), &ALL, &self.sides)?;
-        Some(Gain::new(&unseen.bands[0].before(), &unseen.bands[0].left_by(&fit)).channel)
+        let fit = self.band.fit(&self.parameters(set), &ALL, &self.sides)?;
+        Some(Gain::new(&unseen.band.before(), &unseen.band.left_by(&fit)).channel)
     }
 
-    fn estimates(
-        &self,
-        band: usize,
-        set: &[usize],
-        c: usize,
-        on: &[bool; CHANNELS],
-    ) -> Option<Vec<Estimate>> {
-        let band = &self.bands[band];
+    fn estimates(&self, set: &[usize], c: usize, on: &[bool; CHANNELS]) -> Option<Vec<Estimate>> {
+        let band = &self.band;
         let acts = |k: &usize| (0..CHANNELS).any(|ch| on[ch] && band.size(*k, ch) > 0.0);
         let parameters: Vec<usize> = self.parameters(set).into_iter().filter(acts).collect();
         // Signs are left free: an estimate of the wrong sign is a testimony too.
@@ -291,7 +275,7 @@ impl Witness {
 
     /// What a set leaves out of sample.
     fn left(&self, set: &[usize]) -> Option<Left> {
-        self.bands[0].left(&self.parameters(set), &ALL, &self.sides)
+        self.band.left(&self.parameters(set), &ALL, &self.sides)
     }
 
     /// What the logs say about candidate `c` beside the others of `set`; nothing where it is not covered.
@@ -305,11 +289,9 @@ impl Witness {
         let most = gain.most();
         let [x, y, z, roll, pitch, yaw] = gain.channel;
         Some(Testimony {
-            values: self.estimates(0, &with, c, &ALL)?,
-            by_force: self.estimates(0, &with, c, &FORCES).unwrap_or_default(),
-            by_torque: self.estimates(0, &with, c, &TORQUES).unwrap_or_default(),
-            #[cfg(test)]
-            in_bands: (1..self.bands.len()).filter_map(|b| self.estimates(b, &with, c, &ALL)).collect(),
+            values: self.estimates(&with, c, &ALL)?,
+            by_force: self.estimates(&with, c, &FORCES).unwrap_or_default(),
+            by_torque: self.estimates(&with, c, &TORQUES).unwrap_or_default(),
             force_gain: [x, y, z],
             torque_gain: [roll, pitch, yaw],
             gain: gain.group[most].0,
@@ -343,19 +325,13 @@ impl Witness {
                 .max_by(|a, b| a.1.score.total_cmp(&b.1.score));
             let Some((candidate, gain)) = best else { break };
             let most = gain.most();
-            #[cfg(test)]
-            let [x, y, z, roll, pitch, yaw] = gain.channel;
             set.push(candidate);
             let within =
                 |(k, value, _): &Estimate| (value - self.filed[*k]).abs() < TOLERANCE * self.spike[*k];
-            let found = self.estimates(0, &set, candidate, &ALL).unwrap_or_default();
+            let found = self.estimates(&set, candidate, &ALL).unwrap_or_default();
             out.push(Step {
                 within_tolerance: found.iter().all(within),
                 candidate,
-                #[cfg(test)]
-                force_gain: [x, y, z],
-                #[cfg(test)]
-                torque_gain: [roll, pitch, yaw],
                 gain: gain.group[most].0,
                 gain_sigma: gain.group[most].1,
             });

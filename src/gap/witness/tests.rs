@@ -45,78 +45,6 @@ fn named(model: &Model, ids: &[&str]) -> Vec<usize> {
     ids.iter().filter_map(|id| model.candidates.iter().position(|c| c.id == *id)).collect()
 }
 
-/// Tells what the witness says about a set, and what it would choose itself.
-fn tell(name: &str, model: &Model, witness: &Witness, set: &[usize]) {
-    let n = |c: usize| model.candidates[c].id.as_str();
-    println!("== {name}");
-    if !set.is_empty() {
-        println!(
-            "   set {:?} explains {:.3?}",
-            set.iter().map(|c| n(*c)).collect::<Vec<_>>(),
-            witness.explained(set)
-        );
-    }
-    for c in set {
-        let Some(t) = witness.testimony(set, *c) else {
-            println!("   {}: not covered", n(*c));
-            continue;
-        };
-        println!(
-            "   {}: gain {:.3} ± {:.3}, force {:.3?} torque {:.3?}, harms {}, could be an answer {}, split {:?}",
-            n(*c),
-            t.gain,
-            t.gain_sigma,
-            t.force_gain,
-            t.torque_gain,
-            t.harms,
-            t.could_be_an_answer(),
-            t.split()
-        );
-        for (k, v, e) in &t.values {
-            let of = |list: &[Estimate]| {
-                let own = list.iter().find(|x| x.0 == *k);
-                own.map_or("none".to_string(), |x| format!("{:.3e} ± {:.1e}", x.1, x.2))
-            };
-            println!(
-                "      {} {v:.3e} ± {e:.1e}; force {} torque {}; 3 Hz {} 8 Hz {}",
-                model.parameters[*k].name,
-                of(&t.by_force),
-                of(&t.by_torque),
-                of(&t.in_bands[0]),
-                of(&t.in_bands[1])
-            );
-        }
-    }
-    let at = std::time::Instant::now();
-    let steps = witness.search();
-    println!("   search ({:.1} ms)", 1e3 * at.elapsed().as_secs_f64());
-    let mut so_far = Vec::new();
-    for s in &steps {
-        so_far.push(s.candidate);
-        let within = if s.within_tolerance { " (within tolerance)" } else { "" };
-        println!(
-            "      {}{within}: gain {:.3} ± {:.3}, force {:.3?} torque {:.3?}",
-            n(s.candidate),
-            s.gain,
-            s.gain_sigma,
-            s.force_gain,
-            s.torque_gain
-        );
-    }
-    for c in &so_far {
-        let t = witness.testimony(&so_far, *c).unwrap();
-        let v: Vec<String> = t
-            .values
-            .iter()
-            .map(|(k, v, e)| format!("{} {v:.4e} ± {e:.1e}", model.parameters[*k].name))
-            .collect();
-        println!("      {}: {}", n(*c), v.join(", "));
-    }
-    if !so_far.is_empty() {
-        println!("      together {:.3?}", witness.explained(&so_far));
-    }
-}
-
 /// A folder of real logs beside the repository.
 fn real(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared").join(name);
@@ -186,79 +114,6 @@ fn real_flights_are_explained_as_plain_regressions_explain_them() {
         // 0.955 and 0.923; 4.5 to 6.5 g.
         assert!(share[0] > 0.94 && share[1] > 0.92, "{share:?}");
         assert!((0.0045..0.0065).contains(&load.1), "{load:?}");
-    }
-}
-
-/// Time that this process has had of the processor, s, in steps of 10 ms.
-fn cpu_s() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    // User and system time stand 12th and 13th after the name in brackets, in hundredths.
-    let after: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = |i: usize| after.get(i).and_then(|x| x.parse::<f64>().ok()).unwrap_or(0.0);
-    0.01 * (ticks(11) + ticks(12))
-}
-
-/// `WITNESS="vehicle;drive;log,log;unseen,unseen;id,id"`, several separated by `|`: tells what the witness says.
-#[test]
-#[ignore = "tells about the logs that the variable WITNESS names"]
-fn on_logs_of_the_environment() {
-    let Ok(cases) = std::env::var("WITNESS") else { return };
-    for case in cases.split('|') {
-        let parts: Vec<&str> = case.split(';').collect();
-        let drive = match parts[1] {
-            "rotors" => Some(Drive::RotorSpeeds),
-            "thrust" => Some(Drive::Thrust),
-            "commands" => Some(Drive::RotorCommands),
-            "attitude" => Some(Drive::AttitudeCommands),
-            _ => None,
-        };
-        let list = |s: &str| s.split(',').filter(|x| !x.is_empty()).map(PathBuf::from).collect::<Vec<_>>();
-        let (fit, unseen) = (list(parts[2]), list(parts[3]));
-        let n = fit.len();
-        let flights = Flights::new(Path::new(parts[0]), &[fit.clone(), unseen].concat(), drive);
-        let (model, logs) = flights.ready();
-        let (a, b) = logs.split_at(n);
-        let (at, cpu) = (std::time::Instant::now(), cpu_s());
-        let witness = Witness::new(a, &model);
-        let cpu = cpu_s() - cpu;
-        let seconds: f64 = flights.tracks[..n].iter().map(|t| t.duration_s()).sum();
-        println!(
-            "made in {:.3} s ({cpu:.2} s of processor) for {seconds:.0} s of flight, {} parameters",
-            at.elapsed().as_secs_f64(),
-            model.parameters.len()
-        );
-        let set = named(&model, &parts[4].split(',').collect::<Vec<_>>());
-        let name = fit
-            .iter()
-            .map(|p| p.file_name().unwrap().to_string_lossy().into_owned())
-            .collect::<Vec<_>>()
-            .join(" ");
-        tell(&format!("{} {name}", parts[0].rsplit('/').next().unwrap()), &model, &witness, &set);
-        let band = &witness.bands[0];
-        for c in 0..CHANNELS {
-            let on: [bool; CHANNELS] = core::array::from_fn(|i| i == c);
-            let acting: Vec<usize> =
-                witness.parameters(&set).into_iter().filter(|k| band.size(*k, c) > 0.0).collect();
-            if let Some(fit) = band.fit(&acting, &on, &vec![0.0; model.parameters.len()]) {
-                let left = if b.is_empty() {
-                    band.left(&acting, &on, &vec![0.0; model.parameters.len()]).map(|l| (band.before(), l))
-                } else {
-                    let other = Witness::new(b, &model);
-                    Some((other.bands[0].before(), other.bands[0].left_by(&fit)))
-                };
-                let share = left.map(|(a, b)| Gain::new(&a, &b).channel[c]);
-                println!(
-                    "   channel {c} alone: {:?}, explains {share:.3?} unseen",
-                    fit.beta.iter().map(|b| format!("{b:.3e}")).collect::<Vec<_>>()
-                );
-            }
-        }
-        if !b.is_empty() {
-            let other = Witness::new(b, &model);
-            println!("   on unseen flights: {:.3?}", witness.explains(&set, &other));
-            let chosen: Vec<usize> = witness.search().iter().map(|s| s.candidate).collect();
-            println!("   chosen on unseen flights: {:.3?}", witness.explains(&chosen, &other));
-        }
     }
 }
 
@@ -371,12 +226,6 @@ fn a_drag_is_the_first_choice_and_its_coefficients_are_right_under_noisy_rotor_s
     for (noise, resting_s) in [(0.0, 0.0), (8.0, 0.0), (4.0, 6.0)] {
         witnessed(&[drag()], rough(noise), resting_s, |model, witness| {
             let c = named(model, &["linear_drag"]);
-            tell(
-                &format!("drag, {noise} rad/s on the rotors, {resting_s} s on the ground"),
-                model,
-                witness,
-                &c,
-            );
             assert_eq!(witness.search().first().map(|s| s.candidate), Some(c[0]));
             let explained = witness.explained(&c).unwrap();
             assert!(explained[0] > 0.95 && explained[1] > 0.95, "{explained:?}");
@@ -407,7 +256,6 @@ fn an_error_in_the_torques_leaves_the_drag_alone() {
     let flapping = AnyEffect::BladeFlapping(blade_flapping::Params { moment_n_s2_per_rad: 4e-7 });
     witnessed(&[drag(), flapping], rough(4.0), 0.0, |model, witness| {
         let set = named(model, &["linear_drag", "blade_flapping"]);
-        tell("drag and flapping", model, witness, &set);
         let mut chosen: Vec<usize> = witness.search().iter().take(2).map(|s| s.candidate).collect();
         chosen.sort_unstable();
         let mut both = set.clone();
