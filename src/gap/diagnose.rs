@@ -13,7 +13,7 @@ use super::opinion;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
-use super::solve::{Solution, WEAK, chi2, polished, solve, sum, with_scatter};
+use super::solve::{Solution, WEAK, chi2, left_out, polished, solve, sum, with_scatter};
 use super::track::Track;
 use super::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder, Said,
@@ -50,6 +50,9 @@ const FOLDS: usize = 8;
 /// Scatter of what is left, over what disturbances and noise make, beyond which a force is no weather. Flights in turbulence of
 /// the generator have 1.0 to 1.7, in effects that are in no list up to 20.
 const MOST_DISPERSION: f64 = 2.0;
+
+/// Nats below which nothing speaks for an effect any more: half of what it takes to be added.
+const LOST: f64 = 0.5 * THRESHOLD;
 
 /// Nats of evidence from which an effect stands beside weather.
 const BESIDE_WEATHER: f64 = 20.0;
@@ -137,6 +140,20 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     } else if rehung {
         let set = solution.set.clone();
         solution = solve(&logs, &mut model, Some(&set), progress)?;
+    }
+    // Where the model was moved to all its estimates, an effect may have lost what spoke for it.
+    while given.is_none() {
+        let evidence = solution.evidence(&model)?;
+        let whole = evidence.of(&solution.set);
+        let own = |c: &usize| {
+            let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+            whole - evidence.of(&rest)
+        };
+        let weakest = solution.set.iter().map(|c| (own(c), *c)).min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((_, lost)) = weakest.filter(|(nats, _)| *nats < LOST) else { break };
+        drop(evidence);
+        let Some(rest) = left_out(&logs, &mut model, &solution, lost, progress)? else { break };
+        solution = rest;
     }
     let solution = with_scatter(&model, solution)?;
     let mut verdict = speak(tracks, vehicle, &model, &logs, &solution)?;

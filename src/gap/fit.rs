@@ -17,7 +17,7 @@ use super::track::{Drive, Measured, Noise, Track};
 use crate::flight::resample::rotation_vector;
 use crate::math::quat;
 use crate::physics::drone::Drone;
-use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
 use crate::physics::surroundings::Neighbour;
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
@@ -29,7 +29,7 @@ use std::collections::HashMap;
 pub(super) const N: usize = 12;
 pub(super) type Wide = Dual<f64, N>;
 /// Drive parameters of one pass.
-const N_DRIVE: usize = 8;
+const N_DRIVE: usize = 4;
 type DriveDual = Dual<f64, N_DRIVE>;
 
 /// Unknowns of a window's initial state; its disturbances follow, six for every [`PUSH_STEPS`].
@@ -144,43 +144,27 @@ pub(super) struct DriveInputs {
 
 pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
     let plain = model.plain_at(values, chosen);
-    let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
     let free: Vec<usize> = (0..values.len())
         .filter(|k| matches!(model.parameters[*k].enters, Enters::Drive | Enters::Clock(0)))
         .collect();
-    let mut slopes = Vec::new();
     if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
-        return DriveInputs { ticks, slopes };
+        let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
+        return DriveInputs { ticks, slopes: Vec::new() };
     }
     // A limit that no command reaches has no slope: until it is found, its column is what half a slab below would do.
     let (limits, free): (Vec<usize>, Vec<usize>) = free.into_iter().partition(|k| {
         let p = &model.parameters[*k];
         p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
     });
-    for k in limits {
-        let p = &model.parameters[k];
-        let far = -0.5 * p.slab;
+    let far = |k: usize| -0.5 * model.parameters[k].slab;
+    let limited = |k: &usize| {
         let mut there = values.to_vec();
-        there[k] += far;
+        there[*k] += far(*k);
         let mut keep = model.effects_of(chosen);
-        keep[p.effect] = true;
-        let limited =
-            drive_by_pose(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v));
-        let slope = |a: f64, b: f64| (b - a) / far;
-        let secant: Vec<Tick<f64>> = ticks
-            .iter()
-            .zip(&limited)
-            .map(|(a, b)| Tick {
-                rotor_vel: core::array::from_fn(|i| slope(a.rotor_vel[i], b.rotor_vel[i])),
-                rotor_acc: core::array::from_fn(|i| slope(a.rotor_acc[i], b.rotor_acc[i])),
-                thrust: slope(a.thrust, b.thrust),
-                command: core::array::from_fn(|i| slope(a.command[i], b.command[i])),
-            })
-            .collect();
-        let secant = around_nodes(&secant);
-        slopes.push((k, secant));
-    }
-    for group in free.chunks(N_DRIVE) {
+        keep[model.parameters[*k].effect] = true;
+        drive_by_pose(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v))
+    };
+    let by_duals = |group: &[usize]| -> Vec<(usize, Vec<Tick<f64>>)> {
         let mut keep = model.effects_of(chosen);
         group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
         let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
@@ -188,29 +172,36 @@ pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen
             None => DriveDual::lit(v),
         });
         let all = drive_by_pose(log.track, &log.around, &log.raw, &drone);
-        for (slot, k) in group.iter().enumerate() {
-            let part = |d: DriveDual| d.partials[slot];
-            let list: Vec<Tick<f64>> = all
-                .iter()
-                .map(|t| Tick {
-                    rotor_vel: t.rotor_vel.map(part),
-                    rotor_acc: t.rotor_acc.map(part),
-                    thrust: part(t.thrust),
-                    command: t.command.map(part),
-                })
-                .collect();
-            let list = around_nodes(&list);
-            slopes.push((*k, list));
-        }
-    }
+        let slope = |slot: usize| around_nodes(all.len(), |i| all[i].map(|d| d.partials[slot]));
+        group.iter().enumerate().map(|(slot, k)| (*k, slope(slot))).collect()
+    };
+    // A log is one chain of motor states, so that its passes are what runs side by side.
+    let (smooth, (ticks, limited)): (Vec<_>, (_, Vec<_>)) = rayon::join(
+        || free.par_chunks(N_DRIVE).flat_map_iter(by_duals).collect(),
+        || {
+            rayon::join(
+                || drive_by_pose(log.track, &log.around, &log.raw, &plain),
+                || limits.par_iter().map(limited).collect(),
+            )
+        },
+    );
+    let mut slopes: Vec<(usize, Vec<Tick<f64>>)> = limits
+        .iter()
+        .zip(&limited)
+        .map(|(k, there)| {
+            let secant = |a: f64, b: f64| (b - a) / far(*k);
+            (*k, around_nodes(ticks.len(), |i| ticks[i].with(&there[i], secant)))
+        })
+        .collect();
+    slopes.extend(smooth);
     DriveInputs { ticks, slopes }
 }
 
-/// Means around every node, weighted by a hat that falls to zero at the nodes beside it: what jumps from tick to tick is
-/// not sampled by luck, and its sum over a window stays.
-fn around_nodes(ticks: &[Tick<f64>]) -> Vec<Tick<f64>> {
+/// Means around every node of `n` ticks, weighted by a hat that falls to zero at the nodes beside it: what jumps from tick to
+/// tick is not sampled by luck, and its sum over a window stays.
+fn around_nodes(n: usize, tick: impl Fn(usize) -> Tick<f64>) -> Vec<Tick<f64>> {
     let apart = (STEP * NODE) as isize;
-    (0..ticks.len())
+    (0..n)
         .step_by(STEP * NODE)
         .map(|at| {
             let mut out = Tick {
@@ -221,16 +212,8 @@ fn around_nodes(ticks: &[Tick<f64>]) -> Vec<Tick<f64>> {
             };
             for offset in 1 - apart..apart {
                 let weight = (apart - offset.abs()) as f64 / (apart * apart) as f64;
-                let place = (at as isize + offset).clamp(0, ticks.len() as isize - 1) as usize;
-                let tick = &ticks[place];
-                for i in 0..MAX_ROTORS {
-                    out.rotor_vel[i] += weight * tick.rotor_vel[i];
-                    out.rotor_acc[i] += weight * tick.rotor_acc[i];
-                }
-                out.thrust += weight * tick.thrust;
-                for i in 0..4 {
-                    out.command[i] += weight * tick.command[i];
-                }
+                let place = (at as isize + offset).clamp(0, n as isize - 1) as usize;
+                out = out.with(&tick(place), |sum, x| sum + weight * x);
             }
             out
         })
@@ -241,6 +224,8 @@ fn around_nodes(ticks: &[Tick<f64>]) -> Vec<Tick<f64>> {
 pub(super) struct Pass {
     pub parameters: Vec<usize>,
     pub drone: Drone<Wide>,
+    /// Whether all of them only enter what sensors read: the rates then have no slopes.
+    pub reading: bool,
 }
 
 /// Passes over all parameters that enter the dynamics, the drive or the readings.
@@ -249,16 +234,20 @@ pub(super) fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pas
     let mut free: Vec<usize> =
         (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(1 | 2))).collect();
     // Those of one effect together, so that a pass has few effects.
-    free.sort_by_key(|k| (model.parameters[*k].enters == Enters::Reading, model.parameters[*k].effect));
+    free.sort_by_key(|k| model.parameters[*k].effect);
+    let (readings, dynamics): (Vec<usize>, Vec<usize>) =
+        free.into_iter().partition(|k| model.parameters[*k].enters == Enters::Reading);
     let mut out = Vec::new();
-    for group in free.chunks(N) {
-        let mut keep = constant.clone();
-        group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
-        let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
-            Some(slot) => Wide::input(v, slot),
-            None => Wide::lit(v),
-        });
-        out.push(Pass { parameters: group.to_vec(), drone });
+    for (list, reading) in [(dynamics, false), (readings, true)] {
+        for group in list.chunks(N) {
+            let mut keep = constant.clone();
+            group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
+            let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
+                Some(slot) => Wide::input(v, slot),
+                None => Wide::lit(v),
+            });
+            out.push(Pass { parameters: group.to_vec(), drone, reading });
+        }
     }
     out
 }
@@ -275,8 +264,8 @@ struct Node {
     cp: Vec<[f64; OUTPUTS]>,
 }
 
-/// Makes the Gram matrices of all windows of `horizon_s` at parameter values `values`, with the effects of the file and of
-/// the candidates `chosen` at work.
+/// Makes the Gram matrices of windows of `horizon_s` at parameter values `values`, with the effects of the file and of the
+/// candidates `chosen` at work; of about `most` windows, evenly spread.
 pub(crate) fn linearise(
     logs: &[Prepared],
     model: &Model,
@@ -285,10 +274,13 @@ pub(crate) fn linearise(
     horizon_s: f64,
     starts: &Starts,
     noise: &[Noise],
+    most: usize,
 ) -> Linear {
     let steps = ((horizon_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
     let plain = model.plain_at(values, chosen);
     let mut windows = Vec::new();
+    let ticks: usize = logs.iter().map(|l| l.around.n_ticks).sum();
+    let every = (ticks / (steps * STEP)).div_ceil(most.max(1)).max(1);
     for (index, p) in logs.iter().enumerate() {
         let inputs = drive_inputs(p, model, values, chosen);
         // Where the attitude is an input, it is the one that the model's sensors read as the measured one.
@@ -304,10 +296,7 @@ pub(crate) fn linearise(
             around,
             plant: Plant::new(&plain, p.track, around),
             base: Plant::new(&base, p.track, around),
-            passes: passes
-                .iter()
-                .map(|pass| (pass.parameters.as_slice(), Plant::new(&pass.drone, p.track, around)))
-                .collect(),
+            passes: passes.iter().map(|pass| (pass, Plant::new(&pass.drone, p.track, around))).collect(),
             delays: delays(p.track, &plain),
             steps,
             index,
@@ -315,7 +304,7 @@ pub(crate) fn linearise(
             noise: &noise[index],
         };
         let starts: Vec<usize> = (0..)
-            .map(|w| w * steps * STEP)
+            .map(|w| w * every * steps * STEP)
             .take_while(|from| from + steps * STEP < p.around.n_ticks)
             .collect();
         windows.par_extend(starts.into_par_iter().filter_map(|from| job.window(from)));
@@ -331,7 +320,7 @@ struct Job<'a> {
     inputs: &'a DriveInputs,
     plant: Plant<'a, f64>,
     base: Plant<'a, Wide>,
-    passes: Vec<(&'a [usize], Plant<'a, Wide>)>,
+    passes: Vec<(&'a Pass, Plant<'a, Wide>)>,
     delays: [f64; 3],
     steps: usize,
     index: usize,
@@ -371,8 +360,7 @@ impl Job<'_> {
             return None;
         }
         let single: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
-        let matrix = DMatrix::from_vec(width + 1, n_rows, rows);
-        let gram = &matrix * matrix.transpose();
+        let gram = gram(&DMatrix::from_vec(width + 1, n_rows, rows));
         // A model may stay finite where its slopes do not.
         if !gram.iter().all(|x| x.is_finite()) {
             return None;
@@ -499,12 +487,7 @@ impl Job<'_> {
             ang_vel: lit(point.state.ang_vel),
             ..State::rest()
         };
-        let constant = Tick {
-            rotor_vel: input.rotor_vel.map(Wide::lit),
-            rotor_acc: input.rotor_acc.map(Wide::lit),
-            thrust: Wide::lit(input.thrust),
-            command: input.command.map(Wide::lit),
-        };
+        let constant = input.map(Wide::lit);
         // By the state.
         let mut state = plain;
         for k in 0..3 {
@@ -537,8 +520,26 @@ impl Job<'_> {
             }
         }
         // By the parameters.
-        for (parameters, plant) in &self.passes {
+        let still = |v: [Wide; 3]| v.map(|d| Wide::lit(d.value));
+        let unmoved = Rate {
+            vel: still(rate.vel),
+            ang_vel: still(rate.ang_vel),
+            acc: still(rate.acc),
+            ang_acc: still(rate.ang_acc),
+            ..Rate::zero()
+        };
+        for (pass, plant) in &self.passes {
+            let parameters = &pass.parameters;
             let mut state = plain;
+            if pass.reading {
+                state.rotor_vel = constant.rotor_vel;
+                state.thrust = constant.thrust;
+                let reading = plant.drone.read(&state, &unmoved);
+                for (slot, k) in parameters.iter().enumerate() {
+                    node.cp[*k] = output_slopes(&reading, slot);
+                }
+                continue;
+            }
             let mut driven = constant;
             for (slot, k) in parameters.iter().enumerate() {
                 if let Some((_, list)) = self.inputs.slopes.iter().find(|(of, _)| of == k) {
@@ -684,6 +685,27 @@ impl Job<'_> {
         }
         out
     }
+}
+
+/// Columns that are multiplied together.
+const BLOCK: usize = 40;
+
+/// `columns · columnsᵀ`; of blocks that mirror each other one is computed.
+fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = columns.nrows();
+    let across = columns.transpose();
+    let mut out = DMatrix::zeros(n, n);
+    for i in (0..n).step_by(BLOCK) {
+        let rows = BLOCK.min(n - i);
+        for j in (i..n).step_by(BLOCK) {
+            let part = columns.rows(i, rows) * across.columns(j, BLOCK.min(n - j));
+            if j > i {
+                out.view_mut((j, i), (part.ncols(), rows)).copy_from(&part.transpose());
+            }
+            out.view_mut((i, j), (rows, part.ncols())).copy_from(&part);
+        }
+    }
+    out
 }
 
 /// What drives a column of the state's slopes, beside the slopes themselves.

@@ -37,6 +37,29 @@ pub(crate) struct Tick<S> {
     pub command: [S; 4],
 }
 
+impl<S: Copy> Tick<S> {
+    /// Every number through `f`.
+    pub fn map<T>(&self, mut f: impl FnMut(S) -> T) -> Tick<T> {
+        Tick {
+            rotor_vel: self.rotor_vel.map(&mut f),
+            rotor_acc: self.rotor_acc.map(&mut f),
+            thrust: f(self.thrust),
+            command: self.command.map(f),
+        }
+    }
+
+    /// Every number through `f` with that of another.
+    pub fn with(&self, other: &Self, f: impl Fn(S, S) -> S) -> Self {
+        let both = |i: usize, a: &[S; MAX_ROTORS], b: &[S; MAX_ROTORS]| f(a[i], b[i]);
+        Self {
+            rotor_vel: core::array::from_fn(|i| both(i, &self.rotor_vel, &other.rotor_vel)),
+            rotor_acc: core::array::from_fn(|i| both(i, &self.rotor_acc, &other.rotor_acc)),
+            thrust: f(self.thrust, other.thrust),
+            command: core::array::from_fn(|i| f(self.command[i], other.command[i])),
+        }
+    }
+}
+
 /// What does not depend on the model: the world around the vehicle at every tick of a log.
 #[derive(Clone, Debug)]
 pub(crate) struct Around {

@@ -18,6 +18,8 @@ const PASSES: usize = 4;
 const STEPS: usize = 3;
 /// Most linearisations per length.
 const ROUNDS: [usize; 2] = [4, 4];
+/// About so many of the short windows, after a first look at all: they only lead to where the long ones begin.
+const FIRST_WINDOWS: usize = 240;
 /// Widths of a vehicle's tolerances that are tried, times the usual: a vehicle built or measured carelessly is off in many
 /// numbers, which is no missing effect.
 const TOLERANCES: [f64; 3] = [1.4, 2.0, 2.8];
@@ -143,7 +145,7 @@ pub(crate) fn solve(
     given: Option<&[usize]>,
     progress: &dyn Fn(usize, usize),
 ) -> Result<Solution, GapError> {
-    let mut best = settle(logs, model, given, None, progress)?;
+    let mut best = settle(logs, model, given, None, progress)?.ok_or_else(no_window)?;
     if given.is_some() {
         return Ok(best);
     }
@@ -171,7 +173,12 @@ pub(crate) fn solve(
     alone.sort_by(|a, b| b.0.total_cmp(&a.0));
     for (_, c) in alone.into_iter().take(4) {
         let unknown = Disturbance::unknown();
-        let start = Start { set: vec![c], held: 3, disturbance: unknown, ..Start::beside(model, &best) };
+        let set = vec![c];
+        if best.set == set {
+            continue;
+        }
+        let back = Some(best.set.clone());
+        let start = Start { set, held: 3, back, disturbance: unknown, ..Start::beside(model, &best) };
         if let Some(other) = again(logs, model, None, start, progress)?
             && other.better_than(&best, model)?
         {
@@ -209,17 +216,8 @@ fn pruned(
         weak.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut better = None;
         for (_, c) in weak {
-            let rest: Vec<usize> = best.set.iter().copied().filter(|x| *x != c).collect();
-            let mut values = best.linear.at.clone();
-            model.of(c).for_each(|k| values[k] = model.parameters[k].filed);
-            let start = Start {
-                values,
-                set: rest.clone(),
-                horizon: 1,
-                widest: best.tolerance,
-                ..Start::beside(model, &best)
-            };
-            let Some(other) = again(logs, model, Some(&rest), start, progress)? else { continue };
+            let Some(other) = left_out(logs, model, &best, c, progress)? else { continue };
+            let rest = other.set.clone();
             let without = other.evidence(model)?;
             let mut with = rest.clone();
             with.push(c);
@@ -236,6 +234,22 @@ fn pruned(
             None => return Ok(best),
         }
     }
+}
+
+/// The same without one of the effects; `None` where that model flies nowhere.
+pub(crate) fn left_out(
+    logs: &[Prepared],
+    model: &mut Model,
+    found: &Solution,
+    candidate: usize,
+    progress: &dyn Fn(usize, usize),
+) -> Result<Option<Solution>, GapError> {
+    let set: Vec<usize> = found.set.iter().copied().filter(|x| *x != candidate).collect();
+    let mut values = found.linear.at.clone();
+    model.of(candidate).for_each(|k| values[k] = model.parameters[k].filed);
+    let widest = found.tolerance;
+    let start = Start { values, set: set.clone(), horizon: 1, widest, ..Start::beside(model, found) };
+    again(logs, model, Some(&set), start, progress)
 }
 
 /// The same set with the model moved to all its estimates, also those within tolerance: several small faults together bend
@@ -326,6 +340,8 @@ struct Start {
     horizon: usize,
     /// Linearisations for which the set stays.
     held: usize,
+    /// Set in which another search has ended: one that comes there too would end as that one did.
+    back: Option<Vec<usize>>,
     /// Whether the model also follows what is within tolerance.
     follow: bool,
     /// Widest tolerances that are tried.
@@ -348,6 +364,7 @@ impl Start {
             disturbance,
             horizon: 0,
             held: 0,
+            back: None,
             follow: false,
             widest: f64::INFINITY,
             noise: None,
@@ -429,25 +446,30 @@ fn again(
 ) -> Result<Option<Solution>, GapError> {
     match settle(logs, model, given, Some(start), progress) {
         Err(GapError::Log { .. }) => Ok(None),
-        other => other.map(Some),
+        other => other,
     }
 }
 
-/// One search from one start.
+fn no_window() -> GapError {
+    GapError::Numbers { what: "the fit", reason: "no window could be used".into() }
+}
+
+/// One search from one start; none where it comes [`Start::back`].
 fn settle(
     logs: &[Prepared],
     model: &mut Model,
     given: Option<&[usize]>,
     start: Option<Start>,
     progress: &dyn Fn(usize, usize),
-) -> Result<Solution, GapError> {
+) -> Result<Option<Solution>, GapError> {
     let mut filed = model.filed();
     let from_file = start.is_none();
     let start = start.unwrap_or_else(|| Start {
         set: given.map(<[usize]>::to_vec).unwrap_or_default(),
         ..Start::file(model, Disturbance::unknown())
     });
-    let Start { mut values, mut set, mut disturbance, horizon, held, follow, widest, noise: known } = start;
+    let Start { mut values, mut set, mut disturbance, horizon, held, back, follow, widest, noise: known } =
+        start;
     let least: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
     let mut noise = known.clone().unwrap_or_else(|| least.clone());
     let forces_only = forces_only(logs);
@@ -469,7 +491,9 @@ fn settle(
                 .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
                 .collect();
             let length_s = horizon_s.max(shortest_s);
-            let linear = linearise(logs, model, &values, &at_work, length_s, &starts, &noise);
+            // The line of a spectrum is looked for in all windows, and the last word needs all of them.
+            let most = if done > 0 && horizon_s == HORIZONS_S[0] { FIRST_WINDOWS } else { usize::MAX };
+            let linear = linearise(logs, model, &values, &at_work, length_s, &starts, &noise, most);
             progress(done, all);
             done += 1;
             if linear.windows.len() < 4 {
@@ -507,6 +531,9 @@ fn settle(
                     }
                     near = next.near(&disturbance);
                     disturbance = next;
+                    if near {
+                        break;
+                    }
                 }
                 pass = if near { PASSES } else { pass + 1 };
             };
@@ -529,6 +556,9 @@ fn settle(
                 Ok((evidence.empty() + scored.score() - price_of(tolerance), scored))
             };
             let (mut most, mut best) = choose(model, 1.0)?;
+            if done > held && back.as_ref() == Some(&best.set) {
+                return Ok(None);
+            }
             tolerance = 1.0;
             // Short windows, seen from far off, would take a missing effect for carelessness.
             let tried = |wider: &f64| horizon_s == HORIZONS_S[1] && !forces_only && *wider <= widest;
@@ -591,8 +621,7 @@ fn settle(
         }
     }
     progress(all, all);
-    let mut solution =
-        last.ok_or_else(|| GapError::Numbers { what: "the fit", reason: "no window could be used".into() })?;
+    let mut solution = last.ok_or_else(no_window)?;
     // How large the disturbances would have to be without anything found.
     // Found effects are back at the file; a spike alone would not hold them there against so much data.
     let delta: Vec<f64> = model
@@ -609,7 +638,7 @@ fn settle(
     for _ in 0..6 {
         solution.disturbance_before = solution.linear.disturbance(&solution.disturbance_before, &delta);
     }
-    Ok(solution)
+    Ok(Some(solution))
 }
 
 /// Frequency (Hz) at which the windows' disturbances swing most, of all three axes together: the highest peak of the
