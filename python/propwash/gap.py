@@ -222,6 +222,7 @@ def compare(
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
     load: str | None = None,
+    noise: Mapping[str, float] | None = None,
     mapping: str | os.PathLike[str] | None = None,
 ) -> Comparison:
     """Compares a vehicle's model with flights of it.
@@ -234,6 +235,8 @@ def compare(
         ground_z, ceiling_z: Heights of ground (0 where None) and ceiling (none), m, world.
         neighbours: Tracked objects that are other vehicles; all that are no loads where it is None.
         load: Tracked object that hangs on a cable.
+        noise: Standard deviations of one sample that are known better than the logs tell, by channel: ``"position"`` (m),
+            ``"attitude"`` (rad), ``"gyro"`` (rad/s), ``"accel"`` (m/s²).
         mapping: TOML file with names, units and frames of the logs; the one beside each log where it is None.
 
     Raises:
@@ -241,7 +244,7 @@ def compare(
     """
     with _Logs(logs) as paths:
         text, page = _native.gap_compare(
-            paths, _vehicle(vehicle), _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+            paths, _vehicle(vehicle), _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
         )
     of = json.loads(text)
     logs_ = tuple(
@@ -269,12 +272,13 @@ def diagnose(
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
     load: str | None = None,
+    noise: Mapping[str, float] | None = None,
     mapping: str | os.PathLike[str] | None = None,
 ) -> Diagnosis:
     """Finds which effects of air, mass, drive and sensors a vehicle's model lacks.
 
     Args:
-        logs, vehicle, drive, ground_z, ceiling_z, neighbours, load, mapping: As in ``compare``.
+        logs, vehicle, drive, ground_z, ceiling_z, neighbours, load, noise, mapping: As in ``compare``.
         held_out: Flights that only check the result.
         hold_out: Share of each log, its end, that only checks the result where there is no ``held_out``; 0 to 0.5.
         candidates: Search among these effects only.
@@ -283,7 +287,7 @@ def diagnose(
         ValueError: for a log that cannot be right or lacks what is needed.
         KeyError: for an unknown candidate.
     """
-    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
     return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False)
 
 
@@ -302,6 +306,7 @@ def add(
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
     load: str | None = None,
+    noise: Mapping[str, float] | None = None,
     mapping: str | os.PathLike[str] | None = None,
 ) -> Diagnosis:
     """Fits effects to flights and adds them to a vehicle: ``completed`` of what is returned, with values, standard deviations,
@@ -309,7 +314,7 @@ def add(
 
     Args:
         effects: Names as ``diagnose`` gives them: ``"rotor_drag"``, ``"weak_rotor.2"``.
-        logs, vehicle, held_out, hold_out, drive, ground_z, ceiling_z, neighbours, load, mapping: As in ``diagnose``.
+        logs, vehicle, held_out, hold_out, drive, ground_z, ceiling_z, neighbours, load, noise, mapping: As in ``diagnose``.
         out: Vehicle file to write; none is written where it is None.
         force: Replace the file ``out``, and take effects that the flights do not determine.
         calibrate: Also set parameters within their tolerance to their estimates: those of the groups that lower the error on
@@ -327,7 +332,7 @@ def add(
         raise ValueError("effects: expected at least one name, such as 'rotor_drag', got none")
     if out is not None and Path(out).exists() and not force:
         raise FileExistsError(f"{os.fspath(out)} exists: give another name, or force=True to replace it")
-    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, mapping)
+    reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
     made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate)
     if made.undetermined and not force:
         why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
@@ -417,6 +422,7 @@ def _reading(
     ceiling_z: float | None,
     neighbours: Sequence[str] | None,
     load: str | None,
+    noise: Mapping[str, float] | None,
     mapping: str | os.PathLike[str] | None,
 ) -> dict[str, Any]:
     heights = {"ground_z": ground_z, "ceiling_z": ceiling_z}
@@ -428,6 +434,7 @@ def _reading(
         **heights,
         "neighbours": None if neighbours is None else list(neighbours),
         "load": load,
+        "noise": {} if noise is None else {name: float(value) for name, value in noise.items()},
         "mapping": mapping,
     }
 

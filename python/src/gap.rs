@@ -1,12 +1,13 @@
 //! Models against flights: `propwash.compare`, `propwash.diagnose`, `propwash.add`.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 use propwash::gap::diagnose::Settings;
 use propwash::gap::fitted::{self, Calibrate, Filed};
 use propwash::gap::ladder::Flights;
 use propwash::gap::report::{Report, ladder_png, text};
-use propwash::gap::{Drive, Options, Track, compare};
+use propwash::gap::{Drive, Options, StatedNoise, Track, compare};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -23,6 +24,7 @@ pub struct Reading {
     ceiling_z: Option<f64>,
     neighbours: Option<Vec<String>>,
     load: Option<String>,
+    noise: HashMap<String, f64>,
     mapping: Option<PathBuf>,
 }
 
@@ -46,13 +48,17 @@ impl Reading {
                 "ceiling_z: expected a height above the ground at {ground} m, got {ceiling} m"
             )));
         }
+        let mut noise = StatedNoise::default();
+        for (channel, value) in &self.noise {
+            noise.set(channel, *value).map_err(|e| PyValueError::new_err(format!("noise: {e}")))?;
+        }
         let options = Options {
             drive,
+            noise,
             ground_z_m: self.ground_z,
             ceiling_z_m: self.ceiling_z,
             neighbours: self.neighbours.clone(),
             load: self.load.clone(),
-            ..Options::default()
         };
         fitted::read(logs, self.mapping.as_deref(), &vehicle.vehicle, &options).or_raise()
     }

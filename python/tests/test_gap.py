@@ -81,6 +81,9 @@ def test_an_effect_is_fitted_and_written(flown, tmp_path):
     assert "source_log_sha256" in out.read_text() and "propwash.add" in out.read_text()
     with pytest.raises(FileExistsError, match="force=True"):
         propwash.add("quadratic_drag", flown, "cf2x_L250", out)
+    stated = propwash.add("quadratic_drag", flown, "cf2x_L250", noise={"gyro": 0.05, "position": 0.002}).details["logs"][0]["noise"]
+    assert (stated["gyro_rad_s"], stated["position_m"]) == (0.05, 0.002), stated
+    assert added.details["logs"][0]["noise"]["gyro_rad_s"] < 0.02
 
 
 def test_tables_come_and_go_as_pandas(flown):
@@ -129,6 +132,8 @@ def test_what_makes_no_sense_is_refused(flown, tmp_path):
     refused(ValueError, ["one length"], lambda: propwash.compare(uneven, "cf2x_L250"))
     refused(ValueError, ["drive", "stick"], lambda: propwash.compare(flown, "cf2x_L250", drive="stick"))
     refused(ValueError, ["ceiling_z", "-1"], lambda: propwash.compare(flown, "cf2x_L250", ceiling_z=-1.0))
+    refused(ValueError, ["noise", "gyro", "compass"], lambda: propwash.compare(flown, "cf2x_L250", noise={"compass": 1.0}))
+    refused(ValueError, ["noise", "-1"], lambda: propwash.compare(flown, "cf2x_L250", noise={"gyro": -1.0}))
     refused(ValueError, ["hold_out", "0.9"], lambda: propwash.diagnose(flown, "cf2x_L250", hold_out=0.9))
     refused(KeyError, ["witchcraft"], lambda: propwash.diagnose(flown, "cf2x_L250", candidates=["witchcraft"]))
     refused(ValueError, ["at least one"], lambda: propwash.add([], flown, "cf2x_L250"))

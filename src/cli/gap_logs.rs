@@ -1,7 +1,7 @@
 //! Flags that every command takes which holds a vehicle against flights, and what they make.
 
 use super::cmd::drones;
-use crate::gap::track::StatedNoise;
+use crate::gap::StatedNoise;
 use crate::gap::{Drive, Options, Track, fitted};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -82,20 +82,13 @@ fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Channels whose noise can be stated.
-const CHANNELS: [&str; 4] = ["position", "attitude", "gyro", "accel"];
-
 /// A channel and its noise.
 fn stated_noise(text: &str) -> Result<(String, f64), String> {
     let (channel, value) =
         text.split_once('=').ok_or_else(|| format!("expected CHANNEL=VALUE, got {text:?}"))?;
-    if !CHANNELS.contains(&channel) {
-        return Err(format!("expected one of {}, got {channel:?}", CHANNELS.join(", ")));
-    }
-    match finite(value)? {
-        v if v > 0.0 => Ok((channel.into(), v)),
-        _ => Err(format!("expected a noise above 0, got {value}")),
-    }
+    let value = finite(value)?;
+    StatedNoise::default().set(channel, value)?;
+    Ok((channel.into(), value))
 }
 
 impl GapLogArgs {
@@ -129,14 +122,14 @@ impl ReadingArgs {
             });
         }
         let vehicle = drones::find(&self.vehicle)?;
-        let stated =
-            |channel: &str| self.noise.iter().rev().find(|(name, _)| name == channel).map(|(_, v)| *v);
-        let noise = StatedNoise {
-            position_m: stated("position"),
-            attitude_rad: stated("attitude"),
-            gyro_rad_s: stated("gyro"),
-            accel_m_s2: stated("accel"),
-        };
+        let mut noise = StatedNoise::default();
+        for (channel, value) in &self.noise {
+            noise.set(channel, *value).map_err(|got| Error::Usage {
+                flag: "--noise",
+                expected: "CHANNEL=VALUE".into(),
+                got,
+            })?;
+        }
         let options = Options {
             noise,
             drive: self.drive.map(Drive::from),

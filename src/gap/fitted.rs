@@ -7,10 +7,11 @@ use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
 use super::diagnose::{Diagnosed, Settings, diagnose};
 use super::headline::headline;
-use super::judge::Judge;
+use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
+use super::policy::WORSE;
 use super::track::{Noise, Options, Track};
-use super::verdict::{Calibration, Finding};
+use super::verdict::{Calibration, Finding, Rung};
 use crate::Result;
 use crate::flight::{CheckReport, Fault, FlightLog, Severity};
 use crate::vehicle::Vehicle;
@@ -160,6 +161,7 @@ pub fn fit(
         completion.add(&Entry::of(finding))?;
         rungs.push((format!("+ {}", finding.id), completion.vehicle(filed.vehicle)?));
     }
+    let found = rungs.len();
     let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
     let mut calibrated = 0;
     if calibrate != Calibrate::No {
@@ -177,12 +179,31 @@ pub fn fit(
     }
     // A rung whose roll-outs run away is no rung; the others stand.
     match flights.ladder(&rungs) {
-        Ok(ladder) => verdict.ladder = ladder,
+        Ok(ladder) => verdict.ladder = unparted(ladder, found),
         Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);
     Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
+}
+
+/// A ladder on which an effect that only helps with the next one stands on one rung with it: what was fitted together is not
+/// parted. The first `found` rungs are those of the vehicle as filed and of what was found.
+fn unparted(ladder: Vec<Rung>, found: usize) -> Vec<Rung> {
+    let mut out: Vec<Rung> = Vec::new();
+    let mut held: Option<String> = None;
+    for (i, mut rung) in ladder.into_iter().enumerate() {
+        if let Some(before) = held.take() {
+            rung.label = format!("{before} {}", rung.label);
+        }
+        let worse = out.last().is_some_and(|below| rung_over(&rung, below) > WORSE);
+        if worse && i + 1 < found {
+            held = Some(rung.label);
+        } else {
+            out.push(rung);
+        }
+    }
+    out
 }
 
 /// Where the values of a file come from.
@@ -248,5 +269,53 @@ impl Writer<'_> {
             completion.add(&Entry::of(&findings[*index]))?;
         }
         Ok(completion.vehicle(self.filed.vehicle)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::verdict::{HorizonError, Lack};
+
+    fn rung(label: &str, error: f64) -> Rung {
+        let at = |horizon_s| HorizonError {
+            horizon_s,
+            position_m: error,
+            velocity_m_s: error,
+            attitude_rad: error,
+            rate_rad_s: error,
+            n: 9,
+        };
+        let lack = Lack {
+            force_n: error,
+            force_times_noise: error,
+            torque_n_m: Some(error),
+            torque_times_noise: Some(error),
+            n: 99,
+        };
+        let horizons = vec![at(0.5), at(1.0)];
+        Rung {
+            label: label.into(),
+            training: horizons.clone(),
+            held_out: horizons,
+            training_lack: Some(lack),
+            held_out_lack: Some(lack),
+        }
+    }
+
+    #[test]
+    fn what_only_helps_with_the_next_effect_shares_its_rung() {
+        let ladder = |errors: [f64; 4]| {
+            let labels = ["as filed", "+ wrong_mass", "+ thrust_scale", "+ air"];
+            labels.iter().zip(errors).map(|(label, e)| rung(label, e)).collect::<Vec<_>>()
+        };
+        let labels = |list: Vec<Rung>| list.into_iter().map(|r| r.label).collect::<Vec<_>>().join(", ");
+        let shown = labels(unparted(ladder([1.0, 8.0, 0.5, 0.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass + thrust_scale, + air");
+        let shown = labels(unparted(ladder([1.0, 0.8, 0.5, 0.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
+        // What the last effect or the calibration raises is not hidden.
+        let shown = labels(unparted(ladder([1.0, 0.8, 0.9, 1.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
     }
 }

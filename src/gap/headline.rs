@@ -1,21 +1,21 @@
 //! A verdict in one line: what is missing, in at most [`HEADLINE_CHARS`] characters, and a sentence of evidence for it.
 
-use super::policy::HEADLINE_CHARS;
+use super::policy::{HEADLINE_CHARS, WORTH_CORRECTING};
 use super::report::{Scale, significant};
-use super::verdict::{Diagnosis, Finding};
+use super::verdict::{Diagnosis, Finding, Rung};
 
 /// The verdict's short form: what is missing and what is in doubt, most important first. `verdict` is the whole sentence, which
 /// speaks where nothing was found.
 pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> String {
     let name = |f: &Finding| match f.look_alikes.len() {
         _ if f.certain => f.id.clone(),
-        0 => f.id.clone(),
         1 => format!("{} (or {})", f.id, f.look_alikes[0].ids.join(" + ")),
         n => format!("{} (or {n} others)", f.id),
     };
-    let sure: Vec<String> = findings.iter().filter(|f| f.doubt().is_none()).map(name).collect();
-    let doubtful: Vec<String> =
-        findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.clone()).collect();
+    // What has a look-alike is missing, or that is.
+    let open = |f: &&Finding| f.doubt().is_some() || (!f.certain && f.look_alikes.is_empty());
+    let sure: Vec<String> = findings.iter().filter(|f| !open(f)).map(name).collect();
+    let doubtful: Vec<String> = findings.iter().filter(open).map(|f| f.id.clone()).collect();
     if findings.is_empty() {
         // What stands behind these is for the sentence.
         let end = [" (nearest", "; "].iter().filter_map(|stop| verdict.find(stop)).min();
@@ -58,7 +58,7 @@ fn shortened(line: &str) -> String {
 /// One sentence of evidence for a headline: what the first finding does to the error, or what stays without any.
 pub fn evidence(d: &Diagnosis) -> String {
     let first = d.findings.iter().find(|f| f.doubt().is_none()).or(d.findings.first());
-    let Some(f) = first else { return d.remainder.text.clone() };
+    let Some(f) = first else { return corrections(d).unwrap_or_else(|| d.remainder.text.clone()) };
     if let Some(doubt) = f.doubt() {
         return format!("{}: {doubt}", f.id);
     }
@@ -67,6 +67,21 @@ pub fn evidence(d: &Diagnosis) -> String {
         Some(words) => format!("without and with {} on held-out flight: {words}", f.id),
         None => format!("{}: evidence {nats} nats (6 are required)", f.id),
     }
+}
+
+/// What numbers within tolerance do to a model that misses nothing; none where that is little, or something is unexplained.
+fn corrections(d: &Diagnosis) -> Option<String> {
+    let position_m = |rung: &Rung| {
+        let list = if rung.held_out.is_empty() { &rung.training } else { &rung.held_out };
+        list.last().map(|e| (e.horizon_s, e.position_m))
+    };
+    let (horizon_s, before) = position_m(d.ladder.first()?)?;
+    let (_, after) = position_m(d.ladder.last()?)?;
+    let small = d.remainder.unexplained || after > WORTH_CORRECTING * before;
+    (!small).then(|| {
+        let numbers = pair(before, after, "m");
+        format!("small corrections, all within tolerance, do the rest: position after {horizon_s} s {numbers} (`add --calibrate`)")
+    })
 }
 
 /// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; none where it was not measured.
@@ -148,6 +163,13 @@ mod tests {
             "missing: rotor_drag; in doubt: linear_drag"
         );
         assert_eq!(of(&[finding("linear_drag", 0, true)], false), "in doubt: linear_drag");
+        // What only the second estimator doubts.
+        let doubted = Finding { certain: false, ..finding("wrong_mass", 0, false) };
+        assert_eq!(of(std::slice::from_ref(&doubted), false), "in doubt: wrong_mass");
+        assert_eq!(
+            of(&[doubted, finding("rotor_drag", 0, false)], false),
+            "missing: rotor_drag; in doubt: wrong_mass"
+        );
         let many: Vec<Finding> =
             (0..12).map(|i| finding(&format!("an_effect_with_a_long_name.{i}"), i % 3, i > 8)).collect();
         for n in 1..=many.len() {

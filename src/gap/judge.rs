@@ -9,7 +9,7 @@ use super::policy::{
 use super::replay::{Around, Raw, STEP_S, drone_for};
 use super::residual::{Replay, Residuals, replay_errors};
 use super::track::{Drive, Track};
-use super::verdict::{HeldOut, HorizonError, Lack};
+use super::verdict::{HeldOut, HorizonError, Lack, Rung};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 
@@ -268,6 +268,20 @@ impl Seen {
 }
 
 const ALL: [bool; 3] = [true; 3];
+
+/// Errors of one rung of a ladder over those of another, on the flight that judges: geometric mean over all channels.
+pub(crate) fn rung_over(a: &Rung, b: &Rung) -> f64 {
+    let channels = |rung: &Rung| {
+        let (horizons, lack) = match rung.held_out.is_empty() {
+            false => (&rung.held_out, rung.held_out_lack),
+            true => (&rung.training, rung.training_lack),
+        };
+        let mut out = vec![lack.map(|l| l.force_n), lack.and_then(|l| l.torque_n_m)];
+        out.extend(Seen { stretches: Vec::new(), horizons: horizons.clone() }.roll_outs());
+        out
+    };
+    geometric(&channels(a), &channels(b))
+}
 
 /// A channel of its own: axes of force or torque, or roll-outs.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -39,7 +39,7 @@ pub(crate) mod witness;
 pub use causes::{Cause, Response};
 pub use compare::{Comparison, compare};
 pub use error::GapError;
-pub use track::{Drive, Options, Track};
+pub use track::{Drive, Options, StatedNoise, Track};
 pub use verdict::Diagnosis;
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! What the regression in a band says of each finding, in words and numbers: the second line of evidence of a verdict.
 
 use super::model::Model;
+use super::report::{interval, quantity};
 use super::solve::Solution;
 use super::verdict::{Opinion, Said, SecondStep};
 use super::witness::{Agreement, Testimony, Witness, agreement};
@@ -16,8 +17,7 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
     let said = agreement(&testimony, &posterior.mean, &posterior.sigma);
     let words = |k: usize, value: f64, sigma: f64| {
         let p = &model.parameters[k];
-        let unit = if p.unit == "1" { String::new() } else { format!(" {}", p.unit) };
-        format!("{} = {value:.4e} ± {sigma:.1e}{unit}", p.name)
+        format!("{} {}", p.name, interval(value, sigma, p.unit))
     };
     let share = format!(
         "explains {:.0} % of the {} that is left on other flight",
@@ -29,8 +29,9 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
         Agreement::Differs { parameter, claimed, found, sigma, gains } => {
             let gain = if gains { share } else { format!("no gain on other flight ({share})") };
             let text = format!(
-                "differs: {} by the regression, {claimed:.4e} by the fit; {gain}",
-                words(parameter, found, sigma)
+                "differs: {} by the regression, {} by the fit; {gain}",
+                words(parameter, found, sigma),
+                quantity(claimed, model.parameters[parameter].unit, 3)
             );
             opinion(Said::Differs, &testimony, text)
         }

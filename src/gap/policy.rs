@@ -67,6 +67,9 @@ pub(crate) const GROUPS_SHOWN: usize = 3;
 /// Most characters of a headline: one line of 34 px on a page of 1400 px, and of a terminal.
 pub const HEADLINE_CHARS: usize = 90;
 
+/// Share of the error of roll-outs that must stay at most for a verdict in which nothing is missing to speak of calibration.
+pub(crate) const WORTH_CORRECTING: f64 = 0.8;
+
 /// Attitude error of roll-outs, rad, below which the attitude is an input of the model and no result: rounding makes
 /// 10⁻¹⁵, the best sensor of attitude 10⁻⁴.
 pub(crate) const FED_IN_RAD: f64 = 1e-9;

@@ -49,6 +49,30 @@ pub struct StatedNoise {
     pub accel_m_s2: Option<f64>,
 }
 
+impl StatedNoise {
+    /// Channels whose noise can be stated.
+    pub const CHANNELS: [&str; 4] = ["position", "attitude", "gyro", "accel"];
+
+    /// States the noise of a channel, by its name.
+    ///
+    /// # Errors
+    /// In words, where there is no such channel or the noise is no finite number above 0.
+    pub fn set(&mut self, channel: &str, value: f64) -> Result<(), String> {
+        let place = match channel {
+            "position" => &mut self.position_m,
+            "attitude" => &mut self.attitude_rad,
+            "gyro" => &mut self.gyro_rad_s,
+            "accel" => &mut self.accel_m_s2,
+            _ => return Err(format!("expected one of {}, got {channel:?}", Self::CHANNELS.join(", "))),
+        };
+        if !(value > 0.0 && value.is_finite()) {
+            return Err(format!("expected a finite noise above 0 of {channel}, got {value}"));
+        }
+        *place = Some(value);
+        Ok(())
+    }
+}
+
 /// How a log is to be read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {

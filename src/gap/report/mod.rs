@@ -17,7 +17,7 @@ use super::verdict::Diagnosis;
 use serde::Serialize;
 
 pub use ladder_png::{LADDER_PNG_WIDTH, ladder_png};
-pub(crate) use quantity::{Scale, significant};
+pub(crate) use quantity::{Scale, interval, quantity, significant};
 pub(crate) use rungs::turns;
 pub use text::{TEXT_COLUMNS, text};
 
