@@ -152,9 +152,10 @@ fn a_payload_on_a_cable_and_the_drag_are_found_and_hold_on_other_flights() {
             assert!(share[0] > 0.0 && error[1] < error[0], "{share:?} {error:?}");
         }
         let load = value(finding(&d, "slung_payload"), "mass_kg");
-        // 4.5 to 6.5 g are known from regressions over all flights; one flight alone tells it to half a gram.
+        // 4.5 to 6.5 g are known from regressions over all flights; one flight alone tells it to half a gram, and its interval of
+        // 95 % reaches into what is known.
         let known = load.value.clamp(0.0045, 0.0065);
-        assert!((load.value - known).abs() < load.sigma && load.sigma < 0.0005, "{load:?}");
+        assert!((load.value - known).abs() < 1.96 * load.sigma && load.sigma < 0.0005, "{load:?}");
         finding(&d, "linear_drag");
     }
 }

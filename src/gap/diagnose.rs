@@ -10,6 +10,7 @@ use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
+use super::policy::CERTAIN_ALONE_NATS;
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
@@ -109,7 +110,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         }
         drop(evidence);
         // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
-        let witness = (!shares.is_empty()).then(|| witness(&model, &logs, &solution));
+        let witness = (!shares.is_empty()).then(|| Witness::beside(&model, &logs, &solution.posterior));
         shares.retain(|(_, c)| {
             let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
             let nats = solution.evidence(&model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
@@ -261,7 +262,7 @@ fn speak(
     let whole = evidence.of(&solution.set);
     let apart = each_for_itself(solution);
     let mut findings = Vec::new();
-    let witness = witness(model, logs, solution);
+    let witness = Witness::beside(model, logs, &solution.posterior);
     for c in &solution.set {
         let second = opinion::of(model, &witness, solution, *c);
         let candidate = &model.candidates[*c];
@@ -291,7 +292,7 @@ fn speak(
             set: model.preset_values(*c),
             evidence_nats: whole - evidence.of(&rest),
             removed_share: removed_share(model, solution, &apart, &[*c])?,
-            certain: look_alikes.is_empty() && !matches!(second.said, Said::Differs | Said::Answer),
+            certain: look_alikes.is_empty() && sure(second.said, whole - evidence.of(&rest)),
             second,
             look_alikes,
             held_out: None,
@@ -356,10 +357,10 @@ fn speak(
     let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
         .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
     // Weather beside what is certain and no matter of the air: it leaves neither shape nor pattern, and takes no share itself.
-    let sure = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
+    let firm = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
     let drift = remainder.unexplained && !doubtful_shape && !event;
     let weather = || turbulence(model, logs, solution, &remainder, poor);
-    let beside = !findings.is_empty() && !poor && wholly_driven && findings.iter().all(sure);
+    let beside = !findings.is_empty() && !poor && wholly_driven && findings.iter().all(firm);
     let mut weather_found = (drift && beside).then(weather).flatten();
     if wholly_driven
         && weather_found.is_none()
@@ -458,14 +459,14 @@ fn speak(
     })
 }
 
-/// The second estimator, with the model as filed but for its clocks: half a millisecond would turn a regression.
-fn witness(model: &Model, logs: &[Prepared], solution: &Solution) -> Witness {
-    let timing = model.timing();
-    let mut values = model.filed();
-    for k in timing.iter().flat_map(|c| model.of(*c)) {
-        values[k] = solution.posterior.mean[k];
+/// Whether a finding without look-alikes is certain: where both estimators agree, or where the second cannot see it and there
+/// is much evidence.
+fn sure(second: Said, nats: f64) -> bool {
+    match second {
+        Said::Agrees => true,
+        Said::Silent => nats >= CERTAIN_ALONE_NATS,
+        Said::Differs | Said::Answer => false,
     }
-    Witness::at(logs, model, &values, &timing)
 }
 
 /// Id of what no candidate describes, among look-alikes.

@@ -6,8 +6,9 @@ use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
 use super::policy::GIVEN_ATTITUDE_RAD;
-use super::search::{Evidence, Posterior, Scored};
+use super::search::{Evidence, MOST, Posterior, Scored};
 use super::track::Noise;
+use super::witness::Witness;
 use crate::flight::clean;
 use nalgebra::{DMatrix, DVector};
 
@@ -158,6 +159,12 @@ pub(crate) fn solve(
         {
             best = other;
         }
+    }
+    if let Some(start) = named_by_witness(logs, model, &best)
+        && let Some(other) = again(logs, model, None, start, progress)?
+        && other.better_than(&best, model)?
+    {
+        best = other;
     }
     // What no effect of a plausible size explains may be the end of a wrong way: others are tried from the file, one by one.
     if !best.set.iter().any(|c| implausible(model, &best, *c)) {
@@ -434,6 +441,18 @@ fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     }
     set.sort_unstable();
     Some(Start { values, set, horizon: 1, ..Start::beside(model, found) })
+}
+
+/// What the second estimator names, which knows nothing of noise and of the starts of windows; none where the search has found
+/// all of it.
+fn named_by_witness(logs: &[Prepared], model: &Model, found: &Solution) -> Option<Start> {
+    let steps = Witness::beside(model, logs, &found.posterior).search();
+    let named = steps.into_iter().filter(|s| !s.within_tolerance).map(|s| s.candidate);
+    let mut set: Vec<usize> = named.filter(|c| model.may[*c]).take(MOST).collect();
+    set.sort_unstable();
+    let new = set.iter().any(|c| !found.set.contains(c));
+    let back = Some(found.set.clone());
+    new.then(|| Start { set, back, horizon: 1, held: 1, ..Start::beside(model, found) })
 }
 
 /// [`settle`] from a start of its own; `None` where the model there flies through no window.

@@ -18,6 +18,7 @@ mod tests;
 
 use super::fit::Prepared;
 use super::model::{Enters, Model};
+use super::search::Posterior;
 use crate::physics::effects::{Area, Sign};
 use rayon::prelude::*;
 use regress::{Band, Left};
@@ -192,6 +193,16 @@ const FORCES: [bool; CHANNELS] = [true, true, true, false, false, false];
 const TORQUES: [bool; CHANNELS] = [false, false, false, true, true, true];
 
 impl Witness {
+    /// With the model as filed but for its clocks, which are those of a fit: half a millisecond would turn a regression.
+    pub fn beside(model: &Model, logs: &[Prepared], fit: &Posterior) -> Self {
+        let timing = model.timing();
+        let mut values = model.filed();
+        for k in timing.iter().flat_map(|c| model.of(*c)) {
+            values[k] = fit.mean[k];
+        }
+        Self::at(logs, model, &values, &timing)
+    }
+
     /// With the model as filed.
     #[cfg(test)]
     pub fn new(logs: &[Prepared], model: &Model) -> Self {
