@@ -195,6 +195,10 @@ fn what_cannot_be_fitted_is_refused_in_a_sentence() {
         .refuses(&["`nonsense`", "rotor_drag"]);
     case.run("add downwash --vehicle quad.toml --fit flight.csv --out x.toml")
         .refuses(&["downwash", "another tracked vehicle"]);
+    for (noise, words) in [("compass=1", "position, attitude, gyro, accel"), ("gyro=-1", "gyro above 0")] {
+        case.run(&format!("diagnose flight.csv --vehicle quad.toml --noise {noise}"))
+            .refuses(&["--noise", noise, words]);
+    }
     // The limit lies above all commands: nothing of it can be seen.
     case.run("add actuator_saturation --vehicle quad.toml --fit flight.csv --out x.toml")
         .refuses(&["actuator_saturation", "--force"]);

@@ -157,6 +157,8 @@ fn a_payload_on_a_cable_and_the_drag_are_found_and_hold_on_other_flights() {
         let known = load.value.clamp(0.0045, 0.0065);
         assert!((load.value - known).abs() < 1.96 * load.sigma && load.sigma < 0.0005, "{load:?}");
         finding(&d, "linear_drag");
+        // What nothing speaks for any more is not named: a clock was, with a log evidence of -1.
+        assert!(d.findings.iter().all(|f| f.evidence_nats > 3.0), "{}", d.verdict);
     }
 }
 

@@ -50,7 +50,8 @@ impl Reading {
         }
         let mut noise = StatedNoise::default();
         for (channel, value) in &self.noise {
-            noise.set(channel, *value).map_err(|e| PyValueError::new_err(format!("noise: {e}")))?;
+            let words = |e| format!("noise: expected {e}, got {channel}: {value}");
+            noise.set(channel, *value).map_err(|e| PyValueError::new_err(words(e)))?;
         }
         let options = Options {
             drive,

@@ -87,7 +87,7 @@ fn stated_noise(text: &str) -> Result<(String, f64), String> {
     let (channel, value) =
         text.split_once('=').ok_or_else(|| format!("expected CHANNEL=VALUE, got {text:?}"))?;
     let value = finite(value)?;
-    StatedNoise::default().set(channel, value)?;
+    StatedNoise::default().set(channel, value).map_err(|e| format!("expected {e}, got {text:?}"))?;
     Ok((channel.into(), value))
 }
 
@@ -124,11 +124,8 @@ impl ReadingArgs {
         let vehicle = drones::find(&self.vehicle)?;
         let mut noise = StatedNoise::default();
         for (channel, value) in &self.noise {
-            noise.set(channel, *value).map_err(|got| Error::Usage {
-                flag: "--noise",
-                expected: "CHANNEL=VALUE".into(),
-                got,
-            })?;
+            let got = format!("{channel}={value}");
+            noise.set(channel, *value).map_err(|expected| Error::Usage { flag: "--noise", expected, got })?;
         }
         let options = Options {
             noise,

@@ -240,14 +240,6 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
             format!("the model departs from {} of {} logs{worst}", bad.len(), logs.len())
         }
     };
-    let verdict = match agrees {
-        true => verdict,
-        false => {
-            format!(
-                "{verdict}; whether an effect is missing or small corrections do, `propwash diagnose` tells"
-            )
-        }
-    };
     Ok(Comparison {
         vehicle: vehicle.name.clone(),
         vehicle_sha256: vehicle.sha256(),

@@ -10,11 +10,11 @@ use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
-use super::policy::CERTAIN_ALONE_NATS;
+use super::policy::{LOST_NATS, WEAK_NATS};
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
-use super::solve::{Solution, WEAK, chi2, left_out, polished, solve, sum, with_scatter};
+use super::solve::{Solution, chi2, left_out, polished, solve, sum, with_scatter};
 use super::track::Track;
 use super::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder, Said,
@@ -51,9 +51,6 @@ const FOLDS: usize = 8;
 /// Scatter of what is left, over what disturbances and noise make, beyond which a force is no weather. Flights in turbulence of
 /// the generator have 1.0 to 1.7, in effects that are in no list up to 20.
 const MOST_DISPERSION: f64 = 2.0;
-
-/// Nats below which nothing speaks for an effect any more: half of what it takes to be added.
-const LOST: f64 = 0.5 * THRESHOLD;
 
 /// Nats of evidence from which an effect stands beside weather.
 const BESIDE_WEATHER: f64 = 20.0;
@@ -101,7 +98,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         let mut shares = Vec::new();
         for c in &solution.set {
             let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
-            let sure = rest.is_empty() && whole > WEAK;
+            let sure = rest.is_empty() && whole > WEAK_NATS;
             let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
             let share = removed_share(&model, &solution, &apart, &[*c])?;
             if !sure && share < least {
@@ -151,7 +148,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
             whole - evidence.of(&rest)
         };
         let weakest = solution.set.iter().map(|c| (own(c), *c)).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, lost)) = weakest.filter(|(nats, _)| *nats < LOST) else { break };
+        let Some((_, lost)) = weakest.filter(|(nats, _)| *nats < LOST_NATS) else { break };
         drop(evidence);
         let Some(rest) = left_out(&logs, &mut model, &solution, lost, progress)? else { break };
         solution = rest;
@@ -292,7 +289,7 @@ fn speak(
             set: model.preset_values(*c),
             evidence_nats: whole - evidence.of(&rest),
             removed_share: removed_share(model, solution, &apart, &[*c])?,
-            certain: look_alikes.is_empty() && sure(second.said, whole - evidence.of(&rest)),
+            certain: look_alikes.is_empty() && opinion::certain(second.said, whole - evidence.of(&rest)),
             second,
             look_alikes,
             held_out: None,
@@ -357,10 +354,10 @@ fn speak(
     let explained = part(remainder.force_m_s2, remainder.force_before_m_s2)
         .max(part(remainder.torque_rad_s2, remainder.torque_before_rad_s2));
     // Weather beside what is certain and no matter of the air: it leaves neither shape nor pattern, and takes no share itself.
-    let firm = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
+    let sure = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
     let drift = remainder.unexplained && !doubtful_shape && !event;
     let weather = || turbulence(model, logs, solution, &remainder, poor);
-    let beside = !findings.is_empty() && !poor && wholly_driven && findings.iter().all(firm);
+    let beside = !findings.is_empty() && !poor && wholly_driven && findings.iter().all(sure);
     let mut weather_found = (drift && beside).then(weather).flatten();
     if wholly_driven
         && weather_found.is_none()
@@ -457,16 +454,6 @@ fn speak(
         dispersion: solution.dispersion,
         warnings,
     })
-}
-
-/// Whether a finding without look-alikes is certain: where both estimators agree, or where the second cannot see it and there
-/// is much evidence.
-fn sure(second: Said, nats: f64) -> bool {
-    match second {
-        Said::Agrees => true,
-        Said::Silent => nats >= CERTAIN_ALONE_NATS,
-        Said::Differs | Said::Answer => false,
-    }
 }
 
 /// Id of what no candidate describes, among look-alikes.

@@ -8,16 +8,15 @@
 //! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
 //! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
 
+use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
-use super::replay::{
-    Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, Tick, between, by_pose, delays, drive_by_pose,
-};
+use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
 use super::residual::believed;
 use super::track::{Drive, Measured, Noise, Track};
 use crate::flight::resample::rotation_vector;
 use crate::math::quat;
 use crate::physics::drone::Drone;
-use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
+use crate::physics::rigid_body::{Rate, State};
 use crate::physics::surroundings::Neighbour;
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
@@ -28,14 +27,11 @@ use std::collections::HashMap;
 /// Directions of one pass of duals.
 pub(super) const N: usize = 12;
 pub(super) type Wide = Dual<f64, N>;
-/// Drive parameters of one pass.
-const N_DRIVE: usize = 4;
-type DriveDual = Dual<f64, N_DRIVE>;
 
 /// Unknowns of a window's initial state; its disturbances follow, six for every [`PUSH_STEPS`].
 pub(crate) const START_STATE: usize = 12;
 /// Steps between two nodes of the variational equation.
-const NODE: usize = 2;
+pub(super) const NODE: usize = 2;
 /// Sensors: position, attitude, gyroscope, accelerometer.
 pub(crate) const CHANNELS: usize = 4;
 /// Numbers that sensors read: position, attitude, rates, specific force.
@@ -135,91 +131,6 @@ pub(crate) struct Linear {
     pub noise: Vec<Noise>,
 }
 
-/// Parameter inputs with their slopes at every node of a log.
-pub(super) struct DriveInputs {
-    ticks: Vec<Tick<f64>>,
-    /// For every drive parameter: rotor speeds' and rotor rates' slopes, thrust's, commands', by node tick.
-    pub slopes: Vec<(usize, Vec<Tick<f64>>)>,
-}
-
-pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
-    let plain = model.plain_at(values, chosen);
-    let free: Vec<usize> = (0..values.len())
-        .filter(|k| matches!(model.parameters[*k].enters, Enters::Drive | Enters::Clock(0)))
-        .collect();
-    if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
-        let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
-        return DriveInputs { ticks, slopes: Vec::new() };
-    }
-    // A limit that no command reaches has no slope: until it is found, its column is what half a slab below would do.
-    let (limits, free): (Vec<usize>, Vec<usize>) = free.into_iter().partition(|k| {
-        let p = &model.parameters[*k];
-        p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
-    });
-    let far = |k: usize| -0.5 * model.parameters[k].slab;
-    let limited = |k: &usize| {
-        let mut there = values.to_vec();
-        there[*k] += far(*k);
-        let mut keep = model.effects_of(chosen);
-        keep[model.parameters[*k].effect] = true;
-        drive_by_pose(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v))
-    };
-    let by_duals = |group: &[usize]| -> Vec<(usize, Vec<Tick<f64>>)> {
-        let mut keep = model.effects_of(chosen);
-        group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
-        let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
-            Some(slot) => DriveDual::input(v, slot),
-            None => DriveDual::lit(v),
-        });
-        let all = drive_by_pose(log.track, &log.around, &log.raw, &drone);
-        let slope = |slot: usize| around_nodes(all.len(), |i| all[i].map(|d| d.partials[slot]));
-        group.iter().enumerate().map(|(slot, k)| (*k, slope(slot))).collect()
-    };
-    // A log is one chain of motor states, so that its passes are what runs side by side.
-    let (smooth, (ticks, limited)): (Vec<_>, (_, Vec<_>)) = rayon::join(
-        || free.par_chunks(N_DRIVE).flat_map_iter(by_duals).collect(),
-        || {
-            rayon::join(
-                || drive_by_pose(log.track, &log.around, &log.raw, &plain),
-                || limits.par_iter().map(limited).collect(),
-            )
-        },
-    );
-    let mut slopes: Vec<(usize, Vec<Tick<f64>>)> = limits
-        .iter()
-        .zip(&limited)
-        .map(|(k, there)| {
-            let secant = |a: f64, b: f64| (b - a) / far(*k);
-            (*k, around_nodes(ticks.len(), |i| ticks[i].with(&there[i], secant)))
-        })
-        .collect();
-    slopes.extend(smooth);
-    DriveInputs { ticks, slopes }
-}
-
-/// Means around every node of `n` ticks, weighted by a hat that falls to zero at the nodes beside it: what jumps from tick to
-/// tick is not sampled by luck, and its sum over a window stays.
-fn around_nodes(n: usize, tick: impl Fn(usize) -> Tick<f64>) -> Vec<Tick<f64>> {
-    let apart = (STEP * NODE) as isize;
-    (0..n)
-        .step_by(STEP * NODE)
-        .map(|at| {
-            let mut out = Tick {
-                rotor_vel: [0.0; MAX_ROTORS],
-                rotor_acc: [0.0; MAX_ROTORS],
-                thrust: 0.0,
-                command: [0.0; 4],
-            };
-            for offset in 1 - apart..apart {
-                let weight = (apart - offset.abs()) as f64 / (apart * apart) as f64;
-                let place = (at as isize + offset).clamp(0, n as isize - 1) as usize;
-                out = out.with(&tick(place), |sum, x| sum + weight * x);
-            }
-            out
-        })
-        .collect()
-}
-
 /// Parameters that share a pass of duals.
 pub(super) struct Pass {
     pub parameters: Vec<usize>,
@@ -264,23 +175,38 @@ struct Node {
     cp: Vec<[f64; OUTPUTS]>,
 }
 
-/// Makes the Gram matrices of windows of `horizon_s` at parameter values `values`, with the effects of the file and of the
-/// candidates `chosen` at work; of about `most` windows, evenly spread.
+/// Which windows of the logs are looked at.
+#[derive(Clone, Copy)]
+pub(crate) struct Cut {
+    /// Their length, s.
+    pub length_s: f64,
+    /// About so many at most, evenly spread.
+    pub most: usize,
+}
+
+impl Cut {
+    /// All windows of a length.
+    pub fn all(length_s: f64) -> Self {
+        Self { length_s, most: usize::MAX }
+    }
+}
+
+/// Makes the Gram matrices of the windows of `cut` at parameter values `values`, with the effects of the file and of the
+/// candidates `chosen` at work.
 pub(crate) fn linearise(
     logs: &[Prepared],
     model: &Model,
     values: &[f64],
     chosen: &[usize],
-    horizon_s: f64,
+    cut: Cut,
     starts: &Starts,
     noise: &[Noise],
-    most: usize,
 ) -> Linear {
-    let steps = ((horizon_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
+    let steps = ((cut.length_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
     let plain = model.plain_at(values, chosen);
     let mut windows = Vec::new();
     let ticks: usize = logs.iter().map(|l| l.around.n_ticks).sum();
-    let every = (ticks / (steps * STEP)).div_ceil(most.max(1)).max(1);
+    let every = (ticks / (steps * STEP)).div_ceil(cut.most.max(1)).max(1);
     for (index, p) in logs.iter().enumerate() {
         let inputs = drive_inputs(p, model, values, chosen);
         // Where the attitude is an input, it is the one that the model's sensors read as the measured one.
@@ -540,20 +466,7 @@ impl Job<'_> {
                 }
                 continue;
             }
-            let mut driven = constant;
-            for (slot, k) in parameters.iter().enumerate() {
-                if let Some((_, list)) = self.inputs.slopes.iter().find(|(of, _)| of == k) {
-                    let slopes = &list[tick / (STEP * NODE)];
-                    for r in 0..MAX_ROTORS {
-                        driven.rotor_vel[r].partials[slot] = slopes.rotor_vel[r];
-                        driven.rotor_acc[r].partials[slot] = slopes.rotor_acc[r];
-                    }
-                    driven.thrust.partials[slot] = slopes.thrust;
-                    for r in 0..4 {
-                        driven.command[r].partials[slot] = slopes.command[r];
-                    }
-                }
-            }
+            let driven = self.inputs.by(parameters, input, tick / (STEP * NODE));
             let rate = plant.rate(tick, &driven, &mut state, neighbours);
             let reading = plant.drone.read(&state, &rate);
             for (slot, k) in parameters.iter().enumerate() {

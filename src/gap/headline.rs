@@ -55,6 +55,23 @@ fn shortened(line: &str) -> String {
     format!("{}…", kept.trim_end())
 }
 
+/// A sentence parted into its beginning of at most [`HEADLINE_CHARS`] characters and the rest: at its first semicolon where that
+/// is short enough, else at the last comma or colon that is.
+pub(crate) fn parted(sentence: &str) -> (&str, &str) {
+    let ends: Vec<(usize, &str)> = ["; ", ", ", ": "]
+        .into_iter()
+        .flat_map(|mark| sentence.match_indices(mark))
+        .filter(|(at, _)| sentence[..*at].chars().count() <= HEADLINE_CHARS)
+        .collect();
+    let whole = sentence.chars().count() <= HEADLINE_CHARS;
+    let first = ends.iter().filter(|(_, mark)| *mark == "; ").min();
+    let last = ends.iter().max().filter(|_| !whole);
+    match first.or(last) {
+        Some((at, mark)) => (&sentence[..*at], &sentence[at + mark.len()..]),
+        None => (sentence, ""),
+    }
+}
+
 /// One sentence of evidence for a headline: what the first finding does to the error, or what stays without any.
 pub fn evidence(d: &Diagnosis) -> String {
     let first = d.findings.iter().find(|f| f.doubt().is_none()).or(d.findings.first());
@@ -71,16 +88,13 @@ pub fn evidence(d: &Diagnosis) -> String {
 
 /// What numbers within tolerance do to a model that misses nothing; none where that is little, or something is unexplained.
 fn corrections(d: &Diagnosis) -> Option<String> {
-    let position_m = |rung: &Rung| {
-        let list = if rung.held_out.is_empty() { &rung.training } else { &rung.held_out };
-        list.last().map(|e| (e.horizon_s, e.position_m))
-    };
+    let position_m = |rung: &Rung| rung.judged().0.last().map(|e| (e.horizon_s, e.position_m));
     let (horizon_s, before) = position_m(d.ladder.first()?)?;
     let (_, after) = position_m(d.ladder.last()?)?;
     let small = d.remainder.unexplained || after > WORTH_CORRECTING * before;
     (!small).then(|| {
         let numbers = pair(before, after, "m");
-        format!("small corrections, all within tolerance, do the rest: position after {horizon_s} s {numbers} (`add --calibrate`)")
+        format!("small corrections, all within tolerance, do the rest: position after {horizon_s} s {numbers} (add --calibrate)")
     })
 }
 
@@ -182,6 +196,24 @@ mod tests {
             "{}",
             of(&many, false)
         );
+    }
+
+    #[test]
+    fn a_long_sentence_is_parted_where_it_pauses() {
+        let short = "the model departs from the flight: 17.3 times what noise makes";
+        assert_eq!(parted(short), (short, ""));
+        let (head, rest) = parted("the model departs from 2 of 5 logs; worst on a.csv: after 1 s, and so on");
+        assert_eq!(
+            (head, rest),
+            ("the model departs from 2 of 5 logs", "worst on a.csv: after 1 s, and so on")
+        );
+        let long = "the model departs from the log: after 1 s body rate is off by 1.47 rad/s, 137 times what the \
+                    sensors' noise makes (threshold 2); a torque is missing";
+        let (head, rest) = parted(long);
+        assert_eq!(head, "the model departs from the log: after 1 s body rate is off by 1.47 rad/s");
+        assert!(rest.starts_with("137 times") && rest.ends_with("missing"), "{rest}");
+        let agrees = "the model agrees with the log: nothing is off by more than 1.3 times what the sensors' noise makes (threshold 2)";
+        assert_eq!(parted(agrees).0, "the model agrees with the log");
     }
 
     #[test]

@@ -272,12 +272,10 @@ const ALL: [bool; 3] = [true; 3];
 /// Errors of one rung of a ladder over those of another, on the flight that judges: geometric mean over all channels.
 pub(crate) fn rung_over(a: &Rung, b: &Rung) -> f64 {
     let channels = |rung: &Rung| {
-        let (horizons, lack) = match rung.held_out.is_empty() {
-            false => (&rung.held_out, rung.held_out_lack),
-            true => (&rung.training, rung.training_lack),
-        };
+        let (horizons, lack) = rung.judged();
+        let lack = lack.filter(|l| l.n >= FEWEST_INSTANTS);
         let mut out = vec![lack.map(|l| l.force_n), lack.and_then(|l| l.torque_n_m)];
-        out.extend(Seen { stretches: Vec::new(), horizons: horizons.clone() }.roll_outs());
+        out.extend(Seen { stretches: Vec::new(), horizons: horizons.to_vec() }.roll_outs());
         out
     };
     geometric(&channels(a), &channels(b))

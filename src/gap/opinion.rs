@@ -1,6 +1,7 @@
 //! What the regression in a band says of each finding, in words and numbers: the second line of evidence of a verdict.
 
 use super::model::Model;
+use super::policy::CERTAIN_ALONE_NATS;
 use super::report::{interval, quantity};
 use super::solve::Solution;
 use super::verdict::{Opinion, Said, SecondStep};
@@ -44,6 +45,16 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
     }
 }
 
+/// Whether a finding without look-alikes is certain: where both estimators agree, or where the second cannot see it and there
+/// is much evidence.
+pub(super) fn certain(second: Said, nats: f64) -> bool {
+    match second {
+        Said::Agrees => true,
+        Said::Silent => nats >= CERTAIN_ALONE_NATS,
+        Said::Differs | Said::Answer => false,
+    }
+}
+
 fn group(testimony: &Testimony) -> &'static str {
     if testimony.by_turning { "torque" } else { "force" }
 }
@@ -70,4 +81,18 @@ pub(super) fn selection(model: &Model, witness: &Witness) -> Vec<SecondStep> {
         within_tolerance: s.within_tolerance,
     };
     witness.search().into_iter().map(step).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_second_estimator_cannot_see_asks_for_much_evidence() {
+        assert!(certain(Said::Agrees, 7.0));
+        assert!(
+            !certain(Said::Silent, CERTAIN_ALONE_NATS - 1.0) && certain(Said::Silent, CERTAIN_ALONE_NATS)
+        );
+        assert!(!certain(Said::Differs, 1e3) && !certain(Said::Answer, 1e3));
+    }
 }

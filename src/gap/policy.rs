@@ -70,7 +70,19 @@ pub const HEADLINE_CHARS: usize = 90;
 /// Evidence, in nats, from which an effect that the second estimator cannot see (sensors, clocks, what stays the same throughout)
 /// is certain all the same: from here on effects are not tried to be left out either. On real flights a tilt of the world of 0.4°
 /// (27 nats) and a marker 23 mm up (18 nats) had less, of which nothing is known; a motion capture body that was askew had 66.
-pub(crate) const CERTAIN_ALONE_NATS: f64 = super::solve::WEAK;
+pub(crate) const CERTAIN_ALONE_NATS: f64 = WEAK_NATS;
+
+/// Evidence, in nats, below which an effect is tried to be left out with a new fit: it may only stand because the model was bent
+/// towards it.
+pub(crate) const WEAK_NATS: f64 = 40.0;
+
+/// Evidence, in nats, below which nothing speaks for an effect any more once the model has moved to all its estimates: half of
+/// what it takes to be added, so that an effect does not come and go. On a real flight of a slung load a clock stayed with −1.
+pub(crate) const LOST_NATS: f64 = 0.5 * super::search::THRESHOLD;
+
+/// About so many of the short windows are looked at after a first look at all of them: they only lead to where the long ones
+/// begin. 24 s of flight are all used; of 40 s every second window, by which the verdicts on twelve logs did not change.
+pub(crate) const SHORT_WINDOWS: usize = 240;
 
 /// Share of the error of roll-outs that must stay at most for a verdict in which nothing is missing to speak of calibration.
 pub(crate) const WORTH_CORRECTING: f64 = 0.8;

@@ -37,6 +37,19 @@ pub(crate) struct Tick<S> {
     pub command: [S; 4],
 }
 
+impl<S: Plain> Tick<S> {
+    /// Nothing turns, nothing is commanded.
+    pub fn zero() -> Self {
+        let zero = S::zero();
+        Self {
+            rotor_vel: [zero; MAX_ROTORS],
+            rotor_acc: [zero; MAX_ROTORS],
+            thrust: zero,
+            command: [zero; 4],
+        }
+    }
+}
+
 impl<S: Copy> Tick<S> {
     /// Every number through `f`.
     pub fn map<T>(&self, mut f: impl FnMut(S) -> T) -> Tick<T> {
@@ -302,15 +315,8 @@ pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: 
 }
 
 fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>, late: S) -> Vec<Tick<S>> {
-    let zero = S::zero();
-    let idle = Tick {
-        rotor_vel: [zero; MAX_ROTORS],
-        rotor_acc: [zero; MAX_ROTORS],
-        thrust: zero,
-        command: [zero; 4],
-    };
     let n = around.n_ticks;
-    let mut out = vec![idle; n];
+    let mut out = vec![Tick::zero(); n];
     match track.drive {
         Drive::RotorSpeeds => {
             for k in 0..n {

@@ -3,12 +3,12 @@
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
-use super::fit::{Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
+use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
-use super::policy::GIVEN_ATTITUDE_RAD;
-use super::search::{Evidence, MOST, Posterior, Scored};
+use super::policy::{GIVEN_ATTITUDE_RAD, SHORT_WINDOWS, WEAK_NATS};
+use super::search::{Evidence, Posterior, Scored};
+use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::track::Noise;
-use super::witness::Witness;
 use crate::flight::clean;
 use nalgebra::{DMatrix, DVector};
 
@@ -19,8 +19,6 @@ const PASSES: usize = 4;
 const STEPS: usize = 3;
 /// Most linearisations per length.
 const ROUNDS: [usize; 2] = [4, 4];
-/// About so many of the short windows, after a first look at all: they only lead to where the long ones begin.
-const FIRST_WINDOWS: usize = 240;
 /// Widths of a vehicle's tolerances that are tried, times the usual: a vehicle built or measured carelessly is off in many
 /// numbers, which is no missing effect.
 const TOLERANCES: [f64; 3] = [1.4, 2.0, 2.8];
@@ -217,7 +215,7 @@ fn pruned(
                 let rest: Vec<usize> = best.set.iter().copied().filter(|x| x != c).collect();
                 (all - evidence.of(&rest), *c)
             })
-            .filter(|(nats, _)| *nats < WEAK)
+            .filter(|(nats, _)| *nats < WEAK_NATS)
             .collect();
         drop(evidence);
         weak.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -325,8 +323,6 @@ fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
         })
 }
 
-/// Evidence below which an effect is tried to be left out, nats.
-pub(crate) const WEAK: f64 = 40.0;
 /// Whether a found effect would have to be many times its plausible size.
 fn implausible(model: &Model, found: &Solution, candidate: usize) -> bool {
     model.of(candidate).any(|k| {
@@ -337,123 +333,6 @@ fn implausible(model: &Model, found: &Solution, candidate: usize) -> bool {
 
 /// Plausible sizes from which on an effect is doubted.
 const HUGE: f64 = 4.0;
-
-/// Where a walk begins when it does not begin at the file.
-struct Start {
-    values: Vec<f64>,
-    set: Vec<usize>,
-    disturbance: Disturbance,
-    /// Index of the first length of windows.
-    horizon: usize,
-    /// Linearisations for which the set stays.
-    held: usize,
-    /// Set in which another search has ended: one that comes there too would end as that one did.
-    back: Option<Vec<usize>>,
-    /// Whether the model also follows what is within tolerance.
-    follow: bool,
-    /// Widest tolerances that are tried.
-    widest: f64,
-    /// Noise of every log, where it is known; explanations are compared with the same noise.
-    noise: Option<Vec<Noise>>,
-}
-
-impl Start {
-    /// At the vehicle file, with what another solution knows of disturbances and noise.
-    fn beside(model: &Model, other: &Solution) -> Self {
-        Self { noise: Some(other.linear.noise.clone()), ..Self::file(model, other.disturbance) }
-    }
-
-    /// At the vehicle file.
-    fn file(model: &Model, disturbance: Disturbance) -> Self {
-        Self {
-            values: model.filed(),
-            set: Vec::new(),
-            disturbance,
-            horizon: 0,
-            held: 0,
-            back: None,
-            follow: false,
-            widest: f64::INFINITY,
-            noise: None,
-        }
-    }
-}
-
-/// The same times between commands and sensors by fewer or likelier causes than those of a solution, if there are any.
-fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
-    let of_kind = |kind: &str| -> Vec<usize> {
-        (0..model.candidates.len()).filter(|c| model.candidates[*c].kind == kind).collect()
-    };
-    let delay = *of_kind("command_delay").first()?;
-    let timing: Vec<usize> = [vec![delay], of_kind("clock_offset")].concat();
-    // One parameter each.
-    let place: Vec<usize> = timing.iter().filter_map(|c| model.of(*c).next()).collect();
-    let off: Vec<f64> = place.iter().map(|k| found.posterior.mean[*k] - model.parameters[*k].filed).collect();
-    // Commands later and sensors as much earlier by `s` is the same.
-    let along: Vec<f64> = timing.iter().map(|c| if *c == delay { -1.0 } else { 1.0 }).collect();
-    let cost = |open: usize| -> (f64, f64) {
-        let width = |i: usize| {
-            let p = &model.parameters[place[i]];
-            if open & (1 << i) != 0 { p.slab } else { found.tolerance * p.spike }
-        };
-        let (mut n, mut d) = (0.0, 0.0);
-        for i in 0..place.len() {
-            n -= along[i] * off[i] / width(i).powi(2);
-            d += width(i).powi(-2);
-        }
-        let s = n / d;
-        let cost = (0..place.len())
-            .map(|i| {
-                let open = open & (1 << i) != 0;
-                0.5 * ((off[i] + along[i] * s) / width(i)).powi(2)
-                    + width(i).ln()
-                    + if open { super::search::THRESHOLD } else { 0.0 }
-            })
-            .sum();
-        (cost, s)
-    };
-    let now: usize = timing.iter().enumerate().map(|(i, c)| usize::from(found.set.contains(c)) << i).sum();
-    let (mut least, mut shift) = cost(now);
-    least -= 1.0;
-    let mut chosen = now;
-    for open in 0..1usize << place.len() {
-        let (c, s) = cost(open);
-        let late = open & 1 == 0 || off[0] - s > 0.0;
-        if c < least && late {
-            (least, shift, chosen) = (c, s, open);
-        }
-    }
-    if chosen == now {
-        return None;
-    }
-    let mut set: Vec<usize> = found.set.iter().copied().filter(|c| !timing.contains(c)).collect();
-    let mut values: Vec<f64> = (0..model.parameters.len())
-        .map(|k| {
-            let p = &model.parameters[k];
-            if set.contains(&p.candidate) { found.posterior.mean[k] } else { p.filed }
-        })
-        .collect();
-    for i in 0..place.len() {
-        values[place[i]] = model.parameters[place[i]].filed + off[i] + along[i] * shift;
-        if chosen & (1 << i) != 0 {
-            set.push(timing[i]);
-        }
-    }
-    set.sort_unstable();
-    Some(Start { values, set, horizon: 1, ..Start::beside(model, found) })
-}
-
-/// What the second estimator names, which knows nothing of noise and of the starts of windows; none where the search has found
-/// all of it.
-fn named_by_witness(logs: &[Prepared], model: &Model, found: &Solution) -> Option<Start> {
-    let steps = Witness::beside(model, logs, &found.posterior).search();
-    let named = steps.into_iter().filter(|s| !s.within_tolerance).map(|s| s.candidate);
-    let mut set: Vec<usize> = named.filter(|c| model.may[*c]).take(MOST).collect();
-    set.sort_unstable();
-    let new = set.iter().any(|c| !found.set.contains(c));
-    let back = Some(found.set.clone());
-    new.then(|| Start { set, back, horizon: 1, held: 1, ..Start::beside(model, found) })
-}
 
 /// [`settle`] from a start of its own; `None` where the model there flies through no window.
 fn again(
@@ -511,8 +390,9 @@ fn settle(
                 .collect();
             let length_s = horizon_s.max(shortest_s);
             // The line of a spectrum is looked for in all windows, and the last word needs all of them.
-            let most = if done > 0 && horizon_s == HORIZONS_S[0] { FIRST_WINDOWS } else { usize::MAX };
-            let linear = linearise(logs, model, &values, &at_work, length_s, &starts, &noise, most);
+            let most = if done > 0 && horizon_s == HORIZONS_S[0] { SHORT_WINDOWS } else { usize::MAX };
+            let cut = Cut { length_s, most };
+            let linear = linearise(logs, model, &values, &at_work, cut, &starts, &noise);
             progress(done, all);
             done += 1;
             if linear.windows.len() < 4 {

@@ -1,6 +1,6 @@
 //! The linear problem against finite differences, on a flight that is made here.
 
-use super::fit::{Prepared, Starts, linearise};
+use super::fit::{Cut, Prepared, Starts, linearise};
 use super::model::{Enters, Model};
 use super::replay::{Around, Raw, drive};
 use super::track::{Options, Track};
@@ -131,7 +131,7 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
         })
         .collect();
     let horizon = 0.25;
-    let here = linearise(&logs, &model, &at, &all, horizon, &Starts::new(), &[track.noise], usize::MAX);
+    let here = linearise(&logs, &model, &at, &all, Cut::all(horizon), &Starts::new(), &[track.noise]);
     let own = |w: &super::fit::Window| w.gram.nrows() - 1 - model.parameters.len();
     for (k, p) in model.parameters.iter().enumerate() {
         // The residual's square changes by −2 Jᵀr: its second difference is JᵀJ.
@@ -139,7 +139,7 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
         let moved = |by: f64| {
             let mut there = at.clone();
             there[k] += by;
-            linearise(&logs, &model, &there, &all, horizon, &Starts::new(), &[track.noise], usize::MAX)
+            linearise(&logs, &model, &there, &all, Cut::all(horizon), &Starts::new(), &[track.noise])
         };
         let (up, down) = (moved(step), moved(-step));
         // A limit that no command reaches has no slope; its column is a secant by design.
@@ -173,7 +173,7 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
     let logs = [Prepared::new(&track, &drone)];
     let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
     let linear =
-        linearise(&logs, &model, &model.filed(), &[], 0.25, &Starts::new(), &[track.noise], usize::MAX);
+        linearise(&logs, &model, &model.filed(), &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
     let reduced = linear.reduce(&super::disturbance::Disturbance::unknown());
     let (h, _) = super::solve::sum(&reduced, |_| true);
     let index = |id: &str| {
@@ -198,7 +198,7 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
         for id in ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"] {
             values[index(id)] = sensors_s;
         }
-        linearise(&logs, &model, &values, &timing, 0.25, &Starts::new(), &[track.noise], usize::MAX)
+        linearise(&logs, &model, &values, &timing, Cut::all(0.25), &Starts::new(), &[track.noise])
     };
     let commands = late(0.0137, 0.0);
     for sensors in [late(0.0, 0.0137), late(0.0061, 0.0076)] {

@@ -56,17 +56,17 @@ impl StatedNoise {
     /// States the noise of a channel, by its name.
     ///
     /// # Errors
-    /// In words, where there is no such channel or the noise is no finite number above 0.
+    /// What was expected, in words, where there is no such channel or the noise is no finite number above 0.
     pub fn set(&mut self, channel: &str, value: f64) -> Result<(), String> {
         let place = match channel {
             "position" => &mut self.position_m,
             "attitude" => &mut self.attitude_rad,
             "gyro" => &mut self.gyro_rad_s,
             "accel" => &mut self.accel_m_s2,
-            _ => return Err(format!("expected one of {}, got {channel:?}", Self::CHANNELS.join(", "))),
+            _ => return Err(format!("a channel among {}", Self::CHANNELS.join(", "))),
         };
         if !(value > 0.0 && value.is_finite()) {
-            return Err(format!("expected a finite noise above 0 of {channel}, got {value}"));
+            return Err(format!("a finite noise of {channel} above 0"));
         }
         *place = Some(value);
         Ok(())

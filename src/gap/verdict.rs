@@ -272,6 +272,16 @@ pub struct Rung {
     pub held_out_lack: Option<Lack>,
 }
 
+impl Rung {
+    /// Roll-outs and missing force and torque on the flight that judges: what the fit has not seen, where there is any.
+    pub fn judged(&self) -> (&[HorizonError], Option<Lack>) {
+        match self.held_out.is_empty() {
+            false => (&self.held_out, self.held_out_lack),
+            true => (&self.training, self.training_lack),
+        }
+    }
+}
+
 /// Force and torque that a model lacks at the instants of a flight, means over 50 ms: root mean squares of their lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Lack {

@@ -36,7 +36,13 @@ fn show(c: &Comparison) -> Result<()> {
         show_pooled(pooled, c.logs.len())?;
         print("")?;
     }
-    print(format_args!("{}: {}", c.vehicle, c.verdict))
+    print(format_args!("{}: {}", c.vehicle, c.verdict))?;
+    if c.agrees {
+        return Ok(());
+    }
+    print(
+        "next: propwash diagnose tells whether an effect is missing or numbers within their tolerance are off",
+    )
 }
 
 fn show_log(c: &LogComparison) -> Result<()> {

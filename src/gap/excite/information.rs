@@ -7,7 +7,7 @@
 use super::Air;
 use crate::gap::GapError;
 use crate::gap::disturbance::Disturbance;
-use crate::gap::fit::{Prepared, Starts, linearise};
+use crate::gap::fit::{Cut, Prepared, Starts, linearise};
 use crate::gap::model::Model;
 use crate::gap::policy::GIVEN_ATTITUDE_RAD;
 use crate::gap::track::{Drive, Noise, Track};
@@ -27,7 +27,7 @@ pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMat
 pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let n = model.parameters.len();
     let noise: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
-    let linear = linearise(logs, model, &model.filed(), &[], HORIZON_S, &Starts::new(), &noise, usize::MAX);
+    let linear = linearise(logs, model, &model.filed(), &[], Cut::all(HORIZON_S), &Starts::new(), &noise);
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
     let mut disturbance = Disturbance { common: sizes, quick: sizes, ..Disturbance::unknown() };
     if logs.iter().any(|l| l.track.drive == Drive::Thrust) {

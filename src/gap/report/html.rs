@@ -8,7 +8,7 @@ use super::text::{
     area, at, bounds, compared, horizons, ladder_channels, ladder_scale, noise, sorted_singles,
 };
 use super::{Against, Overlay, Report, ResidualSeries};
-use crate::gap::headline::{evidence, pair};
+use crate::gap::headline::{evidence, pair, parted};
 use crate::gap::policy::FAR_TOLERANCES;
 use crate::gap::verdict::{
     Calibration, Diagnosis, Finding, HorizonError, Limit, ParameterFit, Remainder, Rung,
@@ -116,7 +116,11 @@ impl Page {
             );
         }
         if let (None, Some(c)) = (&report.diagnosis, &report.comparison_before) {
-            put!(self, "<p class=\"verdict\">{}</p>\n", esc(&sentence(&c.verdict)));
+            let (head, rest) = parted(&c.verdict);
+            put!(self, "<p class=\"verdict\">{}</p>\n", esc(&sentence(head)));
+            if !rest.is_empty() {
+                put!(self, "<p class=\"lead\">{}</p>\n", esc(&sentence(rest)));
+            }
         }
         self.body.push_str("</header>\n");
     }

@@ -1,7 +1,8 @@
 //! Instant by instant along a log: what the model leaves of specific force and angular acceleration, and the slope of both by
 //! every parameter.
 
-use super::super::fit::{DriveInputs, N, Prepared, Wide, drive_inputs, passes};
+use super::super::drive_slopes::{DriveInputs, drive_inputs};
+use super::super::fit::{Prepared, Wide, passes};
 use super::super::model::Model;
 use super::super::replay::{Plant, STEP, STEP_S, Tick};
 use super::super::residual::Replay;
@@ -9,7 +10,7 @@ use super::super::track::{Drive, Measured};
 use super::CHANNELS;
 use crate::flight::resample::{self, rotation_vector};
 use crate::math::{quat, vec3};
-use crate::physics::rigid_body::{MAX_ROTORS, State};
+use crate::physics::rigid_body::State;
 use crate::scalar::Real;
 use rayon::prelude::*;
 
@@ -141,16 +142,10 @@ fn under_hat(list: &[Option<[f64; 3]>], step: usize) -> Option<[f64; 3]> {
 /// Mean of the inputs under the same hat.
 fn input_under_hat(ticks: &[Tick<f64>], at: usize) -> Tick<f64> {
     let apart = EVERY * STEP;
-    let mut out =
-        Tick { rotor_vel: [0.0; MAX_ROTORS], rotor_acc: [0.0; MAX_ROTORS], thrust: 0.0, command: [0.0; 4] };
+    let mut out = Tick::zero();
     for (offset, weight) in hat(apart) {
         let tick = &ticks[(at + offset).saturating_sub(apart).min(ticks.len() - 1)];
-        for r in 0..MAX_ROTORS {
-            out.rotor_vel[r] += weight * tick.rotor_vel[r];
-            out.rotor_acc[r] += weight * tick.rotor_acc[r];
-        }
-        out.thrust += weight * tick.thrust;
-        (0..4).for_each(|k| out.command[k] += weight * tick.command[k]);
+        out = out.with(tick, |sum, x| sum + weight * x);
     }
     out
 }
@@ -282,7 +277,7 @@ fn slopes(
                     ang_vel: lit(m.ang_vel),
                     ..State::rest()
                 };
-                let driven = driven(&tick, inputs, parameters, step / DRIVE_EVERY);
+                let driven = inputs.by(parameters, &tick, step / DRIVE_EVERY);
                 let rate = plant.rate(step * STEP, &driven, &mut state, neighbours);
                 let accel = plant.drone.read(&state, &rate).accel;
                 for (slot, place) in places.iter().enumerate() {
@@ -296,27 +291,4 @@ fn slopes(
             Some(out)
         })
         .collect()
-}
-
-/// A tick with the slopes of its inputs by the parameters of a pass.
-fn driven(tick: &Tick<f64>, inputs: &DriveInputs, parameters: &[usize], node: usize) -> Tick<Wide> {
-    let mut out = Tick {
-        rotor_vel: tick.rotor_vel.map(Wide::lit),
-        rotor_acc: tick.rotor_acc.map(Wide::lit),
-        thrust: Wide::lit(tick.thrust),
-        command: tick.command.map(Wide::lit),
-    };
-    for (slot, k) in parameters.iter().enumerate().take(N) {
-        let Some((_, list)) = inputs.slopes.iter().find(|(of, _)| of == k) else { continue };
-        let Some(slopes) = list.get(node) else { continue };
-        for r in 0..MAX_ROTORS {
-            out.rotor_vel[r].partials[slot] = slopes.rotor_vel[r];
-            out.rotor_acc[r].partials[slot] = slopes.rotor_acc[r];
-        }
-        out.thrust.partials[slot] = slopes.thrust;
-        for r in 0..4 {
-            out.command[r].partials[slot] = slopes.command[r];
-        }
-    }
-    out
 }

@@ -4,6 +4,8 @@ use super::samples::RESIDUAL;
 use super::*;
 use crate::flight::{FlightLog, Format};
 use crate::gap::replay::drone_for;
+use crate::gap::solve::solve;
+use crate::gap::starts::named_by_witness;
 use crate::gap::{Drive, Options, Track};
 use crate::math::quat;
 use crate::physics::drone::Drone;
@@ -206,6 +208,13 @@ fn drag() -> AnyEffect<f64> {
     })
 }
 
+/// A flight as the gap finder takes it.
+fn flights(hidden: &[AnyEffect<f64>], rough: Rough, resting_s: f64) -> Flights {
+    let (vehicle, log) = flight(hidden, rough, resting_s);
+    let options = Options { drive: Some(Drive::RotorSpeeds), ..Options::default() };
+    Flights { tracks: vec![Track::new(log, &vehicle, &options).unwrap()], vehicle }
+}
+
 /// What `then` makes of the witness of a flight.
 fn witnessed<T>(
     hidden: &[AnyEffect<f64>],
@@ -213,9 +222,7 @@ fn witnessed<T>(
     resting_s: f64,
     then: impl FnOnce(&Model, &Witness) -> T,
 ) -> T {
-    let (vehicle, log) = flight(hidden, rough, resting_s);
-    let options = Options { drive: Some(Drive::RotorSpeeds), ..Options::default() };
-    let flights = Flights { tracks: vec![Track::new(log, &vehicle, &options).unwrap()], vehicle };
+    let flights = flights(hidden, rough, resting_s);
     let (model, logs) = flights.ready();
     let witness = Witness::new(&logs, &model);
     then(&model, &witness)
@@ -294,6 +301,18 @@ fn estimates_agree_differ_or_are_not_seen() {
         model.of(c).for_each(|k| mean[k] = 0.2);
         assert!(matches!(agreement(&t, &mean, &sigma), Agreement::Differs { gains: false, .. }));
     });
+}
+
+#[test]
+fn what_the_search_has_not_found_is_a_start_of_its_own() {
+    let flights = flights(&[drag()], rough(4.0), 0.0);
+    let (mut model, logs) = flights.ready();
+    let drag = named(&model, &["linear_drag"]);
+    let [nothing, all] =
+        [&[][..], &drag].map(|given| solve(&logs, &mut model, Some(given), &|_, _| ()).unwrap());
+    let start = named_by_witness(&logs, &model, &nothing).map(|s| s.set);
+    assert_eq!(start.as_ref(), Some(&drag));
+    assert!(named_by_witness(&logs, &model, &all).is_none());
 }
 
 #[test]

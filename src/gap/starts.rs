@@ -1,0 +1,126 @@
+//! Where searches begin beside the vehicle file: at explanations by fewer clocks, and at what the second estimator names.
+
+use super::disturbance::Disturbance;
+use super::fit::Prepared;
+use super::model::Model;
+use super::search::{MOST, THRESHOLD};
+use super::solve::Solution;
+use super::track::Noise;
+use super::witness::Witness;
+
+/// Where a walk begins when it does not begin at the file.
+pub(super) struct Start {
+    pub values: Vec<f64>,
+    pub set: Vec<usize>,
+    pub disturbance: Disturbance,
+    /// Index of the first length of windows.
+    pub horizon: usize,
+    /// Linearisations for which the set stays.
+    pub held: usize,
+    /// Set in which another search has ended: one that comes there too would end as that one did.
+    pub back: Option<Vec<usize>>,
+    /// Whether the model also follows what is within tolerance.
+    pub follow: bool,
+    /// Widest tolerances that are tried.
+    pub widest: f64,
+    /// Noise of every log, where it is known; explanations are compared with the same noise.
+    pub noise: Option<Vec<Noise>>,
+}
+
+impl Start {
+    /// At the vehicle file, with what another solution knows of disturbances and noise.
+    pub fn beside(model: &Model, other: &Solution) -> Self {
+        Self { noise: Some(other.linear.noise.clone()), ..Self::file(model, other.disturbance) }
+    }
+
+    /// At the vehicle file.
+    pub fn file(model: &Model, disturbance: Disturbance) -> Self {
+        Self {
+            values: model.filed(),
+            set: Vec::new(),
+            disturbance,
+            horizon: 0,
+            held: 0,
+            back: None,
+            follow: false,
+            widest: f64::INFINITY,
+            noise: None,
+        }
+    }
+}
+
+/// The same times between commands and sensors by fewer or likelier causes than those of a solution, if there are any.
+pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
+    let of_kind = |kind: &str| -> Vec<usize> {
+        (0..model.candidates.len()).filter(|c| model.candidates[*c].kind == kind).collect()
+    };
+    let delay = *of_kind("command_delay").first()?;
+    let timing: Vec<usize> = [vec![delay], of_kind("clock_offset")].concat();
+    // One parameter each.
+    let place: Vec<usize> = timing.iter().filter_map(|c| model.of(*c).next()).collect();
+    let off: Vec<f64> = place.iter().map(|k| found.posterior.mean[*k] - model.parameters[*k].filed).collect();
+    // Commands later and sensors as much earlier by `s` is the same.
+    let along: Vec<f64> = timing.iter().map(|c| if *c == delay { -1.0 } else { 1.0 }).collect();
+    let cost = |open: usize| -> (f64, f64) {
+        let width = |i: usize| {
+            let p = &model.parameters[place[i]];
+            if open & (1 << i) != 0 { p.slab } else { found.tolerance * p.spike }
+        };
+        let (mut n, mut d) = (0.0, 0.0);
+        for i in 0..place.len() {
+            n -= along[i] * off[i] / width(i).powi(2);
+            d += width(i).powi(-2);
+        }
+        let s = n / d;
+        let cost = (0..place.len())
+            .map(|i| {
+                let open = open & (1 << i) != 0;
+                0.5 * ((off[i] + along[i] * s) / width(i)).powi(2)
+                    + width(i).ln()
+                    + if open { THRESHOLD } else { 0.0 }
+            })
+            .sum();
+        (cost, s)
+    };
+    let now: usize = timing.iter().enumerate().map(|(i, c)| usize::from(found.set.contains(c)) << i).sum();
+    let (mut least, mut shift) = cost(now);
+    least -= 1.0;
+    let mut chosen = now;
+    for open in 0..1usize << place.len() {
+        let (c, s) = cost(open);
+        let late = open & 1 == 0 || off[0] - s > 0.0;
+        if c < least && late {
+            (least, shift, chosen) = (c, s, open);
+        }
+    }
+    if chosen == now {
+        return None;
+    }
+    let mut set: Vec<usize> = found.set.iter().copied().filter(|c| !timing.contains(c)).collect();
+    let mut values: Vec<f64> = (0..model.parameters.len())
+        .map(|k| {
+            let p = &model.parameters[k];
+            if set.contains(&p.candidate) { found.posterior.mean[k] } else { p.filed }
+        })
+        .collect();
+    for i in 0..place.len() {
+        values[place[i]] = model.parameters[place[i]].filed + off[i] + along[i] * shift;
+        if chosen & (1 << i) != 0 {
+            set.push(timing[i]);
+        }
+    }
+    set.sort_unstable();
+    Some(Start { values, set, horizon: 1, ..Start::beside(model, found) })
+}
+
+/// What the second estimator names, which knows nothing of noise and of the starts of windows; none where the search has found
+/// all of it.
+pub(super) fn named_by_witness(logs: &[Prepared], model: &Model, found: &Solution) -> Option<Start> {
+    let steps = Witness::beside(model, logs, &found.posterior).search();
+    let named = steps.into_iter().filter(|s| !s.within_tolerance).map(|s| s.candidate);
+    let mut set: Vec<usize> = named.filter(|c| model.may[*c]).take(MOST).collect();
+    set.sort_unstable();
+    let new = set.iter().any(|c| !found.set.contains(c));
+    let back = Some(found.set.clone());
+    new.then(|| Start { set, back, horizon: 1, held: 1, ..Start::beside(model, found) })
+}
