@@ -6,7 +6,7 @@ mod notes;
 #[path = "common/planted/mod.rs"]
 mod planted;
 
-use planted::{CEILING_Z_M, Excitation, Flight, NoiseLevel, Plan};
+use planted::{CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, Sensors};
 use propwash::flight::FlightLog;
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::excite;
@@ -159,6 +159,35 @@ fn a_load_that_was_not_tracked_is_not_made_up() {
     assert!(!names(&d).contains(&"turbulence"), "{}", d.verdict);
     let (_, reason) = d.not_tried.iter().find(|(id, _)| id == "slung_payload").unwrap();
     assert!(reason.contains("the load's position"), "{reason}");
+}
+
+/// Where the attitude is fed in, nothing is known of torques: that is no torque that stays unexplained.
+#[test]
+fn a_flight_by_thrust_with_nothing_hidden_leaves_nothing_unexplained() {
+    for (seed, noise) in [(0, NoiseLevel::Fine), (1, NoiseLevel::Fine), (0, NoiseLevel::Filtered)] {
+        let by_thrust = |plan: &mut Plan| {
+            plan.sensors = Sensors::with(Inputs::Thrust);
+            plan.noise = noise;
+        };
+        let (d, _) = flown(&[], seed, by_thrust);
+        assert!(!d.remainder.unexplained, "seed {seed}: {}", d.verdict);
+        assert_eq!(d.remainder.torque_rad_s2, 0.0);
+        assert!(d.findings.iter().all(|f| !f.certain), "seed {seed}: {}", d.verdict);
+    }
+}
+
+/// What an estimator smooths is no torque that stays: attitude and gyroscope do not agree on it.
+#[test]
+fn a_filtered_flight_with_nothing_hidden_leaves_nothing_unexplained() {
+    let filtered = |plan: &mut Plan| {
+        plan.sensors = Sensors::with(Inputs::Rotors);
+        plan.noise = NoiseLevel::Filtered;
+    };
+    let (d, _) = flown(&[], 0, filtered);
+    assert!(!d.remainder.unexplained, "{}: {}", d.verdict, d.remainder.text);
+    assert!(d.findings.iter().all(|f| !f.certain), "{}", d.verdict);
+    let (d, _) = flown(&["cubic_drag"], 0, filtered);
+    assert!(d.remainder.unexplained, "{}", d.verdict);
 }
 
 /// A slow figure hides a wrong inertia about z, and says so; the flight that it advises shows it.

@@ -180,6 +180,8 @@ fn sample() -> Diagnosis {
             force_m_s2: 0.0926,
             torque_rad_s2: 1.83,
             force_before_m_s2: 0.557,
+            force_agreed_m_s2: None,
+            torque_agreed_rad_s2: None,
             torque_before_rad_s2: 6.38,
             unexplained: true,
             terms: vec![

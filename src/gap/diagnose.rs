@@ -2,6 +2,7 @@
 
 use super::GapError;
 use super::cable::{differing, reattach};
+use super::cross_check::cross_check;
 use super::disturbance::{Disturbance, Reduced};
 use super::excite;
 use super::fit::{Prepared, forces_only};
@@ -324,7 +325,7 @@ fn speak(
     }
     let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
     let left = samples(logs, model, solution, &solution.disturbance, &end);
-    let (mut remainder, event) = remainder(solution, &left);
+    let (mut remainder, event) = remainder(logs, model, solution, &left);
     let limits = limits::limits(model, &evidence, solution);
     let poor = limits::poor(model, solution)?;
     let mut nearest = Vec::new();
@@ -499,7 +500,8 @@ fn turbulence(
     let scatter = if poor { solution.dispersion } else { solution.misfit };
     let misfit = scatter > MOST_DISPERSION;
     let patterned = left.terms.iter().any(pattern);
-    if misfit || (patterned && !poor) || left.force_m_s2 <= LARGE_FORCE_M_S2 {
+    let force_m_s2 = left.force_seen_m_s2();
+    if misfit || (patterned && !poor) || force_m_s2 <= LARGE_FORCE_M_S2 {
         return None;
     }
     // Acceleration by 1 m/s of wind in hover; a poor flight knows its drag less well than the file.
@@ -523,7 +525,7 @@ fn turbulence(
         .into_iter()
         .filter(|(axis, _)| gain(*axis) > 1e-6)
         .map(|(axis, force)| {
-            let value = force / gain(axis);
+            let value = force * force_m_s2 / left.force_m_s2 / gain(axis);
             ParameterFit {
                 name: format!("sigma_m_s.{axis}"),
                 unit: "m/s".into(),
@@ -545,7 +547,7 @@ fn turbulence(
         second: opinion::weather(),
         set: Vec::new(),
         parameters,
-        evidence_nats: 0.5 * n * (left.force_m_s2 / LARGE_FORCE_M_S2).powi(2).ln(),
+        evidence_nats: 0.5 * n * (force_m_s2 / LARGE_FORCE_M_S2).powi(2).ln(),
         removed_share: 0.0,
         certain: !patterned,
         look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
@@ -648,24 +650,33 @@ const EVENTFUL: f64 = 0.9;
 /// Evidence by which a term must describe what an effect leaves.
 const SURE_NATS: f64 = 25.0;
 
-/// What the windows' disturbances say about what is left.
-fn remainder(solution: &Solution, samples: &[Sample]) -> (Remainder, bool) {
-    let (force, torque) = solution.disturbance.sizes();
-    let (force0, torque0) = solution.disturbance_before.sizes();
-    let mut terms = free_form::describe(samples);
-    terms.retain(|t| size_of(t, force, torque) >= 0.5);
-    let regular = regular(&terms, force, torque);
-    let large = force > LARGE_FORCE_M_S2 || torque > LARGE_TORQUE_RAD_S2;
-    let event = concentrated(samples).filter(|(_, times)| large && *times > EVENT);
-    let remainder = Remainder {
-        force_m_s2: force,
-        torque_rad_s2: torque,
+/// What the windows' disturbances say about what is left, as far as poses and inertial data agree on it.
+fn remainder(logs: &[Prepared], model: &Model, solution: &Solution, samples: &[Sample]) -> (Remainder, bool) {
+    let cross = cross_check(logs, model, solution);
+    let sizes = |of: &Disturbance| {
+        let (force, torque) = of.sizes();
+        // Where the attitude is fed in, nothing is known of torques: their size is still what was assumed at first.
+        (force, if forces_only(logs) { 0.0 } else { torque })
+    };
+    let (force_m_s2, torque_rad_s2) = sizes(&solution.disturbance);
+    let (force0, torque0) = sizes(&solution.disturbance_before);
+    let mut remainder = Remainder {
+        force_m_s2,
+        torque_rad_s2,
         force_before_m_s2: force0,
         torque_before_rad_s2: torque0,
-        unexplained: regular || large,
-        terms,
+        force_agreed_m_s2: cross.force.map(|l| l.both),
+        torque_agreed_rad_s2: cross.torque.map(|l| l.both),
+        unexplained: false,
+        terms: free_form::describe(samples),
         text: String::new(),
     };
+    let (force, torque) = (remainder.force_seen_m_s2(), remainder.torque_seen_rad_s2());
+    remainder.terms.retain(|t| size_of(t, force, torque) >= 0.5);
+    let regular = regular(&remainder.terms, force, torque);
+    let large = force > LARGE_FORCE_M_S2 || torque > LARGE_TORQUE_RAD_S2;
+    let event = concentrated(samples).filter(|(_, times)| large && *times > EVENT);
+    remainder.unexplained = regular || large;
     (remainder.told(event.map(|e| e.0)), event.is_some())
 }
 
@@ -714,12 +725,33 @@ fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
 }
 
 impl Remainder {
+    /// The force that is left, as far as poses and inertial data agree on it: errors of one of them are no physics.
+    fn force_seen_m_s2(&self) -> f64 {
+        self.force_agreed_m_s2.map_or(self.force_m_s2, |agreed| agreed.min(self.force_m_s2))
+    }
+
+    /// The same of the torque.
+    fn torque_seen_rad_s2(&self) -> f64 {
+        self.torque_agreed_rad_s2.map_or(self.torque_rad_s2, |agreed| agreed.min(self.torque_rad_s2))
+    }
+
     /// Puts the remainder into words.
     fn told(mut self, event_at: Option<f64>) -> Self {
-        let size = format!(
-            "what stays over 0.25 s: force {:.3} m/s² (before: {:.3}), torque {:.2} rad/s² (before: {:.2})",
-            self.force_m_s2, self.force_before_m_s2, self.torque_rad_s2, self.torque_before_rad_s2
+        let part = |name, unit, size: f64, before: f64, agreed: Option<f64>, decimals: usize| {
+            let only = match agreed.filter(|agreed| *agreed < size) {
+                Some(agreed) => format!(", but poses and inertial data agree on {agreed:.decimals$} only"),
+                None => String::new(),
+            };
+            format!("{name} {size:.decimals$} {unit} (before: {before:.decimals$}{only})")
+        };
+        let mut size = format!(
+            "what stays over 0.25 s: {}",
+            part("force", "m/s²", self.force_m_s2, self.force_before_m_s2, self.force_agreed_m_s2, 3)
         );
+        if self.torque_before_rad_s2 > 0.0 {
+            let (now, before) = (self.torque_rad_s2, self.torque_before_rad_s2);
+            size = format!("{size}, {}", part("torque", "rad/s²", now, before, self.torque_agreed_rad_s2, 2));
+        }
         self.text = match (&self.terms.first(), event_at) {
             (_, Some(at)) => format!("{size}; most of it at {:.0} % of the flight: an event", 100.0 * at),
             (Some(t), _) if t.explained_share >= REGULAR_SHARE => format!(

@@ -12,6 +12,7 @@ use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
 use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
 use super::residual::believed;
+use super::slow_errors::slow_errors;
 use super::track::{Drive, Measured, Noise, Track};
 use crate::flight::resample::rotation_vector;
 use crate::math::quat;
@@ -42,13 +43,22 @@ pub(crate) struct Prepared<'a> {
     pub track: &'a Track,
     pub around: Around,
     pub raw: Raw,
+    /// The least noise of its channels: of poses, what their slow errors are worth.
+    pub noise: Noise,
 }
 
 impl<'a> Prepared<'a> {
     pub fn new(track: &'a Track, drone: &Drone<f64>) -> Self {
         let around = Around::new(track, drone);
         let raw = Raw::new(track, &around);
-        Self { track, around, raw }
+        let slow = slow_errors(track, &around, drone.body.gravity_m_s2);
+        let mut least = track.noise.channels();
+        for (c, slow) in slow.into_iter().enumerate() {
+            let slow = slow.filter(|_| !track.noise.stated[c]).unwrap_or(0.0);
+            least[c] = least[c].hypot(slow);
+        }
+        let noise = track.noise.with_channels(least);
+        Self { track, around, raw, noise }
     }
 }
 

@@ -107,3 +107,6 @@ pub(crate) const SETTLING_S: f64 = 1.0;
 /// A mean comes by a cause where at least this share of the variance goes with it, and all but the rest of the mean is gone
 /// where the cause is zero: rotor drag in a Lissajous figure flown nose ahead went with the velocity by 98 % of its variance.
 pub(crate) const CONSTANT_CAUSE: f64 = 0.7;
+
+/// Time over which poses and inertial data are held against each other, s: that of the windows by which disturbances are judged.
+pub(crate) const CROSS_CHECK_S: f64 = 0.25;

@@ -48,7 +48,7 @@ impl<'a> Replay<'a> {
     }
 
     /// The measured state of an instant at which the inputs are known too.
-    fn known(&self, step: usize) -> Option<&Measured> {
+    pub(super) fn known(&self, step: usize) -> Option<&Measured> {
         let valid = self.raw.valid.get(step * STEP).copied().unwrap_or(false);
         self.around.measured[step].as_ref().filter(|_| valid)
     }

@@ -71,9 +71,21 @@ impl Solution {
         Ok(evidence.whole(&self.set, chi2, &g, &h, &self.linear.at) - occam + 0.5 * rows as f64 - price)
     }
 
+    /// Whether its numbers lie where the model was linearised: what is said of a place far away is a guess that the model was
+    /// never asked about. A light vehicle looked like drag there, by a mass of a seventh and a thrust of a seventh.
+    fn near_by(&self, model: &Model) -> bool {
+        self.set.iter().flat_map(|c| model.of(*c)).all(|k| {
+            (self.posterior.mean[k] - self.linear.at[k]).abs() <= LONGEST_STEP * model.parameters[k].slab
+        })
+    }
+
     /// Whether the log speaks more for this than for `other`. Sizes of disturbances creep to their best values: each of the two
     /// may take those of the other.
     fn better_than(&self, other: &Self, model: &Model) -> Result<bool, GapError> {
+        let near = self.near_by(model);
+        if near != other.near_by(model) {
+            return Ok(near);
+        }
         let phi = self.dispersion.max(other.dispersion);
         let best = |of: &Self| -> Result<f64, GapError> {
             let own = of.whole(model, phi, &self.disturbance)?;
@@ -368,7 +380,7 @@ fn settle(
     });
     let Start { mut values, mut set, mut disturbance, horizon, held, back, follow, widest, noise: known } =
         start;
-    let least: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
+    let least: Vec<Noise> = logs.iter().map(|l| l.noise).collect();
     let mut noise = known.clone().unwrap_or_else(|| least.clone());
     let forces_only = forces_only(logs);
     if from_file && forces_only {
@@ -503,7 +515,7 @@ fn settle(
             set = best.set.clone();
             values = next;
             let misfit = dispersion(model, &linear, &reduced, &delta) * inflation(&linear.noise, &least);
-            last = Some(Solution {
+            let found = Solution {
                 set: set.clone(),
                 linear,
                 reduced,
@@ -513,7 +525,12 @@ fn settle(
                 misfit,
                 tolerance,
                 posterior,
+            };
+            // A search that jumps far off in its last round has not been there.
+            let of_now = last.take_if(|l: &mut Solution| {
+                l.linear.horizon_s == found.linear.horizon_s && l.near_by(model) && !found.near_by(model)
             });
+            last = Some(of_now.unwrap_or(found));
             if same && same_noise && moved < 1.0 && done > held {
                 break;
             }

@@ -3,8 +3,10 @@
 use super::fit::{Cut, Prepared, Starts, linearise};
 use super::model::{Enters, Model};
 use super::replay::{Around, Raw, drive};
+use super::slow_errors::slow_errors;
 use super::track::{Options, Track};
 use crate::flight::{FlightLog, Format};
+use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
 use crate::physics::effects::Command;
 use crate::physics::integrate::Integrator;
@@ -20,16 +22,16 @@ fn vehicle() -> Vehicle {
     Vehicle::from_toml("quad", include_str!("../../tests/data/planted_quad.toml")).unwrap()
 }
 
-/// Three seconds that turn and climb, by commands that change every 4 ms, with ideal sensors; attitude is held by a simple
+/// Some seconds that turn and climb, by commands that change every 4 ms, with ideal sensors; attitude is held by a simple
 /// law so that the vehicle stays upright.
-fn flight(drone: &Drone<f64>) -> FlightLog {
+fn flight(drone: &Drone<f64>, seconds: u32) -> FlightLog {
     let mut log = FlightLog::empty(Path::new("made.csv"), "0".repeat(64), Format::Csv);
     log.cmd_rotor_rad_s = vec![Default::default(); 4];
     let hover = drone.hover_rotor_vel()[0];
     let mut state = State { pos: [0.0, 0.0, 1.2], rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
     let mut command = [0.0; MAX_ROTORS];
-    for k in 0..3000 {
-        let t = k as f64 * 1e-3;
+    for k in 0..1000 * seconds {
+        let t = f64::from(k) * 1e-3;
         if k % 4 == 0 {
             let q = state.quat;
             let want = [0.35 * (2.0 * t).sin(), 0.3 * (1.7 * t).cos(), 0.0];
@@ -60,7 +62,7 @@ fn flight(drone: &Drone<f64>) -> FlightLog {
         }
         state = Integrator::Rk4.step(&state, 1e-3, |s| drone.rate(s, &Command::Rotors(command), &around));
     }
-    log.duration_s = 3.0;
+    log.duration_s = f64::from(seconds);
     log
 }
 
@@ -68,7 +70,7 @@ fn made() -> (Vehicle, Drone<f64>, Track) {
     let vehicle = vehicle();
     let drone = vehicle.drone("first_principles").unwrap();
     let options = Options { ceiling_z_m: Some(3.0), ..Options::default() };
-    let track = Track::new(flight(&drone), &vehicle, &options).unwrap();
+    let track = Track::new(flight(&drone, 3), &vehicle, &options).unwrap();
     (vehicle, drone, track)
 }
 
@@ -244,4 +246,56 @@ fn parts_that_disagree_widen_a_number_by_their_scatter() {
         // Where no part says anything, nothing scatters.
         assert!(sigma.iter().enumerate().all(|(i, s)| i == k || s.abs() < 1e-12 * slab.max(1.0)));
     }
+}
+
+/// White noise that says as little as the slow errors of poses in a log do.
+fn slow(log: FlightLog) -> [f64; 2] {
+    let vehicle = vehicle();
+    let drone = vehicle.drone("first_principles").unwrap();
+    let track = Track::new(log, &vehicle, &Options::default()).unwrap();
+    slow_errors(&track, &Around::new(&track, &drone), drone.body.gravity_m_s2).map(Option::unwrap)
+}
+
+#[test]
+fn slow_errors_of_poses_show_beside_inertial_data_and_wrong_sensors_do_not() {
+    let drone = vehicle().drone("first_principles").unwrap();
+    let exact = flight(&drone, 8);
+    let [position_m, attitude_rad] = slow(exact.clone());
+    assert!(position_m < 1e-4 && attitude_rad < 1e-4, "{position_m} {attitude_rad}");
+
+    // An inertial unit with offset and scale that is late, and a marker off the middle.
+    let mut other = exact.clone();
+    let quats = exact.attitude.values.clone();
+    for (p, q) in other.position_m.values.iter_mut().zip(quats) {
+        *p = vec3::add(*p, quat::rotate(q, [0.03, -0.02, 0.01]));
+    }
+    for a in &mut other.specific_force_m_s2.values {
+        *a = [1.03 * a[0] + 0.2, 0.98 * a[1] - 0.1, 1.01 * a[2] + 0.1];
+    }
+    other.specific_force_m_s2.t_s.iter_mut().for_each(|t| *t += 0.004);
+    for w in &mut other.angular_velocity_rad_s.values {
+        *w = [1.02 * w[0] + 0.01, 0.99 * w[1], w[2] - 0.02];
+    }
+    let [position_m, attitude_rad] = slow(other);
+    assert!(position_m < 5e-4 && attitude_rad < 1e-3, "{position_m} {attitude_rad}");
+
+    // Poses of an estimator, off by 2 mm and 10 mrad at 2 Hz: neighbours differ by nothing.
+    let turn = std::f64::consts::TAU * 2.0;
+    let mut smooth = exact;
+    for (p, t) in smooth.position_m.values.iter_mut().zip(&smooth.position_m.t_s) {
+        (0..3).for_each(|k| p[k] += 2e-3 * (turn * t + k as f64).sin());
+    }
+    for (q, t) in smooth.attitude.values.iter_mut().zip(&smooth.attitude.t_s) {
+        let off = core::array::from_fn(|k| 0.01 * (turn * t + 2.0 * k as f64).sin());
+        *q = quat::mul(*q, quat::exp(off));
+    }
+    let [position_m, attitude_rad] = slow(smooth);
+    // Root mean square of the second difference over 0.125 s, and σ √(720/n) / T² by 62.5 samples over 0.25 s.
+    let seen = (2.0 - 2.0 * (turn * 0.125).cos()) / (2f64.sqrt() * 0.125 * 0.125);
+    let worth = 0.25f64.powi(2) * (62.5f64 / 720.0).sqrt();
+    let wanted = 0.01 * seen * worth;
+    assert!((attitude_rad / wanted - 1.0).abs() < 0.2, "{attitude_rad}, not {wanted}");
+    // An attitude that is off by 10 mrad bends the path as 0.1 m/s² would: they meet at random.
+    let wanted = (2e-3 * seen).hypot(0.01 * 9.81 * 0.577) * worth;
+    assert!((position_m / wanted - 1.0).abs() < 0.4, "{position_m}, not {wanted}");
 }

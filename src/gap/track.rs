@@ -375,6 +375,13 @@ impl Track {
             })
             .collect()
     }
+
+    /// Specific force that the accelerometer reads at given times, m/s², in its own axes; `None` in its gaps.
+    pub(crate) fn felt(&self, at_s: &[f64]) -> Vec<Option<[f64; 3]>> {
+        let half_s = 0.0125f64.max(3.2 * self.accel.period_s().unwrap_or(0.01));
+        let read = widened(at_s, half_s, |at, half| resample::local_parabola(&self.accel, at, half));
+        read.into_iter().map(|l| l.map(|l| l.value)).collect()
+    }
 }
 
 /// How much wider local fits become where too few samples lie, as between held values. Gaps are longer: 4.5 usual steps.

@@ -193,12 +193,17 @@ pub struct FreeTerm {
 pub struct Remainder {
     /// Standard deviation of the force that no effect explains, over the mass, m/s² (constant over 0.25 s).
     pub force_m_s2: f64,
-    /// Standard deviation of the torque that no effect explains, over the inertia, rad/s².
+    /// Standard deviation of the torque that no effect explains, over the inertia, rad/s²; zero where the attitude is fed in and
+    /// nothing is known of torques.
     pub torque_rad_s2: f64,
     /// The same before anything was found.
     pub force_before_m_s2: f64,
     /// The same before anything was found.
     pub torque_before_rad_s2: f64,
+    /// Force over mass that poses and inertial data both see beside the model, m/s²; null where one of them is missing.
+    pub force_agreed_m_s2: Option<f64>,
+    /// Torque over inertia that attitude and gyroscope both see beside the model, rad/s²; null where one of them is missing.
+    pub torque_agreed_rad_s2: Option<f64>,
     /// Whether more is left than a well-known vehicle leaves: something is missing that is not in the list.
     pub unexplained: bool,
     /// Terms that describe it, best first.

@@ -545,6 +545,10 @@ impl Page {
             ("force over mass", "m/s²", r.force_before_m_s2, r.force_m_s2),
             ("torque over inertia", "rad/s²", r.torque_before_rad_s2, r.torque_rad_s2),
         ] {
+            // No torque is known where the attitude is fed in.
+            if before == 0.0 && after == 0.0 {
+                continue;
+            }
             put!(
                 self,
                 "<tr><td>{name}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",

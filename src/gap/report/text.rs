@@ -283,6 +283,7 @@ impl Out {
         ];
         let rows: Vec<Vec<String>> = rows
             .into_iter()
+            .filter(|(.., before, after)| *before > 0.0 || *after > 0.0)
             .map(|(name, unit, before, after)| {
                 vec![name.into(), quantity(before, unit, 3), "→".into(), quantity(after, unit, 3)]
             })

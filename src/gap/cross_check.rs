@@ -1,0 +1,181 @@
+//! How much of what is left of force and torque two instruments see that know nothing of each other: poses and inertial data.
+//!
+//! An estimator's slow error bends the path over 0.25 s as an unknown force would, and a filtered attitude turns it as an
+//! unknown torque would; sizes alone do not tell them from physics. But an error of poses is not in the accelerometer, nor one of
+//! the attitude in the gyroscope. What both leave beside the model is summed as the product of the two: errors of either
+//! cancel, what really acts on the vehicle stays (two instruments with independent errors: Grubbs, "On estimating precision of
+//! measuring instruments and product variability", J. American Statistical Association 43, 1948).
+
+use super::fit::Prepared;
+use super::model::Model;
+use super::policy::CROSS_CHECK_S;
+use super::replay::{STEP, STEP_S, Tick};
+use super::residual::Replay;
+use super::solve::Solution;
+use super::track::{Drive, Measured};
+use crate::flight::resample::rotation_vector;
+use crate::math::{quat, vec3};
+use crate::physics::rigid_body::State;
+use rayon::prelude::*;
+
+/// What is left of one quantity, root mean square over time and axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Left {
+    /// What both instruments see.
+    pub both: f64,
+    /// By how much they contradict each other.
+    pub apart: f64,
+}
+
+/// What is left of force over mass (m/s²) and of torque over inertia (rad/s²); none where one of the instruments is missing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct CrossCheck {
+    pub force: Option<Left>,
+    pub torque: Option<Left>,
+}
+
+/// Fewest instants that tell.
+const FEWEST: usize = 40;
+
+/// A residual by the inertial data, and by how much poses see more: three axes each.
+type Pair = [[f64; 3]; 2];
+
+/// The cross-check of a solution, all logs together.
+pub(crate) fn cross_check(logs: &[Prepared], model: &Model, solution: &Solution) -> CrossCheck {
+    let drone = model.plain_at(&solution.posterior.mean, &solution.set);
+    let (mut forces, mut torques): (Vec<Pair>, Vec<Pair>) = (Vec::new(), Vec::new());
+    for log in logs {
+        let replay = Replay::new(log.track, &log.around, &log.raw, &drone);
+        let (force, torque) = pairs(&replay);
+        forces.extend(force);
+        torques.extend(torque);
+    }
+    CrossCheck { force: left(&forces), torque: left(&torques) }
+}
+
+fn left(pairs: &[Pair]) -> Option<Left> {
+    if pairs.len() < FEWEST {
+        return None;
+    }
+    let n = 3.0 * pairs.len() as f64;
+    let both: f64 = pairs.iter().map(|[own, more]| vec3::dot(*own, vec3::add(*own, *more))).sum();
+    let apart: f64 = pairs.iter().map(|[_, more]| vec3::dot(*more, *more)).sum();
+    Some(Left { both: (both / n).max(0.0).sqrt(), apart: (apart / n).sqrt() })
+}
+
+/// What the model says at an instant beside what is measured there.
+struct Instant {
+    at: Measured,
+    /// Acceleration that is felt less what the model says is felt, world, m/s²; and the acceleration that the model says.
+    felt: Option<[f64; 3]>,
+    moved: [f64; 3],
+    /// Angular acceleration that the model says, body, rad/s².
+    turned: [f64; 3],
+}
+
+/// Means under hats one after the other, half as wide as the windows of the fit are long: that is what a second difference sees.
+fn pairs(replay: &Replay) -> (Vec<Pair>, Vec<Pair>) {
+    let (track, drone) = (replay.track, replay.drone);
+    let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
+    let n = replay.n_steps();
+    let plant = replay.plant();
+    let late = drone.clock().accel_s;
+    let at: Vec<f64> = (0..n).map(|i| replay.time_s(i) + late).collect();
+    let accel: Vec<Option<[f64; 3]>> = at.par_chunks(512).flat_map_iter(|at| track.felt(at)).collect();
+    let instants: Vec<Option<Instant>> = (0..n)
+        .into_par_iter()
+        .with_min_len(256)
+        .map_init(Vec::new, |neighbours, i| {
+            let at = *replay.known(i)?;
+            let tick: &Tick<f64> = &replay.ticks[i * STEP];
+            let mut state =
+                State { pos: at.pos, quat: at.quat, vel: at.vel, ang_vel: at.ang_vel, ..State::rest() };
+            let rate = plant.rate(i * STEP, tick, &mut state, neighbours);
+            let reads = drone.read(&state, &rate).accel;
+            let felt = accel[i].map(|a| quat::rotate(at.quat, vec3::sub(a, reads)));
+            Some(Instant { at, felt, moved: rate.acc, turned: rate.ang_acc })
+        })
+        .collect();
+    let turns = track.drive != Drive::Thrust && !track.gyro.is_empty();
+    let (mut forces, mut torques) = (Vec::new(), Vec::new());
+    for middle in (apart..n.saturating_sub(apart)).step_by(apart) {
+        let Some(span) = instants[middle - apart..=middle + apart].iter().map(Option::as_ref).collect()
+        else {
+            continue;
+        };
+        let span: Vec<&Instant> = span;
+        forces.extend(force(&span, apart));
+        if turns {
+            torques.push(torque(&span, apart));
+        }
+    }
+    (forces, torques)
+}
+
+/// Weights of a hat over `2 apart + 1` instants.
+fn hat(apart: usize) -> impl Iterator<Item = f64> {
+    let square = (apart * apart) as f64;
+    (0..=2 * apart).map(move |i| (apart - i.abs_diff(apart)) as f64 / square)
+}
+
+fn force(span: &[&Instant], apart: usize) -> Option<Pair> {
+    let (mut felt, mut moved) = ([0.0; 3], [0.0; 3]);
+    for (instant, w) in span.iter().zip(hat(apart)) {
+        felt = vec3::add(felt, vec3::scale(instant.felt?, w));
+        moved = vec3::add(moved, vec3::scale(instant.moved, w));
+    }
+    let time = apart as f64 * STEP_S;
+    let [a, b, c] = [0, apart, 2 * apart].map(|i| span[i].at.pos);
+    let bend: [f64; 3] = core::array::from_fn(|k| (a[k] - 2.0 * b[k] + c[k]) / (time * time));
+    Some([felt, vec3::sub(vec3::sub(bend, moved), felt)])
+}
+
+fn torque(span: &[&Instant], apart: usize) -> Pair {
+    let time = apart as f64 * STEP_S;
+    // Mean rate over each half, and by how much the attitude turned more than the gyroscope says.
+    let half = |from: usize| {
+        let (mut mean, mut turned) = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+        for pair in span[from..=from + apart].windows(2) {
+            let rate = vec3::scale(vec3::add(pair[0].at.ang_vel, pair[1].at.ang_vel), 0.5);
+            mean = vec3::add(mean, vec3::scale(rate, 1.0 / apart as f64));
+            turned = quat::mul(turned, quat::exp(vec3::scale(rate, STEP_S)));
+        }
+        let measured = quat::mul(quat::conjugate(span[from].at.quat), span[from + apart].at.quat);
+        (mean, rotation_vector(quat::mul(quat::conjugate(turned), measured)))
+    };
+    let (before, after) = (half(0), half(apart));
+    let mut modelled = [0.0; 3];
+    for (instant, w) in span.iter().zip(hat(apart)) {
+        modelled = vec3::add(modelled, vec3::scale(instant.turned, w));
+    }
+    let by_gyro = vec3::scale(vec3::sub(after.0, before.0), 1.0 / time);
+    let more = vec3::scale(vec3::sub(after.1, before.1), 1.0 / (time * time));
+    [vec3::sub(by_gyro, modelled), more]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Key, purpose};
+
+    #[test]
+    fn errors_of_one_instrument_cancel_and_what_both_see_stays() {
+        let key = Key { seed: 4, world: 0, drone: 0, step: 0, purpose: purpose("cross-check test") };
+        let mut dice = key.stream();
+        let mut drawn = |sigma: f64| -> [f64; 3] { core::array::from_fn(|_| sigma * dice.normal()) };
+        let mut pairs = |real: f64, felt: f64, posed: f64| -> Vec<Pair> {
+            let one = |_| {
+                let (real, felt, posed) = (drawn(real), drawn(felt), drawn(posed));
+                [vec3::add(real, felt), vec3::sub(posed, felt)]
+            };
+            (0..2000).map(one).collect()
+        };
+        let of_poses = left(&pairs(0.0, 0.02, 0.3)).unwrap();
+        assert!(of_poses.both < 0.03 && (of_poses.apart - 0.3).abs() < 0.02, "{of_poses:?}");
+        let of_inertia = left(&pairs(0.0, 0.3, 0.02)).unwrap();
+        assert!(of_inertia.both < 0.08 && (of_inertia.apart - 0.3).abs() < 0.02, "{of_inertia:?}");
+        let real = left(&pairs(0.2, 0.1, 0.3)).unwrap();
+        assert!((real.both - 0.2).abs() < 0.02, "{real:?}");
+        assert_eq!(left(&pairs(0.2, 0.1, 0.3)[..FEWEST - 1]), None);
+    }
+}
