@@ -110,3 +110,6 @@ pub(crate) const CONSTANT_CAUSE: f64 = 0.7;
 
 /// Time over which poses and inertial data are held against each other, s: that of the windows by which disturbances are judged.
 pub(crate) const CROSS_CHECK_S: f64 = 0.25;
+
+/// Standard deviations from which on an attitude is said to lean with the acceleration.
+pub(crate) const LEAN_SIGMAS: f64 = 3.0;

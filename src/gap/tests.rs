@@ -299,3 +299,37 @@ fn slow_errors_of_poses_show_beside_inertial_data_and_wrong_sensors_do_not() {
     let wanted = (2e-3 * seen).hypot(0.01 * 9.81 * 0.577) * worth;
     assert!((position_m / wanted - 1.0).abs() < 0.4, "{position_m}, not {wanted}");
 }
+
+#[test]
+fn an_attitude_that_leans_with_the_acceleration_is_set_upright() {
+    let vehicle = vehicle();
+    let drone = vehicle.drone("first_principles").unwrap();
+    let exact = flight(&drone, 8);
+    let track = |log: FlightLog| Track::new(log, &vehicle, &Options::default()).unwrap();
+    let said = |t: &Track| t.warnings.iter().find(|w| w.contains("leans")).cloned();
+    assert_eq!(said(&track(exact.clone())), None);
+
+    // 6 mrad per m/s², 0.2 s late.
+    let mut leaning = exact.clone();
+    let (mut across, mut before) = ([0.0; 3], 0.0);
+    let (attitude, felt) = (&mut leaning.attitude, &exact.specific_force_m_s2);
+    let mut most = 0.0f64;
+    for ((q, t), f) in attitude.values.iter_mut().zip(&attitude.t_s).zip(felt.values.iter().step_by(2)) {
+        let keep = (-(t - before) / 0.2).exp();
+        before = *t;
+        let a = quat::rotate(*q, *f);
+        (0..2).for_each(|k| across[k] = keep * across[k] + (1.0 - keep) * a[k]);
+        let lean = vec3::scale(vec3::cross(across, [0.0, 0.0, 1.0]), 0.006);
+        most = most.max(vec3::norm(lean));
+        *q = quat::mul(quat::exp(lean), *q);
+    }
+    let track = track(leaning);
+    let words = said(&track).unwrap();
+    let number: f64 = words.split("leans by ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((number - 6.0).abs() < 0.6 && words.contains("0.20 s"), "{words}");
+    let off = track.attitude.values.iter().zip(&exact.attitude.values).map(|(a, b)| {
+        vec3::norm(crate::flight::resample::rotation_vector(quat::mul(quat::conjugate(*a), *b)))
+    });
+    let off = off.fold(0.0, f64::max);
+    assert!(most > 0.01 && off < 0.15 * most, "{off} of {most}");
+}

@@ -1,7 +1,7 @@
 //! A flight log made ready to be flown again by a model: what drives it, what was measured, and how noisy that is.
 
 use super::inputs::without_noise;
-use super::{GapError, usable};
+use super::{GapError, lean, usable};
 use crate::flight::{Channel, Excluded, FlightLog, clean, resample};
 use crate::math::quat;
 use crate::physics::airframe;
@@ -295,7 +295,7 @@ impl Track {
                 log.objects_m.keys().filter(|n| !is_load(n) && Some(*n) != load.as_ref()).cloned().collect()
             }
         };
-        let track = Self {
+        let mut track = Self {
             name,
             drive,
             dynamics,
@@ -315,6 +315,12 @@ impl Track {
             accel,
             log,
         };
+        // A vehicle that lacks these dynamics is refused where they are needed.
+        if let Ok(drone) = vehicle.drone(dynamics)
+            && let Some(lean) = lean::taken_out(&mut track, drone.body.gravity_m_s2)
+        {
+            track.warnings.push(lean.words());
+        }
         Ok(track)
     }
 

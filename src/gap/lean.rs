@@ -1,0 +1,187 @@
+//! An attitude that leans with the acceleration: what an estimator makes of a manoeuvre that it takes for gravity.
+//!
+//! An estimator that trusts its accelerometer turns the attitude towards the direction of the specific force, by an angle in
+//! proportion to the acceleration across and some time late: a complementary filter (Mahony, Hamel and Pflimlin, "Nonlinear
+//! complementary filters on the special orthogonal group", IEEE Trans. Automatic Control 53(5), 2008, section II) in a vehicle
+//! that does not fly at constant speed. All attitudes are then too small by some per cent, which looks like a gyroscope that
+//! reads too much, and gravity in wrong axes looks like a force. Poses and accelerometer tell it without a model of the
+//! vehicle: where the attitude leans, the bend of the path and the specific force differ by 9.81 m/s² times the lean.
+
+use super::policy::{CROSS_CHECK_S, LEAN_SIGMAS};
+use super::replay::STEP_S;
+use super::sensor_regression::{Bend, Regression, bend_of, widths};
+use super::track::{Measured, Track};
+use crate::flight::Channel;
+use crate::flight::resample;
+use crate::math::{quat, vec3};
+
+/// How an attitude leans.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lean {
+    /// Lean per acceleration across, rad per m/s².
+    pub rad_per_m_s2: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Time after which 63 % of it are there, s.
+    pub memory_s: f64,
+}
+
+impl Lean {
+    /// An attitude at a time without it.
+    fn without(&self, across: &Across, t_s: f64, q: [f64; 4]) -> [f64; 4] {
+        quat::mul(quat::exp(vec3::scale(across.turn(t_s), -self.rad_per_m_s2)), q)
+    }
+
+    /// What is said of it.
+    pub fn words(&self) -> String {
+        format!(
+            "attitude: leans by {:.1} ± {:.1} mrad per m/s² of acceleration across, {:.2} s late, as an estimator's that takes \
+             manoeuvres for gravity: taken out",
+            1e3 * self.rad_per_m_s2,
+            1e3 * self.sigma,
+            self.memory_s
+        )
+    }
+}
+
+/// Times that an estimator may take, s.
+const MEMORIES_S: [f64; 7] = [0.0, 0.05, 0.1, 0.2, 0.35, 0.55, 0.8];
+/// Times that the acceleration is asked for again, with attitudes that lean less.
+const ROUNDS: usize = 2;
+/// How level a world is, rad.
+const LEVEL_RAD: f64 = 0.03;
+/// What [`bend_of`] knows of, and a world that is not level.
+const OTHERS: usize = 16 + 2;
+
+/// Acceleration across that an estimator remembers, on a grid.
+struct Across {
+    from_s: f64,
+    /// m/s², world, level; one after the other every [`STEP_S`].
+    remembered: Vec<[f64; 3]>,
+}
+
+impl Across {
+    fn new(from_s: f64, acc: &[[f64; 3]], memory_s: f64) -> Self {
+        let keep = if memory_s > 0.0 { (-STEP_S / memory_s).exp() } else { 0.0 };
+        let mut now = acc.first().copied().unwrap_or([0.0; 3]);
+        let remembered = acc
+            .iter()
+            .map(|a| {
+                now = core::array::from_fn(|k| keep * now[k] + (1.0 - keep) * a[k]);
+                now
+            })
+            .collect();
+        Self { from_s, remembered }
+    }
+
+    /// Direction (world) and size of the lean per rad/(m/s²) at a time: about a × z, towards the specific force.
+    fn turn(&self, t_s: f64) -> [f64; 3] {
+        let last = self.remembered.len() - 1;
+        let place = ((t_s - self.from_s) / STEP_S).clamp(0.0, last as f64);
+        let i = (place as usize).min(last.saturating_sub(1));
+        let share = place - i as f64;
+        let [a, b] = [i, (i + 1).min(last)].map(|i| self.remembered[i]);
+        let a = vec3::add(a, vec3::scale(vec3::sub(b, a), share));
+        vec3::cross(a, [0.0, 0.0, 1.0])
+    }
+}
+
+/// What tells: poses and accelerometer of one log.
+struct Log {
+    gravity_m_s2: [f64; 3],
+    from_s: f64,
+    /// Specific force (body) and attitude every [`STEP_S`] from there, as far as both are known.
+    known: Vec<Option<([f64; 3], [f64; 4])>>,
+    stretches: Vec<Stretch>,
+}
+
+/// Rows of the regression by what is no lean.
+struct Stretch {
+    middle_s: f64,
+    quat: [f64; 4],
+    bend: Bend,
+}
+
+impl Stretch {
+    /// What of the bend is seen in other axes where the attitude is turned by a little: the turn times the vector, the other way.
+    fn seen(&self, turn: [f64; 3]) -> [f64; 3] {
+        vec3::cross(self.bend.whole, quat::rotate_inverse(self.quat, turn))
+    }
+}
+
+impl Log {
+    fn new(track: &Track, gravity_m_s2: [f64; 3]) -> Option<Self> {
+        let from_s = track.attitude.t_s.first()?.max(*track.accel.t_s.first()?);
+        let to_s = track.attitude.t_s.last()?.min(*track.accel.t_s.last()?);
+        let at = resample::grid(from_s, to_s, STEP_S);
+        let felt = track.felt(&at);
+        let attitude = resample::slerp(&track.attitude, &at, f64::INFINITY);
+        let known: Vec<_> = felt.iter().zip(&attitude).map(|(f, q)| (*f).zip(*q)).collect();
+        let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
+        let at = resample::grid(track.span_s[0], track.span_s[1], STEP_S);
+        let (states, felt) = (track.measured_state(&at), track.felt(&at));
+        let mut stretches = Vec::new();
+        for from in (0..at.len().saturating_sub(2 * apart)).step_by(apart / 2) {
+            let stretch = from..=from + 2 * apart;
+            let span: Option<Vec<&Measured>> = states[stretch.clone()].iter().map(Option::as_ref).collect();
+            let felt: Option<Vec<[f64; 3]>> = felt[stretch].iter().copied().collect();
+            let (Some(span), Some(felt)) = (span, felt) else { continue };
+            let bend = bend_of(&span, &felt, apart, gravity_m_s2);
+            let mut stretch = Stretch { middle_s: at[from + apart], quat: span[apart].quat, bend };
+            let level = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]].map(|axis| stretch.seen(axis));
+            stretch.bend.columns.extend(level);
+            stretches.push(stretch);
+        }
+        (known.len() > 1).then_some(Self { gravity_m_s2, from_s, known, stretches })
+    }
+
+    /// Acceleration across by accelerometer and attitude without its lean; gaps keep what was before.
+    fn across(&self, lean: Option<(Lean, &Across)>) -> Vec<[f64; 3]> {
+        let mut last = [0.0; 3];
+        let at = |(i, known): (usize, &Option<([f64; 3], [f64; 4])>)| {
+            if let Some((felt, mut q)) = *known {
+                if let Some((lean, across)) = lean {
+                    q = lean.without(across, self.from_s + i as f64 * STEP_S, q);
+                }
+                let a = vec3::add(quat::rotate(q, felt), self.gravity_m_s2);
+                last = [a[0], a[1], 0.0];
+            }
+            last
+        };
+        self.known.iter().enumerate().map(at).collect()
+    }
+
+    /// The lean by such an acceleration.
+    fn lean(&self, acc: &[[f64; 3]]) -> Option<(Lean, Across)> {
+        let memories = MEMORIES_S.map(|m| Across::new(self.from_s, acc, m));
+        let mut regression = Regression::new(OTHERS + MEMORIES_S.len());
+        for stretch in &self.stretches {
+            let by_memory = memories.iter().map(|m| stretch.seen(m.turn(stretch.middle_s)));
+            regression.add(stretch.bend.columns.iter().copied().chain(by_memory), stretch.bend.more);
+        }
+        let with = |k: usize| (0..OTHERS).chain([OTHERS + k]).collect::<Vec<usize>>();
+        let widths: Vec<f64> = widths().into_iter().chain([LEVEL_RAD, LEVEL_RAD, f64::INFINITY]).collect();
+        let fits = (0..MEMORIES_S.len()).filter_map(|k| Some((k, regression.fit(&with(k), &widths)?)));
+        let (k, fit) = fits.min_by(|a, b| a.1.left.total_cmp(&b.1.left))?;
+        let (value, sigma) = (fit.values[OTHERS], fit.sigma[OTHERS]);
+        let lean = Lean { rad_per_m_s2: value, sigma, memory_s: MEMORIES_S[k] };
+        // The other way no estimator leans: there the accelerometer feels less of a drag than the path shows.
+        let across = memories.into_iter().nth(k)?;
+        (value > LEAN_SIGMAS * sigma).then_some((lean, across))
+    }
+}
+
+/// Takes the lean of the attitudes of a log out of them; `None` where they do not lean, or nothing tells.
+pub(crate) fn taken_out(track: &mut Track, gravity_m_s2: [f64; 3]) -> Option<Lean> {
+    let log = Log::new(track, gravity_m_s2)?;
+    let (mut lean, mut across) = log.lean(&log.across(None))?;
+    // Attitudes that lean tell too little of the acceleration that makes them.
+    for _ in 0..ROUNDS {
+        (lean, across) = log.lean(&log.across(Some((lean, &across))))?;
+    }
+    let attitude = &track.attitude;
+    let level = |(t, q): (&f64, &[f64; 4])| lean.without(&across, *t, *q);
+    let values = attitude.t_s.iter().zip(&attitude.values).map(level).collect();
+    track.attitude = Channel { t_s: attitude.t_s.clone(), values };
+    Some(lean)
+}
