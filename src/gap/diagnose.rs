@@ -621,26 +621,36 @@ fn other_shape(
     of: usize,
     left: &[Sample],
 ) -> Option<String> {
-    let delta: Vec<f64> = (0..model.parameters.len())
-        .map(|k| {
-            let p = &model.parameters[k];
-            // With the tolerances of the air, which would lend themselves to its shape.
-            let air = model.candidates[p.candidate].area == Area::Airframe
-                && (p.candidate == of || !solution.set.contains(&p.candidate));
-            let value = if air { p.filed } else { solution.posterior.mean[k] };
-            value - solution.linear.at[k]
-        })
-        .collect();
     // What it explains is a disturbance then, and as free to be one as it is large.
-    let pushed = samples(logs, model, solution, &Disturbance::unknown(), &delta);
+    let without = |gone: &dyn Fn(usize) -> bool| {
+        let value = |k: usize| {
+            let p = &model.parameters[k];
+            if gone(p.candidate) { p.filed } else { solution.posterior.mean[k] }
+        };
+        let delta: Vec<f64> = (0..model.parameters.len()).map(|k| value(k) - solution.linear.at[k]).collect();
+        samples(logs, model, solution, &Disturbance::unknown(), &delta)
+    };
+    // With the tolerances of the air, which would lend themselves to its shape.
+    let airy = |c: usize| model.candidates[c].area == Area::Airframe && !solution.set.contains(&c);
+    let pushed = without(&|c| c == of || airy(c));
+    let alone = without(&|c| c == of);
     let left: Vec<[f64; 6]> = left.iter().map(|s| s.push).collect();
-    if pushed.len() != left.len() {
+    if pushed.len() != left.len() || alone.len() != left.len() {
         return None;
     }
+    // A shape along an axis along which the effect hardly acts is not left by it: a torque leaves no force.
+    let acts = core::array::from_fn(|k| {
+        let part =
+            |of: &[Sample]| -> f64 { of.iter().zip(&left).map(|(s, l)| (s.push[k] - l[k]).powi(2)).sum() };
+        part(&alone) > OWN_SHARE * part(&pushed)
+    });
     let drag_too = model.candidates[of].kind != "linear_drag";
-    let (term, nats) = free_form::instead(&pushed, &left, drag_too)?;
+    let (term, nats) = free_form::instead(&pushed, &left, acts, drag_too)?;
     (nats > SURE_NATS).then_some(term)
 }
+
+/// Share of what is explained along an axis, beside the tolerances of the air, from which on an effect acts there.
+const OWN_SHARE: f64 = 0.25;
 
 /// Share of the disturbances' variance that findings must explain, where something regular or large is left.
 const LEANING: f64 = 0.7;

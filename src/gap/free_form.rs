@@ -145,17 +145,22 @@ pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
 }
 
 /// Whether what an effect explains has the effect's shape. `samples` are pushed by what the effect explains and by what it
-/// leaves, which is `left`. An effect of the wrong shape leaves the difference of two shapes: per axis, the force `left` is
+/// leaves, which is `left`; it acts along the axes of `acts`. An effect of the wrong shape leaves the difference of two shapes: per axis, the force `left` is
 /// described by the term that is most like the effect together with one other. That other term where it is clearest, and by
 /// how much the two describe what is left, nats. With `drag_too`, linear drag within its tolerance goes with them.
-pub(crate) fn instead(samples: &[Sample], left: &[[f64; 6]], drag_too: bool) -> Option<(String, f64)> {
+pub(crate) fn instead(
+    samples: &[Sample],
+    left: &[[f64; 6]],
+    acts: [bool; 3],
+    drag_too: bool,
+) -> Option<(String, f64)> {
     if samples.len() < 5 * BLOCKS {
         return None;
     }
     let library: Vec<Vec<(String, f64)>> = samples.iter().map(variables).collect();
     let n = samples.len() as f64;
     let (mut most, mut name) = (0.0, None);
-    for component in 0..3 {
+    for component in (0..3).filter(|k| acts[*k]) {
         let there: Vec<f64> = samples.iter().map(|s| s.push[component]).collect();
         let rest: Vec<f64> = left.iter().map(|l| l[component]).collect();
         let own: Vec<f64> = there.iter().zip(&rest).map(|(y, l)| y - l).collect();
@@ -303,11 +308,11 @@ mod tests {
             cube.iter().fold((0.0, 0.0), |(a, b), s| (a + square(s) * s.push[0], b + square(s) * square(s)));
         let left: Vec<[f64; 6]> =
             cube.iter().map(|s| [s.push[0] - a / b * square(s), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
-        let (term, nats) = instead(&cube, &left, true).unwrap();
+        let (term, nats) = instead(&cube, &left, [true; 3], true).unwrap();
         assert!(term == "force along body x ~ |v|² v_x" && nats > 50.0, "{term} {nats}");
         // An effect of the right shape is not replaced.
         let noise: Vec<[f64; 6]> =
             (0..cube.len()).map(|i| [0.005 * jumble(i), 0.0, 0.0, 0.0, 0.0, 0.0]).collect();
-        assert!(instead(&cube, &noise, true).is_none_or(|(_, nats)| nats < 1.0));
+        assert!(instead(&cube, &noise, [true; 3], true).is_none_or(|(_, nats)| nats < 1.0));
     }
 }
