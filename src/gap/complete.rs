@@ -54,7 +54,7 @@ pub fn note(sensor: bool, kind: &str) -> Option<String> {
 }
 
 /// Tolerance parameters that the log moves, by effect. Parameters that were fitted together are never parted: an effect is
-/// there whole, or where all of it is as good as without influence ([`NO_INFLUENCE_SIGMAS`]) not at all.
+/// there whole, or where all of it is as good as without influence (`NO_INFLUENCE_SIGMAS`) not at all.
 pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
     let mut out: Vec<Entry> = Vec::new();
     for c in adjusted {

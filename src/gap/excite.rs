@@ -214,7 +214,7 @@ impl FlightPlan {
         self.parameters.iter().all(|p| p.reached)
     }
 
-    /// The waypoints as [`csv`] writes them.
+    /// The waypoints as [`csv()`] writes them.
     pub fn csv(&self) -> String {
         csv(&self.waypoints)
     }

@@ -81,7 +81,7 @@ pub fn evidence(d: &Diagnosis) -> String {
     }
     let nats = significant(f.evidence_nats, 3);
     match before_after(f) {
-        Some(words) => format!("without and with {} on held-out flight: {words}", f.id),
+        Some(words) => format!("without and with {} on {}: {words}", f.id, d.judged_on()),
         None => format!("{}: evidence {nats} nats (6 are required)", f.id),
     }
 }

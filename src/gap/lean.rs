@@ -90,9 +90,16 @@ impl Across {
 struct Log {
     gravity_m_s2: [f64; 3],
     from_s: f64,
-    /// Specific force (body) and attitude every [`STEP_S`] from there, as far as both are known.
-    known: Vec<Option<([f64; 3], [f64; 4])>>,
+    /// Every [`STEP_S`] from there, as far as both are known.
+    known: Vec<Option<Instant>>,
     stretches: Vec<Stretch>,
+}
+
+/// Specific force (body, m/s²) and attitude of an instant.
+#[derive(Clone, Copy)]
+struct Instant {
+    felt: [f64; 3],
+    quat: [f64; 4],
 }
 
 /// Rows of the regression by what is no lean.
@@ -116,7 +123,10 @@ impl Log {
         let at = resample::grid(from_s, to_s, STEP_S);
         let felt = track.felt(&at);
         let attitude = resample::slerp(&track.attitude, &at, f64::INFINITY);
-        let known: Vec<_> = felt.iter().zip(&attitude).map(|(f, q)| (*f).zip(*q)).collect();
+        let instant = |(felt, quat): (&Option<[f64; 3]>, &Option<[f64; 4]>)| {
+            felt.zip(*quat).map(|(felt, quat)| Instant { felt, quat })
+        };
+        let known = felt.iter().zip(&attitude).map(instant).collect::<Vec<_>>();
         let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
         let at = resample::grid(track.span_s[0], track.span_s[1], STEP_S);
         let (states, felt) = (track.measured_state(&at), track.felt(&at));
@@ -138,8 +148,8 @@ impl Log {
     /// Acceleration across by accelerometer and attitude without its lean; gaps keep what was before.
     fn across(&self, lean: Option<(Lean, &Across)>) -> Vec<[f64; 3]> {
         let mut last = [0.0; 3];
-        let at = |(i, known): (usize, &Option<([f64; 3], [f64; 4])>)| {
-            if let Some((felt, mut q)) = *known {
+        let at = |(i, known): (usize, &Option<Instant>)| {
+            if let Some(Instant { felt, quat: mut q }) = *known {
                 if let Some((lean, across)) = lean {
                     q = lean.without(across, self.from_s + i as f64 * STEP_S, q);
                 }

@@ -362,6 +362,14 @@ pub struct Diagnosis {
 }
 
 impl Diagnosis {
+    /// The flight on which findings and rungs are judged: held-out flight, where there is some.
+    pub fn judged_on(&self) -> &'static str {
+        match self.logs.iter().any(|l| l.held_out) {
+            true => "held-out flight",
+            false => "the flight of the fit",
+        }
+    }
+
     /// Manoeuvres of the library to fly next, each once, most wanted first.
     pub fn next_flight(&self) -> Vec<String> {
         let mut out: Vec<String> = Vec::new();

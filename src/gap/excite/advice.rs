@@ -234,7 +234,7 @@ fn confused(alone: &DMatrix<f64>, beside: &DMatrix<f64>) -> Option<DMatrix<f64>>
     (length > 0.0).then(|| DMatrix::from_column_slice(n, 1, (v / length).as_slice()))
 }
 
-/// [`advice`] for a vehicle without a diagnosis: which manoeuvres tell the candidates `wanted` from `alike` best, as
+/// `advice` for a vehicle without a diagnosis: which manoeuvres tell the candidates `wanted` from `alike` best, as
 /// (name, text), best first; empty where none of the library does.
 ///
 /// # Errors

@@ -133,7 +133,7 @@ impl Page {
             "missing",
             "What is missing",
             "What is missing",
-            "Most important first. Each is judged in the channel on which it acts, on flight that the fit has not seen; intervals are 95 %.",
+            &format!("Most important first. Each is judged in the channel on which it acts, on {}; intervals are 95 %.", d.judged_on()),
         );
         self.body.push_str("<div class=\"cards\">\n");
         for f in &d.findings {
@@ -228,11 +228,16 @@ impl Page {
         if horizons.is_empty() {
             return;
         }
+        let unseen = rungs.iter().any(|r| !r.held_out.is_empty());
+        let (on, marks) = match unseen {
+            true => ("on flight that the fit has not seen", " Upright marks: the flight of the fit."),
+            false => ("on the flight of the fit", ""),
+        };
         self.section(
             "ladder",
             "Error ladder",
             "Error ladder",
-            "Root mean squares on flight that the fit has not seen: force and torque that the model lacks at the instants, then errors at the end of roll-outs from measured states. Upright marks: the flight of the fit.",
+            &format!("Root mean squares {on}: force and torque that the model lacks at the instants, then errors at the end of roll-outs from measured states.{marks}"),
         );
         self.body.push_str("<div class=\"rungs\">\n");
         for measure in measures(rungs) {

@@ -72,7 +72,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     out.paragraph(0, &format!("{}: {}", d.vehicle, d.headline));
     out.paragraph(0, &evidence(d));
     for (k, finding) in d.findings.iter().enumerate() {
-        out.finding(k + 1, finding);
+        out.finding(k + 1, finding, d.judged_on());
     }
     out.ladder(&d.ladder);
     out.calibration(&d.calibration);
@@ -118,7 +118,7 @@ impl Out {
         }
     }
 
-    fn finding(&mut self, number: usize, f: &Finding) {
+    fn finding(&mut self, number: usize, f: &Finding, judged_on: &str) {
         let certain = match (f.doubt(), f.certain) {
             (Some(_), _) => ", in doubt, not written",
             (None, true) => "",
@@ -139,7 +139,7 @@ impl Out {
             .collect();
         self.table(4, &[], &rows, &[false, true, false]);
         if let Some(words) = before_after(f) {
-            self.paragraph(4, &format!("without it → with it on held-out flight: {words}"));
+            self.paragraph(4, &format!("without it → with it on {judged_on}: {words}"));
         }
         if let Some(doubt) = f.doubt() {
             self.paragraph(4, doubt);
