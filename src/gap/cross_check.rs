@@ -8,30 +8,21 @@
 
 use super::fit::Prepared;
 use super::model::Model;
-use super::policy::CROSS_CHECK_S;
 use super::replay::{STEP, STEP_S, Tick};
 use super::residual::Replay;
+use super::sensor_regression::{half_stretch, hat, turned_more};
 use super::solve::Solution;
 use super::track::{Drive, Measured};
-use crate::flight::resample::rotation_vector;
 use crate::math::{quat, vec3};
 use crate::physics::rigid_body::State;
 use rayon::prelude::*;
 
-/// What is left of one quantity, root mean square over time and axes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Left {
-    /// What both instruments see.
-    pub both: f64,
-    /// By how much they contradict each other.
-    pub apart: f64,
-}
-
-/// What is left of force over mass (m/s²) and of torque over inertia (rad/s²); none where one of the instruments is missing.
+/// What both instruments see of force over mass (m/s²) and of torque over inertia (rad/s²), root mean square over time and axes;
+/// none where one of them is missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct CrossCheck {
-    pub force: Option<Left>,
-    pub torque: Option<Left>,
+    pub force: Option<f64>,
+    pub torque: Option<f64>,
 }
 
 /// Fewest instants that tell.
@@ -53,14 +44,13 @@ pub(crate) fn cross_check(logs: &[Prepared], model: &Model, solution: &Solution)
     CrossCheck { force: left(&forces), torque: left(&torques) }
 }
 
-fn left(pairs: &[Pair]) -> Option<Left> {
+fn left(pairs: &[Pair]) -> Option<f64> {
     if pairs.len() < FEWEST {
         return None;
     }
     let n = 3.0 * pairs.len() as f64;
     let both: f64 = pairs.iter().map(|[own, more]| vec3::dot(*own, vec3::add(*own, *more))).sum();
-    let apart: f64 = pairs.iter().map(|[_, more]| vec3::dot(*more, *more)).sum();
-    Some(Left { both: (both / n).max(0.0).sqrt(), apart: (apart / n).sqrt() })
+    Some((both / n).max(0.0).sqrt())
 }
 
 /// What the model says at an instant beside what is measured there.
@@ -76,7 +66,7 @@ struct Instant {
 /// Means under hats one after the other, half as wide as the windows of the fit are long: that is what a second difference sees.
 fn pairs(replay: &Replay) -> (Vec<Pair>, Vec<Pair>) {
     let (track, drone) = (replay.track, replay.drone);
-    let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
+    let apart = half_stretch();
     let n = replay.n_steps();
     let plant = replay.plant();
     let late = drone.clock().accel_s;
@@ -112,12 +102,6 @@ fn pairs(replay: &Replay) -> (Vec<Pair>, Vec<Pair>) {
     (forces, torques)
 }
 
-/// Weights of a hat over `2 apart + 1` instants.
-fn hat(apart: usize) -> impl Iterator<Item = f64> {
-    let square = (apart * apart) as f64;
-    (0..=2 * apart).map(move |i| (apart - i.abs_diff(apart)) as f64 / square)
-}
-
 fn force(span: &[&Instant], apart: usize) -> Option<Pair> {
     let (mut felt, mut moved) = ([0.0; 3], [0.0; 3]);
     for (instant, w) in span.iter().zip(hat(apart)) {
@@ -132,16 +116,16 @@ fn force(span: &[&Instant], apart: usize) -> Option<Pair> {
 
 fn torque(span: &[&Instant], apart: usize) -> Pair {
     let time = apart as f64 * STEP_S;
+    let measured: Vec<&Measured> = span.iter().map(|i| &i.at).collect();
     // Mean rate over each half, and by how much the attitude turned more than the gyroscope says.
     let half = |from: usize| {
-        let (mut mean, mut turned) = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
-        for pair in span[from..=from + apart].windows(2) {
-            let rate = vec3::scale(vec3::add(pair[0].at.ang_vel, pair[1].at.ang_vel), 0.5);
+        let part = &measured[from..=from + apart];
+        let mut mean = [0.0; 3];
+        for pair in part.windows(2) {
+            let rate = vec3::scale(vec3::add(pair[0].ang_vel, pair[1].ang_vel), 0.5);
             mean = vec3::add(mean, vec3::scale(rate, 1.0 / apart as f64));
-            turned = quat::mul(turned, quat::exp(vec3::scale(rate, STEP_S)));
         }
-        let measured = quat::mul(quat::conjugate(span[from].at.quat), span[from + apart].at.quat);
-        (mean, rotation_vector(quat::mul(quat::conjugate(turned), measured)))
+        (mean, turned_more(part))
     };
     let (before, after) = (half(0), half(apart));
     let mut modelled = [0.0; 3];
@@ -171,11 +155,11 @@ mod tests {
             (0..2000).map(one).collect()
         };
         let of_poses = left(&pairs(0.0, 0.02, 0.3)).unwrap();
-        assert!(of_poses.both < 0.03 && (of_poses.apart - 0.3).abs() < 0.02, "{of_poses:?}");
+        assert!(of_poses < 0.03, "{of_poses}");
         let of_inertia = left(&pairs(0.0, 0.3, 0.02)).unwrap();
-        assert!(of_inertia.both < 0.08 && (of_inertia.apart - 0.3).abs() < 0.02, "{of_inertia:?}");
+        assert!(of_inertia < 0.08, "{of_inertia}");
         let real = left(&pairs(0.2, 0.1, 0.3)).unwrap();
-        assert!((real.both - 0.2).abs() < 0.02, "{real:?}");
+        assert!((real - 0.2).abs() < 0.02, "{real}");
         assert_eq!(left(&pairs(0.2, 0.1, 0.3)[..FEWEST - 1]), None);
     }
 }

@@ -7,9 +7,9 @@
 //! reads too much, and gravity in wrong axes looks like a force. Poses and accelerometer tell it without a model of the
 //! vehicle: where the attitude leans, the bend of the path and the specific force differ by 9.81 m/s² times the lean.
 
-use super::policy::{CROSS_CHECK_S, LEAN_SIGMAS};
+use super::policy::LEAN_SIGMAS;
 use super::replay::STEP_S;
-use super::sensor_regression::{Bend, Regression, bend_of, widths};
+use super::sensor_regression::{Bend, Regression, bend_of, half_stretch, widths};
 use super::track::{Measured, Track};
 use crate::flight::Channel;
 use crate::flight::resample;
@@ -127,7 +127,7 @@ impl Log {
             felt.zip(*quat).map(|(felt, quat)| Instant { felt, quat })
         };
         let known = felt.iter().zip(&attitude).map(instant).collect::<Vec<_>>();
-        let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
+        let apart = half_stretch();
         let at = resample::grid(track.span_s[0], track.span_s[1], STEP_S);
         let (states, felt) = (track.measured_state(&at), track.felt(&at));
         let mut stretches = Vec::new();

@@ -1,10 +1,35 @@
 //! Poses against inertial data of one log: second differences of poses, and what the inertial unit feels between them, with
 //! every free number that a sensor may have (scale, skew, offset, lateness, lever arm), as rows of a linear regression.
 
+use super::policy::CROSS_CHECK_S;
 use super::replay::STEP_S;
 use super::track::Measured;
+use crate::flight::resample::rotation_vector;
 use crate::math::{quat, vec3};
 use nalgebra::{Cholesky, DMatrix, DVector};
+
+/// Steps from the middle of a stretch to either end.
+pub(super) fn half_stretch() -> usize {
+    (0.5 * CROSS_CHECK_S / STEP_S).round() as usize
+}
+
+/// Weights of a hat over `2 apart + 1` instants: a second difference is the mean of the acceleration under it.
+pub(super) fn hat(apart: usize) -> impl Iterator<Item = f64> {
+    let square = (apart * apart) as f64;
+    (0..=2 * apart).map(move |i| (apart - i.abs_diff(apart)) as f64 / square)
+}
+
+/// By how much the attitude turns more along a stretch than the gyroscope says, rad, in axes of its end.
+pub(super) fn turned_more(span: &[&Measured]) -> [f64; 3] {
+    let (Some(first), Some(last)) = (span.first(), span.last()) else { return [0.0; 3] };
+    let mut turned = [0.0, 0.0, 0.0, 1.0];
+    for pair in span.windows(2) {
+        let rate = vec3::scale(vec3::add(pair[0].ang_vel, pair[1].ang_vel), 0.5);
+        turned = quat::mul(turned, quat::exp(vec3::scale(rate, STEP_S)));
+    }
+    let measured = quat::mul(quat::conjugate(first.quat), last.quat);
+    rotation_vector(quat::mul(quat::conjugate(turned), measured))
+}
 
 /// Fewest instants per unknown.
 const PER_UNKNOWN: usize = 5;
@@ -127,9 +152,8 @@ pub(super) fn bend_of(span: &[&Measured], felt: &[[f64; 3]], apart: usize, gravi
     let bend: [f64; 3] =
         core::array::from_fn(|k| (a.pos[k] - 2.0 * b.pos[k] + c.pos[k]) / (time * time) - gravity[k]);
     let mut nuisances = Nuisances::none();
-    // A second difference is the mean of the acceleration under a hat.
-    for i in 1..2 * apart {
-        let weight = (apart - i.abs_diff(apart)) as f64 / (apart * apart) as f64;
+    // The weights of both ends are zero.
+    for (i, weight) in hat(apart).enumerate().take(2 * apart).skip(1) {
         let frame = quat::mul(quat::conjugate(b.quat), span[i].quat);
         let slope = vec3::scale(vec3::sub(felt[i + 1], felt[i - 1]), 0.5 / STEP_S);
         nuisances.add(frame, felt[i], slope, weight);

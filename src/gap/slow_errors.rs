@@ -11,9 +11,8 @@
 use super::policy::CROSS_CHECK_S;
 use super::replay::{Around, STEP, STEP_S};
 use super::residual::StateNoise;
-use super::sensor_regression::{Nuisances, Regression, bend_of, widths};
+use super::sensor_regression::{Nuisances, Regression, bend_of, half_stretch, turned_more, widths};
 use super::track::{Measured, Track};
-use crate::flight::resample::rotation_vector;
 use crate::math::{quat, vec3};
 
 /// Scale and skew (9), offset (3), lateness; of positions the lever arm (3) too.
@@ -23,7 +22,7 @@ const TORQUE_UNKNOWNS: usize = 13;
 /// White noise of position (m) and attitude (rad) that says as little over [`CROSS_CHECK_S`] as the slow errors do; `None`
 /// where no inertial data tell.
 pub(crate) fn slow_errors(track: &Track, around: &Around, gravity_m_s2: [f64; 3]) -> [Option<f64>; 2] {
-    let apart = (0.5 * CROSS_CHECK_S / STEP_S).round() as usize;
+    let apart = half_stretch();
     let n = around.measured.len();
     let known = |i: usize| around.measured[i].as_ref();
     let at: Vec<f64> = (0..n).map(|i| around.time_s(i * STEP)).collect();
@@ -70,16 +69,14 @@ fn turn_of(span: &[&Measured], apart: usize) -> (Vec<[f64; 3]>, [f64; 3]) {
     let time = apart as f64 * STEP_S;
     let half = |from: usize| {
         let end = span[from + apart].quat;
-        let (mut nuisances, mut turned) = (Nuisances::none(), [0.0, 0.0, 0.0, 1.0]);
+        let mut nuisances = Nuisances::none();
         for pair in span[from..=from + apart].windows(2) {
             let rate = vec3::scale(vec3::add(pair[0].ang_vel, pair[1].ang_vel), 0.5);
             let slope = vec3::scale(vec3::sub(pair[1].ang_vel, pair[0].ang_vel), 1.0 / STEP_S);
             let frame = quat::mul(quat::conjugate(end), pair[1].quat);
             nuisances.add(frame, rate, slope, STEP_S / (time * time));
-            turned = quat::mul(turned, quat::exp(vec3::scale(rate, STEP_S)));
         }
-        let measured = quat::mul(quat::conjugate(span[from].quat), end);
-        let more = rotation_vector(quat::mul(quat::conjugate(turned), measured));
+        let more = turned_more(&span[from..=from + apart]);
         (nuisances.0, vec3::scale(more, 1.0 / (time * time)))
     };
     let (before, after) = (half(0), half(apart));
