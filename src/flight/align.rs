@@ -2,6 +2,7 @@
 
 use super::channel::Channel;
 use super::resample;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// A delay between a measured channel and what another channel predicts for it.
@@ -19,6 +20,8 @@ pub struct Lag {
     pub at_edge: bool,
 }
 
+/// About so many samples tell where a correlation has its peak.
+const COARSE: usize = 2000;
 /// Parts of the log from whose scatter the uncertainty of a delay comes.
 const PARTS: usize = 8;
 
@@ -43,43 +46,45 @@ pub fn lag<const N: usize>(measured: &Channel<N>, predicted: &Channel<N>, max_la
     if used.len() < 64 {
         return None;
     }
-    let moments = |d: f64| -> Vec<Moments<N>> {
-        let at: Vec<f64> = used.iter().map(|i| measured.t_s[*i] - d).collect();
+    let moments = |among: &[usize], d: f64| -> Vec<Moments<N>> {
+        let at: Vec<f64> = among.iter().map(|i| measured.t_s[*i] - d).collect();
         let x = resample::cubic(predicted, &at, 10.0 * period);
         let mut parts = vec![Moments::default(); PARTS];
-        for (k, (i, x)) in used.iter().zip(x).enumerate() {
+        for (k, (i, x)) in among.iter().zip(x).enumerate() {
             if let Some(x) = x {
-                parts[k * PARTS / used.len()].add(x, measured.values[*i]);
+                parts[k * PARTS / among.len()].add(x, measured.values[*i]);
             }
         }
         parts
     };
-    let loss = |d: f64| {
-        let parts = moments(d);
+    let whole = |parts: &[Moments<N>]| {
         let mut whole = Moments::default();
         parts.iter().for_each(|p| whole.join(p));
-        (whole.solve(), parts)
+        whole
     };
-    // Coarse to fine.
+    // Coarse to fine: some samples tell about where, then all of them go on to where it is best.
     let coarse = (max_lag_s / 25.0).max(5e-4);
-    let (mut best, mut best_share) = (0.0, f64::NEG_INFINITY);
     let n = (max_lag_s / coarse).round() as i32;
-    for k in -n..=n {
-        let d = f64::from(k) * coarse;
-        let (Some((_, share)), _) = loss(d) else { continue };
-        if share > best_share {
-            (best, best_share) = (d, share);
+    let few: Vec<usize> = used.iter().copied().step_by((used.len() / COARSE).max(1)).collect();
+    let share = |among: &[usize], k: i32| Some(whole(&moments(among, f64::from(k) * coarse)).solve()?.1);
+    let shares: Vec<Option<f64>> = (-n..=n).into_par_iter().map(|k| share(&few, k)).collect();
+    let about = (-n..=n).zip(&shares).filter_map(|(k, share)| Some((k, (*share)?)));
+    let (mut k, _) = about.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let mut best_share = share(&used, k)?;
+    for towards in [-1, 1] {
+        while let Some(next) =
+            share(&used, k + towards).filter(|s| (k + towards).abs() <= n && *s > best_share)
+        {
+            (k, best_share) = (k + towards, next);
         }
     }
-    if !best_share.is_finite() {
-        return None;
-    }
+    let best = f64::from(k) * coarse;
     let at_edge = best.abs() > max_lag_s - 1.5 * coarse;
     let step = coarse;
     // The map of the best shift, then a parabola through the losses of each part and of all.
-    let (map, centre) = loss(best);
-    let (map, _) = map?;
-    let (before, after) = (moments(best - step), moments(best + step));
+    let centre = moments(&used, best);
+    let (map, _) = whole(&centre).solve()?;
+    let (before, after) = (moments(&used, best - step), moments(&used, best + step));
     let vertex = |part: &dyn Fn(&[Moments<N>]) -> f64| {
         let (a, b, c) = (part(&before), part(&centre), part(&after));
         let bend = a - 2.0 * b + c;
@@ -95,22 +100,27 @@ pub fn lag<const N: usize>(measured: &Channel<N>, predicted: &Channel<N>, max_la
         let n = single.len() as f64;
         (single.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / (n - 1.0) / n).sqrt()
     };
-    let explained = loss(lag_s).0.map_or(best_share, |(_, share)| share);
-    let explained_at_zero = loss(0.0).0.map_or(0.0, |(_, share)| share);
+    let explains = |d: f64| whole(&moments(&used, d)).solve().map(|(_, share)| share);
+    let explained = explains(lag_s).unwrap_or(best_share);
+    let explained_at_zero = explains(0.0).unwrap_or(0.0);
     Some(Lag { lag_s, sigma_s, explained, explained_at_zero, at_edge })
 }
 
-/// Sums for least squares of `y` on `x` and 1.
-#[derive(Clone, Debug)]
+/// Most numbers of a sample, and one.
+const ROWS: usize = 5;
+
+/// Sums for least squares of `y` on `x` and 1; the first N + 1 rows and columns are in use.
+#[derive(Clone, Copy, Debug)]
 struct Moments<const N: usize> {
-    xx: Vec<Vec<f64>>,
-    xy: Vec<[f64; N]>,
+    xx: [[f64; ROWS]; ROWS],
+    xy: [[f64; N]; ROWS],
     yy: f64,
 }
 
 impl<const N: usize> Default for Moments<N> {
     fn default() -> Self {
-        Self { xx: vec![vec![0.0; N + 1]; N + 1], xy: vec![[0.0; N]; N + 1], yy: 0.0 }
+        const { assert!(N < ROWS, "channels have at most four numbers") }
+        Self { xx: [[0.0; ROWS]; ROWS], xy: [[0.0; N]; ROWS], yy: 0.0 }
     }
 }
 
@@ -153,8 +163,8 @@ impl<const N: usize> Moments<N> {
         }
         // A tiny ridge keeps directions that never moved out of the map.
         let trace: f64 = (0..N).map(|i| self.xx[i][i]).sum();
-        let mut a = self.xx.clone();
-        let mut b = self.xy.clone();
+        let mut a = self.xx;
+        let mut b = self.xy;
         for (i, row) in a.iter_mut().enumerate().take(N) {
             row[i] += 1e-9 * trace + 1e-300;
         }

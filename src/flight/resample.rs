@@ -24,12 +24,38 @@ pub fn spacing_s(t_s: &[f64]) -> Option<f64> {
     Some(ordinary.iter().sum::<f64>() / ordinary.len() as f64)
 }
 
+/// A place among rising times, from which the next one is looked for: one search after the other mostly goes a few steps on.
+#[derive(Clone, Copy, Default)]
+pub(crate) struct Cursor(usize);
+
+impl Cursor {
+    /// Steps after which halving is quicker.
+    const STEPS: usize = 12;
+
+    /// The number of times for which `before` holds: all up to some time, and none behind it.
+    pub fn seek(&mut self, t: &[f64], before: impl Fn(f64) -> bool) -> usize {
+        let mut i = self.0.min(t.len());
+        for _ in 0..Self::STEPS {
+            if i < t.len() && before(t[i]) {
+                i += 1;
+            } else if i > 0 && !before(t[i - 1]) {
+                i -= 1;
+            } else {
+                self.0 = i;
+                return i;
+            }
+        }
+        self.0 = t.partition_point(|x| before(*x));
+        self.0
+    }
+}
+
 /// Index `i` with `t[i] <= at <= t[i + 1]` and the fraction of the way, `None` outside. `t` rises.
-fn place(t: &[f64], at: f64) -> Option<(usize, f64)> {
+fn place(t: &[f64], at: f64, cursor: &mut Cursor) -> Option<(usize, f64)> {
     if t.len() < 2 || !(at >= t[0]) || !(at <= t[t.len() - 1]) {
         return None;
     }
-    let i = t.partition_point(|x| *x <= at).clamp(1, t.len() - 1) - 1;
+    let i = cursor.seek(t, |x| x <= at).clamp(1, t.len() - 1) - 1;
     Some((i, (at - t[i]) / (t[i + 1] - t[i])))
 }
 
@@ -37,9 +63,10 @@ fn place(t: &[f64], at: f64) -> Option<(usize, f64)> {
 /// inside gaps longer than `max_gap_s`.
 pub fn linear<const N: usize>(channel: &Channel<N>, at_s: &[f64], max_gap_s: f64) -> Vec<Option<[f64; N]>> {
     let t = &channel.t_s;
+    let mut cursor = Cursor::default();
     at_s.iter()
         .map(|at| {
-            let (i, f) = place(t, *at)?;
+            let (i, f) = place(t, *at, &mut cursor)?;
             let (a, b) = (&channel.values[i], &channel.values[i + 1]);
             (t[i + 1] - t[i] <= max_gap_s || f == 0.0)
                 .then(|| std::array::from_fn(|k| a[k] + f * (b[k] - a[k])))
@@ -56,9 +83,10 @@ pub fn cubic<const N: usize>(channel: &Channel<N>, at_s: &[f64], max_gap_s: f64)
         let (a, b) = (i.saturating_sub(1), (i + 1).min(t.len() - 1));
         (v[b][k] - v[a][k]) / (t[b] - t[a])
     };
+    let mut cursor = Cursor::default();
     at_s.iter()
         .map(|at| {
-            let (i, f) = place(t, *at)?;
+            let (i, f) = place(t, *at, &mut cursor)?;
             let h = t[i + 1] - t[i];
             (h <= max_gap_s || f == 0.0).then(|| {
                 std::array::from_fn(|k| {
@@ -75,9 +103,10 @@ pub fn cubic<const N: usize>(channel: &Channel<N>, at_s: &[f64], max_gap_s: f64)
 /// outside the channel and inside gaps longer than `max_gap_s`.
 pub fn slerp(channel: &Channel<4>, at_s: &[f64], max_gap_s: f64) -> Vec<Option<[f64; 4]>> {
     let t = &channel.t_s;
+    let mut cursor = Cursor::default();
     at_s.iter()
         .map(|at| {
-            let (i, f) = place(t, *at)?;
+            let (i, f) = place(t, *at, &mut cursor)?;
             if t[i + 1] - t[i] > max_gap_s && f != 0.0 {
                 return None;
             }
@@ -92,7 +121,13 @@ pub fn slerp(channel: &Channel<4>, at_s: &[f64], max_gap_s: f64) -> Vec<Option<[
 pub fn rotation_vector(q: [f64; 4]) -> [f64; 3] {
     let q = if q[3] < 0.0 { q.map(|x| -x) } else { q };
     let sine = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt();
-    let factor = if sine < 1e-9 { 2.0 } else { 2.0 * sine.atan2(q[3]) / sine };
+    let factor = if sine < 0.05 {
+        // The series of the arc sine: neighbouring samples are close, and its first five terms are exact to 2e-15 here.
+        let s = sine * sine;
+        2.0 * (1.0 + s * (1.0 / 6.0 + s * (3.0 / 40.0 + s * (5.0 / 112.0 + s * (35.0 / 1152.0)))))
+    } else {
+        2.0 * sine.atan2(q[3]) / sine
+    };
     [q[0] * factor, q[1] * factor, q[2] * factor]
 }
 
@@ -123,14 +158,21 @@ pub fn local_parabola<const N: usize>(
     at_s: &[f64],
     half_s: f64,
 ) -> Vec<Option<Local<N>>> {
-    at_s.iter().map(|at| fit(channel, *at, half_s)).collect()
+    let mut cursors = [Cursor::default(); 2];
+    at_s.iter().map(|at| fit(channel, *at, half_s, &mut cursors)).collect()
 }
 
-fn fit<const N: usize>(channel: &Channel<N>, at: f64, half_s: f64) -> Option<Local<N>> {
+/// The fit at one time; `cursors` are where its samples begin and end.
+fn fit<const N: usize>(
+    channel: &Channel<N>,
+    at: f64,
+    half_s: f64,
+    cursors: &mut [Cursor; 2],
+) -> Option<Local<N>> {
     let t = &channel.t_s;
     let slack = 1e-6 * half_s;
-    let from = t.partition_point(|x| *x < at - half_s - slack);
-    let to = t.partition_point(|x| *x <= at + half_s + slack);
+    let from = cursors[0].seek(t, |x| x < at - half_s - slack);
+    let to = cursors[1].seek(t, |x| x <= at + half_s + slack);
     if to < from + 4 || t[from] > at - 0.5 * half_s || t[to - 1] < at + 0.5 * half_s {
         return None;
     }
@@ -139,9 +181,10 @@ fn fit<const N: usize>(channel: &Channel<N>, at: f64, half_s: f64) -> Option<Loc
     let mut y = [[0.0; 3]; N];
     for i in from..to {
         let u = (t[i] - at) / half_s;
-        let powers = [1.0, u, u * u];
-        for (k, m) in m.iter_mut().enumerate() {
-            *m += u.powi(k as i32);
+        let square = u * u;
+        let powers = [1.0, u, square];
+        for (m, power) in m.iter_mut().zip([1.0, u, square, square * u, square * square]) {
+            *m += power;
         }
         for (y, v) in y.iter_mut().zip(&channel.values[i]) {
             for k in 0..3 {
@@ -168,20 +211,21 @@ fn fit<const N: usize>(channel: &Channel<N>, at: f64, half_s: f64) -> Option<Loc
 /// each time of `at_s` (s), in the tangent space at the middle.
 pub fn body_rates(channel: &Channel<4>, at_s: &[f64], half_s: f64) -> Vec<Option<[f64; 3]>> {
     let t = &channel.t_s;
+    let mut cursors = [Cursor::default(); 3];
     at_s.iter()
         .map(|at| {
-            let from = t.partition_point(|x| *x < at - half_s * (1.0 + 1e-6));
-            let to = t.partition_point(|x| *x <= at + half_s * (1.0 + 1e-6));
+            let from = cursors[0].seek(t, |x| x < at - half_s * (1.0 + 1e-6));
+            let to = cursors[1].seek(t, |x| x <= at + half_s * (1.0 + 1e-6));
             if to < from + 3 {
                 return None;
             }
-            let middle = t.partition_point(|x| *x < *at).min(to - 1).max(from);
+            let middle = cursors[2].seek(t, |x| x < *at).min(to - 1).max(from);
             let base = quat::conjugate(quat::normalize(channel.values[middle]));
             let mut near = Channel::<3>::default();
             for i in from..to {
                 near.push(t[i], rotation_vector(quat::mul(base, quat::normalize(channel.values[i]))));
             }
-            let local = fit(&near, *at, half_s)?;
+            let local = fit(&near, *at, half_s, &mut [Cursor::default(); 2])?;
             // d/dt of a rotation vector is the body rate up to half its cross product with the vector itself.
             let bend = vec3::scale(vec3::cross(local.value, local.slope), -0.5);
             Some(vec3::add(local.slope, bend))

@@ -32,13 +32,30 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelDelay> 
     let poses = sound(&log.position_m);
     let turns = log.attitude.is_ordered() && log.attitude.len() >= 64;
     let attitude = log.attitude.map(quat::normalize);
-    let mut velocity_holds = true;
-    if poses && sound(&log.velocity_m_s) {
-        velocity_holds = velocity(log, &attitude, turns, found, &mut delays);
-    }
-    if turns && sound(&log.angular_velocity_rad_s) {
-        gyro(log, &attitude, found, &mut delays);
-    }
+    let moves = || {
+        let (mut found, mut delays) = (Findings(Vec::new()), Vec::new());
+        let look = poses && sound(&log.velocity_m_s);
+        let holds = !look || velocity(log, &attitude, turns, &mut found, &mut delays);
+        (holds, found, delays)
+    };
+    let rotates = || {
+        let (mut found, mut delays) = (Findings(Vec::new()), Vec::new());
+        if turns && sound(&log.angular_velocity_rad_s) {
+            gyro(log, &attitude, &mut found, &mut delays);
+        }
+        (found, delays)
+    };
+    let pushes = || {
+        let mut delays = Vec::new();
+        drive(log, &mut delays);
+        delays
+    };
+    let ((velocity_holds, of_velocity, late), ((of_rates, turned_late), driven_late)) =
+        rayon::join(moves, || rayon::join(rotates, pushes));
+    found.0.extend(of_velocity.0);
+    delays.extend(late);
+    found.0.extend(of_rates.0);
+    delays.extend(turned_late);
     let v = if sound(&log.velocity_m_s) {
         log.velocity_m_s.clone()
     } else if poses {
@@ -60,7 +77,7 @@ pub(super) fn check(log: &FlightLog, found: &mut Findings) -> Vec<ChannelDelay> 
     } else if turns && v.len() >= 64 {
         forces(log, &attitude, &v, found, &mut delays);
     }
-    drive(log, &mut delays);
+    delays.extend(driven_late);
     delays
 }
 
@@ -359,9 +376,8 @@ fn gyro(log: &FlightLog, attitude: &Channel<4>, found: &mut Findings, delays: &m
         return;
     }
     let gap = 3.0 * half_s;
-    let variants =
-        [predicted.clone(), rates(&attitude.map(quat::conjugate)), rates(&attitude.map(reordered))]
-            .map(|c| linear(&c, &w.t_s, gap));
+    let other = |turn: fn([f64; 4]) -> [f64; 4]| body_rates(&attitude.map(turn), &w.t_s, half_s);
+    let variants = [linear(&predicted, &w.t_s, gap), other(quat::conjugate), other(reordered)];
     let q = slerp(attitude, &w.t_s, gap);
     let mut y = Vec::new();
     let mut x: [Vec<[f64; 3]>; 5] = Default::default();
