@@ -17,6 +17,7 @@ fn fitted(kind: &str, area: Area, name: &str, filed: f64, value: f64, sigma: f64
         set: Vec::new(),
         tolerance: sigma,
         helps: true,
+        partner: false,
     }
 }
 

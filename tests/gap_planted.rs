@@ -6,10 +6,13 @@ mod notes;
 #[path = "common/planted/mod.rs"]
 mod planted;
 
-use planted::{CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, Sensors};
+use planted::{Build, CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, Sensors};
 use propwash::flight::FlightLog;
+use propwash::gap::compare::compare;
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::excite;
+use propwash::gap::fitted::{Calibrate, Filed, fit};
+use propwash::gap::ladder::Flights;
 use propwash::gap::verdict::Finding;
 use propwash::gap::{Diagnosis, Options, Track};
 use propwash::vehicle::Vehicle;
@@ -174,6 +177,63 @@ fn a_flight_by_thrust_with_nothing_hidden_leaves_nothing_unexplained() {
         assert_eq!(d.remainder.torque_rad_s2, 0.0);
         assert!(d.findings.iter().all(|f| !f.certain), "seed {seed}: {}", d.verdict);
     }
+}
+
+/// A collective thrust shows what the rotors do together, and the verdict says what looks the same without their speeds.
+#[test]
+fn what_a_collective_thrust_shows_is_named_with_what_looks_the_same() {
+    let by_thrust = |plan: &mut Plan| plan.sensors = Sensors::with(Inputs::Thrust);
+    let (d, _) = flown(&["rotor_drag"], 3, by_thrust);
+    assert_eq!(names(&d), ["linear_drag"], "{}", d.verdict);
+    assert_eq!(d.findings[0].stands_for, ["rotor_drag"], "{}", d.verdict);
+    let (d, flight) = flown(&["weak_rotor.3"], 478, by_thrust);
+    let f = d.findings.first().unwrap_or_else(|| panic!("{}", d.verdict));
+    assert!(f.stands_for.contains(&"weak_rotor.3".to_string()), "{}: {:?}", d.verdict, f.stands_for);
+    assert!(flight.truth.deviations.rotor_factor[2] < 0.85);
+    // Another curve bends a thrust that was computed by the filed one.
+    let (d, flight) = flown(&["thrust_curve"], 3, by_thrust);
+    assert!(names(&d).contains(&"thrust_curve"), "{}", d.verdict);
+    let curve = d.findings.iter().find(|f| f.id == "thrust_curve").unwrap();
+    let (shape, truth) = (&curve.parameters[0], flight.truth.deviations.thrust_curve_share);
+    assert!((shape.value - truth).abs() < 0.15 * truth.abs(), "{shape:?}, true {truth}");
+    // A gust makes the vehicle itself swing at its frequency.
+    let (d, flight) = flown(&["gust"], 3, by_thrust);
+    assert_eq!(names(&d), ["gust"], "{}", d.verdict);
+    let hz = d.findings[0].parameters.iter().find(|p| p.name == "frequency_hz").unwrap().value;
+    assert!((hz - flight.truth.deviations.gust_hz).abs() < 0.01, "{hz}");
+}
+
+/// A weak rotor and stronger others are one fit: the rotor alone made the force on another flight worse by half.
+#[test]
+fn what_was_fitted_together_is_written_together() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_pocket.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let track = |flight: u64| {
+        let mut plan = Plan::exciting(&vehicle, &["command_delay", "weak_rotor.2"], 50.0, 10448);
+        plan.build = Build::fair(10448);
+        plan.sensors = Sensors::with(Inputs::Rotors);
+        plan.noise = NoiseLevel::Filtered;
+        plan.flight = flight;
+        let file = folder.path().join(format!("{flight}.csv"));
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap()
+    };
+    let filed = Filed { label: "pocket", vehicle: &vehicle, text };
+    let flights = Flights::new(vec![track(0)], Vec::new(), 0.2);
+    let fitted = fit(filed, &flights, &Settings::default(), "test", Calibrate::No).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    assert!(names(verdict).contains(&"weak_rotor.2"), "{}", verdict.verdict);
+    assert!(verdict.adjusted.iter().any(|c| c.partner), "{:?}", verdict.warnings);
+    assert!(verdict.warnings.iter().any(|w| w.contains("fitted together")), "{:?}", verdict.warnings);
+    let unseen = track(1);
+    let force = |v: &Vehicle| {
+        let all = compare(std::slice::from_ref(&unseen), v).unwrap();
+        all.logs[0].one_step.force.rms.iter().map(|f| f * f).sum::<f64>().sqrt()
+    };
+    let [before, after] = [force(&vehicle), force(fitted.after().unwrap())];
+    assert!(after < before, "{before} N, {after} N");
 }
 
 /// What an estimator smooths is no torque that stays: attitude and gyroscope do not agree on it.

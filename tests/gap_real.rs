@@ -5,8 +5,9 @@
 mod notes;
 
 use propwash::flight::FlightLog;
-use propwash::gap::accept::{FittedEffect, FittedParameter, Source, add, today_utc};
+use propwash::gap::accept::{Source, today_utc};
 use propwash::gap::compare::{LogComparison, compare};
+use propwash::gap::complete::{Completion, Entry};
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::verdict::{Diagnosis, Finding, ParameterFit, Said};
 use propwash::gap::{Drive, Options, Track};
@@ -53,31 +54,17 @@ fn describe(name: &str, d: &Diagnosis) {
 
 /// The vehicle with all that was found.
 fn completed(vehicle: &Vehicle, d: &Diagnosis) -> Vehicle {
-    let effects: Vec<FittedEffect> = d
-        .findings
-        .iter()
-        .map(|f| FittedEffect {
-            kind: f.kind.clone(),
-            models: None,
-            parameters: f
-                .parameters
-                .iter()
-                .map(|p| FittedParameter {
-                    name: p.name.clone(),
-                    value: p.value,
-                    sigma: if p.sigma > 0.0 { p.sigma } else { f64::NAN },
-                })
-                .collect(),
-            note: None,
-        })
-        .collect();
     let source = Source {
         log_sha256: d.logs.iter().map(|l| l.sha256.clone()).collect(),
         date: today_utc(),
         text: "a diagnosis".into(),
     };
-    let text = add(vehicle.to_toml(), &vehicle.name, &effects, &source).unwrap();
-    Vehicle::from_toml("completed", &text).unwrap()
+    let mut completion =
+        Completion::new(vehicle, vehicle.to_toml().to_string(), &vehicle.name, &d.dynamics, source);
+    for finding in &d.findings {
+        completion.add(&Entry::of(finding)).unwrap();
+    }
+    completion.vehicle(vehicle).unwrap()
 }
 
 fn compared(path: &Path, vehicle: &Vehicle) -> LogComparison {

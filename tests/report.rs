@@ -107,6 +107,7 @@ fn sample() -> Diagnosis {
                     "agrees: explains 90 % of the force that is left on other flight",
                 ),
                 look_alikes: vec![],
+                stands_for: vec![],
                 held_out: Some(HeldOut {
                     channel: "force across the rotors".into(),
                     unit: "N".into(),
@@ -135,6 +136,7 @@ fn sample() -> Diagnosis {
                     worse_by_nats: 2.7,
                     manoeuvre: "climb and sink hard, so that the collective thrust changes by half".into(),
                 }],
+                stands_for: vec!["weak_rotor.1".into()],
                 held_out: None,
             },
         ],
@@ -146,6 +148,7 @@ fn sample() -> Diagnosis {
             set: vec![],
             tolerance: 0.0,
             helps: false,
+            partner: false,
         }],
         adjusted: vec![
             Calibration {
@@ -156,6 +159,7 @@ fn sample() -> Diagnosis {
                 set: vec![],
                 tolerance: 0.0,
                 helps: false,
+                partner: false,
             },
             Calibration {
                 id: "inertia.x".into(),
@@ -165,6 +169,7 @@ fn sample() -> Diagnosis {
                 set: vec![],
                 tolerance: 0.0,
                 helps: false,
+                partner: false,
             },
             Calibration {
                 id: "wrong_mass".into(),
@@ -174,6 +179,7 @@ fn sample() -> Diagnosis {
                 set: vec![],
                 tolerance: 0.0,
                 helps: false,
+                partner: false,
             },
         ],
         remainder: Remainder {

@@ -149,6 +149,8 @@ class Finding:
     """Whether no other effect explains the flights about as well."""
     look_alikes: tuple[tuple[str, ...], ...]
     """Effects that the flights cannot tell from it."""
+    stands_for: tuple[str, ...]
+    """Effects that could not be tried and look the same: without rotor speeds, drag of the rotors is drag of the body."""
     held_out: Mapping[str, Any] | None
     """What it does on flight that the fit has not seen: ``channel`` and ``unit``, error ``without`` and ``with`` it, ``written``."""
     doubt: str | None
@@ -378,6 +380,7 @@ def _fit(
                 **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
                 parameters=tuple(Parameter(**p) for p in f["parameters"]),
                 look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
+                stands_for=tuple(f["stands_for"]),
                 held_out=f["held_out"],
                 doubt=f["held_out"]["doubt"] if f["held_out"] else None,
             )

@@ -248,6 +248,26 @@ impl Completion {
         Ok(n)
     }
 
+    /// Writes the parameters of `adjusted` that were fitted together with the findings, without which those raise an error:
+    /// gives the names of their groups, none where there are no such.
+    ///
+    /// # Errors
+    /// As [`Completion::calibrate`].
+    pub fn partners(&mut self, adjusted: &[Calibration]) -> Result<Option<String>, AcceptError> {
+        let list: Vec<Calibration> = adjusted.iter().filter(|c| c.partner).cloned().collect();
+        if self.calibrate(&list)? == 0 {
+            return Ok(None);
+        }
+        let mut names: Vec<&str> = list.iter().map(|c| group(&c.kind, c.area)).collect();
+        names.sort_by_key(|name| GROUPS.iter().position(|g| g == name));
+        names.dedup();
+        let names = names.join(", ");
+        self.remarks.push(format!(
+            "{names}: written with what was found, since they were fitted together and an error on unseen flight rises without"
+        ));
+        Ok(Some(names))
+    }
+
     /// The vehicle that the text describes, under the name of `like`.
     ///
     /// # Errors

@@ -192,11 +192,15 @@ fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
 
 fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
     let p = &model.parameters[k];
+    // At a bound a value is the bound, without what rounding makes of it.
+    let value = solution.posterior.mean[k];
+    let at_bound =
+        [p.filed, p.filed - p.back * p.slab].into_iter().find(|b| (value - b).abs() < 1e-12 * p.slab);
     ParameterFit {
         name: p.name.clone(),
         unit: p.unit.into(),
         filed: p.filed,
-        value: solution.posterior.mean[k],
+        value: at_bound.unwrap_or(value),
         sigma: solution.posterior.sigma[k],
     }
 }
@@ -281,6 +285,9 @@ fn speak(
                 worse_by_nats: worse,
             })
             .collect();
+        let mut names = vec![candidate.id.as_str()];
+        names.extend(look_alikes.iter().flat_map(|l| &l.ids).map(String::as_str));
+        let stands_for = model.hidden_behind(&names);
         findings.push(Finding {
             id: candidate.id.clone(),
             kind: candidate.kind.into(),
@@ -293,6 +300,7 @@ fn speak(
             certain: look_alikes.is_empty() && opinion::certain(second.said, whole - evidence.of(&rest)),
             second,
             look_alikes,
+            stands_for,
             held_out: None,
         });
     }
@@ -316,6 +324,7 @@ fn speak(
             set: model.preset_values(p.candidate),
             tolerance: p.spike,
             helps: false,
+            partner: false,
         };
         let off = (entry.parameter.value - p.filed).abs();
         if off > 2.0 * entry.parameter.sigma && off > 0.5 * p.spike {
@@ -377,8 +386,12 @@ fn speak(
     if drift && findings.is_empty() {
         weather_found = weather();
     }
-    // Beside what is not explained, air that no second estimator has felt is in doubt.
-    for f in findings.iter_mut().filter(|f| f.area == Area::Airframe && f.second.said == Said::Silent) {
+    // Forces that are larger with the findings than without them were explained by none of them.
+    if !wholly_driven && remainder.unexplained && explained < 0.0 {
+        doubt(&mut findings, &mut nearest, poor, |_| true);
+    }
+    // Beside what is not explained, what no second estimator has felt is in doubt.
+    for f in findings.iter_mut().filter(|f| f.second.said == Said::Silent) {
         f.certain &= !remainder.unexplained;
     }
     findings.extend(weather_found);
@@ -551,6 +564,7 @@ fn turbulence(
         removed_share: 0.0,
         certain: !patterned,
         look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
+        stands_for: Vec::new(),
         held_out: None,
     })
 }

@@ -2,6 +2,7 @@
 
 mod calibration;
 mod findings;
+mod partners;
 
 use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
@@ -131,7 +132,8 @@ pub fn fit(
         log.noise = noise;
     }
     verdict.warnings.extend(flights.warnings.iter().cloned());
-    let writer = Writer { source: source(flights, by), dynamics: verdict.dynamics.clone(), filed: &filed };
+    let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
+    let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new() };
     let judge = Judge::new(flights);
     if !verdict.findings.is_empty() && judge.blind(filed.vehicle) {
         let words = "is too short to judge what was found: it is written as it was fitted";
@@ -146,7 +148,7 @@ pub fn fit(
     for (id, error) in &unwritable {
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
-    let kept = findings::judged(&writer, &judge, &mut verdict.findings, writable)?;
+    let kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
     verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
     let doubtful: Vec<&str> =
         verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
@@ -160,6 +162,12 @@ pub fn fit(
         let finding = &verdict.findings[index];
         completion.add(&Entry::of(finding))?;
         rungs.push((format!("+ {}", finding.id), completion.vehicle(filed.vehicle)?));
+    }
+    let partners = completion.partners(&verdict.adjusted)?;
+    if let (Some(words), Some((label, last))) = (&partners, rungs.last_mut()) {
+        // What was fitted together is one rung.
+        *label = format!("{label} with {words}");
+        *last = completion.vehicle(filed.vehicle)?;
     }
     let found = rungs.len();
     let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
@@ -234,10 +242,13 @@ fn source(flights: &Flights, by: &str) -> Source {
 type Unwritable = Vec<(String, AcceptError)>;
 
 /// Writes findings into the text of the filed vehicle.
+#[derive(Clone)]
 struct Writer<'a> {
     source: Source,
     dynamics: String,
     filed: &'a Filed<'a>,
+    /// Parameters within tolerance that go with any of the findings.
+    partners: Vec<Calibration>,
 }
 
 impl Writer<'_> {
@@ -262,13 +273,19 @@ impl Writer<'_> {
         Ok((can, cannot))
     }
 
-    /// The vehicle with some of the findings.
-    fn with(&self, findings: &[Finding], chosen: &[usize]) -> Result<Vehicle> {
+    /// The file with some of the findings.
+    fn completed(&self, findings: &[Finding], chosen: &[usize]) -> Result<Completion> {
         let mut completion = self.begin();
         for index in chosen {
             completion.add(&Entry::of(&findings[*index]))?;
         }
-        Ok(completion.vehicle(self.filed.vehicle)?)
+        completion.calibrate(&self.partners)?;
+        Ok(completion)
+    }
+
+    /// The vehicle with some of the findings.
+    fn with(&self, findings: &[Finding], chosen: &[usize]) -> Result<Vehicle> {
+        Ok(self.completed(findings, chosen)?.vehicle(self.filed.vehicle)?)
     }
 }
 

@@ -151,6 +151,7 @@ mod tests {
             certain: alike == 0,
             second: crate::gap::opinion::weather(),
             look_alikes: vec![look; alike],
+            stands_for: Vec::new(),
             held_out: Some(HeldOut {
                 channel: "force across the rotors".into(),
                 unit: "N".into(),

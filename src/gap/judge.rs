@@ -198,6 +198,26 @@ impl Seen {
         geometric(&self.channels(), &other.channels())
     }
 
+    /// The error (force, torque, position after each horizon) that is largest over that of `filed`.
+    pub fn most_risen(&self, filed: &Self) -> Risen {
+        let instants = self.n().min(filed.n()) >= FEWEST_INSTANTS;
+        let of = |part: Part, title: &str, unit: &'static str| {
+            let [now, filed] = [self, filed].map(|s| s.error(part).map(|e| e.0).filter(|_| instants));
+            (title.to_string(), unit, now, filed)
+        };
+        let mut all = vec![of(Part::Force(ALL), "force", "N"), of(Part::Torque(ALL), "torque", "N·m")];
+        for h in JUDGE_HORIZONS_S {
+            let at = |s: &Self| s.at(h).map(|e| e.position_m);
+            all.push((format!("position after {h} s"), "m", at(self), at(filed)));
+        }
+        let known = all.into_iter().filter_map(|(channel, unit, now, filed)| {
+            let (now, filed) = (now?, filed?);
+            (filed > 0.0).then(|| Risen { ratio: now / filed, channel, unit, filed, now })
+        });
+        let nothing = Risen { ratio: 1.0, channel: String::new(), unit: "", filed: 0.0, now: 0.0 };
+        known.max_by(|a, b| a.ratio.total_cmp(&b.ratio)).unwrap_or(nothing)
+    }
+
     /// The same over roll-outs alone.
     pub fn rolls_over(&self, other: &Self) -> f64 {
         geometric(&self.roll_outs(), &other.roll_outs())
@@ -265,6 +285,16 @@ impl Seen {
         }
         (force, torque)
     }
+}
+
+/// An error beside that of the filed vehicle.
+#[derive(Clone, Debug)]
+pub(crate) struct Risen {
+    pub ratio: f64,
+    pub channel: String,
+    pub unit: &'static str,
+    pub filed: f64,
+    pub now: f64,
 }
 
 const ALL: [bool; 3] = [true; 3];

@@ -241,6 +241,13 @@ impl Model {
         }
     }
 
+    /// Ids of effects that could not be tried and that would look like one of `ids`.
+    pub fn hidden_behind(&self, ids: &[&str]) -> Vec<String> {
+        let kind = |id: &str| id.split('.').next().unwrap_or(id).to_string();
+        let behind = |id: &&String| looks_like(&kind(id)).iter().any(|other| ids.contains(other));
+        self.not_tried.iter().map(|(id, _)| id).filter(behind).cloned().collect()
+    }
+
     /// Candidates that move samples or commands in time. Half a millisecond is within tolerance, but too far for a straight line
     /// through what sensors read: the model follows them whether they are found or not.
     pub fn timing(&self) -> Vec<usize> {
@@ -386,11 +393,11 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
         Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
         Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
         Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",
-        _ if candidate.kind == "rotor_drag" && !drives(&rotors) => {
-            "needs rotor speeds: with a collective thrust alone it looks like linear_drag"
-        }
-        _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive != Drive::Thrust) => {
-            "needs rotor speeds or commands: the log gives the thrust itself"
+        _ if !drives(&rotors) && !looks_like(candidate.kind).is_empty() => {
+            return Some(format!(
+                "needs rotor speeds: with a collective thrust alone it looks like {}",
+                looks_like(candidate.kind).join(" or ")
+            ));
         }
         _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive == Drive::AttitudeCommands || revs(t)) => {
             "the rotors turn at one speed, on average: climb and descend"
@@ -401,6 +408,18 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
     Some(reason.to_string())
 }
 
+/// What an effect of the rotors looks like where a collective thrust is all that is known of them, where it can be seen at all:
+/// drag of rotors that turn at about one speed is that of the body, one weak rotor is less thrust, and a thrust that leans in the
+/// body is a body that leans under all sensors.
+pub(crate) fn looks_like(kind: &str) -> &'static [&'static str] {
+    match kind {
+        "rotor_drag" => &["linear_drag"],
+        "weak_rotor" => &["thrust_scale"],
+        "rotor_tilt" => &["mount", "mount.pose"],
+        _ => &[],
+    }
+}
+
 /// Part of its median by which the rotors' mean speed must vary where the shape of a curve is to be seen.
 const LEAST_SPREAD: f64 = 0.02;
 
@@ -408,9 +427,11 @@ const LEAST_SPREAD: f64 = 0.02;
 /// taken for what the weather does.
 fn revs(track: &Track) -> bool {
     let rotors = &track.inputs.rotors;
-    let Some(n) = rotors.iter().map(|c| c.values.len()).min() else { return false };
-    let means: Vec<f64> =
-        (0..n).step_by(3).map(|k| rotors.iter().map(|c| c.values[k][0]).sum::<f64>()).collect();
+    let means: Vec<f64> = match rotors.iter().map(|c| c.values.len()).min() {
+        Some(n) => (0..n).step_by(3).map(|k| rotors.iter().map(|c| c.values[k][0]).sum::<f64>()).collect(),
+        // The speed goes with the root of the thrust.
+        None => track.inputs.thrust.values.iter().step_by(3).map(|v| v[0].max(0.0).sqrt()).collect(),
+    };
     let at = |q: f64| clean::quantile(&means, q);
     match (at(0.02), at(0.5), at(0.98)) {
         (Some(low), Some(usual), Some(high)) => high - low > LEAST_SPREAD * usual,

@@ -45,6 +45,16 @@ pub(crate) const FEWEST_INSTANTS: usize = 20;
 /// missed in a file, and one that harms by little harms.
 pub(crate) const WORSE: f64 = 1.0;
 
+/// Ratio above which a single error (force, torque, position after either horizon) counts as risen by what is written. Two flights
+/// of one vehicle differ by a tenth of that hundredth.
+pub(crate) const RISES: f64 = 1.01;
+
+/// Ratio at which no further group is looked for. On another flight of the same vehicle the ratio was up to 5 % larger.
+pub(crate) const WELL_BELOW: f64 = 0.9;
+
+/// Most groups of parameters within tolerance that are written with what was found: more is a calibration.
+pub(crate) const MOST_PARTNERS: usize = 3;
+
 /// Share of an effect's squared change that one direction must hold for the effect to be told by that direction alone
 /// ("force across the rotors").
 pub(crate) const ONE_DIRECTION: f64 = 0.8;
@@ -110,6 +120,10 @@ pub(crate) const CONSTANT_CAUSE: f64 = 0.7;
 
 /// Time over which poses and inertial data are held against each other, s: that of the windows by which disturbances are judged.
 pub(crate) const CROSS_CHECK_S: f64 = 0.25;
+
+/// Part of a line in the spectrum of forces that must stay beside what goes with velocity and acceleration, where the vehicle
+/// itself swings at that frequency, for the line to be taken for a gust's.
+pub(crate) const GUST_BESIDE_MOTION: f64 = 0.5;
 
 /// Standard deviations from which on an attitude is said to lean with the acceleration.
 pub(crate) const LEAN_SIGMAS: f64 = 3.0;

@@ -5,7 +5,7 @@ use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
-use super::policy::{GIVEN_ATTITUDE_RAD, SHORT_WINDOWS, WEAK_NATS};
+use super::policy::{GIVEN_ATTITUDE_RAD, GUST_BESIDE_MOTION, SHORT_WINDOWS, WEAK_NATS};
 use super::search::{Evidence, Posterior, Scored};
 use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::track::Noise;
@@ -605,9 +605,30 @@ fn loudest_hz(logs: &[Prepared], linear: &Linear, disturbance: &Disturbance) -> 
     let usual = clean::median(spectrum.iter().map(|s| s.1).collect())?;
     // At a frequency at which the vehicle itself goes to and fro, whatever is wrong with the model comes back with it.
     let moves: Vec<f64> = spectrum.iter().map(|s| power_of(&own, s.0)).collect();
-    // Where the path itself repeats, its errors do too.
+    // Where the path itself repeats, its errors do too: most of them go with velocity and acceleration, and the line with them.
     // Only a log without torques needs that doubt: elsewhere what the vehicle does is told from what pushes it.
     let doubtful = logs[0].track.drive == super::track::Drive::Thrust;
-    let repeats = doubtful && power_of(&own, hz) > 8.0 * clean::median(moves)?;
+    let repeats = doubtful
+        && power_of(&own, hz) > 8.0 * clean::median(moves)?
+        && power_of(&beside_motion(&samples, &own)?, hz) < GUST_BESIDE_MOTION * peak;
     (peak > 8.0 * usual && !repeats).then_some(hz)
+}
+
+/// Samples without what goes with velocity and acceleration, by least squares in each component.
+fn beside_motion(samples: &[(f64, [f64; 3])], own: &[(f64, [f64; 3])]) -> Option<Vec<(f64, [f64; 3])>> {
+    let n = samples.len();
+    let slope = |i: usize, k: usize| {
+        let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
+        (own[b].1[k] - own[a].1[k]) / (own[b].0 - own[a].0).max(1e-6)
+    };
+    let row = |i: usize, c: usize| match c {
+        0 => 1.0,
+        1..=3 => own[i].1[c - 1],
+        _ => slope(i, c - 4),
+    };
+    let motion = DMatrix::from_fn(n, 7, row);
+    let forces = DMatrix::from_fn(n, 3, |i, k| samples[i].1[k]);
+    let coefficients = (motion.transpose() * &motion).cholesky()?.solve(&(motion.transpose() * &forces));
+    let left = forces - motion * coefficients;
+    Some((0..n).map(|i| (samples[i].0, [left[(i, 0)], left[(i, 1)], left[(i, 2)]])).collect())
 }

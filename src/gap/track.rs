@@ -2,6 +2,7 @@
 
 use super::inputs::without_noise;
 use super::{GapError, lean, usable};
+use crate::flight::resample::Cursor;
 use crate::flight::{Channel, Excluded, FlightLog, clean, resample};
 use crate::math::quat;
 use crate::physics::airframe;
@@ -367,7 +368,8 @@ impl Track {
             .then(|| widened(at_s, rate_s, |at, half| resample::body_rates(&self.attitude, at, half)));
         let gyros = widened(at_s, rate_s, |at, half| resample::local_parabola(&self.gyro, at, half));
         let attitudes = widened(at_s, a_half, |at, half| {
-            at.iter().map(|at| smooth_attitude(&self.attitude, *at, half)).collect()
+            let mut cursors = [Cursor::default(); 3];
+            at.iter().map(|at| smooth_attitude(&self.attitude, *at, half, &mut cursors)).collect()
         });
         (0..at_s.len())
             .map(|i| {
@@ -642,14 +644,19 @@ fn cubic_residual(t: &[f64], y: &[f64]) -> f64 {
 }
 
 /// Attitude at a time: a parabola of rotation vectors about the nearest sample, over `half_s` each side.
-fn smooth_attitude(channel: &Channel<4>, at_s: f64, half_s: f64) -> Option<[f64; 4]> {
+fn smooth_attitude(
+    channel: &Channel<4>,
+    at_s: f64,
+    half_s: f64,
+    cursors: &mut [Cursor; 3],
+) -> Option<[f64; 4]> {
     let t = &channel.t_s;
-    let from = t.partition_point(|x| *x < at_s - half_s * (1.0 + 1e-6));
-    let to = t.partition_point(|x| *x <= at_s + half_s * (1.0 + 1e-6));
+    let from = cursors[0].seek(t, |x| x < at_s - half_s * (1.0 + 1e-6));
+    let to = cursors[1].seek(t, |x| x <= at_s + half_s * (1.0 + 1e-6));
     if to < from + 4 {
         return None;
     }
-    let base = channel.values[t.partition_point(|x| *x < at_s).clamp(from, to - 1)];
+    let base = channel.values[cursors[2].seek(t, |x| x < at_s).clamp(from, to - 1)];
     let mut near = Channel::<3>::default();
     for i in from..to {
         near.push(t[i], resample::rotation_vector(quat::mul(quat::conjugate(base), channel.values[i])));

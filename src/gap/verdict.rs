@@ -110,6 +110,9 @@ pub struct Finding {
     pub second: Opinion,
     /// Others that the log cannot tell from it.
     pub look_alikes: Vec<LookAlike>,
+    /// Effects that what drives the model cannot tell from it, nor from a look-alike: without rotor speeds drag of the rotors is
+    /// drag of the body.
+    pub stands_for: Vec<String>,
     /// What it does to the errors on flight that the fit has not seen; null where that was not measured.
     pub held_out: Option<HeldOut>,
 }
@@ -171,6 +174,9 @@ pub struct Calibration {
     /// Whether its group of parameters lowers the error on flight that the fit has not seen.
     #[serde(default)]
     pub helps: bool,
+    /// Whether its group is written with what was found, since an error on unseen flight rises without it.
+    #[serde(default)]
+    pub partner: bool,
 }
 
 /// A term of the free-form description of what remains.

@@ -120,6 +120,7 @@ impl<S: Real> Drone<S> {
             response,
             thrust_point_m: [S::zero(); 3],
             thrust_factor: S::one(),
+            thrust_bend: [S::zero(), S::one()],
         };
         for effect in &self.effects {
             effect.build(&mut parts);
@@ -386,9 +387,8 @@ impl<S: Real> Drone<S> {
                 attitude_response::accelerations(p, body, state, *c, thrust, &outer)
             }
             (_, Drive::Thrust(thrust)) => {
-                let factor = built.map_or(S::one(), |parts| parts.thrust_factor);
-                let gain = factor * self.thrust_gain(&view, [zero; 3]);
-                let thrust = airframe::collective(airframe, *thrust * gain);
+                let thrust = built.map_or(*thrust, |parts| parts.true_thrust(*thrust));
+                let thrust = airframe::collective(airframe, thrust * self.thrust_gain(&view, [zero; 3]));
                 outer.add_body_force(thrust);
                 rigid_body::accelerations(body, state.quat, state.ang_vel, &outer)
             }

@@ -253,6 +253,9 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     }
     // The calibration goes with all findings together: some of them left out, it would make up for them.
     let whole = written.len() == saved.findings.iter().filter(|f| f.doubt().is_none()).count();
+    if !written.is_empty() {
+        completion.partners(&saved.adjusted)?;
+    }
     let helping: Vec<Calibration> = saved.adjusted.into_iter().filter(|c| c.helps).collect();
     let calibrated = if args.calibrate && whole { completion.calibrate(&helping)? } else { 0 };
     let nothing = written.is_empty() && calibrated == 0;

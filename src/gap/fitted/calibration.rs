@@ -33,7 +33,7 @@ pub(super) fn judged(
     adjusted: &mut [Calibration],
 ) -> Result<Vec<Shown>> {
     let of = |list: &[Calibration], name: &str| -> Vec<Calibration> {
-        list.iter().filter(|c| group(&c.kind, c.area) == name).cloned().collect()
+        list.iter().filter(|c| !c.partner && group(&c.kind, c.area) == name).cloned().collect()
     };
     let Ok(base) = judge.look(&found.vehicle(writer.filed.vehicle)?) else { return Ok(Vec::new()) };
     // Each alone says in which order to try them.

@@ -5,7 +5,7 @@ use super::page_data::{self, Chart, MOST_POINTS};
 use super::quantity::{Scale, interval, percent, quantity, significant};
 use super::rungs::measures;
 use super::text::{
-    area, at, bounds, compared, horizons, ladder_channels, ladder_scale, noise, sorted_singles,
+    area, at, bounds, compared, horizons, ladder_channels, ladder_scale, noise, sorted_singles, stands_for,
 };
 use super::{Against, Overlay, Report, ResidualSeries};
 use crate::gap::headline::{evidence, pair, parted};
@@ -169,6 +169,9 @@ impl Page {
                     esc(&l.title),
                     esc(&compared(l))
                 );
+            }
+            if let Some(words) = stands_for(f) {
+                put!(self, "<p class=\"small\">or {}</p>", esc(&words));
             }
             self.body.push_str("</section>\n");
         }

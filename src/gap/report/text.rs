@@ -64,6 +64,12 @@ pub(super) fn area(area: Area) -> &'static str {
     }
 }
 
+/// Effects that would look like a finding, with the reason.
+pub(super) fn stands_for(f: &Finding) -> Option<String> {
+    let names = f.stands_for.join(", ");
+    (!names.is_empty()).then(|| format!("{names}: without rotor speeds the same"))
+}
+
 /// The diagnosis in at most [`TEXT_COLUMNS`] columns: verdict, effects, what looks alike, ladder, calibration, remainder,
 /// advice, logs, warnings.
 pub fn text(diagnosis: &Diagnosis) -> String {
@@ -160,6 +166,9 @@ impl Out {
                 false => format!("; to tell them apart: {}", l.manoeuvre),
             };
             let words = format!("{} ({}): {}{apart}", l.ids.join(" + "), l.title, compared(l));
+            self.hanging("    or  ", 8, &words);
+        }
+        if let Some(words) = stands_for(f) {
             self.hanging("    or  ", 8, &words);
         }
     }

@@ -121,9 +121,21 @@ pub struct Parts<S> {
     pub thrust_point_m: [S; 3],
     /// True thrust over a collective thrust that was measured by the filed curves.
     pub thrust_factor: S,
+    /// Of a collective thrust T that was measured by the filed curves: share k of √(T T_h) − T that is added, and the thrust
+    /// T_h of all rotors at which that is nothing, N; see [`thrust_curve`].
+    pub thrust_bend: [S; 2],
 }
 
 impl<S: Real> Parts<S> {
+    /// True thrust (N) where the filed curves say `thrust_n`.
+    #[inline(always)]
+    pub fn true_thrust(&self, thrust_n: S) -> S {
+        let [share, hover_n] = self.thrust_bend;
+        // The root has no slope at zero.
+        let root = (thrust_n * hover_n).max(S::lit(1e-12)).sqrt();
+        self.thrust_factor * (thrust_n + share * (root - thrust_n))
+    }
+
     /// Moves the centre of mass by `offset_m` (body): everything else is then seen from there.
     #[inline(always)]
     pub fn shift_com(&mut self, offset_m: [S; 3]) {

@@ -1,6 +1,8 @@
 //! A thrust curve of another shape through the same hover: T = T_filed(Ω) + k T_h (x − x²) with x = Ω / Ω_h and
 //! T_h = T_filed(Ω_h).
 //!
+//! A collective thrust that was measured by the filed curves bends alike: x = √(T / T_h).
+//!
 //! Positive k: less steep than filed, more thrust below the speed Ω_h and less above. Source: linear and quadratic term of
 //! measured thrust curves, e.g. Förster, "System identification of the Crazyflie 2.0 nano quadrocopter", ETH Zürich 2015.
 
@@ -34,12 +36,17 @@ impl<S: Real> Effect<S> for Params<S> {
 
     #[inline(always)]
     fn build(&self, parts: &mut Parts<S>) {
+        let mut hover_n = S::zero();
         for i in 0..parts.airframe.n_rotors {
             let curve = &mut parts.airframe.rotors[i].thrust_curve;
-            let slope = self.shape * rotor::curve(*curve, self.hover_rad_s) / self.hover_rad_s;
+            let at_hover = rotor::curve(*curve, self.hover_rad_s);
+            hover_n = hover_n + at_hover;
+            let slope = self.shape * at_hover / self.hover_rad_s;
             curve[1] = curve[1] + slope;
             curve[2] = curve[2] - slope / self.hover_rad_s;
         }
+        // By the filed curves, whatever else scales them.
+        parts.thrust_bend = [self.shape, hover_n / parts.thrust_factor];
     }
 }
 
@@ -60,7 +67,9 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::effects::{AnyEffect, Command};
+    use crate::physics::airframe;
+    use crate::physics::drone::Measured;
+    use crate::physics::effects::{AnyEffect, Command, thrust_scale};
     use crate::physics::rigid_body::State;
     use crate::physics::sample::quad;
     use crate::physics::surroundings::Surroundings;
@@ -77,5 +86,25 @@ mod tests {
             assert!((rate.acc[2] + 9.81 - share * 9.81).abs() < 1e-9, "{:?} at {x}", rate.acc);
         }
         assert!((drone.hover_rotor_vel()[0] - hover_rad_s).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_collective_thrust_bends_as_the_rotors_do() {
+        let hover_rad_s = quad(vec![]).hover_rotor_vel()[0];
+        let scale = AnyEffect::ThrustScale(thrust_scale::Params { factor: 0.9 });
+        let curve = AnyEffect::ThrustCurve(Params { shape: 0.2, hover_rad_s });
+        for effects in [[curve, scale], [scale, curve]] {
+            let drone = quad(effects.to_vec());
+            for x in [0.5, 1.0, 1.5] {
+                let mut state = State::rest();
+                state.rotor_vel[..4].fill(x * hover_rad_s);
+                let calm = Surroundings::calm();
+                let by_rotors = drone.rate(&state, &Command::Rotors(state.rotor_vel), &calm).acc[2] + 9.81;
+                let filed: f64 = airframe::loads(&drone.airframe, &state.rotor_vel).thrust.iter().sum();
+                let rate = drone.rate_measured(&State::rest(), &Measured::Thrust(filed), &calm);
+                let by_thrust = rate.acc[2] + 9.81;
+                assert!((by_rotors - by_thrust).abs() < 1e-9 * by_rotors, "{by_rotors} {by_thrust} at {x}");
+            }
+        }
     }
 }
