@@ -823,7 +823,13 @@ fn a_fair_world_scatters_otherwise_than_the_priors_and_knows_no_common_mount() {
     for seed in 0..50 {
         let truth = fly(&Plan::exciting(&vehicle, &[], 0.5, seed)).unwrap().truth;
         assert_eq!(truth.also, [] as [&str; 0], "seed {seed}");
+        assert_eq!(truth.beyond, [] as [&str; 0], "seed {seed}");
     }
+    // A part that is off by 3.1 tolerances is further off than usual, and no planted effect yet.
+    let mut dev = Deviations::none();
+    dev.inertia_factor[2] = 1.0 - 3.1 * 0.03;
+    assert_eq!(dev.beyond(&scale, 4), ["wrong_inertia.z"]);
+    assert!(dev.also(&[], &scale, 4).is_empty());
 }
 
 #[test]

@@ -198,6 +198,9 @@ pub fn true_value(truth: &Truth, id: &str, name: &str) -> Option<f64> {
         ("thrust_curve", "shape") => "hover_share_linear".to_string(),
         ("thrust_fade", "rate_per_s") => "thrust_loss_per_s".to_string(),
         ("slung_payload", _) => name.replace("attachment_m", "hook_m").replace("cable_length_m", "cable_m"),
+        _ if id.starts_with("mount") => {
+            name.trim_start_matches("pose_").trim_start_matches("imu_").to_string()
+        }
         _ if id.starts_with("clock_offset") => "late_s".to_string(),
         _ if id.starts_with("weak_rotor") || id.starts_with("wrong_inertia") => "factor".to_string(),
         _ => name.to_string(),

@@ -69,6 +69,10 @@ pub const UNLISTED: &[&str] =
 /// How late a clock must be for its lateness to be a fact and no tolerance, s: more than a sample of a fast sensor.
 pub const CLOCK_S: f64 = 0.002;
 
+/// Standard deviations of usual tolerances from which on a part is off by more than a tolerance: a builder who takes care has
+/// one such part in 400.
+pub const FAR: f64 = 3.0;
+
 /// Height of the ceiling of the hall in which [`super::Excitation::NearCeiling`] is flown, m, world.
 pub const CEILING_Z_M: f64 = 3.0;
 
@@ -630,34 +634,63 @@ impl Deviations {
         out
     }
 
+    /// How far off a parameter of the effect `id` is: over the least size at which [`Self::plant`] plants it ([`CLOCK_S`] for
+    /// a clock), and in standard deviations of usual tolerances.
+    fn off(&self, id: &str, scale: &Scale) -> [f64; 2] {
+        const DEG: f64 = std::f64::consts::PI / 180.0;
+        let small = scale.arm.min(1.0);
+        let each = |values: &[f64], least: f64, usual: f64| {
+            let most = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
+            [most / least, most / usual]
+        };
+        let all = |v: V, least: f64, usual: f64| [norm(v) / least, each(&v, 1.0, usual)[1]];
+        match id {
+            "wrong_mass" => each(&[self.mass_factor - 1.0], 0.08, 0.005),
+            "thrust_scale" => each(&[self.thrust_factor - 1.0], 0.06, 0.012),
+            "torque_scale" => each(&[self.torque_factor - 1.0], 0.2, 0.03),
+            "rotor_inertia" => each(&[self.rotor_inertia_factor - 1.0], 1.0, 0.05),
+            "motor_lag" => each(&self.lag_factor.map(|f| f - 1.0), 0.3, 0.05),
+            "command_delay" => each(&[self.delay_s], 0.008, 0.001),
+            "com_offset" => {
+                let usual = [0.2e-3 * small, 0.2e-3 * small, 0.8e-3 * small];
+                let far = self.com_offset_m.iter().zip(usual).map(|(v, u)| (v / u).abs()).fold(0.0, f64::max);
+                [norm(self.com_offset_m) / (3e-3 * scale.arm), far]
+            }
+            "constant_wind" => all(self.wind_m_s, 0.8, 0.02),
+            "mount" => {
+                let most = norm(self.mount_rad).max(norm(self.imu_mount_rad)) / DEG;
+                let each_axis = [self.mount_rad, self.imu_mount_rad].concat();
+                [most / 1.5, each(&each_axis, 1.0, 0.17 * DEG)[1]]
+            }
+            "world_tilt" => [
+                self.tilt_rad[0].hypot(self.tilt_rad[1]) / (0.7 * DEG),
+                each(&self.tilt_rad, 1.0, 0.05 * DEG)[1],
+            ],
+            "sensor_offset" => all(self.marker_m, 0.01, 0.5e-3),
+            "gyro_bias" => all(self.gyro_bias_rad_s, 0.03, 0.002),
+            "gyro_scale" => each(&self.gyro_scale, 0.03, 0.002),
+            "accel_bias" => all(self.accel_bias_m_s2, 0.3, 0.03),
+            _ if id.starts_with("wrong_inertia") => {
+                each(&[self.inertia_factor[axis_of(id)] - 1.0], 0.15, 0.03)
+            }
+            _ if id.starts_with("weak_rotor") => each(&[self.rotor_factor[rotor_of(id)] - 1.0], 0.08, 0.007),
+            _ if id.starts_with("clock_offset") => each(&[self.clock_s[channel_of(id)]], CLOCK_S, 0.3e-3),
+            _ => [0.0; 2],
+        }
+    }
+
     /// Effects of the list that are there although nobody planted them: tolerances and clocks so far off that a diagnosis
     /// that names them says what is so. A parameter counts from the least size at which [`Self::plant`] plants its effect on, a
     /// clock from [`CLOCK_S`] on.
     pub fn also(&self, planted: &[&str], scale: &Scale, rotors: usize) -> Vec<&'static str> {
-        const DEG: f64 = std::f64::consts::PI / 180.0;
-        let off = |id: &str| -> f64 {
-            match id {
-                "wrong_mass" => (self.mass_factor - 1.0).abs() / 0.08,
-                "thrust_scale" => (self.thrust_factor - 1.0).abs() / 0.06,
-                "torque_scale" => (self.torque_factor - 1.0).abs() / 0.2,
-                "rotor_inertia" => (self.rotor_inertia_factor - 1.0).abs(),
-                "motor_lag" => self.lag_factor.iter().map(|f| (f - 1.0).abs() / 0.3).fold(0.0, f64::max),
-                "command_delay" => self.delay_s / 0.008,
-                "com_offset" => norm(self.com_offset_m) / (3e-3 * scale.arm),
-                "constant_wind" => norm(self.wind_m_s) / 0.8,
-                "mount" => norm(self.mount_rad).max(norm(self.imu_mount_rad)) / (1.5 * DEG),
-                "world_tilt" => self.tilt_rad[0].hypot(self.tilt_rad[1]) / (0.7 * DEG),
-                "sensor_offset" => norm(self.marker_m) / 0.01,
-                "gyro_bias" => norm(self.gyro_bias_rad_s) / 0.03,
-                "gyro_scale" => self.gyro_scale.iter().map(|e| e.abs() / 0.03).fold(0.0, f64::max),
-                "accel_bias" => norm(self.accel_bias_m_s2) / 0.3,
-                _ if id.starts_with("wrong_inertia") => (self.inertia_factor[axis_of(id)] - 1.0).abs() / 0.15,
-                _ if id.starts_with("weak_rotor") => (self.rotor_factor[rotor_of(id)] - 1.0).abs() / 0.08,
-                _ if id.starts_with("clock_offset") => self.clock_s[channel_of(id)].abs() / CLOCK_S,
-                _ => 0.0,
-            }
-        };
-        of_rotors(rotors).into_iter().filter(|id| !planted.contains(id) && off(id) >= 1.0).collect()
+        let there = |id: &&'static str| !planted.contains(id) && self.off(id, scale)[0] >= 1.0;
+        of_rotors(rotors).into_iter().filter(there).collect()
+    }
+
+    /// Effects of which a parameter is further off than [`FAR`] standard deviations of the usual tolerances, planted or not:
+    /// a diagnosis that names one with its true value is not wrong.
+    pub fn beyond(&self, scale: &Scale, rotors: usize) -> Vec<&'static str> {
+        of_rotors(rotors).into_iter().filter(|id| self.off(id, scale)[1] > FAR + 1e-9).collect()
     }
 
     /// Whether a slung payload hangs below the vehicle.

@@ -136,6 +136,8 @@ pub struct Truth {
     pub size: f64,
     /// Effects of the list that nobody planted and that are there all the same: [`Deviations::also`].
     pub also: Vec<&'static str>,
+    /// Effects whose parameters are off by more than usual tolerances: [`Deviations::beyond`].
+    pub beyond: Vec<&'static str>,
     /// True values of the parameters of all effects, hidden or not.
     pub all: BTreeMap<&'static str, BTreeMap<String, f64>>,
     /// All deviations from the file, tolerances included.
@@ -424,6 +426,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         })
         .collect();
     let also = dev.also(&plan.hidden, &scale, rotors);
+    let beyond = dev.beyond(&scale, rotors);
     let every = of_rotors(rotors).into_iter().chain(["mount.pose", "mount.imu"]);
     let all = every.map(|id| (id, dev.parameters(id, &filed))).collect();
     let (csv, log_start_s, gaps_s) = recorder.finish();
@@ -433,6 +436,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         build: plan.build,
         size,
         also,
+        beyond,
         all,
         deviations: dev,
         seed: plan.seed,
