@@ -203,6 +203,26 @@ fn what_a_collective_thrust_shows_is_named_with_what_looks_the_same() {
     assert!((hz - flight.truth.deviations.gust_hz).abs() < 0.01, "{hz}");
 }
 
+/// Beside what no effect of the list explains, an inflow of nothing and a quadratic drag that may be nothing were named.
+#[test]
+fn what_may_be_nothing_is_not_named() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_pocket.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let mut plan = Plan::exciting(&vehicle, &["roll_dependent_thrust"], 50.0, 10202);
+    plan.build = Build::fair(10202);
+    plan.sensors = Sensors::with(Inputs::Thrust);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("flight.csv");
+    planted::fly(&plan).unwrap().write(&file).unwrap();
+    let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+    let d = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+    assert!(d.remainder.unexplained, "{}", d.verdict);
+    for f in &d.findings {
+        let beyond = f.parameters.iter().any(|p| (p.value - p.filed).abs() > 1.96 * p.sigma);
+        assert!(beyond, "{}: {:?}", f.id, f.parameters);
+    }
+}
+
 /// A weak rotor and stronger others are one fit: the rotor alone made the force on another flight worse by half.
 #[test]
 fn what_was_fitted_together_is_written_together() {

@@ -80,7 +80,7 @@ struct Row {
 /// Errors of a vehicle on a flight that the fit has not seen.
 #[derive(Clone, Copy, Debug, Serialize)]
 struct Errors {
-    /// Root mean square of the residual force, N.
+    /// Root mean square of the residual force, means over 50 ms, N: at single instants it is mostly the noise of the sensors.
     force_n: f64,
     /// Of the residual torque, N·m; none where the drive says nothing of torques.
     torque_n_m: Option<f64>,
@@ -524,11 +524,18 @@ fn held_out(o: &Outcome, craft: &Craft) -> Result<Option<HeldOut>, Failure> {
     let of = |v: &Vehicle| -> Result<Errors, Failure> {
         let all = compare(std::slice::from_ref(&unseen), v)?;
         let log = all.logs.first().ok_or("no log")?;
-        let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let rms = |all: &mut dyn Iterator<Item = [f64; 3]>| {
+            let squares: Vec<f64> = all.map(|v| v.iter().map(|x| x * x).sum()).collect();
+            (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+        };
         let at = log.horizons.iter().find(|h| (h.error.horizon_s - CLOSURE_S).abs() < 1e-9);
         Ok(Errors {
-            force_n: length(log.one_step.force.rms),
-            torque_n_m: log.one_step.torque.as_ref().map(|t| length(t.rms)),
+            force_n: rms(&mut log.one_step.series.force_body_n.iter().copied()),
+            torque_n_m: log
+                .one_step
+                .torque
+                .as_ref()
+                .map(|_| rms(&mut log.one_step.series.torque_n_m.iter().flatten().copied())),
             position_m: at.map(|h| h.error.position_m),
         })
     };

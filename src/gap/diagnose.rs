@@ -11,7 +11,7 @@ use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
-use super::policy::{LOST_NATS, WEAK_NATS};
+use super::policy::{LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
@@ -154,7 +154,19 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         let Some(rest) = left_out(&logs, &mut model, &solution, lost, progress)? else { break };
         solution = rest;
     }
-    let solution = with_scatter(&model, solution)?;
+    let mut solution = with_scatter(&model, solution)?;
+    // What the parts of the log do not agree on may be nothing: then it is not named.
+    while given.is_none() {
+        let nothing = |c: &&usize| {
+            model.of(**c).all(|k| {
+                let off = (solution.posterior.mean[k] - model.parameters[k].filed).abs();
+                off <= NAMED_SIGMAS * solution.posterior.sigma[k]
+            })
+        };
+        let Some(lost) = solution.set.iter().find(nothing).copied() else { break };
+        let Some(rest) = left_out(&logs, &mut model, &solution, lost, progress)? else { break };
+        solution = with_scatter(&model, rest)?;
+    }
     let mut verdict = speak(tracks, vehicle, &model, &logs, &solution)?;
     verdict.warnings.extend(cables);
     Ok(Diagnosed { verdict, solution, model })

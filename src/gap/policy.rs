@@ -49,7 +49,8 @@ pub(crate) const WORSE: f64 = 1.0;
 /// of one vehicle differ by a tenth of that hundredth.
 pub(crate) const RISES: f64 = 1.01;
 
-/// Ratio at which no further group is looked for. On another flight of the same vehicle the ratio was up to 5 % larger.
+/// Ratio of all errors together that one more such group must reach once no error rises, and that findings written with such groups
+/// must reach over the vehicle without them. On another flight of the same vehicle ratios were up to 5 % larger.
 pub(crate) const WELL_BELOW: f64 = 0.9;
 
 /// Most groups of parameters within tolerance that are written with what was found: more is a calibration.
@@ -81,6 +82,10 @@ pub const HEADLINE_CHARS: usize = 90;
 /// is certain all the same: from here on effects are not tried to be left out either. On real flights a tilt of the world of 0.4°
 /// (27 nats) and a marker 23 mm up (18 nats) had less, of which nothing is known; a motion capture body that was askew had 66.
 pub(crate) const CERTAIN_ALONE_NATS: f64 = WEAK_NATS;
+
+/// Standard deviations, by the scatter of the log's parts, beyond which one number of an effect must be from the file for the effect to be
+/// named: otherwise all of its intervals of 95 % hold "nothing". A wind of −0.25 ± 0.20 m/s stood beside a downwash with 13 nats.
+pub(crate) const NAMED_SIGMAS: f64 = 1.96;
 
 /// Evidence, in nats, below which an effect is tried to be left out with a new fit: it may only stand because the model was bent
 /// towards it.

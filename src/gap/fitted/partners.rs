@@ -115,7 +115,8 @@ fn joined(
     Ok(kept)
 }
 
-/// Groups that keep the errors lowest, at most [`MOST_PARTNERS`], and the largest ratio of an error to the file's with them.
+/// Groups that keep the errors lowest, at most [`MOST_PARTNERS`], and the largest ratio of an error to the file's with them: first
+/// that nothing rises, then that all errors together fall clearly.
 fn partners(
     writer: &Writer,
     judge: &Judge,
@@ -125,9 +126,9 @@ fn partners(
     filed: &Seen,
 ) -> Result<(f64, Vec<&'static str>)> {
     let mut chosen: Vec<&'static str> = Vec::new();
-    let mut best = f64::INFINITY;
+    let mut best = [f64::INFINITY; 2];
     while chosen.len() < MOST_PARTNERS {
-        let with = |name: &&'static str| -> Result<(f64, &'static str)> {
+        let with = |name: &&'static str| -> Result<([f64; 2], &'static str)> {
             let mut completion = writer.completed(findings, kept)?;
             let mine = |c: &&Calibration| {
                 let of = group(&c.kind, c.area);
@@ -135,19 +136,18 @@ fn partners(
             };
             completion.calibrate(&adjusted.iter().filter(mine).cloned().collect::<Vec<_>>())?;
             let seen = judge.look(&completion.vehicle(writer.filed.vehicle)?);
-            Ok((seen.map_or(f64::INFINITY, |s| s.most_risen(filed).ratio), *name))
+            let errors = |s: Seen| [s.most_risen(filed).ratio.max(WORSE), s.over(filed)];
+            Ok((seen.map_or([f64::INFINITY; 2], errors), *name))
         };
         let open: Vec<&'static str> = GROUPS.iter().copied().filter(|g| !chosen.contains(g)).collect();
-        let tried: Vec<(f64, &'static str)> = open.par_iter().map(with).collect::<Result<_>>()?;
-        let Some((ratio, name)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        if !(ratio < best) {
+        let tried: Vec<([f64; 2], &'static str)> = open.par_iter().map(with).collect::<Result<_>>()?;
+        let lower = |a: &[f64; 2], b: &[f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]));
+        let Some((errors, name)) = tried.into_iter().min_by(|a, b| lower(&a.0, &b.0)) else { break };
+        if !(errors[0] < best[0] || (errors[0] <= best[0] && errors[1] < WELL_BELOW * best[1])) {
             break;
         }
-        best = ratio;
+        best = errors;
         chosen.push(name);
-        if best <= WELL_BELOW {
-            break;
-        }
     }
-    Ok((best, chosen))
+    Ok((best[0], chosen))
 }
