@@ -238,6 +238,28 @@ mod tests {
     use super::*;
 
     #[test]
+    fn a_cursor_finds_what_halving_finds_wherever_it_was() {
+        let t: Vec<f64> = (0..200).map(|i| f64::from(i) + 0.3 * f64::from(i % 3)).collect();
+        let mut cursor = Cursor::default();
+        for at in [-1.0, 0.0, 3.2, 3.9, 90.0, 91.0, 88.5, 5.0, 198.0, 500.0, 12.0] {
+            assert_eq!(cursor.seek(&t, |x| x <= at), t.partition_point(|x| *x <= at), "{at}");
+        }
+        assert_eq!(cursor.seek(&[], |x| x <= 1.0), 0);
+    }
+
+    #[test]
+    fn small_and_large_turns_come_back() {
+        for angle in [0.0, 1e-12, 1e-6, 0.01, 0.0999, 0.1001, 1.0, 3.1] {
+            let turn = [0.6 * angle, 0.0, -0.8 * angle];
+            let back = rotation_vector(quat::exp(turn));
+            assert!(
+                (0..3).all(|k| (back[k] - turn[k]).abs() <= 4e-15 * angle.max(1e-3)),
+                "{angle}: {back:?}"
+            );
+        }
+    }
+
+    #[test]
     fn a_parabola_is_reproduced_with_its_slope_at_uneven_times() {
         let t: Vec<f64> = (0..60).map(|i| i as f64 * 0.01 + 0.003 * (i as f64 * 1.7).sin()).collect();
         let channel = Channel::new(t.clone(), t.iter().map(|t| [1.0 + 2.0 * t - 3.0 * t * t]).collect());

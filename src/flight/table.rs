@@ -85,15 +85,17 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
         ));
     }
     let wanted: Vec<bool> = names.iter().map(|n| (rules.wanted)(n)).collect();
-    let body = &bytes[usize::try_from(reader.position().byte()).unwrap_or(bytes.len()).min(bytes.len())..];
-    if let Some((columns, rows)) = read_at_once(body, reader.position().line(), &wanted, rules) {
+    let (header, body) = bytes.split_at((reader.position().byte() as usize).min(bytes.len()));
+    let first = 1 + header.iter().filter(|b| **b == b'\n').count();
+    if let Some((columns, rows)) = read_at_once(body, first, &wanted, rules) {
         return Ok(Table { names, columns, rows });
     }
     let mut columns: Vec<Option<Vec<f64>>> = wanted.iter().map(|w| w.then(Vec::new)).collect();
     let mut rows = Vec::new();
     let mut record = csv::StringRecord::new();
+    let mut lines = Lines::new(bytes, 1);
     while reader.read_record(&mut record).map_err(wrong)? {
-        let line = record.position().map_or(rows.len() + 2, |p| p.line() as usize);
+        let line = record.position().map_or(rows.len() + 2, |p| lines.at(p.byte() as usize));
         for (i, column) in columns.iter_mut().enumerate() {
             let Some(column) = column else { continue };
             let cell = &record[i];
@@ -122,12 +124,36 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
     Ok(Table { names, columns, rows })
 }
 
+/// Numbers of lines. The parser's own are one too small where the row before ended in `\r\n` or was empty.
+struct Lines<'a> {
+    bytes: &'a [u8],
+    seen: usize,
+    line: usize,
+}
+
+impl<'a> Lines<'a> {
+    /// Of a text whose first line has the number `first`.
+    fn new(bytes: &'a [u8], first: usize) -> Self {
+        Self { bytes, seen: 0, line: first }
+    }
+
+    /// The line of the row that begins at `byte` or behind line ends there; rows are asked for in their order.
+    fn at(&mut self, byte: usize) -> usize {
+        let rest = &self.bytes[byte.max(self.seen).min(self.bytes.len())..];
+        let ends = rest.iter().take_while(|b| matches!(b, b'\r' | b'\n')).count();
+        let begin = self.bytes.len() - rest.len() + ends;
+        self.line += self.bytes[self.seen..begin].iter().filter(|b| **b == b'\n').count();
+        self.seen = begin;
+        self.line
+    }
+}
+
 /// Columns that are wanted, and the line of each row in the file.
 type Rows = (Vec<Option<Vec<f64>>>, Vec<usize>);
 
 /// Rows of a plain CSV file, parted among all cores; `first_line` is the number of the first. None where there are quotes, line
 /// ends other than `\n` and `\r\n`, or anything that is wrong: row after row then tells what and where.
-fn read_at_once(body: &[u8], first_line: u64, wanted: &[bool], rules: &CellRules) -> Option<Rows> {
+fn read_at_once(body: &[u8], first_line: usize, wanted: &[bool], rules: &CellRules) -> Option<Rows> {
     /// Bytes below which one core is done before others have begun.
     const WORTH_PARTING: usize = 1 << 16;
     let lone = |w: &[u8]| w[0] == b'\r' && w[1] != b'\n';
@@ -155,7 +181,7 @@ fn read_at_once(body: &[u8], first_line: u64, wanted: &[bool], rules: &CellRules
     };
     let all: Vec<(Rows, usize)> = chunks.par_iter().map(read).collect::<Option<_>>()?;
     let mut out: Rows = (wanted.iter().map(|w| w.then(Vec::new)).collect(), Vec::new());
-    let mut line = usize::try_from(first_line).ok()?;
+    let mut line = first_line;
     for ((columns, rows), lines) in all {
         for (all, mut part) in out.0.iter_mut().zip(columns) {
             if let (Some(all), Some(part)) = (all, &mut part) {
@@ -174,6 +200,7 @@ fn read_chunk_of_rows(chunk: &[u8], wanted: &[bool], delimiter: u8, missing: &[S
     let mut columns: Vec<Option<Vec<f64>>> = wanted.iter().map(|w| w.then(Vec::new)).collect();
     let mut rows = Vec::new();
     let mut record = csv::ByteRecord::new();
+    let mut lines = Lines::new(chunk, 0);
     while reader.read_byte_record(&mut record).ok()? {
         if record.len() != wanted.len() {
             return None;
@@ -188,7 +215,7 @@ fn read_chunk_of_rows(chunk: &[u8], wanted: &[bool], delimiter: u8, missing: &[S
             let value: f64 = std::str::from_utf8(cell).ok()?.parse().ok()?;
             column.push(Some(value).filter(|v| v.is_finite())?);
         }
-        rows.push(usize::try_from(record.position()?.line()).ok()?.checked_sub(1)?);
+        rows.push(lines.at(record.position()?.byte() as usize));
     }
     Some((columns, rows))
 }
@@ -281,4 +308,58 @@ fn read_chunk(reader: ColumnReader, rows: usize, full: i16) -> Result<Vec<Option
         ColumnReader::BoolColumnReader(r) => chunk!(r, |v: bool| f64::from(u8::from(v))),
         _ => return Err(ParquetError::General("a column that is neither number nor boolean".into())),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Table> {
+        let missing = ["nil".to_string()];
+        let rules = CellRules { delimiter: b',', missing: &missing, wanted: &|name| name != "note" };
+        read_csv(Path::new("flight.csv"), text.as_bytes(), &rules)
+    }
+
+    /// Long enough for several cores, with empty cells, a word for them, spaces, an empty line and both ends of lines.
+    fn long(quoted: bool) -> String {
+        let mut text = String::from("t, px ,note\r\n");
+        for i in 0..30_000 {
+            let cell = match i % 5 {
+                0 => String::new(),
+                1 => "nil".into(),
+                _ => format!(" {}.5 ", i % 7),
+            };
+            let note = if quoted && i == 20_000 { "\"a\"" } else { "a" };
+            let end = if i % 3 == 0 { "\r\n" } else { "\n" };
+            text += &format!("{}.25,{cell},{note}{end}", i);
+            if i == 9_000 {
+                text += "\n";
+            }
+        }
+        text
+    }
+
+    #[test]
+    fn rows_are_the_same_read_by_all_cores_and_one_after_the_other() {
+        let (fast, slow) = (read(&long(false)).unwrap(), read(&long(true)).unwrap());
+        assert_eq!(fast.names, ["t", "px", "note"]);
+        // One empty line after row 9,000.
+        let lines: Vec<usize> = (0..30_000).map(|i| i + 2 + usize::from(i > 9_000)).collect();
+        assert!(fast.rows == lines && slow.rows == lines);
+        for name in ["t", "px"] {
+            let bits = |t: &Table| t.column(name).unwrap().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+            assert_eq!(bits(&fast), bits(&slow), "{name}");
+        }
+        assert!(fast.column("note").is_none());
+    }
+
+    #[test]
+    fn a_fault_deep_in_a_long_file_is_said_with_its_row() {
+        let row = read(&long(false)).unwrap().rows[25_000];
+        let wrong = long(false).replacen("25000.25,", "25000x,", 1);
+        let said = read(&wrong).unwrap_err().to_string();
+        assert!(said.contains(&row.to_string()) && said.contains("25000x"), "{said}");
+        let short = long(false).replacen("25001.25,nil,a", "25001.25,nil", 1);
+        assert!(read(&short).unwrap_err().to_string().contains("2 cells"));
+    }
 }
