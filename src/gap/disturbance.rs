@@ -153,6 +153,53 @@ fn place(i: usize, r: usize) -> usize {
     START_STATE + 6 * i + r
 }
 
+/// Inverse of a lower triangular matrix; what stands above its diagonal is not looked at.
+fn inverse_of_lower(l: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = l.nrows();
+    let mut out = DMatrix::zeros(n, n);
+    for c in 0..n {
+        // Column c of the unit matrix, forward substitution from its one on.
+        let column = &mut out.as_mut_slice()[c * n..(c + 1) * n];
+        column[c] = 1.0;
+        for k in c..n {
+            let below = &l.as_slice()[k * n..(k + 1) * n];
+            let x = column[k] / below[k];
+            column[k] = x;
+            for (sum, l) in column[k + 1..].iter_mut().zip(&below[k + 1..]) {
+                *sum -= l * x;
+            }
+        }
+    }
+    out
+}
+
+/// A window's own unknowns: their mean, and the inverse of the Cholesky factor L of their precision. Their covariance is L⁻ᵀ L⁻¹.
+pub(crate) struct Own {
+    pub mean: DVector<f64>,
+    pub inverse: DMatrix<f64>,
+}
+
+impl Own {
+    /// Square of an unknown, expected.
+    fn second_moment(&self, k: usize) -> f64 {
+        self.mean[k].powi(2) + self.inverse.column(k).rows_range(k..).norm_squared()
+    }
+
+    /// Sum of component `r` of the disturbances.
+    fn sum(&self, pushes: usize, r: usize) -> f64 {
+        (0..pushes).map(|i| self.mean[place(i, r)]).sum()
+    }
+
+    /// Variance of that sum.
+    fn variance_of_sum(&self, pushes: usize, r: usize) -> f64 {
+        let mut sum = self.inverse.column(place(0, r)).into_owned();
+        for i in 1..pushes {
+            sum += self.inverse.column(place(i, r));
+        }
+        sum.norm_squared()
+    }
+}
+
 impl Window {
     /// Cholesky factor of the precision of its own unknowns, prior included.
     fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<Cholesky<f64, Dyn>> {
@@ -204,10 +251,10 @@ impl Window {
         gram.view_mut((6, 6), (n, n)).copy_from(&self.gram.view((len, len), (n, n)));
 
         let factor = self.own(&[0.0; 6], disturbance)?;
-        let mut x = DMatrix::zeros(len, 6 + n);
-        x.view_mut((0, 0), (len, 6)).copy_from(&of_common.rows(0, len));
-        x.view_mut((0, 6), (len, n)).copy_from(&self.gram.view((0, len), (len, n)));
-        factor.l_dirty().solve_lower_triangular_mut(&mut x);
+        let mut beside = DMatrix::zeros(len, 6 + n);
+        beside.view_mut((0, 0), (len, 6)).copy_from(&of_common.rows(0, len));
+        beside.view_mut((0, 6), (len, n)).copy_from(&self.gram.view((0, len), (len, n)));
+        let x = inverse_of_lower(factor.l_dirty()) * beside;
         gram.gemm(-1.0, &x.transpose(), &x, 1.0);
         let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
         let start: f64 = disturbance.start().iter().map(|s| 3.0 * s.ln()).sum();
@@ -215,18 +262,16 @@ impl Window {
         Some(Core { gram, occam: narrower + start + quick })
     }
 
-    /// Its own unknowns where the parameters are `delta` away, and their covariance, by itself.
-    pub fn own_solution(
-        &self,
-        disturbance: &Disturbance,
-        delta: &[f64],
-    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    /// Its own unknowns where the parameters are `delta` away, by itself.
+    pub fn own_solution(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<Own> {
         let len = own_len(self.pushes);
         let n = self.gram.nrows() - len - 1;
         let factor = self.own(&disturbance.common_variance(), disturbance)?;
         let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
         b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
-        Some((factor.solve(&b), factor.inverse()))
+        let inverse = inverse_of_lower(factor.l_dirty());
+        let mean = inverse.tr_mul(&(&inverse * b));
+        Some(Own { mean, inverse })
     }
 
     /// Its start with its own unknowns at `own`.
@@ -243,18 +288,11 @@ impl Window {
 
     /// Mean of the disturbance over the window, and its variance from the sensors' noise.
     pub fn push_estimate(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<([f64; 6], [f64; 6])> {
-        let (mean, cov) = self.own_solution(disturbance, delta)?;
+        let own = self.own_solution(disturbance, delta)?;
         let n = self.pushes as f64;
-        let mut out = ([0.0; 6], [0.0; 6]);
-        for r in 0..6 {
-            for i in 0..self.pushes {
-                out.0[r] += mean[place(i, r)] / n;
-                for j in 0..self.pushes {
-                    out.1[r] += cov[(place(i, r), place(j, r))] / (n * n);
-                }
-            }
-        }
-        Some(out)
+        let mean = |r: usize| own.sum(self.pushes, r) / n;
+        let variance = |r: usize| own.variance_of_sum(self.pushes, r) / (n * n);
+        Some((core::array::from_fn(mean), core::array::from_fn(variance)))
     }
 }
 
@@ -284,8 +322,8 @@ impl Linear {
     /// Where the windows start with the parameters `delta` away.
     pub fn starts(&self, disturbance: &Disturbance, delta: &[f64]) -> Starts {
         let one = |w: &Window| {
-            let (own, _) = w.own_solution(disturbance, delta)?;
-            Some(((w.log, w.from), w.moved(&own)))
+            let own = w.own_solution(disturbance, delta)?;
+            Some(((w.log, w.from), w.moved(&own.mean)))
         };
         self.windows.par_iter().filter_map(one).collect()
     }
@@ -299,27 +337,17 @@ impl Linear {
             .windows
             .par_iter()
             .map(|w| {
-                let (mean, cov) = w.own_solution(now, delta)?;
+                let own = w.own_solution(now, delta)?;
                 let n = w.pushes as f64;
-                let turned = (6..9).map(|k| mean[k] * mean[k] + cov[(k, k)]).sum::<f64>() / 3.0;
+                let turned = (6..9).map(|k| own.second_moment(k)).sum::<f64>() / 3.0;
                 let sums = core::array::from_fn(|r| {
-                    let (mut all, mut trace, mut estimate, mut spread) = (0.0, 0.0, 0.0, 0.0);
-                    for i in 0..w.pushes {
-                        estimate += mean[place(i, r)] / n;
-                        for j in 0..w.pushes {
-                            let here = cov[(place(i, r), place(j, r))];
-                            let second = mean[place(i, r)] * mean[place(j, r)] + here;
-                            all += second / n;
-                            spread += here / (n * n);
-                            if i == j {
-                                trace += second;
-                            }
-                        }
-                    }
+                    let (sum, variance) = (own.sum(w.pushes, r), own.variance_of_sum(w.pushes, r));
+                    let all = (sum * sum + variance) / n;
+                    let trace: f64 = (0..w.pushes).map(|i| own.second_moment(place(i, r))).sum();
                     let size = SIZE_OF[r];
                     let prior = now.common[size].powi(2) + now.quick[size].powi(2) / n;
-                    let share = (1.0 - spread / prior).max(0.0);
-                    [all, (trace - all) / (n - 1.0).max(1.0), estimate, share]
+                    let share = (1.0 - variance / (n * n) / prior).max(0.0);
+                    [all, (trace - all) / (n - 1.0).max(1.0), sum / n, share]
                 });
                 Some((turned, sums))
             })

@@ -26,11 +26,13 @@ impl DriveInputs {
         for (slot, k) in parameters.iter().enumerate().take(N) {
             let list = self.slopes.iter().find(|(of, _)| of == k).map(|(_, list)| list);
             let Some(slopes) = list.and_then(|list| list.get(node)) else { continue };
-            let seeded = |mut x: Wide, slope: Wide| {
-                x.partials[slot] = slope.value;
-                x
+            let seed = |numbers: &mut [Wide], slopes: &[f64]| {
+                numbers.iter_mut().zip(slopes).for_each(|(x, slope)| x.partials[slot] = *slope);
             };
-            out = out.with(&slopes.map(Wide::lit), seeded);
+            seed(&mut out.rotor_vel, &slopes.rotor_vel);
+            seed(&mut out.rotor_acc, &slopes.rotor_acc);
+            seed(&mut out.command, &slopes.command);
+            out.thrust.partials[slot] = slopes.thrust;
         }
         out
     }

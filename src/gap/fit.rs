@@ -10,6 +10,7 @@
 
 use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
+use super::policy::NOISE_WINDOWS;
 use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
 use super::residual::believed;
 use super::slow_errors::slow_errors;
@@ -111,7 +112,7 @@ pub(crate) struct Window {
     pub start: Measured,
     /// JᵀJ of [own unknowns | parameters | residual], each row divided by its noise.
     pub gram: DMatrix<f64>,
-    /// The rows themselves, (row, column), those of one channel together.
+    /// The rows themselves, (row, column), those of one channel together; of about [`NOISE_WINDOWS`] windows of a log, else empty.
     pub rows: Vec<f32>,
     /// Number of rows of position, attitude, gyroscope and accelerometer.
     pub rows_of: [usize; CHANNELS],
@@ -243,7 +244,9 @@ pub(crate) fn linearise(
             .map(|w| w * every * steps * STEP)
             .take_while(|from| from + steps * STEP < p.around.n_ticks)
             .collect();
-        windows.par_extend(starts.into_par_iter().filter_map(|from| job.window(from)));
+        let kept = starts.len().div_ceil(NOISE_WINDOWS).max(1);
+        let all = starts.into_par_iter().enumerate();
+        windows.par_extend(all.filter_map(|(i, from)| job.window(from, i % kept == 0)));
     }
     windows.sort_by_key(|w| (w.log, w.from));
     Linear { windows, at: values.to_vec(), horizon_s: steps as f64 * STEP_S, noise: noise.to_vec() }
@@ -265,7 +268,8 @@ struct Job<'a> {
 }
 
 impl Job<'_> {
-    fn window(&self, from: usize) -> Option<Window> {
+    /// The window from a tick on; with `rows`, those too.
+    fn window(&self, from: usize, rows: bool) -> Option<Window> {
         let p = self.p;
         let ends = from + self.steps * STEP;
         if !p.raw.valid[from..=ends].iter().all(|v| *v) {
@@ -289,19 +293,19 @@ impl Job<'_> {
         let pushes = self.steps.div_ceil(PUSH_STEPS);
         let width = own_len(pushes) + self.model.parameters.len();
         let outputs = self.sensitivities(from, &points, own_len(pushes), width);
-        let (rows, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
-        let n_rows = rows.len() / (width + 1);
+        let (all, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
+        let n_rows = all.len() / (width + 1);
         // A window with little in it says nothing reliable about its own unknowns.
         if n_rows < ROWS_PER_UNKNOWN * unknowns(p.track.drive) {
             return None;
         }
-        let single: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
-        let gram = gram(&DMatrix::from_vec(width + 1, n_rows, rows));
+        let rows: Vec<f32> = if rows { all.iter().map(|x| *x as f32).collect() } else { Vec::new() };
+        let gram = gram(&DMatrix::from_vec(width + 1, n_rows, all));
         // A model may stay finite where its slopes do not.
         if !gram.iter().all(|x| x.is_finite()) {
             return None;
         }
-        Some(Window { log: self.index, from, start, gram, rows: single, rows_of, n_rows, pushes })
+        Some(Window { log: self.index, from, start, gram, rows, rows_of, n_rows, pushes })
     }
 
     /// A measured state with the rate that the gyroscope read at its time, where the two clocks differ.
@@ -325,60 +329,46 @@ impl Job<'_> {
         state
     }
 
-    /// Slopes of all outputs by all columns at every node: (node, column, output).
-    fn sensitivities(
-        &self,
-        from: usize,
-        points: &[Point],
-        own: usize,
-        width: usize,
-    ) -> Vec<Vec<[f64; OUTPUTS]>> {
+    /// Slopes of all outputs by all columns at every node.
+    fn sensitivities(&self, from: usize, points: &[Point], own: usize, width: usize) -> Vec<Slopes> {
         let n_parameters = self.model.parameters.len();
+        let given = self.p.track.drive == Drive::Thrust;
         let mut neighbours = Vec::new();
-        // State slopes, (column, 12): position, velocity, rotation vector (body), body rate.
-        let mut s = vec![[0.0; 12]; width];
+        // State slopes: position, velocity, rotation vector (body), body rate.
+        let mut s = Slopes::zero(width);
         for k in 0..12 {
-            s[k][k] = 1.0;
+            s.row_mut(k)[k] = 1.0;
         }
         // A given attitude may be off, by the same turn all along the window; no rate follows from it.
-        if self.p.track.drive == Drive::Thrust {
+        if given {
             for k in 9..12 {
-                s[k][k] = 0.0;
+                s.row_mut(k)[k] = 0.0;
             }
         }
         let mut out = Vec::with_capacity(points.len() / NODE + 1);
         let mut before: Option<(Node, [f64; 3])> = None;
         let dt = STEP_S * NODE as f64;
-        let mut rate0 = vec![[0.0; 12]; width];
-        // What drives column `c` over the step from point `i`.
-        let column = |c: usize, i: usize| {
-            if c >= own {
-                Drives::Parameter(c - own)
-            } else if c >= START_STATE && (c - START_STATE) / 6 == i / PUSH_STEPS {
-                Drives::Push((c - START_STATE) % 6)
-            } else {
-                Drives::Nothing
-            }
-        };
+        let (mut rate0, mut rate1, mut ahead) = (Slopes::zero(width), Slopes::zero(width), s.clone());
         for i in (0..points.len()).step_by(NODE) {
             let node = self.node(from + i * STEP, &points[i], n_parameters, &mut neighbours);
             let turn = points[i].state.ang_vel;
             if let Some((last, last_turn)) = &before {
                 // Heun's scheme on the variational equation.
-                for c in 0..width {
-                    rate0[c] = slope_rate(last, last_turn, &s[c], column(c, i - NODE), self.p.track.drive);
-                    let ahead: [f64; 12] = core::array::from_fn(|k| s[c][k] + dt * rate0[c][k]);
-                    let rate1 = slope_rate(&node, &turn, &ahead, column(c, i - NODE), self.p.track.drive);
-                    for k in 0..12 {
-                        s[c][k] += 0.5 * dt * (rate0[c][k] + rate1[k]);
-                    }
+                let push = START_STATE + 6 * ((i - NODE) / PUSH_STEPS);
+                slope_rates(last, last_turn, &s, (push, own), given, &mut rate0);
+                for (ahead, (s, rate)) in ahead.values.iter_mut().zip(s.values.iter().zip(&rate0.values)) {
+                    *ahead = s + dt * rate;
+                }
+                slope_rates(&node, &turn, &ahead, (push, own), given, &mut rate1);
+                for (s, (a, b)) in s.values.iter_mut().zip(rate0.values.iter().zip(&rate1.values)) {
+                    *s += 0.5 * dt * (a + b);
                 }
             }
-            if self.p.track.drive == Drive::Thrust {
+            if given {
                 // The measured attitude is given: what a sensor turns it by, the vehicle is turned back.
-                for c in own..width {
-                    for k in 0..3 {
-                        s[c][6 + k] = match self.model.parameters[c - own].enters {
+                for k in 0..3 {
+                    for (c, slope) in s.row_mut(6 + k).iter_mut().enumerate().skip(own) {
+                        *slope = match self.model.parameters[c - own].enters {
                             Enters::Reading => -node.cp[c - own][3 + k],
                             Enters::Clock(0) => turn[k],
                             _ => 0.0,
@@ -386,15 +376,13 @@ impl Job<'_> {
                     }
                 }
             }
-            let mut readings = vec![[0.0; OUTPUTS]; width];
-            for c in 0..width {
-                for o in 0..OUTPUTS {
-                    let mut sum = if c >= own { node.cp[c - own][o] } else { 0.0 };
-                    for k in 0..12 {
-                        sum += node.cx[o][k] * s[c][k];
-                    }
-                    readings[c][o] = sum;
+            let mut readings = Slopes::zero(width);
+            for o in 0..OUTPUTS {
+                let row = readings.row_mut(o);
+                for (slope, cp) in row[own..].iter_mut().zip(&node.cp) {
+                    *slope = cp[o];
                 }
+                s.add_times(&node.cx[o], row);
             }
             // A disturbance is felt by the accelerometer at once.
             let q = points[i].state.quat;
@@ -404,7 +392,7 @@ impl Job<'_> {
                 let body = quat::rotate_inverse(q, unit);
                 let push = (i / PUSH_STEPS).min((own - START_STATE) / 6 - 1);
                 for o in 0..3 {
-                    readings[START_STATE + 6 * push + k][9 + o] += body[o];
+                    readings.row_mut(9 + o)[START_STATE + 6 * push + k] += body[o];
                 }
             }
             out.push(readings);
@@ -495,7 +483,7 @@ impl Job<'_> {
         &self,
         from: usize,
         points: &[Point],
-        outputs: &[Vec<[f64; OUTPUTS]>],
+        outputs: &[Slopes],
         own: usize,
         width: usize,
     ) -> (Vec<f64>, [usize; CHANNELS]) {
@@ -506,6 +494,13 @@ impl Job<'_> {
         let end = begin + self.steps as f64 * STEP_S;
         let node_s = STEP_S * NODE as f64;
         let by_pose = by_pose(track.drive);
+        // Columns of parameters that move samples in time, with the channel.
+        let clocks: Vec<(usize, usize)> = (own..width)
+            .filter_map(|c| match self.model.parameters[c - own].enters {
+                Enters::Clock(of) => Some((c, of)),
+                _ => None,
+            })
+            .collect();
         // Slopes of output `o` at a time after the window's start, and the reading there.
         let mut push =
             |after: f64, which: core::ops::Range<usize>, residual: [f64; 3], sigma: f64, channel: usize| {
@@ -514,24 +509,21 @@ impl Job<'_> {
                 let (a, b) = (&outputs[i], &outputs[i + 1]);
                 let step = ((after / STEP_S) as usize).min(points.len() - 2);
                 let moving = self.moving(points, step, after - step as f64 * STEP_S);
+                let per = 1.0 / sigma;
                 for (r, o) in which.enumerate() {
-                    for c in 0..width {
-                        let mut slope = a[c][o] + f * (b[c][o] - a[c][o]);
-                        // A sample that is late shows what was a moment ago.
-                        if c >= own
-                            && let Enters::Clock(of) = self.model.parameters[c - own].enters
-                        {
-                            let here = if by_pose && of == 0 {
-                                -f64::from(channel != 0)
-                            } else {
-                                f64::from(of == channel)
-                            };
-                            slope -= here * moving[o];
-                        }
-                        out.push(slope / sigma);
+                    let first = out.len();
+                    out.extend(a.row(o).iter().zip(b.row(o)).map(|(a, b)| (a + f * (b - a)) * per));
+                    // A sample that is late shows what was a moment ago.
+                    for (c, of) in &clocks {
+                        let here = if by_pose && *of == 0 {
+                            -f64::from(channel != 0)
+                        } else {
+                            f64::from(*of == channel)
+                        };
+                        out[first + c] -= here * moving[o] * per;
                     }
                     rows_of[o / 3] += 1;
-                    out.push(residual[r] / sigma);
+                    out.push(residual[r] * per);
                 }
             };
         let inside = |t: &[f64], delay: f64| {
@@ -631,46 +623,70 @@ fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
     out
 }
 
-/// What drives a column of the state's slopes, beside the slopes themselves.
-#[derive(Clone, Copy)]
-enum Drives {
-    /// An initial state, or a disturbance at another time.
-    Nothing,
-    /// One of the six components of a disturbance.
-    Push(usize),
-    /// A parameter.
-    Parameter(usize),
+/// Slopes of twelve numbers by all columns, those of one number together: loops over columns then run in lanes.
+#[derive(Clone)]
+struct Slopes {
+    width: usize,
+    values: Vec<f64>,
 }
 
-/// Rate of one column of the state's slopes.
-#[inline]
-fn slope_rate(node: &Node, turn: &[f64; 3], s: &[f64; 12], column: Drives, drive: Drive) -> [f64; 12] {
-    let mut out = [0.0; 12];
+impl Slopes {
+    fn zero(width: usize) -> Self {
+        Self { width, values: vec![0.0; 12 * width] }
+    }
+
+    fn row(&self, k: usize) -> &[f64] {
+        &self.values[k * self.width..(k + 1) * self.width]
+    }
+
+    fn row_mut(&mut self, k: usize) -> &mut [f64] {
+        &mut self.values[k * self.width..(k + 1) * self.width]
+    }
+
+    /// Adds the rows, each times its factor, to `sum`. Most factors are nothing: positions move no rate.
+    fn add_times(&self, factors: &[f64; 12], sum: &mut [f64]) {
+        for (k, factor) in factors.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+            for (sum, x) in sum.iter_mut().zip(self.row(k)) {
+                *sum += factor * x;
+            }
+        }
+    }
+}
+
+/// Rates of the state's slopes `s`. `push` is the first column of the disturbance that acts, `own` that of the parameters. Of a
+/// `given` attitude no rate follows.
+fn slope_rates(
+    node: &Node,
+    turn: &[f64; 3],
+    s: &Slopes,
+    (push, own): (usize, usize),
+    given: bool,
+    out: &mut Slopes,
+) {
     for r in 0..6 {
-        let mut sum = 0.0;
-        for k in 0..12 {
-            sum += node.a[r][k] * s[k];
-        }
-        sum += match column {
-            Drives::Parameter(k) => node.g[k][r],
-            Drives::Push(k) if k == r => 1.0,
-            _ => 0.0,
-        };
         // Rows: acceleration (3..6 of the state), angular acceleration (9..12).
-        out[if r < 3 { 3 + r } else { 6 + r }] = sum;
-    }
-    out[..3].copy_from_slice(&s[3..6]);
-    // θ̇ = δω − ω × θ.
-    let (w, theta) = (turn, [s[6], s[7], s[8]]);
-    out[6] = s[9] - (w[1] * theta[2] - w[2] * theta[1]);
-    out[7] = s[10] - (w[2] * theta[0] - w[0] * theta[2]);
-    out[8] = s[11] - (w[0] * theta[1] - w[1] * theta[0]);
-    if drive == Drive::Thrust {
-        for k in 6..12 {
-            out[k] = 0.0;
+        let row = out.row_mut(if r < 3 { 3 + r } else { 6 + r });
+        row.fill(0.0);
+        s.add_times(&node.a[r], row);
+        row[push + r] += 1.0;
+        for (slope, g) in row[own..].iter_mut().zip(&node.g) {
+            *slope += g[r];
         }
     }
-    out
+    for k in 0..3 {
+        out.row_mut(k).copy_from_slice(s.row(3 + k));
+        // θ̇ = δω − ω × θ.
+        let (a, b) = ((k + 1) % 3, (k + 2) % 3);
+        let theta = s.row(6 + a).iter().zip(s.row(6 + b));
+        for (slope, (rate, (first, second))) in
+            out.row_mut(6 + k).iter_mut().zip(s.row(9 + k).iter().zip(theta))
+        {
+            *slope = rate - (turn[a] * second - turn[b] * first);
+        }
+    }
+    if given {
+        (6..12).for_each(|k| out.row_mut(k).fill(0.0));
+    }
 }
 
 /// Slopes of a reading by dual direction `k`: position, rotation vector (body), rates, specific force.

@@ -12,6 +12,8 @@ use super::track::{Drive, Track};
 use super::verdict::{HeldOut, HorizonError, Lack, Rung};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 /// Two numbers for each body axis.
 type PerAxis = [(f64, f64); 3];
@@ -368,6 +370,8 @@ pub(crate) struct Judge {
     tracks: Vec<(Track, f64)>,
     /// Whether the fit has seen nothing of it.
     pub unseen: bool,
+    /// What vehicles leave on it, by the hash of their files: the same one is looked at for several reasons.
+    looks: Mutex<HashMap<String, Seen>>,
 }
 
 impl Judge {
@@ -383,7 +387,8 @@ impl Judge {
         let whole = |t: &Track| (t.clone(), t.span_s[0]);
         tracks.extend(flights.held_out.iter().map(whole));
         let unseen = !tracks.is_empty();
-        Self { tracks: if unseen { tracks } else { flights.whole.iter().map(whole).collect() }, unseen }
+        let tracks = if unseen { tracks } else { flights.whole.iter().map(whole).collect() };
+        Self { tracks, unseen, looks: Mutex::default() }
     }
 
     /// What it is, in words.
@@ -401,12 +406,19 @@ impl Judge {
     /// # Errors
     /// Those of [`Seen::of`].
     pub fn look(&self, vehicle: &Vehicle) -> Result<Seen, GapError> {
+        let key = vehicle.sha256();
+        let known = self.looks.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
+        if let Some(seen) = known {
+            return Ok(seen);
+        }
         let parts: Vec<Seen> = self
             .tracks
             .par_iter()
             .map(|(t, from_s)| Ok(Seen::of(t, vehicle, &[[*from_s, t.span_s[1]]])?.remove(0)))
             .collect::<Result<_, GapError>>()?;
-        Ok(Seen::together(parts))
+        let seen = Seen::together(parts);
+        self.looks.lock().unwrap_or_else(PoisonError::into_inner).insert(key, seen.clone());
+        Ok(seen)
     }
 }
 

@@ -12,7 +12,7 @@
 
 use super::disturbance::Disturbance;
 use super::fit::{CHANNELS, Linear, Window, own_len};
-use super::policy::{NOISE_SETTLED, NOISE_WINDOWS, SLOWEST_NOISE};
+use super::policy::{NOISE_SETTLED, SLOWEST_NOISE};
 use super::track::Noise;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -84,10 +84,10 @@ impl Left {
 
 /// What a window leaves of its rows, with its own unknowns at their estimate.
 fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<[Left; CHANNELS]> {
-    let (own, covariance) = window.own_solution(disturbance, delta)?;
+    let own = window.own_solution(disturbance, delta)?;
     let n_own = own_len(window.pushes);
     let width = n_own + delta.len() + 1;
-    let shift: Vec<f64> = own.iter().copied().chain(delta.iter().copied()).collect();
+    let shift: Vec<f64> = own.mean.iter().copied().chain(delta.iter().copied()).collect();
     let rest: Vec<f64> = window
         .rows
         .chunks_exact(width)
@@ -104,7 +104,8 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
         left.square = part.iter().map(|e| e * e).sum();
         left.rows = rows as f64;
         let own_rows = DMatrix::from_fn(rows, n_own, |i, k| f64::from(window.rows[(from + i) * width + k]));
-        left.used = (&own_rows * &covariance).component_mul(&own_rows).sum();
+        // What J C Jᵀ takes of every row, with C = L⁻ᵀ L⁻¹.
+        left.used = (&own_rows * own.inverse.transpose()).norm_squared();
         // Samples have three axes each.
         for (lag, (sum, n)) in left.lagged.iter_mut().enumerate() {
             let apart = 3 * (lag + 1);
@@ -121,14 +122,9 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
 impl Linear {
     /// Noise of every log with the parameters `delta` away; never less than `least`, what neighbouring samples differ by.
     pub fn noise_beside(&self, disturbance: &Disturbance, delta: &[f64], least: &[Noise]) -> Vec<Noise> {
-        // A standard deviation needs no more windows than these.
-        let step = (self.windows.len() / (NOISE_WINDOWS * least.len().max(1))).max(1);
-        let all: Vec<Option<(usize, [Left; CHANNELS])>> = self
-            .windows
-            .par_iter()
-            .step_by(step)
-            .map(|w| Some((w.log, left_of(w, disturbance, delta)?)))
-            .collect();
+        let kept = self.windows.par_iter().filter(|w| !w.rows.is_empty());
+        let all: Vec<Option<(usize, [Left; CHANNELS])>> =
+            kept.map(|w| Some((w.log, left_of(w, disturbance, delta)?))).collect();
         let mut sums = vec![[Left::nothing(); CHANNELS]; least.len()];
         for (log, left) in all.iter().flatten() {
             sums[*log].iter_mut().zip(left).for_each(|(sum, part)| sum.add(part));

@@ -396,7 +396,14 @@ fn commanded<S: Plain>(
             if let (true, Command::Rotors(speeds)) = (k == 0 && first, now) {
                 state.rotor_vel = speeds;
             }
-            drone.transmit(&state, &mut surroundings, (dt, TICK_S), &mut now, &mut memory);
+            drone.transmit_as_built(
+                Some(&parts),
+                &state,
+                &mut surroundings,
+                (dt, TICK_S),
+                &mut now,
+                &mut memory,
+            );
             match (now, &parts.response) {
                 (Command::Attitude(c), Some(p)) => {
                     if k == 0 && first {

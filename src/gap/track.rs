@@ -9,6 +9,7 @@ use crate::physics::airframe;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::physics::surroundings::NO_GROUND_M;
 use crate::vehicle::{DYNAMICS, Vehicle};
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// What of a log drives the model.
@@ -361,6 +362,11 @@ impl Track {
 
     /// State at a time, from local polynomials through the measurements: (position, attitude, velocity, body rate).
     pub(crate) fn measured_state(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
+        at_s.par_chunks(1024).flat_map_iter(|at| self.measured_states(at)).collect()
+    }
+
+    /// The same, one after the other.
+    fn measured_states(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
         let Windows { position_s, attitude_s: a_half, rate_s } = self.windows();
         let positions =
             widened(at_s, position_s, |at, half| resample::local_parabola(&self.position, at, half));

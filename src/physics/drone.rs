@@ -426,11 +426,25 @@ impl<S: Real> Drone<S> {
         memory: &mut [S],
     ) {
         let built = self.built();
-        let (body, airframe) = match &built {
+        self.transmit_as_built(built.as_ref(), state, surroundings, dt_s, command, memory);
+    }
+
+    /// [`Drone::transmit`] of a vehicle of these parts; `built` where effects changed them.
+    #[inline(always)]
+    pub fn transmit_as_built(
+        &self,
+        built: Option<&Parts<S>>,
+        state: &State<S>,
+        surroundings: &mut Surroundings<S>,
+        dt_s: (S, f64),
+        command: &mut Command<S>,
+        memory: &mut [S],
+    ) {
+        let (body, airframe) = match built {
             Some(parts) => (&parts.body, &parts.airframe),
             None => (&self.body, &self.airframe),
         };
-        let collective_n = self.collective_n(built.as_ref(), state, command);
+        let collective_n = self.collective_n(built, state, command);
         let mut windy = *surroundings;
         for effect in &self.effects {
             let view = View { body, airframe, state, surroundings, collective_n };

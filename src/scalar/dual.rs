@@ -44,6 +44,7 @@ impl<S: Real, const N: usize> Dual<S, N> {
 
 impl<S: Real, const N: usize> Add for Dual<S, N> {
     type Output = Self;
+    #[inline(always)]
     fn add(self, o: Self) -> Self {
         self.combine(o, self.value + o.value, S::one(), S::one())
     }
@@ -51,6 +52,7 @@ impl<S: Real, const N: usize> Add for Dual<S, N> {
 
 impl<S: Real, const N: usize> Sub for Dual<S, N> {
     type Output = Self;
+    #[inline(always)]
     fn sub(self, o: Self) -> Self {
         self.combine(o, self.value - o.value, S::one(), -S::one())
     }
@@ -58,6 +60,7 @@ impl<S: Real, const N: usize> Sub for Dual<S, N> {
 
 impl<S: Real, const N: usize> Mul for Dual<S, N> {
     type Output = Self;
+    #[inline(always)]
     fn mul(self, o: Self) -> Self {
         self.combine(o, self.value * o.value, o.value, self.value)
     }
@@ -65,6 +68,7 @@ impl<S: Real, const N: usize> Mul for Dual<S, N> {
 
 impl<S: Real, const N: usize> Div for Dual<S, N> {
     type Output = Self;
+    #[inline(always)]
     fn div(self, o: Self) -> Self {
         let inverse = S::one() / o.value;
         let value = self.value / o.value;
@@ -74,6 +78,7 @@ impl<S: Real, const N: usize> Div for Dual<S, N> {
 
 impl<S: Real, const N: usize> Neg for Dual<S, N> {
     type Output = Self;
+    #[inline(always)]
     fn neg(self) -> Self {
         self.chain(-self.value, -S::one())
     }
