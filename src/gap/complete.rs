@@ -110,6 +110,9 @@ pub const GROUPS: [&str; 7] = [
     "clocks",
 ];
 
+/// Groups that describe the instruments of a log: the next flight may have other ones, so that they are never written unasked.
+pub const OF_THE_LOG: [&str; 2] = ["sensor offsets", "clocks"];
+
 /// The group (of [`GROUPS`]) of an effect.
 pub fn group(kind: &str, area: Area) -> &'static str {
     let index = match (kind, area) {

@@ -3,10 +3,13 @@
 //!
 //! A weak rotor takes thrust away; where the other rotors give more than filed, the two were one fit, and the weak rotor alone
 //! makes the force worse.
+//!
+//! Offsets and clocks of sensors are no such partners: they belong to the log. Clocks that were right for one filtered flight doubled
+//! the torque that was missing on the next.
 
 use super::{Writer, findings};
 use crate::Result;
-use crate::gap::complete::{GROUPS, group};
+use crate::gap::complete::{GROUPS, OF_THE_LOG, group};
 use crate::gap::headline::pair;
 use crate::gap::judge::{Judge, Seen};
 use crate::gap::policy::{MOST_PARTNERS, RISES, WELL_BELOW, WORSE};
@@ -139,7 +142,8 @@ fn partners(
             let errors = |s: Seen| [s.most_risen(filed).ratio.max(WORSE), s.over(filed)];
             Ok((seen.map_or([f64::INFINITY; 2], errors), *name))
         };
-        let open: Vec<&'static str> = GROUPS.iter().copied().filter(|g| !chosen.contains(g)).collect();
+        let of_the_vehicle = |g: &&str| !OF_THE_LOG.contains(g) && !chosen.contains(g);
+        let open: Vec<&'static str> = GROUPS.iter().copied().filter(of_the_vehicle).collect();
         let tried: Vec<([f64; 2], &'static str)> = open.par_iter().map(with).collect::<Result<_>>()?;
         let lower = |a: &[f64; 2], b: &[f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]));
         let Some((errors, name)) = tried.into_iter().min_by(|a, b| lower(&a.0, &b.0)) else { break };
