@@ -256,6 +256,68 @@ fn what_was_fitted_together_is_written_together() {
     assert!(after < before, "{before} N, {after} N");
 }
 
+/// A vehicle whose numbers are off within their tolerances departs from its log, and both commands say that nothing is missing; where
+/// an effect is hidden, neither does.
+#[test]
+fn comparing_and_diagnosing_give_one_verdict() {
+    let vehicle =
+        Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml")).unwrap();
+    for (hidden, level) in [
+        (&[][..], NoiseLevel::Fine),
+        (&[][..], NoiseLevel::Rough),
+        (&["rotor_drag"][..], NoiseLevel::Fine),
+        (&["cubic_drag"][..], NoiseLevel::Fine),
+    ] {
+        let mut plan = Plan::exciting(&vehicle, hidden, SECONDS, 5);
+        plan.noise = level;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("flight.csv");
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+        let tracks = [track];
+        let seen = compare(&tracks, &vehicle).unwrap();
+        let d = diagnose(&tracks, &vehicle, &Settings::default()).unwrap().verdict;
+        let nothing = d.findings.is_empty() && !d.remainder.unexplained;
+        assert_eq!(nothing, hidden.is_empty(), "{hidden:?}: {}", d.verdict);
+        assert!(!seen.agrees, "{hidden:?}: {}", seen.verdict);
+        assert_eq!(seen.nothing_missing(), nothing, "{hidden:?}: {} but {}", seen.verdict, d.verdict);
+        assert_eq!(seen.verdict.starts_with("nothing is missing"), nothing, "{}", seen.verdict);
+    }
+}
+
+/// Clocks that were right for one filtered flight doubled the torque that was missing on the next: they are of the log.
+#[test]
+fn clocks_of_a_log_are_not_written_with_what_was_found() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let track = |flight: u64| {
+        let mut plan = Plan::exciting(&vehicle, &["downwash"], 50.0, 16);
+        plan.build = Build::fair(16);
+        plan.sensors = Sensors::with(Inputs::Rotors);
+        plan.noise = NoiseLevel::Filtered;
+        plan.flight = flight;
+        let file = folder.path().join(format!("{flight}.csv"));
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap()
+    };
+    let flights = Flights::new(vec![track(0)], Vec::new(), 0.2);
+    let filed = Filed { label: "quad", vehicle: &vehicle, text };
+    let fitted = fit(filed, &flights, &Settings::default(), "test", Calibrate::No).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    assert!(names(verdict).contains(&"downwash"), "{}", verdict.verdict);
+    assert!(!fitted.text.contains("clock_offset"), "{}", fitted.text);
+    let Some(after) = fitted.after() else { return };
+    let unseen = track(1);
+    let torque = |v: &Vehicle| {
+        let all = compare(std::slice::from_ref(&unseen), v).unwrap();
+        all.logs[0].one_step.torque.as_ref().unwrap().rms.iter().map(|t| t * t).sum::<f64>().sqrt()
+    };
+    let [before, after] = [torque(&vehicle), torque(after)];
+    assert!(after < 1.01 * before, "{before} N·m, {after} N·m");
+}
+
 /// What an estimator smooths is no torque that stays: attitude and gyroscope do not agree on it.
 #[test]
 fn a_filtered_flight_with_nothing_hidden_leaves_nothing_unexplained() {

@@ -715,6 +715,7 @@ fn comparison(share: f64) -> Comparison {
         pooled: None,
         threshold: 2.0,
         agrees: false,
+        within_tolerance: None,
         verdict: "the model departs from the flight: 17.3 times what noise makes".into(),
     }
 }

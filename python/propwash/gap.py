@@ -104,6 +104,8 @@ class Comparison:
     vehicle: str
     agrees: bool
     """Whether the model agrees with every flight to the noise of the sensors."""
+    within_tolerance: bool | None
+    """Where it does not: whether numbers within the vehicle's tolerances explain what it leaves, so that nothing is missing."""
     verdict: str
     """One sentence."""
     logs: tuple[LogComparison, ...]
@@ -259,7 +261,7 @@ def compare(
         )
         for log in of["logs"]
     )
-    return Comparison(of["vehicle"], of["agrees"], of["verdict"], logs_, Report(page))
+    return Comparison(of["vehicle"], of["agrees"], of["within_tolerance"], of["verdict"], logs_, Report(page))
 
 
 def diagnose(

@@ -12,8 +12,9 @@ Examples:
   propwash compare usd01.csv --vehicle cf2x_L250 --mapping crazyflie.toml --ground-z 0.02
 
 Three ways: force and torque that the model lacks at every instant, errors of 0.1 to 1 s roll-outs from
-measured states, and a whole flight along the log's references. Exit codes: 0 the model agrees to the
-noise of the sensors, 1 a gap was found, 2 error.";
+measured states, and a whole flight along the log's references. Exit codes: 0 nothing is missing (the
+model agrees to the noise of the sensors, or is off by numbers within tolerance alone), 1 a gap was
+found, 2 error.";
 
 /// `propwash compare`.
 #[derive(Clone, Debug, ClapArgs)]

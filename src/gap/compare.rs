@@ -6,6 +6,7 @@
 use super::GapError;
 use super::causes::{self, BLOCK_S, Block, Label, short};
 use super::constants;
+use super::first_look::within_tolerance;
 use super::integration;
 use super::judge::settling_s;
 use super::replay::{self, Around, Raw, STEP, STEP_S};
@@ -202,8 +203,19 @@ pub struct Comparison {
     pub threshold: f64,
     /// Whether the model agrees with every log.
     pub agrees: bool,
+    /// Where it does not: whether numbers within the vehicle's tolerances explain what it leaves, so that nothing is missing; null
+    /// where it agrees, or where the logs are too short to tell.
+    pub within_tolerance: Option<bool>,
     /// One sentence.
     pub verdict: String,
+}
+
+impl Comparison {
+    /// Whether nothing is missing: the model agrees, or numbers within their tolerances are all that is off. As a diagnosis has it, but
+    /// by its first steps only.
+    pub fn nothing_missing(&self) -> bool {
+        self.agrees || self.within_tolerance == Some(true)
+    }
 }
 
 /// Compares a vehicle with flights.
@@ -222,6 +234,9 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     }
     one_vehicle(tracks)?;
     let parts: Vec<Part> = tracks.par_iter().map(|track| one(track, vehicle)).collect::<Result<_, _>>()?;
+    let departs = parts.iter().any(|(log, ..)| !log.agrees);
+    // A fit that finds no numbers takes nothing from what was measured.
+    let within_tolerance = departs.then(|| within_tolerance(tracks, vehicle).ok().flatten()).flatten();
     let pooled = (parts.len() > 1).then(|| pool(&parts));
     let logs: Vec<LogComparison> = parts.into_iter().map(|(log, ..)| log).collect();
     let agrees = logs.iter().all(|l| l.agrees);
@@ -240,6 +255,10 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
             format!("the model departs from {} of {} logs{worst}", bad.len(), logs.len())
         }
     };
+    let verdict = match within_tolerance {
+        Some(true) => format!("nothing is missing: numbers within tolerance explain all; {verdict}"),
+        _ => verdict,
+    };
     Ok(Comparison {
         vehicle: vehicle.name.clone(),
         vehicle_sha256: vehicle.sha256(),
@@ -247,6 +266,7 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
         pooled,
         threshold: AGREE,
         agrees,
+        within_tolerance,
         verdict,
     })
 }

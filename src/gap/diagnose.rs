@@ -582,7 +582,7 @@ fn turbulence(
 }
 
 /// What pushes the windows with the parameters `delta` from where they were linearised.
-fn samples(
+pub(super) fn samples(
     logs: &[Prepared],
     model: &Model,
     solution: &Solution,
@@ -687,7 +687,12 @@ const EVENTFUL: f64 = 0.9;
 const SURE_NATS: f64 = 25.0;
 
 /// What the windows' disturbances say about what is left, as far as poses and inertial data agree on it.
-fn remainder(logs: &[Prepared], model: &Model, solution: &Solution, samples: &[Sample]) -> (Remainder, bool) {
+pub(super) fn remainder(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    samples: &[Sample],
+) -> (Remainder, bool) {
     let cross = cross_check(logs, model, solution);
     let sizes = |of: &Disturbance| {
         let (force, torque) = of.sizes();

@@ -13,6 +13,7 @@ pub(crate) mod disturbance;
 mod drive_slopes;
 mod error;
 pub mod excite;
+mod first_look;
 mod fit;
 pub mod fitted;
 pub(crate) mod free_form;

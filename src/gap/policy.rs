@@ -99,6 +99,11 @@ pub(crate) const LOST_NATS: f64 = 0.5 * super::search::THRESHOLD;
 /// begin. 24 s of flight are all used; of 40 s every second window, by which the verdicts on twelve logs did not change.
 pub(crate) const SHORT_WINDOWS: usize = 240;
 
+/// Windows and rounds by which `compare` tells whether anything is missing: 30 s of flight, and one round more than the noise of
+/// smoothed channels needs to be known.
+pub(crate) const GLANCE_WINDOWS: usize = 120;
+pub(crate) const GLANCE_ROUNDS: usize = 2;
+
 /// Share of the error of roll-outs that must stay at most for a verdict in which nothing is missing to speak of calibration.
 pub(crate) const WORTH_CORRECTING: f64 = 0.8;
 

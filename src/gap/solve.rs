@@ -5,7 +5,9 @@ use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
-use super::policy::{GIVEN_ATTITUDE_RAD, GUST_BESIDE_MOTION, SHORT_WINDOWS, WEAK_NATS};
+use super::policy::{
+    GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, GLANCE_WINDOWS, GUST_BESIDE_MOTION, SHORT_WINDOWS, WEAK_NATS,
+};
 use super::search::{Evidence, Posterior, Scored};
 use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::track::Noise;
@@ -360,6 +362,13 @@ fn again(
     }
 }
 
+/// A short search from the file: a few of the long windows, and as many rounds as the noise needs; `None` where too few windows can be
+/// used.
+pub(crate) fn glance(logs: &[Prepared], model: &mut Model) -> Result<Option<Solution>, GapError> {
+    let start = Start { horizon: 1, quick: true, ..Start::file(model, Disturbance::unknown()) };
+    again(logs, model, None, start, &|_, _| {})
+}
+
 fn no_window() -> GapError {
     GapError::Numbers { what: "the fit", reason: "no window could be used".into() }
 }
@@ -374,19 +383,33 @@ fn settle(
 ) -> Result<Option<Solution>, GapError> {
     let mut filed = model.filed();
     let from_file = start.is_none();
+    let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
+    let is_gust = |c: &usize| model.candidates[*c].kind == "gust";
+    let may_gust = given.unwrap_or(&every).iter().any(is_gust);
+    // A given set needs no short windows, which only lead to where a search begins on long ones; but for the line of a gust.
     let start = start.unwrap_or_else(|| Start {
         set: given.map(<[usize]>::to_vec).unwrap_or_default(),
+        horizon: usize::from(given.is_some() && !may_gust),
         ..Start::file(model, Disturbance::unknown())
     });
-    let Start { mut values, mut set, mut disturbance, horizon, held, back, follow, widest, noise: known } =
-        start;
+    let Start {
+        mut values,
+        mut set,
+        mut disturbance,
+        horizon,
+        held,
+        back,
+        follow,
+        widest,
+        quick,
+        noise: known,
+    } = start;
     let least: Vec<Noise> = logs.iter().map(|l| l.noise).collect();
     let mut noise = known.clone().unwrap_or_else(|| least.clone());
     let forces_only = forces_only(logs);
-    if from_file && forces_only {
+    if (from_file || quick) && forces_only {
         disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
     }
-    let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
     let all: usize = ROUNDS.iter().sum();
     let mut done = 0;
     let mut last = None;
@@ -395,14 +418,24 @@ fn settle(
     let shortest_s = shortest_window_s(logs);
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
         let mut starts = Starts::new();
-        for _ in 0..if follow { 1 } else { rounds } {
+        let rounds = match (follow, quick) {
+            (true, _) => 1,
+            (_, true) => GLANCE_ROUNDS,
+            _ => rounds,
+        };
+        for _ in 0..rounds {
             let moved = |c: usize| follow && model.of(c).any(|k| values[k] != model.parameters[k].filed);
             let at_work: Vec<usize> = (0..model.candidates.len())
                 .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
                 .collect();
             let length_s = horizon_s.max(shortest_s);
             // The line of a spectrum is looked for in all windows, and the last word needs all of them.
-            let most = if done > 0 && horizon_s == HORIZONS_S[0] { SHORT_WINDOWS } else { usize::MAX };
+            let look = done == 0 && from_file && may_gust;
+            let most = match (quick, horizon_s == HORIZONS_S[0] && !look) {
+                (true, _) => GLANCE_WINDOWS,
+                (_, true) => SHORT_WINDOWS,
+                _ => usize::MAX,
+            };
             let cut = Cut { length_s, most };
             let linear = linearise(logs, model, &values, &at_work, cut, &starts, &noise);
             progress(done, all);
@@ -449,7 +482,7 @@ fn settle(
                 pass = if near { PASSES } else { pass + 1 };
             };
             // A gust is one line of a spectrum: which, the disturbances tell once.
-            let hz = (done == 1 && from_file).then(|| loudest_hz(logs, &linear, &disturbance)).flatten();
+            let hz = if look { loudest_hz(logs, &linear, &disturbance) } else { None };
             if hz.is_some_and(|hz| model.preset_of("gust", "frequency_hz", hz)) {
                 values = model.filed();
                 filed = model.filed();

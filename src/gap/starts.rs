@@ -23,6 +23,8 @@ pub(super) struct Start {
     pub follow: bool,
     /// Widest tolerances that are tried.
     pub widest: f64,
+    /// Whether a few windows and rounds are enough.
+    pub quick: bool,
     /// Noise of every log, where it is known; explanations are compared with the same noise.
     pub noise: Option<Vec<Noise>>,
 }
@@ -44,6 +46,7 @@ impl Start {
             back: None,
             follow: false,
             widest: f64::INFINITY,
+            quick: false,
             noise: None,
         }
     }

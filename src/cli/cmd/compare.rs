@@ -24,7 +24,7 @@ pub fn run(args: &CompareArgs) -> Result<Outcome> {
     } else {
         show(&comparison)?;
     }
-    Ok(if comparison.agrees { Outcome::Fine } else { Outcome::Found })
+    Ok(if comparison.nothing_missing() { Outcome::Fine } else { Outcome::Found })
 }
 
 fn show(c: &Comparison) -> Result<()> {
@@ -37,12 +37,16 @@ fn show(c: &Comparison) -> Result<()> {
         print("")?;
     }
     print(format_args!("{}: {}", c.vehicle, c.verdict))?;
-    if c.agrees {
-        return Ok(());
+    match (c.agrees, c.within_tolerance) {
+        (true, _) => Ok(()),
+        (_, Some(true)) => print(
+            "next: propwash diagnose names the numbers that are off, add --calibrate writes those that help",
+        ),
+        (_, Some(false)) => print("next: propwash diagnose names what is missing"),
+        (_, None) => print(
+            "next: propwash diagnose tells whether an effect is missing or numbers within their tolerance are off",
+        ),
     }
-    print(
-        "next: propwash diagnose tells whether an effect is missing or numbers within their tolerance are off",
-    )
 }
 
 fn show_log(c: &LogComparison) -> Result<()> {
