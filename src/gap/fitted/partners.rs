@@ -4,7 +4,7 @@
 //! A weak rotor takes thrust away; where the other rotors give more than filed, the two were one fit, and the weak rotor alone
 //! makes the force worse.
 //!
-//! Offsets and clocks of sensors are no such partners: they belong to the log. Clocks that were right for one filtered flight doubled
+//! Offsets and clocks of sensors are no such partners: they belong to the log. Clocks that were right for one filtered flight nearly doubled
 //! the torque that was missing on the next.
 
 use super::{Writer, findings};
