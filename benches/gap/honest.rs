@@ -431,7 +431,10 @@ fn score(o: &Outcome) -> Score {
     // Names that say what is so without being asked for are neither right nor wrong.
     let findings = o.verdict.findings.iter();
     let (unasked, names): (Vec<_>, Vec<_>) = findings.partition(|f| {
-        let so = is(&f.id, also) || (is(&f.id, &o.truth.beyond) && is_true(f, &o.truth));
+        let mut group = f.look_alikes.iter().flat_map(|l| &l.ids);
+        let so = is(&f.id, also)
+            || group.any(|id| is(id, also))
+            || (is(&f.id, &o.truth.beyond) && is_true(f, &o.truth));
         !is(&f.id, hidden) && so
     });
     let true_tolerance = !unasked.is_empty();

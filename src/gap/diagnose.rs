@@ -282,7 +282,10 @@ fn speak(
         let candidate = &model.candidates[*c];
         let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
         let mut alike = evidence.in_place_of(&solution.set, *c, THRESHOLD);
-        alike.extend(evidence.by_scale(&solution.set, *c, THRESHOLD));
+        let together = evidence.in_place_of_all(&solution.set, *c, THRESHOLD);
+        let new = |set: &[usize]| !alike.iter().any(|(ids, _)| ids.iter().all(|i| set.contains(i)));
+        let together: Vec<_> = together.into_iter().filter(|(set, _)| new(set)).collect();
+        alike.extend(together);
         let look_alikes: Vec<LookAlike> = alike
             .into_iter()
             .take(8)

@@ -298,21 +298,33 @@ impl<'a> Evidence<'a> {
         (best, seen)
     }
 
-    /// Other sets of mass, thrust, inertia and torque in place of those in `set`, of which `of` is one: a factor common to all
-    /// of them shows nowhere, so one of two sets can stand in the other's place though no single exchange tells so. Each with what
-    /// it is worse by, within `margin` nats.
-    pub fn by_scale(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
-        let scale = |c: &usize| OF_SCALE.contains(&self.model.candidates[*c].kind);
-        let own: Vec<usize> = set.iter().copied().filter(scale).collect();
+    /// Other sets in place of those in `set` that are known only beside each other, of which `of` is one: a factor common to mass,
+    /// thrust, inertia and torque shows nowhere, and all sensors late is commands late, so one of two sets can stand in the
+    /// other's place though no single exchange tells so. Each with what it is worse by, within `margin` nats.
+    pub fn in_place_of_all(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
+        RELATIVE.iter().flat_map(|kinds| self.in_place_of_kinds(kinds, set, of, margin)).collect()
+    }
+
+    fn in_place_of_kinds(
+        &self,
+        kinds: &[&str],
+        set: &[usize],
+        of: usize,
+        margin: f64,
+    ) -> Vec<(Vec<usize>, f64)> {
+        let relative = |c: &usize| kinds.contains(&self.model.candidates[*c].kind);
+        let own: Vec<usize> = set.iter().copied().filter(relative).collect();
         if own.len() < 2 || !own.contains(&of) {
             return Vec::new();
         }
         let rest: Vec<usize> = set.iter().copied().filter(|c| !own.contains(c)).collect();
-        let all: Vec<usize> = (0..self.members.len()).filter(scale).filter(|c| self.model.may[*c]).collect();
+        let all: Vec<usize> =
+            (0..self.members.len()).filter(relative).filter(|c| self.model.may[*c]).collect();
         let score = self.scored(set.to_vec()).score();
         let mut out: Vec<(Vec<usize>, f64)> = (1..1usize << all.len())
             .map(|bits| (0..all.len()).filter(|i| bits & (1 << i) != 0).map(|i| all[i]).collect::<Vec<_>>())
-            .filter(|other| other.len() <= own.len() + 1 && !own.iter().all(|c| other.contains(c)))
+            .filter(|other| other.len() <= own.len() + 1 && !other.contains(&of))
+            .filter(|other| !other.iter().all(|c| own.contains(c)))
             .map(|other| {
                 let worse = score - self.scored([rest.clone(), other.clone()].concat()).score();
                 (other, worse)
@@ -320,7 +332,11 @@ impl<'a> Evidence<'a> {
             .filter(|(_, worse)| *worse < margin)
             .collect();
         out.sort_by(|x, y| x.1.total_cmp(&y.1));
-        out.truncate(MOST_BY_SCALE);
+        // Whatever contains such a set adds nothing to it.
+        let part_of = |a: &[usize], b: &[usize]| a.len() < b.len() && a.iter().all(|c| b.contains(c));
+        let sets: Vec<Vec<usize>> = out.iter().map(|(set, _)| set.clone()).collect();
+        out.retain(|(set, _)| !sets.iter().any(|other| part_of(other, set)));
+        out.truncate(MOST_TOGETHER);
         out
     }
 
@@ -353,11 +369,12 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Most sets that are named in place of another by a common factor.
-const MOST_BY_SCALE: usize = 3;
-/// Kinds that a vehicle's motion knows only by their ratios: mass, thrust, inertia and torque all larger by one factor is the
-/// same motion.
-const OF_SCALE: [&str; 4] = ["wrong_mass", "thrust_scale", "wrong_inertia", "torque_scale"];
+/// Most sets that are named in place of another that is known only beside others.
+const MOST_TOGETHER: usize = 3;
+/// Kinds that a flight knows only beside each other: mass, thrust, inertia and torque by their ratios, commands and sensors by
+/// the times between them.
+const RELATIVE: [&[&str]; 2] =
+    [&["wrong_mass", "thrust_scale", "wrong_inertia", "torque_scale"], &["command_delay", "clock_offset"]];
 
 /// Posterior covariance of all parameters from their information and the precision of their priors.
 pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>> {

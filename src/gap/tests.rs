@@ -213,6 +213,39 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
     }
 }
 
+/// Late commands with early poses are a late gyroscope with a late accelerometer: each finding names the other pair.
+#[test]
+fn clocks_are_told_only_beside_each_other() {
+    use super::search::{Evidence, THRESHOLD};
+    let (_, drone, track) = made();
+    let logs = [Prepared::new(&track, &drone)];
+    let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
+    let filed = model.filed();
+    let linear = linearise(&logs, &model, &filed, &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
+    let reduced = linear.reduce(&super::disturbance::Disturbance::unknown());
+    let (h, _) = super::solve::sum(&reduced, |_| true);
+    let candidate = |id: &str| model.candidates.iter().position(|c| c.id == id).unwrap();
+    let ids = ["command_delay", "clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"];
+    let [delay, pose, gyro, accel] = ids.map(candidate);
+    let mut late = nalgebra::DVector::zeros(model.parameters.len());
+    for (c, s) in [(delay, 0.006), (pose, -0.006)] {
+        late[model.of(c).next().unwrap()] = s;
+    }
+    let evidence = Evidence::new(&model, &h, &(&h * &late), &filed, 1.0, 1.0).unwrap();
+    let sorted = |mut set: Vec<usize>| {
+        set.sort_unstable();
+        set
+    };
+    let set = sorted(vec![delay, pose]);
+    let other = sorted(vec![gyro, accel]);
+    for of in [delay, pose] {
+        let alike = evidence.in_place_of_all(&set, of, THRESHOLD);
+        assert!(alike.iter().any(|(ids, _)| sorted(ids.clone()) == other), "{alike:?}");
+        assert!(alike.iter().all(|(ids, _)| !ids.contains(&of)), "{alike:?}");
+    }
+    assert!(evidence.in_place_of_all(&[pose], pose, THRESHOLD).is_empty());
+}
+
 /// A number that nothing else leans on is as uncertain as the mean of the parts' slopes: √(n/(n−1) Σ s²)/(h + 1/slab²).
 #[test]
 fn parts_that_disagree_widen_a_number_by_their_scatter() {
