@@ -11,7 +11,7 @@ use propwash::gap::report::{
 use propwash::gap::track::Noise;
 use propwash::gap::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, HeldOut, HorizonError, Lack, Limit, LogSummary,
-    LookAlike, Opinion, ParameterFit, Remainder, Rung, Said,
+    LookAlike, OfOneLog, Opinion, ParameterFit, Remainder, Rung, Said,
 };
 use propwash::gap::{Cause, Response};
 use propwash::physics::effects::Area;
@@ -248,6 +248,15 @@ fn sample() -> Diagnosis {
             share: None,
             visible: false,
         }],
+        per_log: vec![OfOneLog {
+            log: "chirps_and_steps.csv".into(),
+            id: "clock_offset.gyro".into(),
+            name: "gyro_s".into(),
+            unit: "s".into(),
+            value: -3.14e-3,
+            shared: 0.73e-3,
+            sigma: 0.21e-3,
+        }],
         warnings: vec!["chirps_and_steps.csv: the gyroscope lags the poses by 8.2 ms; shifted".into()],
     }
 }
@@ -265,6 +274,7 @@ fn nothing_missing() -> Diagnosis {
     d.not_tried.clear();
     d.singles.clear();
     d.warnings.clear();
+    d.per_log.clear();
     d.remainder.terms.clear();
     d.remainder.unexplained = false;
     d.remainder.text.clear();
@@ -455,6 +465,8 @@ fn the_page_holds_every_effect_and_needs_no_network() {
         "climb and sink hard",
         "14 frames were dropped",
         "the gyroscope lags the poses",
+        "In what the logs differ",
+        "−3.14 ± 0.41 ms",
         "v_x |v|",
     ] {
         assert!(markup.contains(words), "{words}");
@@ -604,6 +616,8 @@ fn the_text_has_every_number_once() {
         "470 µm",
         "1.37 times",
         "8.2 ms",
+        "−3.14 ± 0.41 ms",
+        "730 µs",
     ] {
         assert_eq!(words.matches(number).count(), 1, "{number} in\n{words}");
     }

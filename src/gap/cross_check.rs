@@ -33,9 +33,9 @@ type Pair = [[f64; 3]; 2];
 
 /// The cross-check of a solution, all logs together.
 pub(crate) fn cross_check(logs: &[Prepared], model: &Model, solution: &Solution) -> CrossCheck {
-    let drone = model.plain_at(&solution.posterior.mean, &solution.set);
     let (mut forces, mut torques): (Vec<Pair>, Vec<Pair>) = (Vec::new(), Vec::new());
-    for log in logs {
+    for (index, log) in logs.iter().enumerate() {
+        let drone = model.plain_at(&solution.values_of(index), &solution.set);
         let replay = Replay::new(log.track, &log.around, &log.raw, &drone);
         let (force, torque) = pairs(&replay);
         forces.extend(force);

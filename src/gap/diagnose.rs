@@ -11,11 +11,12 @@ use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
+use super::per_log::{Information, differences};
 use super::policy::{LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
 use super::replay::{STEP, STEP_S, drive, drone_for};
 use super::search::THRESHOLD;
 use super::shapes;
-use super::solve::{Solution, chi2, left_out, polished, solve, sum, with_scatter};
+use super::solve::{Solution, chi2, left_out, polished, solve, with_scatter};
 use super::track::Track;
 use super::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder, Said,
@@ -28,7 +29,6 @@ use crate::physics::effects::Area;
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::surroundings::Surroundings;
 use crate::vehicle::Vehicle;
-use nalgebra::DVector;
 
 /// What a diagnosis is asked.
 #[derive(Default)]
@@ -108,7 +108,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         }
         drop(evidence);
         // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
-        let witness = (!shares.is_empty()).then(|| Witness::beside(&model, &logs, &solution.posterior));
+        let witness = (!shares.is_empty()).then(|| Witness::beside(&model, &logs, &solution));
         shares.retain(|(_, c)| {
             let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
             let nats = solution.evidence(&model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
@@ -235,28 +235,20 @@ fn removed_share(
     let fold = |i: usize| (i / TOGETHER) % FOLDS;
     let (mut with, mut without) = (0.0, 0.0);
     for f in 0..FOLDS.min(apart.len() / TOGETHER).max(2) {
-        let (h, g) = sum(apart, |i| fold(i) != f);
-        let evidence =
-            Evidence::new(model, &h, &g, &solution.linear.at, solution.dispersion, solution.tolerance)?;
+        let all = Information::new(model, &solution.linear, apart, |i| fold(i) != f)?;
+        let (at, phi) = (&solution.linear.at, solution.dispersion);
+        let evidence = Evidence::new(model, &all.h, &all.g, at, phi, solution.tolerance)?;
         let posterior = evidence.posterior(&solution.set)?;
-        let delta = |keep: bool| {
-            DVector::from_iterator(
-                posterior.mean.len(),
-                (0..posterior.mean.len()).map(|k| {
-                    let p = &model.parameters[k];
-                    let value = if keep || !of.contains(&p.candidate) { posterior.mean[k] } else { p.filed };
-                    value - solution.linear.at[k]
-                }),
-            )
-        };
-        for (keep, total) in [(true, &mut with), (false, &mut without)] {
-            let delta = delta(keep);
-            *total += apart
-                .iter()
-                .enumerate()
-                .filter(|(i, _)| fold(*i) == f)
-                .map(|(_, r)| chi2(r, &delta))
-                .sum::<f64>();
+        let delta: Vec<f64> = posterior.mean.iter().zip(at).map(|(m, a)| m - a).collect();
+        let kept = all.deltas(&delta);
+        // By how much each log differs from what all share stays.
+        let mut gone = kept.clone();
+        for (k, p) in model.parameters.iter().enumerate().filter(|(_, p)| of.contains(&p.candidate)) {
+            gone.iter_mut().for_each(|log| log[k] += p.filed - posterior.mean[k]);
+        }
+        for (deltas, total) in [(&kept, &mut with), (&gone, &mut without)] {
+            let unseen = apart.iter().enumerate().filter(|(i, _)| fold(*i) == f);
+            *total += unseen.map(|(_, r)| chi2(r, deltas)).sum::<f64>();
         }
     }
     let rows: usize = solution.linear.windows.iter().map(|w| w.n_rows).sum();
@@ -276,7 +268,7 @@ fn speak(
     let whole = evidence.of(&solution.set);
     let apart = each_for_itself(solution);
     let mut findings = Vec::new();
-    let witness = Witness::beside(model, logs, &solution.posterior);
+    let witness = Witness::beside(model, logs, solution);
     for c in &solution.set {
         let second = opinion::of(model, &witness, solution, *c);
         let candidate = &model.candidates[*c];
@@ -347,8 +339,7 @@ fn speak(
         }
         adjusted.push(entry);
     }
-    let end: Vec<f64> = solution.posterior.mean.iter().zip(&solution.linear.at).map(|(m, a)| m - a).collect();
-    let left = samples(logs, model, solution, &solution.disturbance, &end);
+    let left = samples(logs, model, solution, &solution.disturbance, &solution.deltas);
     let (mut remainder, event) = remainder(logs, model, solution, &left);
     let limits = limits::limits(model, &evidence, solution);
     let poor = limits::poor(model, solution)?;
@@ -481,6 +472,7 @@ fn speak(
         singles,
         second: opinion::selection(model, &witness),
         dispersion: solution.dispersion,
+        per_log: differences(logs, model, solution)?,
         warnings,
     })
 }
@@ -584,19 +576,20 @@ fn turbulence(
     })
 }
 
-/// What pushes the windows with the parameters `delta` from where they were linearised.
+/// What pushes the windows with every log's parameters `deltas` from where they were linearised.
 pub(super) fn samples(
     logs: &[Prepared],
     model: &Model,
     solution: &Solution,
     disturbance: &Disturbance,
-    delta: &[f64],
+    deltas: &[Vec<f64>],
 ) -> Vec<Sample> {
-    let plain = model.plain_at(&solution.linear.at, &solution.set);
     // Mean rotor speed (or the root of the thrust) over that of the flight.
     let rotors: Vec<Vec<f64>> = logs
         .iter()
-        .map(|p| {
+        .enumerate()
+        .map(|(index, p)| {
+            let plain = model.plain_at(&solution.linear.values_of(index), &solution.set);
             let ticks = drive(p.track, &p.around, &p.raw, &plain);
             let speeds: Vec<f64> = ticks
                 .iter()
@@ -612,7 +605,7 @@ pub(super) fn samples(
     let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
     let mut out = Vec::new();
     for w in &solution.linear.windows {
-        let Some((mean, variance)) = w.push_estimate(disturbance, delta) else { continue };
+        let Some((mean, variance)) = w.push_estimate(disturbance, &deltas[w.log]) else { continue };
         let p = &logs[w.log];
         let measured = |tick: usize| p.around.measured(tick).copied().unwrap_or(w.start);
         let doing = (0..PLACES)
@@ -652,12 +645,8 @@ fn other_shape(
 ) -> Option<String> {
     // What it explains is a disturbance then, and as free to be one as it is large.
     let without = |gone: &dyn Fn(usize) -> bool| {
-        let value = |k: usize| {
-            let p = &model.parameters[k];
-            if gone(p.candidate) { p.filed } else { solution.posterior.mean[k] }
-        };
-        let delta: Vec<f64> = (0..model.parameters.len()).map(|k| value(k) - solution.linear.at[k]).collect();
-        samples(logs, model, solution, &Disturbance::unknown(), &delta)
+        let deltas = solution.deltas_without(model, gone);
+        samples(logs, model, solution, &Disturbance::unknown(), &deltas)
     };
     // With the tolerances of the air, which would lend themselves to its shape.
     let airy = |c: usize| model.candidates[c].area == Area::Airframe && !solution.set.contains(&c);

@@ -16,6 +16,8 @@ use rayon::prelude::*;
 /// A window after its own unknowns were eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
 #[derive(Clone, Debug)]
 pub(crate) struct Reduced {
+    /// Index of the log.
+    pub log: usize,
     pub h: DMatrix<f64>,
     pub g: DVector<f64>,
     pub c: f64,
@@ -124,7 +126,7 @@ impl Core {
     }
 
     /// Without the common disturbance.
-    fn reduce(&self, expected: &Expected) -> Option<Reduced> {
+    fn reduce(&self, expected: &Expected, log: usize) -> Option<Reduced> {
         let (mut beside, factor) = self.beside(expected)?;
         let n = self.gram.ncols() - 6;
         let mut rest = self.gram.view((6, 6), (n, n)).into_owned();
@@ -140,6 +142,7 @@ impl Core {
         let prior: f64 = Cholesky::new(expected.covariance)?.l_dirty().diagonal().map(f64::ln).sum();
         let p = n - 1;
         Some(Reduced {
+            log,
             h: rest.view((0, 0), (p, p)).into_owned(),
             g: rest.view((0, p), (p, 1)).column(0).into_owned(),
             c: rest[(p, p)],
@@ -316,28 +319,29 @@ impl Linear {
             let next = before.zip(expected.last()).and_then(|(core, e)| core.next(e, disturbance));
             expected.push(next.unwrap_or_else(|| Expected::nothing(disturbance, width)));
         }
-        cores.par_iter().zip(&expected).filter_map(|(core, e)| core.as_ref()?.reduce(e)).collect()
+        let all = cores.par_iter().zip(&expected).zip(&self.windows);
+        all.filter_map(|((core, e), w)| core.as_ref()?.reduce(e, w.log)).collect()
     }
 
-    /// Where the windows start with the parameters `delta` away.
-    pub fn starts(&self, disturbance: &Disturbance, delta: &[f64]) -> Starts {
+    /// Where the windows start with every log's parameters `deltas` away.
+    pub fn starts(&self, disturbance: &Disturbance, deltas: &[Vec<f64>]) -> Starts {
         let one = |w: &Window| {
-            let own = w.own_solution(disturbance, delta)?;
+            let own = w.own_solution(disturbance, &deltas[w.log])?;
             Some(((w.log, w.from), w.moved(&own.mean)))
         };
         self.windows.par_iter().filter_map(one).collect()
     }
 
-    /// One step of expectation maximisation for the disturbances' sizes, with the parameters `delta` away; and how much of them
-    /// stays, by the correlation of neighbouring windows.
-    pub fn disturbance(&self, now: &Disturbance, delta: &[f64]) -> Disturbance {
+    /// One step of expectation maximisation for the disturbances' sizes, with every log's parameters `deltas` away; and how much of
+    /// them stays, by the correlation of neighbouring windows.
+    pub fn disturbance(&self, now: &Disturbance, deltas: &[Vec<f64>]) -> Disturbance {
         // For each component: mean square of the pushes' sum over their number, and of what differs from their mean; the
         // estimate of their mean, and its share of the true one.
         let solved: Vec<Option<(f64, [[f64; 4]; 6])>> = self
             .windows
             .par_iter()
             .map(|w| {
-                let own = w.own_solution(now, delta)?;
+                let own = w.own_solution(now, &deltas[w.log])?;
                 let n = w.pushes as f64;
                 let turned = (6..9).map(|k| own.second_moment(k)).sum::<f64>() / 3.0;
                 let sums = core::array::from_fn(|r| {
@@ -424,7 +428,8 @@ mod tests {
             kept: [0.7, 0.8, 0.3, 0.9],
             attitude_rad: START[2],
         };
-        let linear = Linear { windows, at: vec![0.0; PARAMETERS], horizon_s, noise: Vec::new() };
+        let linear =
+            Linear { windows, at: vec![0.0; PARAMETERS], apart: Vec::new(), horizon_s, noise: Vec::new() };
         let reduced = linear.reduce(&disturbance);
 
         // All unknowns of all windows together, with the covariance of a disturbance that stays.

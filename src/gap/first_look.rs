@@ -30,8 +30,6 @@ pub(super) fn within_tolerance(tracks: &[Track], vehicle: &Vehicle) -> Result<Op
 }
 
 fn unexplained(logs: &[Prepared], model: &Model, solution: &Solution) -> bool {
-    let pairs = solution.posterior.mean.iter().zip(&solution.linear.at);
-    let end: Vec<f64> = pairs.map(|(m, a)| m - a).collect();
-    let left = samples(logs, model, solution, &solution.disturbance, &end);
+    let left = samples(logs, model, solution, &solution.disturbance, &solution.deltas);
     remainder(logs, model, solution, &left).0.unexplained
 }

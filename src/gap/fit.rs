@@ -10,6 +10,7 @@
 
 use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
+use super::per_log::Values;
 use super::policy::NOISE_WINDOWS;
 use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
 use super::residual::believed;
@@ -134,8 +135,10 @@ pub(crate) type Starts = HashMap<(usize, usize), Measured>;
 /// All windows at one point.
 pub(crate) struct Linear {
     pub windows: Vec<Window>,
-    /// Parameter values that it was computed at.
+    /// Parameter values that it was computed at, as the logs share them.
     pub at: Vec<f64>,
+    /// By how much each log's differ from those, shape (log, parameter); empty where none does.
+    pub apart: Vec<Vec<f64>>,
     /// Length of the windows, s.
     pub horizon_s: f64,
     /// Noise by which the rows of each log were divided.
@@ -207,18 +210,19 @@ impl Cut {
 pub(crate) fn linearise(
     logs: &[Prepared],
     model: &Model,
-    values: &[f64],
+    values: &Values,
     chosen: &[usize],
     cut: Cut,
     starts: &Starts,
     noise: &[Noise],
 ) -> Linear {
     let steps = ((cut.length_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
-    let plain = model.plain_at(values, chosen);
     let mut windows = Vec::new();
     let ticks: usize = logs.iter().map(|l| l.around.n_ticks).sum();
     let every = (ticks / (steps * STEP)).div_ceil(cut.most.max(1)).max(1);
     for (index, p) in logs.iter().enumerate() {
+        let values = &values.of(index);
+        let plain = model.plain_at(values, chosen);
         let inputs = drive_inputs(p, model, values, chosen);
         // Where the attitude is an input, it is the one that the model's sensors read as the measured one.
         let believed = (p.track.drive == Drive::Thrust)
@@ -249,7 +253,8 @@ pub(crate) fn linearise(
         windows.par_extend(all.filter_map(|(i, from)| job.window(from, i % kept == 0)));
     }
     windows.sort_by_key(|w| (w.log, w.from));
-    Linear { windows, at: values.to_vec(), horizon_s: steps as f64 * STEP_S, noise: noise.to_vec() }
+    let Values { shared: at, apart } = values.clone();
+    Linear { windows, at, apart, horizon_s: steps as f64 * STEP_S, noise: noise.to_vec() }
 }
 
 struct Job<'a> {
@@ -265,6 +270,17 @@ struct Job<'a> {
     index: usize,
     known: &'a Starts,
     noise: &'a Noise,
+}
+
+impl Linear {
+    /// The values at which a log was linearised.
+    pub fn values_of(&self, log: usize) -> Vec<f64> {
+        let mut out = self.at.clone();
+        if let Some(apart) = self.apart.get(log) {
+            out.iter_mut().zip(apart).for_each(|(v, d)| *v += d);
+        }
+        out
+    }
 }
 
 impl Job<'_> {

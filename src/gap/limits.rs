@@ -4,8 +4,9 @@ use super::GapError;
 use super::disturbance::Disturbance;
 use super::excite;
 use super::model::Model;
+use super::per_log::Information;
 use super::search::{Evidence, covariance, smallest};
-use super::solve::{Solution, sum};
+use super::solve::Solution;
 use super::track::Track;
 use super::verdict::{Advice, Limit};
 use crate::vehicle::Vehicle;
@@ -31,8 +32,8 @@ pub(super) fn poor(model: &Model, solution: &Solution) -> Result<bool, GapError>
     let air = excite::Air::default();
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
     let calm = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4], ..solution.disturbance };
-    let (h, g) = sum(&solution.linear.reduce(&calm), |_| true);
-    let evidence = Evidence::new(model, &h, &g, &solution.linear.at, 1.0, 1.0)?;
+    let all = Information::new(model, &solution.linear, &solution.linear.reduce(&calm), |_| true)?;
+    let evidence = Evidence::new(model, &all.h, &all.g, &solution.linear.at, 1.0, 1.0)?;
     // Clocks are no physics: behind smoothed inputs they could be late by milliseconds in any flight.
     let of_physics = |l: &&Limit| l.id != LIMIT && !l.id.starts_with("clock_offset");
     let hidden = limits(model, &evidence, solution).iter().filter(of_physics).filter(|l| !l.visible).count();

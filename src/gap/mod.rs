@@ -28,6 +28,7 @@ pub(crate) mod model;
 mod noise;
 mod opinion;
 pub mod overlay;
+mod per_log;
 pub mod policy;
 pub(crate) mod replay;
 pub mod report;

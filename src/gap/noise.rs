@@ -120,11 +120,16 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
 }
 
 impl Linear {
-    /// Noise of every log with the parameters `delta` away; never less than `least`, what neighbouring samples differ by.
-    pub fn noise_beside(&self, disturbance: &Disturbance, delta: &[f64], least: &[Noise]) -> Vec<Noise> {
+    /// Noise of every log with its parameters `deltas` away; never less than `least`, what neighbouring samples differ by.
+    pub fn noise_beside(
+        &self,
+        disturbance: &Disturbance,
+        deltas: &[Vec<f64>],
+        least: &[Noise],
+    ) -> Vec<Noise> {
         let kept = self.windows.par_iter().filter(|w| !w.rows.is_empty());
         let all: Vec<Option<(usize, [Left; CHANNELS])>> =
-            kept.map(|w| Some((w.log, left_of(w, disturbance, delta)?))).collect();
+            kept.map(|w| Some((w.log, left_of(w, disturbance, &deltas[w.log])?))).collect();
         let mut sums = vec![[Left::nothing(); CHANNELS]; least.len()];
         for (log, left) in all.iter().flatten() {
             sums[*log].iter_mut().zip(left).for_each(|(sum, part)| sum.add(part));

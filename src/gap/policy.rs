@@ -135,5 +135,10 @@ pub(crate) const CROSS_CHECK_S: f64 = 0.25;
 /// itself swings at that frequency, for the line to be taken for a gust's.
 pub(crate) const GUST_BESIDE_MOTION: f64 = 0.5;
 
+/// Standard deviations, and tolerances, by which a log must differ from the others in a clock, a bias or the wind for it to be told:
+/// five logs have some ninety such numbers, of which at two standard deviations four would be chance.
+pub(crate) const DIFFERS_SIGMAS: f64 = 3.0;
+pub(crate) const DIFFERS_TOLERANCES: f64 = 0.5;
+
 /// Standard deviations from which on an attitude is said to lean with the acceleration.
 pub(crate) const LEAN_SIGMAS: f64 = 3.0;

@@ -210,6 +210,21 @@ impl<'a> Evidence<'a> {
         })
     }
 
+    /// Posterior covariance of the parameters in their units, with the candidates of `set` in and no regard to bounds.
+    pub fn covariance(&self, set: &[usize]) -> Option<DMatrix<f64>> {
+        let open = |k: usize| set.contains(&self.model.parameters[k].candidate);
+        let prior: Vec<f64> =
+            (0..self.closed.len()).map(|k| if open(k) { 1.0 } else { 1.0 / self.closed[k] }).collect();
+        let mut out = covariance(&self.a, &prior)?;
+        let slab = |k: usize| self.model.parameters[k].slab;
+        for i in 0..out.nrows() {
+            for j in 0..out.ncols() {
+                out[(i, j)] *= slab(i) * slab(j);
+            }
+        }
+        Some(out)
+    }
+
     /// Standard deviations of the parameters by how much the log's parts disagree: `scores` are the slopes of each part's log
     /// likelihood at the estimate, per unit of the parameters. White, Econometrica 50(1), 1982.
     pub fn by_scatter(&self, set: &[usize], scores: &[DVector<f64>]) -> Option<Vec<f64>> {

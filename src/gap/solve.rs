@@ -5,6 +5,7 @@ use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::model::Model;
+use super::per_log::{Information, Values};
 use super::policy::{
     GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, GLANCE_WINDOWS, GUST_BESIDE_MOTION, SHORT_WINDOWS, WEAK_NATS,
 };
@@ -49,13 +50,34 @@ pub(crate) struct Solution {
     /// How many times wider than usual this vehicle's tolerances are.
     pub tolerance: f64,
     pub posterior: Posterior,
+    /// Every log's parameters at their estimate less those where it was linearised, shape (log, parameter).
+    pub deltas: Vec<Vec<f64>>,
 }
 
 impl Solution {
     /// The evidence at the last linearisation.
     pub fn evidence<'a>(&self, model: &'a Model) -> Result<Evidence<'a>, GapError> {
-        let (h, g) = sum(&self.reduced, |_| true);
-        Evidence::new(model, &h, &g, &self.linear.at, self.dispersion, self.tolerance)
+        let all = Information::new(model, &self.linear, &self.reduced, |_| true)?;
+        Evidence::new(model, &all.h, &all.g, &self.linear.at, self.dispersion, self.tolerance)
+    }
+
+    /// A log's parameters at their estimate.
+    pub fn values_of(&self, log: usize) -> Vec<f64> {
+        let mut out = self.linear.values_of(log);
+        out.iter_mut().zip(&self.deltas[log]).for_each(|(v, d)| *v += d);
+        out
+    }
+
+    /// [`Self::deltas`] with the parameters that are `back` where they are filed, in every log.
+    pub fn deltas_without(&self, model: &Model, back: impl Fn(usize) -> bool) -> Vec<Vec<f64>> {
+        let mut out = self.deltas.clone();
+        for (log, deltas) in out.iter_mut().enumerate() {
+            let at = self.linear.values_of(log);
+            for (k, p) in model.parameters.iter().enumerate().filter(|(_, p)| back(p.candidate)) {
+                deltas[k] = p.filed - at[k];
+            }
+        }
+        out
     }
 }
 
@@ -63,14 +85,13 @@ impl Solution {
     /// Log evidence less the price of the effects, with disturbances of such sizes.
     fn whole(&self, model: &Model, dispersion: f64, disturbance: &Disturbance) -> Result<f64, GapError> {
         let reduced = self.linear.reduce(disturbance);
-        let (h, g) = sum(&reduced, |_| true);
-        let evidence = Evidence::new(model, &h, &g, &self.linear.at, dispersion, self.tolerance)?;
-        let chi2: f64 = reduced.iter().map(|r| r.c).sum();
+        let all = Information::new(model, &self.linear, &reduced, |_| true)?;
+        let evidence = Evidence::new(model, &all.h, &all.g, &self.linear.at, dispersion, self.tolerance)?;
         // Windows differ a little in their rows where clocks move: per row.
         let rows: usize = self.linear.windows.iter().map(|w| w.n_rows).sum();
         let price = super::search::THRESHOLD * self.set.len() as f64 + price_of(self.tolerance);
-        let occam: f64 = reduced.iter().map(|r| r.occam).sum();
-        Ok(evidence.whole(&self.set, chi2, &g, &h, &self.linear.at) - occam + 0.5 * rows as f64 - price)
+        let whole = evidence.whole(&self.set, all.c, &all.g, &all.h, &self.linear.at);
+        Ok(whole - all.occam + 0.5 * rows as f64 - price)
     }
 
     /// Whether its numbers lie where the model was linearised: what is said of a place far away is a guess that the model was
@@ -97,20 +118,15 @@ impl Solution {
     }
 }
 
-/// Sum of the windows that `take` by index.
-pub(crate) fn sum(reduced: &[Reduced], take: impl Fn(usize) -> bool) -> (DMatrix<f64>, DVector<f64>) {
-    let n = reduced.first().map_or(0, |r| r.g.len());
-    let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
-    for (_, r) in reduced.iter().enumerate().filter(|(i, _)| take(*i)) {
-        h += &r.h;
-        g += &r.g;
-    }
-    (h, g)
+/// χ² of a window with every log's parameters `deltas` from where it was linearised.
+pub(crate) fn chi2(r: &Reduced, deltas: &[Vec<f64>]) -> f64 {
+    let delta = DVector::from_column_slice(&deltas[r.log]);
+    r.c - 2.0 * r.g.dot(&delta) + delta.dot(&(&r.h * &delta))
 }
 
-/// χ² of a window with the parameters `delta` from where it was linearised.
-pub(crate) fn chi2(r: &Reduced, delta: &DVector<f64>) -> f64 {
-    r.c - 2.0 * r.g.dot(delta) + delta.dot(&(&r.h * delta))
+/// Slope of a window's log likelihood by the parameters, there.
+fn score(r: &Reduced, deltas: &[Vec<f64>]) -> DVector<f64> {
+    &r.g - &r.h * DVector::from_column_slice(&deltas[r.log])
 }
 
 fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
@@ -119,16 +135,15 @@ fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
 
 /// How much larger than expected residuals scatter: the larger of χ² per degree of freedom and the scatter of window scores
 /// over the information (median over parameters that the log says something about), at least 1.
-fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], delta: &[f64]) -> f64 {
-    let delta = DVector::from_column_slice(delta);
+fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], deltas: &[Vec<f64>]) -> f64 {
     let rows: usize = linear.windows.iter().map(|w| w.n_rows).sum();
     let used = 12 * linear.windows.len();
-    let total: f64 = reduced.iter().map(|r| chi2(r, &delta)).sum();
+    let total: f64 = reduced.iter().map(|r| chi2(r, deltas)).sum();
     let per_row = total / (rows.saturating_sub(used).max(1)) as f64;
-    let n = delta.len();
+    let n = model.parameters.len();
     let (mut scatter, mut information) = (vec![0.0; n], vec![0.0; n]);
     for r in reduced {
-        let score = &r.g - &r.h * &delta;
+        let score = score(r, deltas);
         for k in 0..n {
             scatter[k] += score[k] * score[k];
             information[k] += r.h[(k, k)];
@@ -298,11 +313,11 @@ pub(crate) fn polished(
 
 /// With standard deviations no smaller than the log's parts disagree by.
 pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
-    let delta = DVector::from_vec(difference(&found.posterior, &found.linear.at));
+    let n = model.parameters.len();
     let scores: Vec<DVector<f64>> = found
         .reduced
         .chunks(PART)
-        .map(|part| part.iter().fold(DVector::zeros(delta.len()), |sum, r| sum + &r.g - &r.h * &delta))
+        .map(|part| part.iter().fold(DVector::zeros(n), |sum, r| sum + score(r, &found.deltas)))
         .collect();
     let scatter = if scores.len() < FEWEST_PARTS {
         None
@@ -393,7 +408,8 @@ fn settle(
         ..Start::file(model, Disturbance::unknown())
     });
     let Start {
-        mut values,
+        values,
+        apart,
         mut set,
         mut disturbance,
         horizon,
@@ -404,6 +420,7 @@ fn settle(
         quick,
         noise: known,
     } = start;
+    let mut values = Values { shared: values, apart };
     let least: Vec<Noise> = logs.iter().map(|l| l.noise).collect();
     let mut noise = known.clone().unwrap_or_else(|| least.clone());
     let forces_only = forces_only(logs);
@@ -424,7 +441,8 @@ fn settle(
             _ => rounds,
         };
         for _ in 0..rounds {
-            let moved = |c: usize| follow && model.of(c).any(|k| values[k] != model.parameters[k].filed);
+            let moved =
+                |c: usize| follow && model.of(c).any(|k| values.shared[k] != model.parameters[k].filed);
             let at_work: Vec<usize> = (0..model.candidates.len())
                 .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
                 .collect();
@@ -454,17 +472,17 @@ fn settle(
             // The disturbances' sizes with the present set, then the search with them.
             let mut phi = 1.0;
             let mut pass = 0;
-            let reduced = loop {
+            let (reduced, all) = loop {
                 let reduced = linear.reduce(&disturbance);
-                let (h, g) = sum(&reduced, |_| true);
-                let evidence = Evidence::new(model, &h, &g, &linear.at, phi, tolerance)?;
+                let all = Information::new(model, &linear, &reduced, |_| true)?;
+                let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
                 let posterior = evidence.posterior(&set)?;
-                let delta = difference(&posterior, &linear.at);
+                let delta = all.deltas(&difference(&posterior, &linear.at));
                 // What any candidate could explain is no scatter: a missing effect would divide its own evidence by it.
-                let free = difference(&evidence.posterior(&every)?, &linear.at);
+                let free = all.deltas(&difference(&evidence.posterior(&every)?, &linear.at));
                 phi = dispersion(model, &linear, &reduced, &free);
                 if pass >= PASSES {
-                    break reduced;
+                    break (reduced, all);
                 }
                 // Expectation maximisation creeps: several steps for one look at the parameters.
                 let mut near = false;
@@ -484,14 +502,13 @@ fn settle(
             // A gust is one line of a spectrum: which, the disturbances tell once.
             let hz = if look { loudest_hz(logs, &linear, &disturbance) } else { None };
             if hz.is_some_and(|hz| model.preset_of("gust", "frequency_hz", hz)) {
-                values = model.filed();
+                values = model.filed().into();
                 filed = model.filed();
                 continue;
             }
-            let (h, g) = sum(&reduced, |_| true);
             // The set, and how wide this vehicle's tolerances are.
             let choose = |model: &Model, tolerance: f64| -> Result<(f64, Scored), GapError> {
-                let evidence = Evidence::new(model, &h, &g, &linear.at, phi, tolerance)?;
+                let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
                 let held = (done <= held).then_some(&*set);
                 let scored = match given.or(held) {
                     Some(given) => Scored { set: given.to_vec(), evidence: evidence.of(given) },
@@ -513,9 +530,12 @@ fn settle(
                 }
                 (most, best, tolerance) = (total, scored, wider);
             }
-            let evidence = Evidence::new(model, &h, &g, &linear.at, phi, tolerance)?;
+            let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
             let posterior = evidence.posterior(&best.set)?;
+            let delta = difference(&posterior, &linear.at);
+            let deltas = all.deltas(&delta);
             let mut next = filed.clone();
+            let mut next_apart = vec![vec![0.0; filed.len()]; logs.len()];
             let mut moved: f64 = 0.0;
             let off = |c: usize| follow && corrected(model, &posterior, c);
             for (k, p) in model.parameters.iter().enumerate() {
@@ -529,25 +549,33 @@ fn settle(
                     }
                     moved = moved.max(step.abs() / posterior.sigma[k].max(0.02 * p.slab));
                 }
+                if all.differing.contains(&k) && (best.set.contains(&c) || timing.contains(&c)) {
+                    for (log, apart) in next_apart.iter_mut().enumerate() {
+                        let now = linear.apart.get(log).map_or(0.0, |apart| apart[k]);
+                        let step =
+                            (deltas[log][k] - delta[k]).clamp(-LONGEST_STEP * p.slab, LONGEST_STEP * p.slab);
+                        apart[k] = now + step;
+                        moved = moved.max(step.abs() / posterior.sigma[k].max(0.02 * p.slab));
+                    }
+                }
             }
-            let delta = difference(&posterior, &linear.at);
             // With all candidates free, for the same reason as above.
             let quieter = match &known {
                 Some(known) => known.clone(),
                 None => {
-                    let free = difference(&evidence.posterior(&every)?, &linear.at);
+                    let free = all.deltas(&difference(&evidence.posterior(&every)?, &linear.at));
                     linear.noise_beside(&disturbance, &free, &least)
                 }
             };
             let same_noise = quieter.iter().zip(&noise).all(|(a, b)| a.near(b));
             noise = quieter;
             if !forces_only {
-                starts = linear.starts(&disturbance, &delta);
+                starts = linear.starts(&disturbance, &deltas);
             }
             let same = best.set == set;
             set = best.set.clone();
-            values = next;
-            let misfit = dispersion(model, &linear, &reduced, &delta) * inflation(&linear.noise, &least);
+            values = Values { shared: next, apart: next_apart };
+            let misfit = dispersion(model, &linear, &reduced, &deltas) * inflation(&linear.noise, &least);
             let found = Solution {
                 set: set.clone(),
                 linear,
@@ -558,6 +586,7 @@ fn settle(
                 misfit,
                 tolerance,
                 posterior,
+                deltas,
             };
             // A search that jumps far off in its last round has not been there.
             let of_now = last.take_if(|l: &mut Solution| {
@@ -573,19 +602,10 @@ fn settle(
     let mut solution = last.ok_or_else(no_window)?;
     // How large the disturbances would have to be without anything found.
     // Found effects are back at the file; a spike alone would not hold them there against so much data.
-    let delta: Vec<f64> = model
-        .parameters
-        .iter()
-        .enumerate()
-        .map(|(k, p)| {
-            let value =
-                if solution.set.contains(&p.candidate) { p.filed } else { solution.posterior.mean[k] };
-            value - solution.linear.at[k]
-        })
-        .collect();
+    let deltas = solution.deltas_without(model, |c| solution.set.contains(&c));
     solution.disturbance_before = Disturbance::unknown();
     for _ in 0..6 {
-        solution.disturbance_before = solution.linear.disturbance(&solution.disturbance_before, &delta);
+        solution.disturbance_before = solution.linear.disturbance(&solution.disturbance_before, &deltas);
     }
     Ok(Some(solution))
 }

@@ -11,6 +11,8 @@ use super::witness::Witness;
 /// Where a walk begins when it does not begin at the file.
 pub(super) struct Start {
     pub values: Vec<f64>,
+    /// By how much each log differs from them, shape (log, parameter); empty where none does.
+    pub apart: Vec<Vec<f64>>,
     pub set: Vec<usize>,
     pub disturbance: Disturbance,
     /// Index of the first length of windows.
@@ -30,15 +32,19 @@ pub(super) struct Start {
 }
 
 impl Start {
-    /// At the vehicle file, with what another solution knows of disturbances and noise.
+    /// At the vehicle file, with what another solution knows of disturbances, noise and of what differs between the logs.
     pub fn beside(model: &Model, other: &Solution) -> Self {
-        Self { noise: Some(other.linear.noise.clone()), ..Self::file(model, other.disturbance) }
+        let mut apart = other.linear.apart.clone();
+        // Candidates may have been added since.
+        apart.iter_mut().for_each(|log| log.resize(model.parameters.len(), 0.0));
+        Self { apart, noise: Some(other.linear.noise.clone()), ..Self::file(model, other.disturbance) }
     }
 
     /// At the vehicle file.
     pub fn file(model: &Model, disturbance: Disturbance) -> Self {
         Self {
             values: model.filed(),
+            apart: Vec::new(),
             set: Vec::new(),
             disturbance,
             horizon: 0,
@@ -119,7 +125,7 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
 /// What the second estimator names, which knows nothing of noise and of the starts of windows; none where the search has found
 /// all of it.
 pub(super) fn named_by_witness(logs: &[Prepared], model: &Model, found: &Solution) -> Option<Start> {
-    let steps = Witness::beside(model, logs, &found.posterior).search();
+    let steps = Witness::beside(model, logs, found).search();
     let named = steps.into_iter().filter(|s| !s.within_tolerance).map(|s| s.candidate);
     let mut set: Vec<usize> = named.filter(|c| model.may[*c]).take(MOST).collect();
     set.sort_unstable();

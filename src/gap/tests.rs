@@ -133,7 +133,8 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
         })
         .collect();
     let horizon = 0.25;
-    let here = linearise(&logs, &model, &at, &all, Cut::all(horizon), &Starts::new(), &[track.noise]);
+    let here =
+        linearise(&logs, &model, &at.clone().into(), &all, Cut::all(horizon), &Starts::new(), &[track.noise]);
     let own = |w: &super::fit::Window| w.gram.nrows() - 1 - model.parameters.len();
     for (k, p) in model.parameters.iter().enumerate() {
         // The residual's square changes by −2 Jᵀr: its second difference is JᵀJ.
@@ -141,7 +142,7 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
         let moved = |by: f64| {
             let mut there = at.clone();
             there[k] += by;
-            linearise(&logs, &model, &there, &all, Cut::all(horizon), &Starts::new(), &[track.noise])
+            linearise(&logs, &model, &there.into(), &all, Cut::all(horizon), &Starts::new(), &[track.noise])
         };
         let (up, down) = (moved(step), moved(-step));
         // A limit that no command reaches has no slope; its column is a secant by design.
@@ -175,9 +176,9 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
     let logs = [Prepared::new(&track, &drone)];
     let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
     let linear =
-        linearise(&logs, &model, &model.filed(), &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
+        linearise(&logs, &model, &model.filed().into(), &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
     let reduced = linear.reduce(&super::disturbance::Disturbance::unknown());
-    let (h, _) = super::solve::sum(&reduced, |_| true);
+    let h = super::per_log::Information::new(&model, &linear, &reduced, |_| true).unwrap().h;
     let index = |id: &str| {
         (0..model.parameters.len())
             .find(|k| model.candidates[model.parameters[*k].candidate].id == id)
@@ -200,7 +201,7 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
         for id in ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"] {
             values[index(id)] = sensors_s;
         }
-        linearise(&logs, &model, &values, &timing, Cut::all(0.25), &Starts::new(), &[track.noise])
+        linearise(&logs, &model, &values.into(), &timing, Cut::all(0.25), &Starts::new(), &[track.noise])
     };
     let commands = late(0.0137, 0.0);
     for sensors in [late(0.0, 0.0137), late(0.0061, 0.0076)] {
@@ -221,9 +222,10 @@ fn clocks_are_told_only_beside_each_other() {
     let logs = [Prepared::new(&track, &drone)];
     let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
     let filed = model.filed();
-    let linear = linearise(&logs, &model, &filed, &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
+    let linear =
+        linearise(&logs, &model, &filed.clone().into(), &[], Cut::all(0.25), &Starts::new(), &[track.noise]);
     let reduced = linear.reduce(&super::disturbance::Disturbance::unknown());
-    let (h, _) = super::solve::sum(&reduced, |_| true);
+    let h = super::per_log::Information::new(&model, &linear, &reduced, |_| true).unwrap().h;
     let candidate = |id: &str| model.candidates.iter().position(|c| c.id == id).unwrap();
     let ids = ["command_delay", "clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"];
     let [delay, pose, gyro, accel] = ids.map(candidate);
@@ -244,6 +246,30 @@ fn clocks_are_told_only_beside_each_other() {
         assert!(alike.iter().all(|(ids, _)| !ids.contains(&of)), "{alike:?}");
     }
     assert!(evidence.in_place_of_all(&[pose], pose, THRESHOLD).is_empty());
+}
+
+/// Two logs of one vehicle whose gyroscopes are late by other times: each has its own clock, the vehicle is one.
+#[test]
+fn clocks_may_differ_from_log_to_log() {
+    use super::diagnose::{Settings, diagnose};
+    let (vehicle, _, track) = made();
+    let mut late = track.clone();
+    late.name = "late.csv".into();
+    late.gyro.t_s.iter_mut().for_each(|t| *t += 0.006);
+    let of = |tracks: &[Track]| diagnose(tracks, &vehicle, &Settings::default()).unwrap().verdict;
+    let both = of(&[track.clone(), late.clone()]);
+    let clock = |log: &str| {
+        let mut own = both.per_log.iter().filter(|d| d.log == log);
+        own.find(|d| d.id == "clock_offset.gyro")
+            .unwrap_or_else(|| panic!("{log}: {:?}", both.per_log))
+            .clone()
+    };
+    let (first, second) = (clock(&track.name), clock("late.csv"));
+    let apart = second.value - first.value;
+    assert!((apart - 0.006).abs() < 4.0 * second.sigma && second.sigma < 0.5e-3, "{first:?} {second:?}");
+    assert!((second.value + first.value - 2.0 * second.shared).abs() < 0.1e-3, "deviations sum to nothing");
+    // Logs that agree differ in nothing.
+    assert_eq!(of(&[track.clone(), track]).per_log, vec![]);
 }
 
 /// A number that nothing else leans on is as uncertain as the mean of the parts' slopes: √(n/(n−1) Σ s²)/(h + 1/slab²).

@@ -325,6 +325,25 @@ pub struct LogSummary {
     pub held_out: bool,
 }
 
+/// A number in which a log differs from the others of its diagnosis: a clock, a bias, the wind of the day.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OfOneLog {
+    /// Name of the log.
+    pub log: String,
+    /// Candidate id.
+    pub id: String,
+    /// Name of the parameter.
+    pub name: String,
+    /// SI unit.
+    pub unit: String,
+    /// Its value in this log, SI.
+    pub value: f64,
+    /// Its value in all logs together, SI.
+    pub shared: f64,
+    /// Standard deviation of the difference, SI.
+    pub sigma: f64,
+}
+
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnosis {
@@ -363,6 +382,8 @@ pub struct Diagnosis {
     pub second: Vec<SecondStep>,
     /// Dispersion by which evidence and intervals were divided (1: residuals as noisy as the sensors).
     pub dispersion: f64,
+    /// In what the logs differ from each other, where there are several.
+    pub per_log: Vec<OfOneLog>,
     /// What was assumed or left out.
     pub warnings: Vec<String>,
 }

@@ -27,15 +27,16 @@ pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMat
 pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let n = model.parameters.len();
     let noise: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
-    let linear = linearise(logs, model, &model.filed(), &[], Cut::all(HORIZON_S), &Starts::new(), &noise);
+    let linear =
+        linearise(logs, model, &model.filed().into(), &[], Cut::all(HORIZON_S), &Starts::new(), &noise);
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
     let mut disturbance = Disturbance { common: sizes, quick: sizes, ..Disturbance::unknown() };
     if logs.iter().any(|l| l.track.drive == Drive::Thrust) {
         disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
     }
     let mut out = vec![DMatrix::zeros(n, n); logs.len()];
-    for (window, reduced) in linear.windows.iter().zip(linear.reduce(&disturbance)) {
-        out[window.log] += reduced.h;
+    for reduced in linear.reduce(&disturbance) {
+        out[reduced.log] += reduced.h;
     }
     for h in &mut out {
         for i in 0..n {

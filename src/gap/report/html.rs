@@ -11,7 +11,7 @@ use super::{Against, Overlay, Report, ResidualSeries};
 use crate::gap::headline::{evidence, pair, parted};
 use crate::gap::policy::FAR_TOLERANCES;
 use crate::gap::verdict::{
-    Calibration, Diagnosis, Finding, HorizonError, Limit, ParameterFit, Remainder, Rung,
+    Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Remainder, Rung,
 };
 use std::fmt::Write as _;
 
@@ -726,9 +726,33 @@ impl Page {
                 significant(d.dispersion, 3)
             );
         }
+        if let Some(d) = report.diagnosis.as_ref().filter(|d| !d.per_log.is_empty()) {
+            self.differences(&d.per_log);
+        }
         if !warnings.is_empty() {
             self.list("ul", "ul", &warnings);
         }
+    }
+
+    fn differences(&mut self, all: &[OfOneLog]) {
+        self.body.push_str(
+            "<h3>In what the logs differ</h3><p class=\"small\">Clocks, biases, wind and battery may be others in every log; \
+             they are not written.</p>\n<table class=\"stack\"><thead><tr><th>log</th><th>number</th>\
+             <th class=\"n\">in this log</th><th class=\"n\">in all</th></tr></thead><tbody>",
+        );
+        for d in all {
+            put!(
+                self,
+                "<tr><td data-label=\"log\">{}</td><td data-label=\"number\"><code>{}</code> {}</td>\
+                 <td class=\"n\" data-label=\"in this log\">{}</td><td class=\"n\" data-label=\"in all\">{}</td></tr>\n",
+                esc(&d.log),
+                esc(&d.id),
+                esc(&d.name),
+                interval(d.value, d.sigma, &d.unit),
+                quantity(d.shared, &d.unit, 3)
+            );
+        }
+        self.body.push_str("</tbody></table>\n");
     }
 
     fn how_to_read(&mut self, report: &Report, residuals: bool, causes: bool) {

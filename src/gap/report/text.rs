@@ -4,7 +4,9 @@ use super::quantity::{HALF_95, Scale, interval, percent, quantity, significant};
 use super::rungs::{measures, turns};
 use crate::gap::headline::{before_after, evidence};
 use crate::gap::policy::FAR_TOLERANCES;
-use crate::gap::verdict::{Calibration, Diagnosis, Finding, HorizonError, LogSummary, LookAlike, Rung};
+use crate::gap::verdict::{
+    Calibration, Diagnosis, Finding, HorizonError, LogSummary, LookAlike, OfOneLog, Rung,
+};
 use crate::physics::effects::Area;
 use std::fmt::Write as _;
 
@@ -86,6 +88,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     out.singles(&d.singles);
     let advice: Vec<String> = d.advice.iter().map(|a| a.text.clone()).collect();
     out.list("Next flight", &advice);
+    out.differences(&d.per_log);
     out.logs(&d.logs, d.dispersion);
     let not_tried: Vec<String> = d.not_tried.iter().map(|(id, why)| format!("{id}: {why}")).collect();
     out.list("Not tried", &not_tried);
@@ -334,6 +337,26 @@ impl Out {
             n => format!("; {n} more in the page and in JSON"),
         };
         self.paragraph(2, &format!("{}{more}", shown.join(", ")));
+    }
+
+    fn differences(&mut self, all: &[OfOneLog]) {
+        if all.is_empty() {
+            return;
+        }
+        self.heading("In what the logs differ");
+        self.paragraph(
+            2,
+            "clocks, biases, wind and battery may be others in every log; they are not written",
+        );
+        let header = ["", "", "in this log", "in all"].map(String::from);
+        let rows: Vec<Vec<String>> = all
+            .iter()
+            .map(|d| {
+                let name = format!("{} {}", d.id, d.name);
+                vec![d.log.clone(), name, interval(d.value, d.sigma, &d.unit), quantity(d.shared, &d.unit, 3)]
+            })
+            .collect();
+        self.table(2, &header, &rows, &[false, false, true, true]);
     }
 
     fn logs(&mut self, logs: &[LogSummary], dispersion: f64) {

@@ -18,7 +18,8 @@ mod tests;
 
 use super::fit::Prepared;
 use super::model::{Enters, Model};
-use super::search::Posterior;
+use super::per_log::Values;
+use super::solve::Solution;
 use crate::physics::effects::{Area, Sign};
 use rayon::prelude::*;
 use regress::{Band, Left};
@@ -193,12 +194,17 @@ const FORCES: [bool; CHANNELS] = [true, true, true, false, false, false];
 const TORQUES: [bool; CHANNELS] = [false, false, false, true, true, true];
 
 impl Witness {
-    /// With the model as filed but for its clocks, which are those of a fit: half a millisecond would turn a regression.
-    pub fn beside(model: &Model, logs: &[Prepared], fit: &Posterior) -> Self {
+    /// With the model as filed but for the clocks of every log, which are those of a fit: half a millisecond would turn a
+    /// regression.
+    pub fn beside(model: &Model, logs: &[Prepared], fit: &Solution) -> Self {
         let timing = model.timing();
-        let mut values = model.filed();
+        let mut values = Values { shared: model.filed(), apart: vec![model.filed(); logs.len()] };
+        values.apart.iter_mut().for_each(|log| log.fill(0.0));
         for k in timing.iter().flat_map(|c| model.of(*c)) {
-            values[k] = fit.mean[k];
+            values.shared[k] = fit.posterior.mean[k];
+            for (log, apart) in values.apart.iter_mut().enumerate() {
+                apart[k] = fit.values_of(log)[k] - fit.posterior.mean[k];
+            }
         }
         Self::at(logs, model, &values, &timing)
     }
@@ -206,15 +212,18 @@ impl Witness {
     /// With the model as filed.
     #[cfg(test)]
     pub fn new(logs: &[Prepared], model: &Model) -> Self {
-        Self::at(logs, model, &model.filed(), &[])
+        Self::at(logs, model, &model.filed().into(), &[])
     }
 
     /// With the model at parameter values `values` and the effects of `chosen` at work: what only shows beside another effect
     /// (wind beside drag) has a slope there.
-    pub fn at(logs: &[Prepared], model: &Model, values: &[f64], chosen: &[usize]) -> Self {
-        let by: Vec<usize> = (0..values.len()).filter(|k| linear(model, *k)).collect();
-        let samples: Vec<Samples> =
-            logs.par_iter().map(|log| Samples::new(log, model, values, chosen, &by)).collect();
+    pub fn at(logs: &[Prepared], model: &Model, values: &Values, chosen: &[usize]) -> Self {
+        let by: Vec<usize> = (0..model.parameters.len()).filter(|k| linear(model, *k)).collect();
+        let samples: Vec<Samples> = logs
+            .par_iter()
+            .enumerate()
+            .map(|(i, log)| Samples::new(log, model, &values.of(i), chosen, &by))
+            .collect();
         let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
         let band = Band::new(&samples, slab.clone(), BAND_HZ);
         let visible = |k: usize| (0..CHANNELS).any(|c| band.size(k, c) * slab[k] > LEAST_COLUMN);
@@ -222,7 +231,7 @@ impl Witness {
         let sides = model
             .parameters
             .iter()
-            .zip(values)
+            .zip(&values.shared)
             .map(|(p, at)| match p.sign {
                 // What the file lists can turn out smaller, and what has been moved may come back.
                 _ if model.listed[p.effect] || *at != p.filed => 0.0,
@@ -233,7 +242,7 @@ impl Witness {
             .collect();
         Self {
             members: (0..model.candidates.len()).map(|c| model.of(c).filter(witnessed).collect()).collect(),
-            at: values.to_vec(),
+            at: values.shared.clone(),
             filed: model.filed(),
             sides,
             spike: model.parameters.iter().map(|p| p.spike).collect(),

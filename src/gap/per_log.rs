@@ -1,0 +1,219 @@
+//! What may differ from log to log: clocks, biases and offsets of sensors, the wind, the battery.
+//!
+//! The vehicle is one in all logs of a diagnosis; its instruments and the weather need not be. Every such parameter has, beside the
+//! value that all logs share, a deviation for each log. The deviations sum to nothing, so that what the logs have in common is an
+//! effect like any other, to be found or not; nobody asks for them. They are
+//! eliminated from the sum over the logs as the unknowns of windows are from a window (Schur complement).
+
+use super::GapError;
+use super::disturbance::Reduced;
+use super::fit::{Linear, Prepared};
+use super::model::{Model, Parameter};
+use super::policy::{DIFFERS_SIGMAS, DIFFERS_TOLERANCES};
+use super::solve::Solution;
+use super::verdict::OfOneLog;
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+/// Kinds of effects that describe the instruments, the weather and the battery of one flight.
+const OF_ONE_FLIGHT: [&str; 7] = [
+    "clock_offset",
+    "gyro_bias",
+    "accel_bias",
+    "sensor_offset",
+    "world_tilt",
+    "constant_wind",
+    "thrust_fade",
+];
+
+/// How many times narrower than a deviation the mean of all deviations is held to nothing, squared.
+const HELD: f64 = 1e6;
+
+/// Values of the parameters: those that all logs share, and by how much each log differs from them, shape (log, parameter).
+#[derive(Clone, Debug)]
+pub(crate) struct Values {
+    pub shared: Vec<f64>,
+    pub apart: Vec<Vec<f64>>,
+}
+
+impl From<Vec<f64>> for Values {
+    fn from(shared: Vec<f64>) -> Self {
+        Self { shared, apart: Vec::new() }
+    }
+}
+
+impl Values {
+    /// Those of one log.
+    pub fn of(&self, log: usize) -> Vec<f64> {
+        let mut out = self.shared.clone();
+        if let Some(apart) = self.apart.get(log) {
+            out.iter_mut().zip(apart).for_each(|(v, d)| *v += d);
+        }
+        out
+    }
+}
+
+impl Model {
+    /// Parameters that may differ between so many logs.
+    pub fn per_log(&self, logs: usize) -> Vec<usize> {
+        let differs =
+            |k: &usize| OF_ONE_FLIGHT.contains(&self.candidates[self.parameters[*k].candidate].kind);
+        (0..self.parameters.len()).filter(|k| logs > 1 && differs(k)).collect()
+    }
+}
+
+/// In what the logs of a solution clearly differ.
+pub(super) fn differences(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+) -> Result<Vec<OfOneLog>, GapError> {
+    let all = Information::new(model, &solution.linear, &solution.reduced, |_| true)?;
+    let Some(covariance) = solution.evidence(model)?.covariance(&solution.set) else { return Ok(Vec::new()) };
+    let sigmas = all.sigmas(&covariance, solution.dispersion);
+    let mut out = Vec::new();
+    for (log, p) in logs.iter().enumerate() {
+        let values = solution.values_of(log);
+        for (i, k) in all.differing.iter().enumerate() {
+            let parameter = &model.parameters[*k];
+            let one = OfOneLog {
+                log: p.track.name.clone(),
+                id: model.candidates[parameter.candidate].id.clone(),
+                name: parameter.name.clone(),
+                unit: parameter.unit.into(),
+                value: values[*k],
+                shared: solution.posterior.mean[*k],
+                sigma: sigmas[log][i],
+            };
+            let off = (one.value - one.shared).abs();
+            if off > DIFFERS_SIGMAS * one.sigma && off > DIFFERS_TOLERANCES * parameter.spike {
+                out.push(one);
+            }
+        }
+    }
+    Ok(out)
+}
+
+/// Width of a deviation: midway, as ratios go, between what is within tolerance and what is plausible for all logs. As wide as is
+/// plausible, clocks went 30 ms off to take up what an unknown thrust curve left on short flights of a payload.
+fn width(p: &Parameter) -> f64 {
+    (p.spike * p.slab).sqrt()
+}
+
+/// What all logs together say about the parameters that they share, with what differs between them taken out.
+pub(crate) struct Information {
+    /// JᵀJ by the parameters.
+    pub h: DMatrix<f64>,
+    /// Jᵀ of the residual.
+    pub g: DVector<f64>,
+    /// χ² where the logs were linearised.
+    pub c: f64,
+    /// The price of the freedom of all unknowns that were taken out, nats.
+    pub occam: f64,
+    logs: usize,
+    /// Parameters that may differ.
+    pub differing: Vec<usize>,
+    /// Deviations from where each log was linearised: `base − slope · delta`, (log, differing parameter), log by log.
+    base: DVector<f64>,
+    slope: DMatrix<f64>,
+    /// Covariance of the deviations where the shared values are known.
+    covariance: DMatrix<f64>,
+}
+
+impl Information {
+    /// From the windows that `take` by index.
+    ///
+    /// # Errors
+    /// [`GapError::Numbers`] where numbers are not finite.
+    pub fn new(
+        model: &Model,
+        linear: &Linear,
+        reduced: &[Reduced],
+        take: impl Fn(usize) -> bool,
+    ) -> Result<Self, GapError> {
+        let n = model.parameters.len();
+        let logs = linear.noise.len();
+        let differing = model.per_log(logs);
+        let m = differing.len();
+        let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        let (mut c, mut occam) = (0.0, 0.0);
+        // Rows of each log's information that belong to what may differ.
+        let mut slope = DMatrix::zeros(logs * m, n);
+        let mut base = DVector::zeros(logs * m);
+        for (_, r) in reduced.iter().enumerate().filter(|(i, _)| take(*i)) {
+            h += &r.h;
+            g += &r.g;
+            c += r.c;
+            occam += r.occam;
+            for (i, k) in differing.iter().enumerate() {
+                let mut row = slope.row_mut(r.log * m + i);
+                row += r.h.row(*k);
+                base[r.log * m + i] += r.g[*k];
+            }
+        }
+        let mut out = Self { h, g, c, occam, logs, differing, base, slope, covariance: DMatrix::zeros(0, 0) };
+        if m > 0 {
+            out.eliminate(model, linear)?;
+        }
+        Ok(out)
+    }
+
+    /// Takes the deviations out.
+    fn eliminate(&mut self, model: &Model, linear: &Linear) -> Result<(), GapError> {
+        let (m, logs) = (self.differing.len(), self.logs);
+        let width = |i: usize| width(&model.parameters[self.differing[i]]);
+        // Precision of the deviations by the prior: each by its width, and their sum held to nothing.
+        let prior = DMatrix::from_fn(logs * m, logs * m, |a, b| {
+            let held = if a % m == b % m { HELD } else { 0.0 };
+            let own = if a == b { 1.0 } else { 0.0 };
+            (own + held) / width(a % m).powi(2)
+        });
+        let at = DVector::from_fn(logs * m, |a, _| {
+            linear.apart.get(a / m).map_or(0.0, |apart| apart[self.differing[a % m]])
+        });
+        let pulled = &prior * &at;
+        self.c += at.dot(&pulled);
+        self.base -= &pulled;
+        let mut precision = prior;
+        for a in 0..logs * m {
+            for b in 0..m {
+                precision[(a, a / m * m + b)] += self.slope[(a, self.differing[b])];
+            }
+        }
+        let factor = Cholesky::new(precision).ok_or(GapError::Numbers {
+            what: "what differs between logs",
+            reason: "its information is no positive definite matrix (numbers that are not finite?)".into(),
+        })?;
+        let base = factor.solve(&self.base);
+        let slope = factor.solve(&self.slope);
+        self.h -= self.slope.tr_mul(&slope);
+        self.g -= self.slope.tr_mul(&base);
+        self.c -= self.base.dot(&base);
+        let widths: f64 = (0..m).map(|i| width(i).ln()).sum();
+        self.occam += factor.l_dirty().diagonal().map(f64::ln).sum() + logs as f64 * widths;
+        (self.base, self.slope, self.covariance) = (base, slope, factor.inverse());
+        Ok(())
+    }
+
+    /// Every log's parameters less those where it was linearised, when the shared ones are `delta` away: shape (log, parameter).
+    pub fn deltas(&self, delta: &[f64]) -> Vec<Vec<f64>> {
+        let m = self.differing.len();
+        let mut out = vec![delta.to_vec(); self.logs];
+        if m > 0 {
+            let own = &self.base - &self.slope * DVector::from_column_slice(delta);
+            for (a, deviation) in own.iter().enumerate() {
+                out[a / m][self.differing[a % m]] += deviation;
+            }
+        }
+        out
+    }
+
+    /// Standard deviations of the deviations, shape (log, differing parameter), where the shared values have such a covariance and
+    /// noise is as large as `dispersion` says.
+    pub fn sigmas(&self, covariance: &DMatrix<f64>, dispersion: f64) -> Vec<Vec<f64>> {
+        let m = self.differing.len();
+        let by_shared = &self.slope * covariance;
+        let variance =
+            |a: usize| dispersion * self.covariance[(a, a)] + by_shared.row(a).dot(&self.slope.row(a));
+        (0..self.logs).map(|l| (0..m).map(|i| variance(l * m + i).sqrt()).collect()).collect()
+    }
+}
