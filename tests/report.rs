@@ -722,6 +722,7 @@ fn comparison(share: f64) -> Comparison {
                 ],
             }],
             findings: vec!["force along body x falls with forward velocity".into()],
+            other_rotors: None,
             worst_times_noise: 17.3,
             agrees: false,
             verdict: "the model departs from the flight".into(),

@@ -13,6 +13,7 @@ use super::replay::{self, Around, Raw, STEP, STEP_S};
 use super::residual::{self, Replay, Residuals};
 use super::track::{Drive, Measured, Track};
 use super::verdict::{HorizonError, LogSummary};
+use super::wiring;
 use crate::flight::STANDARD_GRAVITY_M_S2 as G;
 use crate::flight::{clean, resample};
 use crate::math::{quat, vec3};
@@ -165,6 +166,8 @@ pub struct LogComparison {
     pub causes: Vec<Cause>,
     /// What of that is worth saying, most telling first.
     pub findings: Vec<String>,
+    /// Why the file's rotors cannot be those of the log (their order, their spins, another vehicle); null where they can.
+    pub other_rotors: Option<String>,
     /// Largest error over what noise makes, of all channels and horizons and of residual force and torque.
     pub worst_times_noise: f64,
     /// Whether that is at most [`AGREE`].
@@ -234,7 +237,8 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     }
     one_vehicle(tracks)?;
     let parts: Vec<Part> = tracks.par_iter().map(|track| one(track, vehicle)).collect::<Result<_, _>>()?;
-    let departs = parts.iter().any(|(log, ..)| !log.agrees);
+    let departs =
+        parts.iter().any(|(log, ..)| !log.agrees) && parts.iter().all(|(log, ..)| log.other_rotors.is_none());
     // A fit that finds no numbers takes nothing from what was measured.
     let within_tolerance = departs.then(|| within_tolerance(tracks, vehicle).ok().flatten()).flatten();
     let pooled = (parts.len() > 1).then(|| pool(&parts));
@@ -887,6 +891,9 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     };
     let (worst_times_noise, place) = most(&one_step, &horizons);
     let agrees = worst_times_noise <= AGREE;
+    let other_rotors = if agrees { None } else { wiring::mismatch(track, &around, &raw, &drone) }
+        .map(|(found, remedy)| format!("the log has {found}: {remedy}"));
+    findings.splice(..0, other_rotors.clone());
     let verdict = if agrees {
         format!(
             "the model agrees with the log: nothing is off by more than {worst_times_noise:.1} times what the sensors' \
@@ -897,7 +904,9 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
             "the model departs from the log: {place}, {} times what the sensors' noise makes (threshold {AGREE})",
             short(worst_times_noise)
         );
-        if let Some(first) = findings.first() {
+        if let Some(other) = &other_rotors {
+            text = format!("{other}; {text}");
+        } else if let Some(first) = findings.first() {
             text = format!("{text}; {first}");
         }
         if let Some(segment) = worst.first() {
@@ -924,6 +933,7 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
         worst,
         causes,
         findings,
+        other_rotors,
         worst_times_noise,
         agrees,
         verdict,

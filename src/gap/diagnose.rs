@@ -21,6 +21,7 @@ use super::track::Track;
 use super::verdict::{
     Advice, Calibration, Diagnosis, Finding, FreeTerm, LogSummary, LookAlike, ParameterFit, Remainder, Said,
 };
+use super::wiring;
 use super::witness::Witness;
 use crate::flight::clean;
 use crate::math::{euler, quat};
@@ -67,7 +68,8 @@ pub struct Diagnosed {
 /// Diagnoses flights of one vehicle. `held_out` logs take no part in the fit.
 ///
 /// # Errors
-/// [`GapError`] where the logs do not hold what the fit needs, belong to different vehicles, or a name is unknown.
+/// [`GapError`] where the logs do not hold what the fit needs, belong to different vehicles or to another than that of the file, or
+/// a name is unknown.
 pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Result<Diagnosed, GapError> {
     let first =
         tracks.first().ok_or(GapError::Numbers { what: "a diagnosis", reason: "no log was given".into() })?;
@@ -81,6 +83,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     }
     let all: Vec<&Track> = tracks.iter().collect();
     let mut logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
+    wiring::check(&logs, &drone)?;
     let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
     let mut model = Model::new(&drone, &all, &arounds)?;
     let given = settings.given.as_ref().map(|ids| indices(&model, ids)).transpose()?;

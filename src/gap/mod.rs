@@ -42,6 +42,7 @@ mod starts;
 pub mod track;
 mod usable;
 pub mod verdict;
+mod wiring;
 pub(crate) mod witness;
 
 pub use causes::{Cause, Response};

@@ -135,6 +135,17 @@ pub(crate) const CROSS_CHECK_S: f64 = 0.25;
 /// itself swings at that frequency, for the line to be taken for a gust's.
 pub(crate) const GUST_BESIDE_MOTION: f64 = 0.5;
 
+/// Share of the measured torque's variance about an axis that a file must leave for its rotors to be doubted: all of it, as if it had
+/// none …
+pub(crate) const WIRED_FILED: f64 = 1.0;
+/// … and what another order or sense of them may leave there to be the right one, and may leave more about other axes.
+pub(crate) const WIRED_BEST: f64 = 0.5;
+pub(crate) const WIRED_WORSE: f64 = 0.1;
+
+/// Times by which the rotors' lift must be off, up or down, for a file to be taken for another vehicle's: twice the weight would be
+/// a load that no vehicle of the field carries unknown, and speeds in turns per minute lift 91 times as much.
+pub(crate) const ANOTHER_LIFT: f64 = 2.0;
+
 /// Standard deviations, and tolerances, by which a log must differ from the others in a clock, a bias or the wind for it to be told:
 /// five logs have some ninety such numbers, of which at two standard deviations four would be chance.
 pub(crate) const DIFFERS_SIGMAS: f64 = 3.0;

@@ -43,6 +43,9 @@ fn show(c: &Comparison) -> Result<()> {
             "next: propwash diagnose names the numbers that are off, add --calibrate writes those that help",
         ),
         (_, Some(false)) => print("next: propwash diagnose names what is missing"),
+        (_, None) if c.logs.iter().any(|l| l.other_rotors.is_some()) => {
+            print("next: put the file's rotors right; nothing else can be told before")
+        }
         (_, None) => print(
             "next: propwash diagnose tells whether an effect is missing or numbers within their tolerance are off",
         ),

@@ -1,0 +1,254 @@
+//! Whether a file's rotors are those of a log: their order, their spins, and how much they lift.
+//!
+//! A log whose columns stand in another order than the file's rotors, a file whose spins are all reversed, or one of another vehicle
+//! leave torques and forces that no missing effect makes, and a search for one ends anywhere. Each rotor's torque about the centre
+//! of mass is held against the measured one, means over [`BAND_S`], for every order of the rotors and both senses of all spins.
+
+use super::GapError;
+use super::fit::Prepared;
+use super::policy::{ANOTHER_LIFT, BAND_S, FEWEST_INSTANTS, WIRED_BEST, WIRED_FILED, WIRED_WORSE};
+use super::replay::{Around, Raw, STEP, STEP_S, drive};
+use super::track::{Drive, Track};
+use crate::math::{quat, vec3};
+use crate::physics::drone::Drone;
+
+/// Most rotors of which every order is tried: 40,320.
+const MOST_ORDERED: usize = 8;
+
+/// Means over a stretch of [`BAND_S`].
+struct Block {
+    /// Torque on the body by its motion, N·m.
+    torque: [f64; 3],
+    /// Torque of the rotor at place `j` turning as the log's rotor `i`, (j · rotors + i), N·m.
+    by: Vec<[f64; 3]>,
+    /// Force along body z by its motion, and what the model's rotors give, N.
+    lift: [f64; 2],
+}
+
+/// How a log's rotors are those of a file.
+#[derive(Clone, Debug, PartialEq)]
+struct Wiring {
+    /// The file's rotor for each of the log's.
+    places: Vec<usize>,
+    reversed: bool,
+    /// Share of the torque's variance that is left about body x, y and z, as filed and so.
+    left: [[f64; 3]; 2],
+}
+
+/// What is wrong with a log's rotors by the file, in words: what was found, and what to do. None where all is as filed, or where the
+/// log does not tell.
+pub(super) fn mismatch(
+    track: &Track,
+    around: &Around,
+    raw: &Raw,
+    drone: &Drone<f64>,
+) -> Option<(String, String)> {
+    let blocks = blocks(track, around, raw, drone);
+    if blocks.len() < FEWEST_INSTANTS {
+        return None;
+    }
+    let [needed, given] = [0, 1].map(|k| blocks.iter().map(|b| b.lift[k]).sum::<f64>());
+    let lift = given / needed;
+    if needed > 0.0 && given > 0.0 && !(1.0 / ANOTHER_LIFT..ANOTHER_LIFT).contains(&lift) {
+        return Some((
+            format!("rotors that lift {lift:.2} times what the flight needs"),
+            "check that the file is of this vehicle, and the units of the log's rotor speeds or thrusts"
+                .into(),
+        ));
+    }
+    let n = drone.airframe.n_rotors;
+    let Wiring { places, reversed, left } = wiring(&blocks, n)?;
+    let numbers = |list: &mut dyn Iterator<Item = usize>| {
+        list.map(|i| (i + 1).to_string()).collect::<Vec<_>>().join(" ")
+    };
+    let as_filed = places.iter().enumerate().all(|(i, j)| i == *j);
+    let order = format!(
+        "rotors {} that are the file's {}",
+        numbers(&mut (0..n)),
+        numbers(&mut places.iter().copied())
+    );
+    let what = match (as_filed, reversed) {
+        (true, _) => "rotors that all turn the other way round".to_string(),
+        (_, false) => order,
+        (_, true) => format!("{order}, all turning the other way round"),
+    };
+    let shares = |left: [f64; 3]| left.map(|l| format!("{:.0}", 100.0 * l)).join(", ");
+    Some((
+        format!(
+            "{what} (of the torque about x, y, z {} % is left in that way, {} % as filed)",
+            shares(left[1]),
+            shares(left[0])
+        ),
+        "put the file's [[rotor]] tables, or the log's columns, in one order, and check `spin`".into(),
+    ))
+}
+
+/// [`mismatch`] as an error.
+///
+/// # Errors
+/// [`GapError::Log`] where the rotors of a log are not those of the file.
+pub(super) fn check(logs: &[Prepared], drone: &Drone<f64>) -> Result<(), GapError> {
+    for log in logs {
+        if let Some((found, remedy)) = mismatch(log.track, &log.around, &log.raw, drone) {
+            let expected = "rotors in the order, with the spins and the thrust of the vehicle file".into();
+            return Err(GapError::Log { log: log.track.name.clone(), expected, found, remedy });
+        }
+    }
+    Ok(())
+}
+
+/// Whether rotors drive the model of a log, each by itself.
+fn by_rotors(track: &Track) -> bool {
+    matches!(track.drive, Drive::RotorSpeeds | Drive::RotorCommands)
+}
+
+fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<Block> {
+    if track.drive == Drive::AttitudeCommands {
+        return Vec::new();
+    }
+    let ticks = drive(track, around, raw, drone);
+    let body = &drone.body;
+    let n = if by_rotors(track) { drone.airframe.n_rotors } else { 0 };
+    let rotors = &drone.airframe.rotors[..n];
+    let steps = (BAND_S / STEP_S).round() as usize;
+    let mean = 1.0 / steps as f64;
+    let mut out = Vec::new();
+    for from in (0..around.measured.len().saturating_sub(steps)).step_by(steps) {
+        let known = |i: usize| {
+            raw.valid.get(i * STEP).is_some_and(|v| *v).then(|| around.measured[i].as_ref()).flatten()
+        };
+        let Some(states) = (from..=from + steps).map(known).collect::<Option<Vec<_>>>() else { continue };
+        let (first, last) = (states[0], states[steps]);
+        let span_s = steps as f64 * STEP_S;
+        let turned = vec3::scale(vec3::sub(last.ang_vel, first.ang_vel), 1.0 / span_s);
+        let moved = vec3::scale(vec3::sub(last.vel, first.vel), 1.0 / span_s);
+        let middle = quat::rotate(states[steps / 2].quat, [0.0, 0.0, 1.0]);
+        let needed = body.mass_kg * vec3::dot(vec3::sub(moved, body.gravity_m_s2), middle);
+        let mut block = Block {
+            torque: vec3::mat_vec(body.inertia_kg_m2, turned),
+            by: vec![[0.0; 3]; n * n],
+            lift: [needed, 0.0],
+        };
+        for (i, state) in states[..steps].iter().enumerate() {
+            let spun = vec3::cross(state.ang_vel, vec3::mat_vec(body.inertia_kg_m2, state.ang_vel));
+            block.torque = vec3::add(block.torque, vec3::scale(spun, mean));
+            let tick = &ticks[(from + i) * STEP];
+            if n == 0 {
+                block.lift[1] += mean * tick.thrust;
+            }
+            for (j, rotor) in rotors.iter().enumerate() {
+                let arm = vec3::cross(rotor.position_m, rotor.axis);
+                let curve = |c: [f64; 3], vel: f64| c[0] + vel * (c[1] + vel * c[2]);
+                block.lift[1] += mean * curve(rotor.thrust_curve, tick.rotor_vel[j]) * rotor.axis[2];
+                for (by, (vel, acc)) in
+                    block.by[j * n..(j + 1) * n].iter_mut().zip(tick.rotor_vel.iter().zip(&tick.rotor_acc))
+                {
+                    let about = rotor.spin * (curve(rotor.torque_curve, *vel) + rotor.inertia_kg_m2 * acc);
+                    let torque = vec3::add(
+                        vec3::scale(arm, curve(rotor.thrust_curve, *vel)),
+                        vec3::scale(rotor.axis, about),
+                    );
+                    *by = vec3::add(*by, vec3::scale(torque, mean));
+                }
+            }
+        }
+        out.push(block);
+    }
+    out
+}
+
+/// The order and the spins that leave least of the torques; none where those of the file do, or where no others are clearly right.
+fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
+    if n == 0 || blocks[0].by.is_empty() {
+        return None;
+    }
+    let mean = |f: &dyn Fn(&Block) -> [f64; 3]| {
+        let sum = blocks.iter().fold([0.0; 3], |sum, b| vec3::add(sum, f(b)));
+        vec3::scale(sum, 1.0 / blocks.len() as f64)
+    };
+    let middle = mean(&|b| b.torque);
+    let middles: Vec<[f64; 3]> = (0..n * n).map(|p| mean(&|b| b.by[p])).collect();
+    // Variances of the torque, and products with and among the pairs, about each axis.
+    let mut all = [0.0; 3];
+    let mut with = vec![[0.0; 3]; n * n];
+    let mut among = vec![[0.0; 3]; n * n * n * n];
+    for b in blocks {
+        let torque = vec3::sub(b.torque, middle);
+        let by: Vec<[f64; 3]> = b.by.iter().zip(&middles).map(|(b, m)| vec3::sub(*b, *m)).collect();
+        for k in 0..3 {
+            all[k] += torque[k] * torque[k];
+        }
+        for (p, x) in by.iter().enumerate() {
+            for k in 0..3 {
+                with[p][k] += torque[k] * x[k];
+            }
+            for (q, y) in by.iter().enumerate() {
+                for k in 0..3 {
+                    among[p * n * n + q][k] += x[k] * y[k];
+                }
+            }
+        }
+    }
+    if all.iter().any(|a| *a <= 0.0) {
+        return None;
+    }
+    // What is left where the rotor at place j turns as the log's rotor `of[j]`.
+    let left = |of: &[usize], reversed: bool| -> [f64; 3] {
+        let mut out = all;
+        for (j, i) in of.iter().enumerate() {
+            let p = j * n + i;
+            for k in 0..3 {
+                let sense = if k == 2 && reversed { -1.0 } else { 1.0 };
+                out[k] -= 2.0 * sense * with[p][k];
+            }
+            for (l, m) in of.iter().enumerate() {
+                let q = l * n + m;
+                for k in 0..3 {
+                    out[k] += among[p * n * n + q][k];
+                }
+            }
+        }
+        core::array::from_fn(|k| out[k] / all[k])
+    };
+    let filed: Vec<usize> = (0..n).collect();
+    let before = left(&filed, false);
+    if !before.iter().any(|l| *l >= WIRED_FILED) {
+        return None;
+    }
+    let mut best = (before, filed.clone(), false);
+    let mut consider = |of: &[usize]| {
+        for reversed in [false, true] {
+            let now = left(of, reversed);
+            // Orders that differ by less than rounding are one: the first, nearest to the file, stays.
+            if now.iter().sum::<f64>() < best.0.iter().sum::<f64>() - 1e-6 {
+                best = (now, of.to_vec(), reversed);
+            }
+        }
+    };
+    if n <= MOST_ORDERED {
+        permutations(&mut filed.clone(), 0, &mut consider);
+    } else {
+        consider(&filed);
+    }
+    let (after, of, reversed) = best;
+    let right = (0..3).all(|k| {
+        (before[k] < WIRED_FILED || after[k] < WIRED_BEST) && after[k] < before[k].max(0.0) + WIRED_WORSE
+    });
+    let mut places = vec![0; n];
+    for (j, i) in of.iter().enumerate() {
+        places[*i] = j;
+    }
+    (right && (reversed || of != filed)).then_some(Wiring { places, reversed, left: [before, after] })
+}
+
+/// Calls `hear` with every order of what stands from `from` on, the order as it is first.
+fn permutations(list: &mut [usize], from: usize, hear: &mut dyn FnMut(&[usize])) {
+    if from + 1 >= list.len() {
+        return hear(list);
+    }
+    for i in from..list.len() {
+        list.swap(from, i);
+        permutations(list, from + 1, hear);
+        list.swap(from, i);
+    }
+}
