@@ -200,8 +200,8 @@ impl Information {
         let mut out = vec![delta.to_vec(); self.logs];
         if m > 0 {
             let own = &self.base - &self.slope * DVector::from_column_slice(delta);
-            for (a, deviation) in own.iter().enumerate() {
-                out[a / m][self.differing[a % m]] += deviation;
+            for (log, own) in out.iter_mut().zip(own.as_slice().chunks(m)) {
+                self.differing.iter().zip(own).for_each(|(k, deviation)| log[*k] += deviation);
             }
         }
         out
