@@ -4,6 +4,7 @@
 use propwash::gap::compare::{
     Axes, ClosedLoop, Comparison, Horizon, LogComparison, OneStep, Segment, Series,
 };
+use propwash::gap::decide::rules::{Rule, Why};
 use propwash::gap::report::{
     Against, Bin, LADDER_PNG_WIDTH, Overlay, Report, ResidualSeries, TEXT_COLUMNS, WorstSegment, ladder_png,
     text,
@@ -248,6 +249,18 @@ fn sample() -> Diagnosis {
             share: None,
             visible: false,
         }],
+        why: vec![
+            Why {
+                id: "rotor_drag".into(),
+                rule: Rule::TwoEstimators,
+                text: "certain: the regression agrees".into(),
+            },
+            Why {
+                id: "gyro_bias".into(),
+                rule: Rule::LittleGain,
+                text: "left out: takes 3 % of the error".into(),
+            },
+        ],
         per_log: vec![OfOneLog {
             log: "chirps_and_steps.csv".into(),
             id: "clock_offset.gyro".into(),
@@ -275,6 +288,7 @@ fn nothing_missing() -> Diagnosis {
     d.singles.clear();
     d.warnings.clear();
     d.per_log.clear();
+    d.why.clear();
     d.remainder.terms.clear();
     d.remainder.unexplained = false;
     d.remainder.text.clear();
@@ -466,6 +480,8 @@ fn the_page_holds_every_effect_and_needs_no_network() {
         "14 frames were dropped",
         "the gyroscope lags the poses",
         "In what the logs differ",
+        "certain: the regression agrees",
+        "little gain",
         "−3.14 ± 0.41 ms",
         "v_x |v|",
     ] {

@@ -70,6 +70,9 @@ pub struct DiagnoseArgs {
     /// Search among these candidates only; the others stay within their tolerance.
     #[arg(long, value_name = "ID,ID", value_delimiter = ',')]
     pub candidates: Vec<String>,
+    /// Print which rule decided what of each effect, and what the rules state, after the verdict.
+    #[arg(long, conflicts_with = "json")]
+    pub why: bool,
     /// Print JSON, complete.
     #[arg(long)]
     pub json: bool,

@@ -4,7 +4,7 @@
 //! missing. The search of a diagnosis, on fewer windows and without its later steps, tells one from the other.
 
 use super::GapError;
-use super::diagnose::{remainder, samples};
+use super::decide::remainder::{remainder, samples};
 use super::fit::Prepared;
 use super::model::Model;
 use super::replay::drone_for;

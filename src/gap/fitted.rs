@@ -6,6 +6,7 @@ mod partners;
 
 use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
+use super::decide::rules::{Rule, Why};
 use super::diagnose::{Diagnosed, Settings, diagnose};
 use super::headline::headline;
 use super::judge::{Judge, rung_over};
@@ -149,6 +150,10 @@ pub fn fit(
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
     let kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
+    let harmful = verdict.findings.iter().filter_map(|f| {
+        Some(Why::new(&f.id, Rule::NeverWorse, format!("in doubt, not written: {}", f.doubt()?)))
+    });
+    verdict.why.extend(harmful);
     verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
     let doubtful: Vec<&str> =
         verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();

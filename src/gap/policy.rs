@@ -153,3 +153,45 @@ pub(crate) const DIFFERS_TOLERANCES: f64 = 0.5;
 
 /// Standard deviations from which on an attitude is said to lean with the acceleration.
 pub(crate) const LEAN_SIGMAS: f64 = 3.0;
+
+/// Share of what is explained along an axis, beside the tolerances of the air, from which on an effect acts there.
+pub(crate) const OWN_SHARE: f64 = 0.25;
+
+/// Evidence by which a term must describe what an effect leaves.
+pub(crate) const SHAPE_NATS: f64 = 25.0;
+
+/// Size of what a term describes from which on it matters.
+pub(crate) const REGULAR_FORCE_M_S2: f64 = 0.03;
+pub(crate) const REGULAR_TORQUE_RAD_S2: f64 = 0.06;
+
+/// Share of the scatter from which on a term says that something regular is missing.
+pub(crate) const REGULAR_SHARE: f64 = 0.2;
+
+/// Force over mass and torque over inertia that a well-known vehicle in calm air does not leave.
+pub(crate) const LARGE_FORCE_M_S2: f64 = 0.06;
+pub(crate) const LARGE_TORQUE_RAD_S2: f64 = 0.8;
+
+/// Scatter of the worst two seconds over that of usual ones from which on a disturbance is an event and no weather.
+pub(crate) const EVENT: f64 = 3.5;
+
+/// Share of the scatter that a term may describe by chance, where the wind itself sets the vehicle in motion.
+pub(crate) const WEATHER_SHARE: f64 = 0.14;
+
+/// Scatter of what is left, over what disturbances and noise make, beyond which a force is no weather. Flights in turbulence of
+/// the generator have 1.0 to 1.7, in effects that are in no list up to 20.
+pub(crate) const MOST_DISPERSION: f64 = 2.0;
+
+/// Share of the disturbances' variance that findings must explain, where something regular or large is left.
+pub(crate) const LEANING: f64 = 0.7;
+
+/// The same where what is left is an event.
+pub(crate) const EVENTFUL: f64 = 0.9;
+
+/// Nats of evidence from which an effect stands beside weather.
+pub(crate) const BESIDE_WEATHER: f64 = 20.0;
+
+/// Share of the error on flight that the fit has not seen which an effect beside others must take away.
+pub(crate) const LEAST_SHARE: f64 = 0.1;
+
+/// The same of an effect alone, on weak evidence.
+pub(crate) const LEAST_SHARE_ALONE: f64 = 0.3;

@@ -1,37 +1,24 @@
-//! From logs to the set of effects that explains them: linearise, search, move to the estimate, again until it settles, on
-//! windows that grow longer.
+//! From logs to the set of effects that explains them: one search from the file, others from where other explanations begin, and the
+//! most evident of what they come to.
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
-use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
+use super::fit::{Linear, Prepared, forces_only};
 use super::model::Model;
-use super::per_log::{Information, Values};
-use super::policy::{
-    GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, GLANCE_WINDOWS, GUST_BESIDE_MOTION, SHORT_WINDOWS, WEAK_NATS,
-};
-use super::search::{Evidence, Posterior, Scored};
+use super::per_log::Information;
+use super::policy::WEAK_NATS;
+use super::search::{Evidence, Posterior};
 use super::starts::{Start, fewer_clocks, named_by_witness};
-use super::track::Noise;
-use crate::flight::clean;
-use nalgebra::{DMatrix, DVector};
+use super::walk::settle;
+use nalgebra::DVector;
 
-/// Lengths of the windows, s: short ones first, since long ones see further but bend more.
-const HORIZONS_S: [f64; 2] = [0.1, 0.25];
-/// Most passes of the disturbances' sizes per linearisation, and steps of expectation maximisation in each.
-const PASSES: usize = 4;
-const STEPS: usize = 3;
-/// Most linearisations per length.
-const ROUNDS: [usize; 2] = [4, 4];
-/// Widths of a vehicle's tolerances that are tried, times the usual: a vehicle built or measured carelessly is off in many
-/// numbers, which is no missing effect.
-const TOLERANCES: [f64; 3] = [1.4, 2.0, 2.8];
-/// Standard deviation of the logarithm of that width.
+/// Standard deviation of the logarithm of how many times wider than usual the tolerances of a vehicle are.
 const TOLERANCE_SPREAD: f64 = 0.15;
 /// Longest move of a parameter between linearisations, slabs.
-const LONGEST_STEP: f64 = 1.5;
+pub(super) const LONGEST_STEP: f64 = 1.5;
 
 /// Price of tolerances so many times wider than usual, nats.
-fn price_of(tolerance: f64) -> f64 {
+pub(super) fn price_of(tolerance: f64) -> f64 {
     0.5 * (tolerance.ln() / TOLERANCE_SPREAD).powi(2)
 }
 
@@ -96,7 +83,7 @@ impl Solution {
 
     /// Whether its numbers lie where the model was linearised: what is said of a place far away is a guess that the model was
     /// never asked about. A light vehicle looked like drag there, by a mass of a seventh and a thrust of a seventh.
-    fn near_by(&self, model: &Model) -> bool {
+    pub(super) fn near_by(&self, model: &Model) -> bool {
         self.set.iter().flat_map(|c| model.of(*c)).all(|k| {
             (self.posterior.mean[k] - self.linear.at[k]).abs() <= LONGEST_STEP * model.parameters[k].slab
         })
@@ -125,41 +112,12 @@ pub(crate) fn chi2(r: &Reduced, deltas: &[Vec<f64>]) -> f64 {
 }
 
 /// Slope of a window's log likelihood by the parameters, there.
-fn score(r: &Reduced, deltas: &[Vec<f64>]) -> DVector<f64> {
+pub(super) fn score(r: &Reduced, deltas: &[Vec<f64>]) -> DVector<f64> {
     &r.g - &r.h * DVector::from_column_slice(&deltas[r.log])
 }
 
-fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
+pub(super) fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
     posterior.mean.iter().zip(at).map(|(m, a)| m - a).collect()
-}
-
-/// How much larger than expected residuals scatter: the larger of χ² per degree of freedom and the scatter of window scores
-/// over the information (median over parameters that the log says something about), at least 1.
-fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], deltas: &[Vec<f64>]) -> f64 {
-    let rows: usize = linear.windows.iter().map(|w| w.n_rows).sum();
-    let used = 12 * linear.windows.len();
-    let total: f64 = reduced.iter().map(|r| chi2(r, deltas)).sum();
-    let per_row = total / (rows.saturating_sub(used).max(1)) as f64;
-    let n = model.parameters.len();
-    let (mut scatter, mut information) = (vec![0.0; n], vec![0.0; n]);
-    for r in reduced {
-        let score = score(r, deltas);
-        for k in 0..n {
-            scatter[k] += score[k] * score[k];
-            information[k] += r.h[(k, k)];
-        }
-    }
-    let ratios: Vec<f64> = (0..n)
-        .filter(|k| information[*k] * model.parameters[*k].slab.powi(2) > 10.0)
-        .map(|k| scatter[k] / information[k])
-        .collect();
-    clean::median(ratios).unwrap_or(1.0).max(per_row).max(1.0)
-}
-
-/// How much larger, squared, the noise beside the model is than what neighbouring samples show, in the worst channel.
-fn inflation(noise: &[Noise], least: &[Noise]) -> f64 {
-    let pairs = noise.iter().zip(least).flat_map(|(a, b)| a.channels().into_iter().zip(b.channels()));
-    pairs.map(|(a, b)| (a / b).powi(2)).fold(1.0, f64::max)
 }
 
 /// Searches (or, with `given`, fits that set) until it settles. `progress(done, of)` hears of every linearisation.
@@ -343,7 +301,7 @@ const PART: usize = 8;
 const FEWEST_PARTS: usize = 8;
 
 /// Whether the log says that a candidate's numbers are not those of the file, though within tolerance.
-fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
+pub(super) fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
     !model.is_shape(candidate)
         && model.of(candidate).any(|k| {
             let p = &model.parameters[k];
@@ -384,304 +342,6 @@ pub(crate) fn glance(logs: &[Prepared], model: &mut Model) -> Result<Option<Solu
     again(logs, model, None, start, &|_, _| {})
 }
 
-fn no_window() -> GapError {
+pub(super) fn no_window() -> GapError {
     GapError::Numbers { what: "the fit", reason: "no window could be used".into() }
-}
-
-/// One search from one start; none where it comes [`Start::back`].
-fn settle(
-    logs: &[Prepared],
-    model: &mut Model,
-    given: Option<&[usize]>,
-    start: Option<Start>,
-    progress: &dyn Fn(usize, usize),
-) -> Result<Option<Solution>, GapError> {
-    let mut filed = model.filed();
-    let from_file = start.is_none();
-    let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
-    let is_gust = |c: &usize| model.candidates[*c].kind == "gust";
-    let may_gust = given.unwrap_or(&every).iter().any(is_gust);
-    // A given set needs no short windows, which only lead to where a search begins on long ones; but for the line of a gust.
-    let start = start.unwrap_or_else(|| Start {
-        set: given.map(<[usize]>::to_vec).unwrap_or_default(),
-        horizon: usize::from(given.is_some() && !may_gust),
-        ..Start::file(model, Disturbance::unknown())
-    });
-    let Start {
-        values,
-        apart,
-        mut set,
-        mut disturbance,
-        horizon,
-        held,
-        back,
-        follow,
-        widest,
-        quick,
-        noise: known,
-    } = start;
-    let mut values = Values { shared: values, apart };
-    let least: Vec<Noise> = logs.iter().map(|l| l.noise).collect();
-    let mut noise = known.clone().unwrap_or_else(|| least.clone());
-    let forces_only = forces_only(logs);
-    if (from_file || quick) && forces_only {
-        disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
-    }
-    let all: usize = ROUNDS.iter().sum();
-    let mut done = 0;
-    let mut last = None;
-    let timing = model.timing();
-    let mut tolerance = 1.0;
-    let shortest_s = shortest_window_s(logs);
-    for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(horizon) {
-        let mut starts = Starts::new();
-        let rounds = match (follow, quick) {
-            (true, _) => 1,
-            (_, true) => GLANCE_ROUNDS,
-            _ => rounds,
-        };
-        for _ in 0..rounds {
-            let moved =
-                |c: usize| follow && model.of(c).any(|k| values.shared[k] != model.parameters[k].filed);
-            let at_work: Vec<usize> = (0..model.candidates.len())
-                .filter(|c| set.contains(c) || timing.contains(c) || moved(*c))
-                .collect();
-            let length_s = horizon_s.max(shortest_s);
-            // The line of a spectrum is looked for in all windows, and the last word needs all of them.
-            let look = done == 0 && from_file && may_gust;
-            let most = match (quick, horizon_s == HORIZONS_S[0] && !look) {
-                (true, _) => GLANCE_WINDOWS,
-                (_, true) => SHORT_WINDOWS,
-                _ => usize::MAX,
-            };
-            let cut = Cut { length_s, most };
-            let linear = linearise(logs, model, &values, &at_work, cut, &starts, &noise);
-            progress(done, all);
-            done += 1;
-            if linear.windows.len() < 4 {
-                if last.is_some() {
-                    break;
-                }
-                return Err(GapError::Log {
-                    log: logs.first().map_or_else(String::new, |l| l.track.name.clone()),
-                    expected: format!("at least 4 stretches of {length_s:.2} s with pose and inputs"),
-                    found: linear.windows.len().to_string(),
-                    remedy: "check the log for gaps (propwash log check), or give a longer flight".into(),
-                });
-            }
-            // The disturbances' sizes with the present set, then the search with them.
-            let mut phi = 1.0;
-            let mut pass = 0;
-            let (reduced, all) = loop {
-                let reduced = linear.reduce(&disturbance);
-                let all = Information::new(model, &linear, &reduced, |_| true)?;
-                let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
-                let posterior = evidence.posterior(&set)?;
-                let delta = all.deltas(&difference(&posterior, &linear.at));
-                // What any candidate could explain is no scatter: a missing effect would divide its own evidence by it.
-                let free = all.deltas(&difference(&evidence.posterior(&every)?, &linear.at));
-                phi = dispersion(model, &linear, &reduced, &free);
-                if pass >= PASSES {
-                    break (reduced, all);
-                }
-                // Expectation maximisation creeps: several steps for one look at the parameters.
-                let mut near = false;
-                for _ in 0..STEPS {
-                    let mut next = linear.disturbance(&disturbance, &delta);
-                    if horizon_s == HORIZONS_S[0] {
-                        next.kept = [0.0; 4];
-                    }
-                    near = next.near(&disturbance);
-                    disturbance = next;
-                    if near {
-                        break;
-                    }
-                }
-                pass = if near { PASSES } else { pass + 1 };
-            };
-            // A gust is one line of a spectrum: which, the disturbances tell once.
-            let hz = if look { loudest_hz(logs, &linear, &disturbance) } else { None };
-            if hz.is_some_and(|hz| model.preset_of("gust", "frequency_hz", hz)) {
-                values = model.filed().into();
-                filed = model.filed();
-                continue;
-            }
-            // The set, and how wide this vehicle's tolerances are.
-            let choose = |model: &Model, tolerance: f64| -> Result<(f64, Scored), GapError> {
-                let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
-                let held = (done <= held).then_some(&*set);
-                let scored = match given.or(held) {
-                    Some(given) => Scored { set: given.to_vec(), evidence: evidence.of(given) },
-                    None => evidence.search().0,
-                };
-                Ok((evidence.empty() + scored.score() - price_of(tolerance), scored))
-            };
-            let (mut most, mut best) = choose(model, 1.0)?;
-            if done > held && back.as_ref() == Some(&best.set) {
-                return Ok(None);
-            }
-            tolerance = 1.0;
-            // Short windows, seen from far off, would take a missing effect for carelessness.
-            let tried = |wider: &f64| horizon_s == HORIZONS_S[1] && !forces_only && *wider <= widest;
-            for wider in TOLERANCES.into_iter().filter(tried) {
-                let (total, scored) = choose(model, wider)?;
-                if total <= most {
-                    break;
-                }
-                (most, best, tolerance) = (total, scored, wider);
-            }
-            let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, tolerance)?;
-            let posterior = evidence.posterior(&best.set)?;
-            let delta = difference(&posterior, &linear.at);
-            let deltas = all.deltas(&delta);
-            let mut next = filed.clone();
-            let mut next_apart = vec![vec![0.0; filed.len()]; logs.len()];
-            let mut moved: f64 = 0.0;
-            let off = |c: usize| follow && corrected(model, &posterior, c);
-            for (k, p) in model.parameters.iter().enumerate() {
-                let c = p.candidate;
-                if best.set.contains(&c) || timing.contains(&c) || off(c) {
-                    let step = (posterior.mean[k] - linear.at[k])
-                        .clamp(-LONGEST_STEP * p.slab, LONGEST_STEP * p.slab);
-                    next[k] = linear.at[k] + step;
-                    if let Some(least) = model.least(k) {
-                        next[k] = next[k].max(least);
-                    }
-                    moved = moved.max(step.abs() / posterior.sigma[k].max(0.02 * p.slab));
-                }
-                if all.differing.contains(&k) && (best.set.contains(&c) || timing.contains(&c)) {
-                    for (log, apart) in next_apart.iter_mut().enumerate() {
-                        let now = linear.apart.get(log).map_or(0.0, |apart| apart[k]);
-                        let step =
-                            (deltas[log][k] - delta[k]).clamp(-LONGEST_STEP * p.slab, LONGEST_STEP * p.slab);
-                        apart[k] = now + step;
-                        moved = moved.max(step.abs() / posterior.sigma[k].max(0.02 * p.slab));
-                    }
-                }
-            }
-            // With all candidates free, for the same reason as above.
-            let quieter = match &known {
-                Some(known) => known.clone(),
-                None => {
-                    let free = all.deltas(&difference(&evidence.posterior(&every)?, &linear.at));
-                    linear.noise_beside(&disturbance, &free, &least)
-                }
-            };
-            let same_noise = quieter.iter().zip(&noise).all(|(a, b)| a.near(b));
-            noise = quieter;
-            if !forces_only {
-                starts = linear.starts(&disturbance, &deltas);
-            }
-            let same = best.set == set;
-            set = best.set.clone();
-            values = Values { shared: next, apart: next_apart };
-            let misfit = dispersion(model, &linear, &reduced, &deltas) * inflation(&linear.noise, &least);
-            let found = Solution {
-                set: set.clone(),
-                linear,
-                reduced,
-                disturbance,
-                disturbance_before: disturbance,
-                dispersion: phi,
-                misfit,
-                tolerance,
-                posterior,
-                deltas,
-            };
-            // A search that jumps far off in its last round has not been there.
-            let of_now = last.take_if(|l: &mut Solution| {
-                l.linear.horizon_s == found.linear.horizon_s && l.near_by(model) && !found.near_by(model)
-            });
-            last = Some(of_now.unwrap_or(found));
-            if same && same_noise && moved < 1.0 && done > held {
-                break;
-            }
-        }
-    }
-    progress(all, all);
-    let mut solution = last.ok_or_else(no_window)?;
-    // How large the disturbances would have to be without anything found.
-    // Found effects are back at the file; a spike alone would not hold them there against so much data.
-    let deltas = solution.deltas_without(model, |c| solution.set.contains(&c));
-    solution.disturbance_before = Disturbance::unknown();
-    for _ in 0..6 {
-        solution.disturbance_before = solution.linear.disturbance(&solution.disturbance_before, &deltas);
-    }
-    Ok(Some(solution))
-}
-
-/// Frequency (Hz) at which the windows' disturbances swing most, of all three axes together: the highest peak of the
-/// least-squares spectrum (Lomb, Astrophysics and Space Science 39, 1976) between two periods in the log and 3 Hz. `None`
-/// where no peak stands out.
-fn loudest_hz(logs: &[Prepared], linear: &Linear, disturbance: &Disturbance) -> Option<f64> {
-    let nothing = vec![0.0; linear.at.len()];
-    let mut samples: Vec<(f64, [f64; 3])> = Vec::new();
-    for w in linear.windows.iter().filter(|w| w.log == 0) {
-        let (mean, _) = w.push_estimate(disturbance, &nothing)?;
-        samples.push((logs[0].around.time_s(w.from) + 0.5 * linear.horizon_s, [mean[0], mean[1], mean[2]]));
-    }
-    let own: Vec<(f64, [f64; 3])> = linear
-        .windows
-        .iter()
-        .filter(|w| w.log == 0)
-        .zip(&samples)
-        .map(|(w, (t, _))| (*t, w.start.vel))
-        .collect();
-    let (first, last) = (samples.first()?.0, samples.last()?.0);
-    let length = last - first;
-    if samples.len() < 40 || length < 4.0 {
-        return None;
-    }
-    let step = 0.2 / length;
-    let power_of = |samples: &[(f64, [f64; 3])], hz: f64| -> f64 {
-        let turn = 2.0 * core::f64::consts::PI * hz;
-        let (mut cc, mut ss, mut cs) = (0.0, 0.0, 0.0);
-        let mut y = [[0.0; 2]; 3];
-        for (t, a) in samples {
-            let (s, c) = (turn * t).sin_cos();
-            cc += c * c;
-            ss += s * s;
-            cs += c * s;
-            for k in 0..3 {
-                y[k][0] += c * a[k];
-                y[k][1] += s * a[k];
-            }
-        }
-        let det = cc * ss - cs * cs;
-        y.iter().map(|[c, s]| (ss * c * c - 2.0 * cs * c * s + cc * s * s) / det).sum()
-    };
-    let power = |hz: f64| power_of(&samples, hz);
-    let n = ((3.0 - 2.0 / length) / step) as usize;
-    let spectrum: Vec<(f64, f64)> =
-        (0..n).map(|i| 2.0 / length + i as f64 * step).map(|hz| (hz, power(hz))).collect();
-    let (hz, peak) = *spectrum.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let usual = clean::median(spectrum.iter().map(|s| s.1).collect())?;
-    // At a frequency at which the vehicle itself goes to and fro, whatever is wrong with the model comes back with it.
-    let moves: Vec<f64> = spectrum.iter().map(|s| power_of(&own, s.0)).collect();
-    // Where the path itself repeats, its errors do too: most of them go with velocity and acceleration, and the line with them.
-    // Only a log without torques needs that doubt: elsewhere what the vehicle does is told from what pushes it.
-    let doubtful = logs[0].track.drive == super::track::Drive::Thrust;
-    let repeats = doubtful
-        && power_of(&own, hz) > 8.0 * clean::median(moves)?
-        && power_of(&beside_motion(&samples, &own)?, hz) < GUST_BESIDE_MOTION * peak;
-    (peak > 8.0 * usual && !repeats).then_some(hz)
-}
-
-/// Samples without what goes with velocity and acceleration, by least squares in each component.
-fn beside_motion(samples: &[(f64, [f64; 3])], own: &[(f64, [f64; 3])]) -> Option<Vec<(f64, [f64; 3])>> {
-    let n = samples.len();
-    let slope = |i: usize, k: usize| {
-        let (a, b) = (i.saturating_sub(1), (i + 1).min(n - 1));
-        (own[b].1[k] - own[a].1[k]) / (own[b].0 - own[a].0).max(1e-6)
-    };
-    let row = |i: usize, c: usize| match c {
-        0 => 1.0,
-        1..=3 => own[i].1[c - 1],
-        _ => slope(i, c - 4),
-    };
-    let motion = DMatrix::from_fn(n, 7, row);
-    let forces = DMatrix::from_fn(n, 3, |i, k| samples[i].1[k]);
-    let coefficients = (motion.transpose() * &motion).cholesky()?.solve(&(motion.transpose() * &forces));
-    let left = forces - motion * coefficients;
-    Some((0..n).map(|i| (samples[i].0, [left[(i, 0)], left[(i, 1)], left[(i, 2)]])).collect())
 }

@@ -1,5 +1,6 @@
 //! What a diagnosis says: plain data for text, JSON and pages.
 
+use super::decide::rules::Why;
 use super::track::Noise;
 use crate::physics::effects::Area;
 use serde::{Deserialize, Serialize};
@@ -361,6 +362,8 @@ pub struct Diagnosis {
     pub headline: String,
     /// The missing effects, most important first; empty where nothing is missing.
     pub findings: Vec<Finding>,
+    /// Why each effect is named, in doubt or not named, in the order in which it was decided.
+    pub why: Vec<Why>,
     /// Parameters within tolerance that the log corrects by more than two standard deviations.
     pub calibration: Vec<Calibration>,
     /// All tolerance parameters at their estimates, those of the sensors too, for a vehicle file that is adjusted as well as

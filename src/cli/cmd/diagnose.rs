@@ -8,7 +8,7 @@ use crate::cli::gap_logs::ReadingArgs;
 use crate::gap::diagnose::Settings;
 use crate::gap::fitted::{self, Calibrate, Filed, Fitted};
 use crate::gap::ladder::Flights;
-use crate::gap::report::{Report, ladder_png, text};
+use crate::gap::report::{Report, ladder_png, text, why};
 use crate::gap::{Diagnosis, GapError, compare};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -35,6 +35,9 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
     } else {
         print(text(verdict).trim_end())?;
+        if args.why {
+            print(why(verdict).trim_end())?;
+        }
     }
     if let Some(path) = &args.ladder {
         report::write(path, &ladder_png(verdict)?)?;

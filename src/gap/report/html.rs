@@ -46,6 +46,7 @@ pub(super) fn page(report: &Report) -> String {
         page.remainder(&d.remainder);
         page.advice(d);
         page.singles(d);
+        page.why(d);
     }
     page.logs(report);
     page.how_to_read(report, !residuals.is_empty(), !causes.is_empty());

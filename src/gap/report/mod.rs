@@ -11,6 +11,7 @@ mod pages;
 mod quantity;
 mod rungs;
 mod text;
+mod why;
 
 use super::compare::Comparison;
 use super::verdict::Diagnosis;
@@ -20,6 +21,7 @@ pub use ladder_png::{LADDER_PNG_WIDTH, ladder_png};
 pub(crate) use quantity::{Scale, interval, quantity, significant};
 pub(crate) use rungs::turns;
 pub use text::{TEXT_COLUMNS, text};
+pub use why::why;
 
 /// Everything that a page shows. What is empty is left out of the page.
 #[derive(Clone, Debug, Default, Serialize)]

@@ -98,7 +98,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
 
 /// Text under construction.
 #[derive(Default)]
-struct Out(String);
+pub(super) struct Out(pub(super) String);
 
 impl Out {
     fn heading(&mut self, title: &str) {
@@ -118,7 +118,7 @@ impl Out {
         }
     }
 
-    fn list(&mut self, title: &str, entries: &[String]) {
+    pub(super) fn list(&mut self, title: &str, entries: &[String]) {
         if !entries.is_empty() {
             self.heading(title);
             for entry in entries {

@@ -1,0 +1,192 @@
+//! The rules by which a verdict is decided: what each states, its number, and which flights set it.
+
+use crate::gap::policy::{
+    CERTAIN_ALONE_NATS, EVENTFUL, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, RISES,
+};
+use crate::gap::search::THRESHOLD;
+use serde::Serialize;
+
+/// A rule that decides whether an effect is named, and how surely.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rule {
+    /// Enough evidence to be named.
+    Evidence,
+    /// Takes too little of the error on unseen flight.
+    LittleGain,
+    /// Lost what spoke for it in the last fit.
+    EvidenceLost,
+    /// Its interval holds nothing.
+    MayBeNothing,
+    /// Both estimators agree.
+    TwoEstimators,
+    /// Only the fit can see it.
+    SeenByOne,
+    /// Something else fits as well.
+    LookAlikes,
+    /// Leaves the shape of another effect.
+    OtherShape,
+    /// All findings together explain too little.
+    Leaning,
+    /// What is left is weather.
+    Weather,
+    /// Forces are larger with the findings than without.
+    ForcesGrow,
+    /// Seen by one estimator only, and something is unexplained.
+    BesideUnexplained,
+    /// Would make the vehicle worse on unseen flight.
+    NeverWorse,
+}
+
+impl Rule {
+    /// All of them, in the order in which they are asked.
+    pub const ALL: [Self; 13] = [
+        Self::Evidence,
+        Self::LittleGain,
+        Self::EvidenceLost,
+        Self::MayBeNothing,
+        Self::TwoEstimators,
+        Self::SeenByOne,
+        Self::LookAlikes,
+        Self::OtherShape,
+        Self::Leaning,
+        Self::Weather,
+        Self::ForcesGrow,
+        Self::BesideUnexplained,
+        Self::NeverWorse,
+    ];
+
+    /// Its name in words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Evidence => "evidence",
+            Self::LittleGain => "little gain",
+            Self::EvidenceLost => "evidence lost",
+            Self::MayBeNothing => "may be nothing",
+            Self::TwoEstimators => "two estimators",
+            Self::SeenByOne => "seen by one",
+            Self::LookAlikes => "look-alikes",
+            Self::OtherShape => "other shape",
+            Self::Leaning => "leaning",
+            Self::Weather => "weather",
+            Self::ForcesGrow => "forces grow",
+            Self::BesideUnexplained => "beside unexplained",
+            Self::NeverWorse => "never worse",
+        }
+    }
+
+    /// What it states, with its numbers.
+    pub fn statement(self) -> String {
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        match self {
+            Self::Evidence => format!("an effect is named that brings {THRESHOLD} nats and more beside the others"),
+            Self::LittleGain => format!(
+                "one that takes less than {} of the excess error on windows that the fit has not seen ({} where it stands \
+                 alone) is left out",
+                percent(LEAST_SHARE),
+                percent(LEAST_SHARE_ALONE)
+            ),
+            Self::EvidenceLost => format!(
+                "one that brings less than {LOST_NATS} nats once the model has moved to all its estimates is left out"
+            ),
+            Self::MayBeNothing => format!(
+                "one whose numbers are all within {NAMED_SIGMAS} standard deviations of the file is left out"
+            ),
+            Self::TwoEstimators => {
+                "an effect is certain where fit and regression agree, in doubt where they differ".into()
+            }
+            Self::SeenByOne => format!(
+                "what the regression cannot see is certain from {CERTAIN_ALONE_NATS} nats on"
+            ),
+            Self::LookAlikes => format!("nothing is certain that something else fits within {THRESHOLD} nats"),
+            Self::OtherShape => {
+                "an effect of the air that leaves a clear shape of its own, or that a shape outside the list fits better, \
+                 is taken back"
+                    .into()
+            }
+            Self::Leaning => format!(
+                "where something is unexplained, findings that take less than half of the error on unseen windows, or {} \
+                 of the disturbances' variance ({} beside an event), are taken back",
+                percent(LEANING),
+                percent(EVENTFUL)
+            ),
+            Self::Weather => {
+                "a force without pattern, of the size of wind on this vehicle, is turbulence, and takes nothing away".into()
+            }
+            Self::ForcesGrow => {
+                "by thrust, findings with which more force is left than without them are taken back".into()
+            }
+            Self::BesideUnexplained => {
+                "beside something unexplained, what only one estimator sees is in doubt".into()
+            }
+            Self::NeverWorse => format!(
+                "nothing is written with which an error on unseen flight rises, by more than {:.0} %, or which makes all \
+                 errors together worse",
+                100.0 * (RISES - 1.0)
+            ),
+        }
+    }
+
+    /// Which flights set it.
+    pub fn set_by(self) -> &'static str {
+        match self {
+            Self::Evidence => {
+                "singles and pairs of the planted bench, fine and rough, with nothing hidden beside them"
+            }
+            Self::LittleGain => "planted flights with an effect that is not in the list",
+            Self::EvidenceLost => "a real flight with a slung load, where a clock stayed with −1 nats",
+            Self::MayBeNothing => {
+                "a planted downwash, beside which a wind of −0.25 ± 0.20 m/s stood with 13 nats"
+            }
+            Self::TwoEstimators => {
+                "real flights of a Crazyflie Brushless and of Blackbird; planted rotor speeds with noise"
+            }
+            Self::SeenByOne => {
+                "real flights: a tilt of the world of 27 nats and a marker of 18 of which nothing is known"
+            }
+            Self::LookAlikes => "planted pairs whose sizes are known only by their ratio",
+            Self::OtherShape => "planted forces with the cube of the speed and thrusts that fall with it",
+            Self::Leaning => "planted effects that are not in the list, and pushes",
+            Self::Weather => "planted turbulence alone and beside other effects",
+            Self::ForcesGrow => "planted flights by thrust with an effect that is not in the list",
+            Self::BesideUnexplained => {
+                "planted torques that are not in the list, beside which masses were certain"
+            }
+            Self::NeverWorse => "18 planted flights, in 4 of which what was written raised an error",
+        }
+    }
+}
+
+/// Why an effect is named, in doubt or not named.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Why {
+    /// Id of the effect.
+    pub id: String,
+    /// The rule that decided.
+    pub rule: Rule,
+    /// What it decided, with the numbers.
+    pub text: String,
+}
+
+impl Why {
+    /// A reason.
+    pub(crate) fn new(id: &str, rule: Rule, text: impl Into<String>) -> Self {
+        Self { id: id.into(), rule, text: text.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_rule_has_its_own_statement_and_flights_that_set_it() {
+        let mut said: Vec<String> = Rule::ALL.iter().map(|r| r.statement()).collect();
+        assert!(said.iter().all(|s| s.len() > 30) && Rule::ALL.iter().all(|r| r.set_by().len() > 15));
+        said.sort();
+        said.dedup();
+        assert_eq!(said.len(), Rule::ALL.len());
+        assert!(Rule::Evidence.statement().contains("6 nats"), "{}", Rule::Evidence.statement());
+        assert!(Rule::NeverWorse.statement().contains("1 %"), "{}", Rule::NeverWorse.statement());
+    }
+}

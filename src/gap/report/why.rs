@@ -1,0 +1,57 @@
+//! Which rules decided a verdict: what each decided of which effect, and what it states.
+
+use super::html::{Page, esc};
+use super::text::Out;
+use crate::gap::decide::rules::Rule;
+use crate::gap::verdict::Diagnosis;
+use std::fmt::Write as _;
+
+/// Rules that decided something, in the order in which they are asked.
+fn used(d: &Diagnosis) -> Vec<Rule> {
+    Rule::ALL.into_iter().filter(|r| d.why.iter().any(|w| w.rule == *r)).collect()
+}
+
+/// Which rule decided what of each effect, and what the rules state, as text.
+pub fn why(d: &Diagnosis) -> String {
+    let mut out = Out::default();
+    if d.why.is_empty() {
+        return "\nWhy\n  no effect came near to being named\n".into();
+    }
+    let decided: Vec<String> =
+        d.why.iter().map(|w| format!("{}: {} [{}]", w.id, w.text, w.rule.name())).collect();
+    out.list("Why", &decided);
+    let rules: Vec<String> = used(d)
+        .into_iter()
+        .map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by()))
+        .collect();
+    out.list("The rules that decided", &rules);
+    out.0
+}
+
+impl Page {
+    pub(super) fn why(&mut self, d: &Diagnosis) {
+        if d.why.is_empty() {
+            return;
+        }
+        self.section("why", "Why", "Why each effect is named or not", "");
+        self.body.push_str(
+            "<table class=\"stack\"><thead><tr><th>effect</th><th>decided</th><th>rule</th></tr></thead><tbody>",
+        );
+        for w in &d.why {
+            let _ = writeln!(
+                self.body,
+                "<tr><td data-label=\"effect\"><code>{}</code></td><td data-label=\"decided\">{}</td>\
+                 <td data-label=\"rule\">{}</td></tr>",
+                esc(&w.id),
+                esc(&w.text),
+                esc(w.rule.name())
+            );
+        }
+        self.body.push_str("</tbody></table>\n");
+        let rules: Vec<String> = used(d)
+            .into_iter()
+            .map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by()))
+            .collect();
+        self.list("ul", "ul", &rules);
+    }
+}
