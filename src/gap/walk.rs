@@ -8,7 +8,7 @@ use super::gust_line::loudest_hz;
 use super::model::Model;
 use super::per_log::{Information, Values};
 use super::policy::{GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, GLANCE_WINDOWS, SHORT_WINDOWS};
-use super::search::{Evidence, Posterior, Scored};
+use super::search::{Evidence, Scored};
 use super::solve::{LONGEST_STEP, Solution, chi2, corrected, difference, no_window, price_of, score};
 use super::starts::Start;
 use super::track::Noise;
@@ -282,9 +282,7 @@ impl<'a> Walk<'a> {
         let disturbance = self.start.disturbance;
         let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, self.tolerance)?;
         let posterior = evidence.posterior(&set)?;
-        let delta = difference(&posterior, &linear.at);
-        let deltas = all.deltas(&delta);
-        let moved = self.moved(model, &linear, &posterior, (&set, &delta, &deltas, &all.differing));
+        let deltas = all.deltas(&difference(&posterior, &linear.at));
         // With all candidates free: a missing effect would count as noise.
         let quieter = match &self.start.noise {
             Some(known) => known.clone(),
@@ -313,18 +311,15 @@ impl<'a> Walk<'a> {
             posterior,
             deltas,
         };
+        let moved = self.moved(model, &found, &all.differing);
         Ok((found, same && same_noise && moved < 1.0 && self.done > self.start.held))
     }
 
     /// Moves the values of what is in the set, of what moves samples in time, and where the start says so of what is within
     /// tolerance; by how much at most, in standard deviations.
-    fn moved(
-        &mut self,
-        model: &Model,
-        linear: &Linear,
-        posterior: &Posterior,
-        (set, delta, deltas, differing): (&[usize], &[f64], &[Vec<f64>], &[usize]),
-    ) -> f64 {
+    fn moved(&mut self, model: &Model, found: &Solution, differing: &[usize]) -> f64 {
+        let Solution { set, linear, posterior, deltas, .. } = found;
+        let delta = difference(posterior, &linear.at);
         let mut next = model.filed();
         let mut apart = vec![vec![0.0; next.len()]; self.logs.len()];
         let mut moved: f64 = 0.0;
