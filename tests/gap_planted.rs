@@ -9,6 +9,7 @@ mod planted;
 use planted::{Build, CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, Sensors};
 use propwash::flight::FlightLog;
 use propwash::gap::compare::compare;
+use propwash::gap::decide::rules::{Rule, Why};
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::excite;
 use propwash::gap::fitted::{Calibrate, Filed, fit};
@@ -283,6 +284,17 @@ fn comparing_and_diagnosing_give_one_verdict() {
         let nothing = d.findings.is_empty() && !d.remainder.unexplained;
         assert_eq!(nothing, hidden.is_empty(), "{hidden:?}: {}", d.verdict);
         assert!(!seen.agrees, "{hidden:?}: {}", seen.verdict);
+        // Every finding says which rules named it, and what was taken back by which.
+        let decided = |id: &str, rule: Rule| d.why.iter().find(|w| w.id == id && w.rule == rule);
+        for f in &d.findings {
+            assert!(decided(&f.id, Rule::Evidence).is_some(), "{:?}", d.why);
+            let by_two = decided(&f.id, Rule::TwoEstimators);
+            assert_eq!(by_two.is_some_and(|w| w.text.starts_with("certain")), f.certain, "{:?}", d.why);
+        }
+        if hidden == ["cubic_drag"] {
+            let back = |w: &Why| w.text.starts_with("taken back") && !d.findings.iter().any(|f| f.id == w.id);
+            assert!(d.why.iter().any(back), "{}: {:?}", d.verdict, d.why);
+        }
         assert_eq!(seen.nothing_missing(), nothing, "{hidden:?}: {} but {}", seen.verdict, d.verdict);
         assert_eq!(seen.verdict.starts_with("nothing is missing"), nothing, "{}", seen.verdict);
     }

@@ -95,6 +95,15 @@ fn orders_of_eight_rotors_are_recognised_by_measured_speeds() {
     assert!(text.contains("rotors 1 2 3 4 5 6 7 8 that are the file's"), "{text}");
 }
 
+/// What the file's own effects make of mass and thrust counts: a body filed far too heavy, with a `wrong_mass` that says so.
+#[test]
+fn effects_in_the_file_count_for_what_its_rotors_lift() {
+    let heavier = text("quad").replace("mass_kg = 0.75", "mass_kg = 1.8");
+    let corrected = format!("{heavier}\n[[effect]]\nkind = \"wrong_mass\"\nfactor = {}\n", 0.75 / 1.8);
+    let (_kept, file) = log("quad", Inputs::Thrust);
+    assert_eq!(said(&file, &Vehicle::from_toml("corrected", &corrected).unwrap()), None);
+}
+
 #[test]
 fn a_file_of_another_vehicle_is_recognised_by_what_its_rotors_lift() {
     let quad = Vehicle::from_toml("quad", &text("quad")).unwrap();

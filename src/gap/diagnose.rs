@@ -64,64 +64,22 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     }
     let quiet = |_: usize, _: usize| {};
     let progress = settings.progress.unwrap_or(&quiet);
-    let mut why = Vec::new();
+    let mut less = LeftOut { progress, why: Vec::new() };
     let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
     if given.is_none() {
-        solution = without_little_gain(&logs, &mut model, solution, progress, &mut why)?;
+        solution = less.without_little_gain(&logs, &mut model, solution)?;
     }
     let cables = polish(&mut logs, &mut model, &mut solution, progress)?;
     if given.is_none() {
-        solution = without_lost(&logs, &mut model, solution, progress, &mut why)?;
+        solution = less.without_lost(&logs, &mut model, solution)?;
     }
     let mut solution = with_scatter(&model, solution)?;
     if given.is_none() {
-        solution = without_nothing(&logs, &mut model, solution, progress, &mut why)?;
+        solution = less.without_nothing(&logs, &mut model, solution)?;
     }
-    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, why)?;
+    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, less.why)?;
     verdict.warnings.extend(cables);
     Ok(Diagnosed { verdict, solution, model })
-}
-
-/// Without what takes hardly anything from the error on unseen flight: it leans on another effect's rest, or on that of none.
-fn without_little_gain(
-    logs: &[Prepared],
-    model: &mut Model,
-    mut solution: Solution,
-    progress: &dyn Fn(usize, usize),
-    why: &mut Vec<Why>,
-) -> Result<Solution, GapError> {
-    while !forces_only(logs) && !solution.set.is_empty() {
-        let evidence = solution.evidence(model)?;
-        let whole = evidence.of(&solution.set);
-        let apart = each_for_itself(&solution);
-        let mut shares = Vec::new();
-        for c in &solution.set {
-            let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
-            let sure = rest.is_empty() && whole > WEAK_NATS;
-            let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
-            let share = removed_share(model, &solution, &apart, &[*c])?;
-            if !sure && share < least {
-                shares.push((share, *c));
-            }
-        }
-        drop(evidence);
-        // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
-        let witness = (!shares.is_empty()).then(|| Witness::beside(model, logs, &solution));
-        shares.retain(|(_, c)| {
-            let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
-            let nats = solution.evidence(model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
-            let said = witness.as_ref().map(|w| opinion::of(model, w, &solution, *c).said);
-            nats < BESIDE_WEATHER || said != Some(Said::Agrees)
-        });
-        let Some((share, least)) = shares.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
-            break;
-        };
-        let text = format!("left out: takes {:.0} % of the excess error on unseen windows", 100.0 * share);
-        why.push(Why::new(&model.candidates[least].id, Rule::LittleGain, text));
-        let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
-        solution = solve(logs, model, Some(&rest), progress)?;
-    }
-    Ok(solution)
 }
 
 /// Moves the model to all its estimates, with the cable of a load as it hangs; what is to be known of cables.
@@ -153,51 +111,109 @@ fn polish(
     Ok(cables)
 }
 
-/// Without effects that have lost what spoke for them, where the model was moved to all its estimates.
-fn without_lost(
-    logs: &[Prepared],
-    model: &mut Model,
-    mut solution: Solution,
-    progress: &dyn Fn(usize, usize),
-    why: &mut Vec<Why>,
-) -> Result<Solution, GapError> {
-    loop {
-        let evidence = solution.evidence(model)?;
-        let whole = evidence.of(&solution.set);
-        let own = |c: &usize| {
-            let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
-            whole - evidence.of(&rest)
-        };
-        let weakest = solution.set.iter().map(|c| (own(c), *c)).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((nats, lost)) = weakest.filter(|(nats, _)| *nats < LOST_NATS) else { return Ok(solution) };
-        drop(evidence);
-        let Some(rest) = left_out(logs, model, &solution, lost, progress)? else { return Ok(solution) };
-        let text = format!("left out: {nats:.1} nats in the last fit");
-        why.push(Why::new(&model.candidates[lost].id, Rule::EvidenceLost, text));
-        solution = rest;
-    }
+/// What is left out of a solution after the search, and why.
+struct LeftOut<'a> {
+    progress: &'a dyn Fn(usize, usize),
+    why: Vec<Why>,
 }
 
-/// Without what may be nothing, since the parts of the log do not agree on it.
-fn without_nothing(
-    logs: &[Prepared],
-    model: &mut Model,
-    mut solution: Solution,
-    progress: &dyn Fn(usize, usize),
-    why: &mut Vec<Why>,
-) -> Result<Solution, GapError> {
-    loop {
-        let nothing = |c: &&usize| {
-            model.of(**c).all(|k| {
-                let off = (solution.posterior.mean[k] - model.parameters[k].filed).abs();
-                off <= NAMED_SIGMAS * solution.posterior.sigma[k]
-            })
-        };
-        let Some(lost) = solution.set.iter().find(nothing).copied() else { return Ok(solution) };
-        let Some(rest) = left_out(logs, model, &solution, lost, progress)? else { return Ok(solution) };
-        let id = &model.candidates[lost].id;
-        why.push(Why::new(id, Rule::MayBeNothing, "left out: the parts of the log do not agree on it"));
-        solution = with_scatter(model, rest)?;
+impl LeftOut<'_> {
+    /// Without what takes hardly anything from the error on unseen flight: it leans on another effect's rest, or on that of none.
+    fn without_little_gain(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        while !forces_only(logs) && !solution.set.is_empty() {
+            let evidence = solution.evidence(model)?;
+            let whole = evidence.of(&solution.set);
+            let apart = each_for_itself(&solution);
+            let mut shares = Vec::new();
+            for c in &solution.set {
+                let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                let sure = rest.is_empty() && whole > WEAK_NATS;
+                let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
+                let share = removed_share(model, &solution, &apart, &[*c])?;
+                if !sure && share < least {
+                    shares.push((share, *c));
+                }
+            }
+            drop(evidence);
+            // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
+            let witness = (!shares.is_empty()).then(|| Witness::beside(model, logs, &solution));
+            shares.retain(|(_, c)| {
+                let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                let nats = solution.evidence(model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
+                let said = witness.as_ref().map(|w| opinion::of(model, w, &solution, *c).said);
+                nats < BESIDE_WEATHER || said != Some(Said::Agrees)
+            });
+            let Some((share, least)) = shares.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                break;
+            };
+            let text =
+                format!("left out: takes {:.0} % of the excess error on unseen windows", 100.0 * share);
+            self.why.push(Why::new(&model.candidates[least].id, Rule::LittleGain, text));
+            let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
+            solution = solve(logs, model, Some(&rest), self.progress)?;
+        }
+        Ok(solution)
+    }
+
+    /// Without effects that have lost what spoke for them, where the model was moved to all its estimates.
+    fn without_lost(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        loop {
+            let evidence = solution.evidence(model)?;
+            let whole = evidence.of(&solution.set);
+            let own = |c: &usize| {
+                let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                whole - evidence.of(&rest)
+            };
+            let weakest = solution.set.iter().map(|c| (own(c), *c)).min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((nats, lost)) = weakest.filter(|(nats, _)| *nats < LOST_NATS) else {
+                return Ok(solution);
+            };
+            drop(evidence);
+            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+                return Ok(solution);
+            };
+            let text = format!("left out: {nats:.1} nats in the last fit");
+            self.why.push(Why::new(&model.candidates[lost].id, Rule::EvidenceLost, text));
+            solution = rest;
+        }
+    }
+
+    /// Without what may be nothing, since the parts of the log do not agree on it.
+    fn without_nothing(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        loop {
+            let nothing = |c: &&usize| {
+                model.of(**c).all(|k| {
+                    let off = (solution.posterior.mean[k] - model.parameters[k].filed).abs();
+                    off <= NAMED_SIGMAS * solution.posterior.sigma[k]
+                })
+            };
+            let Some(lost) = solution.set.iter().find(nothing).copied() else { return Ok(solution) };
+            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+                return Ok(solution);
+            };
+            let id = &model.candidates[lost].id;
+            self.why.push(Why::new(
+                id,
+                Rule::MayBeNothing,
+                "left out: the parts of the log do not agree on it",
+            ));
+            solution = with_scatter(model, rest)?;
+        }
     }
 }
 

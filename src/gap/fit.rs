@@ -10,7 +10,7 @@
 
 use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
-use super::per_log::Values;
+use super::per_log::{Values, of_log};
 use super::policy::NOISE_WINDOWS;
 use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
 use super::residual::believed;
@@ -275,11 +275,7 @@ struct Job<'a> {
 impl Linear {
     /// The values at which a log was linearised.
     pub fn values_of(&self, log: usize) -> Vec<f64> {
-        let mut out = self.at.clone();
-        if let Some(apart) = self.apart.get(log) {
-            out.iter_mut().zip(apart).for_each(|(v, d)| *v += d);
-        }
-        out
+        of_log(&self.at, &self.apart, log)
     }
 }
 

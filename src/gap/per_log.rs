@@ -2,8 +2,8 @@
 //!
 //! The vehicle is one in all logs of a diagnosis; its instruments and the weather need not be. Every such parameter has, beside the
 //! value that all logs share, a deviation for each log. The deviations sum to nothing, so that what the logs have in common is an
-//! effect like any other, to be found or not; nobody asks for them. They are
-//! eliminated from the sum over the logs as the unknowns of windows are from a window (Schur complement).
+//! effect like any other, to be found or not. They are eliminated from the sum over the logs as the unknowns of a window are from the
+//! window (Schur complement).
 
 use super::GapError;
 use super::disturbance::Reduced;
@@ -15,7 +15,7 @@ use super::verdict::OfOneLog;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Kinds of effects that describe the instruments, the weather and the battery of one flight.
-const OF_ONE_FLIGHT: [&str; 7] = [
+const MAY_DIFFER: [&str; 7] = [
     "clock_offset",
     "gyro_bias",
     "accel_bias",
@@ -44,19 +44,22 @@ impl From<Vec<f64>> for Values {
 impl Values {
     /// Those of one log.
     pub fn of(&self, log: usize) -> Vec<f64> {
-        let mut out = self.shared.clone();
-        if let Some(apart) = self.apart.get(log) {
-            out.iter_mut().zip(apart).for_each(|(v, d)| *v += d);
-        }
-        out
+        of_log(&self.shared, &self.apart, log)
+    }
+}
+
+/// Values of a log, from those that all share and by how much each differs; `apart` may be empty.
+pub(super) fn of_log(shared: &[f64], apart: &[Vec<f64>], log: usize) -> Vec<f64> {
+    match apart.get(log) {
+        Some(apart) => shared.iter().zip(apart).map(|(v, d)| v + d).collect(),
+        None => shared.to_vec(),
     }
 }
 
 impl Model {
     /// Parameters that may differ between so many logs.
     pub fn per_log(&self, logs: usize) -> Vec<usize> {
-        let differs =
-            |k: &usize| OF_ONE_FLIGHT.contains(&self.candidates[self.parameters[*k].candidate].kind);
+        let differs = |k: &usize| MAY_DIFFER.contains(&self.candidates[self.parameters[*k].candidate].kind);
         (0..self.parameters.len()).filter(|k| logs > 1 && differs(k)).collect()
     }
 }
@@ -67,6 +70,9 @@ pub(super) fn differences(
     model: &Model,
     solution: &Solution,
 ) -> Result<Vec<OfOneLog>, GapError> {
+    if logs.len() < 2 {
+        return Ok(Vec::new());
+    }
     let all = Information::new(model, &solution.linear, &solution.reduced, |_| true)?;
     let Some(covariance) = solution.evidence(model)?.covariance(&solution.set) else { return Ok(Vec::new()) };
     let sigmas = all.sigmas(&covariance, solution.dispersion);
@@ -215,5 +221,91 @@ impl Information {
         let variance =
             |a: usize| dispersion * self.covariance[(a, a)] + by_shared.row(a).dot(&self.slope.row(a));
         (0..self.logs).map(|l| (0..m).map(|i| variance(l * m + i).sqrt()).collect()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::solve::chi2;
+    use crate::gap::track::Noise;
+    use crate::physics::effects::candidates;
+    use crate::random::{Key, purpose};
+    use crate::vehicle::Vehicle;
+
+    /// What is left with the deviations taken out is the least over all of them, written down whole.
+    #[test]
+    fn deviations_that_are_taken_out_are_where_they_explain_most() {
+        const LOGS: usize = 3;
+        let vehicle = Vehicle::from_toml("quad", include_str!("../../tests/data/planted_quad.toml")).unwrap();
+        let drone = vehicle.drone("first_principles").unwrap();
+        let mut model = Model::new(&drone, &[], &[]).unwrap().only(&|_| false);
+        for candidate in candidates(&drone) {
+            if ["clock_offset.gyro", "wrong_mass"].contains(&candidate.id.as_str()) {
+                model.admit(candidate).unwrap();
+            }
+        }
+        let differing = model.per_log(LOGS);
+        assert!(differing.len() == 1 && model.per_log(1).is_empty(), "{differing:?}");
+        let (k, n) = (differing[0], model.parameters.len());
+        let width = width(&model.parameters[k]);
+        let mut dice =
+            Key { seed: 7, world: 0, drone: 0, step: 0, purpose: purpose("per-log test") }.stream();
+        let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
+        let reduced: Vec<Reduced> = (0..2 * LOGS)
+            .map(|i| {
+                let rows = DMatrix::from_fn(8, n, |_, j| dice.normal() / slab[j]);
+                let left = DVector::from_fn(8, |_, _| 3.0 * dice.normal());
+                Reduced {
+                    log: i % LOGS,
+                    h: rows.tr_mul(&rows),
+                    g: rows.tr_mul(&left),
+                    c: left.dot(&left),
+                    occam: 0.0,
+                }
+            })
+            .collect();
+        // Linearised where the logs differ already.
+        let apart: Vec<Vec<f64>> = [0.4, -0.1, -0.3]
+            .iter()
+            .map(|d| (0..n).map(|j| if j == k { d * width } else { 0.0 }).collect())
+            .collect();
+        let noise = Noise {
+            position_m: 1.0,
+            attitude_rad: 1.0,
+            gyro_rad_s: 1.0,
+            accel_m_s2: 1.0,
+            rotor_rad_s: None,
+            thrust_n: None,
+            stated: [false; 4],
+        };
+        let linear = Linear {
+            windows: vec![],
+            at: model.filed(),
+            apart: apart.clone(),
+            horizon_s: 0.25,
+            noise: vec![noise; LOGS],
+        };
+        let all = Information::new(&model, &linear, &reduced, |_| true).unwrap();
+        let delta: Vec<f64> = (0..n).map(|j| 0.3 * slab[j]).collect();
+        let whole = |deltas: &[Vec<f64>]| -> f64 {
+            let rows: f64 = reduced.iter().map(|r| chi2(r, deltas)).sum();
+            let off: Vec<f64> = (0..LOGS).map(|l| apart[l][k] + deltas[l][k] - delta[k]).collect();
+            let sum: f64 = off.iter().sum();
+            rows + (off.iter().map(|d| d * d).sum::<f64>() + HELD * sum * sum) / width.powi(2)
+        };
+        let deltas = all.deltas(&delta);
+        let at = DVector::from_column_slice(&delta);
+        let least = all.c - 2.0 * all.g.dot(&at) + at.dot(&(&all.h * &at));
+        assert!((whole(&deltas) / least - 1.0).abs() < 1e-6, "{} {least}", whole(&deltas));
+        let total: f64 = (0..LOGS).map(|l| apart[l][k] + deltas[l][k] - delta[k]).sum();
+        assert!(total.abs() < 1e-5 * width, "deviations sum to nothing: {total}");
+        // No other deviations with the same sum explain more.
+        for (a, b) in [(0, 1), (1, 2), (2, 0)] {
+            let mut other = deltas.clone();
+            other[a][k] += 0.2 * width;
+            other[b][k] -= 0.2 * width;
+            assert!(whole(&other) > least, "{a} {b}");
+        }
     }
 }

@@ -11,6 +11,7 @@ use super::replay::{Around, Raw, STEP, STEP_S, drive};
 use super::track::{Drive, Track};
 use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
+use crate::physics::rotor;
 
 /// Most rotors of which every order is tried: 40,320.
 const MOST_ORDERED: usize = 8;
@@ -31,7 +32,7 @@ struct Wiring {
     /// The file's rotor for each of the log's.
     places: Vec<usize>,
     reversed: bool,
-    /// Share of the torque's variance that is left about body x, y and z, as filed and so.
+    /// Share of the torque's variance that is left about body x, y and z: as filed, and in that way.
     left: [[f64; 3]; 2],
 }
 
@@ -107,9 +108,11 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
         return Vec::new();
     }
     let ticks = drive(track, around, raw, drone);
-    let body = &drone.body;
-    let n = if by_rotors(track) { drone.airframe.n_rotors } else { 0 };
-    let rotors = &drone.airframe.rotors[..n];
+    // With what the file's own effects make of them: a mass that is filed as wrong is no other vehicle.
+    let parts = drone.parts();
+    let body = &parts.body;
+    let n = if by_rotors(track) { parts.airframe.n_rotors } else { 0 };
+    let rotors = &parts.airframe.rotors[..n];
     let steps = (BAND_S / STEP_S).round() as usize;
     let mean = 1.0 / steps as f64;
     let mut out = Vec::new();
@@ -134,18 +137,18 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
             block.torque = vec3::add(block.torque, vec3::scale(spun, mean));
             let tick = &ticks[(from + i) * STEP];
             if n == 0 {
-                block.lift[1] += mean * tick.thrust;
+                block.lift[1] += mean * parts.true_thrust(tick.thrust);
             }
             for (j, rotor) in rotors.iter().enumerate() {
                 let arm = vec3::cross(rotor.position_m, rotor.axis);
-                let curve = |c: [f64; 3], vel: f64| c[0] + vel * (c[1] + vel * c[2]);
-                block.lift[1] += mean * curve(rotor.thrust_curve, tick.rotor_vel[j]) * rotor.axis[2];
+                block.lift[1] += mean * rotor::curve(rotor.thrust_curve, tick.rotor_vel[j]) * rotor.axis[2];
                 for (by, (vel, acc)) in
                     block.by[j * n..(j + 1) * n].iter_mut().zip(tick.rotor_vel.iter().zip(&tick.rotor_acc))
                 {
-                    let about = rotor.spin * (curve(rotor.torque_curve, *vel) + rotor.inertia_kg_m2 * acc);
+                    let about =
+                        rotor.spin * (rotor::curve(rotor.torque_curve, *vel) + rotor.inertia_kg_m2 * acc);
                     let torque = vec3::add(
-                        vec3::scale(arm, curve(rotor.thrust_curve, *vel)),
+                        vec3::scale(arm, rotor::curve(rotor.thrust_curve, *vel)),
                         vec3::scale(rotor.axis, about),
                     );
                     *by = vec3::add(*by, vec3::scale(torque, mean));
@@ -157,68 +160,70 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
     out
 }
 
+/// Variances of the measured torque, and its products with and among the torques of all pairs of place and rotor, about each axis.
+struct Moments {
+    n: usize,
+    measured: [f64; 3],
+    with: Vec<[f64; 3]>,
+    among: Vec<[f64; 3]>,
+}
+
+impl Moments {
+    fn of(blocks: &[Block], n: usize) -> Self {
+        let mean = |f: &dyn Fn(&Block) -> [f64; 3]| {
+            let sum = blocks.iter().fold([0.0; 3], |sum, b| vec3::add(sum, f(b)));
+            vec3::scale(sum, 1.0 / blocks.len() as f64)
+        };
+        let middle = mean(&|b| b.torque);
+        let middles: Vec<[f64; 3]> = (0..n * n).map(|p| mean(&|b| b.by[p])).collect();
+        let pairs = n * n;
+        let mut out =
+            Self { n, measured: [0.0; 3], with: vec![[0.0; 3]; pairs], among: vec![[0.0; 3]; pairs * pairs] };
+        let add = |sum: &mut [f64; 3], a: [f64; 3], b: [f64; 3]| *sum = vec3::add(*sum, vec3::mul(a, b));
+        for b in blocks {
+            let torque = vec3::sub(b.torque, middle);
+            let by: Vec<[f64; 3]> = b.by.iter().zip(&middles).map(|(b, m)| vec3::sub(*b, *m)).collect();
+            add(&mut out.measured, torque, torque);
+            for (p, x) in by.iter().enumerate() {
+                add(&mut out.with[p], torque, *x);
+                let among = &mut out.among[p * pairs..(p + 1) * pairs];
+                among.iter_mut().zip(&by).for_each(|(sum, y)| add(sum, *x, *y));
+            }
+        }
+        out
+    }
+
+    /// Share of the variance that is left about each axis where the rotor at place `j` turns as the log's rotor `of[j]`.
+    fn left(&self, of: &[usize], reversed: bool) -> [f64; 3] {
+        let pair = |j: usize| j * self.n + of[j];
+        let sense = [1.0, 1.0, if reversed { -1.0 } else { 1.0 }];
+        let mut out = self.measured;
+        for j in 0..self.n {
+            out = vec3::sub(out, vec3::scale(vec3::mul(sense, self.with[pair(j)]), 2.0));
+            for l in 0..self.n {
+                out = vec3::add(out, self.among[pair(j) * self.n * self.n + pair(l)]);
+            }
+        }
+        core::array::from_fn(|k| out[k] / self.measured[k])
+    }
+}
+
 /// The order and the spins that leave least of the torques; none where those of the file do, or where no others are clearly right.
 fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
-    if n == 0 || blocks[0].by.is_empty() {
+    if n == 0 || blocks.iter().any(|b| b.by.is_empty()) {
         return None;
     }
-    let mean = |f: &dyn Fn(&Block) -> [f64; 3]| {
-        let sum = blocks.iter().fold([0.0; 3], |sum, b| vec3::add(sum, f(b)));
-        vec3::scale(sum, 1.0 / blocks.len() as f64)
-    };
-    let middle = mean(&|b| b.torque);
-    let middles: Vec<[f64; 3]> = (0..n * n).map(|p| mean(&|b| b.by[p])).collect();
-    // Variances of the torque, and products with and among the pairs, about each axis.
-    let mut all = [0.0; 3];
-    let mut with = vec![[0.0; 3]; n * n];
-    let mut among = vec![[0.0; 3]; n * n * n * n];
-    for b in blocks {
-        let torque = vec3::sub(b.torque, middle);
-        let by: Vec<[f64; 3]> = b.by.iter().zip(&middles).map(|(b, m)| vec3::sub(*b, *m)).collect();
-        for k in 0..3 {
-            all[k] += torque[k] * torque[k];
-        }
-        for (p, x) in by.iter().enumerate() {
-            for k in 0..3 {
-                with[p][k] += torque[k] * x[k];
-            }
-            for (q, y) in by.iter().enumerate() {
-                for k in 0..3 {
-                    among[p * n * n + q][k] += x[k] * y[k];
-                }
-            }
-        }
-    }
-    if all.iter().any(|a| *a <= 0.0) {
-        return None;
-    }
-    // What is left where the rotor at place j turns as the log's rotor `of[j]`.
-    let left = |of: &[usize], reversed: bool| -> [f64; 3] {
-        let mut out = all;
-        for (j, i) in of.iter().enumerate() {
-            let p = j * n + i;
-            for k in 0..3 {
-                let sense = if k == 2 && reversed { -1.0 } else { 1.0 };
-                out[k] -= 2.0 * sense * with[p][k];
-            }
-            for (l, m) in of.iter().enumerate() {
-                let q = l * n + m;
-                for k in 0..3 {
-                    out[k] += among[p * n * n + q][k];
-                }
-            }
-        }
-        core::array::from_fn(|k| out[k] / all[k])
-    };
+    let moments = Moments::of(blocks, n);
     let filed: Vec<usize> = (0..n).collect();
-    let before = left(&filed, false);
-    if !before.iter().any(|l| *l >= WIRED_FILED) {
+    let before = moments.left(&filed, false);
+    // Not a number where nothing turns.
+    if !before.iter().all(|l| l.is_finite()) || before.iter().all(|l| *l < WIRED_FILED) {
         return None;
     }
     let mut best = (before, filed.clone(), false);
     let mut consider = |of: &[usize]| {
         for reversed in [false, true] {
-            let now = left(of, reversed);
+            let now = moments.left(of, reversed);
             // Orders that differ by less than rounding are one: the first, nearest to the file, stays.
             if now.iter().sum::<f64>() < best.0.iter().sum::<f64>() - 1e-6 {
                 best = (now, of.to_vec(), reversed);

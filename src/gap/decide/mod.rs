@@ -8,7 +8,7 @@ use super::fit::{Prepared, forces_only};
 use super::free_form::Sample;
 use super::model::Model;
 use super::policy::{BESIDE_WEATHER, EVENTFUL, LEANING};
-use super::search::Evidence;
+use super::search::{Evidence, THRESHOLD};
 use super::shapes;
 use super::solve::Solution;
 use super::verdict::{Finding, LookAlike, Remainder, Said};
@@ -58,29 +58,16 @@ impl<'a> Decision<'a> {
         let (remainder, event) = remainder(logs, model, solution, left);
         let mut why = Vec::new();
         for f in &findings {
-            why.push(Why::new(
-                &f.id,
-                Rule::Evidence,
-                format!("{:.1} nats beside the others", f.evidence_nats),
-            ));
-            why.push(match f.second.said {
-                _ if !f.look_alikes.is_empty() => {
-                    let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
-                    Why::new(&f.id, Rule::LookAlikes, format!("in doubt: {} fit as well", others.join(", ")))
-                }
-                Said::Silent => {
-                    let sure = if f.certain { "certain" } else { "in doubt" };
-                    Why::new(
-                        &f.id,
-                        Rule::SeenByOne,
-                        format!("{sure}: {:.1} nats by the fit alone", f.evidence_nats),
-                    )
-                }
-                said => {
-                    let sure = if f.certain { "certain" } else { "in doubt" };
-                    Why::new(&f.id, Rule::TwoEstimators, format!("{sure}: the regression {}", said.words()))
-                }
-            });
+            let nats = f.evidence_nats;
+            why.push(Why::new(&f.id, Rule::Evidence, format!("{nats:.1} nats beside the others")));
+            let sure = if f.certain { "certain" } else { "in doubt" };
+            let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
+            let (rule, text) = match f.second.said {
+                _ if !others.is_empty() => (Rule::LookAlikes, format!("{} fit as well", others.join(", "))),
+                Said::Silent => (Rule::SeenByOne, format!("{nats:.1} nats by the fit alone")),
+                said => (Rule::TwoEstimators, format!("the regression {}", said.words())),
+            };
+            why.push(Why::new(&f.id, rule, format!("{sure}: {text}")));
         }
         Self { model, logs, solution, poor, findings, nearest: Vec::new(), remainder, event, why }
     }
@@ -191,9 +178,7 @@ impl<'a> Decision<'a> {
     /// Says of effects that alone would be evident why they are not named.
     pub fn say_why_not(&mut self, evidence: &Evidence, singles: &[(String, f64)]) {
         let whole = evidence.of(&self.solution.set);
-        for (id, alone) in
-            singles.iter().filter(|(_, nats)| *nats > super::search::THRESHOLD).take(MOST_WHY_NOT)
-        {
+        for (id, alone) in singles.iter().filter(|(_, nats)| *nats > THRESHOLD).take(MOST_WHY_NOT) {
             let named = self.why.iter().any(|w| w.id == *id);
             let candidate = self.model.candidates.iter().position(|c| c.id == *id);
             let Some(c) = candidate.filter(|c| !named && !self.solution.set.contains(c)) else { continue };
@@ -201,8 +186,15 @@ impl<'a> Decision<'a> {
             with.push(c);
             with.sort_unstable();
             let beside = evidence.of(&with) - whole;
-            let text = format!("not named: {alone:.1} nats alone, {beside:.1} beside what is");
-            self.why.push(Why::new(id, Rule::Evidence, text));
+            let stands_in = |f: &&Finding| f.look_alikes.iter().any(|l| l.ids.contains(id));
+            let (rule, reason) = match self.findings.iter().find(stands_in) {
+                Some(f) => (Rule::LookAlikes, format!("it could stand in the place of {}", f.id)),
+                // The last fit holds the set, and no search that ended in another one was more evident.
+                None if beside >= THRESHOLD => (Rule::Evidence, "no search settled on it".to_string()),
+                None => (Rule::Evidence, "too little".to_string()),
+            };
+            let text = format!("not named: {alone:.1} nats alone, {beside:.1} beside what is; {reason}");
+            self.why.push(Why::new(id, rule, text));
         }
     }
 

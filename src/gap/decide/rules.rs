@@ -127,31 +127,23 @@ impl Rule {
         }
     }
 
-    /// Which flights set it.
+    /// Which flights set it, as far as that is on record.
     pub fn set_by(self) -> &'static str {
         match self {
-            Self::Evidence => {
-                "singles and pairs of the planted bench, fine and rough, with nothing hidden beside them"
+            Self::Evidence | Self::LittleGain | Self::LookAlikes | Self::OtherShape | Self::Leaning => {
+                "the planted flights of `bench gap`: one effect, two, none, and effects that are not in the list"
             }
-            Self::LittleGain => "planted flights with an effect that is not in the list",
             Self::EvidenceLost => "a real flight with a slung load, where a clock stayed with −1 nats",
             Self::MayBeNothing => {
                 "a planted downwash, beside which a wind of −0.25 ± 0.20 m/s stood with 13 nats"
             }
-            Self::TwoEstimators => {
-                "real flights of a Crazyflie Brushless and of Blackbird; planted rotor speeds with noise"
-            }
+            Self::TwoEstimators => "real flights of a Crazyflie Brushless, of Blackbird and of a slung load",
             Self::SeenByOne => {
-                "real flights: a tilt of the world of 27 nats and a marker of 18 of which nothing is known"
+                "real flights: a tilt of the world of 27 nats and a marker of 18, of which nothing is known"
             }
-            Self::LookAlikes => "planted pairs whose sizes are known only by their ratio",
-            Self::OtherShape => "planted forces with the cube of the speed and thrusts that fall with it",
-            Self::Leaning => "planted effects that are not in the list, and pushes",
-            Self::Weather => "planted turbulence alone and beside other effects",
-            Self::ForcesGrow => "planted flights by thrust with an effect that is not in the list",
-            Self::BesideUnexplained => {
-                "planted torques that are not in the list, beside which masses were certain"
-            }
+            Self::Weather => "planted turbulence beside a weak rotor, a fading thrust and a slung load",
+            Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",
+            Self::BesideUnexplained => "no flight of its own: what `two estimators` asks, where more is open",
             Self::NeverWorse => "18 planted flights, in 4 of which what was written raised an error",
         }
     }

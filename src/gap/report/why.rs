@@ -6,9 +6,10 @@ use crate::gap::decide::rules::Rule;
 use crate::gap::verdict::Diagnosis;
 use std::fmt::Write as _;
 
-/// Rules that decided something, in the order in which they are asked.
-fn used(d: &Diagnosis) -> Vec<Rule> {
-    Rule::ALL.into_iter().filter(|r| d.why.iter().any(|w| w.rule == *r)).collect()
+/// What the rules state that decided something, in the order in which they are asked.
+fn rules(d: &Diagnosis) -> Vec<String> {
+    let used = Rule::ALL.into_iter().filter(|r| d.why.iter().any(|w| w.rule == *r));
+    used.map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by())).collect()
 }
 
 /// Which rule decided what of each effect, and what the rules state, as text.
@@ -20,11 +21,7 @@ pub fn why(d: &Diagnosis) -> String {
     let decided: Vec<String> =
         d.why.iter().map(|w| format!("{}: {} [{}]", w.id, w.text, w.rule.name())).collect();
     out.list("Why", &decided);
-    let rules: Vec<String> = used(d)
-        .into_iter()
-        .map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by()))
-        .collect();
-    out.list("The rules that decided", &rules);
+    out.list("The rules that decided", &rules(d));
     out.0
 }
 
@@ -48,10 +45,6 @@ impl Page {
             );
         }
         self.body.push_str("</tbody></table>\n");
-        let rules: Vec<String> = used(d)
-            .into_iter()
-            .map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by()))
-            .collect();
-        self.list("ul", "ul", &rules);
+        self.list("ul", "ul", &rules(d));
     }
 }
