@@ -226,15 +226,44 @@ fn what_may_be_nothing_is_not_named() {
 
 /// A flight of a vehicle with wide tolerances, filtered sensors and measured rotor speeds.
 fn filtered(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, flight: u64) -> Track {
+    filtered_flight(vehicle, hidden, seed, flight).0
+}
+
+/// The same with what is true of it.
+fn filtered_flight(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, flight: u64) -> (Track, Flight) {
     let mut plan = Plan::exciting(vehicle, hidden, 50.0, seed);
     plan.build = Build::fair(seed);
     plan.sensors = Sensors::with(Inputs::Rotors);
     plan.noise = NoiseLevel::Filtered;
     plan.flight = flight;
     let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("flight.csv");
-    planted::fly(&plan).unwrap().write(&file).unwrap();
-    Track::new(FlightLog::load(&file, None).unwrap(), vehicle, &Options::default()).unwrap()
+    let file = folder.path().join(format!("flight{flight}.csv"));
+    let flown = planted::fly(&plan).unwrap();
+    flown.write(&file).unwrap();
+    let log = FlightLog::load(&file, None).unwrap();
+    (Track::new(log, vehicle, &Options::default()).unwrap(), flown)
+}
+
+/// Clocks of two flights differ by milliseconds: each has its own, and two flights say more of the vehicle than one.
+#[test]
+fn clocks_of_each_flight_are_told_and_two_flights_say_more_than_one() {
+    let vehicle =
+        Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml")).unwrap();
+    let flights = [0, 1].map(|f| filtered_flight(&vehicle, &["rotor_drag"], 16, f));
+    let [first, second] = flights.each_ref().map(|(track, _)| track.clone());
+    let of = |tracks: &[Track]| diagnose(tracks, &vehicle, &Settings::default()).unwrap().verdict;
+    let (alone, both) = (of(std::slice::from_ref(&first)), of(&[first, second]));
+    let drag = |d: &Diagnosis| d.findings.iter().find(|f| f.id == "rotor_drag").unwrap().clone();
+    let (one, two) = (drag(&alone), drag(&both));
+    assert!(two.parameters[0].sigma < one.parameters[0].sigma, "{:?} {:?}", one.parameters, two.parameters);
+    assert!(two.evidence_nats > one.evidence_nats, "{} {}", one.evidence_nats, two.evidence_nats);
+    assert!(both.per_log.iter().any(|d| d.id == "clock_offset.gyro"), "{:?}", both.per_log);
+    for d in both.per_log.iter().filter(|d| d.id.starts_with("clock_offset")) {
+        let late = |f: usize| flights[f].1.truth.all[d.id.as_str()]["late_s"];
+        let own = late(usize::from(d.log == "flight1.csv")) - 0.5 * (late(0) + late(1));
+        let off = d.value - d.shared - own;
+        assert!(off.abs() < 3.0 * d.sigma && d.sigma < 2e-3, "{d:?}, true difference {own}");
+    }
 }
 
 /// A weak rotor and stronger others are one fit: the rotor alone made the force on another flight worse by half.

@@ -892,7 +892,7 @@ fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     let (worst_times_noise, place) = most(&one_step, &horizons);
     let agrees = worst_times_noise <= AGREE;
     let mismatch = (!agrees).then(|| wiring::mismatch(track, &around, &raw, &drone)).flatten();
-    let other_rotors = mismatch.map(|(found, remedy)| format!("the log has {found}: {remedy}"));
+    let other_rotors = mismatch.map(|m| format!("the log has {}; {}; {}", m.found, m.remedy, m.numbers));
     findings.splice(..0, other_rotors.clone());
     let verdict = if agrees {
         format!(

@@ -9,7 +9,7 @@ use super::GapError;
 use super::disturbance::Reduced;
 use super::fit::{Linear, Prepared};
 use super::model::{Model, Parameter};
-use super::policy::{DIFFERS_SIGMAS, DIFFERS_TOLERANCES};
+use super::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS};
 use super::solve::Solution;
 use super::verdict::OfOneLog;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -88,10 +88,9 @@ pub(super) fn differences(
                 unit: parameter.unit.into(),
                 value: values[*k],
                 shared: solution.posterior.mean[*k],
-                sigma: sigmas[log][i],
+                sigma: sigmas[log][i].hypot(DIFFERS_KNOWN * parameter.spike),
             };
-            let off = (one.value - one.shared).abs();
-            if off > DIFFERS_SIGMAS * one.sigma && off > DIFFERS_TOLERANCES * parameter.spike {
+            if (one.value - one.shared).abs() > DIFFERS_SIGMAS * one.sigma {
                 out.push(one);
             }
         }

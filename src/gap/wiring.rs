@@ -36,14 +36,18 @@ struct Wiring {
     left: [[f64; 3]; 2],
 }
 
-/// What is wrong with a log's rotors by the file, in words: what was found, and what to do. None where all is as filed, or where the
-/// log does not tell.
-pub(super) fn mismatch(
-    track: &Track,
-    around: &Around,
-    raw: &Raw,
-    drone: &Drone<f64>,
-) -> Option<(String, String)> {
+/// What is wrong with a log's rotors by the file, in words.
+pub(super) struct Mismatch {
+    /// What was found.
+    pub found: String,
+    /// What to do.
+    pub remedy: &'static str,
+    /// The numbers that tell.
+    pub numbers: String,
+}
+
+/// What is wrong with a log's rotors by the file; none where all is as filed, or where the log does not tell.
+pub(super) fn mismatch(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Option<Mismatch> {
     let blocks = blocks(track, around, raw, drone);
     if blocks.len() < FEWEST_INSTANTS {
         return None;
@@ -51,11 +55,11 @@ pub(super) fn mismatch(
     let [needed, given] = [0, 1].map(|k| blocks.iter().map(|b| b.lift[k]).sum::<f64>());
     let lift = given / needed;
     if needed > 0.0 && given > 0.0 && !(1.0 / ANOTHER_LIFT..ANOTHER_LIFT).contains(&lift) {
-        return Some((
-            format!("rotors that lift {lift:.2} times what the flight needs"),
-            "check that the file is of this vehicle, and the units of the log's rotor speeds or thrusts"
-                .into(),
-        ));
+        return Some(Mismatch {
+            found: format!("rotors that lift {lift:.2} times what the flight needs"),
+            remedy: "check that the file is of this vehicle, and the units of the log's rotor speeds or thrusts",
+            numbers: "means over the flight, along body z".into(),
+        });
     }
     let n = drone.airframe.n_rotors;
     let Wiring { places, reversed, left } = wiring(&blocks, n)?;
@@ -68,20 +72,21 @@ pub(super) fn mismatch(
         numbers(&mut (0..n)),
         numbers(&mut places.iter().copied())
     );
-    let what = match (as_filed, reversed) {
+    let found = match (as_filed, reversed) {
         (true, _) => "rotors that all turn the other way round".to_string(),
         (_, false) => order,
         (_, true) => format!("{order}, all turning the other way round"),
     };
     let shares = |left: [f64; 3]| left.map(|l| format!("{:.0}", 100.0 * l)).join(", ");
-    Some((
-        format!(
-            "{what} (of the torque about x, y, z {} % is left in that way, {} % as filed)",
+    Some(Mismatch {
+        found,
+        remedy: "put the file's [[rotor]] tables, or the log's columns, in one order, and check `spin`",
+        numbers: format!(
+            "of the torque about x, y, z {} % is left in that way, {} % as filed",
             shares(left[1]),
             shares(left[0])
         ),
-        "put the file's [[rotor]] tables, or the log's columns, in one order, and check `spin`".into(),
-    ))
+    })
 }
 
 /// [`mismatch`] as an error.
@@ -90,9 +95,13 @@ pub(super) fn mismatch(
 /// [`GapError::Log`] where the rotors of a log are not those of the file.
 pub(super) fn check(logs: &[Prepared], drone: &Drone<f64>) -> Result<(), GapError> {
     for log in logs {
-        if let Some((found, remedy)) = mismatch(log.track, &log.around, &log.raw, drone) {
-            let expected = "rotors in the order, with the spins and the thrust of the vehicle file".into();
-            return Err(GapError::Log { log: log.track.name.clone(), expected, found, remedy });
+        if let Some(m) = mismatch(log.track, &log.around, &log.raw, drone) {
+            return Err(GapError::Log {
+                log: log.track.name.clone(),
+                expected: "rotors in the order, with the spins and the thrust of the vehicle file".into(),
+                found: format!("{} ({})", m.found, m.numbers),
+                remedy: m.remedy.into(),
+            });
         }
     }
     Ok(())

@@ -739,18 +739,20 @@ impl Page {
         self.body.push_str(
             "<h3>In what the logs differ</h3><p class=\"small\">Clocks, biases, wind and battery may be others in every log; \
              they are not written.</p>\n<table class=\"stack\"><thead><tr><th>log</th><th>number</th>\
-             <th class=\"n\">in this log</th><th class=\"n\">in all</th></tr></thead><tbody>",
+             <th class=\"n\">in this log</th><th class=\"n\">in all</th><th class=\"n\">difference</th></tr></thead><tbody>",
         );
         for d in all {
             put!(
                 self,
                 "<tr><td data-label=\"log\">{}</td><td data-label=\"number\"><code>{}</code> {}</td>\
-                 <td class=\"n\" data-label=\"in this log\">{}</td><td class=\"n\" data-label=\"in all\">{}</td></tr>\n",
+                 <td class=\"n\" data-label=\"in this log\">{}</td><td class=\"n\" data-label=\"in all\">{}</td>\
+                 <td class=\"n\" data-label=\"difference\">{}</td></tr>\n",
                 esc(&d.log),
                 esc(&d.id),
                 esc(&d.name),
-                interval(d.value, d.sigma, &d.unit),
-                quantity(d.shared, &d.unit, 3)
+                quantity(d.value, &d.unit, 3),
+                quantity(d.shared, &d.unit, 3),
+                interval(d.value - d.shared, d.sigma, &d.unit)
             );
         }
         self.body.push_str("</tbody></table>\n");

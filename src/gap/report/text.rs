@@ -348,15 +348,17 @@ impl Out {
             2,
             "clocks, biases, wind and battery may be others in every log; they are not written",
         );
-        let header = ["", "", "in this log", "in all"].map(String::from);
+        let header = ["", "", "in this log", "in all", "difference"].map(String::from);
         let rows: Vec<Vec<String>> = all
             .iter()
             .map(|d| {
                 let name = format!("{} {}", d.id, d.name);
-                vec![d.log.clone(), name, interval(d.value, d.sigma, &d.unit), quantity(d.shared, &d.unit, 3)]
+                let difference = interval(d.value - d.shared, d.sigma, &d.unit);
+                let [own, all] = [d.value, d.shared].map(|v| quantity(v, &d.unit, 3));
+                vec![d.log.clone(), name, own, all, difference]
             })
             .collect();
-        self.table(2, &header, &rows, &[false, false, true, true]);
+        self.table(2, &header, &rows, &[false, false, true, true, true]);
     }
 
     fn logs(&mut self, logs: &[LogSummary], dispersion: f64) {
