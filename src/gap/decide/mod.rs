@@ -79,15 +79,19 @@ impl<'a> Decision<'a> {
 
     /// Takes the findings `of` back, as the nearest of what is in the list; from logs that show little they stay, in doubt.
     fn doubt(&mut self, rule: Rule, text: &str, of: impl Fn(&Finding) -> bool) {
-        for f in self.findings.iter().filter(|f| of(f)) {
-            let done = if self.poor { "in doubt" } else { "taken back" };
-            self.why.push(Why::new(&f.id, rule, format!("{done}: {text}")));
+        if self.poor {
+            return self.keep_in_doubt(rule, text, of);
         }
-        if !self.poor {
-            self.nearest.extend(self.findings.extract_if(.., |f| of(f)).map(|f| f.id));
-            return;
+        for f in self.findings.extract_if(.., |f| of(f)) {
+            self.why.push(Why::new(&f.id, rule, format!("taken back: {text}")));
+            self.nearest.push(f.id);
         }
+    }
+
+    /// Leaves the findings `of` in doubt: they could be something that is in no list.
+    fn keep_in_doubt(&mut self, rule: Rule, text: &str, of: impl Fn(&Finding) -> bool) {
         for f in self.findings.iter_mut().filter(|f| of(f)) {
+            self.why.push(Why::new(&f.id, rule, format!("in doubt: {text}")));
             if !f.look_alikes.iter().any(|l| l.ids == [UNLISTED]) {
                 f.certain = false;
                 f.look_alikes.push(unlisted());
@@ -114,7 +118,13 @@ impl<'a> Decision<'a> {
                 self.remainder.text = format!("{}; {words}", self.remainder.text);
                 // What was found beside it, on less evidence, was found beside the wrong shape.
                 let own = self.findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
-                self.doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own);
+                // What the regression sees as well, and nothing in the list stands in for, is in doubt only: a part of what
+                // is missing has its shape, whatever the rest is.
+                let agreed = |f: &Finding| {
+                    f.second.said == Said::Agrees && f.look_alikes.iter().all(|l| l.ids == [UNLISTED])
+                };
+                self.keep_in_doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && agreed(f));
+                self.doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && !agreed(f));
             }
         }
     }

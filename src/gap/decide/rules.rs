@@ -101,7 +101,8 @@ impl Rule {
             Self::LookAlikes => format!("nothing is certain that something else fits within {THRESHOLD} nats"),
             Self::OtherShape => {
                 "an effect of the air that leaves a clear shape of its own, or that a shape outside the list fits better, \
-                 is taken back"
+                 is taken back, \
+                 and what was found beside it on less evidence as well, or put in doubt where the regression agrees"
                     .into()
             }
             Self::Leaning => format!(
