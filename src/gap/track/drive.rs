@@ -1,0 +1,181 @@
+//! What drives the model along a log, and whether the vehicle could fly by it.
+
+use super::{Drive, Fault, Noise, Options};
+use crate::flight::usable::Unusable;
+use crate::flight::{Channel, FlightLog, clean};
+use crate::gap::inputs::without_noise;
+use crate::gap::{GapError, usable};
+use crate::physics::airframe;
+use crate::physics::rigid_body::MAX_ROTORS;
+use crate::vehicle::{DYNAMICS, Vehicle};
+
+/// Samples of commands or of measured inputs.
+#[derive(Clone, Debug)]
+pub(crate) struct Inputs {
+    /// Rotor speeds, measured or commanded, rad/s, shape (rotor).
+    pub rotors: Vec<Channel<1>>,
+    /// Commanded roll, pitch, yaw, rad.
+    pub attitude: Channel<3>,
+    /// Thrust, measured or commanded, N.
+    pub thrust: Channel<1>,
+}
+
+impl Inputs {
+    /// Thrust and rotor speeds of the flying part.
+    pub(super) fn in_flight(&self, cut: &Unusable) -> Self {
+        Self {
+            rotors: self.rotors.iter().map(|c| usable::flying(cut, c)).collect(),
+            thrust: usable::flying(cut, &self.thrust),
+            attitude: Channel::default(),
+        }
+    }
+
+    /// Takes the noise out of measured inputs, says it in `noise`, and gives the time over which they were smoothed, s.
+    pub(super) fn smooth(&mut self, drive: Drive, noise: &mut Noise) -> f64 {
+        let mut smoothed_s = 0.0;
+        match drive {
+            Drive::RotorSpeeds => {
+                if let Some(smooth) = without_noise(&self.rotors) {
+                    self.rotors = smooth.inputs;
+                    noise.rotor_rad_s = Some(smooth.noise);
+                    smoothed_s = smooth.reach_s;
+                }
+            }
+            Drive::Thrust => {
+                if let Some(smooth) = without_noise(std::slice::from_ref(&self.thrust)) {
+                    self.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
+                    noise.thrust_n = Some(smooth.noise);
+                    smoothed_s = smooth.reach_s;
+                }
+            }
+            // What is sent is known.
+            Drive::RotorCommands | Drive::AttitudeCommands => {}
+        }
+        smoothed_s
+    }
+}
+
+/// What drives the model.
+pub(super) fn choose_drive(
+    log: &FlightLog,
+    vehicle: &Vehicle,
+    options: &Options,
+    name: &str,
+    warnings: &mut Vec<String>,
+) -> Result<(Drive, &'static str, Inputs), GapError> {
+    let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
+    let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
+    let response = DYNAMICS[1..].iter().rev().find(|d| vehicle.drone(d).is_ok());
+    let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
+    let has = |drive: Drive| match drive {
+        Drive::RotorSpeeds => full(&log.rotor_speed_rad_s),
+        Drive::RotorCommands => full(&log.cmd_rotor_rad_s),
+        Drive::AttitudeCommands => {
+            response.is_some() && log.cmd_attitude_rad.len() >= 50 && log.cmd_thrust_n.len() >= 50
+        }
+        Drive::Thrust => thrust.is_some(),
+    };
+    let order = [Drive::RotorCommands, Drive::RotorSpeeds, Drive::AttitudeCommands, Drive::Thrust];
+    let available: Vec<&str> = order.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
+    let fault = |expected: String| {
+        let mut found = if available.is_empty() { "none of them".into() } else { available.join(", ") };
+        for (what, list) in [("rotor", &log.rotor_speed_rad_s), ("cmd_rotor", &log.cmd_rotor_rad_s)] {
+            if !list.is_empty() && list.len() != n_rotors {
+                found =
+                    format!("{found}; {} columns {what}1… for a vehicle of {n_rotors} rotors", list.len());
+            }
+        }
+        GapError::Log {
+            log: name.into(),
+            expected,
+            found,
+            remedy: "log one of them, map its columns (docs/logs.md), or choose another vehicle file".into(),
+        }
+    };
+    let drive = match options.drive {
+        Some(drive) if has(drive) => drive,
+        Some(drive) => return Err(fault(drive.title().into())),
+        None => order.into_iter().find(|d| has(*d)).ok_or_else(|| {
+            fault("rotor speeds, rotor commands, attitude and thrust commands, or a thrust".into())
+        })?,
+    };
+    let mut inputs = Inputs { rotors: Vec::new(), attitude: Channel::default(), thrust: Channel::default() };
+    let dynamics = match drive {
+        Drive::RotorSpeeds => {
+            for (i, c) in log.rotor_speed_rad_s.iter().enumerate() {
+                inputs.rotors.push(without_spikes(c, &format!("rotor{}", i + 1), warnings));
+            }
+            DYNAMICS[0]
+        }
+        Drive::RotorCommands => {
+            inputs.rotors = log.cmd_rotor_rad_s.clone();
+            DYNAMICS[0]
+        }
+        Drive::AttitudeCommands => {
+            inputs.attitude = log.cmd_attitude_rad.clone();
+            inputs.thrust = log.cmd_thrust_n.clone();
+            response.copied().unwrap_or(DYNAMICS[0])
+        }
+        Drive::Thrust => {
+            inputs.thrust = thrust.cloned().unwrap_or_default();
+            if log.thrust_n.len() < 50 {
+                warnings
+                    .push("the commanded thrust stands for the thrust: it has the motors' lag in it".into());
+            }
+            DYNAMICS[0]
+        }
+    };
+    Ok((drive, dynamics, inputs))
+}
+
+/// Thrust over weight that flights have in the middle: outside, it is the wrong vehicle or the wrong unit.
+const PLAUSIBLE_THRUST: [f64; 2] = [0.3, 3.0];
+
+/// Refuses inputs by which the vehicle would not fly: over a flight, thrust is about weight.
+pub(super) fn plausible_thrust(
+    drive: Drive,
+    dynamics: &str,
+    inputs: &Inputs,
+    vehicle: &Vehicle,
+    fault: &Fault,
+) -> Result<(), GapError> {
+    // A vehicle that lacks these dynamics is refused where they are needed.
+    let Ok(drone) = vehicle.drone(dynamics) else { return Ok(()) };
+    let middle = |c: &Channel<1>| clean::median(c.component(0)).unwrap_or(0.0);
+    let (thrust_n, of) = match drive {
+        Drive::RotorSpeeds | Drive::RotorCommands => {
+            let mut speeds = [0.0; MAX_ROTORS];
+            for (speed, channel) in speeds.iter_mut().zip(&inputs.rotors) {
+                *speed = middle(channel);
+            }
+            let of = format!("{} of {:.0} rad/s in the middle", drive.title(), speeds[0]);
+            (airframe::loads(&drone.airframe, &speeds).thrust.iter().sum::<f64>(), of)
+        }
+        Drive::AttitudeCommands | Drive::Thrust => (middle(&inputs.thrust), "its thrust column".into()),
+    };
+    let weight_n = drone.hover_thrust();
+    let times = thrust_n / weight_n;
+    if (PLAUSIBLE_THRUST[0]..=PLAUSIBLE_THRUST[1]).contains(&times) {
+        return Ok(());
+    }
+    Err(fault(
+        &format!("a thrust of about the weight of `{}`, {weight_n:.3} N", vehicle.name),
+        format!("{thrust_n:.3} N by {of}, {times:.2} times as much"),
+        "check the units (rpm labelled rad/s?), the vehicle file's mass and thrust curve, and whether the log is of \
+         this vehicle",
+    ))
+}
+
+/// Rotor speeds without samples that stand out or read zero in flight.
+fn without_spikes(channel: &Channel<1>, name: &str, warnings: &mut Vec<String>) -> Channel<1> {
+    let typical = clean::median(channel.component(0)).unwrap_or(0.0);
+    let mut marks = clean::outliers(channel, 3, 8.0, 0.15 * typical);
+    for (mark, v) in marks.iter_mut().zip(&channel.values) {
+        *mark |= v[0] < 0.05 * typical;
+    }
+    let n = marks.iter().filter(|m| **m).count();
+    if n > 0 {
+        warnings.push(format!("{name}: {n} samples that jump or read 0 were left out"));
+    }
+    clean::without(channel, &marks)
+}
