@@ -1,20 +1,21 @@
 //! A model flown along a log: what drives it at every instant, and roll-outs from measured states.
 
+mod commanded;
+
 use super::GapError;
 use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track};
 use crate::flight::{Channel, resample};
 use crate::math::quat;
-use crate::physics::attitude_response;
 use crate::physics::drone::{self, Drone, Dynamics};
-use crate::physics::effects::{AnyEffect, Command, Effect, Parts};
+use crate::physics::effects::{Command, Parts};
 use crate::physics::integrate::Integrator;
 use crate::physics::measure::Reading;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
-use crate::physics::rotor;
 use crate::physics::surroundings::{Load, Neighbour, Surroundings};
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
+use commanded::commanded;
 
 /// Distance of the instants at which inputs are known, s.
 pub(crate) const TICK_S: f64 = 0.0025;
@@ -334,165 +335,6 @@ fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>,
         }
     }
     out
-}
-
-/// Ticks of a vehicle under commands: motors and thrust move from one arrival of a command to the next, so that sample
-/// times of the log need not be those of the ticks, and a delay moves the arrivals (its derivative those of their lengths).
-/// A tick holds the mean under a hat that falls to zero at the ticks beside it: commands that jump every 2 ms, sampled every
-/// 2.5 ms, would beat.
-fn commanded<S: Plain>(
-    around: &Around,
-    raw: &Raw,
-    drone: &Drone<S>,
-    (kind, mut late): (Drive, S),
-    out: &mut [Tick<S>],
-) {
-    let mut drone = drone.clone();
-    drone.effects.retain(|e| match e {
-        AnyEffect::CommandDelay(p) => {
-            late = late + p.delay_s;
-            false
-        }
-        _ => true,
-    });
-    let parts = drone.parts();
-    let command = |j: usize| {
-        let v = raw.sent[j].1.map(S::lit);
-        match kind {
-            Drive::AttitudeCommands => Command::Attitude([v[0], v[1], v[2], v[3]]),
-            _ => Command::Rotors(v),
-        }
-    };
-    let last = raw.sent.len() - 1;
-    let sent_before = around.from_s - late.plain();
-    let mut j = raw.sent.partition_point(|(t, _)| *t <= sent_before).saturating_sub(1);
-    let mut memory = vec![S::zero(); drone.memory_len(TICK_S)];
-    drone.start(&command(j), |e| e.memory_len(TICK_S), &mut memory);
-    let mut state = State::<S>::rest();
-    let mut surroundings = Surroundings::calm();
-    // Under the rising half of the hat, from the tick before.
-    let mut rising = Hat::<S>::empty();
-    for k in 0..around.n_ticks {
-        let begin = around.time_s(k);
-        surroundings.time_s = S::lit(begin);
-        let tick = &mut out[k];
-        let mut falling = Hat::<S>::empty();
-        let mut next = Hat::<S>::empty();
-        let mut at = S::lit(begin);
-        let end = S::lit(begin + TICK_S);
-        let mut first = true;
-        let mut mean = [S::zero(); 4];
-        loop {
-            // This command is in force until the next one arrives, or to the end of the tick.
-            let arrives = if j < last { Some(S::lit(raw.sent[j + 1].0) + late) } else { None };
-            let until = match arrives {
-                Some(t) if t.plain() < end.plain() => t,
-                _ => end,
-            };
-            let dt = until - at;
-            // Where in the tick, 0 to 1.
-            let place = [at, until].map(|t| (t - S::lit(begin)) * S::lit(1.0 / TICK_S));
-            let mut now = command(j);
-            if let (true, Command::Rotors(speeds)) = (k == 0 && first, now) {
-                state.rotor_vel = speeds;
-            }
-            drone.transmit_as_built(
-                Some(&parts),
-                &state,
-                &mut surroundings,
-                (dt, TICK_S),
-                &mut now,
-                &mut memory,
-            );
-            match (now, &parts.response) {
-                (Command::Attitude(c), Some(p)) => {
-                    if k == 0 && first {
-                        state.thrust = c[3];
-                    }
-                    for i in 0..4 {
-                        mean[i] = mean[i] + c[i] * dt * S::lit(1.0 / TICK_S);
-                    }
-                    let before = state.thrust;
-                    state.thrust = rk4(before, dt, |x| attitude_response::thrust_rate(p, x, c[3]));
-                    let (down, up) = hat_sums(place, [before, state.thrust]);
-                    falling.thrust = falling.thrust + down;
-                    next.thrust = next.thrust + up;
-                }
-                (Command::Rotors(speeds), _) => {
-                    if k == 0 && first {
-                        state.rotor_vel = speeds;
-                    }
-                    for i in 0..parts.airframe.n_rotors {
-                        let p = &parts.airframe.rotors[i];
-                        let rate = |x: S| rotor::acceleration(p, x, speeds[i]);
-                        let before = state.rotor_vel[i];
-                        state.rotor_vel[i] = rk4(before, dt, rate);
-                        let (down, up) = hat_sums(place, [before, state.rotor_vel[i]]);
-                        falling.rotor_vel[i] = falling.rotor_vel[i] + down;
-                        next.rotor_vel[i] = next.rotor_vel[i] + up;
-                    }
-                }
-                _ => {}
-            }
-            first = false;
-            at = until;
-            match arrives {
-                Some(t) if t.plain() < end.plain() => j += 1,
-                _ => break,
-            }
-        }
-        tick.command = mean;
-        // The first tick has the falling half only.
-        let times = S::lit(if k == 0 { 2.0 } else { 1.0 });
-        tick.thrust = (rising.thrust + falling.thrust) * times;
-        for i in 0..parts.airframe.n_rotors {
-            tick.rotor_vel[i] = (rising.rotor_vel[i] + falling.rotor_vel[i]) * times;
-        }
-        rising = next;
-    }
-    // A rate that jumps with every command would be sampled by luck: the change over two ticks stands for it, whose sum over
-    // a flight is that of the speeds.
-    let last = out.len() - 1;
-    for k in 0..out.len() {
-        let (a, b) = (k.saturating_sub(1), (k + 1).min(last));
-        let per_s = S::lit(1.0 / (TICK_S * (b - a).max(1) as f64));
-        for i in 0..parts.airframe.n_rotors {
-            out[k].rotor_acc[i] = (out[b].rotor_vel[i] - out[a].rotor_vel[i]) * per_s;
-        }
-    }
-}
-
-/// What has been summed under one half of a tick's hat.
-struct Hat<S> {
-    rotor_vel: [S; MAX_ROTORS],
-    thrust: S,
-}
-
-impl<S: Real> Hat<S> {
-    fn empty() -> Self {
-        Self { rotor_vel: [S::zero(); MAX_ROTORS], thrust: S::zero() }
-    }
-}
-
-/// Integral of what goes straight from `value[0]` at `place[0]` to `value[1]` at `place[1]`, under the half of a hat that
-/// falls from one to zero over 0..1, and under the half that rises.
-fn hat_sums<S: Real>(place: [S; 2], value: [S; 2]) -> (S, S) {
-    let length = place[1] - place[0];
-    let (third, sixth, half) = (S::lit(1.0 / 3.0), S::lit(1.0 / 6.0), S::lit(0.5));
-    let up = length
-        * (third * (place[0] * value[0] + place[1] * value[1])
-            + sixth * (place[0] * value[1] + place[1] * value[0]));
-    (half * length * (value[0] + value[1]) - up, up)
-}
-
-/// One step of the classical Runge–Kutta scheme for a single number.
-fn rk4<S: Real>(x: S, dt: S, rate: impl Fn(S) -> S) -> S {
-    let (half, two) = (S::lit(0.5) * dt, S::lit(2.0));
-    let a = rate(x);
-    let b = rate(x + half * a);
-    let c = rate(x + half * b);
-    let d = rate(x + dt * c);
-    x + dt * S::lit(1.0 / 6.0) * (a + two * (b + c) + d)
 }
 
 /// A model at work on a log.
