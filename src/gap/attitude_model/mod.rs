@@ -12,6 +12,7 @@
 mod apply;
 mod commands;
 mod error;
+mod judge;
 mod outcome;
 mod report;
 mod rotation;
@@ -30,6 +31,7 @@ use crate::physics::effects::{AnyEffect, linear_drag};
 use crate::vehicle::schema::Response;
 use crate::vehicle::{DYNAMICS, Vehicle};
 use commands::Commands;
+use nalgebra::SVector;
 use rotation::Rotation;
 use solve::Fit;
 use std::sync::Arc;
@@ -95,9 +97,12 @@ struct Job<'a> {
     warnings: Vec<String>,
 }
 
+type RotationalFit = Fit<{ rotation::SHARED }, { rotation::OWN }>;
+type TranslationalFit = Fit<{ translation::SHARED }, { translation::OWN }>;
+
 /// The rotational part as fitted.
 struct Rotated {
-    fit: Fit<{ rotation::SHARED }, { rotation::OWN }>,
+    fit: RotationalFit,
     held: [Option<String>; 3],
     windows: usize,
 }
@@ -266,12 +271,46 @@ impl<'a> Job<'a> {
         (square.sqrt(), mean)
     }
 
+    /// The rotational fit: gains and delay by the attitude alone.
     fn rotation(
         &mut self,
         mut gains: [f64; 9],
         delay_s: f64,
         spans: &[(f64, f64)],
     ) -> Result<Rotated, AttitudeModelError> {
+        let mut held = self.held_axes(&mut gains, spans)?;
+        let (drone, commands) = (self.drone.clone(), self.commands.clone());
+        let (problem, own) =
+            Rotation::new(self.log, &commands, &drone, &self.channels.attitude, &self.gyro, spans);
+        let mut fit = self.rotational_start(&gains, delay_s, &held, own);
+        fit.run(&problem, 30, rotational_share);
+        self.hold_undecided(&mut fit, &problem, &mut held)?;
+        if held.iter().all(Option::is_some) {
+            return Err(AttitudeModelError::Unfit {
+                path: self.log.path.clone(),
+                reason: "no axis was excited enough".into(),
+                remedy: "fly steps or a multi-sine of several degrees in roll, pitch and yaw".into(),
+            });
+        }
+        let places = problem.windows.iter().map(|w| (w.from_s, w.to_s)).collect();
+        if self.leave_out_odd(&mut fit, places, "attitude") {
+            fit.run(&problem, 20, rotational_share);
+        }
+        self.answers_stably(&fit, &held)?;
+        if !fit.converged {
+            self.warnings.push("the rotational fit did not settle; take its values with doubt".into());
+        }
+        let windows = fit.used.iter().filter(|u| **u).count();
+        Ok(Rotated { windows, fit, held })
+    }
+
+    /// Axes whose commands hardly move are held at the filed gains, with where those are from; the gains of the others are made
+    /// such that a fit can start there.
+    fn held_axes(
+        &mut self,
+        gains: &mut [f64; 9],
+        spans: &[(f64, f64)],
+    ) -> Result<[Option<String>; 3], AttitudeModelError> {
         let mut held: [Option<String>; 3] = [None, None, None];
         for k in 0..3 {
             let (spread, _) = self.spread(k, spans);
@@ -281,7 +320,7 @@ impl<'a> Job<'a> {
                     spread.to_degrees(),
                     LEAST_SPREAD_RAD.to_degrees()
                 );
-                held[k] = Some(self.hold(k, &mut gains, found)?);
+                held[k] = Some(self.hold(k, gains, found)?);
                 continue;
             }
             if gains[6 + k] < 0.0 && gains[k] < 0.0 && gains[3 + k] < 0.0 {
@@ -303,11 +342,19 @@ impl<'a> Job<'a> {
                 }
             }
         }
-        let (drone, commands) = (self.drone.clone(), self.commands.clone());
-        let (problem, own) =
-            Rotation::new(self.log, &commands, &drone, &self.channels.attitude, &self.gyro, spans);
+        Ok(held)
+    }
+
+    /// The rotational fit before its first step.
+    fn rotational_start(
+        &self,
+        gains: &[f64; 9],
+        delay_s: f64,
+        held: &[Option<String>; 3],
+        own: Vec<[f64; rotation::OWN]>,
+    ) -> RotationalFit {
         let mut shared = [0.0; rotation::SHARED];
-        shared[..9].copy_from_slice(&gains);
+        shared[..9].copy_from_slice(gains);
         shared[rotation::DELAY] = delay_s;
         let mut free = [true; rotation::SHARED];
         free[rotation::BIAS..].fill(!self.gyro.is_empty());
@@ -319,19 +366,16 @@ impl<'a> Job<'a> {
         let mut fit = Fit::new(shared, free, own, own_sigma);
         fit.sigma[..3].fill(3e-3);
         fit.sigma[rotation::GYRO..].fill(0.05);
-        let limit = |from: &[f64; rotation::SHARED], step: &nalgebra::SVector<f64, { rotation::SHARED }>| {
-            let mut share: f64 = 1.0;
-            for k in 0..9 {
-                // No gain more than halves or doubles in one step.
-                if step[k] != 0.0 {
-                    share = share.min(0.5 * from[k].abs() / step[k].abs());
-                }
-            }
-            let delay = step[rotation::DELAY].abs();
-            if delay > 0.02 { share.min(0.02 / delay) } else { share }
-        };
-        fit.run(&problem, 30, limit);
-        // An axis whose gains the log does not decide is held, and the rest fitted again.
+        fit
+    }
+
+    /// An axis whose gains the log does not decide is held, and the rest fitted again.
+    fn hold_undecided(
+        &mut self,
+        fit: &mut RotationalFit,
+        problem: &Rotation,
+        held: &mut [Option<String>; 3],
+    ) -> Result<(), AttitudeModelError> {
         loop {
             let doubtful = (0..3).find(|k| {
                 held[*k].is_none()
@@ -340,7 +384,7 @@ impl<'a> Job<'a> {
                         !(fit.sigma_of(i) <= MOST_SHARE * fit.shared[i].abs())
                     })
             });
-            let Some(k) = doubtful else { break };
+            let Some(k) = doubtful else { return Ok(()) };
             let worst =
                 (0..3).map(|g| fit.sigma_of(3 * g + k) / fit.shared[3 * g + k].abs()).fold(0.0, f64::max);
             let found = format!("its gains stay uncertain by {:.0} % (standard deviation)", worst * 100.0);
@@ -348,22 +392,16 @@ impl<'a> Job<'a> {
             held[k] = Some(self.hold(k, &mut gains, found)?);
             fit.shared[..9].copy_from_slice(&gains);
             (0..3).for_each(|g| fit.free[3 * g + k] = false);
-            fit.run(&problem, 20, limit);
+            fit.run(problem, 20, rotational_share);
         }
-        if held.iter().all(Option::is_some) {
-            return Err(AttitudeModelError::Unfit {
-                path: self.log.path.clone(),
-                reason: "no axis was excited enough".into(),
-                remedy: "fly steps or a multi-sine of several degrees in roll, pitch and yaw".into(),
-            });
-        }
-        if self.leave_out_odd(
-            &mut fit,
-            problem.windows.iter().map(|w| (w.from_s, w.to_s)).collect(),
-            "attitude",
-        ) {
-            fit.run(&problem, 20, limit);
-        }
+    }
+
+    /// Refuses fitted gains of which an axis would run away from its command.
+    fn answers_stably(
+        &self,
+        fit: &RotationalFit,
+        held: &[Option<String>; 3],
+    ) -> Result<(), AttitudeModelError> {
         for k in (0..3).filter(|k| held[*k].is_none()) {
             if fit.shared[k] > 0.0 || fit.shared[3 + k] > 0.0 || fit.shared[6 + k] < 0.0 {
                 return Err(AttitudeModelError::Unfit {
@@ -380,11 +418,7 @@ impl<'a> Job<'a> {
                 });
             }
         }
-        if !fit.converged {
-            self.warnings.push("the rotational fit did not settle; take its values with doubt".into());
-        }
-        let windows = fit.used.iter().filter(|u| **u).count();
-        Ok(Rotated { windows, fit, held })
+        Ok(())
     }
 
     /// Marks windows that fit far worse than the rest as unused; whether there are any.
@@ -445,6 +479,19 @@ impl<'a> Job<'a> {
         ));
         Ok(format!("[attitude_response.{from}] of the vehicle file"))
     }
+}
+
+/// Share of a step of the rotational fit that is taken.
+fn rotational_share(from: &[f64; rotation::SHARED], step: &SVector<f64, { rotation::SHARED }>) -> f64 {
+    let mut share: f64 = 1.0;
+    for k in 0..9 {
+        // No gain more than halves or doubles in one step.
+        if step[k] != 0.0 {
+            share = share.min(0.5 * from[k].abs() / step[k].abs());
+        }
+    }
+    let delay = step[rotation::DELAY].abs();
+    if delay > 0.02 { share.min(0.02 / delay) } else { share }
 }
 
 /// The drone to fit, with linear drag as its first effect; the filed response and drag.
