@@ -8,15 +8,16 @@
 //! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
 //! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
 
+mod rows;
+
 use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
 use super::per_log::{Values, of_log};
 use super::policy::NOISE_WINDOWS;
-use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, between, by_pose, delays};
+use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, delays};
 use super::residual::believed;
 use super::slow_errors::slow_errors;
 use super::track::{Drive, Measured, Noise, Track};
-use crate::flight::resample::rotation_vector;
 use crate::math::quat;
 use crate::physics::drone::Drone;
 use crate::physics::rigid_body::{Rate, State};
@@ -488,129 +489,6 @@ impl Job<'_> {
             }
         }
         node
-    }
-
-    /// Rows [own unknowns | parameters | residual] over noise of every measurement in the window, row after row.
-    fn rows(
-        &self,
-        from: usize,
-        points: &[Point],
-        outputs: &[Slopes],
-        own: usize,
-        width: usize,
-    ) -> (Vec<f64>, [usize; CHANNELS]) {
-        let (track, noise) = (self.p.track, self.noise);
-        let mut out = Vec::new();
-        let mut rows_of = [0; CHANNELS];
-        let begin = self.p.around.time_s(from);
-        let end = begin + self.steps as f64 * STEP_S;
-        let node_s = STEP_S * NODE as f64;
-        let by_pose = by_pose(track.drive);
-        // Columns of parameters that move samples in time, with the channel.
-        let clocks: Vec<(usize, usize)> = (own..width)
-            .filter_map(|c| match self.model.parameters[c - own].enters {
-                Enters::Clock(of) => Some((c, of)),
-                _ => None,
-            })
-            .collect();
-        // Slopes of output `o` at a time after the window's start, and the reading there.
-        let mut push =
-            |after: f64, which: core::ops::Range<usize>, residual: [f64; 3], sigma: f64, channel: usize| {
-                let place = (after / node_s).min(outputs.len() as f64 - 1.0 - 1e-9).max(0.0);
-                let (i, f) = (place.floor() as usize, place.fract());
-                let (a, b) = (&outputs[i], &outputs[i + 1]);
-                let step = ((after / STEP_S) as usize).min(points.len() - 2);
-                let moving = self.moving(points, step, after - step as f64 * STEP_S);
-                let per = 1.0 / sigma;
-                for (r, o) in which.enumerate() {
-                    let first = out.len();
-                    out.extend(a.row(o).iter().zip(b.row(o)).map(|(a, b)| (a + f * (b - a)) * per));
-                    // A sample that is late shows what was a moment ago.
-                    for (c, of) in &clocks {
-                        let here = if by_pose && *of == 0 {
-                            -f64::from(channel != 0)
-                        } else {
-                            f64::from(*of == channel)
-                        };
-                        out[first + c] -= here * moving[o] * per;
-                    }
-                    rows_of[o / 3] += 1;
-                    out.push(residual[r] * per);
-                }
-            };
-        let inside = |t: &[f64], delay: f64| {
-            let a = t.partition_point(|t| t - delay < begin);
-            let b = t.partition_point(|t| t - delay < end);
-            a..b
-        };
-        let reading_at = |after: f64| {
-            let step = ((after / STEP_S) as usize).min(points.len() - 2);
-            self.plant.reading(points, step, after - step as f64 * STEP_S)
-        };
-        let delay = self.delays[0];
-        for i in inside(&track.position.t_s, delay) {
-            let after = track.position.t_s[i] - delay - begin;
-            let reading = reading_at(after);
-            let residual = core::array::from_fn(|k| track.position.values[i][k] - reading.pos[k]);
-            push(after, 0..3, residual, noise.position_m, 0);
-        }
-        if track.drive != Drive::Thrust {
-            for i in inside(&track.attitude.t_s, delay) {
-                let after = track.attitude.t_s[i] - delay - begin;
-                let reading = reading_at(after);
-                let turn = quat::mul(quat::conjugate(reading.quat), track.attitude.values[i]);
-                push(after, 3..6, rotation_vector(turn), noise.attitude_rad, 0);
-            }
-        }
-        // Fast sensors are averaged over a step: between nodes the model is as good as straight. Which samples stand together
-        // does not depend on the clocks, or their noise would decide between clocks.
-        for (channel, sigma, which, of) in
-            [(&track.gyro, noise.gyro_rad_s, 6..9, 1), (&track.accel, noise.accel_m_s2, 9..12, 2)]
-        {
-            if track.drive == Drive::Thrust && of == 1 {
-                continue;
-            }
-            let delay = self.delays[of];
-            let t = &channel.t_s;
-            let mut i = t.partition_point(|t| t - delay < begin - STEP_S);
-            let last = t.partition_point(|t| t - delay < end + STEP_S);
-            while i < last {
-                let bin = (t[i] / STEP_S).floor();
-                let next = i + t[i..last].iter().take_while(|t| (*t / STEP_S).floor() == bin).count();
-                let n = (next - i) as f64;
-                let after = t[i..next].iter().sum::<f64>() / n - delay - begin;
-                if after >= 0.0 && after < end - begin {
-                    let mut sum = [0.0; 3];
-                    for j in i..next {
-                        let reading = reading_at(t[j] - delay - begin);
-                        let read = if of == 1 { reading.gyro } else { reading.accel };
-                        for k in 0..3 {
-                            sum[k] += channel.values[j][k] - read[k];
-                        }
-                    }
-                    push(after, which.clone(), sum.map(|s| s / n), sigma / n.sqrt(), of);
-                }
-                i = next;
-            }
-        }
-        (out, rows_of)
-    }
-
-    /// How fast the outputs change, per s.
-    fn moving(&self, points: &[Point], step: usize, after_s: f64) -> [f64; OUTPUTS] {
-        let here = between(points, step, after_s);
-        let (a, b) = (
-            self.plant.drone.read(&points[step].state, &points[step].rate),
-            self.plant.drone.read(&points[step + 1].state, &points[step + 1].rate),
-        );
-        let mut out = [0.0; OUTPUTS];
-        for k in 0..3 {
-            out[k] = here.state.vel[k];
-            out[3 + k] = here.state.ang_vel[k];
-            out[6 + k] = here.rate.ang_acc[k];
-            out[9 + k] = (b.accel[k] - a.accel[k]) / STEP_S;
-        }
-        out
     }
 }
 
