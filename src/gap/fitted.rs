@@ -13,7 +13,7 @@ use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
 use super::policy::WORSE;
 use super::track::{Noise, Options, Track};
-use super::verdict::{Calibration, Finding, Rung};
+use super::verdict::{Calibration, Diagnosis, Finding, Rung};
 use crate::Result;
 use crate::flight::{CheckReport, Fault, FlightLog, Severity};
 use crate::vehicle::Vehicle;
@@ -136,30 +136,13 @@ pub fn fit(
     let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
     let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new() };
     let judge = Judge::new(flights);
-    if !verdict.findings.is_empty() && judge.blind(filed.vehicle) {
-        let words = "is too short to judge what was found: it is written as it was fitted";
-        verdict.warnings.push(format!("{} {words}", judge.title()));
-    } else if !judge.unseen && !verdict.findings.is_empty() {
-        verdict.warnings.push(
-            "no flight was kept from the fit: what is written was judged on the flight of the fit alone"
-                .into(),
-        );
-    }
+    warn_of_judge(&judge, filed.vehicle, verdict);
     let (writable, unwritable) = writer.writable(&verdict.findings)?;
     for (id, error) in &unwritable {
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
     let kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
-    let harmful = verdict.findings.iter().filter_map(|f| {
-        Some(Why::new(&f.id, Rule::NeverWorse, format!("in doubt, not written: {}", f.doubt()?)))
-    });
-    verdict.why.extend(harmful);
-    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
-    let doubtful: Vec<&str> =
-        verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
-    if !doubtful.is_empty() {
-        verdict.verdict = format!("{}; in doubt and not written: {}", verdict.verdict, doubtful.join(", "));
-    }
+    say_doubts(verdict);
 
     let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];
     let mut completion = writer.begin();
@@ -198,6 +181,33 @@ pub fn fit(
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);
     Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
+}
+
+/// Says where what was found cannot be judged, or only on flight that the fit has seen.
+fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
+    if !verdict.findings.is_empty() && judge.blind(vehicle) {
+        let words = "is too short to judge what was found: it is written as it was fitted";
+        verdict.warnings.push(format!("{} {words}", judge.title()));
+    } else if !judge.unseen && !verdict.findings.is_empty() {
+        verdict.warnings.push(
+            "no flight was kept from the fit: what is written was judged on the flight of the fit alone"
+                .into(),
+        );
+    }
+}
+
+/// Says which findings are in doubt and not written, and why, in the headline too.
+fn say_doubts(verdict: &mut Diagnosis) {
+    let harmful = verdict.findings.iter().filter_map(|f| {
+        Some(Why::new(&f.id, Rule::NeverWorse, format!("in doubt, not written: {}", f.doubt()?)))
+    });
+    verdict.why.extend(harmful);
+    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+    let doubtful: Vec<&str> =
+        verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
+    if !doubtful.is_empty() {
+        verdict.verdict = format!("{}; in doubt and not written: {}", verdict.verdict, doubtful.join(", "));
+    }
 }
 
 /// A ladder on which an effect that only helps with the next one stands on one rung with it: what was fitted together is not
