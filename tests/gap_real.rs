@@ -191,4 +191,14 @@ fn drag_and_flapping_of_a_brushless_crazyflie_are_found_by_either_input() {
         errors[0], errors[1]
     ));
     assert!(errors[1] < 0.6 * errors[0], "{errors:?}");
+
+    // With a third flight a wind that leaves a shape of its own is more evident than the drag: that is in doubt then, not lost.
+    let three = ["00", "02", "03"].map(|i| driven(&path(i), &v, Drive::RotorSpeeds));
+    let d = diagnose(&three, &v, &Settings::default()).unwrap().verdict;
+    describe("brushless, three flights by rotor speeds", &d);
+    let drag = finding(&d, "rotor_drag");
+    assert!(!drag.certain && drag.second.said == Said::Agrees, "{}", drag.second.text);
+    let rotors: f64 = v.drone("first_principles").unwrap().hover_rotor_vel()[..4].iter().sum();
+    let per_speed = value(drag, "drag_n_s2_per_rad_m").value * rotors;
+    assert!((per_speed / 12.35e-3 - 1.0).abs() < 0.25, "{per_speed} N·s/m in hover");
 }
