@@ -109,6 +109,15 @@ impl<'a> Decision<'a> {
             let id = &model.candidates[*c].id;
             let better = shapes::better(model, evidence, &solution.set, *c)
                 .map(|(words, nats)| format!("{words} fits better than {id} by {nats:.0} nats"));
+            // A shape that is left beside an effect may be a second thing that is missing: what the regression sees as well,
+            // and nothing in the list stands in for, is in doubt only. Of a shape that fits in its place the regression says
+            // nothing: it knows the list alone.
+            let in_place = better.is_some();
+            let agreed = |f: &Finding| {
+                !in_place
+                    && f.second.said == Said::Agrees
+                    && f.look_alikes.iter().all(|l| l.ids == [UNLISTED])
+            };
             let other = better.or_else(|| {
                 let term = other_shape(self.logs, model, solution, *c, left)?;
                 Some(format!("{id} leaves a shape that goes with {term}"))
@@ -118,11 +127,6 @@ impl<'a> Decision<'a> {
                 self.remainder.text = format!("{}; {words}", self.remainder.text);
                 // What was found beside it, on less evidence, was found beside the wrong shape.
                 let own = self.findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
-                // What the regression sees as well, and nothing in the list stands in for, is in doubt only: a part of what
-                // is missing has its shape, whatever the rest is.
-                let agreed = |f: &Finding| {
-                    f.second.said == Said::Agrees && f.look_alikes.iter().all(|l| l.ids == [UNLISTED])
-                };
                 self.keep_in_doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && agreed(f));
                 self.doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && !agreed(f));
             }

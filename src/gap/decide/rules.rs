@@ -100,9 +100,9 @@ impl Rule {
             ),
             Self::LookAlikes => format!("nothing is certain that something else fits within {THRESHOLD} nats"),
             Self::OtherShape => {
-                "an effect of the air that leaves a clear shape of its own, or that a shape outside the list fits better, \
-                 is taken back, \
-                 and what was found beside it on less evidence as well, or put in doubt where the regression agrees"
+                "an effect of the air is taken back with what was found beside it on less evidence where a shape outside the \
+                 list fits better, or where it leaves a clear shape of its own; in the second case what the regression \
+                 agrees on stays, in doubt"
                     .into()
             }
             Self::Leaning => format!(
