@@ -24,6 +24,7 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
     let rest = if unexplained { "; something unexplained is left" } else { "" };
     let listed = |names: &[String], shown: usize| match names.len() - shown {
         0 => names.join("; "),
+        1 if shown == 0 => "1 effect".into(),
         more if shown == 0 => format!("{more} effects"),
         more => format!("{} and {more} more", names[..shown].join("; ")),
     };
@@ -192,6 +193,11 @@ mod tests {
             assert!(line.chars().count() <= HEADLINE_CHARS, "{line}");
             assert!(line.starts_with("missing: "), "{line}");
         }
+        let one_more: Vec<Finding> = ["a", "b", "c"]
+            .map(|end| finding(&format!("an_effect_with_a_very_long_name_indeed.{end}"), 0, end == "c"))
+            .into();
+        let line = of(&one_more, true);
+        assert!(line.contains("in doubt: 1 effect;"), "{line}");
         assert!(
             of(&many, false).contains("more") || of(&many, false).contains("effects"),
             "{}",

@@ -17,6 +17,11 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Length of one segment of a spectrum, s: frequencies 2 Hz apart.
 const SEGMENT_S: f64 = 0.5;
+/// Length of one segment where motion is slow, s: frequencies 0.5 Hz apart, up to [`SLOW_HZ`]. In a hover rotors hardly differ at all below
+/// 3 Hz, and what noise holds there passed for motion: mass and thrust were found at a fifth of their values.
+const SLOW_SEGMENT_S: f64 = 2.0;
+/// Frequency up to which the longer segments say how much is motion, Hz.
+const SLOW_HZ: f64 = 10.0;
 /// Most segments that a spectrum is averaged over, and fewest from which it says something.
 const MOST_SEGMENTS: usize = 120;
 const FEWEST_SEGMENTS: usize = 8;
@@ -29,9 +34,52 @@ pub(super) struct Smoothed {
     pub inputs: Vec<Channel<1>>,
     /// Standard deviation of what was taken away, unit of the inputs.
     pub noise: f64,
+    /// What was smoothed.
+    pub smoothing: Smoothing,
+}
+
+/// How measured inputs were smoothed, and how well what is left of them is known.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Smoothing {
     /// Time over which the inputs were smoothed (root mean square of the kernel's reach, the widest of all directions), s.
     pub reach_s: f64,
+    directions: Vec<Direction>,
 }
+
+/// Inputs that were smoothed together: mean squares of the smoothed one about its mean, and of the noise that stays in it.
+#[derive(Clone, Debug)]
+struct Direction {
+    /// Share of every input.
+    of: Vec<f64>,
+    all: [f64; 2],
+    /// The same of its differences from sample to sample.
+    changes: [f64; 2],
+    /// Number of independent values that the noise has.
+    values: f64,
+}
+
+impl Smoothing {
+    /// How uncertain the answer of a vehicle to a sum of the inputs (`weights`) is, as a share of it, over all records: smoothed inputs answer
+    /// as the true ones do only as far as the power of their noise is known, and of noise that is much larger than the
+    /// motion chance alone leaves as much as the motion. `changes`: the answer to how fast the sum changes.
+    pub fn doubt<'a>(all: impl Iterator<Item = &'a Self>, weights: &[f64], changes: bool) -> f64 {
+        let (mut variance, mut signal) = (0.0, 0.0);
+        for direction in all.flat_map(|s| &s.directions) {
+            let along: f64 = direction.of.iter().zip(weights).map(|(a, b)| a * b).sum();
+            let [power, noise] = if changes { direction.changes } else { direction.all };
+            variance += (along * along * noise).powi(2) / direction.values;
+            signal += along * along * (power - noise).max(0.0);
+        }
+        if variance > 0.0 {
+            (variance.sqrt() / signal.max(f64::MIN_POSITIVE)).min(NOTHING_KNOWN)
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Doubt in an answer of which nothing is known: three times the answer itself.
+const NOTHING_KNOWN: f64 = 3.0;
 
 /// The inputs without noise; `None` where the record is too short to tell noise from signal.
 pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
@@ -47,8 +95,19 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
             inputs.iter().map(|c| without_noise(std::slice::from_ref(c))).collect();
         let each = each?;
         let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
-        let reach_s = each.iter().map(|s| s.reach_s).fold(0.0, f64::max);
-        return Some(Smoothed { inputs: each.into_iter().flat_map(|s| s.inputs).collect(), noise, reach_s });
+        let mut smoothing = Smoothing::default();
+        for (i, one) in each.iter().enumerate() {
+            smoothing.reach_s = smoothing.reach_s.max(one.smoothing.reach_s);
+            let mut of = vec![0.0; each.len()];
+            of[i] = 1.0;
+            let own = one.smoothing.directions.iter();
+            smoothing.directions.extend(own.map(|d| Direction { of: of.clone(), ..d.clone() }));
+        }
+        return Some(Smoothed {
+            inputs: each.into_iter().flat_map(|s| s.inputs).collect(),
+            noise,
+            smoothing,
+        });
     }
     let columns: Vec<Vec<f64>> = inputs.iter().map(|c| c.component(0)).collect();
     let basis = principal_axes(&columns);
@@ -57,17 +116,36 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
             (0..first.len()).map(|i| (0..inputs.len()).map(|r| basis[(r, m)] * columns[r][i]).sum()).collect()
         })
         .collect();
-    let fourier = Fourier::new(length);
-    let segments = segments(&runs, length);
-    if segments.len() < FEWEST_SEGMENTS {
-        return None;
-    }
-    let spectra: Vec<Vec<f64>> = modes.iter().map(|m| fourier.power(m, &segments)).collect();
+    let fast = Spectra::new(&modes, &runs, length, length / 2)?;
     // White noise is the same in every direction: the quietest of them says most truly how much it is.
-    let floor = spectra.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
-    let kernels: Vec<Vec<f64>> = spectra.iter().map(|s| fourier.kernel(&shares(s, floor))).collect();
+    let floor = fast.power.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
+    let longer = (SLOW_SEGMENT_S / SEGMENT_S) as usize;
+    let slow_lines = ((SLOW_HZ * SLOW_SEGMENT_S) as usize).min(longer * length / 2);
+    let slow = Spectra::new(&modes, &runs, longer * length, slow_lines);
+    let (fourier, shares): (&Fourier, Vec<Vec<f64>>) = match &slow {
+        Some(slow) => (&slow.fourier, (0..modes.len()).map(|m| slow.refined(m, &fast, floor)).collect()),
+        None => {
+            let all = (0..modes.len()).map(|m| falling(fast.shares(m, floor), 0));
+            (&fast.fourier, all.collect())
+        }
+    };
+    let kernels: Vec<Vec<f64>> = shares.iter().map(|s| fourier.kernel(s)).collect();
     let smoothed: Vec<Vec<f64>> = modes.iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
-    let reach_s = period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max);
+    let white = floor / fast.fourier.window.iter().map(|w| w * w).sum::<f64>();
+    let directions = (0..modes.len()).map(|m| {
+        let [all, changes] = passed(&kernels[m]).map(|p| p * white);
+        let (power, change) = mean_squares(&smoothed[m]);
+        Direction {
+            of: basis.column(m).iter().copied().collect(),
+            all: [power, all],
+            changes: [change, changes],
+            values: bandwidth(&shares[m]) * first.len() as f64,
+        }
+    });
+    let smoothing = Smoothing {
+        reach_s: period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max),
+        directions: directions.collect(),
+    };
     let mut removed = 0.0;
     let inputs = (0..inputs.len())
         .map(|r| {
@@ -82,7 +160,7 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
         })
         .collect();
     let noise = (removed / (columns.len() * first.len()).max(1) as f64).sqrt();
-    Some(Smoothed { inputs, noise, reach_s })
+    Some(Smoothed { inputs, noise, smoothing })
 }
 
 /// Stretches of a record without interruption: (first, one after the last).
@@ -142,8 +220,8 @@ impl Fourier {
         (self.cosine[at], self.cosine[(at + 3 * self.length / 4) % self.length])
     }
 
-    /// Coefficients of one segment without its straight line, below half the sample rate.
-    fn line(&self, values: &[f64]) -> Line {
+    /// The lowest `lines` coefficients of one segment without its straight line.
+    fn line(&self, values: &[f64], lines: usize) -> Line {
         let n = self.length as f64;
         let mean = values.iter().sum::<f64>() / n;
         let middle = 0.5 * (n - 1.0);
@@ -158,7 +236,7 @@ impl Fourier {
             .enumerate()
             .map(|(i, v)| self.window[i] * (v - mean - slope * (i as f64 - middle)))
             .collect();
-        (0..self.length / 2)
+        (0..lines)
             .map(|k| {
                 rest.iter().enumerate().fold((0.0, 0.0), |(c, s), (i, v)| {
                     let (cos, sin) = self.turn(k, i);
@@ -169,17 +247,18 @@ impl Fourier {
     }
 
     /// Power of an input by frequency, mean over segments.
-    fn power(&self, input: &[f64], segments: &[usize]) -> Vec<f64> {
-        let mut sum = vec![0.0; self.length / 2];
+    fn power(&self, input: &[f64], segments: &[usize], lines: usize) -> Vec<f64> {
+        let mut sum = vec![0.0; lines];
         for from in segments {
-            for (sum, (c, s)) in sum.iter_mut().zip(self.line(&input[*from..from + self.length])) {
+            for (sum, (c, s)) in sum.iter_mut().zip(self.line(&input[*from..from + self.length], lines)) {
                 *sum += (c * c + s * s) / segments.len() as f64;
             }
         }
         sum
     }
 
-    /// The kernel without phase whose frequency response is `shares`, one way from its middle, under Hann's window.
+    /// The kernel without phase whose frequency response is `shares`, the first that at standstill, one way from its middle, under Hann's
+    /// window.
     fn kernel(&self, shares: &[f64]) -> Vec<f64> {
         let half = self.length / 2;
         let n = self.length as f64;
@@ -194,8 +273,11 @@ impl Fourier {
                 (sum + last) / n * (0.5 + 0.5 * (core::f64::consts::PI * i as f64 / half as f64).cos())
             })
             .collect();
+        // The taper moves the gain at standstill a little; it is known.
         let sum = out[0] + 2.0 * out[1..].iter().sum::<f64>();
-        out.iter_mut().for_each(|w| *w /= sum);
+        if shares[0] > 0.0 && sum > 0.0 {
+            out.iter_mut().for_each(|w| *w *= shares[0] / sum);
+        }
         out
     }
 }
@@ -206,20 +288,98 @@ fn noise_floor(power: &[f64]) -> Option<f64> {
     clean::median(power[at(NOISE_BAND[0])..at(NOISE_BAND[1])].to_vec())
 }
 
-/// Share of each frequency that is no noise: never more at a higher frequency, for rotors follow slow commands better.
-fn shares(power: &[f64], floor: f64) -> Vec<f64> {
-    let mut least: f64 = 1.0;
-    power
-        .iter()
-        .enumerate()
-        .map(|(k, power)| {
-            // The straight line was taken out of the lowest ones.
-            let white =
-                if k < 2 { 1.0 } else { (1.0 - floor / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0) };
-            least = least.min(white);
-            least
-        })
-        .collect()
+/// Shares that from frequency `from` on are never more at a higher one: rotors follow slow commands better.
+fn falling(mut shares: Vec<f64>, from: usize) -> Vec<f64> {
+    for k in from + 1..shares.len() {
+        shares[k] = shares[k].min(shares[k - 1]);
+    }
+    shares
+}
+
+/// Spectra of all directions by segments of one length.
+struct Spectra {
+    fourier: Fourier,
+    /// Power by direction and frequency, mean over the segments.
+    power: Vec<Vec<f64>>,
+    /// Mean square of the segments' means about the whole mean, by direction.
+    drift: Vec<f64>,
+    segments: usize,
+}
+
+impl Spectra {
+    /// The lowest `lines` frequencies; `None` where the record holds too few segments.
+    fn new(modes: &[Vec<f64>], runs: &[(usize, usize)], length: usize, lines: usize) -> Option<Self> {
+        let fourier = Fourier::new(length);
+        let segments = segments(runs, length);
+        if segments.len() < FEWEST_SEGMENTS {
+            return None;
+        }
+        let power = modes.iter().map(|m| fourier.power(m, &segments, lines)).collect();
+        let drift = modes.iter().map(|m| {
+            let of = |from: &usize| m[*from..from + length].iter().sum::<f64>() / length as f64;
+            let means: Vec<f64> = segments.iter().map(of).collect();
+            mean_squares(&means).0
+        });
+        Some(Self { drift: drift.collect(), fourier, power, segments: segments.len() })
+    }
+
+    /// Share of each frequency of direction `m` that is no noise. The straight line was taken out of the lowest two, which all pass.
+    fn shares(&self, m: usize, floor: f64) -> Vec<f64> {
+        let share = |power: &f64| (1.0 - floor / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        self.power[m].iter().enumerate().map(|(k, power)| if k < 2 { 1.0 } else { share(power) }).collect()
+    }
+
+    /// The same at all frequencies of these longer segments: by their own spectrum where that reaches, above by that of `fast`, whose
+    /// noise has the power `floor`.
+    fn refined(&self, m: usize, fast: &Self, floor: f64) -> Vec<f64> {
+        let longer = self.fourier.length / fast.fourier.length;
+        // Power of white noise grows with the length of a segment. What is more than that by chance alone is no motion.
+        let by_chance = 1.0 / (3.0 * self.segments as f64).sqrt();
+        let noise = floor * longer as f64 * (1.0 + by_chance);
+        let own = &self.power[m];
+        let near = |k: usize| {
+            let part = &own[k.max(3) - 1..(k + 2).min(own.len())];
+            part.iter().sum::<f64>() / part.len() as f64
+        };
+        let share = |k: usize| (1.0 - noise / near(k).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let above = fast.shares(m, floor);
+        // What a segment's mean has of noise. Half-overlapping segments are half as many independent ones.
+        let window = fast.fourier.window.iter().map(|w| w * w).sum::<f64>();
+        let of_mean =
+            floor / window / self.fourier.length as f64 * (1.0 + 2.0 / (self.segments as f64).sqrt());
+        let slowest = (1.0 - of_mean / self.drift[m].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let all = (0..self.fourier.length / 2).map(|k| match k {
+            // The straight line was taken out of the next.
+            0 => slowest,
+            k if k < own.len() => share(k.max(2)),
+            k => above[(k / longer).min(above.len() - 1)],
+        });
+        let most = (2..own.len()).max_by(|a, b| near(*a).total_cmp(&near(*b))).unwrap_or(0);
+        falling(all.collect(), most)
+    }
+}
+
+/// Parts of the mean square of white noise that a kernel passes, and that the differences of neighbours of what it passes have.
+fn passed(kernel: &[f64]) -> [f64; 2] {
+    let square = |v: &mut dyn Iterator<Item = f64>| v.map(|w| w * w).sum::<f64>();
+    let all = 2.0 * square(&mut kernel.iter().copied()) - kernel[0] * kernel[0];
+    let beyond = kernel.iter().skip(1).copied().chain([0.0]);
+    let changes = 2.0 * square(&mut kernel.iter().zip(beyond).map(|(a, b)| b - a));
+    [all, changes]
+}
+
+/// Mean squares of a record about its mean, and of the differences of neighbours.
+fn mean_squares(values: &[f64]) -> (f64, f64) {
+    let n = values.len().max(1) as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let power = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+    (power, values.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum::<f64>() / n)
+}
+
+/// Width of the band whose shares of noise pass, over the sample rate: so many independent values has every sample.
+fn bandwidth(shares: &[f64]) -> f64 {
+    let sum = |power: i32| shares.iter().map(|s| s.powi(power)).sum::<f64>();
+    sum(2).powi(2) / (sum(4).max(f64::MIN_POSITIVE) * 2.0 * shares.len() as f64)
 }
 
 /// Root mean square distance of a kernel's weights from its middle, samples.
@@ -232,21 +392,42 @@ fn reach(kernel: &[f64]) -> f64 {
     (sums.0 / sums.1).sqrt()
 }
 
-/// A record under a kernel without phase; at its ends the weights that are left stand for all.
+/// Mean by all weights of a kernel about sample `i` that lie within the record.
+fn one_sided(part: &[f64], kernel: &[f64], i: usize) -> f64 {
+    let first = (i + 1).saturating_sub(kernel.len());
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (j, value) in part.iter().enumerate().take(i + kernel.len()).skip(first) {
+        sum += kernel[i.abs_diff(j)] * value;
+        weights += kernel[i.abs_diff(j)];
+    }
+    if weights > 0.25 { sum / weights } else { part[i] }
+}
+
+/// A record under a kernel without phase, about its mean, which stays; at its ends the weights that are left stand for all.
 fn filtered(values: &[f64], runs: &[(usize, usize)], kernel: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let about: Vec<f64> = values.iter().map(|v| v - mean).collect();
+    let whole = kernel[0] + 2.0 * kernel[1..].iter().sum::<f64>();
     let mut out = values.to_vec();
     for (from, to) in runs {
-        let part = &values[*from..*to];
-        // About its mean, so that the ends do not lean.
+        let part = &about[*from..*to];
         for i in 0..part.len() {
+            // Alike on both sides, so that the ends do not lean.
             let reach = kernel.len().min(i + 1).min(part.len() - i);
             let (mut sum, mut weights) = (kernel[0] * part[i], kernel[0]);
             for j in 1..reach {
                 sum += kernel[j] * (part[i - j] + part[i + j]);
                 weights += 2.0 * kernel[j];
             }
-            // Few weights are left close to an end: the sample itself is the better one.
-            out[from + i] = if weights > 0.5 { sum / weights } else { part[i] };
+            let value = if reach == kernel.len() || whole < 0.5 {
+                sum
+            } else if weights > 0.5 * whole {
+                sum / weights * whole
+            } else {
+                // Few weights are left close to an end: there those of one side stand for both.
+                one_sided(part, kernel, i) * whole
+            };
+            out[from + i] = mean + value;
         }
     }
     out
@@ -305,6 +486,38 @@ mod tests {
         assert!(slope(&noisy, &exact) < 0.75, "{}", slope(&noisy, &exact));
         assert!((slope(&smooth, &exact) - 1.0).abs() < 0.05, "{}", slope(&smooth, &exact));
         assert!((out.noise / 4.0 - 1.0).abs() < 0.15, "{}", out.noise);
+    }
+
+    /// Rotors of a hover: they climb and sink slowly together, and turn the vehicle far less than their noise. The noise that stays below
+    /// 3 Hz once passed for motion that the vehicle did not answer.
+    #[test]
+    fn what_a_hover_leaves_to_noise_is_no_motion() {
+        let dice = |seed| Key { seed, world: 0, drone: 0, step: 0, purpose: purpose("inputs test") }.stream();
+        let (mut noise, mut lift) = (dice(6), 0.0);
+        let mut inputs = vec![Channel::<1>::default(); 4];
+        for i in 0..15_000 {
+            let t = i as f64 / HZ;
+            lift += -lift / 0.3 / HZ + 30.0 * noise.normal() / HZ.sqrt();
+            for (r, input) in inputs.iter_mut().enumerate() {
+                let trim = if r < 2 { 12.0 } else { -12.0 };
+                input.push(t, [1500.0 + trim + lift + 5.0 * noise.normal()]);
+            }
+        }
+        let out = without_noise(&inputs).unwrap();
+        let along = |inputs: &[Channel<1>], weights: [f64; 4]| -> Vec<f64> {
+            let at = |i: usize| (0..4).map(|r| weights[r] * inputs[r].values[i][0]).sum();
+            (0..15_000).map(at).collect()
+        };
+        let (together, roll) = ([1.0; 4], [1.0, 1.0, -1.0, -1.0]);
+        let scatter = |v: &[f64]| mean_squares(v).0.sqrt();
+        // 10 rad/s of noise in a sum of four, of which less than a twenty-fifth stays where nothing moves (a ninth, were all kept below 3 Hz).
+        assert!(scatter(&along(&out.inputs, roll)) < 0.4, "{}", scatter(&along(&out.inputs, roll)));
+        let mean = along(&out.inputs, roll).iter().sum::<f64>() / 15_000.0;
+        assert!((mean - 48.0).abs() < 0.5, "the trim stays: {mean}");
+        let kept = scatter(&along(&out.inputs, together)) / scatter(&along(&inputs, together));
+        assert!(kept > 0.9, "{kept}");
+        let doubt = |weights: [f64; 4]| Smoothing::doubt([&out.smoothing].into_iter(), &weights, false);
+        assert!(doubt(together) < 0.02 && doubt(roll) > 0.25, "{} {}", doubt(together), doubt(roll));
     }
 
     #[test]

@@ -2,13 +2,16 @@
 //! which numbers of them are free.
 
 use super::GapError;
-use super::policy::SMOOTHED_TIMING;
+use super::inputs::Smoothing;
+use super::policy::{SMOOTHED_TIMING, UNKNOWN_ANSWER};
 use super::replay::Around;
 use super::track::{Drive, Track};
 use crate::flight::clean;
+use crate::physics::airframe;
 use crate::physics::drone::Drone;
 use crate::physics::effects::{AnyEffect, Area, Candidate, Freedom, Needs, Sign, candidates};
 use crate::physics::params::Parameters;
+use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
 
 /// Where a parameter enters.
@@ -68,6 +71,8 @@ pub(crate) struct Model {
     pub shapes: Vec<usize>,
     /// Candidates that these logs cannot decide, with the reason.
     pub not_tried: Vec<(String, String)>,
+    /// Candidates of which these logs cannot tell both.
+    pub never_both: Option<[usize; 2]>,
 }
 
 /// Share of its filed value that a time constant, a mass or an inertia keeps at least: ten times off is another vehicle.
@@ -86,11 +91,26 @@ impl Model {
             may: Vec::new(),
             shapes: Vec::new(),
             not_tried: Vec::new(),
+            never_both: None,
         };
         for candidate in candidates(drone) {
-            match reason_against(&candidate, tracks, arounds) {
+            let reason = reason_against(&candidate, tracks, arounds);
+            match reason.or_else(|| unanswered(drone, &candidate, tracks)) {
                 Some(reason) => model.not_tried.push((candidate.id.clone(), reason)),
-                None => model.admit(adapted(candidate, tracks, arounds))?,
+                None => model.admit(adapted(drone, candidate, tracks, arounds))?,
+            }
+        }
+        // A vehicle that is lighter with weaker rotors hovers as well, and turns less: where nobody knows how it turns, no pair of those.
+        if ["x", "y"].iter().all(|axis| {
+            model
+                .not_tried
+                .iter()
+                .any(|(id, why)| *id == format!("wrong_inertia.{axis}") && why == UNANSWERED)
+        }) {
+            let both =
+                ["wrong_mass", "thrust_scale"].map(|id| model.candidates.iter().position(|c| c.id == id));
+            if let [Some(a), Some(b)] = both {
+                model.never_both = Some([a, b]);
             }
         }
         Ok(model)
@@ -238,6 +258,10 @@ impl Model {
             candidates: kept.iter().map(|c| self.candidates[*c].clone()).collect(),
             parameters,
             not_tried: self.not_tried.clone(),
+            never_both: self.never_both.and_then(|both| {
+                let kept = both.map(|c| kept.iter().position(|k| *k == c));
+                Some([kept[0]?, kept[1]?])
+            }),
         }
     }
 
@@ -304,6 +328,41 @@ impl Model {
     }
 }
 
+/// Why an effect is not tried that scales an answer of which the logs say nothing.
+fn unanswered(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
+    let answers =
+        matches!(candidate.kind, "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve");
+    (answers && answer_doubt(drone, candidate, tracks) > UNKNOWN_ANSWER).then(|| UNANSWERED.into())
+}
+
+const UNANSWERED: &str =
+    "the rotors' speeds change by hardly more than their noise: roll, pitch, yaw and climb quickly";
+
+/// How uncertain, as a share of it, the answer of the vehicle is that a candidate scales: a torque about an axis, a reaction to how fast
+/// rotors change, or the thrust's changes. Nothing where the inputs are exact.
+fn answer_doubt(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> f64 {
+    let along = match candidate.id.as_str() {
+        "wrong_inertia.x" => Some(0),
+        "wrong_inertia.y" => Some(1),
+        "thrust_curve" => None,
+        _ => Some(2),
+    };
+    let n = drone.airframe.n_rotors;
+    let hover = drone.hover_rotor_vel();
+    let torque = |speeds: &[f64; MAX_ROTORS]| {
+        let loads = airframe::loads(&drone.airframe, speeds);
+        airframe::wrench(&drone.airframe, &loads, speeds, &[0.0; MAX_ROTORS], [0.0; 3]).1
+    };
+    let weight = |rotor: usize| {
+        let Some(axis) = along else { return 1.0 };
+        let mut faster = hover;
+        faster[rotor] += 1.0;
+        torque(&faster)[axis] - torque(&hover)[axis]
+    };
+    let weights: Vec<f64> = (0..n).map(weight).collect();
+    Smoothing::doubt(tracks.iter().map(|t| &t.smoothing), &weights, candidate.kind == "rotor_inertia")
+}
+
 /// Value of a candidate's parameter at which its effect is absent.
 fn absent_value(candidate: &Candidate, name: &str) -> Option<f64> {
     if let Some((_, preset)) = candidate.preset.iter().find(|(n, _)| n == name) {
@@ -319,7 +378,12 @@ fn absent_value(candidate: &Candidate, name: &str) -> Option<f64> {
 }
 
 /// A candidate as these logs can tell it.
-fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> Candidate {
+fn adapted(
+    drone: &Drone<f64>,
+    mut candidate: Candidate,
+    tracks: &[&Track],
+    arounds: &[&Around],
+) -> Candidate {
     match candidate.kind {
         // How the load moves is known before the fit, from its track (`super::cable`).
         "slung_payload" => {
@@ -339,9 +403,17 @@ fn adapted(mut candidate: Candidate, tracks: &[&Track], arounds: &[&Around]) -> 
         }
         // What was smoothed is known in time to a part of that.
         "clock_offset" => {
-            let smoothed_s = tracks.iter().map(|t| t.smoothed_s).fold(0.0, f64::max);
+            let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
             for f in &mut candidate.freedoms {
                 f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
+            }
+        }
+        // How strongly a vehicle answers is known as well as its smoothed inputs are.
+        "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve" => {
+            let doubt = answer_doubt(drone, &candidate, tracks);
+            for f in &mut candidate.freedoms {
+                f.spike = f.spike.hypot(doubt);
+                f.slab = f.slab.hypot(doubt);
             }
         }
         // Up to the fastest command a limit does nothing: the search starts there.

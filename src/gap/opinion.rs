@@ -6,13 +6,18 @@ use super::report::{interval, quantity};
 use super::solve::Solution;
 use super::verdict::{Opinion, Said, SecondStep};
 use super::witness::{Agreement, Testimony, Witness, agreement};
+use crate::physics::effects::Area;
 
 /// What the second estimator says of candidate `c` of a solution.
 pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize) -> Opinion {
     let Some(testimony) = witness.testimony(&solution.set, c) else {
-        return silent(
-            "acts on sensors, clocks or limits, of which a regression of forces and torques says nothing",
-        );
+        // A wind beside a vehicle that is filed without drag.
+        let airy = model.candidates[c].area == Area::Airframe;
+        return silent(if airy {
+            "makes no force or torque that varies on the vehicle as filed, so that a regression says nothing of it"
+        } else {
+            "acts on sensors, clocks or limits, of which a regression of forces and torques says nothing"
+        });
     };
     let posterior = &solution.posterior;
     let said = agreement(&testimony, &posterior.mean, &posterior.sigma);

@@ -15,6 +15,11 @@ pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
 /// right, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to have inertial sensors 3 and 7 ms early.
 pub(crate) const SMOOTHED_TIMING: f64 = 0.5;
 
+/// Uncertainty of a vehicle's answer to its measured rotors (or thrust), as a share of it, from which on nothing is tried that scales that
+/// answer; below, it widens their tolerance. Inertias of usual tolerance are told from 20 % on. In hovers by rotor speeds with 4 to 6 rad/s
+/// of noise it is 0.3 to 3, and inertias of twice the true ones, or half the mass with half the thrust, stood for trims of the rotors.
+pub(crate) const UNKNOWN_ANSWER: f64 = 0.25;
+
 /// Logarithm of the ratio below which the noise of a channel counts as settled.
 pub(crate) const NOISE_SETTLED: f64 = 0.15;
 

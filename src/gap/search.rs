@@ -158,7 +158,8 @@ impl<'a> Evidence<'a> {
 
     fn scored(&self, mut set: Vec<usize>) -> Scored {
         set.sort_unstable();
-        Scored { evidence: self.of(&set), set }
+        let never = self.model.never_both.is_some_and(|both| both.iter().all(|c| set.contains(c)));
+        Scored { evidence: if never { f64::NEG_INFINITY } else { self.of(&set) }, set }
     }
 
     /// Posterior with the candidates of `set` in.

@@ -5,6 +5,7 @@ mod noise;
 mod objects;
 mod sensors;
 
+use super::inputs::Smoothing;
 use super::{GapError, lean, usable};
 use crate::flight::resample::Cursor;
 use crate::flight::usable::Unusable;
@@ -147,8 +148,8 @@ pub struct Track {
     /// Spans that are left out: on the ground, a crash, gaps.
     pub excluded: Vec<Excluded>,
     pub(crate) inputs: Inputs,
-    /// Time over which measured inputs were smoothed, s.
-    pub(crate) smoothed_s: f64,
+    /// How measured inputs were smoothed.
+    pub(crate) smoothing: Smoothing,
     pub(crate) position: Channel<3>,
     pub(crate) attitude: Channel<4>,
     pub(crate) gyro: Channel<3>,
@@ -196,7 +197,7 @@ impl Track {
         let gyro = sensors::enough_in(span_s, gyro, "angular velocity", &mut warnings);
         let accel = sensors::enough_in(span_s, accel, "specific force", &mut warnings);
         let mut noise = Noise::of(&options.noise, (&position, &attitude), (&gyro, &accel));
-        let smoothed_s = inputs.smooth(drive, &mut noise);
+        let smoothing = inputs.smooth(drive, &mut noise);
         let load = objects::load(&log, options)?;
         let neighbours = objects::neighbours(&log, options, load.as_ref())?;
         let mut track = Self {
@@ -212,7 +213,7 @@ impl Track {
             warnings,
             excluded: cut.excluded,
             inputs,
-            smoothed_s,
+            smoothing,
             position,
             attitude,
             gyro,

@@ -3,7 +3,7 @@
 use super::{Drive, Fault, Noise, Options};
 use crate::flight::usable::Unusable;
 use crate::flight::{Channel, FlightLog, clean};
-use crate::gap::inputs::without_noise;
+use crate::gap::inputs::{Smoothing, without_noise};
 use crate::gap::{GapError, usable};
 use crate::physics::airframe;
 use crate::physics::rigid_body::MAX_ROTORS;
@@ -30,28 +30,26 @@ impl Inputs {
         }
     }
 
-    /// Takes the noise out of measured inputs, says it in `noise`, and gives the time over which they were smoothed, s.
-    pub(super) fn smooth(&mut self, drive: Drive, noise: &mut Noise) -> f64 {
-        let mut smoothed_s = 0.0;
+    /// Takes the noise out of measured inputs, says it in `noise`, and gives how they were smoothed.
+    pub(super) fn smooth(&mut self, drive: Drive, noise: &mut Noise) -> Smoothing {
         match drive {
             Drive::RotorSpeeds => {
-                if let Some(smooth) = without_noise(&self.rotors) {
-                    self.rotors = smooth.inputs;
-                    noise.rotor_rad_s = Some(smooth.noise);
-                    smoothed_s = smooth.reach_s;
-                }
+                let Some(smooth) = without_noise(&self.rotors) else { return Smoothing::default() };
+                self.rotors = smooth.inputs;
+                noise.rotor_rad_s = Some(smooth.noise);
+                smooth.smoothing
             }
             Drive::Thrust => {
-                if let Some(smooth) = without_noise(std::slice::from_ref(&self.thrust)) {
-                    self.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
-                    noise.thrust_n = Some(smooth.noise);
-                    smoothed_s = smooth.reach_s;
-                }
+                let Some(smooth) = without_noise(std::slice::from_ref(&self.thrust)) else {
+                    return Smoothing::default();
+                };
+                self.thrust = smooth.inputs.into_iter().next().unwrap_or_default();
+                noise.thrust_n = Some(smooth.noise);
+                smooth.smoothing
             }
             // What is sent is known.
-            Drive::RotorCommands | Drive::AttitudeCommands => {}
+            Drive::RotorCommands | Drive::AttitudeCommands => Smoothing::default(),
         }
-        smoothed_s
     }
 }
 

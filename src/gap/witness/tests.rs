@@ -260,7 +260,8 @@ fn nothing_is_chosen_where_nothing_is_missing() {
 
 #[test]
 fn an_error_in_the_torques_leaves_the_drag_alone() {
-    let flapping = AnyEffect::BladeFlapping(blade_flapping::Params { moment_n_s2_per_rad: 4e-7 });
+    let flapping =
+        AnyEffect::BladeFlapping(blade_flapping::Params { moment_n_s2_per_rad: 4e-7, ..Default::default() });
     witnessed(&[drag(), flapping], rough(4.0), 0.0, |model, witness| {
         let set = named(model, &["linear_drag", "blade_flapping"]);
         let mut chosen: Vec<usize> = witness.search().iter().take(2).map(|s| s.candidate).collect();

@@ -544,7 +544,10 @@ impl Deviations {
             }
             "quadratic_drag" => many = list("drag_n_s2_per_m2", &self.quadratic_drag_n_s2_per_m2),
             "rotor_drag" => one("drag_n_s2_per_rad_m", self.rotor_drag_n_s2_per_rad_m),
-            "blade_flapping" => one("moment_n_s2_per_rad", self.flapping_n_s2_per_rad),
+            "blade_flapping" => {
+                one("moment_n_s2_per_rad", self.flapping_n_s2_per_rad);
+                one("lateral_extra_n_s2_per_rad", 0.0);
+            }
             "inflow" => one("loss_n_s2_per_rad_m", self.inflow_n_s2_per_rad_m),
             "translational_lift" => one("lift_n_s2_per_m2", self.lift_n_s2_per_m2),
             "ground_effect" => one("strength", self.ground_strength),
