@@ -100,7 +100,8 @@ pub(super) fn choose_drive(
     let mut inputs = Inputs { rotors: Vec::new(), attitude: Channel::default(), thrust: Channel::default() };
     let dynamics = match drive {
         Drive::RotorSpeeds => {
-            for (i, c) in log.rotor_speed_rad_s.iter().enumerate() {
+            let measured = not_held(&log.rotor_speed_rad_s, "rotor speeds", warnings);
+            for (i, c) in measured.iter().enumerate() {
                 inputs.rotors.push(without_spikes(c, &format!("rotor{}", i + 1), warnings));
             }
             DYNAMICS[0]
@@ -119,12 +120,47 @@ pub(super) fn choose_drive(
             if log.thrust_n.len() < 50 {
                 warnings
                     .push("the commanded thrust stands for the thrust: it has the motors' lag in it".into());
+            } else {
+                let measured = not_held(std::slice::from_ref(&inputs.thrust), "thrust", warnings);
+                inputs.thrust = measured.into_iter().next().unwrap_or_default();
             }
             DYNAMICS[0]
         }
     };
     Ok((drive, dynamics, inputs))
 }
+
+/// Measured inputs without samples that only repeat the one before, all inputs together where they were read together: values that a
+/// logger holds are late, and their noise is not that of a sensor. What repeats for longer does not change.
+fn not_held(inputs: &[Channel<1>], name: &str, warnings: &mut Vec<String>) -> Vec<Channel<1>> {
+    let [first, ..] = inputs else { return Vec::new() };
+    if inputs.iter().any(|c| c.t_s != first.t_s) {
+        return inputs.iter().flat_map(|c| not_held(std::slice::from_ref(c), name, warnings)).collect();
+    }
+    let mut kept: Vec<usize> = Vec::new();
+    for i in 0..first.len() {
+        let held = kept.last().is_some_and(|last| {
+            first.t_s[i] - first.t_s[*last] < HELD_S && inputs.iter().all(|c| c.values[i] == c.values[*last])
+        });
+        if !held {
+            kept.push(i);
+        }
+    }
+    let left = first.len() - kept.len();
+    if left * 20 > first.len() {
+        warnings.push(format!(
+            "{name}: {left} of {} samples repeat the one before and were left out",
+            first.len()
+        ));
+    }
+    let at = |c: &Channel<1>| {
+        Channel::new(kept.iter().map(|i| c.t_s[*i]).collect(), kept.iter().map(|i| c.values[*i]).collect())
+    };
+    inputs.iter().map(at).collect()
+}
+
+/// Time beyond which an input that repeats is one that does not change, s.
+const HELD_S: f64 = 0.1;
 
 /// Thrust over weight that flights have in the middle: outside, it is the wrong vehicle or the wrong unit.
 const PLAUSIBLE_THRUST: [f64; 2] = [0.3, 3.0];
