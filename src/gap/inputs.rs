@@ -17,6 +17,9 @@ use nalgebra::{DMatrix, SymmetricEigen};
 
 /// Length of one segment of a spectrum, s: frequencies 2 Hz apart.
 const SEGMENT_S: f64 = 0.5;
+/// Share of noise in what a direction holds at low frequencies from which on motion is faint there: the vehicle would seem to answer a tenth
+/// less.
+const FAINT: f64 = 0.1;
 /// Length of one segment where motion is slow, s: frequencies 0.5 Hz apart, up to [`SLOW_HZ`]. In a hover rotors hardly differ at all below
 /// 3 Hz, and what noise holds there passed for motion: mass and thrust were found at a fifth of their values.
 const SLOW_SEGMENT_S: f64 = 2.0;
@@ -129,30 +132,39 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let longer = (SLOW_SEGMENT_S / SEGMENT_S) as usize;
     let slow_lines = ((SLOW_HZ * SLOW_SEGMENT_S) as usize).min(longer * length / 2);
     let slow = Spectra::new(&modes, &runs, longer * length, slow_lines);
-    let (fourier, shares): (&Fourier, Vec<Vec<f64>>) = match &slow {
-        Some(slow) => (&slow.fourier, (0..modes.len()).map(|m| slow.refined(m, &fast, floor)).collect()),
-        None => {
-            let all = (0..modes.len()).map(|m| falling(fast.shares(m, floor), 0));
-            (&fast.fourier, all.collect())
-        }
-    };
-    let kernels: Vec<Vec<f64>> = shares.iter().map(|s| fourier.kernel(s)).collect();
+    // Where motion is slow and small its own spectrum is asked; elsewhere noise below 3 Hz is little, and all of it passes.
+    let (kernels, shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (0..modes.len())
+        .map(|m| match slow.as_ref().filter(|slow| slow.is_faint(m, &fast, floor)) {
+            Some(slow) => {
+                let shares = slow.refined(m, &fast, floor);
+                (slow.fourier.kernel(&shares), shares)
+            }
+            None => {
+                let shares = falling(fast.shares(m, floor), 0);
+                (fast.fourier.kernel(&shares), shares)
+            }
+        })
+        .unzip();
     let smoothed: Vec<Vec<f64>> = modes.iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
-    let white = floor / fast.fourier.window.iter().map(|w| w * w).sum::<f64>();
-    let directions = (0..modes.len()).map(|m| {
-        let [all, changes] = passed(&kernels[m]).map(|p| p * white);
-        let (power, change) = mean_squares(&smoothed[m]);
-        Direction {
-            of: basis.column(m).iter().copied().collect(),
-            all: [power, all],
-            changes: [change, changes],
-            values: bandwidth(&shares[m]) * first.len() as f64,
-        }
-    });
-    let smoothing = Smoothing {
-        reach_s: period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max),
-        directions: directions.collect(),
-    };
+    let white = floor / fast.fourier.square();
+    let directions: Vec<Direction> = (0..modes.len())
+        .map(|m| {
+            // Of a direction in which nothing is told from noise no less than one line's noise is unknown.
+            let line = 1.0 / kernels[m].len() as f64;
+            let slow = (core::f64::consts::PI * line).powi(2);
+            let [all, changes] = passed(&kernels[m]);
+            let [all, changes] = [all.max(line) * white, changes.max(slow * line) * white];
+            let (power, change) = mean_squares(&smoothed[m]);
+            Direction {
+                of: basis.column(m).iter().copied().collect(),
+                all: [power, all],
+                changes: [change, changes],
+                values: (bandwidth(&shares[m]) * first.len() as f64).max(1.0),
+            }
+        })
+        .collect();
+    let smoothing =
+        Smoothing { reach_s: period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max), directions };
     let mut removed = 0.0;
     let inputs = (0..inputs.len())
         .map(|r| {
@@ -221,6 +233,11 @@ impl Fourier {
         Self { length, window, cosine }
     }
 
+    /// Sum of the squares of the window: power of white noise of unit mean square.
+    fn square(&self) -> f64 {
+        self.window.iter().map(|w| w * w).sum()
+    }
+
     /// Cosine and sine of `2π·k·i/length`, by table.
     fn turn(&self, k: usize, i: usize) -> (f64, f64) {
         let at = k * i % self.length;
@@ -269,7 +286,7 @@ impl Fourier {
     fn kernel(&self, shares: &[f64]) -> Vec<f64> {
         let half = self.length / 2;
         let n = self.length as f64;
-        let mut out: Vec<f64> = (0..half)
+        (0..half)
             .map(|i| {
                 let sum: f64 = shares
                     .iter()
@@ -279,13 +296,7 @@ impl Fourier {
                 let last = if i % 2 == 0 { 1.0 } else { -1.0 } * shares.last().copied().unwrap_or(0.0);
                 (sum + last) / n * (0.5 + 0.5 * (core::f64::consts::PI * i as f64 / half as f64).cos())
             })
-            .collect();
-        // The taper moves the gain at standstill a little; it is known.
-        let sum = out[0] + 2.0 * out[1..].iter().sum::<f64>();
-        if shares[0] > 0.0 && sum > 0.0 {
-            out.iter_mut().for_each(|w| *w *= shares[0] / sum);
-        }
-        out
+            .collect()
     }
 }
 
@@ -336,29 +347,44 @@ impl Spectra {
         self.power[m].iter().enumerate().map(|(k, power)| if k < 2 { 1.0 } else { share(power) }).collect()
     }
 
+    /// Whether noise is more than [`FAINT`] of what direction `m` holds up to the frequencies at which `fast` tells motion from noise.
+    fn is_faint(&self, m: usize, fast: &Self, floor: f64) -> bool {
+        let longer = self.fourier.length / fast.fourier.length;
+        let of_mean = floor / fast.fourier.square() / self.fourier.length as f64;
+        // In parts of the noise of a line. A segment's mean holds half a line.
+        let lines = &self.power[m][1..(2 * longer).min(self.power[m].len())];
+        let held = 0.5 * self.drift[m] / of_mean + lines.iter().sum::<f64>() / (floor * longer as f64);
+        (0.5 + lines.len() as f64) > FAINT * held
+    }
+
     /// The same at all frequencies of these longer segments: by their own spectrum where that reaches, above by that of `fast`, whose
     /// noise has the power `floor`.
     fn refined(&self, m: usize, fast: &Self, floor: f64) -> Vec<f64> {
         let longer = self.fourier.length / fast.fourier.length;
-        // Power of white noise grows with the length of a segment. What is more than that by chance alone is no motion.
-        let by_chance = 1.0 / (3.0 * self.segments as f64).sqrt();
-        let noise = floor * longer as f64 * (1.0 + by_chance);
+        // Power of white noise grows with the length of a segment. What is more than that by chance alone is no motion; of what is motion,
+        // the share that is right on average passes: less of it would make the vehicle answer more than it does.
+        let kept = |power: f64, noise: f64, chance: f64| {
+            if power > noise * (1.0 + chance) { 1.0 - noise / power } else { 0.0 }
+        };
+        let noise = floor * longer as f64;
+        // Two standard deviations: of the mean of three lines, of one line, and of half as many means as segments overlap by half.
+        let n = self.segments as f64;
+        let [of_near, of_one, of_drift] = [3.0 * n, n, 0.25 * n].map(|values| 2.0 / values.sqrt());
         let own = &self.power[m];
         let near = |k: usize| {
             let part = &own[k.max(3) - 1..(k + 2).min(own.len())];
             part.iter().sum::<f64>() / part.len() as f64
         };
-        let share = |k: usize| (1.0 - noise / near(k).max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let share = |k: usize| kept(near(k), noise, of_near);
         let above = fast.shares(m, floor);
-        // What a segment's mean has of noise. Half-overlapping segments are half as many independent ones.
-        let window = fast.fourier.window.iter().map(|w| w * w).sum::<f64>();
-        let of_mean =
-            floor / window / self.fourier.length as f64 * (1.0 + 2.0 / (self.segments as f64).sqrt());
-        let slowest = (1.0 - of_mean / self.drift[m].max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let of_mean = floor / fast.fourier.square() / self.fourier.length as f64;
+        let slowest = kept(self.drift[m], of_mean, of_drift);
+        // A straight line was taken out of the next frequency: what it shows is the least. Figures of 2 s and longer stand there.
+        let at_one = kept(own[1], noise, of_one).max(slowest).max(share(2));
         let all = (0..self.fourier.length / 2).map(|k| match k {
-            // The straight line was taken out of the next.
             0 => slowest,
-            k if k < own.len() => share(k.max(2)),
+            1 => at_one,
+            k if k < own.len() => share(k),
             k => above[(k / longer).min(above.len() - 1)],
         });
         let most = (2..own.len()).max_by(|a, b| near(*a).total_cmp(&near(*b))).unwrap_or(0);
