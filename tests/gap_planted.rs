@@ -244,6 +244,23 @@ fn filtered_flight(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, flight
     (Track::new(log, vehicle, &Options::default()).unwrap(), flown)
 }
 
+/// Rotors of a hover differ by less than their speeds' noise; half of a filtered log's samples are held. What noise they were taken to
+/// move by made a vehicle of a twentieth to seven tenths of its mass and thrust.
+#[test]
+fn noise_of_rotor_speeds_in_a_hover_is_not_blamed_on_mass_and_thrust() {
+    for level in [NoiseLevel::Fine, NoiseLevel::Filtered] {
+        let (d, _) = flown(&["constant_wind"], 618, |plan| {
+            plan.excitation = Excitation::HoverYaw;
+            plan.build = Build::fair(618);
+            plan.sensors = Sensors::with(Inputs::Rotors);
+            plan.noise = level;
+        });
+        let names = names(&d);
+        assert!(names.contains(&"constant_wind"), "{level:?}: {}", d.verdict);
+        assert!(!names.contains(&"wrong_mass") && !names.contains(&"thrust_scale"), "{}", d.verdict);
+    }
+}
+
 /// Clocks of two flights differ by milliseconds: each has its own, and two flights say more of the vehicle than one.
 #[test]
 fn clocks_of_each_flight_are_told_and_two_flights_say_more_than_one() {

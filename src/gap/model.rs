@@ -101,12 +101,7 @@ impl Model {
             }
         }
         // A vehicle that is lighter with weaker rotors hovers as well, and turns less: where nobody knows how it turns, no pair of those.
-        if ["x", "y"].iter().all(|axis| {
-            model
-                .not_tried
-                .iter()
-                .any(|(id, why)| *id == format!("wrong_inertia.{axis}") && why == UNANSWERED)
-        }) {
+        if [0, 1].into_iter().all(|axis| torque_doubt(drone, tracks, axis, false) > UNKNOWN_ANSWER) {
             let both =
                 ["wrong_mass", "thrust_scale"].map(|id| model.candidates.iter().position(|c| c.id == id));
             if let [Some(a), Some(b)] = both {
@@ -332,35 +327,40 @@ impl Model {
 fn unanswered(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
     let answers =
         matches!(candidate.kind, "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve");
-    (answers && answer_doubt(drone, candidate, tracks) > UNKNOWN_ANSWER).then(|| UNANSWERED.into())
+    (answers && answer_doubt(drone, candidate, tracks) > UNKNOWN_ANSWER).then(|| {
+        "the rotors' speeds change by hardly more than their noise: roll, pitch, yaw and climb quickly".into()
+    })
 }
-
-const UNANSWERED: &str =
-    "the rotors' speeds change by hardly more than their noise: roll, pitch, yaw and climb quickly";
 
 /// How uncertain, as a share of it, the answer of the vehicle is that a candidate scales: a torque about an axis, a reaction to how fast
 /// rotors change, or the thrust's changes. Nothing where the inputs are exact.
 fn answer_doubt(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> f64 {
-    let along = match candidate.id.as_str() {
-        "wrong_inertia.x" => Some(0),
-        "wrong_inertia.y" => Some(1),
-        "thrust_curve" => None,
-        _ => Some(2),
-    };
-    let n = drone.airframe.n_rotors;
+    match candidate.id.as_str() {
+        "wrong_inertia.x" => torque_doubt(drone, tracks, 0, false),
+        "wrong_inertia.y" => torque_doubt(drone, tracks, 1, false),
+        "thrust_curve" => doubt_along(tracks, &vec![1.0; drone.airframe.n_rotors], false),
+        id => torque_doubt(drone, tracks, 2, id == "rotor_inertia"),
+    }
+}
+
+/// The same of the rotors' torque about a body axis; `changes`: of how fast it changes.
+fn torque_doubt(drone: &Drone<f64>, tracks: &[&Track], axis: usize, changes: bool) -> f64 {
     let hover = drone.hover_rotor_vel();
     let torque = |speeds: &[f64; MAX_ROTORS]| {
         let loads = airframe::loads(&drone.airframe, speeds);
-        airframe::wrench(&drone.airframe, &loads, speeds, &[0.0; MAX_ROTORS], [0.0; 3]).1
+        airframe::wrench(&drone.airframe, &loads, speeds, &[0.0; MAX_ROTORS], [0.0; 3]).1[axis]
     };
     let weight = |rotor: usize| {
-        let Some(axis) = along else { return 1.0 };
         let mut faster = hover;
         faster[rotor] += 1.0;
-        torque(&faster)[axis] - torque(&hover)[axis]
+        torque(&faster) - torque(&hover)
     };
-    let weights: Vec<f64> = (0..n).map(weight).collect();
-    Smoothing::doubt(tracks.iter().map(|t| &t.smoothing), &weights, candidate.kind == "rotor_inertia")
+    let weights: Vec<f64> = (0..drone.airframe.n_rotors).map(weight).collect();
+    doubt_along(tracks, &weights, changes)
+}
+
+fn doubt_along(tracks: &[&Track], weights: &[f64], changes: bool) -> f64 {
+    Smoothing::doubt(tracks.iter().map(|t| &t.smoothing), weights, changes)
 }
 
 /// Value of a candidate's parameter at which its effect is absent.

@@ -1,5 +1,6 @@
 //! What drives the model along a log, and whether the vehicle could fly by it.
 
+use super::sensors::say_held;
 use super::{Drive, Fault, Noise, Options};
 use crate::flight::usable::Unusable;
 use crate::flight::{Channel, FlightLog, clean};
@@ -146,13 +147,7 @@ fn not_held(inputs: &[Channel<1>], name: &str, warnings: &mut Vec<String>) -> Ve
             kept.push(i);
         }
     }
-    let left = first.len() - kept.len();
-    if left * 20 > first.len() {
-        warnings.push(format!(
-            "{name}: {left} of {} samples repeat the one before and were left out",
-            first.len()
-        ));
-    }
+    say_held(name, first.len() - kept.len(), first.len(), warnings);
     let at = |c: &Channel<1>| {
         Channel::new(kept.iter().map(|i| c.t_s[*i]).collect(), kept.iter().map(|i| c.values[*i]).collect())
     };
@@ -212,4 +207,29 @@ fn without_spikes(channel: &Channel<1>, name: &str, warnings: &mut Vec<String>) 
         warnings.push(format!("{name}: {n} samples that jump or read 0 were left out"));
     }
     clean::without(channel, &marks)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn held_inputs_are_left_out_together_and_what_stands_still_is_not() {
+        let channel = |values: &[f64]| {
+            Channel::<1>::new(
+                (0..values.len()).map(|i| 0.01 * i as f64).collect(),
+                values.iter().map(|v| [*v]).collect(),
+            )
+        };
+        // The third row is held; in the fourth one rotor alone repeats.
+        let rotors = [channel(&[1.0, 2.0, 2.0, 2.0, 3.0]), channel(&[5.0, 6.0, 6.0, 7.0, 8.0])];
+        let mut warnings = Vec::new();
+        let out = not_held(&rotors, "rotor speeds", &mut warnings);
+        assert_eq!(out[0].component(0), [1.0, 2.0, 2.0, 3.0]);
+        assert_eq!(out[1].t_s, [0.0, 0.01, 0.03, 0.04]);
+        assert_eq!(warnings, ["rotor speeds: 1 of 5 samples repeat the one before and were left out"]);
+        // A thrust that does not change for half a second: a sample in every tenth of one stays.
+        let still = not_held(&[channel(&[4.0; 51])], "thrust", &mut warnings);
+        assert!((5..=6).contains(&still[0].len()), "{:?}", still[0].t_s);
+    }
 }

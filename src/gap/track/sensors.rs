@@ -91,12 +91,13 @@ fn distinct<const N: usize>(channel: &Channel<N>, name: &str, warnings: &mut Vec
             out.push(*t, *v);
         }
     }
-    let left = channel.len() - out.len();
-    if left * 20 > channel.len() {
-        warnings.push(format!(
-            "{name}: {left} of {} samples repeat the one before and were left out",
-            channel.len()
-        ));
-    }
+    say_held(name, channel.len() - out.len(), channel.len(), warnings);
     out
+}
+
+/// Says how many samples only repeat the one before, where that is more than one in twenty.
+pub(super) fn say_held(name: &str, left: usize, of: usize, warnings: &mut Vec<String>) {
+    if left * 20 > of {
+        warnings.push(format!("{name}: {left} of {of} samples repeat the one before and were left out"));
+    }
 }
