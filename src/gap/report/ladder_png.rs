@@ -109,8 +109,10 @@ impl Page<'_> {
         let wide = LADDER_PNG_WIDTH as f32 - 2.0 * MARGIN;
         let title = self.shortened(title, 20.0, true, wide);
         self.text([MARGIN, 54.0], 20.0, true, SOFT, Anchor::Start, &title);
-        let verdict = self.shortened(verdict, 31.0, true, wide);
-        self.text([MARGIN, 100.0], 31.0, true, INK, Anchor::Start, &verdict);
+        // A headline of wide letters is set smaller, not cut: its end may say that something is unexplained.
+        let size = (31.0 * wide / self.width(verdict, 31.0, true)).clamp(24.0, 31.0);
+        let verdict = self.shortened(verdict, size, true, wide);
+        self.text([MARGIN, 100.0], size, true, INK, Anchor::Start, &verdict);
         for (k, line) in self.lines(evidence, 20.0, wide, 2).iter().enumerate() {
             self.text([MARGIN, 138.0 + 27.0 * k as f32], 20.0, false, SOFT, Anchor::Start, line);
         }

@@ -2,7 +2,8 @@
 //! K is k along body x and z, and k with a lateral extra along body y.
 //!
 //! The blade that runs against the flow lifts more and rises a quarter turn later, in front; stiff blades hand that
-//! tilt to the hub as a moment. A frame in the rotors' wake makes the moment unequal along and across it. Its force, a thrust that leans back, has the form of [`super::rotor_drag`].
+//! tilt to the hub as a moment. A frame in the rotors' wake makes the moment unequal along and across it. Its force, a
+//! thrust that leans back, has the form of [`super::rotor_drag`].
 //! Source: Mahony, Kumar & Corke, "Multirotor aerial vehicles: modeling, estimation, and control of quadrotor", IEEE
 //! Robotics & Automation Magazine 19(3), 2012; Hoffmann, Huang, Waslander & Tomlin, "Quadrotor helicopter flight dynamics
 //! and control: theory and experiment", AIAA GNC 2007.
