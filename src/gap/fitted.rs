@@ -134,7 +134,8 @@ pub fn fit(
     }
     verdict.warnings.extend(flights.warnings.iter().cloned());
     let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
-    let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new() };
+    let given = settings.given.is_some();
+    let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new(), given };
     let judge = Judge::new(flights);
     warn_of_judge(&judge, filed.vehicle, verdict);
     let (writable, unwritable) = writer.writable(&verdict.findings)?;
@@ -264,6 +265,8 @@ struct Writer<'a> {
     filed: &'a Filed<'a>,
     /// Parameters within tolerance that go with any of the findings.
     partners: Vec<Calibration>,
+    /// The user asked for these effects; nothing was searched.
+    given: bool,
 }
 
 impl Writer<'_> {

@@ -1,7 +1,7 @@
 //! Findings judged on flight that the fit has not seen: what makes the vehicle worse there is not written, but named as
 //! doubtful with both numbers.
 //!
-//! Two rules, in this order, each until it holds:
+//! Three rules, in this order, each until it holds:
 //!
 //! 1. A finding that makes its own channel worse *and* the roll-outs, against the vehicle with all the others and without
 //!    it, goes; the worst first.
@@ -12,7 +12,7 @@ use super::Writer;
 use crate::Result;
 use crate::gap::headline::pair;
 use crate::gap::judge::{Judge, Part, Seen};
-use crate::gap::policy::WORSE;
+use crate::gap::policy::{LITTLE_GAIN, WORSE};
 use crate::gap::report::significant;
 use crate::gap::verdict::{Finding, HeldOut};
 use rayon::prelude::*;
@@ -60,7 +60,10 @@ pub(super) fn judged(
             }
             continue;
         };
-        let Some((at, words)) = worst(judge, &tried, &whole, &filed) else {
+        let Some((at, words)) = worst(judge, &tried, &whole, &filed).or_else(|| {
+            let searched = !writer.given;
+            searched.then(|| least_gain(judge, &tried, &whole)).flatten()
+        }) else {
             for t in tried {
                 findings[t.index].held_out = Some(t.held_out);
             }
@@ -163,6 +166,22 @@ fn worst(judge: &Judge, tried: &[Tried], whole: &Seen, filed: &Seen) -> Option<(
         )
     };
     Some((least, words))
+}
+
+/// The finding that brings least, and why it goes; none where each brings enough.
+fn least_gain(judge: &Judge, tried: &[Tried], whole: &Seen) -> Option<(usize, String)> {
+    let left = |t: &Tried| (t.held_out.with / t.held_out.without).min(whole.over(&t.without));
+    let (at, t) = tried
+        .iter()
+        .enumerate()
+        .filter(|(_, t)| left(t) > LITTLE_GAIN)
+        .max_by(|a, b| left(a.1).total_cmp(&left(b.1)))?;
+    let words = format!(
+        "it takes too little off the errors on {} ({}), less than flights of one vehicle differ by: not written",
+        judge.title(),
+        told(&t.held_out)
+    );
+    Some((at, words))
 }
 
 fn told(h: &HeldOut) -> String {
