@@ -118,6 +118,7 @@ fn sample() -> Diagnosis {
                     roll_outs: 0.183,
                     written: true,
                     doubt: None,
+                    little: false,
                 }),
             },
             Finding {

@@ -103,7 +103,7 @@ impl Fitted {
         }
         let findings = &self.diagnosed.verdict.findings;
         let doubts: Vec<String> =
-            findings.iter().filter_map(|f| Some(format!("{}: {}", f.id, f.doubt()?))).collect();
+            findings.iter().filter_map(|f| Some(format!("{}: {}", f.id, f.unwritten()?))).collect();
         Some(if doubts.is_empty() {
             "nothing is written: nothing was found that changes the vehicle".into()
         } else {
@@ -200,7 +200,8 @@ fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
 /// Says which findings are in doubt and not written, and why, in the headline too.
 fn say_doubts(verdict: &mut Diagnosis) {
     let harmful = verdict.findings.iter().filter_map(|f| {
-        Some(Why::new(&f.id, Rule::NeverWorse, format!("in doubt, not written: {}", f.doubt()?)))
+        let doubt = if f.doubt().is_some() { "in doubt, not written: " } else { "" };
+        Some(Why::new(&f.id, Rule::NeverWorse, format!("{doubt}{}", f.unwritten()?)))
     });
     verdict.why.extend(harmful);
     verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);

@@ -162,6 +162,7 @@ mod tests {
                 roll_outs: 0.8,
                 written: !doubt,
                 doubt: doubt.then(|| "it harms".to_string()),
+                little: false,
             }),
         }
     }

@@ -253,6 +253,7 @@ impl Seen {
             roll_outs: self.rolls_over(without),
             written: true,
             doubt: None,
+            little: false,
         };
         (part, held_out)
     }

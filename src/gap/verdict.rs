@@ -138,6 +138,9 @@ pub struct HeldOut {
     pub written: bool,
     /// Why it is not written, with the numbers; null where it is.
     pub doubt: Option<String>,
+    /// It is not written since it takes too little off the errors; that says nothing against its being there.
+    #[serde(default)]
+    pub little: bool,
 }
 
 impl Calibration {
@@ -151,6 +154,11 @@ impl Calibration {
 impl Finding {
     /// Why it is in doubt and not written, where it is.
     pub fn doubt(&self) -> Option<&str> {
+        self.held_out.as_ref().filter(|h| !h.little).and_then(|h| h.doubt.as_deref())
+    }
+
+    /// Why it is not written, where it is not: it is in doubt, or takes too little off the errors.
+    pub fn unwritten(&self) -> Option<&str> {
         self.held_out.as_ref().and_then(|h| h.doubt.as_deref())
     }
 }

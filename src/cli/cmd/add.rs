@@ -72,7 +72,7 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     if let Some(words) = &nothing {
         print(words)?;
     }
-    for f in verdict.findings.iter().filter(|f| f.doubt().is_none()) {
+    for f in verdict.findings.iter().filter(|f| f.unwritten().is_none()) {
         show_parameters(&f.id, &f.parameters)?;
         if let Some(words) = before_after(f) {
             print(format_args!("{}  {words}", f.id))?;
@@ -80,8 +80,8 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     }
     if nothing.is_none() {
         for f in &verdict.findings {
-            if let Some(doubt) = f.doubt() {
-                print(format_args!("{}: {doubt}", f.id))?;
+            if let Some(reason) = f.unwritten() {
+                print(format_args!("{}: {reason}", f.id))?;
             }
         }
     }
@@ -182,11 +182,15 @@ struct SavedFinding {
 #[derive(Deserialize)]
 struct SavedHeldOut {
     doubt: Option<String>,
+    #[serde(default)]
+    little: bool,
 }
 
 impl SavedFinding {
-    fn doubt(&self) -> Option<&str> {
-        self.held_out.as_ref().and_then(|h| h.doubt.as_deref())
+    /// Why it is not written, where it is not. What takes little off the errors is written all the same where it is asked for by name.
+    fn unwritten(&self, asked: &[String]) -> Option<&str> {
+        let held_out = self.held_out.as_ref().filter(|h| !(h.little && asked.contains(&self.id)));
+        held_out.and_then(|h| h.doubt.as_deref())
     }
 }
 
@@ -236,8 +240,8 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     let mut completion = Completion::new(&vehicle, text_of(name)?, name, &saved.dynamics, source);
     let (mut written, mut doubtful) = (Vec::new(), Vec::new());
     for f in saved.findings.iter().filter(chosen) {
-        if let Some(doubt) = f.doubt() {
-            doubtful.push(format!("{}: {doubt}", f.id));
+        if let Some(reason) = f.unwritten(&args.effects) {
+            doubtful.push(format!("{}: {reason}", f.id));
             continue;
         }
         let sensor = f.area == Area::Measurement;
@@ -252,7 +256,8 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
         written.push(f);
     }
     // The calibration goes with all findings together: some of them left out, it would make up for them.
-    let whole = written.len() == saved.findings.iter().filter(|f| f.doubt().is_none()).count();
+    let whole =
+        written.len() == saved.findings.iter().filter(|f| f.unwritten(&args.effects).is_none()).count();
     if !written.is_empty() {
         completion.partners(&saved.adjusted)?;
     }

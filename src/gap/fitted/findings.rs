@@ -60,10 +60,10 @@ pub(super) fn judged(
             }
             continue;
         };
-        let Some((at, words)) = worst(judge, &tried, &whole, &filed).or_else(|| {
-            let searched = !writer.given;
-            searched.then(|| least_gain(judge, &tried, &whole)).flatten()
-        }) else {
+        let harmful = worst(judge, &tried, &whole, &filed);
+        let little = harmful.is_none() && !writer.given;
+        let out = harmful.or_else(|| little.then(|| least_gain(judge, &tried, &whole)).flatten());
+        let Some((at, words)) = out else {
             for t in tried {
                 findings[t.index].held_out = Some(t.held_out);
             }
@@ -71,8 +71,8 @@ pub(super) fn judged(
         };
         let t = &tried[at];
         findings[t.index].held_out =
-            Some(HeldOut { written: false, doubt: Some(words), ..t.held_out.clone() });
-        findings[t.index].certain = false;
+            Some(HeldOut { written: false, doubt: Some(words), little, ..t.held_out.clone() });
+        findings[t.index].certain &= little;
         kept.retain(|index| *index != t.index);
         if kept.is_empty() {
             return Ok(kept);
@@ -203,6 +203,7 @@ fn runs_away(judge: &Judge) -> HeldOut {
         times_noise: None,
         roll_outs: f64::INFINITY,
         written: false,
+        little: false,
         doubt: Some(format!("with it the model does not stay finite on {}: not written", judge.title())),
     }
 }

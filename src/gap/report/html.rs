@@ -140,6 +140,7 @@ impl Page {
         for f in &d.findings {
             let (class, word) = match (f.doubt(), f.certain) {
                 (Some(_), _) => ("doubt", "in doubt, not written"),
+                (None, true) if f.unwritten().is_some() => ("sure", "certain, small, not written"),
                 (None, true) => ("sure", "certain"),
                 (None, false) if f.look_alikes.is_empty() => ("doubt", "not certain"),
                 (None, false) => ("doubt", "one of several"),
@@ -159,8 +160,8 @@ impl Page {
             }
             self.body.push_str("</dl>");
             put!(self, "<p class=\"small\">second estimator: {}</p>", esc(&f.second.text));
-            if let Some(doubt) = f.doubt() {
-                put!(self, "<p class=\"small\">{}</p>", esc(&sentence(doubt)));
+            if let Some(reason) = f.unwritten() {
+                put!(self, "<p class=\"small\">{}</p>", esc(&sentence(reason)));
             }
             for l in &f.look_alikes {
                 put!(

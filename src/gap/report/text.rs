@@ -130,6 +130,7 @@ impl Out {
     fn finding(&mut self, number: usize, f: &Finding, judged_on: &str) {
         let certain = match (f.doubt(), f.certain) {
             (Some(_), _) => ", in doubt, not written",
+            (None, true) if f.unwritten().is_some() => ", small, not written",
             (None, true) => "",
             (None, false) => ", not certain",
         };
@@ -150,8 +151,8 @@ impl Out {
         if let Some(words) = before_after(f) {
             self.paragraph(4, &format!("without it → with it on {judged_on}: {words}"));
         }
-        if let Some(doubt) = f.doubt() {
-            self.paragraph(4, doubt);
+        if let Some(reason) = f.unwritten() {
+            self.paragraph(4, reason);
         }
         let verb = if f.removed_share < 0.0 { "adds" } else { "removes" };
         self.paragraph(
