@@ -156,7 +156,7 @@ class Finding:
     held_out: Mapping[str, Any] | None
     """What it does on flight that the fit has not seen: ``channel`` and ``unit``, error ``without`` and ``with`` it, ``written``."""
     doubt: str | None
-    """Why it is not in ``completed``: with it the error on unseen flight rises."""
+    """Why it is not in ``completed``: with it the error on unseen flight rises, or falls by less than flights differ."""
 
 
 @dataclass(frozen=True)
@@ -324,8 +324,8 @@ def add(
         calibrate: Also set parameters within their tolerance to their estimates: those of the groups that lower the error on
             flight that the fit has not seen.
 
-    Nothing is written that raises the error on flight that the fit has not seen: such effects have a ``doubt`` and are not in
-    ``completed``, which is None where nothing is left; then there is no file either, with a warning that says why.
+    Nothing is written that raises the error on flight that the fit has not seen, or, unless it is asked for by name, takes less than
+    5 % off: such effects have a ``doubt`` and are not in ``completed``, which is None where nothing is left; then there is no file either, with a warning that says why.
 
     Raises:
         ValueError: also for effects that the flights do not determine, with what to fly.
