@@ -159,6 +159,20 @@ impl<S: Real> Drone<S> {
         mass_kg * vec3::norm(body.gravity_m_s2)
     }
 
+    /// Angular acceleration, rad/s², that the weight would give the body at the rotors' mean arm, about the mean of body x and y: how
+    /// quickly a vehicle of this size turns. From 50 to 1000 rad/s² for vehicles of 5 kg to 30 g.
+    pub fn agility_rad_s2(&self) -> S {
+        let rotors = self.airframe.n_rotors;
+        let mut arms = S::zero();
+        for i in 0..rotors {
+            let [x, y, _] = self.airframe.rotors[i].position_m;
+            arms = arms + (x.square() + y.square()).sqrt();
+        }
+        let inertia = self.body.inertia_kg_m2;
+        let two = S::lit(2.0);
+        self.hover_thrust() * arms * two / (S::lit(rotors.max(1) as f64) * (inertia[0][0] + inertia[1][1]))
+    }
+
     /// Radius of the disc that has the area of all rotors, m.
     pub fn disc_radius_m(&self) -> S {
         let mut sum = S::zero();

@@ -8,7 +8,7 @@ use crate::gap::free_form::{self, Doing, Sample};
 use crate::gap::model::Model;
 use crate::gap::policy::{
     EVENT, LARGE_FORCE_M_S2, LARGE_TORQUE_RAD_S2, OWN_SHARE, REGULAR_FORCE_M_S2, REGULAR_SHARE,
-    REGULAR_TORQUE_RAD_S2, SHAPE_NATS,
+    REGULAR_TORQUE_RAD_S2, SHAPE_NATS, USUAL_AGILITY_RAD_S2,
 };
 use crate::gap::replay::{STEP, STEP_S, drive};
 use crate::gap::solve::Solution;
@@ -134,27 +134,31 @@ pub(in crate::gap) fn remainder(
         text: String::new(),
     };
     let (force, torque) = (remainder.force_seen_m_s2(), remainder.torque_seen_rad_s2());
-    remainder.terms.retain(|t| size_of(t, force, torque) >= 0.5);
-    let regular = regular(&remainder.terms, force, torque);
-    let large = force > LARGE_FORCE_M_S2 || torque > LARGE_TORQUE_RAD_S2;
+    // A vehicle whose file has no arms says nothing of its agility.
+    let agility = Some(model.drone.agility_rad_s2()).filter(|a| *a > 0.0).unwrap_or(USUAL_AGILITY_RAD_S2);
+    let scale = (agility / USUAL_AGILITY_RAD_S2).min(1.0);
+    let matters =
+        Matters { force: force / REGULAR_FORCE_M_S2, torque: torque / (scale * REGULAR_TORQUE_RAD_S2) };
+    remainder.terms.retain(|t| matters.of(t) >= 0.5);
+    let regular = remainder.terms.iter().any(|t| t.explained_share >= REGULAR_SHARE && matters.of(t) >= 1.0);
+    let large = force > LARGE_FORCE_M_S2 || torque > scale * LARGE_TORQUE_RAD_S2;
     let event = concentrated(samples).filter(|(_, times)| large && *times > EVENT);
     remainder.unexplained = regular || large;
     (remainder.told(event.map(|e| e.0)), event.is_some())
 }
 
-/// Size of what a term describes, over that from which on it matters.
-fn size_of(t: &FreeTerm, force_m_s2: f64, torque_rad_s2: f64) -> f64 {
-    let share = t.explained_share.max(0.0).sqrt();
-    if t.on.starts_with("force") {
-        share * force_m_s2 / REGULAR_FORCE_M_S2
-    } else {
-        share * torque_rad_s2 / REGULAR_TORQUE_RAD_S2
-    }
+/// What is left, over the size from which on a term that describes it matters.
+struct Matters {
+    force: f64,
+    torque: f64,
 }
 
-/// Whether a term describes something that is both regular and large enough to matter.
-fn regular(terms: &[FreeTerm], force_m_s2: f64, torque_rad_s2: f64) -> bool {
-    terms.iter().any(|t| t.explained_share >= REGULAR_SHARE && size_of(t, force_m_s2, torque_rad_s2) >= 1.0)
+impl Matters {
+    /// Size of what a term describes, over that from which on it matters.
+    fn of(&self, t: &FreeTerm) -> f64 {
+        let share = t.explained_share.max(0.0).sqrt();
+        share * if t.on.starts_with("force") { self.force } else { self.torque }
+    }
 }
 
 /// Where the disturbing force is concentrated: middle of the worst two seconds (share of the log's length) and its scatter
