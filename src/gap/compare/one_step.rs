@@ -1,4 +1,4 @@
-//! Residual force and torque in figures and over time.
+//! Residual force and torque: statistics and time series.
 
 use super::{Axes, OneStep, Series};
 use crate::gap::causes::short;
@@ -6,7 +6,7 @@ use crate::gap::replay::STEP_S;
 use crate::gap::residual::{self, Replay, Residuals};
 use crate::math::{quat, vec3};
 
-/// Distance of the points of a series, s.
+/// Interval between points of a series, s.
 const SERIES_S: f64 = 0.05;
 
 fn axes(residual: &[[f64; 3]], measured: &[[f64; 3]], sigma: [f64; 3]) -> Axes {

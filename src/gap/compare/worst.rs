@@ -8,11 +8,11 @@ use crate::gap::replay::STEP_S;
 use crate::gap::residual::{self, Replay, Residuals};
 use crate::math::vec3;
 
-/// Worst segments that are named, and their length, s.
+/// Number of worst segments reported, and their length, s.
 const WORST: usize = 5;
 const SEGMENT_S: f64 = 1.0;
 
-/// The segments of [`SEGMENT_S`] in which most is missing, worst first.
+/// The segments of [`SEGMENT_S`] with the largest residuals, worst first.
 pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -> Vec<Segment> {
     let list = &residuals.samples;
     let (per, stride) = ((SEGMENT_S / STEP_S).round() as usize, (0.25 / STEP_S).round() as usize);
@@ -38,7 +38,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
             chosen.push(one);
         }
     }
-    // What is usual in this flight, to say what is special about a segment.
+    // Typical values of this flight, to say what is unusual about a segment.
     let usual: Vec<[f64; 2]> = context
         .values
         .iter()
