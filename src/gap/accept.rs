@@ -215,6 +215,7 @@ pub fn set_expression(
             return Err(wrong("a parameter of the expression", "an unknown name".into()));
         };
         own.insert("value", Item::Value(p.value.into()));
+        // The old sigma does not belong to the new value.
         own.remove("sigma");
         if p.sigma.is_finite() {
             let of = InlineTable::from_iter([("value", Value::from(p.sigma))]);
@@ -229,6 +230,7 @@ pub fn set_expression(
     }
     set(entry, "date", source.date.as_str().into());
     let out = doc.to_string();
+    // Bounds are checked by reading the edited text, so that every rule of vehicle files holds.
     Vehicle::from_toml(file_label, &out)?;
     Ok(out)
 }
@@ -444,6 +446,7 @@ impl<'a> Fit<'a> {
             if !p.value.is_finite() {
                 return wrong(&p.name, "a finite value".into(), p.value.to_string(), "repeat the fit");
             }
+            // NaN passes: it marks a value that was set and not fitted.
             if p.sigma <= 0.0 || p.sigma.is_infinite() {
                 let expected = "a standard deviation above 0, or NaN for a value that was not fitted".into();
                 return wrong(&p.name, expected, p.sigma.to_string(), "repeat the fit");
@@ -518,6 +521,7 @@ impl<'a> Fit<'a> {
     /// Writes values, sigmas and source into an entry.
     fn update(&self, entry: &mut Table) -> Result<(), AcceptError> {
         let mut values: BTreeMap<&str, f64> = self.names.iter().map(|(n, v)| (n.as_str(), *v)).collect();
+        // Non-default values that this fit does not determine: their source has to stay named.
         let mut stated = BTreeSet::new();
         for (name, default) in &self.names {
             let (base, path) = split(name);
@@ -532,6 +536,7 @@ impl<'a> Fit<'a> {
             values.insert(&p.name, p.value);
             stated.remove(p.name.as_str());
         }
+        // Bounds may depend on several parameters, so the complete effect is checked.
         let mut whole = self.default;
         whole.visit("", &mut |name, slot| *slot = values[name.trim_start_matches('.')]);
         if let Some(fault) = out_of_range(&mut whole) {
@@ -543,6 +548,7 @@ impl<'a> Fit<'a> {
             });
         }
 
+        // Names are ordered, so the elements of one array are adjacent.
         let mut bases: Vec<(&str, Vec<&FittedParameter>)> = Vec::new();
         for (name, _) in &self.names {
             let base = split(name).0;

@@ -486,6 +486,7 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     }
     let track = flown::track(&flight, vehicle, &room, &request.sensors, request.drive)?;
     let told_whole = information::of_tracks(&[&track], &model, &request.air).remove(0);
+    // Predictions per manoeuvre add separate flights; the last one is of the flight as a whole.
     let after = search.after(&order)?;
     Ok(FlightPlan {
         vehicle: vehicle.name.clone(),

@@ -432,6 +432,7 @@ impl Job<'_> {
             state.pos[k].partials[k] = 1.0;
             state.vel[k].partials[3 + k] = 1.0;
             state.ang_vel[k].partials[9 + k] = 1.0;
+            // Multiplied from the right: the rotation vector is in body axes.
             let mut half = [0.0; 4];
             half[k] = 0.5;
             let turned = quat::mul(point.state.quat, half);
@@ -458,6 +459,7 @@ impl Job<'_> {
             }
         }
         // Derivatives by the parameters.
+        // Sensor parameters do not change the motion: their passes reuse the rate without derivatives.
         let still = |v: [Wide; 3]| v.map(|d| Wide::lit(d.value));
         let unmoved = Rate {
             vel: still(rate.vel),

@@ -93,6 +93,7 @@ pub(super) fn advice(
         let manoeuvre = candidate.map_or("", |c| c.manoeuvre);
         Advice { text: format!("{id} could hide in these logs: {manoeuvre}"), manoeuvres: Vec::new() }
     };
+    // A planned flight pays only for many effects at once.
     if hidden.len() <= FEW {
         return Ok(hidden.into_iter().map(own).collect());
     }

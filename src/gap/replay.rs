@@ -209,6 +209,7 @@ impl Raw {
             sent: Vec::new(),
             valid: (0..n).map(|k| !track.is_excluded(from + k as f64 * TICK_S)).collect(),
         };
+        // An instant is valid only if every input has samples near it.
         let mut cover = |t: &[f64]| {
             for (a, b) in out.valid.iter_mut().zip(covered(t, from, n)) {
                 *a &= b;
@@ -227,6 +228,8 @@ impl Raw {
                 out.rotor_acc = vec![[0.0; MAX_ROTORS]; n];
                 for (i, c) in inputs.rotors.iter().enumerate() {
                     let period = c.period_s().unwrap_or(0.004);
+                    // Rotor accelerations need a smooth derivative. Where samples are too sparse for it, speeds are
+                    // interpolated and accelerations stay zero.
                     let local = resample::local_parabola(c, &at, 0.01f64.max(3.2 * period));
                     let plain = resample::linear(c, &at, LONGEST_HOLE_S);
                     for k in 0..n {

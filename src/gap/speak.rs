@@ -32,6 +32,7 @@ pub(super) fn speak(
 ) -> Result<Diagnosis, GapError> {
     let evidence = solution.evidence(model)?;
     let witness = Witness::beside(model, logs, solution);
+    // Independent windows: a held-out one must not carry information from the others.
     let apart = each_for_itself(solution);
     let mut found = Vec::new();
     for c in &solution.set {
@@ -47,6 +48,7 @@ pub(super) fn speak(
     let limits = limits::limits(model, &evidence, solution);
     let poor = limits::poor(model, solution)?;
     let mut decision = Decision::new(model, logs, solution, &left, found, poor);
+    // Shapes first: the joint rule reads a remainder as turbulence only if no shape was withdrawn.
     decision.judge_shapes(&evidence, &left);
     decision.judge_together(removed_share(model, solution, &apart, &solution.set)?);
     decision.say_why_not(&evidence, &singles);

@@ -71,6 +71,7 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     let off: Vec<f64> = place.iter().map(|k| found.posterior.mean[*k] - model.parameters[*k].filed).collect();
     // Delaying commands by `s` is equivalent to advancing all sensors by `s`.
     let along: Vec<f64> = timing.iter().map(|c| if *c == delay { -1.0 } else { 1.0 }).collect();
+    // Negative log prior of the times with the candidates `open` free, minimised over the common shift: (cost, shift).
     let cost = |open: usize| -> (f64, f64) {
         let width = |i: usize| {
             let p = &model.parameters[place[i]];
@@ -94,10 +95,12 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     };
     let now: usize = timing.iter().enumerate().map(|(i, c)| usize::from(found.set.contains(c)) << i).sum();
     let (mut least, mut shift) = cost(now);
+    // A new search is worth it only for a gain of more than 1 nat.
     least -= 1.0;
     let mut chosen = now;
     for open in 0..1usize << place.len() {
         let (c, s) = cost(open);
+        // Commands cannot arrive before they are sent.
         let late = open & 1 == 0 || off[0] - s > 0.0;
         if c < least && late {
             (least, shift, chosen) = (c, s, open);

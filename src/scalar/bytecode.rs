@@ -100,6 +100,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
     for (i, ins) in code.instructions.iter().enumerate() {
         ins.operands().into_iter().flatten().for_each(|o| last_use[o as usize] = i);
     }
+    // Stores follow all instructions, so what they read must not be overwritten.
     for (place, _) in &code.stores {
         last_use[*place as usize] = n;
     }
@@ -145,6 +146,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
                 if matches!(ins, Ins::SinCos(_) | Ins::HalfTurn(_)) {
                     second = take(&mut free);
                     seconds[i] = second;
+                    // A second result that nothing reads gives its register back at once.
                     let read = code.instructions[i..].contains(&Ins::Second(i as u32));
                     if !read {
                         free.push(second);

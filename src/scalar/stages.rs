@@ -329,6 +329,7 @@ impl<'a> Cutter<'a> {
         let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
         let mut slot_of_value: HashMap<Place, u32> = HashMap::new();
         for (place, output) in graph.outputs.iter().zip(self.outputs) {
+            // A carried number that the step passes through needs no store.
             let unchanged = matches!((*output, self.node(*place)), (Output::Carried(k), Node::Input(i))
                 if self.inputs[i as usize] == Input::Carried(k));
             if unchanged {
@@ -339,6 +340,7 @@ impl<'a> Cutter<'a> {
                 _ => None,
             };
             let level = self.level[*place as usize];
+            // Hoisted, or already in a slot for another result: it is copied when the results are read.
             if own.is_none() && (level < Level::Step || slot_of_value.contains_key(place)) {
                 later.push((*output, *place));
                 continue;
@@ -368,6 +370,7 @@ impl<'a> Cutter<'a> {
             step.code.stores.push((at, *slot));
         }
         let mut finish = Builder::new(&self, Level::Finish);
+        // The epilogue shares the table entries of the step.
         finish.below_once = std::mem::take(&mut step.below_once);
         finish.below_call = std::mem::take(&mut step.below_call);
         finish.slot_of_value = slot_of_value.clone();
@@ -410,6 +413,7 @@ impl<'a> Cutter<'a> {
             };
             call.code.stores.push((at, slot as u32));
         }
+        // Only given inputs that the call reads get scratch cells.
         let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
         let table = call.below_once;
         let once = self.once(&table);
@@ -678,6 +682,7 @@ impl<'a, 'b> Builder<'a, 'b> {
                 None => Ins::Sub(h(a), h(b)),
             },
             Node::Mul(a, b) => Ins::Mul(h(a), h(b)),
+            // The reciprocal of a hoisted divisor is hoisted too: lanes multiply by it, scalar f64 code divides.
             Node::Div(a, b) => {
                 let (a_at, b_at) = (h(a), h(b));
                 match self.of.level[b as usize] {
@@ -697,6 +702,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::Neg(a) => Ins::Neg(h(a)),
             Node::Sqrt(a) => Ins::Sqrt(h(a)),
             Node::Sin(a) => Ins::SinCos(h(a)),
+            // Sine and cosine of an angle share one instruction (`push` merges equal ones).
             Node::Cos(a) => {
                 let both = Ins::SinCos(h(a));
                 let at = self.push(both);
@@ -713,6 +719,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::Floor(a) => Ins::Floor(h(a)),
             Node::Lt(a, b) => Ins::Lt(h(a), h(b)),
             Node::Le(a, b) => Ins::Le(h(a), h(b)),
+            // There is no boolean literal: 0 ≤ 0 or 0 < 0.
             Node::Truth(truth) => {
                 let zero = self.push(Ins::Lit(0));
                 if truth { Ins::Le(zero, zero) } else { Ins::Lt(zero, zero) }
@@ -720,6 +727,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::And(a, b) => Ins::And(h(a), h(b)),
             Node::Or(a, b) => Ins::Or(h(a), h(b)),
             Node::Not(a) => Ins::Not(h(a)),
+            // Selects that are minima, maxima or magnitudes have instructions of their own.
             Node::Select(a, b, c) => match self.bound(node) {
                 Some((x, y, Ins::Max(..))) => Ins::Max(h(x), h(y)),
                 Some((x, y, Ins::Min(..))) => Ins::Min(h(x), h(y)),

@@ -95,6 +95,7 @@ impl Identification {
                 diagonal(&|k| of(k).and_then(|p| p.sigma).unwrap_or(0.0)),
             ));
         }
+        // Removed even if the new delay is insignificant: the response was identified together with the new one.
         take_from(&mut file, "command_delay", self.dynamics);
         if let Some(delay) = self.get("command_delay_s") {
             let sigma = delay.sigma.unwrap_or(0.0);

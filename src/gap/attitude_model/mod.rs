@@ -213,6 +213,7 @@ impl<'a> Job<'a> {
                     left_out[0] += usize::from(inside.len() >= 8);
                     continue;
                 }
+                // Roll, pitch and yaw, in which the model is written, jump near these angles.
                 let beyond = inside.values.iter().any(|q| {
                     let rpy = euler::from_quat(quat::normalize(*q));
                     rpy[1].abs() > 1.4 || rpy[0].abs() > 2.9 || rpy[2].abs() > 2.9

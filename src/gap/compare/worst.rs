@@ -23,6 +23,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
     while at + per <= replay.n_steps() {
         let (a, b) = (list.partition_point(|s| s.step < at), list.partition_point(|s| s.step < at + per));
         at += stride;
+        // Segments that are mostly gaps are not judged.
         if (b - a) * 2 < per {
             continue;
         }
@@ -31,6 +32,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
         all.push((score, a, b));
     }
     all.sort_by(|x, y| y.0.total_cmp(&x.0));
+    // Without overlap: neighbouring segments would report the same event.
     let mut chosen: Vec<(f64, usize, usize)> = Vec::new();
     for one in all {
         let apart = |c: &(f64, usize, usize)| one.2 <= c.1 || one.1 >= c.2;

@@ -165,6 +165,7 @@ pub(crate) fn advice(
     wanted: &[String],
     alike: &[String],
 ) -> Option<Vec<(String, String)>> {
+    // Only the confusion between these candidates counts, not that with others.
     let only = model.only(&|id| wanted.iter().chain(alike).any(|w| w == id));
     let of = |ids: &[String]| -> Option<Vec<usize>> {
         let mut out = Vec::new();
@@ -191,6 +192,7 @@ pub(crate) fn advice(
     let open = vec![1.0; l.len()];
     let closed: Vec<f64> =
         l.iter().map(|k| (only.parameters[*k].slab / only.parameters[*k].spike).powi(2)).collect();
+    // The direction that loses most information in ordinary flight when the look-alikes are freed.
     let v = confused(
         &information::apart(&ordinary, &w, &l, &closed)?,
         &information::apart(&ordinary, &w, &l, &open)?,

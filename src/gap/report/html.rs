@@ -249,6 +249,7 @@ impl Page {
             put!(self, "<figure><figcaption>{}</figcaption>\n", esc(&measure.name));
             for (k, rung) in rungs.iter().enumerate() {
                 let length = |v: Option<f64>| v.map_or(0.0, |v| 100.0 * measure.length(v));
+                // The bar shows held-out flight if there is any; the fit's own flight is then only a mark.
                 let [unseen, seen] = measure.values[k];
                 let mark = match (unseen, seen) {
                     (Some(_), Some(_)) => format!("<b style=\"left:{:.1}%\"></b>", length(seen)),

@@ -155,6 +155,7 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
                     (0..4).for_each(|k| sum[k] += s[k]);
                 }
             };
+            // First-order propagation: one roll-out per perturbed component of the initial state.
             for which in 0..12 {
                 let moved = noise.moved(start, which);
                 plant.roll(&replay.ticks, from, far, &moved, &[], &mut points);

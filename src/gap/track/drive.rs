@@ -64,6 +64,7 @@ pub(super) fn choose_drive(
 ) -> Result<(Drive, &'static str, Inputs), GapError> {
     let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
     let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
+    // The most detailed attitude response in the file.
     let response = DYNAMICS[1..].iter().rev().find(|d| vehicle.drone(d).is_ok());
     let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
     let has = |drive: Drive| match drive {
@@ -74,6 +75,7 @@ pub(super) fn choose_drive(
         }
         Drive::Thrust => thrust.is_some(),
     };
+    // Commands first: they are known exactly. A thrust comes last: it carries no torques.
     let order = [Drive::RotorCommands, Drive::RotorSpeeds, Drive::AttitudeCommands, Drive::Thrust];
     let available: Vec<&str> = order.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
     let fault = |expected: String| {
