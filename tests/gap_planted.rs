@@ -124,6 +124,27 @@ fn an_effect_that_is_not_in_the_list_is_said_to_be_unexplained() {
     assert!(best.variable == "v_x ω_z" && best.on.starts_with("torque"), "{best:?}");
 }
 
+/// A torque that is regular and a tenth of what a small quadrotor would have to leave: 5 kg turn less quickly.
+#[test]
+fn a_regular_torque_on_a_heavy_vehicle_is_said_to_be_unexplained() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_octo.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let verdict = |hidden: &[&'static str]| {
+        let mut plan = Plan::exciting(&vehicle, hidden, 50.0, 2);
+        plan.size = 2.0;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("flight.csv");
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+        diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict
+    };
+    let swing = verdict(&["swing_torque"]);
+    assert!(swing.remainder.unexplained, "{}", swing.remainder.text);
+    assert!(swing.remainder.torque_rad_s2 < 0.06, "{}", swing.remainder.text);
+    let nothing = verdict(&[]);
+    assert!(!nothing.remainder.unexplained && nothing.findings.is_empty(), "{}", nothing.verdict);
+}
+
 #[test]
 fn a_cube_of_the_speed_is_not_blamed_on_its_square() {
     let (d, _) = verdict(&["cubic_drag"], 2);

@@ -1,10 +1,10 @@
-//! Flags of the commands that hold a vehicle against flights: compare, diagnose, add.
+//! Flags of the commands that compare a vehicle with flight logs: compare, diagnose, add.
 
 use super::gap_logs::{GapLogArgs, ReadingArgs};
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
-/// Ends the help of `propwash compare`.
+/// Epilogue of `propwash compare --help`.
 pub const COMPARE_EXAMPLES: &str = "\
 Examples:
   propwash compare flight.csv --vehicle my_quad.toml
@@ -30,7 +30,7 @@ pub struct CompareArgs {
     pub report: Option<PathBuf>,
 }
 
-/// Which part of the flights a fit does not see.
+/// Which part of the flights is held out of the fit.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct HeldOutArgs {
     /// Flights that only check the result; the fit sees nothing of them. Default: the end of each log.
@@ -41,7 +41,7 @@ pub struct HeldOutArgs {
     pub hold_out: f64,
 }
 
-/// A number from 0 to 0.5.
+/// Parses a share from 0 to 0.5.
 fn half(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if (0.0..=0.5).contains(&v) => Ok(v),
@@ -49,7 +49,7 @@ fn half(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Ends the help of `propwash diagnose`.
+/// Epilogue of `propwash diagnose --help`.
 pub const DIAGNOSE_EXAMPLES: &str = "\
 Examples:
   propwash diagnose flight.csv --vehicle my_quad.toml --report diagnosis.html
@@ -64,13 +64,13 @@ pub struct DiagnoseArgs {
     /// The flights and how to read them.
     #[command(flatten)]
     pub logs: GapLogArgs,
-    /// What the fit does not see.
+    /// Which flights are held out of the fit.
     #[command(flatten)]
     pub held_out: HeldOutArgs,
-    /// Search among these candidates only; the others stay within their tolerance.
+    /// Search among these candidates only; all others stay free within their tolerance.
     #[arg(long, value_name = "ID,ID", value_delimiter = ',')]
     pub candidates: Vec<String>,
-    /// Print which rule decided what of each effect, and what the rules state, after the verdict.
+    /// After the verdict, print which rule decided about each effect and what each rule states.
     #[arg(long, conflicts_with = "json")]
     pub why: bool,
     /// Print JSON, complete.
@@ -87,7 +87,7 @@ pub struct DiagnoseArgs {
     pub ladder: Option<PathBuf>,
 }
 
-/// Ends the help of `propwash add`.
+/// Epilogue of `propwash add --help`.
 pub const ADD_EXAMPLES: &str = "\
 Examples:
   propwash add rotor_drag --vehicle my_quad.toml --fit flight.csv --out better.toml
@@ -107,14 +107,14 @@ pub struct AddArgs {
     /// Flights to fit the effects to: .csv, .parquet, .ulg.
     #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis", requires = "effects")]
     pub fit: Vec<PathBuf>,
-    /// A diagnosis that `propwash diagnose --out` wrote; nothing is fitted again.
+    /// A diagnosis written by `propwash diagnose --out`; nothing is fitted again.
     #[arg(long, value_name = "FILE.json",
           conflicts_with_all = ["fit", "held_out", "drive", "ground_z", "ceiling_z", "neighbour", "load", "mapping", "report"])]
     pub from_diagnosis: Option<PathBuf>,
     /// The vehicle, and how the flights are read.
     #[command(flatten)]
     pub reading: ReadingArgs,
-    /// What the fit does not see.
+    /// Which flights are held out of the fit.
     #[command(flatten)]
     pub held_out: HeldOutArgs,
     /// Vehicle file to write.
@@ -123,7 +123,8 @@ pub struct AddArgs {
     /// Replace the file at --out, which may be that of --vehicle; write effects that the flights cannot determine too.
     #[arg(long)]
     pub force: bool,
-    /// Also set parameters within tolerance to their estimates: those of the groups that lower the error on unseen flight.
+    /// Also write calibrated parameters (those within tolerance) at their estimates, for the groups that lower the held-out
+    /// error.
     #[arg(long)]
     pub calibrate: bool,
     /// Write one page for a browser: error ladder, overlays, residuals before and after.

@@ -1,4 +1,4 @@
-//! Flags that every command takes which holds a vehicle against flights, and what they make.
+//! Flags shared by the commands that compare a vehicle with flight logs, and the vehicle and tracks made from them.
 
 use super::cmd::drones;
 use crate::gap::StatedNoise;
@@ -59,14 +59,15 @@ pub struct ReadingArgs {
     /// Height of the ceiling, m, world. Default: none.
     #[arg(long, value_name = "M", value_parser = finite, allow_hyphen_values = true)]
     pub ceiling_z: Option<f64>,
-    /// Tracked object that is another vehicle; repeat it for several. Default: all that are no loads.
+    /// Tracked object that is another vehicle; repeat it for several. Default: every tracked object that is not a load.
     #[arg(long, value_name = "NAME")]
     pub neighbour: Vec<String>,
-    /// Tracked object that hangs on a cable. Default: the one whose name has "load" in it.
+    /// Tracked object that hangs on a cable. Default: the first whose name contains "load", "cargo" or
+    /// "weight".
     #[arg(long, value_name = "NAME")]
     pub load: Option<String>,
-    /// Noise of a channel (standard deviation of one sample, SI), in place of what the log says of it: position=0.002 (m),
-    /// attitude=0.01 (rad), gyro=0.05 (rad/s), accel=0.3 (m/s²). Repeat it for several.
+    /// Noise of a channel (standard deviation of one sample, SI), used instead of the estimate from the log: position=0.002
+    /// (m), attitude=0.01 (rad), gyro=0.05 (rad/s), accel=0.3 (m/s²). Repeat it for several.
     #[arg(long, value_name = "CHANNEL=VALUE", value_parser = stated_noise)]
     pub noise: Vec<(String, f64)>,
     /// Mapping of the logs' names, units and frames. Default: the file beside each log that ends in .toml.
@@ -82,7 +83,7 @@ fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A channel and its noise.
+/// Parses `CHANNEL=VALUE`.
 fn stated_noise(text: &str) -> Result<(String, f64), String> {
     let (channel, value) =
         text.split_once('=').ok_or_else(|| format!("expected CHANNEL=VALUE, got {text:?}"))?;
@@ -92,19 +93,19 @@ fn stated_noise(text: &str) -> Result<(String, f64), String> {
 }
 
 impl GapLogArgs {
-    /// The vehicle, and the logs made ready for it, as [`ReadingArgs::open`].
+    /// Opens the vehicle and prepares the logs for it, as [`ReadingArgs::open`].
     pub fn open(&self) -> Result<(Vehicle, Vec<Track>)> {
         self.reading.open(&self.logs)
     }
 }
 
 impl ReadingArgs {
-    /// The vehicle, and the logs made ready for it. Every log is checked first: one that cannot be right is refused, and
-    /// what else the checker says goes into the warnings of its track.
+    /// Opens the vehicle and prepares the logs for it. Every log is checked first: an invalid one is refused, and the
+    /// checker's other messages become warnings of its track.
     ///
     /// # Errors
-    /// Those of vehicle files and of [`fitted::read`]; [`Error::Usage`] for a ceiling that is not
-    /// above the ground or a log that is named twice.
+    /// Those of vehicle files and of [`fitted::read`]; [`Error::Usage`] for a ceiling that is not above the ground or a log
+    /// that is given twice.
     pub fn open(&self, logs: &[PathBuf]) -> Result<(Vehicle, Vec<Track>)> {
         let ground = self.ground_z.unwrap_or(0.0);
         if let Some(ceiling) = self.ceiling_z.filter(|c| *c <= ground) {

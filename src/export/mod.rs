@@ -1,3 +1,3 @@
-//! Traced equations in other languages. Nothing here is a formula: everything printed comes from a trace.
+//! Prints traced equations as source code (Rust). No formula is written here: everything printed comes from a trace.
 
 pub mod rust;

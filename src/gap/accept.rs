@@ -1,5 +1,5 @@
-//! Fitted effects into vehicle files, and out of them again: only the effect changes, everything else (comments, order,
-//! layout, units) stays as its author wrote it.
+//! Writes fitted effects into vehicle files and removes them again. Only the effect changes; everything else (comments,
+//! order, layout, units) stays as its author wrote it.
 
 mod edit;
 
@@ -28,7 +28,7 @@ pub struct FittedParameter {
     pub sigma: f64,
 }
 
-/// An effect with the parameters that were fitted; the others keep what the file says, or their defaults.
+/// An effect with its fitted parameters; the others keep the value in the file, or their defaults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedEffect {
     /// One of [`KINDS`].
@@ -37,18 +37,18 @@ pub struct FittedEffect {
     pub models: Option<Vec<String>>,
     /// The fitted parameters.
     pub parameters: Vec<FittedParameter>,
-    /// What is to be known about them.
+    /// Note for the reader of the file.
     pub note: Option<String>,
 }
 
-/// Where fitted values come from.
+/// Provenance of fitted values.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     /// SHA-256 of each log, 64 hexadecimal digits.
     pub log_sha256: Vec<String>,
     /// Day of the fit, UTC, `2025-01-31`; see [`today_utc`].
     pub date: String,
-    /// In words, for `source` in the file.
+    /// Text for `source` in the file.
     pub text: String,
 }
 
@@ -56,24 +56,24 @@ pub struct Source {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum AcceptError {
-    /// The file is no vehicle, before or after the change.
+    /// The text is not a valid vehicle file, before or after the change.
     #[error(transparent)]
     Vehicle(Box<VehicleError>),
-    /// A fitted effect cannot stand in a vehicle file.
+    /// A fitted effect cannot be written into a vehicle file.
     #[error("effect `{effect}`, {what}: expected {expected}, found {found}: {remedy}")]
     Effect {
         /// Its kind.
         effect: String,
-        /// Which part of it.
+        /// The part that is wrong.
         what: String,
-        /// What would be right.
+        /// What was expected.
         expected: String,
         /// What it is.
         found: String,
         /// What to do.
         remedy: &'static str,
     },
-    /// A fitted value outside the bounds within which the formula of the effect holds.
+    /// A fitted value outside the bounds in which the effect's formula holds.
     #[error(
         "effect `{effect}` was not added: its fit gives {parameter} = {found}, expected {expected}; such a value has no \
          meaning in its formula, so something else is missing in the model: leave this effect out, or fit it on a \
@@ -84,9 +84,9 @@ pub enum AcceptError {
         effect: String,
         /// The parameter.
         parameter: String,
-        /// What it may be.
+        /// Its bounds.
         expected: String,
-        /// What it is.
+        /// Its value.
         found: String,
     },
     /// The effect to remove is not there.
@@ -94,7 +94,7 @@ pub enum AcceptError {
     NoEffect {
         /// File or name of the vehicle.
         file: String,
-        /// The effect asked for.
+        /// The requested effect.
         kind: String,
         /// Effects that the file has.
         present: String,
@@ -106,10 +106,10 @@ pub enum AcceptError {
     Layout {
         /// File or name of the vehicle.
         file: String,
-        /// What stands there.
+        /// What was found there.
         found: String,
     },
-    /// The output file is there already.
+    /// The output file exists already.
     #[error("{}: expected a path at which there is no file yet, found one: choose another --out, or add --force to \
              replace it", path.display())]
     Exists {
@@ -121,7 +121,7 @@ pub enum AcceptError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error message.
         reason: String,
     },
 }
@@ -132,15 +132,15 @@ impl From<VehicleError> for AcceptError {
     }
 }
 
-/// Adds effects to the text of a vehicle file; where the file has an effect of the kind for these dynamics already, its
+/// Adds effects to the text of a vehicle file; where the file already has an effect of the kind for these dynamics, its
 /// parameters are updated. `file_label` names the file in messages.
 ///
-/// An entry that holds for more dynamics than the fit is parted, so that the others keep their values. Arrays are
-/// written whole, with the numbers that were not fitted as they are or at their defaults; `sigma` then holds the fitted
-/// ones by index. Where values of an entry stay that were not fitted, its old source and logs stay named too.
+/// An entry that covers more dynamics than the fit is split, so that the others keep their values. Arrays are written
+/// whole: numbers that were not fitted keep their value or default, and `sigma` then holds the fitted ones by index. Where
+/// an entry keeps values that were not fitted, its old source and logs stay named too.
 ///
 /// # Errors
-/// [`AcceptError`] for a file that is no vehicle, for unknown kinds, dynamics and parameters, for numbers that are not
+/// [`AcceptError`] for an invalid vehicle file, for unknown kinds, dynamics and parameters, and for numbers that are not
 /// finite or outside the range of the effect.
 pub fn add(
     text: &str,
@@ -164,8 +164,8 @@ pub fn add(
     Ok(out)
 }
 
-/// Writes fitted parameters of an effect of the user's own (kind `expression`, by its name) into the text of a vehicle
-/// file; everything else of the entry stays.
+/// Writes fitted parameters of a user-defined effect (kind `expression`, by its name) into the text of a vehicle file; the
+/// rest of the entry stays.
 ///
 /// # Errors
 /// [`AcceptError::NoEffect`] where the file has no expression of that name, [`AcceptError::Effect`] where the expression has
@@ -215,6 +215,7 @@ pub fn set_expression(
             return Err(wrong("a parameter of the expression", "an unknown name".into()));
         };
         own.insert("value", Item::Value(p.value.into()));
+        // The old sigma does not belong to the new value.
         own.remove("sigma");
         if p.sigma.is_finite() {
             let of = InlineTable::from_iter([("value", Value::from(p.sigma))]);
@@ -229,12 +230,13 @@ pub fn set_expression(
     }
     set(entry, "date", source.date.as_str().into());
     let out = doc.to_string();
+    // Bounds are checked by reading the edited text, so that every rule of vehicle files holds.
     Vehicle::from_toml(file_label, &out)?;
     Ok(out)
 }
 
-/// Takes every entry of an effect out of the text of a vehicle file. Comments directly above an entry go with it; those
-/// parted from it by an empty line stay.
+/// Removes every entry of an effect from the text of a vehicle file, with the comments directly above it; comments
+/// separated by an empty line stay.
 ///
 /// # Errors
 /// [`AcceptError::NoEffect`] when the file has no such effect; errors of reading otherwise.
@@ -263,8 +265,7 @@ pub fn remove(text: &str, file_label: &str, kind: &str) -> Result<String, Accept
     Ok(out)
 }
 
-/// Refuses a path at which there is a file (that of the input is one) unless `force` is given; to be asked before work
-/// that takes long.
+/// Refuses an existing path (that of the input is one) unless `force` is given; call it before long work.
 ///
 /// # Errors
 /// [`AcceptError::Exists`].
@@ -279,7 +280,7 @@ pub fn may_write(path: &Path, force: bool) -> Result<(), AcceptError> {
     Ok(())
 }
 
-/// Writes a vehicle file whole or not at all; a file that is there is replaced only with `force`.
+/// Writes a vehicle file atomically; an existing file is replaced only with `force`.
 ///
 /// # Errors
 /// [`AcceptError::Exists`] and [`AcceptError::Write`].
@@ -295,13 +296,13 @@ pub fn write(path: &Path, text: &str, force: bool) -> Result<(), AcceptError> {
         })?;
         return file.write_all(text.as_bytes()).map_err(failed);
     }
-    // Through a second file, so that a full disk does not cost the first; links are followed.
+    // Through a temporary file, so that a full disk does not destroy the existing one; links are followed.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let mut name = target.file_name().map(|n| n.to_os_string()).unwrap_or_default();
     name.push(".partial");
     let partial = target.with_file_name(name);
     std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, &target)).map_err(|e| {
-        // What is left of it helps nobody; that it cannot be removed either is the same fault.
+        // A partial file is useless; if it cannot be removed either, the cause is the same.
         let _ = std::fs::remove_file(&partial);
         failed(e)
     })
@@ -340,7 +341,7 @@ fn document(text: &str, file: &str) -> Result<DocumentMut, AcceptError> {
     })
 }
 
-/// The `[[effect]]` tables, made where there are none.
+/// The `[[effect]]` tables, created if there are none.
 fn entries<'a>(doc: &'a mut DocumentMut, file: &str) -> Result<&'a mut ArrayOfTables, AcceptError> {
     let item = doc.entry("effect").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
     if item.is_array() {
@@ -377,7 +378,7 @@ fn set_models(entry: &mut Table, models: &BTreeSet<&'static str>) {
     set(entry, "models", Value::Array(list));
 }
 
-/// Sets a value of a table and keeps the comment beside the one that was there.
+/// Sets a value of a table and keeps the comment beside the old one.
 fn set(table: &mut Table, key: &str, mut value: Value) {
     match table.get_mut(key) {
         Some(Item::Value(old)) => {
@@ -445,6 +446,7 @@ impl<'a> Fit<'a> {
             if !p.value.is_finite() {
                 return wrong(&p.name, "a finite value".into(), p.value.to_string(), "repeat the fit");
             }
+            // NaN passes: it marks a value that was set and not fitted.
             if p.sigma <= 0.0 || p.sigma.is_infinite() {
                 let expected = "a standard deviation above 0, or NaN for a value that was not fitted".into();
                 return wrong(&p.name, expected, p.sigma.to_string(), "repeat the fit");
@@ -463,7 +465,7 @@ impl<'a> Fit<'a> {
         Ok(Self { effect, source, default, names, models })
     }
 
-    /// Puts the effect into the list; `last` is the position of the file's last table.
+    /// Inserts the effect into the list; `last` is the position of the file's last table.
     fn place(&self, list: &mut ArrayOfTables, last: Option<isize>) -> Result<(), AcceptError> {
         let mut rest = self.models.clone();
         let mut met = Vec::new();
@@ -482,7 +484,7 @@ impl<'a> Fit<'a> {
             if theirs == common {
                 self.update(entry)?;
                 if alone {
-                    // The one entry of the kind takes up what else was fitted.
+                    // The kind's only entry is extended to the other fitted dynamics.
                     let all: BTreeSet<_> = theirs.union(&rest).copied().collect();
                     if !rest.is_empty() {
                         set_models(entry, &all);
@@ -519,6 +521,7 @@ impl<'a> Fit<'a> {
     /// Writes values, sigmas and source into an entry.
     fn update(&self, entry: &mut Table) -> Result<(), AcceptError> {
         let mut values: BTreeMap<&str, f64> = self.names.iter().map(|(n, v)| (n.as_str(), *v)).collect();
+        // Non-default values that this fit does not determine: their source has to stay named.
         let mut stated = BTreeSet::new();
         for (name, default) in &self.names {
             let (base, path) = split(name);
@@ -533,6 +536,7 @@ impl<'a> Fit<'a> {
             values.insert(&p.name, p.value);
             stated.remove(p.name.as_str());
         }
+        // Bounds may depend on several parameters, so the complete effect is checked.
         let mut whole = self.default;
         whole.visit("", &mut |name, slot| *slot = values[name.trim_start_matches('.')]);
         if let Some(fault) = out_of_range(&mut whole) {
@@ -544,6 +548,7 @@ impl<'a> Fit<'a> {
             });
         }
 
+        // Names are ordered, so the elements of one array are adjacent.
         let mut bases: Vec<(&str, Vec<&FittedParameter>)> = Vec::new();
         for (name, _) in &self.names {
             let base = split(name).0;
@@ -580,7 +585,7 @@ impl<'a> Fit<'a> {
         Ok(())
     }
 
-    /// Sigmas of one parameter: those of the fit, and those that stand there for numbers that stay.
+    /// Sigmas of one parameter: those of the fit, and existing ones of numbers that are not fitted.
     fn sigma(&self, entry: &mut Table, base: &str, fitted: &[&FittedParameter]) {
         let mut known: BTreeMap<Vec<usize>, f64> = BTreeMap::new();
         let old = entry.get("sigma").and_then(|s| s.get(base));
@@ -615,7 +620,7 @@ impl<'a> Fit<'a> {
         }
     }
 
-    /// Source, logs, date and note; `partly` when values stay that are not of this fit.
+    /// Writes source, logs, date and note; `partly` if some values are not from this fit.
     fn describe(&self, entry: &mut Table, partly: bool) {
         let text = |entry: &Table, key: &str| entry.get(key).and_then(Item::as_str).map(str::to_string);
         let fitted: Vec<&str> = self.effect.parameters.iter().map(|p| p.name.as_str()).collect();

@@ -1,5 +1,6 @@
-//! What hangs on a cable: how the load moves, from where it was tracked. Where it was not, a pendulum under the measured motion
-//! stands for it, which replays of a vehicle file need; a search cannot, since a swing of an unknown load soon goes its own way.
+//! Slung loads: motion of the load from its tracked position. An untracked load is simulated as a pendulum under the
+//! measured motion, which replays of a vehicle file need; a search cannot use it, since the simulated swing soon drifts off
+//! the real one.
 
 use super::fit::Prepared;
 use super::replay::{LONGEST_HOLE_S, STEP_S};
@@ -12,14 +13,14 @@ use crate::physics::effects::slung_payload::{Params, Pendulum};
 use crate::physics::rigid_body::State;
 use crate::physics::surroundings::Load;
 
-/// Half width of the smoothing of the acceleration with which a load is pulled along, s. A load swings slowly. What the
-/// vehicle shakes with is felt by the accelerometer too, whose errors must not stand on both sides of the fit.
+/// Half width of the smoothing of the acceleration at the cable's upper end, s. A load swings slowly; vibration is also
+/// felt by the accelerometer, whose errors must not enter both sides of the fit.
 const PULL_HALF_S: f64 = 0.12;
 
-/// Relative change of a tracked load's distance beyond which the tracker is not believed.
+/// Relative change of a tracked load's distance above which the tracker is not trusted.
 const CABLE_STRETCH: f64 = 0.04;
 
-/// Length where neither the file nor a track tells, m.
+/// Length assumed where neither the file nor a track gives one, m.
 const USUAL_LENGTH_M: f64 = 0.5;
 
 /// A cable.
@@ -31,18 +32,18 @@ pub(crate) struct Cable {
     pub damping_per_s: f64,
 }
 
-/// How the vehicle pulls at a cable.
+/// Motion of the vehicle at the cable's attachment.
 pub(crate) struct Pulled {
     gravity: [f64; 3],
-    /// State and acceleration (m/s², world) at every instant that is known.
+    /// State and acceleration (m/s², world) at every known instant.
     motion: Vec<Option<(State<f64>, [f64; 3])>>,
-    /// Where the load was seen, and how fast it moved.
+    /// Tracked position and velocity of the load.
     seen: Option<Vec<Option<resample::Local<3>>>>,
 }
 
 impl Pulled {
-    /// From a log's motion at the times `at_s`, [`STEP_S`] apart. The acceleration is that of the accelerometer where there is
-    /// one, else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
+    /// From a log's motion at the times `at_s`, [`STEP_S`] apart. The acceleration is the accelerometer's if there is one,
+    /// else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
     pub fn new(track: &Track, drone: &Drone<f64>, at_s: &[f64], measured: &[Option<Measured>]) -> Self {
         let gravity = drone.body.gravity_m_s2;
         let mut velocity = Channel::<3>::default();
@@ -82,7 +83,7 @@ impl Pulled {
                 .collect();
             let length = clean::median(apart.iter().copied().filter(|l| l.is_finite()).collect())
                 .filter(|l| *l > 0.01)?;
-            // A cable does not stretch: elsewhere the tracker had lost the load.
+            // A cable does not stretch: where the distance differs, the tracker has lost the load.
             let lost: Vec<f64> = (0..apart.len())
                 .filter(|i| !((apart[*i] / length - 1.0).abs() <= CABLE_STRETCH))
                 .map(|i| channel.t_s[i])
@@ -97,15 +98,15 @@ impl Pulled {
         Self { gravity, motion, seen }
     }
 
-    /// From a log that is about to be fitted.
+    /// From a log prepared for a fit.
     fn of(log: &Prepared, drone: &Drone<f64>) -> Self {
         let around = &log.around;
         let at: Vec<f64> = (0..around.measured.len()).map(|i| around.from_s + i as f64 * STEP_S).collect();
         Self::new(log.track, drone, &at, &around.measured)
     }
 
-    /// Motion of the load of a vehicle file or, where that has none, of one that was tracked or hangs at the usual length; with
-    /// the cable where that was tracked. Only the direction is taken from a track; the tension follows from the pull.
+    /// Motion of the load of a vehicle file or, without one, of a load that was tracked or hangs at the usual length; with
+    /// the cable where it was tracked. Only the direction is taken from a track; the tension follows from the acceleration.
     pub fn load(&self, drone: &Drone<f64>) -> (Vec<Load<f64>>, Option<Cable>) {
         let mut params =
             filed(drone).unwrap_or(Params { cable_length_m: USUAL_LENGTH_M, ..Params::default() });
@@ -128,7 +129,7 @@ impl Pulled {
         for (k, motion) in self.motion.iter().enumerate() {
             let Some((state, acc)) = motion else { continue };
             let pivot = params.pivot(state, *acc, [0.0; 3]);
-            // Where the load was not seen it swings on.
+            // Where the load was not tracked it swings on freely.
             if let Some(place) = self.seen.as_ref().and_then(|places| places[k].as_ref()) {
                 pendulum = Pendulum::seen(place.value, place.slope, &pivot);
             }
@@ -147,8 +148,8 @@ fn filed(drone: &Drone<f64>) -> Option<Params<f64>> {
     })
 }
 
-/// Hangs tracked loads at the attachment of `found`: which way the cable points, and how long it is, depends on where it ends.
-/// The lengths, where loads were tracked.
+/// Reattaches tracked loads at the attachment point of `found`: direction and length of the cable depend on it. Returns the
+/// lengths, where loads were tracked.
 pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Vec<f64> {
     let mut lengths = Vec::new();
     for log in logs.iter_mut() {
@@ -161,7 +162,7 @@ pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Vec<f64> {
     lengths
 }
 
-/// What to say where the cables of several logs differ in length by more than the tracker's doubt.
+/// Warning where the cable lengths of several logs differ by more than the tracker's uncertainty.
 pub(crate) fn differing(lengths: &[f64]) -> Option<String> {
     let (least, most) = lengths.iter().fold((f64::INFINITY, 0.0f64), |(a, b), l| (a.min(*l), b.max(*l)));
     (most > (1.0 + CABLE_STRETCH) * least).then(|| {

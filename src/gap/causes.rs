@@ -1,22 +1,22 @@
-//! What a residual goes with: means in bins of a possible cause, with uncertainties that know of correlation in time.
+//! What a residual depends on: means in bins of a possible cause, with uncertainties that account for correlation in time.
 
 use serde::Serialize;
 
-/// Bins of a cause, where there is data enough.
+/// Bins of a cause, given enough data.
 const BINS: usize = 12;
 /// Fewest blocks in a bin.
 const PER_BIN: usize = 4;
-/// Length of the blocks over which everything is averaged first, s: at least as long as residuals stay alike.
+/// Length of the blocks over which everything is averaged first, s: at least the correlation time of the residuals.
 pub(crate) const BLOCK_S: f64 = 0.25;
-/// Significance from which a residual is said to depend on a cause, standard deviations.
+/// Significance above which a residual is said to depend on a cause, standard deviations.
 pub const SIGNIFICANT: f64 = 5.0;
-/// Share of variance between bins from which it is worth a sentence.
+/// Share of variance between bins above which a sentence is reported.
 const WORTH: f64 = 0.15;
 
 /// A residual by bins of a cause.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Response {
-    /// What: `force`, `force_body_x`, `force_along_velocity`, `torque` …
+    /// Name: `force`, `force_body_x`, `force_along_velocity`, `torque` …
     pub name: String,
     /// In words.
     pub title: String,
@@ -28,7 +28,7 @@ pub struct Response {
     pub standard_errors: Vec<f64>,
     /// Share of the variance (of means over 0.25 s) between bins, corrected for chance; 0 to 1.
     pub share: f64,
-    /// Significance of that share, standard deviations of a normal law.
+    /// Significance of that share, in standard deviations of a normal distribution.
     pub significance: f64,
     /// Correlation with the cause, −1 to 1.
     pub correlation: f64,
@@ -38,10 +38,10 @@ pub struct Response {
     pub slope_sigma: f64,
 }
 
-/// A possible cause and how residuals go with it.
+/// A possible cause and the residuals in bins of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cause {
-    /// What: `speed`, `height`, `rotor_speed`, `distance.NAME` …
+    /// Name: `speed`, `height`, `rotor_speed`, `distance.NAME` …
     pub name: String,
     /// In words.
     pub title: String,
@@ -57,19 +57,19 @@ pub struct Cause {
     pub responses: Vec<Response>,
 }
 
-/// Name, words and unit of a quantity.
+/// Name, title and unit of a quantity.
 pub(crate) type Label = (String, String, &'static str);
 
-/// Means over blocks of [`BLOCK_S`]; NaN where something is not known.
+/// Means over blocks of [`BLOCK_S`]; NaN where unknown.
 #[derive(Clone, Debug)]
 pub(crate) struct Block {
-    /// Number of the block in its log; the next one follows without a hole.
+    /// Number of the block in its log; consecutive numbers have no gap between them.
     pub number: usize,
     pub causes: Vec<f64>,
     pub responses: Vec<f64>,
 }
 
-/// A cause against all responses; `None` where it hardly changes or data is short.
+/// A cause against all responses; `None` where it hardly varies or there is too little data.
 pub(crate) fn bins(blocks: &[Block], which: usize, label: &Label, responses: &[Label]) -> Option<Cause> {
     let mut order: Vec<usize> = (0..blocks.len()).filter(|i| blocks[*i].causes[which].is_finite()).collect();
     order.sort_by(|a, b| blocks[*a].causes[which].total_cmp(&blocks[*b].causes[which]));
@@ -130,8 +130,8 @@ fn respond(
     if !(all > 0.0) || !(n > k as f64 + 1.0) {
         return None;
     }
-    // What the bins leave is still alike from block to block; by its correlation ρ the blocks count for fewer,
-    // n (1 − ρ)/(1 + ρ): Bartlett, "Some aspects of the time-correlation problem in regard to tests of significance",
+    // Residuals about the bin means are correlated from block to block; with correlation ρ the effective number of blocks
+    // is n (1 − ρ)/(1 + ρ): Bartlett, "Some aspects of the time-correlation problem in regard to tests of significance",
     // Journal of the Royal Statistical Society 98(3), 1935.
     let (mut lagged, mut pairs) = (0.0, 0.0);
     for w in used.windows(2) {
@@ -174,7 +174,7 @@ fn respond(
     })
 }
 
-/// The standard normal deviate with the same tail as F with (df1, df2) degrees of freedom.
+/// Standard normal deviate with the same tail probability as F with (df1, df2) degrees of freedom.
 ///
 /// Paulson, "An approximate normalization of the analysis of variance distribution", Annals of Mathematical Statistics
 /// 13(2), 1942.
@@ -184,7 +184,7 @@ fn normal_of_f(f: f64, df1: f64, df2: f64) -> f64 {
     ((1.0 - b) * root - (1.0 - a)) / (a + root * root * b).sqrt()
 }
 
-/// A number with three digits.
+/// A number with three significant digits.
 pub(crate) fn short(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
@@ -193,8 +193,8 @@ pub(crate) fn short(x: f64) -> String {
     format!("{x:.digits$}")
 }
 
-/// What the residuals go with, most telling first: (share of variance, sentence). One sentence per cause, about the
-/// residual that depends most on it.
+/// What the residuals depend on, strongest first: (share of variance, sentence). One sentence per cause, about the residual
+/// that depends most on it.
 pub(crate) fn sentences(causes: &[Cause]) -> Vec<(f64, String)> {
     let mut out: Vec<(f64, String)> = Vec::new();
     for cause in causes {
@@ -278,7 +278,7 @@ mod tests {
 
     #[test]
     fn slow_drift_that_has_nothing_to_do_with_the_cause_is_no_proof() {
-        // Long runs of equal values: as good as a few samples only.
+        // Long runs of equal values: effectively only a few samples.
         let mut list = blocks(|_| 0.0, 240);
         for (i, b) in list.iter_mut().enumerate() {
             b.responses[0] = ((i / 40) as f64 * 2.3).sin();

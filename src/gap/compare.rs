@@ -1,7 +1,7 @@
-//! Compare: where and how far a model departs from measured flights.
+//! Compares a model with measured flights: where and by how much it is off.
 //!
-//! Three ways: what force and torque it lacks at every instant, how far short roll-outs from measured states end from the
-//! measurement, and, where a log has references, how a whole flight with our own controller compares.
+//! Three measures: the force and torque that the model lacks at every instant, the errors of short roll-outs from measured
+//! states, and, where a log has references, a whole flight simulated with our own controller.
 
 mod closed_loop;
 mod context;
@@ -28,10 +28,10 @@ pub use vehicles::one_vehicle;
 
 /// Lengths of the roll-outs, s.
 pub const HORIZONS_S: [f64; 4] = [0.1, 0.2, 0.5, 1.0];
-/// A model agrees with a log when nothing is off by more than this many times what the sensors' noise makes.
+/// A model agrees with a log when no error exceeds this many times the sensors' noise.
 pub const AGREE: f64 = 2.0;
 
-/// Force and torque that the model lacks, over time; means over 0.05 s.
+/// Force and torque that the model lacks (residuals) over time; means over 0.05 s.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Series {
     /// Times, s.
@@ -40,28 +40,28 @@ pub struct Series {
     pub force_body_n: Vec<[f64; 3]>,
     /// Force, N, world, shape (sample, 3).
     pub force_world_n: Vec<[f64; 3]>,
-    /// Standard deviation of a force, N, body axes, by the sensors' noise.
+    /// Standard deviation of a force due to sensor noise, N, body axes.
     pub force_sigma_n: [f64; 3],
-    /// Torque, N·m, body, shape (sample, 3); null where it is not known, empty where the drive says nothing of torques.
+    /// Torque, N·m, body, shape (sample, 3); null where unknown, empty where the drive carries no torques.
     pub torque_n_m: Vec<Option<[f64; 3]>>,
     /// Standard deviation of a torque, N·m, body axes.
     pub torque_sigma_n_m: [f64; 3],
 }
 
-/// Residual force or torque in figures, body axes x, y, z.
+/// Statistics of residual force or torque, body axes x, y, z.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Axes {
     /// Root mean square of the residual, N or N·m.
     pub rms: [f64; 3],
     /// Its mean, N or N·m.
     pub mean: [f64; 3],
-    /// Standard deviation of a sample by the sensors' noise alone, N or N·m.
+    /// Standard deviation of a sample due to sensor noise alone, N or N·m.
     pub sigma: [f64; 3],
     /// Root mean square over that standard deviation.
     pub in_sigmas: [f64; 3],
-    /// Share of the variation of the measured force without gravity (or torque) that the model explains:
-    /// 1 − variance of the residual / variance of the measured, a constant offset (`mean`) apart. 1 is all of it, 0 none,
-    /// negative: the model makes it worse. Null where the measured one hardly varies beyond its noise.
+    /// Share of the variance of the measured force without gravity (or torque) that the model explains: 1 − variance of the
+    /// residual / variance of the measured, not counting a constant offset (`mean`). 1 is all of it, 0 none, negative: the
+    /// model makes it worse. Null where the measured one hardly varies beyond its noise.
     pub explained: [Option<f64>; 3],
 }
 
@@ -70,17 +70,17 @@ pub struct Axes {
 pub struct OneStep {
     /// Number of instants, 5 ms apart.
     pub n: usize,
-    /// Where forces come from: `accelerometer` or `poses`.
+    /// Source of the forces: `accelerometer` or `poses`.
     pub force_from: &'static str,
-    /// Where torques come from: `gyroscope` or `attitudes`.
+    /// Source of the torques: `gyroscope` or `attitudes`.
     pub torque_from: &'static str,
-    /// How certain that is, in words.
+    /// Reliability of these sources, in words.
     pub certainty: String,
     /// Residual force.
     pub force: Axes,
-    /// Residual torque; null where the drive says nothing of torques.
+    /// Residual torque; null where the drive carries no torques.
     pub torque: Option<Axes>,
-    /// Over time.
+    /// Residuals over time.
     pub series: Series,
 }
 
@@ -89,33 +89,33 @@ pub struct OneStep {
 pub struct Horizon {
     /// Root-mean-square errors (lengths of 3-D differences).
     pub error: HorizonError,
-    /// What they would be if the model were right: the sensors' noise at start and end, sent through the model.
+    /// Errors expected of a perfect model: the sensors' noise at start and end, propagated through the model.
     pub expected: HorizonError,
-    /// Errors over what is expected: position, velocity, attitude, rate. Null where attitude is an input.
+    /// Errors over the expected ones: position, velocity, attitude, rate. Null where attitude is an input.
     pub times_expected: [Option<f64>; 4],
     /// Errors over the noise of one sample per channel (position, attitude; body rate where there is a gyroscope), as
     /// lengths: √3 times that of an axis. Null where there is no such sensor.
     pub times_sample_noise: [Option<f64>; 4],
 }
 
-/// A whole flight of the model with its controller along the logged references.
+/// A closed-loop simulation of the model with its controller along the logged references.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ClosedLoop {
     /// Length, s.
     pub duration_s: f64,
-    /// Root-mean-square distance of the model's flight from the measured one, m.
+    /// Root-mean-square distance of the simulated flight from the measured one, m.
     pub position_m: f64,
     /// The same of velocities, m/s.
     pub velocity_m_s: f64,
     /// Root-mean-square distance of the measured flight from the references, m.
     pub tracking_measured_m: f64,
-    /// Root-mean-square distance of the model's flight from the references, m.
+    /// Root-mean-square distance of the simulated flight from the references, m.
     pub tracking_model_m: f64,
     /// What was assumed.
     pub notes: Vec<String>,
 }
 
-/// A stretch of a flight.
+/// A segment of a flight.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Segment {
     /// From, s.
@@ -128,9 +128,9 @@ pub struct Segment {
     pub torque_rms_n_m: Option<f64>,
     /// Force and torque together, in standard deviations of the sensors' noise.
     pub in_sigmas: f64,
-    /// What was going on: name, mean, unit.
+    /// Operating conditions: name, mean, unit.
     pub context: Vec<(String, f64, String)>,
-    /// What was special about it, in words.
+    /// What was unusual about it, in words.
     pub text: String,
 }
 
@@ -140,7 +140,7 @@ pub struct LogComparison {
     /// Name, hash, drive, length, noise.
     #[serde(flatten)]
     pub log: LogSummary,
-    /// What the checker and the preparation say.
+    /// Messages of the checker and the preparation.
     pub warnings: Vec<String>,
     /// One step: residual force and torque.
     pub one_step: OneStep,
@@ -148,17 +148,17 @@ pub struct LogComparison {
     pub horizons: Vec<Horizon>,
     /// Whole flight; null where the log or the vehicle does not allow it.
     pub closed_loop: Option<ClosedLoop>,
-    /// Why there is no closed loop.
+    /// Why there is no closed-loop simulation.
     pub closed_loop_missing: Option<String>,
     /// Worst segments, worst first.
     pub worst: Vec<Segment>,
     /// Residual against possible causes.
     pub causes: Vec<Cause>,
-    /// What of that is worth saying, most telling first.
+    /// Sentences about the strongest dependences, strongest first.
     pub findings: Vec<String>,
     /// Why the file's rotors cannot be those of the log (their order, their spins, another vehicle); null where they can.
     pub other_rotors: Option<String>,
-    /// Largest error over what noise makes, of all channels and horizons and of residual force and torque.
+    /// Largest error over the noise level, over all channels and horizons and residual force and torque.
     pub worst_times_noise: f64,
     /// Whether that is at most [`AGREE`].
     pub agrees: bool,
@@ -177,11 +177,11 @@ pub struct Pooled {
     pub horizons: Vec<HorizonError>,
     /// Residual against possible causes (without time).
     pub causes: Vec<Cause>,
-    /// What of that is worth saying, most telling first.
+    /// Sentences about the strongest dependences, strongest first.
     pub findings: Vec<String>,
 }
 
-/// The result: a model against flights.
+/// Result of comparing a model with flights.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Comparison {
     /// Name of the vehicle.
@@ -192,20 +192,20 @@ pub struct Comparison {
     pub logs: Vec<LogComparison>,
     /// All together, where there are several.
     pub pooled: Option<Pooled>,
-    /// Threshold of agreement, multiples of what noise makes.
+    /// Threshold of agreement, multiples of the noise.
     pub threshold: f64,
     /// Whether the model agrees with every log.
     pub agrees: bool,
-    /// Where it does not: whether numbers within the vehicle's tolerances explain what it leaves, so that nothing is missing; null
-    /// where it agrees, or where the logs are too short to tell.
+    /// If it does not agree: whether parameter changes within the vehicle's tolerances explain the residual, so that no
+    /// effect is missing; null where it agrees, or where the logs are too short to tell.
     pub within_tolerance: Option<bool>,
     /// One sentence.
     pub verdict: String,
 }
 
 impl Comparison {
-    /// Whether nothing is missing: the model agrees, or numbers within their tolerances are all that is off. As a diagnosis has it, but
-    /// by its first steps only.
+    /// Whether no effect is missing: the model agrees, or it is only off by parameters within their tolerances. As in a
+    /// diagnosis, but by its first steps only.
     pub fn nothing_missing(&self) -> bool {
         self.agrees || self.within_tolerance == Some(true)
     }
@@ -214,8 +214,9 @@ impl Comparison {
 /// Compares a vehicle with flights.
 ///
 /// # Errors
-/// [`GapError::Log`] without any log, [`GapError::TooShort`] where too little of one can be used, [`GapError::DifferentVehicles`] where logs
-/// cannot be of one vehicle, [`GapError::Numbers`] where the model does not stay finite.
+/// [`GapError::Log`] without any log, [`GapError::TooShort`] where too little of one is usable,
+/// [`GapError::DifferentVehicles`] where the logs cannot be of one vehicle, [`GapError::Numbers`] where the model does not
+/// stay finite.
 pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapError> {
     if tracks.is_empty() {
         return Err(GapError::Log {
@@ -229,7 +230,7 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     let parts: Vec<Part> = tracks.par_iter().map(|track| one(track, vehicle)).collect::<Result<_, _>>()?;
     let departs =
         parts.iter().any(|(log, ..)| !log.agrees) && parts.iter().all(|(log, ..)| log.other_rotors.is_none());
-    // A fit that finds no numbers takes nothing from what was measured.
+    // A failed fit does not invalidate the comparison itself.
     let within_tolerance = departs.then(|| within_tolerance(tracks, vehicle).ok().flatten()).flatten();
     let pooled = (parts.len() > 1).then(|| pool(&parts));
     let logs: Vec<LogComparison> = parts.into_iter().map(|(log, ..)| log).collect();
@@ -265,7 +266,7 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     })
 }
 
-/// A log's comparison, and what pooling needs of it.
+/// Comparison of one log, with what pooling needs.
 type Part = (LogComparison, Vec<Block>, Vec<Label>);
 
 fn cause_list(blocks: &[Block], labels: &[Label], skip_time: bool) -> Vec<Cause> {

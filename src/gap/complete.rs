@@ -1,4 +1,5 @@
-//! A verdict's effects and calibration into a vehicle: step by step, so that what a ladder shows is what a file holds.
+//! Writes a verdict's effects and calibration into a vehicle, step by step, so that a ladder shows exactly what the file
+//! holds.
 
 use super::accept::{self, AcceptError, FittedEffect, FittedParameter, Source};
 use super::diagnose::Diagnosed;
@@ -7,13 +8,13 @@ use super::verdict::{Calibration, Finding, ParameterFit};
 use crate::physics::effects::Area;
 use crate::vehicle::{DYNAMICS, Vehicle};
 
-/// Kinds that describe the air or the limits of one flight; a vehicle file gets them as findings only.
+/// Kinds that describe the air or the limits of one flight; written into a vehicle file only as findings.
 const OF_THE_FLIGHT: [&str; 5] =
     ["constant_wind", "gust", "turbulence", "disturbance", "actuator_saturation"];
-/// An effect is undetermined where the data narrow none of its parameters below this share of its plausible size.
+/// An effect is undetermined if the data narrow none of its parameters below this share of its plausible size.
 const UNDETERMINED: f64 = 0.7;
 
-/// An effect as a file is to hold it.
+/// An effect to be written into a file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// Candidate id, or `calibration`.
@@ -22,11 +23,11 @@ pub struct Entry {
     pub kind: String,
     /// Fitted parameters.
     pub parameters: Vec<ParameterFit>,
-    /// Parameters that were set and not fitted, SI.
+    /// Parameters that were set, not fitted, SI.
     pub set: Vec<(String, f64)>,
-    /// Whether it describes sensors, which hold for all dynamics.
+    /// Whether it describes sensors, which are common to all dynamics.
     pub sensor: bool,
-    /// What is to be known about it.
+    /// Note for the reader.
     pub note: Option<String>,
 }
 
@@ -45,7 +46,7 @@ impl Entry {
     }
 }
 
-/// What is to be known about a finding that is no property of the vehicle.
+/// Note on a finding that is not a property of the vehicle.
 pub fn note(sensor: bool, kind: &str) -> Option<String> {
     if sensor {
         return Some("of the sensors that made the log".into());
@@ -53,8 +54,8 @@ pub fn note(sensor: bool, kind: &str) -> Option<String> {
     OF_THE_FLIGHT.contains(&kind).then(|| "of the flight that it was fitted to".into())
 }
 
-/// Tolerance parameters that the log moves, by effect. Parameters that were fitted together are never parted: an effect is
-/// there whole, or where all of it is as good as without influence (`NO_INFLUENCE_SIGMAS`) not at all.
+/// Tolerance parameters that the log moves, by effect. Parameters fitted together are never split: an effect is included
+/// whole or, where all of it has practically no influence (`NO_INFLUENCE_SIGMAS`), not at all.
 pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
     let mut out: Vec<Entry> = Vec::new();
     for c in adjusted {
@@ -80,14 +81,14 @@ pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
     }
     out.retain(has_influence);
     for entry in &mut out {
-        // A value that the fit moves itself is not one that was set.
+        // A value that the fit moves itself does not count as set.
         let Entry { parameters, set, .. } = entry;
         set.retain(|(name, _)| parameters.iter().all(|p| p.name != *name));
     }
     out
 }
 
-/// Whether the parameters of an entry together are further from the file than chance moves them.
+/// Whether the parameters of an entry together differ from the file by more than chance.
 fn has_influence(entry: &Entry) -> bool {
     let off: Vec<f64> = entry
         .parameters
@@ -99,7 +100,7 @@ fn has_influence(entry: &Entry) -> bool {
     square.sqrt() > NO_INFLUENCE_SIGMAS
 }
 
-/// Groups of parameters within tolerance, in the words of who builds a vehicle.
+/// Groups of parameters within tolerance, in a vehicle builder's words.
 pub const GROUPS: [&str; 7] = [
     "rotors unequal",
     "inertia",
@@ -110,7 +111,7 @@ pub const GROUPS: [&str; 7] = [
     "clocks",
 ];
 
-/// Groups that describe the instruments of a log: the next flight may have other ones, so that they are never written unasked.
+/// Groups that describe the instruments of a log: the next flight may have other ones, so they are only written on request.
 pub const OF_THE_LOG: [&str; 2] = ["sensor offsets", "clocks"];
 
 /// The group (of [`GROUPS`]) of an effect.
@@ -127,17 +128,17 @@ pub fn group(kind: &str, area: Area) -> &'static str {
     GROUPS[index]
 }
 
-/// Expressions of the user's are told apart by their id.
+/// User-defined expressions are distinguished by their id.
 fn own_id(c: &Calibration) -> String {
     if c.kind == "expression" { c.id.clone() } else { "calibration".into() }
 }
 
-/// A vehicle file's text under completion.
+/// A vehicle file's text being completed.
 #[derive(Clone, Debug)]
 pub struct Completion {
     /// The text.
     pub text: String,
-    /// What was left at its filed value, and why.
+    /// Parameters left at their nominal value, and why.
     pub remarks: Vec<String>,
     label: String,
     dynamics: String,
@@ -146,7 +147,7 @@ pub struct Completion {
 }
 
 impl Completion {
-    /// Starts from the text of `vehicle`'s file; `label` names it in messages.
+    /// Starts from the file text of `vehicle`; `label` names it in messages.
     pub fn new(vehicle: &Vehicle, text: String, label: &str, dynamics: &str, source: Source) -> Self {
         let n = DYNAMICS.iter().filter(|d| vehicle.drone(d).is_ok()).count();
         Self {
@@ -159,23 +160,23 @@ impl Completion {
         }
     }
 
-    /// Adds an effect. A value that physics excludes stays as filed where the fit allows that (within one standard
-    /// deviation), which is said in the remarks.
+    /// Adds an effect. A physically impossible value stays nominal where the fit allows that (within one standard
+    /// deviation), which is stated in the remarks.
     ///
     /// # Errors
-    /// [`AcceptError`]; the text is then as before.
+    /// [`AcceptError`]; the text is then unchanged.
     pub fn add(&mut self, entry: &Entry) -> Result<(), AcceptError> {
         self.put(entry, true)
     }
 
-    /// Adds an effect; without `bend` its values stand together or not at all.
+    /// Adds an effect; without `bend`, all of its values are written or none.
     fn put(&mut self, entry: &Entry, bend: bool) -> Result<(), AcceptError> {
         let mut parameters = entry.parameters.clone();
         loop {
             let fitted = parameters.iter().map(|p| FittedParameter {
                 name: p.name.clone(),
                 value: p.value,
-                // An estimate that a one-sided bound holds is no measurement.
+                // An estimate at a one-sided bound is not a measurement.
                 sigma: if p.sigma > 0.0 { p.sigma } else { f64::NAN },
             });
             let set = entry.set.iter().map(|(name, value)| FittedParameter {
@@ -216,7 +217,7 @@ impl Completion {
                         p.filed,
                         short(&found)
                     );
-                    // An effect is tried again without each number that physics excludes.
+                    // The effect is retried without each physically impossible number.
                     if !self.remarks.contains(&remark) {
                         self.remarks.push(remark);
                     }
@@ -228,11 +229,11 @@ impl Completion {
         }
     }
 
-    /// Adds the calibration and gives the number of its parameters. An effect of which physics excludes a value is left as
-    /// filed whole, since its other values hold with that one only.
+    /// Adds the calibration and returns its number of parameters. An effect with a physically impossible value is left
+    /// nominal as a whole, since its other values only hold together with that one.
     ///
     /// # Errors
-    /// [`AcceptError`] but for values out of range.
+    /// [`AcceptError`], except for values out of range.
     pub fn calibrate(&mut self, adjusted: &[Calibration]) -> Result<usize, AcceptError> {
         let mut n = 0;
         for entry in calibration(adjusted) {
@@ -251,8 +252,8 @@ impl Completion {
         Ok(n)
     }
 
-    /// Writes the parameters of `adjusted` that were fitted together with the findings, without which those raise an error:
-    /// gives the names of their groups, none where there are no such.
+    /// Writes the parameters of `adjusted` that were fitted together with the findings, where the findings alone raise an
+    /// error. Returns the names of their groups; none if there are none.
     ///
     /// # Errors
     /// As [`Completion::calibrate`].
@@ -271,7 +272,7 @@ impl Completion {
         Ok(Some(names))
     }
 
-    /// The vehicle that the text describes, under the name of `like`.
+    /// The vehicle described by the text, under the name of `like`.
     ///
     /// # Errors
     /// [`AcceptError::Vehicle`].
@@ -280,25 +281,26 @@ impl Completion {
     }
 }
 
-/// A finding that the data say nothing about.
+/// A finding that the data do not determine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Undetermined {
     /// Candidate id.
     pub id: String,
     /// Its parameters with their standard deviations and plausible sizes, in words.
     pub found: String,
-    /// What to fly.
+    /// Manoeuvre that would determine it.
     pub manoeuvre: String,
 }
 
 impl Diagnosed {
-    /// Findings none of whose parameters the data narrow below 0.7 of its plausible size, or whose estimate physics excludes.
+    /// Findings none of whose parameters the data narrow below 0.7 of its plausible size, or whose estimate is physically
+    /// impossible.
     pub fn undetermined(&self) -> Vec<Undetermined> {
         let mut out = Vec::new();
         for c in &self.solution.set {
             let sigma = |k: usize| self.solution.posterior.sigma[k];
             let open = |k: usize| sigma(k) >= UNDETERMINED * self.model.parameters[k].slab;
-            // A one-sided bound that holds an estimate leaves it no width.
+            // An estimate at a one-sided bound has no width.
             let held = |k: usize| sigma(k) <= 0.0;
             if !self.model.of(*c).all(|k| open(k) || held(k)) {
                 continue;
@@ -330,7 +332,7 @@ impl Diagnosed {
     }
 }
 
-/// A number in a message with as many digits as a reader needs.
+/// A number in a message, rounded for the reader.
 fn short(number: &str) -> String {
     number.parse::<f64>().map_or_else(|_| number.to_string(), |v| format!("{v:.2e}"))
 }

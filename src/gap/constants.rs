@@ -1,4 +1,4 @@
-//! A force or torque that is there throughout a flight, in words: what it is, and what makes such a one.
+//! Constant force or torque throughout a flight, in words: what it is, and what could cause it.
 
 use super::causes::Cause;
 use super::compare::{Axes, OneStep};
@@ -8,7 +8,7 @@ use crate::math::vec3;
 use crate::physics::effects::Parts;
 use crate::physics::rigid_body::MAX_ROTORS;
 
-/// What turns a residual into a fault that makes it.
+/// Vehicle properties that convert a residual into the fault that would cause it.
 pub(crate) struct Build {
     weight_n: f64,
     mass_kg: f64,
@@ -27,8 +27,8 @@ impl Build {
     }
 }
 
-/// The constant forces and torques of a comparison, the largest over its noise first. A mean that comes by what varies is none:
-/// drag of a vehicle that flies ahead all the time has one.
+/// The constant forces and torques of a comparison, largest over its noise first. A mean that comes from a varying cause
+/// does not count: the drag of a vehicle that always flies forward has one.
 pub(crate) fn sentences(one_step: &OneStep, build: &Build, causes: &[Cause]) -> Vec<String> {
     let mut out: Vec<(f64, String)> = Vec::new();
     if let Some(torque) = &one_step.torque {
@@ -44,7 +44,7 @@ pub(crate) fn sentences(one_step: &OneStep, build: &Build, causes: &[Cause]) -> 
     out.into_iter().map(|(_, text)| text).collect()
 }
 
-/// Whether a mean residual is gone where a cause that most of its variance goes with is zero.
+/// Whether a mean residual vanishes where a cause that explains most of its variance is zero.
 fn comes_of(causes: &[Cause], response: &str, mean: f64) -> bool {
     causes.iter().filter(|c| c.name != "time").any(|c| {
         let n: usize = c.counts.iter().sum();
@@ -79,10 +79,10 @@ fn constants(
     }
 }
 
-/// Rotors that differ, or a centre of mass to the side; about z, rotors that resist turning unequally.
+/// Unequal rotors, or a centre of mass to the side; about z, unequal rotor drag torques.
 fn torque_cause(build: &Build, axis: usize, torque_n_m: f64) -> String {
     let offset = || number(torque_n_m.abs() / build.weight_n, "m");
-    // With one side stronger by a share e of its thrust, the torque is e/2 · weight · arm.
+    // If one side is stronger by a share e of its thrust, the torque is e/2 · weight · arm.
     let share = |arm: f64| 200.0 * torque_n_m.abs() / (build.weight_n * arm);
     let sides = match (axis, torque_n_m > 0.0) {
         (0, true) => "the rotors on the left are stronger than those on the right",
@@ -99,7 +99,7 @@ fn torque_cause(build: &Build, axis: usize, torque_n_m: f64) -> String {
     }
 }
 
-/// Thrust or mass along z; across, wind or an attitude that is askew.
+/// Along z thrust or mass; across, wind or a tilted attitude.
 fn force_cause(build: &Build, axis: usize, force_n: f64) -> String {
     let share = force_n.abs() / build.weight_n;
     if axis < 2 {
@@ -147,7 +147,7 @@ mod tests {
               stronger than those on the right by about 1.4 %, or the centre of mass is 693 µm off"
             ]
         );
-        // One that is within the noise, or a small part of what varies, is not spoken of.
+        // A constant within the noise, or small against what varies, is not reported.
         assert!(
             sentences(&step(axes([6e-4, 0.0, 0.0], 1e-5, 3.4e-4), quiet.clone()), &build, &[]).is_empty()
         );
@@ -157,7 +157,7 @@ mod tests {
         let heavy =
             sentences(&step(axes([0.0; 3], 1e-4, 3.4e-4), axes([0.0, 0.0, -0.2], 0.02, 0.03)), &build, &[]);
         assert_eq!(heavy.len(), 1);
-        // A drag of −0.1 N·s/m at 2 m/s ahead is no constant, though it is there throughout.
+        // A drag of −0.1 N·s/m at 2 m/s forward speed is not a constant, though it is there throughout.
         let drag = crate::gap::Response {
             name: "force_body_x".into(),
             title: String::new(),

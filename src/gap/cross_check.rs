@@ -1,10 +1,10 @@
-//! How much of what is left of force and torque two instruments see that know nothing of each other: poses and inertial data.
+//! How much of the residual force and torque is seen by two independent instruments: poses and inertial data.
 //!
-//! An estimator's slow error bends the path over 0.25 s as an unknown force would, and a filtered attitude turns it as an
-//! unknown torque would; sizes alone do not tell them from physics. But an error of poses is not in the accelerometer, nor one of
-//! the attitude in the gyroscope. What both leave beside the model is summed as the product of the two: errors of either
-//! cancel, what really acts on the vehicle stays (two instruments with independent errors: Grubbs, "On estimating precision of
-//! measuring instruments and product variability", J. American Statistical Association 43, 1948).
+//! A slow error of an estimator bends the path over 0.25 s as an unknown force would, and a filtered attitude turns it as
+//! an unknown torque would; their sizes alone cannot be told from physics. But an error of the poses is not in the
+//! accelerometer, nor one of the attitude in the gyroscope. The products of both residuals are summed: errors of either
+//! cancel, what really acts on the vehicle remains (two instruments with independent errors: Grubbs, "On estimating
+//! precision of measuring instruments and product variability", J. American Statistical Association 43, 1948).
 
 use super::fit::Prepared;
 use super::model::Model;
@@ -17,18 +17,18 @@ use crate::math::{quat, vec3};
 use crate::physics::rigid_body::State;
 use rayon::prelude::*;
 
-/// What both instruments see of force over mass (m/s²) and of torque over inertia (rad/s²), root mean square over time and axes;
-/// none where one of them is missing.
+/// Force over mass (m/s²) and torque over inertia (rad/s²) that both instruments see, root mean square over time and axes;
+/// `None` where one of them is missing.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct CrossCheck {
     pub force: Option<f64>,
     pub torque: Option<f64>,
 }
 
-/// Fewest instants that tell.
+/// Fewest instants for an estimate.
 const FEWEST: usize = 40;
 
-/// A residual by the inertial data, and by how much poses see more: three axes each.
+/// A residual by the inertial data, and how much more the poses see: three axes each.
 type Pair = [[f64; 3]; 2];
 
 /// The cross-check of a solution, all logs together.
@@ -53,17 +53,17 @@ fn left(pairs: &[Pair]) -> Option<f64> {
     Some((both / n).max(0.0).sqrt())
 }
 
-/// What the model says at an instant beside what is measured there.
+/// Model and measurement at an instant.
 struct Instant {
     at: Measured,
-    /// Acceleration that is felt less what the model says is felt, world, m/s²; and the acceleration that the model says.
+    /// Measured minus modelled specific force, world, m/s²; and the modelled acceleration.
     felt: Option<[f64; 3]>,
     moved: [f64; 3],
-    /// Angular acceleration that the model says, body, rad/s².
+    /// Modelled angular acceleration, body, rad/s².
     turned: [f64; 3],
 }
 
-/// Means under hats one after the other, half as wide as the windows of the fit are long: that is what a second difference sees.
+/// Means under consecutive hat functions, half as wide as the windows of the fit are long: what a second difference sees.
 fn pairs(replay: &Replay) -> (Vec<Pair>, Vec<Pair>) {
     let (track, drone) = (replay.track, replay.drone);
     let apart = half_stretch();
@@ -117,7 +117,7 @@ fn force(span: &[&Instant], apart: usize) -> Option<Pair> {
 fn torque(span: &[&Instant], apart: usize) -> Pair {
     let time = apart as f64 * STEP_S;
     let measured: Vec<&Measured> = span.iter().map(|i| &i.at).collect();
-    // Mean rate over each half, and by how much the attitude turned more than the gyroscope says.
+    // Mean rate over each half, and by how much the attitude turned more than the gyroscope measured.
     let half = |from: usize| {
         let part = &measured[from..=from + apart];
         let mut mean = [0.0; 3];

@@ -1,4 +1,5 @@
-//! From flight logs and a vehicle to a verdict: which effects are missing, how sure that is, and what remains.
+//! From flight logs and a vehicle to a verdict: which effects are missing, how certain that is, and what remains
+//! unexplained.
 
 use super::GapError;
 use super::cable::{differing, reattach};
@@ -18,29 +19,29 @@ use super::witness::Witness;
 use crate::physics::effects::Area;
 use crate::vehicle::Vehicle;
 
-/// What a diagnosis is asked.
+/// Settings of a diagnosis.
 #[derive(Default)]
 pub struct Settings<'a> {
     /// Fits exactly these candidates instead of searching.
     pub given: Option<Vec<String>>,
-    /// Searches among these candidates only; the others stay within their tolerance.
+    /// Searches among these candidates only; the others stay free within their tolerance.
     pub only: Option<Vec<String>>,
-    /// Hears of progress: (done, of).
+    /// Progress callback `(done, total)`.
     pub progress: Option<&'a dyn Fn(usize, usize)>,
 }
 
 /// A diagnosis with the fit behind it.
 pub struct Diagnosed {
-    /// What it says.
+    /// The verdict.
     pub verdict: Diagnosis,
     pub(crate) solution: Solution,
     pub(crate) model: Model,
 }
 
-/// Diagnoses flights of one vehicle. `held_out` logs take no part in the fit.
+/// Diagnoses flights of one vehicle. `held_out` logs are not used in the fit.
 ///
 /// # Errors
-/// [`GapError`] where the logs do not hold what the fit needs, belong to different vehicles or to another than that of the file, or
+/// [`GapError`] where the logs lack what the fit needs, belong to different vehicles or to another one than the file's, or
 /// a name is unknown.
 pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Result<Diagnosed, GapError> {
     let first =
@@ -82,7 +83,7 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     Ok(Diagnosed { verdict, solution, model })
 }
 
-/// Moves the model to all its estimates, with the cable of a load as it hangs; what is to be known of cables.
+/// Relinearises the model at all its estimates, with the cable of a load as tracked; returns notes on cables.
 fn polish(
     logs: &mut [Prepared],
     model: &mut Model,
@@ -99,7 +100,7 @@ fn polish(
         }
         cables = differing(&lengths);
     }
-    // Shapes to hold it against are only needed now.
+    // Shapes to test findings against are only needed from here on.
     let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
     let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
     if let Some(polished) = polished(logs, &mut shaped, solution, progress)? {
@@ -111,14 +112,14 @@ fn polish(
     Ok(cables)
 }
 
-/// What is left out of a solution after the search, and why.
+/// What was left out of a solution after the search, and why.
 struct LeftOut<'a> {
     progress: &'a dyn Fn(usize, usize),
     why: Vec<Why>,
 }
 
 impl LeftOut<'_> {
-    /// Without what takes hardly anything from the error on unseen flight: it leans on another effect's rest, or on that of none.
+    /// Leaves out effects that remove hardly any held-out error: they only fit the residual of another effect, or of none.
     fn without_little_gain(
         &mut self,
         logs: &[Prepared],
@@ -140,7 +141,7 @@ impl LeftOut<'_> {
                 }
             }
             drop(evidence);
-            // A small effect among weather takes little away, and is there all the same where another estimator sees it too.
+            // Beside turbulence a small effect removes little; it stays if the second estimator sees it too.
             let witness = (!shares.is_empty()).then(|| Witness::beside(model, logs, &solution));
             shares.retain(|(_, c)| {
                 let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
@@ -160,7 +161,7 @@ impl LeftOut<'_> {
         Ok(solution)
     }
 
-    /// Without effects that have lost what spoke for them, where the model was moved to all its estimates.
+    /// Leaves out effects that lose their evidence when the model is relinearised at all its estimates.
     fn without_lost(
         &mut self,
         logs: &[Prepared],
@@ -188,7 +189,7 @@ impl LeftOut<'_> {
         }
     }
 
-    /// Without what may be nothing, since the parts of the log do not agree on it.
+    /// Leaves out effects that may be zero, since the parts of the log disagree about them.
     fn without_nothing(
         &mut self,
         logs: &[Prepared],

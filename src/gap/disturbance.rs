@@ -1,10 +1,11 @@
-//! What disturbs the vehicle in every window of a log, and the windows without it.
+//! Process noise: the disturbances of every window of a log, and the windows with them eliminated.
 //!
-//! A window's own unknowns, its initial state and its disturbances, are eliminated (Schur complement). A disturbance is a part
-//! that stays over the window and a part that changes every 50 ms. The first goes on from window to window, less by less, as
-//! the weather does: what the windows before say about it is carried along (Kalman's filter, on whatever the parameters are).
-//! Without that, a pilot who answers the weather would make thrust look weak: in a hover, rotors go faster just where air
-//! pushes down (bias of identification in closed loop: Ljung, "System identification", 2nd ed. 1999, ch. 13).
+//! The nuisance parameters of a window, its initial state and its disturbances, are eliminated (Schur complement). A
+//! disturbance has a part that is constant over the window and a part that changes every 50 ms. The first persists from
+//! window to window and decays, as turbulence does: what earlier windows say about it is carried along (Kalman filter,
+//! conditional on the parameters). Without that, a pilot who counters turbulence would make thrust look weak: in a hover,
+//! rotors speed up just where air pushes down (bias of closed-loop identification: Ljung, "System identification", 2nd ed.
+//! 1999, ch. 13).
 
 use super::fit::{Linear, START_STATE, Starts, Window, own_len};
 use super::replay::TICK_S;
@@ -13,7 +14,7 @@ use crate::math::quat;
 use nalgebra::{Cholesky, Const, DMatrix, DVector, Dyn, Matrix6, Matrix6xX};
 use rayon::prelude::*;
 
-/// A window after its own unknowns were eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
+/// A window with its nuisance parameters eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
 #[derive(Clone, Debug)]
 pub(crate) struct Reduced {
     /// Index of the log.
@@ -21,42 +22,42 @@ pub(crate) struct Reduced {
     pub h: DMatrix<f64>,
     pub g: DVector<f64>,
     pub c: f64,
-    /// Half the logarithm of how much narrower the measurements make its own unknowns: the price of their freedom.
+    /// Occam factor: half the log of the ratio of posterior to prior precision determinants of the nuisance parameters.
     pub occam: f64,
 }
 
-/// Standard deviations of the disturbances: force across and up (m/s²), torque across and about z (rad/s²).
+/// Standard deviations of the disturbances: horizontal and vertical force (m/s²), torque about x/y and about z (rad/s²).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Disturbance {
-    /// Of the part that stays over a window.
+    /// Of the part that is constant over a window.
     pub common: [f64; 4],
     /// Of the part that changes every [`super::replay::PUSH_STEPS`].
     pub quick: [f64; 4],
-    /// Share of the first part that is still there in the next window.
+    /// Share of the first part that persists into the next window.
     pub kept: [f64; 4],
-    /// Standard deviation of a window's attitude about the measured one, rad. Where the attitude is an input, it is off by
-    /// this much for the whole window.
+    /// Standard deviation of a window's attitude about the measured one, rad. Where the attitude is an input, this error is
+    /// constant over the window.
     pub attitude_rad: f64,
 }
 
-/// Which of the four sizes each of the six disturbances has.
+/// Index of the size (of the four) of each of the six disturbances.
 const SIZE_OF: [usize; 6] = [0, 0, 1, 2, 2, 3];
-/// Most of a disturbance that is expected to stay: a constant one is an effect.
+/// Upper bound on the persistence of a disturbance: a constant one is an effect.
 const MOST_KEPT: f64 = 0.95;
 /// Prior standard deviations of a window's initial state about its start value: m, m/s, rad, rad/s.
 const START: [f64; 4] = [0.1, 1.0, 0.2, 1.0];
 
-/// Error of a measured attitude that is always expected, rad.
+/// Lower bound on the error of a measured attitude, rad.
 const LEAST_TURN_RAD: f64 = 1e-3;
 
 impl Disturbance {
-    /// Before anything is known.
+    /// Prior sizes, before any data.
     pub fn unknown() -> Self {
         let sizes = [0.2, 0.2, 2.0, 1.0];
         Self { common: sizes, quick: sizes, kept: [0.0; 4], attitude_rad: START[2] }
     }
 
-    /// Whether no size differs by more than 3 %.
+    /// Whether all sizes agree within 3 %.
     pub fn near(&self, other: &Self) -> bool {
         let pairs = self.common.iter().zip(&other.common).chain(self.quick.iter().zip(&other.quick));
         let attitude = (self.attitude_rad / other.attitude_rad - 1.0).abs() < 0.03;
@@ -70,28 +71,28 @@ impl Disturbance {
         (mean(f, fz), mean(t, tz))
     }
 
-    /// Standard deviations of a window's start about the measured state: m, m/s, rad, rad/s.
+    /// Prior standard deviations of a window's initial state about the measured state: m, m/s, rad, rad/s.
     fn start(&self) -> [f64; 4] {
         let [position, velocity, _, rate] = START;
         [position, velocity, self.attitude_rad, rate]
     }
 
-    /// Variance of the common part of each component where nothing is known of it.
+    /// Prior variance of the common part of each component.
     fn common_variance(&self) -> [f64; 6] {
         SIZE_OF.map(|s| self.common[s].powi(2))
     }
 }
 
-/// A window without its initial state and its quick disturbances: the Gram matrix of [common disturbance (6) | parameters |
-/// residual].
+/// A window with its initial state and quick disturbances eliminated: the Gram matrix of [common disturbance (6) |
+/// parameters | residual].
 struct Core {
     gram: DMatrix<f64>,
-    /// Half the logarithm of how much narrower the measurements make what was eliminated.
+    /// Occam factor of what was eliminated.
     occam: f64,
 }
 
-/// What is expected of a window's common disturbance: its covariance, and its mean as a linear function of the parameters,
-/// (6, [slope by every parameter | −value]), as the columns of a Gram matrix are.
+/// Prediction of a window's common disturbance: its covariance, and its mean as a linear function of the parameters, (6,
+/// [slope by every parameter | −value]), in the column order of a Gram matrix.
 struct Expected {
     covariance: Matrix6<f64>,
     mean: Matrix6xX<f64>,
@@ -105,8 +106,8 @@ impl Expected {
 }
 
 impl Core {
-    /// Columns of the rest in the rows of the common disturbance, when what is expected of it is taken off; and the factor of
-    /// its precision.
+    /// Remaining columns in the rows of the common disturbance, with the prediction subtracted; and the Cholesky factor of
+    /// its posterior precision.
     fn beside(&self, expected: &Expected) -> Option<(DMatrix<f64>, Cholesky<f64, Const<6>>)> {
         let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
         let mut out = self.gram.view((0, 6), (6, self.gram.ncols() - 6)).into_owned();
@@ -115,7 +116,7 @@ impl Core {
         Some((out, Cholesky::new(precision)?))
     }
 
-    /// What is expected in the next window, when `expected` was in this one.
+    /// Prediction for the next window, given `expected` for this one.
     fn next(&self, expected: &Expected, disturbance: &Disturbance) -> Option<Expected> {
         let (beside, factor) = self.beside(expected)?;
         let kept = Matrix6::from_diagonal(&SIZE_OF.map(|s| disturbance.kept[s]).into());
@@ -125,7 +126,7 @@ impl Core {
         Some(Expected { covariance, mean })
     }
 
-    /// Without the common disturbance.
+    /// Eliminates the common disturbance.
     fn reduce(&self, expected: &Expected, log: usize) -> Option<Reduced> {
         let (mut beside, factor) = self.beside(expected)?;
         let n = self.gram.ncols() - 6;
@@ -151,17 +152,17 @@ impl Core {
     }
 }
 
-/// Place of disturbance `r` of interval `i` among a window's own unknowns.
+/// Index of disturbance `r` of interval `i` among a window's nuisance parameters.
 fn place(i: usize, r: usize) -> usize {
     START_STATE + 6 * i + r
 }
 
-/// Inverse of a lower triangular matrix; what stands above its diagonal is not looked at.
+/// Inverse of a lower triangular matrix; entries above the diagonal are ignored.
 fn inverse_of_lower(l: &DMatrix<f64>) -> DMatrix<f64> {
     let n = l.nrows();
     let mut out = DMatrix::zeros(n, n);
     for c in 0..n {
-        // Column c of the unit matrix, forward substitution from its one on.
+        // Column c of the unit matrix; forward substitution starts at its one.
         let column = &mut out.as_mut_slice()[c * n..(c + 1) * n];
         column[c] = 1.0;
         for k in c..n {
@@ -176,14 +177,15 @@ fn inverse_of_lower(l: &DMatrix<f64>) -> DMatrix<f64> {
     out
 }
 
-/// A window's own unknowns: their mean, and the inverse of the Cholesky factor L of their precision. Their covariance is L⁻ᵀ L⁻¹.
+/// Posterior of a window's nuisance parameters: mean, and the inverse of the Cholesky factor L of the precision. The
+/// covariance is L⁻ᵀ L⁻¹.
 pub(crate) struct Own {
     pub mean: DVector<f64>,
     pub inverse: DMatrix<f64>,
 }
 
 impl Own {
-    /// Square of an unknown, expected.
+    /// Second moment of nuisance parameter `k`.
     fn second_moment(&self, k: usize) -> f64 {
         self.mean[k].powi(2) + self.inverse.column(k).rows_range(k..).norm_squared()
     }
@@ -204,7 +206,7 @@ impl Own {
 }
 
 impl Window {
-    /// Cholesky factor of the precision of its own unknowns, prior included.
+    /// Cholesky factor of the posterior precision of the nuisance parameters, prior included.
     fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<Cholesky<f64, Dyn>> {
         let len = own_len(self.pushes);
         let mut own = self.gram.view((0, 0), (len, len)).into_owned();
@@ -228,11 +230,11 @@ impl Window {
         Cholesky::new(own)
     }
 
-    /// Without its initial state and its quick disturbances.
+    /// Eliminates its initial state and its quick disturbances.
     fn core(&self, disturbance: &Disturbance) -> Option<Core> {
         let len = own_len(self.pushes);
         let n = self.gram.nrows() - len;
-        // A common disturbance does what all its intervals together do.
+        // The column of a common disturbance is the sum of the columns of its intervals.
         let mut of_common = DMatrix::zeros(self.gram.nrows(), 6);
         for r in 0..6 {
             for i in 0..self.pushes {
@@ -265,7 +267,7 @@ impl Window {
         Some(Core { gram, occam: narrower + start + quick })
     }
 
-    /// Its own unknowns where the parameters are `delta` away, by itself.
+    /// Posterior of the nuisance parameters with the parameters at `delta`, from this window alone.
     pub fn own_solution(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<Own> {
         let len = own_len(self.pushes);
         let n = self.gram.nrows() - len - 1;
@@ -277,7 +279,7 @@ impl Window {
         Some(Own { mean, inverse })
     }
 
-    /// Its start with its own unknowns at `own`.
+    /// Its initial state with the nuisance parameters at `own`.
     pub fn moved(&self, own: &DVector<f64>) -> Measured {
         let mut start = self.start;
         for k in 0..3 {
@@ -289,7 +291,7 @@ impl Window {
         start
     }
 
-    /// Mean of the disturbance over the window, and its variance from the sensors' noise.
+    /// Mean of the disturbance over the window, and its variance due to sensor noise.
     pub fn push_estimate(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<([f64; 6], [f64; 6])> {
         let own = self.own_solution(disturbance, delta)?;
         let n = self.pushes as f64;
@@ -300,7 +302,7 @@ impl Window {
 }
 
 impl Linear {
-    /// Whether window `i` begins where the one before ends.
+    /// Whether window `i` starts where the previous one ends.
     fn goes_on(&self, i: usize) -> bool {
         let length = (self.horizon_s / TICK_S).round() as usize;
         i > 0 && {
@@ -309,7 +311,7 @@ impl Linear {
         }
     }
 
-    /// All windows without their own unknowns, each as the windows before let it be expected.
+    /// Reduces all windows, each with the prediction from the windows before.
     pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
         let cores: Vec<Option<Core>> = self.windows.par_iter().map(|w| w.core(disturbance)).collect();
         let width = self.at.len() + 1;
@@ -323,7 +325,7 @@ impl Linear {
         all.filter_map(|((core, e), w)| core.as_ref()?.reduce(e, w.log)).collect()
     }
 
-    /// Where the windows start with every log's parameters `deltas` away.
+    /// Initial states of the windows with every log's parameters at `deltas`.
     pub fn starts(&self, disturbance: &Disturbance, deltas: &[Vec<f64>]) -> Starts {
         let one = |w: &Window| {
             let own = w.own_solution(disturbance, &deltas[w.log])?;
@@ -332,11 +334,11 @@ impl Linear {
         self.windows.par_iter().filter_map(one).collect()
     }
 
-    /// One step of expectation maximisation for the disturbances' sizes, with every log's parameters `deltas` away; and how much of
-    /// them stays, by the correlation of neighbouring windows.
+    /// One step of expectation maximisation for the disturbances' sizes, with every log's parameters at `deltas`; and their
+    /// persistence, from the correlation of consecutive windows.
     pub fn disturbance(&self, now: &Disturbance, deltas: &[Vec<f64>]) -> Disturbance {
-        // For each component: mean square of the pushes' sum over their number, and of what differs from their mean; the
-        // estimate of their mean, and its share of the true one.
+        // For each component: mean square of the disturbances' sum over their number, and of the deviations from their
+        // mean; the estimate of their mean, and its shrinkage towards zero (which biases the lag product).
         let solved: Vec<Option<(f64, [[f64; 4]; 6])>> = self
             .windows
             .par_iter()
@@ -404,7 +406,7 @@ mod tests {
     const PARAMETERS: usize = 2;
     const WINDOWS: usize = 4;
 
-    /// A window with the Gram matrix of rows that look random.
+    /// A window whose Gram matrix comes from random rows.
     fn window(seed: u64) -> Window {
         let own = own_len(PUSHES);
         let width = own + PARAMETERS + 1;
@@ -432,7 +434,7 @@ mod tests {
             Linear { windows, at: vec![0.0; PARAMETERS], apart: Vec::new(), horizon_s, noise: Vec::new() };
         let reduced = linear.reduce(&disturbance);
 
-        // All unknowns of all windows together, with the covariance of a disturbance that stays.
+        // The nuisance parameters of all windows at once, with the covariance of a persistent disturbance.
         let own = own_len(PUSHES);
         let len = own * WINDOWS;
         let mut prior = DMatrix::zeros(len, len);
@@ -480,7 +482,7 @@ mod tests {
                 near(reduced.iter().map(|r| r.h[(k, j)]).sum(), rest[(k, j)]);
             }
         }
-        // Windows that do not touch know nothing of each other.
+        // Windows that are not consecutive are independent.
         let mut apart = linear;
         apart.windows.iter_mut().for_each(|w| w.from *= 2);
         let alone = Disturbance { kept: [0.0; 4], ..disturbance };

@@ -1,4 +1,4 @@
-//! What drives the model along a log, and how it answers to every parameter of the drive: motors, delays, limits.
+//! The model's inputs along a log and their derivatives by every drive parameter: motors, delays, limits.
 
 use super::fit::{N, NODE, Prepared, Wide};
 use super::model::{Enters, Model};
@@ -8,19 +8,19 @@ use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 use rayon::prelude::*;
 
-/// Drive parameters of one pass.
+/// Drive parameters per pass of duals.
 const N_DRIVE: usize = 4;
 type DriveDual = Dual<f64, N_DRIVE>;
 
-/// Parameter inputs with their slopes at every node of a log.
+/// Inputs with their derivatives by the drive parameters at every node of a log.
 pub(super) struct DriveInputs {
     pub ticks: Vec<Tick<f64>>,
-    /// For every drive parameter: rotor speeds' and rotor rates' slopes, thrust's, commands', by node tick.
+    /// For every drive parameter, per node: derivatives of rotor speeds and rates, thrust and commands.
     slopes: Vec<(usize, Vec<Tick<f64>>)>,
 }
 
 impl DriveInputs {
-    /// A tick with the slopes at a node by the parameters of a pass of duals, one to a direction.
+    /// A tick at a node with its derivatives by the parameters of one pass, one per dual direction.
     pub fn by(&self, parameters: &[usize], tick: &Tick<f64>, node: usize) -> Tick<Wide> {
         let mut out = tick.map(Wide::lit);
         for (slot, k) in parameters.iter().enumerate().take(N) {
@@ -47,7 +47,7 @@ pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen
         let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
         return DriveInputs { ticks, slopes: Vec::new() };
     }
-    // A limit that no command reaches has no slope: until it is found, its column is what half a slab below would do.
+    // A limit that no command reaches has derivative zero: until it is in the set, its column is a secant over half a slab.
     let (limits, free): (Vec<usize>, Vec<usize>) = free.into_iter().partition(|k| {
         let p = &model.parameters[*k];
         p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
@@ -71,7 +71,7 @@ pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen
         let slope = |slot: usize| around_nodes(all.len(), |i| all[i].map(|d| d.partials[slot]));
         group.iter().enumerate().map(|(slot, k)| (*k, slope(slot))).collect()
     };
-    // A log is one chain of motor states, so that its passes are what runs side by side.
+    // A log is one serial chain of motor states, so the passes run in parallel instead.
     let (smooth, (ticks, limited)): (Vec<_>, (_, Vec<_>)) = rayon::join(
         || free.par_chunks(N_DRIVE).flat_map_iter(by_duals).collect(),
         || {
@@ -93,8 +93,8 @@ pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen
     DriveInputs { ticks, slopes }
 }
 
-/// Means around every node of `n` ticks, weighted by a hat that falls to zero at the nodes beside it: what jumps from tick to
-/// tick is not sampled by luck, and its sum over a window stays.
+/// Means around every node of `n` ticks under a hat function that is zero at the neighbouring nodes: jumps between ticks do
+/// not alias, and the sum over a window is preserved.
 fn around_nodes(n: usize, tick: impl Fn(usize) -> Tick<f64>) -> Vec<Tick<f64>> {
     let apart = (STEP * NODE) as isize;
     (0..n)

@@ -1,4 +1,4 @@
-//! What can go wrong when a model meets a measurement.
+//! Errors of comparing models with measurements.
 
 /// Errors of comparing, diagnosing and fitting. Each says what was expected, what was found, and what to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -28,14 +28,14 @@ pub enum GapError {
         /// What to do.
         remedy: String,
     },
-    /// A name that is none of those known.
+    /// An unknown name.
     #[error("`{name}` is no {what}; there are {known}")]
     Unknown {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// What it should be: `candidate`, `manoeuvre` …
+        /// Kind of thing it should name: `candidate`, `manoeuvre` …
         what: &'static str,
-        /// What there is.
+        /// The known names.
         known: String,
     },
     /// Logs that cannot belong to one vehicle.
@@ -45,10 +45,10 @@ pub enum GapError {
         first: String,
         /// Name of the other.
         second: String,
-        /// What tells them apart.
+        /// The difference between them.
         reason: String,
     },
-    /// The numbers of the problem cannot be solved.
+    /// The numerical problem cannot be solved.
     #[error("{what} cannot be computed: {reason}")]
     Numbers {
         /// What was to be computed.

@@ -1,8 +1,8 @@
-//! Plans flights that make wanted parameters visible, and says which manoeuvre tells two candidates apart.
+//! Plans flights that excite the wanted parameters, and names manoeuvres that separate two candidates.
 //!
-//! Manoeuvres of a library are flown in simulation by the vehicle's own controller; what sensors of an assumed quality
-//! would see of them goes through the linearisation of the fit, which gives each manoeuvre's information about every
-//! parameter. Information of separate flights adds, so the shortest plan is searched greedily without more simulation.
+//! The vehicle's own controller flies the manoeuvres of a library in simulation. Measurements by sensors of an assumed
+//! quality are linearised as in the fit, which gives each manoeuvre's Fisher information about every parameter. The
+//! information of separate flights adds up, so the shortest plan is searched greedily without further simulation.
 
 mod advice;
 mod flown;
@@ -31,8 +31,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// Sensors that the flight is to be logged with; a rate of 0 means that there is no such sensor. No rate counts beyond
-/// 500 Hz.
+/// Sensors of the flight to be logged; a rate of 0 means no such sensor. Rates beyond 500 Hz add nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Sensors {
     /// Poses per second.
@@ -67,8 +66,8 @@ impl Default for Sensors {
     }
 }
 
-/// Accelerations that no model explains (turbulence, flow in the room): standard deviation of a part that changes every
-/// 50 ms and of one that changes every 250 ms, each.
+/// Process noise (turbulence, flow in the room): standard deviation of a part that changes every 50 ms and of one that
+/// changes every 250 ms, each.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Air {
     /// By forces, m/s² per axis.
@@ -84,16 +83,16 @@ impl Default for Air {
     }
 }
 
-/// What is asked of a plan.
+/// Request for a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    /// Ids of the candidates whose parameters are to be found, as `linear_drag`, `weak_rotor.2`; a kind stands for all of it.
+    /// Ids of the wanted candidates, such as `linear_drag`, `weak_rotor.2`; a kind stands for all its candidates.
     pub want: Vec<String>,
     /// Longest flight, s.
     pub seconds: f64,
-    /// Standard deviation that is wanted, as a share of the slab.
+    /// Wanted standard deviation, as a share of the slab.
     pub share: f64,
-    /// Length, width and height of the space, m.
+    /// Length, width and height of the flight space, m.
     pub box_m: [f64; 3],
     /// Whether z = 0 is ground that can be flown over.
     pub ground: bool,
@@ -103,14 +102,14 @@ pub struct Request {
     pub sensors: Sensors,
     /// How calm the air is.
     pub air: Air,
-    /// What of the log will drive the model.
+    /// Drive of the model in the later analysis.
     pub drive: Drive,
     /// Seed of noise and disturbances.
     pub seed: u64,
 }
 
 impl Default for Request {
-    /// Up to 60 s in 6 × 6 × 3 m over ground, for a tenth of each slab, from rotor commands.
+    /// Up to 60 s in 6 × 6 × 3 m over ground, to a tenth of each slab, from rotor commands.
     fn default() -> Self {
         Self {
             want: Vec::new(),
@@ -130,13 +129,13 @@ impl Default for Request {
 /// Predicted standard deviation of a parameter, in its unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Sigma {
-    /// With all that is not wanted within the tolerance of a carefully built vehicle.
+    /// With all other candidates within the tolerance of a carefully built vehicle.
     pub alone: f64,
-    /// With the look-alike that hurts most as large as it may be.
+    /// With the worst look-alike free up to its plausible size.
     pub with_look_alike: f64,
 }
 
-/// A parameter that was wanted.
+/// A wanted parameter.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WantedParameter {
     /// Candidate.
@@ -145,19 +144,19 @@ pub struct WantedParameter {
     pub name: String,
     /// SI unit.
     pub unit: String,
-    /// Plausible size: standard deviation before any flight.
+    /// Plausible size: prior standard deviation.
     pub slab: f64,
     /// Tolerance of a carefully built vehicle.
     pub spike: f64,
-    /// Standard deviation that is wanted.
+    /// Wanted standard deviation.
     pub target: f64,
-    /// Predicted after each manoeuvre of the plan, in turn.
+    /// Prediction after each manoeuvre of the plan, in order.
     pub after: Vec<Sigma>,
-    /// Predicted for the whole flight as it was simulated, joints included.
+    /// Prediction for the whole flight as simulated, joints included.
     pub whole: Sigma,
-    /// Candidate that looks most like it in the whole flight, where one widens the interval by more than 5 %.
+    /// The candidate most correlated with it in the whole flight, if it widens the interval by more than 5 %.
     pub look_alike: Option<String>,
-    /// Whether it gets as narrow as wanted, look-alike included.
+    /// Whether the wanted standard deviation is reached, look-alike included.
     pub reached: bool,
     /// Why not.
     pub reason: Option<String>,
@@ -184,7 +183,7 @@ pub struct PlannedManoeuvre {
     pub peak_error_m: f64,
 }
 
-/// A flight that makes parameters visible.
+/// A planned flight that excites the wanted parameters.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FlightPlan {
     /// Vehicle.
@@ -193,15 +192,15 @@ pub struct FlightPlan {
     pub vehicle_sha256: String,
     /// Length, s.
     pub duration_s: f64,
-    /// What was wanted.
+    /// The wanted parameters.
     pub parameters: Vec<WantedParameter>,
-    /// What is flown, in turn.
+    /// The manoeuvres, in order.
     pub manoeuvres: Vec<PlannedManoeuvre>,
     /// Greatest distance from the reference in the whole flight, m.
     pub peak_error_m: f64,
     /// Share of the time in which a rotor is at its limit.
     pub saturated: f64,
-    /// What to mind.
+    /// Warnings.
     pub warnings: Vec<String>,
     /// Waypoints: time (s), position (m), heading (rad).
     #[serde(skip)]
@@ -209,7 +208,7 @@ pub struct FlightPlan {
 }
 
 impl FlightPlan {
-    /// Whether every parameter gets as narrow as wanted.
+    /// Whether every parameter reaches its wanted standard deviation.
     pub fn complete(&self) -> bool {
         self.parameters.iter().all(|p| p.reached)
     }
@@ -219,10 +218,10 @@ impl FlightPlan {
         csv(&self.waypoints)
     }
 
-    /// The path between the waypoints.
+    /// The spline through the waypoints.
     ///
     /// # Errors
-    /// [`GapError::Numbers`] where the waypoints are no path, which a plan's own never are.
+    /// [`GapError::Numbers`] where the waypoints form no path, which cannot happen for a plan's own.
     pub fn spline(&self) -> Result<Spline, GapError> {
         path(&self.waypoints)
     }
@@ -242,18 +241,18 @@ fn path(knots: &[Knot]) -> Result<Spline, GapError> {
     Spline::new(knots).map_err(|e| GapError::Numbers { what: "the planned path", reason: e.to_string() })
 }
 
-/// Shares of full speed and acceleration at which a manoeuvre is tried, until the vehicle can fly it.
+/// Shares of full speed and acceleration tried in turn, until the vehicle can fly the manoeuvre.
 const INTENSITIES: [f64; 5] = [1.0, 0.75, 0.5, 0.35, 0.2];
-/// Largest distance from the reference that passes for flown, m.
+/// Largest tracking error of a manoeuvre that counts as flown, m.
 const TRACKING_M: f64 = 0.4;
-/// Largest share of the time at the rotors' limits that passes for flown.
+/// Largest share of time in rotor saturation of a manoeuvre that counts as flown.
 const SATURATED: f64 = 0.02;
-/// Gain in the sum of ln(σ/wanted) under which another manoeuvre is not worth it.
+/// Gain in the sum of ln(σ/wanted) below which another manoeuvre is not worth flying.
 const LEAST_GAIN: f64 = 0.02;
 /// Most manoeuvres of a plan.
 const MOST: usize = 24;
 
-/// A manoeuvre that the vehicle has flown in simulation.
+/// A manoeuvre flown in simulation.
 struct Entry {
     manoeuvre: &'static Manoeuvre,
     knots: Vec<Knot>,
@@ -267,7 +266,7 @@ impl Entry {
     }
 }
 
-/// Flies the library: what the vehicle can fly, and what it cannot with the reason.
+/// Simulates the library: the manoeuvres that the vehicle can fly, and the reasons for the others.
 fn fly_library(setting: &Setting) -> Result<(Vec<Entry>, Vec<String>), GapError> {
     let mut left: Vec<&'static Manoeuvre> = library::ALL.iter().filter(|m| m.fits(setting.room)).collect();
     let (mut entries, mut failed) = (Vec::new(), Vec::new());
@@ -337,13 +336,13 @@ fn drone_of(vehicle: &Vehicle, drive: Drive) -> Result<Drone<f64>, GapError> {
     vehicle.drone(dynamics).map_err(bad)
 }
 
-/// The space of a request, for a vehicle.
+/// The flight space of a request, for a vehicle.
 fn room_of(request: &Request, drone: &Drone<f64>) -> Room {
     Room {
         size_m: request.box_m,
         ground: request.ground,
         ceiling_z_m: request.ceiling_z_m,
-        // Two rotor radii are where the ground's effect is large and the legs of most vehicles are clear of it.
+        // At two rotor radii the ground effect is large and the legs of most vehicles clear the ground.
         close_m: 0.06 + 2.0 * drone.disc_radius_m(),
     }
 }
@@ -418,7 +417,7 @@ fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
     Ok(out)
 }
 
-/// A model of everything that may be missing, for planned flights.
+/// A model with all candidates, for planned flights.
 fn model_of(drone: &Drone<f64>, tracks: &[&Track]) -> Result<Model, GapError> {
     let arounds: Vec<Around> = tracks.par_iter().map(|t| Around::new(t, drone)).collect();
     Model::new(drone, tracks, &arounds.iter().collect::<Vec<_>>())
@@ -427,8 +426,8 @@ fn model_of(drone: &Drone<f64>, tracks: &[&Track]) -> Result<Model, GapError> {
 /// Plans a flight for a vehicle.
 ///
 /// # Errors
-/// [`GapError`] where the request makes no sense, a wanted effect is unknown or cannot be seen in such a flight, or the
-/// vehicle has no controller that follows a path.
+/// [`GapError`] where the request is invalid, a wanted effect is unknown or not observable in such a flight, or the vehicle
+/// has no controller that follows a path.
 pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError> {
     check(request)?;
     let drone = drone_of(vehicle, request.drive)?;
@@ -455,7 +454,7 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     let search = Search::new(&judge, &entries, &told, request)?;
     let order = search.greedy()?;
 
-    // The whole flight, flown as one.
+    // The whole flight in one simulation, since joints and noise differ from the sum of manoeuvres.
     let (knots, manoeuvres) = join(&entries, &order);
     let whole = path(&knots)?;
     let flight = flown::fly(&setting, std::slice::from_ref(&whole))?.remove(0);
@@ -487,6 +486,7 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     }
     let track = flown::track(&flight, vehicle, &room, &request.sensors, request.drive)?;
     let told_whole = information::of_tracks(&[&track], &model, &request.air).remove(0);
+    // Predictions per manoeuvre add separate flights; the last one is of the flight as a whole.
     let after = search.after(&order)?;
     Ok(FlightPlan {
         vehicle: vehicle.name.clone(),
@@ -501,8 +501,8 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     })
 }
 
-/// A flight of the manoeuvres `names` of the library, in turn, in the space and with the sensors of `request` (whose `want`
-/// and `seconds` do not matter).
+/// A flight of the library's manoeuvres `names`, in order, in the space and with the sensors of `request` (whose `want` and
+/// `seconds` are ignored).
 ///
 /// # Errors
 /// [`GapError`] where a name is unknown, the space lacks what a manoeuvre needs, or the vehicle cannot fly one.
@@ -539,7 +539,7 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
     Ok(join(&entries, &order).0)
 }
 
-/// How the flights of a request are flown.
+/// Simulation settings of a request.
 fn setting<'a>(
     vehicle: &'a Vehicle,
     drone: &'a Drone<f64>,
@@ -556,7 +556,7 @@ fn join(entries: &[Entry], order: &[usize]) -> (Vec<Knot>, Vec<PlannedManoeuvre>
     for i in order {
         let entry = &entries[*i];
         let start_s = knots.last().map_or(0.0, |k| k.0);
-        // The first knot is where the one before has ended.
+        // The first knot repeats the last of the previous manoeuvre.
         knots.extend(
             entry
                 .knots
@@ -585,20 +585,20 @@ struct Search<'a> {
     entries: &'a [Entry],
     told: &'a [DMatrix<f64>],
     request: &'a Request,
-    /// For each wanted parameter: what is aimed at.
+    /// Per wanted parameter: the achievable aim.
     aims: Vec<Aim>,
 }
 
-/// What can be had of a parameter.
+/// What is achievable for a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Aim {
-    /// Narrow with a look-alike as large as it may be.
+    /// Reaches the target even with the worst look-alike free.
     Opened,
-    /// Narrow with look-alikes within their tolerance; not otherwise.
+    /// Reaches the target only with look-alikes within their tolerance.
     Closed,
-    /// As narrow as the time lets; not enough.
+    /// Does not reach the target in the time; as good as possible.
     Best,
-    /// Nothing: no measurement answers to it.
+    /// Not observable: no measurement depends on it.
     Silent,
 }
 
@@ -609,7 +609,7 @@ impl<'a> Search<'a> {
         told: &'a [DMatrix<f64>],
         request: &'a Request,
     ) -> Result<Self, GapError> {
-        // The best that the time could bring: the whole library as often as it fits, at least once.
+        // Best achievable in the time: the whole library as often as it fits, at least once.
         let seconds: f64 = entries.iter().map(Entry::seconds).sum();
         let mut most = told.iter().fold(told[0].clone() * 0.0, |sum, a| sum + a);
         most *= (request.seconds / seconds).max(1.0);
@@ -628,7 +628,7 @@ impl<'a> Search<'a> {
         Ok(Self { judge, model, entries, told, request, aims })
     }
 
-    /// Sum over parameters of ln(σ/wanted), as far as it is above 0.
+    /// Sum over parameters of ln(σ/wanted), where above 0.
     fn missing(&self, widths: &[Width]) -> f64 {
         let of = |(w, aim): (&Width, &Aim)| {
             let sigma = match aim {
@@ -641,7 +641,7 @@ impl<'a> Search<'a> {
         widths.iter().zip(&self.aims).map(of).sum()
     }
 
-    /// Manoeuvres in turn, each the one that brings most per second; those that turn out needless are left out again.
+    /// Adds the manoeuvre with the largest gain per second until none is worth it, then drops those that became redundant.
     fn greedy(&self) -> Result<Vec<usize>, GapError> {
         let nothing = self.told[0].clone() * 0.0;
         let mut sum = nothing.clone();
@@ -662,7 +662,7 @@ impl<'a> Search<'a> {
             left_s -= self.entries[i].seconds();
             now -= gain;
         }
-        // What came early may not be needed any more.
+        // Early choices may have become redundant.
         let mut place = 0;
         while place < order.len() && order.len() > 1 {
             let mut without = order.clone();
@@ -675,7 +675,7 @@ impl<'a> Search<'a> {
             }
         }
         if order.is_empty() {
-            // Nothing is to be gained; a flight there must be all the same: the shortest of them.
+            // Nothing to gain, but a plan must have a flight: take the shortest manoeuvre.
             let shortest = (0..self.entries.len())
                 .min_by(|a, b| self.entries[*a].seconds().total_cmp(&self.entries[*b].seconds()));
             order.extend(shortest);
@@ -701,7 +701,7 @@ impl<'a> Search<'a> {
             let p = &self.model.parameters[*k];
             let sigma = |w: &Width| Sigma { alone: w.closed * p.slab, with_look_alike: w.opened * p.slab };
             let w = &whole[i];
-            // The joints cost and bring a little beside the sum of manoeuvres.
+            // Joints make the whole flight differ a little from the sum of its manoeuvres.
             let reached = w.opened <= 1.05 * share;
             let alike = w.look_alike.map(|c| self.model.candidates[c].id.clone());
             let reason = (!reached).then(|| match (self.aims[i], &alike) {

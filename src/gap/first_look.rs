@@ -1,7 +1,8 @@
-//! Whether something is missing at all, by the first steps of a diagnosis: what `compare` says beside how far a model is off.
+//! Whether any effect is missing, by the first steps of a diagnosis: reported by `compare` beside the size of the errors.
 //!
-//! A vehicle whose numbers are off within their tolerances departs from every log by many times the sensors' noise, and nothing is
-//! missing. The search of a diagnosis, on fewer windows and without its later steps, tells one from the other.
+//! A vehicle whose parameters are off within their tolerances departs from every log by many times the sensors' noise,
+//! though no effect is missing. The search of a diagnosis, on fewer windows and without its later steps, distinguishes the
+//! two.
 
 use super::GapError;
 use super::decide::remainder::{remainder, samples};
@@ -12,10 +13,11 @@ use super::solve::{Solution, glance};
 use super::track::Track;
 use crate::vehicle::Vehicle;
 
-/// Whether numbers within the vehicle's tolerances explain what it leaves on flights; none where too little of them can be used.
+/// Whether parameters within the vehicle's tolerances explain its residuals on flights; `None` where too little of them is
+/// usable.
 ///
 /// # Errors
-/// [`GapError`] where the vehicle lacks the dynamics or a number is not finite.
+/// [`GapError`] where the vehicle lacks the dynamics or a value is not finite.
 pub(super) fn within_tolerance(tracks: &[Track], vehicle: &Vehicle) -> Result<Option<bool>, GapError> {
     let Some(first) = tracks.first() else { return Ok(None) };
     if tracks.iter().any(|t| t.dynamics != first.dynamics) {

@@ -1,12 +1,12 @@
-//! The linear problem of a log: how every window's measurements answer to every free parameter.
+//! Linearises a log: the derivatives of every window's measurements by every free parameter.
 //!
-//! The log is cut into windows. Each has unknowns of its own, which nobody asks for: its initial state (12) and, for every
-//! 50 ms, a disturbance (3 accelerations, 3 angular accelerations), which is a part common to the window and a part of its
-//! own. The Jacobian of the rate by state and parameters is exact
-//! (duals); it is carried along the window by the variational equation. What a window says is kept as one Gram matrix; its
-//! own unknowns are then eliminated (Schur complement), and the sum over windows is the log. Source of the method: output
-//! error with initial states as unknowns, Jategaonkar, "Flight vehicle system identification", AIAA 2015, ch. 4; variance of
-//! the disturbances by expectation maximisation, Dempster, Laird & Rubin, JRSS B 39(1), 1977.
+//! The log is cut into windows. Each window has nuisance parameters: its initial state (12) and, for every 50 ms, a
+//! disturbance (3 accelerations, 3 angular accelerations), which is the sum of a part constant over the window and a part
+//! of its own. The Jacobian of the rate by state and parameters is exact (duals); the variational equation carries it along
+//! the window. A window's rows are reduced to one Gram matrix; its nuisance parameters are then eliminated (Schur
+//! complement), and the windows are summed. Sources: output error with initial states as unknowns, Jategaonkar, "Flight
+//! vehicle system identification", AIAA 2015, ch. 4; variance of the disturbances by expectation maximisation, Dempster,
+//! Laird & Rubin, JRSS B 39(1), 1977.
 
 mod rows;
 
@@ -28,25 +28,25 @@ use nalgebra::DMatrix;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
-/// Directions of one pass of duals.
+/// Directions per pass of duals.
 pub(super) const N: usize = 12;
 pub(super) type Wide = Dual<f64, N>;
 
-/// Unknowns of a window's initial state; its disturbances follow, six for every [`PUSH_STEPS`].
+/// Nuisance parameters of a window's initial state; six disturbances for every [`PUSH_STEPS`] follow.
 pub(crate) const START_STATE: usize = 12;
-/// Steps between two nodes of the variational equation.
+/// Steps between nodes of the variational equation.
 pub(super) const NODE: usize = 2;
 /// Sensors: position, attitude, gyroscope, accelerometer.
 pub(crate) const CHANNELS: usize = 4;
-/// Numbers that sensors read: position, attitude, rates, specific force.
+/// Sensor outputs: position, attitude, rates, specific force.
 const OUTPUTS: usize = 12;
 
-/// What does not change while a log is fitted.
+/// What stays constant while a log is fitted.
 pub(crate) struct Prepared<'a> {
     pub track: &'a Track,
     pub around: Around,
     pub raw: Raw,
-    /// The least noise of its channels: of poses, what their slow errors are worth.
+    /// Lower bound on the noise of its channels; for poses, the white-noise equivalent of their slow errors.
     pub noise: Noise,
 }
 
@@ -65,21 +65,21 @@ impl<'a> Prepared<'a> {
     }
 }
 
-/// Whether a log gives a thrust and no torques: the attitude's error is then in every force, so that rules for what a wholly
-/// driven model leaves (shapes, small shares, wider tolerances) mean nothing.
+/// Whether a log gives a thrust and no torques: the attitude error then enters every force, so that rules about the
+/// residual of a fully driven model (shapes, small shares, wider tolerances) do not apply.
 pub(crate) fn forces_only(logs: &[Prepared]) -> bool {
     logs.iter().any(|l| l.track.drive == Drive::Thrust)
 }
 
-/// Unknowns of the start of a window: where the attitude is an input, position and velocity only.
+/// Unknowns of a window's initial state; position and velocity only where the attitude is an input.
 fn unknowns(drive: Drive) -> usize {
     if drive == Drive::Thrust { START_STATE / 2 } else { START_STATE }
 }
 
-/// Rows of a window for every unknown of its start: fewer say nothing reliable.
+/// Least rows of a window per unknown of its initial state.
 const ROWS_PER_UNKNOWN: usize = 2;
 
-/// Shortest windows whose rows tell their own start, s: slow sensors need longer ones.
+/// Shortest windows that determine their own initial state, s: slow sensors need longer ones.
 pub(crate) fn shortest_window_s(logs: &[Prepared]) -> f64 {
     let one = |p: &Prepared| {
         let track = p.track;
@@ -88,7 +88,7 @@ pub(crate) fn shortest_window_s(logs: &[Prepared]) -> f64 {
             let n = t.partition_point(|t| *t <= to) - t.partition_point(|t| *t < from);
             n as f64 / (to - from).max(STEP_S)
         };
-        // Fast sensors are averaged over a step.
+        // Samples of fast sensors are averaged over a step.
         let fast = |t: &[f64]| per_s(t).min(1.0 / STEP_S);
         let turning = if track.drive == Drive::Thrust {
             0.0
@@ -96,14 +96,14 @@ pub(crate) fn shortest_window_s(logs: &[Prepared]) -> f64 {
             per_s(&track.attitude.t_s) + fast(&track.gyro.t_s)
         };
         let samples_per_s = per_s(&track.position.t_s) + turning + fast(&track.accel.t_s);
-        // A window may begin just after a sample.
+        // A window may start just after a sample.
         (ROWS_PER_UNKNOWN * unknowns(track.drive)) as f64 / 3.0 / samples_per_s.max(1e-3)
             + 1.0 / samples_per_s.max(1e-3)
     };
     logs.iter().map(one).fold(0.0, f64::max)
 }
 
-/// One window: where it lies and what it says.
+/// One linearised window.
 #[derive(Clone, Debug)]
 pub(crate) struct Window {
     /// Index of the log.
@@ -112,9 +112,10 @@ pub(crate) struct Window {
     pub from: usize,
     /// Measured state at its start.
     pub start: Measured,
-    /// JᵀJ of [own unknowns | parameters | residual], each row divided by its noise.
+    /// JᵀJ of [nuisance parameters | parameters | residual], each row divided by its noise.
     pub gram: DMatrix<f64>,
-    /// The rows themselves, (row, column), those of one channel together; of about [`NOISE_WINDOWS`] windows of a log, else empty.
+    /// The rows themselves, (row, column), grouped by channel; kept for about [`NOISE_WINDOWS`] windows of a log, else
+    /// empty.
     pub rows: Vec<f32>,
     /// Number of rows of position, attitude, gyroscope and accelerometer.
     pub rows_of: [usize; CHANNELS],
@@ -124,21 +125,21 @@ pub(crate) struct Window {
     pub pushes: usize,
 }
 
-/// Unknowns of its own of a window with so many disturbances.
+/// Number of nuisance parameters of a window with so many disturbances.
 pub(crate) fn own_len(pushes: usize) -> usize {
     START_STATE + 6 * pushes
 }
 
-/// States at which windows start as the last fit has them, by log and tick. Near a wall the force bends within the noise of a
-/// measured place: then a window has to be linearised where it is, not where it was seen.
+/// Initial states of the windows as the last fit estimates them, by log and tick. Near a wall the force changes within the
+/// noise of a measured position: then a window has to be linearised at its estimated, not at its measured state.
 pub(crate) type Starts = HashMap<(usize, usize), Measured>;
 
-/// All windows at one point.
+/// All windows linearised at one point.
 pub(crate) struct Linear {
     pub windows: Vec<Window>,
-    /// Parameter values that it was computed at, as the logs share them.
+    /// Parameter values at the linearisation point, shared by the logs.
     pub at: Vec<f64>,
-    /// By how much each log's differ from those, shape (log, parameter); empty where none does.
+    /// Deviation of each log's values from those, shape (log, parameter); empty where there is none.
     pub apart: Vec<Vec<f64>>,
     /// Length of the windows, s.
     pub horizon_s: f64,
@@ -150,7 +151,7 @@ pub(crate) struct Linear {
 pub(super) struct Pass {
     pub parameters: Vec<usize>,
     pub drone: Drone<Wide>,
-    /// Whether all of them only enter what sensors read: the rates then have no slopes.
+    /// Whether all of them enter only the sensor outputs: the rates then have zero derivative.
     pub reading: bool,
 }
 
@@ -159,7 +160,7 @@ pub(super) fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pas
     let constant = model.effects_of(chosen);
     let mut free: Vec<usize> =
         (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(1 | 2))).collect();
-    // Those of one effect together, so that a pass has few effects.
+    // Grouped by effect, so that a pass has few effects.
     free.sort_by_key(|k| model.parameters[*k].effect);
     let (readings, dynamics): (Vec<usize>, Vec<usize>) =
         free.into_iter().partition(|k| model.parameters[*k].enters == Enters::Reading);
@@ -178,24 +179,24 @@ pub(super) fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pas
     out
 }
 
-/// Slopes at one node.
+/// Derivatives at one node.
 struct Node {
     /// Of acceleration and angular acceleration by the state, (6, 12).
     a: [[f64; 12]; 6],
     /// Of the same by the parameters, (6, parameter).
     g: Vec<[f64; 6]>,
-    /// Of the readings by the state, (output, 12).
+    /// Of the outputs by the state, (output, 12).
     cx: [[f64; 12]; OUTPUTS],
-    /// Of the readings by the parameters, (parameter, output).
+    /// Of the outputs by the parameters, (parameter, output).
     cp: Vec<[f64; OUTPUTS]>,
 }
 
-/// Which windows of the logs are looked at.
+/// Which windows of the logs are used.
 #[derive(Clone, Copy)]
 pub(crate) struct Cut {
     /// Their length, s.
     pub length_s: f64,
-    /// About so many at most, evenly spread.
+    /// Most windows (approximately), evenly spread.
     pub most: usize,
 }
 
@@ -206,8 +207,8 @@ impl Cut {
     }
 }
 
-/// Makes the Gram matrices of the windows of `cut` at parameter values `values`, with the effects of the file and of the
-/// candidates `chosen` at work.
+/// Linearises the windows of `cut` at parameter values `values`, with the effects of the file and of the candidates
+/// `chosen` active.
 pub(crate) fn linearise(
     logs: &[Prepared],
     model: &Model,
@@ -225,7 +226,7 @@ pub(crate) fn linearise(
         let values = &values.of(index);
         let plain = model.plain_at(values, chosen);
         let inputs = drive_inputs(p, model, values, chosen);
-        // Where the attitude is an input, it is the one that the model's sensors read as the measured one.
+        // An input attitude is the one for which the model's sensors read the measured one.
         let believed = (p.track.drive == Drive::Thrust)
             .then(|| Around { measured: believed(p.track, &p.around, &plain), ..p.around.clone() });
         let around = believed.as_ref().unwrap_or(&p.around);
@@ -281,7 +282,7 @@ impl Linear {
 }
 
 impl Job<'_> {
-    /// The window from a tick on; with `rows`, those too.
+    /// Linearises the window that starts at a tick; with `rows`, keeps its rows too.
     fn window(&self, from: usize, rows: bool) -> Option<Window> {
         let p = self.p;
         let ends = from + self.steps * STEP;
@@ -308,20 +309,20 @@ impl Job<'_> {
         let outputs = self.sensitivities(from, &points, own_len(pushes), width);
         let (all, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
         let n_rows = all.len() / (width + 1);
-        // A window with little in it says nothing reliable about its own unknowns.
+        // A window with few rows does not determine its own nuisance parameters.
         if n_rows < ROWS_PER_UNKNOWN * unknowns(p.track.drive) {
             return None;
         }
         let rows: Vec<f32> = if rows { all.iter().map(|x| *x as f32).collect() } else { Vec::new() };
         let gram = gram(&DMatrix::from_vec(width + 1, n_rows, all));
-        // A model may stay finite where its slopes do not.
+        // The derivatives may overflow where the model itself stays finite.
         if !gram.iter().all(|x| x.is_finite()) {
             return None;
         }
         Some(Window { log: self.index, from, start, gram, rows, rows_of, n_rows, pushes })
     }
 
-    /// A measured state with the rate that the gyroscope read at its time, where the two clocks differ.
+    /// A measured state with the gyroscope's rate at its time, where the two clocks differ.
     fn on_time(&self, mut state: Measured, at_s: f64) -> Measured {
         let late = self.delays[1];
         let gyro = &self.p.track.gyro;
@@ -342,17 +343,17 @@ impl Job<'_> {
         state
     }
 
-    /// Slopes of all outputs by all columns at every node.
+    /// Derivatives of all outputs by all columns at every node.
     fn sensitivities(&self, from: usize, points: &[Point], own: usize, width: usize) -> Vec<Slopes> {
         let n_parameters = self.model.parameters.len();
         let given = self.p.track.drive == Drive::Thrust;
         let mut neighbours = Vec::new();
-        // State slopes: position, velocity, rotation vector (body), body rate.
+        // Rows of the state: position, velocity, rotation vector (body), body rate.
         let mut s = Slopes::zero(width);
         for k in 0..12 {
             s.row_mut(k)[k] = 1.0;
         }
-        // A given attitude may be off, by the same turn all along the window; no rate follows from it.
+        // An input attitude may be off by a constant rotation over the window; no rate follows from it.
         if given {
             for k in 9..12 {
                 s.row_mut(k)[k] = 0.0;
@@ -378,7 +379,7 @@ impl Job<'_> {
                 }
             }
             if given {
-                // The measured attitude is given: what a sensor turns it by, the vehicle is turned back.
+                // With the measured attitude as input, a rotation of the sensor rotates the vehicle the other way.
                 for k in 0..3 {
                     for (c, slope) in s.row_mut(6 + k).iter_mut().enumerate().skip(own) {
                         *slope = match self.model.parameters[c - own].enters {
@@ -397,7 +398,7 @@ impl Job<'_> {
                 }
                 s.add_times(&node.cx[o], row);
             }
-            // A disturbance is felt by the accelerometer at once.
+            // The accelerometer feels a disturbance immediately.
             let q = points[i].state.quat;
             for k in 0..3 {
                 let mut unit = [0.0; 3];
@@ -425,12 +426,13 @@ impl Job<'_> {
             ..State::rest()
         };
         let constant = input.map(Wide::lit);
-        // By the state.
+        // Derivatives by the state.
         let mut state = plain;
         for k in 0..3 {
             state.pos[k].partials[k] = 1.0;
             state.vel[k].partials[3 + k] = 1.0;
             state.ang_vel[k].partials[9 + k] = 1.0;
+            // Multiplied from the right: the rotation vector is in body axes.
             let mut half = [0.0; 4];
             half[k] = 0.5;
             let turned = quat::mul(point.state.quat, half);
@@ -456,7 +458,8 @@ impl Job<'_> {
                 node.cx[o][k] = slopes[o];
             }
         }
-        // By the parameters.
+        // Derivatives by the parameters.
+        // Sensor parameters do not change the motion: their passes reuse the rate without derivatives.
         let still = |v: [Wide; 3]| v.map(|d| Wide::lit(d.value));
         let unmoved = Rate {
             vel: still(rate.vel),
@@ -492,10 +495,10 @@ impl Job<'_> {
     }
 }
 
-/// Columns that are multiplied together.
+/// Block size of the product.
 const BLOCK: usize = 40;
 
-/// `columns · columnsᵀ`; of blocks that mirror each other one is computed.
+/// `columns · columnsᵀ`; symmetric blocks are computed once.
 fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
     let n = columns.nrows();
     let across = columns.transpose();
@@ -513,7 +516,7 @@ fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
     out
 }
 
-/// Slopes of twelve numbers by all columns, those of one number together: loops over columns then run in lanes.
+/// Derivatives of twelve numbers by all columns, stored row by row, so that loops over columns vectorise.
 #[derive(Clone)]
 struct Slopes {
     width: usize,
@@ -533,7 +536,7 @@ impl Slopes {
         &mut self.values[k * self.width..(k + 1) * self.width]
     }
 
-    /// Adds the rows, each times its factor, to `sum`. Most factors are nothing: positions move no rate.
+    /// Adds the rows, each times its factor, to `sum`. Most factors are zero: positions affect no rate.
     fn add_times(&self, factors: &[f64; 12], sum: &mut [f64]) {
         for (k, factor) in factors.iter().enumerate().filter(|(_, f)| **f != 0.0) {
             for (sum, x) in sum.iter_mut().zip(self.row(k)) {
@@ -543,8 +546,8 @@ impl Slopes {
     }
 }
 
-/// Rates of the state's slopes `s`. `push` is the first column of the disturbance that acts, `own` that of the parameters. Of a
-/// `given` attitude no rate follows.
+/// Time derivative of the state's derivatives `s`. `push` is the first column of the active disturbance, `own` that of the
+/// parameters. A `given` attitude drives no rate.
 fn slope_rates(
     node: &Node,
     turn: &[f64; 3],
@@ -579,7 +582,7 @@ fn slope_rates(
     }
 }
 
-/// Slopes of a reading by dual direction `k`: position, rotation vector (body), rates, specific force.
+/// Derivatives of an output by dual direction `k`: position, rotation vector (body), rates, specific force.
 fn output_slopes(reading: &crate::physics::measure::Reading<Wide>, k: usize) -> [f64; OUTPUTS] {
     let mut out = [0.0; OUTPUTS];
     let value = reading.quat.map(|q| q.value);

@@ -1,4 +1,4 @@
-//! From flights to a diagnosis and the vehicle that it completes: what `diagnose` and `add` do, without a terminal.
+//! From flights to a diagnosis and the vehicle completed by it: `diagnose` and `add` without a terminal.
 
 mod calibration;
 mod findings;
@@ -20,8 +20,8 @@ use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 
-/// Logs made ready for a vehicle. Every log is checked first: one that cannot be right is refused, and what else the checker
-/// says goes into the warnings of its track.
+/// Prepares logs for a vehicle. Every log is checked first: an invalid one is refused, and the checker's other messages
+/// become warnings of its track.
 ///
 /// # Errors
 /// Those of [`FlightLog::open`] and of [`Track::new`].
@@ -48,55 +48,55 @@ pub fn read(
         .collect()
 }
 
-/// What a checker warns of, but for what a track leaves out and says itself.
+/// The checker's warnings, except about what a track leaves out and reports itself.
 fn warnings(report: &CheckReport) -> Vec<String> {
     let own = |f: Fault| matches!(f, Fault::Gap | Fault::Glitch | Fault::RotorDead | Fault::Crash);
     let found = report.findings.iter().filter(|f| f.severity == Severity::Warning && !own(f.fault));
     found.map(|f| f.text.clone()).collect()
 }
 
-/// The vehicle as it is filed.
+/// The vehicle as read from its file.
 pub struct Filed<'a> {
-    /// Name or path, as messages say it.
+    /// Name or path for messages.
     pub label: &'a str,
-    /// What the file says.
+    /// The vehicle described by the file.
     pub vehicle: &'a Vehicle,
-    /// Its text, with comments.
+    /// The file's text, with comments.
     pub text: String,
 }
 
-/// What becomes of parameters within tolerance.
+/// How to treat parameters within tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Calibrate {
-    /// They stay as filed.
+    /// They stay nominal.
     No,
-    /// The ladder shows what they would bring; they stay as filed.
+    /// The ladder shows their effect; they stay nominal.
     Show,
-    /// Those of the groups that lower the error on flight that the fit has not seen are written.
+    /// Those of the groups that lower the held-out error are written.
     Write,
 }
 
-/// A diagnosis with the vehicle that follows from it.
+/// A diagnosis with the resulting vehicle.
 pub struct Fitted {
-    /// With its ladder.
+    /// The diagnosis with its ladder.
     pub diagnosed: Diagnosed,
-    /// The vehicle with all that is written; none where nothing is.
+    /// The vehicle with everything written; `None` where nothing is.
     pub after: Option<Vehicle>,
-    /// The text of its file; that of the file as it was where nothing is written.
+    /// The text of its file; the original text where nothing is written.
     pub text: String,
-    /// Number of parameters within tolerance that are written.
+    /// Number of parameters within tolerance that were written.
     pub calibrated: usize,
-    /// Findings that no vehicle file can hold, by id, with the reason.
+    /// Findings that cannot be written into a vehicle file, by id, with the reason.
     pub unwritable: Vec<(String, AcceptError)>,
 }
 
 impl Fitted {
-    /// The vehicle with all that is written, where that changes it.
+    /// The vehicle with everything written, if anything is.
     pub fn after(&self) -> Option<&Vehicle> {
         self.after.as_ref()
     }
 
-    /// Why nothing is written, where nothing is.
+    /// Why nothing is written, if nothing is.
     pub fn nothing(&self) -> Option<String> {
         if self.after.is_some() {
             return None;
@@ -112,8 +112,8 @@ impl Fitted {
     }
 }
 
-/// Diagnoses flights and completes the vehicle by what makes it no worse on flight that the fit has not seen, and measures
-/// every step on all flights. `by` names who did it in the file's sources.
+/// Diagnoses flights, completes the vehicle by what does not raise the held-out error, and measures every step on all
+/// flights. `by` names the author in the file's sources.
 ///
 /// # Errors
 /// Those of [`diagnose`], and where the text is no vehicle file.
@@ -126,7 +126,7 @@ pub fn fit(
 ) -> Result<Fitted> {
     let mut diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
     let verdict = &mut diagnosed.verdict;
-    // With the noise that the fit has found the logs to have.
+    // Simulate with the noise estimated by the fit.
     let noise: Vec<Noise> = verdict.logs.iter().map(|l| l.noise).collect();
     verdict.logs = flights.summaries();
     for (log, noise) in verdict.logs.iter_mut().filter(|l| !l.held_out).zip(noise) {
@@ -154,7 +154,7 @@ pub fn fit(
     }
     let partners = completion.partners(&verdict.adjusted)?;
     if let (Some(words), Some((label, last))) = (&partners, rungs.last_mut()) {
-        // What was fitted together is one rung.
+        // What was fitted together is one step of the ladder.
         *label = format!("{label} with {words}");
         *last = completion.vehicle(filed.vehicle)?;
     }
@@ -174,7 +174,7 @@ pub fn fit(
             rungs.extend(shown.into_iter().map(|s| (s.label, s.vehicle)));
         }
     }
-    // A rung whose roll-outs run away is no rung; the others stand.
+    // Ladder steps whose roll-outs diverge are skipped.
     match flights.ladder(&rungs) {
         Ok(ladder) => verdict.ladder = unparted(ladder, found),
         Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
@@ -184,7 +184,7 @@ pub fn fit(
     Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
 }
 
-/// Says where what was found cannot be judged, or only on flight that the fit has seen.
+/// Warns where findings cannot be judged, or only on flight used in the fit.
 fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
     if !verdict.findings.is_empty() && judge.blind(vehicle) {
         let words = "is too short to judge what was found: it is written as it was fitted";
@@ -197,7 +197,7 @@ fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
     }
 }
 
-/// Says which findings are in doubt and not written, and why, in the headline too.
+/// Says which findings are in doubt and not written, and why, also in the headline.
 fn say_doubts(verdict: &mut Diagnosis) {
     let harmful = verdict.findings.iter().filter_map(|f| {
         let doubt = if f.doubt().is_some() { "in doubt, not written: " } else { "" };
@@ -212,8 +212,8 @@ fn say_doubts(verdict: &mut Diagnosis) {
     }
 }
 
-/// A ladder on which an effect that only helps with the next one stands on one rung with it: what was fitted together is not
-/// parted. The first `found` rungs are those of the vehicle as filed and of what was found.
+/// Merges ladder steps of effects that only help together with the next one: what was fitted together is not split. The
+/// first `found` steps are those of the nominal vehicle and of the findings.
 fn unparted(ladder: Vec<Rung>, found: usize) -> Vec<Rung> {
     let mut out: Vec<Rung> = Vec::new();
     let mut held: Option<String> = None;
@@ -231,7 +231,7 @@ fn unparted(ladder: Vec<Rung>, found: usize) -> Vec<Rung> {
     out
 }
 
-/// Where the values of a file come from.
+/// Provenance of the values in a file.
 fn source(flights: &Flights, by: &str) -> Source {
     let held: Vec<String> = flights
         .whole
@@ -255,18 +255,18 @@ fn source(flights: &Flights, by: &str) -> Source {
     }
 }
 
-/// Findings that no vehicle file can hold, by id, with the reason.
+/// Findings that cannot be written into a vehicle file, by id, with the reason.
 type Unwritable = Vec<(String, AcceptError)>;
 
-/// Writes findings into the text of the filed vehicle.
+/// Writes findings into the text of the nominal vehicle.
 #[derive(Clone)]
 struct Writer<'a> {
     source: Source,
     dynamics: String,
     filed: &'a Filed<'a>,
-    /// Parameters within tolerance that go with any of the findings.
+    /// Parameters within tolerance written together with the findings.
     partners: Vec<Calibration>,
-    /// The user asked for these effects; nothing was searched.
+    /// The user requested these effects; nothing was searched.
     given: bool,
 }
 
@@ -276,7 +276,7 @@ impl Writer<'_> {
         Completion::new(vehicle, text.clone(), label, &self.dynamics, self.source.clone())
     }
 
-    /// Indices of findings that a file can hold, and the others with the reason.
+    /// Indices of findings that can be written, and the others with the reason.
     fn writable(&self, findings: &[Finding]) -> Result<(Vec<usize>, Unwritable)> {
         let mut completion = self.begin();
         let (mut can, mut cannot) = (Vec::new(), Vec::new());
@@ -350,7 +350,7 @@ mod tests {
         assert_eq!(shown, "as filed, + wrong_mass + thrust_scale, + air");
         let shown = labels(unparted(ladder([1.0, 0.8, 0.5, 0.4]), 3));
         assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
-        // What the last effect or the calibration raises is not hidden.
+        // A rise by the last effect or by the calibration is not hidden.
         let shown = labels(unparted(ladder([1.0, 0.8, 0.9, 1.4]), 3));
         assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
     }

@@ -1,23 +1,24 @@
-//! What no listed effect explains, described by few physical variables: sparse regression of the windows' disturbances.
+//! Describes the remainder that no listed effect explains by few physical variables: sparse regression of the windows'
+//! disturbances.
 //!
-//! Forward selection from a library of variables, each term judged on blocks of time that its coefficient has not seen
-//! (after Brunton, Proctor & Kutz, "Discovering governing equations from data by sparse identification of nonlinear
-//! dynamical systems", PNAS 113(15), 2016, with cross-validation in place of a fixed threshold).
+//! Forward selection from a library of variables; each term is cross-validated on held-out blocks of time (after Brunton,
+//! Proctor & Kutz, "Discovering governing equations from data by sparse identification of nonlinear dynamical systems",
+//! PNAS 113(15), 2016, with cross-validation instead of a fixed threshold).
 
 use super::verdict::FreeTerm;
 
-/// One window: what pushed it, and what it was doing.
+/// One window: its disturbance and the state of flight.
 #[derive(Clone, Debug)]
 pub(crate) struct Sample {
-    /// Acceleration along body axes, m/s², then angular acceleration, rad/s².
+    /// Disturbance: acceleration along body axes, m/s², then angular acceleration, rad/s².
     pub push: [f64; 6],
-    /// Variance of each from the sensors alone.
+    /// Variance of each due to sensor noise alone.
     pub variance: [f64; 6],
-    /// What the vehicle was doing at evenly spaced times of the window.
+    /// State of flight at evenly spaced times of the window.
     pub doing: Vec<Doing>,
 }
 
-/// What a vehicle is doing at one time.
+/// State of flight at one time.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Doing {
     /// Velocity along body axes, m/s.
@@ -36,7 +37,7 @@ pub(crate) struct Doing {
 
 /// Blocks of the cross-validation.
 const BLOCKS: usize = 8;
-/// Least share of the scatter that a term must explain on unseen blocks.
+/// Least share of the variance that a term must explain on held-out blocks.
 const LEAST_SHARE: f64 = 0.1;
 /// Most terms per component.
 const MOST: usize = 2;
@@ -97,7 +98,7 @@ fn variables_at(s: &Doing) -> Vec<(String, f64)> {
     out
 }
 
-/// Terms that describe what remains, best first; empty where nothing of it is regular.
+/// Terms that describe the remainder, best first; empty where none of it is regular.
 pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
     let mut out = Vec::new();
     if samples.len() < 5 * BLOCKS {
@@ -108,7 +109,7 @@ pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
         let y: Vec<f64> = samples.iter().map(|s| s.push[component]).collect();
         let noise = samples.iter().map(|s| s.variance[component]).sum::<f64>() / samples.len() as f64;
         let spread = y.iter().map(|v| v * v).sum::<f64>() / y.len() as f64;
-        // Where the sensors' own uncertainty is as large as the scatter there is nothing to describe.
+        // Nothing can be described where the sensors' uncertainty is as large as the scatter.
         if spread < 1.5 * noise {
             continue;
         }
@@ -144,10 +145,10 @@ pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
     out
 }
 
-/// Whether what an effect explains has the effect's shape. `samples` are pushed by what the effect explains and by what it
-/// leaves, which is `left`; it acts along the axes of `acts`. An effect of the wrong shape leaves the difference of two shapes: per axis, the force `left` is
-/// described by the term that is most like the effect together with one other. That other term where it is clearest, and by
-/// how much the two describe what is left, nats. With `drag_too`, linear drag within its tolerance goes with them.
+/// Tests the shape of an effect. `samples` hold what the effect explains plus its residual `left`; it acts along the axes
+/// `acts`. An effect of the wrong shape leaves the difference of two shapes: per axis, `left` is described by the term most
+/// like the effect plus one other. Returns that other term where it is clearest, and the evidence of the two for `left`,
+/// nats. With `drag_too`, linear drag within its tolerance is included.
 pub(crate) fn instead(
     samples: &[Sample],
     left: &[[f64; 6]],
@@ -188,14 +189,14 @@ pub(crate) fn instead(
     Some((name?, most))
 }
 
-/// Size of what a term describes from which on it can be a shape: less is left of any constant force.
+/// Least size of a term that counts as a shape: any constant force leaves less.
 const LEAST_SHAPE_M_S2: f64 = 0.01;
-/// Part of the scatter that an effect may leave where its shape is looked at.
+/// Largest share of the variance that an effect may leave for its shape to be tested.
 const EXPLAINED: f64 = 0.5;
 /// The variable of linear drag, by component.
 const DRAG: [&str; 3] = ["v_x", "v_y", "v_z"];
 
-/// Share of `y`² that the variables explain on blocks of time that the fit has not seen.
+/// Share of `y`² that the variables explain on held-out blocks of time.
 fn unseen_share(library: &[Vec<(String, f64)>], chosen: &[usize], y: &[f64]) -> f64 {
     let n = y.len();
     let block = |i: usize| i * BLOCKS / n;
@@ -269,7 +270,7 @@ mod tests {
             .collect()
     }
 
-    /// A number without pattern in [−1, 1).
+    /// A pseudo-random number in [−1, 1).
     fn jumble(i: usize) -> f64 {
         ((i * 7919 + 104_729) % 1009) as f64 / 504.5 - 1.0
     }
@@ -299,7 +300,7 @@ mod tests {
             let speed2: f64 = s.vel.iter().map(|v| v * v).sum();
             [-0.05 * speed2 * s.vel[0] + 0.005 * jumble(i), 0.0, 0.0, 0.0, 0.0, 0.0]
         });
-        // What the best square leaves.
+        // Residual of the best quadratic term.
         let square = |s: &Sample| {
             let v = s.doing[0].vel;
             v[0] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()

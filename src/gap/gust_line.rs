@@ -1,4 +1,4 @@
-//! The frequency of a gust: the loudest line in the spectrum of what the windows miss.
+//! Frequency of a gust: the strongest line in the spectrum of the windows' disturbances.
 
 use super::disturbance::Disturbance;
 use super::fit::{Linear, Prepared};
@@ -7,8 +7,8 @@ use super::track::Drive;
 use crate::flight::clean;
 use nalgebra::DMatrix;
 
-/// Frequency (Hz) at which the windows' disturbances swing most, of all three axes together: the highest peak of the
-/// least-squares spectrum (Lomb, Astrophysics and Space Science 39, 1976) between two periods in the log and 3 Hz. `None`
+/// Frequency (Hz) of the largest oscillation in the windows' disturbances, all three axes together: the highest peak of the
+/// least-squares spectrum (Lomb, Astrophysics and Space Science 39, 1976) between two periods per log and 3 Hz. `None`
 /// where no peak stands out.
 pub(super) fn loudest_hz(logs: &[Prepared], linear: &Linear, disturbance: &Disturbance) -> Option<f64> {
     let nothing = vec![0.0; linear.at.len()];
@@ -53,10 +53,10 @@ pub(super) fn loudest_hz(logs: &[Prepared], linear: &Linear, disturbance: &Distu
         (0..n).map(|i| 2.0 / length + i as f64 * step).map(|hz| (hz, power(hz))).collect();
     let (hz, peak) = *spectrum.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
     let usual = clean::median(spectrum.iter().map(|s| s.1).collect())?;
-    // At a frequency at which the vehicle itself goes to and fro, whatever is wrong with the model comes back with it.
+    // At a frequency of the vehicle's own motion, any model error appears as a line too.
     let moves: Vec<f64> = spectrum.iter().map(|s| power_of(&own, s.0)).collect();
-    // Where the path itself repeats, its errors do too: most of them go with velocity and acceleration, and the line with them.
-    // Only a log without torques needs that doubt: elsewhere what the vehicle does is told from what pushes it.
+    // Where the path itself is periodic, so are its errors: most of them, and the line, correlate with velocity and
+    // acceleration. Only a log without torques needs this test: elsewhere motion and disturbance are separable.
     let doubtful = logs[0].track.drive == Drive::Thrust;
     let repeats = doubtful
         && power_of(&own, hz) > 8.0 * clean::median(moves)?
@@ -64,7 +64,7 @@ pub(super) fn loudest_hz(logs: &[Prepared], linear: &Linear, disturbance: &Distu
     (peak > 8.0 * usual && !repeats).then_some(hz)
 }
 
-/// Samples without what goes with velocity and acceleration, by least squares in each component.
+/// Samples with their regression on velocity and acceleration subtracted, by least squares in each component.
 fn beside_motion(samples: &[(f64, [f64; 3])], own: &[(f64, [f64; 3])]) -> Option<Vec<(f64, [f64; 3])>> {
     let n = samples.len();
     let slope = |i: usize, k: usize| {

@@ -1,23 +1,23 @@
-//! A verdict in one line: what is missing, in at most [`HEADLINE_CHARS`] characters, and a sentence of evidence for it.
+//! A verdict in one line: what is missing, in at most [`HEADLINE_CHARS`] characters, and one sentence of evidence.
 
 use super::policy::{HEADLINE_CHARS, WORTH_CORRECTING};
 use super::report::{Scale, significant};
 use super::verdict::{Diagnosis, Finding, Rung};
 
-/// The verdict's short form: what is missing and what is in doubt, most important first. `verdict` is the whole sentence, which
-/// speaks where nothing was found.
+/// Short form of the verdict: what is missing and what is in doubt, most important first. `verdict` is the whole sentence,
+/// used where nothing was found.
 pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> String {
     let name = |f: &Finding| match f.look_alikes.len() {
         _ if f.certain => f.id.clone(),
         1 => format!("{} (or {})", f.id, f.look_alikes[0].ids.join(" + ")),
         n => format!("{} (or {n} others)", f.id),
     };
-    // What has a look-alike is missing, or that is.
+    // Either the finding or one of its look-alikes is missing.
     let open = |f: &&Finding| f.doubt().is_some() || (!f.certain && f.look_alikes.is_empty());
     let sure: Vec<String> = findings.iter().filter(|f| !open(f)).map(name).collect();
     let doubtful: Vec<String> = findings.iter().filter(open).map(|f| f.id.clone()).collect();
     if findings.is_empty() {
-        // What stands behind these is for the sentence.
+        // What follows these marks is left to the full sentence.
         let end = [" (nearest", "; "].iter().filter_map(|stop| verdict.find(stop)).min();
         return shortened(&verdict[..end.unwrap_or(verdict.len())]);
     }
@@ -28,7 +28,7 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
         more if shown == 0 => format!("{more} effects"),
         more => format!("{} and {more} more", names[..shown].join("; ")),
     };
-    // The last names go first, those in doubt before the others.
+    // The last names are dropped first, those in doubt before the others.
     let mut shown = [sure.len(), doubtful.len()];
     loop {
         let mut parts = Vec::new();
@@ -47,7 +47,7 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
     }
 }
 
-/// At most [`HEADLINE_CHARS`] characters, with an ellipsis where words were cut.
+/// At most [`HEADLINE_CHARS`] characters, with an ellipsis where words are cut.
 fn shortened(line: &str) -> String {
     if line.chars().count() <= HEADLINE_CHARS {
         return line.to_string();
@@ -56,7 +56,7 @@ fn shortened(line: &str) -> String {
     format!("{}…", kept.trim_end())
 }
 
-/// A sentence parted into its beginning of at most [`HEADLINE_CHARS`] characters and the rest: at its first semicolon where that
+/// Splits a sentence into a beginning of at most [`HEADLINE_CHARS`] characters and the rest: at its first semicolon if that
 /// is short enough, else at the last comma or colon that is.
 pub(crate) fn parted(sentence: &str) -> (&str, &str) {
     let ends: Vec<(usize, &str)> = ["; ", ", ", ": "]
@@ -73,7 +73,7 @@ pub(crate) fn parted(sentence: &str) -> (&str, &str) {
     }
 }
 
-/// One sentence of evidence for a headline: what the first finding does to the error, or what stays without any.
+/// One sentence of evidence for a headline: how the first finding changes the error, or what remains without findings.
 pub fn evidence(d: &Diagnosis) -> String {
     let first = d.findings.iter().find(|f| f.doubt().is_none()).or(d.findings.first());
     let Some(f) = first else { return corrections(d).unwrap_or_else(|| d.remainder.text.clone()) };
@@ -87,7 +87,7 @@ pub fn evidence(d: &Diagnosis) -> String {
     }
 }
 
-/// What numbers within tolerance do to a model that misses nothing; none where that is little, or something is unexplained.
+/// How much calibration improves a model in which nothing is missing; `None` if little, or if something is unexplained.
 fn corrections(d: &Diagnosis) -> Option<String> {
     let position_m = |rung: &Rung| rung.judged().0.last().map(|e| (e.horizon_s, e.position_m));
     let (horizon_s, before) = position_m(d.ladder.first()?)?;
@@ -99,7 +99,7 @@ fn corrections(d: &Diagnosis) -> Option<String> {
     })
 }
 
-/// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; none where it was not measured.
+/// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; `None` where it was not measured.
 pub fn before_after(f: &Finding) -> Option<String> {
     let h = f.held_out.as_ref()?;
     let numbers = pair(h.without, h.with, &h.unit);
@@ -122,7 +122,7 @@ pub(crate) fn pair(before: f64, after: f64, unit: &str) -> String {
     )
 }
 
-/// A number with three digits and its unit.
+/// A number with three significant digits and its unit.
 pub(crate) fn number(value: f64, unit: &str) -> String {
     Scale::for_size(value, unit).show(value, 3)
 }
@@ -180,7 +180,7 @@ mod tests {
             "missing: rotor_drag; in doubt: linear_drag"
         );
         assert_eq!(of(&[finding("linear_drag", 0, true)], false), "in doubt: linear_drag");
-        // What only the second estimator doubts.
+        // Doubted by the second estimator only.
         let doubted = Finding { certain: false, ..finding("wrong_mass", 0, false) };
         assert_eq!(of(std::slice::from_ref(&doubted), false), "in doubt: wrong_mass");
         assert_eq!(

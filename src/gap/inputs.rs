@@ -1,72 +1,72 @@
-//! Errors of measured inputs: how noisy rotor speeds or a thrust are, and the same inputs without that noise.
+//! Errors of measured inputs: the noise of rotor speeds or of a thrust, and the smoothed inputs.
 //!
-//! A fit that takes a noisy input for exact makes the vehicle answer less than it does: regression dilution. 4 rad/s of
-//! noise on rotor speeds turn into torques several times larger than those of a gentle flight, and mass and thrust were
-//! then found at a fifth of their values. An input's expected value, given the whole record, in its place takes this bias away:
-//! what it is still off by does not go with it (regression calibration: Carroll, Ruppert, Stefanski and Crainiceanu,
-//! "Measurement error in nonlinear models", 2nd ed. 2006, ch. 4). The expected value is Wiener's smoother: every frequency is
-//! kept by the share of its power that is no noise ("Extrapolation, interpolation and smoothing of stationary time
+//! A fit that treats a noisy input as exact underestimates the vehicle's response: regression dilution. 4 rad/s of noise on
+//! rotor speeds become torques several times larger than those of a gentle flight, and mass and thrust were then found at a
+//! fifth of their values. Replacing an input by its expectation given the whole record removes this bias, since its
+//! remaining error is uncorrelated with it (regression calibration: Carroll, Ruppert, Stefanski and Crainiceanu,
+//! "Measurement error in nonlinear models", 2nd ed. 2006, ch. 4). The expectation is the Wiener smoother: every frequency
+//! is scaled by the share of its power that is not noise ("Extrapolation, interpolation and smoothing of stationary time
 //! series", 1949, ch. 3).
 //!
-//! Noise is known by its even power at high frequencies, to which rotors with their inertia do not follow. What a logger adds at
-//! some frequency only (a beat of the rotors) is not told from motion.
+//! Noise is identified by its flat power at high frequencies, which rotors with their inertia do not follow. Narrow-band
+//! noise that a logger adds (a beat of the rotors) cannot be told from motion.
 
 use super::policy::NOISE_BAND;
 use crate::flight::{Channel, clean};
 use nalgebra::{DMatrix, SymmetricEigen};
 
-/// Length of one segment of a spectrum, s: frequencies 2 Hz apart.
+/// Length of one segment of a spectrum, s: a resolution of 2 Hz.
 const SEGMENT_S: f64 = 0.5;
-/// Share of noise in what a direction holds at low frequencies from which on motion is faint there: the vehicle would seem to answer a tenth
-/// less.
+/// Share of noise in a direction's power at low frequencies above which motion counts as faint: the response would be
+/// underestimated by a tenth.
 const FAINT: f64 = 0.1;
-/// Length of one segment where motion is slow, s: frequencies 0.5 Hz apart, up to [`SLOW_HZ`]. In a hover rotors hardly differ at all below
-/// 3 Hz, and what noise holds there passed for motion: mass and thrust were found at a fifth of their values.
+/// Segment length where motion is slow, s: a resolution of 0.5 Hz, used up to [`SLOW_HZ`]. In a hover rotors hardly differ
+/// at all below 3 Hz, and noise there was taken for motion: mass and thrust were found at a fifth of their values.
 const SLOW_SEGMENT_S: f64 = 2.0;
-/// Frequency up to which the longer segments say how much is motion, Hz.
+/// Frequency up to which the longer segments are used, Hz.
 const SLOW_HZ: f64 = 10.0;
-/// Most segments that a spectrum is averaged over, and fewest from which it says something.
+/// Most segments averaged in a spectrum, and fewest for a usable one.
 const MOST_SEGMENTS: usize = 120;
 const FEWEST_SEGMENTS: usize = 8;
-/// Distance of two samples, over the usual one, from which on a record is interrupted …
+/// Interval between samples, over the usual one, above which a record counts as interrupted …
 const INTERRUPTED: f64 = 3.5;
-/// … and which it has then at least, s: held samples leave shorter gaps, in which nothing that is kept changes much.
+/// … if it is at least this long, s: held samples leave shorter gaps, in which nothing in the pass band changes much.
 const INTERRUPTED_S: f64 = 0.05;
 
-/// Inputs without their noise.
+/// Smoothed inputs.
 pub(super) struct Smoothed {
-    /// The inputs, at the times of the samples.
+    /// The inputs, at the sample times.
     pub inputs: Vec<Channel<1>>,
-    /// Standard deviation of what was taken away, unit of the inputs.
+    /// Standard deviation of the removed noise, unit of the inputs.
     pub noise: f64,
     /// What was smoothed.
     pub smoothing: Smoothing,
 }
 
-/// How measured inputs were smoothed, and how well what is left of them is known.
+/// How measured inputs were smoothed, and the remaining uncertainty.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Smoothing {
-    /// Time over which the inputs were smoothed (root mean square of the kernel's reach, the widest of all directions), s.
+    /// Smoothing time (root mean square width of the kernel, the widest of all directions), s.
     pub reach_s: f64,
     directions: Vec<Direction>,
 }
 
-/// Inputs that were smoothed together: mean squares of the smoothed one about its mean, and of the noise that stays in it.
+/// Inputs that were smoothed together: mean squares of the smoothed one about its mean, and of its remaining noise.
 #[derive(Clone, Debug)]
 struct Direction {
-    /// Share of every input.
+    /// Weight of every input.
     of: Vec<f64>,
     all: [f64; 2],
     /// The same of its differences from sample to sample.
     changes: [f64; 2],
-    /// Number of independent values that the noise has.
+    /// Effective number of independent noise values.
     values: f64,
 }
 
 impl Smoothing {
-    /// How uncertain the answer of a vehicle to a sum of the inputs (`weights`) is, as a share of it, over all records: smoothed inputs answer
-    /// as the true ones do only as far as the power of their noise is known, and of noise that is much larger than the
-    /// motion chance alone leaves as much as the motion. `changes`: the answer to how fast the sum changes.
+    /// Relative uncertainty of the vehicle's response to a sum of the inputs (`weights`), over all records: smoothed inputs
+    /// are unbiased only as far as the power of their noise is known, and where noise is much larger than motion, chance
+    /// alone leaves as much as the motion. `changes`: the response to the rate of change of the sum.
     pub fn doubt<'a>(all: impl Iterator<Item = &'a Self>, weights: &[f64], changes: bool) -> f64 {
         let (mut variance, mut signal) = (0.0, 0.0);
         for direction in all.flat_map(|s| &s.directions) {
@@ -83,22 +83,22 @@ impl Smoothing {
     }
 }
 
-/// Doubt in an answer of which nothing is known: three times the answer itself.
+/// Relative uncertainty of a response of which nothing is known.
 const NOTHING_KNOWN: f64 = 3.0;
 
-/// The inputs without noise; `None` where the record is too short to tell noise from signal.
+/// Smooths the inputs; `None` where the record is too short to separate noise from signal.
 pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let first = inputs.first()?;
     let runs = runs(&first.t_s, (INTERRUPTED * first.period_s()?).max(INTERRUPTED_S));
-    // The mean one: where every second sample was held and left out, steps of one and of two alternate.
+    // The mean interval: where every second sample was held and left out, steps of one and of two alternate.
     let steps = runs.iter().map(|(from, to)| to - 1 - from).sum::<usize>().max(1) as f64;
     let period_s = runs.iter().map(|(from, to)| first.t_s[to - 1] - first.t_s[*from]).sum::<f64>() / steps;
     if period_s <= 0.0 {
         return None;
     }
     let length = ((SEGMENT_S / period_s).round() as usize / 2 * 2).max(8);
-    // Rotors that are read together are smoothed together: sums and differences of them move by different amounts, and one
-    // filter for all would take noise of a difference for motion. The noise itself is the same in any direction.
+    // Rotors sampled together are smoothed together: their sums and differences move by different amounts, and one filter
+    // for all would take the noise of a difference for motion. The noise itself is the same in any direction.
     let together = inputs.iter().all(|c| c.t_s == first.t_s);
     if !together {
         let each: Option<Vec<Smoothed>> =
@@ -127,12 +127,12 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
         })
         .collect();
     let fast = Spectra::new(&modes, &runs, length, length / 2)?;
-    // White noise is the same in every direction: the quietest of them says most truly how much it is.
+    // White noise is the same in every direction: the quietest one gives the best estimate of it.
     let floor = fast.power.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
     let longer = (SLOW_SEGMENT_S / SEGMENT_S) as usize;
     let slow_lines = ((SLOW_HZ * SLOW_SEGMENT_S) as usize).min(longer * length / 2);
     let slow = Spectra::new(&modes, &runs, longer * length, slow_lines);
-    // Where motion is slow and small its own spectrum is asked; elsewhere noise below 3 Hz is little, and all of it passes.
+    // Slow and small motion needs its own, finer spectrum; elsewhere noise below 3 Hz is small, and all of it passes.
     let (kernels, shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (0..modes.len())
         .map(|m| match slow.as_ref().filter(|slow| slow.is_faint(m, &fast, floor)) {
             Some(slow) => {
@@ -149,7 +149,7 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let white = floor / fast.fourier.square();
     let directions: Vec<Direction> = (0..modes.len())
         .map(|m| {
-            // Of a direction in which nothing is told from noise no less than one line's noise is unknown.
+            // In a direction indistinguishable from noise, at least one line's worth of noise remains.
             let line = 1.0 / kernels[m].len() as f64;
             let slow = (core::f64::consts::PI * line).powi(2);
             let [all, changes] = passed(&kernels[m]);
@@ -182,7 +182,7 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     Some(Smoothed { inputs, noise, smoothing })
 }
 
-/// Stretches of a record without interruption, a step of more than `interrupted_s`: (first, one after the last).
+/// Uninterrupted parts of a record, with no step longer than `interrupted_s`: (first, one past the last).
 fn runs(t_s: &[f64], interrupted_s: f64) -> Vec<(usize, usize)> {
     let mut out = Vec::new();
     let mut from = 0;
@@ -195,7 +195,7 @@ fn runs(t_s: &[f64], interrupted_s: f64) -> Vec<(usize, usize)> {
     out
 }
 
-/// Starts of half-overlapping segments, spread over the record.
+/// Starts of half-overlapping segments, spread evenly over the record.
 fn segments(runs: &[(usize, usize)], length: usize) -> Vec<usize> {
     let all: Vec<usize> = runs
         .iter()
@@ -215,10 +215,10 @@ fn principal_axes(columns: &[Vec<f64>]) -> DMatrix<f64> {
     SymmetricEigen::new(covariance).eigenvectors
 }
 
-/// One segment's Fourier coefficients: (cosine, sine) by frequency.
+/// Fourier coefficients of one segment: (cosine, sine) by frequency.
 type Line = Vec<(f64, f64)>;
 
-/// The discrete Fourier transform of segments of one length under Hann's window.
+/// Discrete Fourier transform of segments of one length under a Hann window.
 struct Fourier {
     length: usize,
     window: Vec<f64>,
@@ -238,13 +238,13 @@ impl Fourier {
         self.window.iter().map(|w| w * w).sum()
     }
 
-    /// Cosine and sine of `2π·k·i/length`, by table.
+    /// Cosine and sine of `2π·k·i/length`, from a table.
     fn turn(&self, k: usize, i: usize) -> (f64, f64) {
         let at = k * i % self.length;
         (self.cosine[at], self.cosine[(at + 3 * self.length / 4) % self.length])
     }
 
-    /// The lowest `lines` coefficients of one segment without its straight line.
+    /// The lowest `lines` coefficients of one detrended segment.
     fn line(&self, values: &[f64], lines: usize) -> Line {
         let n = self.length as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -270,7 +270,7 @@ impl Fourier {
             .collect()
     }
 
-    /// Power of an input by frequency, mean over segments.
+    /// Power of an input by frequency, averaged over segments.
     fn power(&self, input: &[f64], segments: &[usize], lines: usize) -> Vec<f64> {
         let mut sum = vec![0.0; lines];
         for from in segments {
@@ -281,8 +281,8 @@ impl Fourier {
         sum
     }
 
-    /// The kernel without phase whose frequency response is `shares`, the first that at standstill, one way from its middle, under Hann's
-    /// window.
+    /// The zero-phase kernel with the frequency response `shares` (the first is at zero frequency), one side from its
+    /// middle, under a Hann window.
     fn kernel(&self, shares: &[f64]) -> Vec<f64> {
         let half = self.length / 2;
         let n = self.length as f64;
@@ -300,13 +300,13 @@ impl Fourier {
     }
 }
 
-/// Power of the noise: the median of the upper frequencies, in which rotors do not move.
+/// Noise floor: the median power at the upper frequencies, where rotors do not move.
 fn noise_floor(power: &[f64]) -> Option<f64> {
     let at = |share: f64| (share * power.len() as f64) as usize;
     clean::median(power[at(NOISE_BAND[0])..at(NOISE_BAND[1])].to_vec())
 }
 
-/// Shares that from frequency `from` on are never more at a higher one: rotors follow slow commands better.
+/// Makes shares non-increasing from frequency `from` on: rotors follow slow commands better.
 fn falling(mut shares: Vec<f64>, from: usize) -> Vec<f64> {
     for k in from + 1..shares.len() {
         shares[k] = shares[k].min(shares[k - 1]);
@@ -314,18 +314,18 @@ fn falling(mut shares: Vec<f64>, from: usize) -> Vec<f64> {
     shares
 }
 
-/// Spectra of all directions by segments of one length.
+/// Spectra of all directions from segments of one length.
 struct Spectra {
     fourier: Fourier,
-    /// Power by direction and frequency, mean over the segments.
+    /// Power by direction and frequency, averaged over the segments.
     power: Vec<Vec<f64>>,
-    /// Mean square of the segments' means about the whole mean, by direction.
+    /// Mean square of the segments' means about the overall mean, by direction.
     drift: Vec<f64>,
     segments: usize,
 }
 
 impl Spectra {
-    /// The lowest `lines` frequencies; `None` where the record holds too few segments.
+    /// The lowest `lines` frequencies; `None` where the record has too few segments.
     fn new(modes: &[Vec<f64>], runs: &[(usize, usize)], length: usize, lines: usize) -> Option<Self> {
         let fourier = Fourier::new(length);
         let segments = segments(runs, length);
@@ -341,33 +341,35 @@ impl Spectra {
         Some(Self { drift: drift.collect(), fourier, power, segments: segments.len() })
     }
 
-    /// Share of each frequency of direction `m` that is no noise. The straight line was taken out of the lowest two, which all pass.
+    /// Share of each frequency of direction `m` that is not noise. The lowest two, affected by the detrending, all pass.
     fn shares(&self, m: usize, floor: f64) -> Vec<f64> {
         let share = |power: &f64| (1.0 - floor / power.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
         self.power[m].iter().enumerate().map(|(k, power)| if k < 2 { 1.0 } else { share(power) }).collect()
     }
 
-    /// Whether noise is more than [`FAINT`] of what direction `m` holds up to the frequencies at which `fast` tells motion from noise.
+    /// Whether noise exceeds [`FAINT`] of the power of direction `m` below the frequencies that `fast` resolves.
     fn is_faint(&self, m: usize, fast: &Self, floor: f64) -> bool {
         let longer = self.fourier.length / fast.fourier.length;
         let of_mean = floor / fast.fourier.square() / self.fourier.length as f64;
-        // In parts of the noise of a line. A segment's mean holds half a line.
+        // In units of a line's noise. A segment's mean counts as half a line.
         let lines = &self.power[m][1..(2 * longer).min(self.power[m].len())];
         let held = 0.5 * self.drift[m] / of_mean + lines.iter().sum::<f64>() / (floor * longer as f64);
         (0.5 + lines.len() as f64) > FAINT * held
     }
 
-    /// The same at all frequencies of these longer segments: by their own spectrum where that reaches, above by that of `fast`, whose
+    /// The shares on these longer segments: from their own spectrum as far as it reaches, above that from `fast`, whose
     /// noise has the power `floor`.
     fn refined(&self, m: usize, fast: &Self, floor: f64) -> Vec<f64> {
         let longer = self.fourier.length / fast.fourier.length;
-        // Power of white noise grows with the length of a segment. What is more than that by chance alone is no motion; of what is motion,
-        // the share that is right on average passes: less of it would make the vehicle answer more than it does.
+        // Power of white noise grows with the length of a segment. An excess that chance alone could produce does not count
+        // as motion; of what does, the share that is right on average passes: a smaller one would overestimate the
+        // response.
         let kept = |power: f64, noise: f64, chance: f64| {
             if power > noise * (1.0 + chance) { 1.0 - noise / power } else { 0.0 }
         };
         let noise = floor * longer as f64;
-        // Two standard deviations: of the mean of three lines, of one line, and of half as many means as segments overlap by half.
+        // Two standard deviations: of the mean of three lines, of one line, and of half as many means, since segments
+        // overlap by half.
         let n = self.segments as f64;
         let [of_near, of_one, of_drift] = [3.0 * n, n, 0.25 * n].map(|values| 2.0 / values.sqrt());
         let own = &self.power[m];
@@ -379,7 +381,8 @@ impl Spectra {
         let above = fast.shares(m, floor);
         let of_mean = floor / fast.fourier.square() / self.fourier.length as f64;
         let slowest = kept(self.drift[m], of_mean, of_drift);
-        // A straight line was taken out of the next frequency: what it shows is the least. Figures of 2 s and longer stand there.
+        // The next frequency lost power to detrending: what it shows is a lower bound. Figures with periods of 2 s and
+        // longer lie there.
         let at_one = kept(own[1], noise, of_one).max(slowest).max(share(2));
         let all = (0..self.fourier.length / 2).map(|k| match k {
             0 => slowest,
@@ -392,7 +395,7 @@ impl Spectra {
     }
 }
 
-/// Parts of the mean square of white noise that a kernel passes, and that the differences of neighbours of what it passes have.
+/// Shares of white noise's mean square passed by a kernel: of the noise itself, and of the differences of its samples.
 fn passed(kernel: &[f64]) -> [f64; 2] {
     let square = |v: &mut dyn Iterator<Item = f64>| v.map(|w| w * w).sum::<f64>();
     let all = 2.0 * square(&mut kernel.iter().copied()) - kernel[0] * kernel[0];
@@ -401,7 +404,7 @@ fn passed(kernel: &[f64]) -> [f64; 2] {
     [all, changes]
 }
 
-/// Mean squares of a record about its mean, and of the differences of neighbours.
+/// Mean squares of a record about its mean, and of the differences of neighbouring samples.
 fn mean_squares(values: &[f64]) -> (f64, f64) {
     let n = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -409,13 +412,13 @@ fn mean_squares(values: &[f64]) -> (f64, f64) {
     (power, values.windows(2).map(|w| (w[1] - w[0]).powi(2)).sum::<f64>() / n)
 }
 
-/// Width of the band whose shares of noise pass, over the sample rate: so many independent values has every sample.
+/// Noise bandwidth of the shares over the sample rate: independent values per sample.
 fn bandwidth(shares: &[f64]) -> f64 {
     let sum = |power: i32| shares.iter().map(|s| s.powi(power)).sum::<f64>();
     sum(2).powi(2) / (sum(4).max(f64::MIN_POSITIVE) * 2.0 * shares.len() as f64)
 }
 
-/// Root mean square distance of a kernel's weights from its middle, samples.
+/// Root mean square width of a kernel, by its squared weights, samples.
 fn reach(kernel: &[f64]) -> f64 {
     let mut sums = (0.0, kernel[0] * kernel[0]);
     for (i, w) in kernel.iter().enumerate().skip(1) {
@@ -425,7 +428,7 @@ fn reach(kernel: &[f64]) -> f64 {
     (sums.0 / sums.1).sqrt()
 }
 
-/// Mean by all weights of a kernel about sample `i` that lie within the record.
+/// Mean about sample `i` with all weights of a kernel that lie within the record.
 fn one_sided(part: &[f64], kernel: &[f64], i: usize) -> f64 {
     let first = (i + 1).saturating_sub(kernel.len());
     let (mut sum, mut weights) = (0.0, 0.0);
@@ -436,7 +439,7 @@ fn one_sided(part: &[f64], kernel: &[f64], i: usize) -> f64 {
     if weights > 0.25 { sum / weights } else { part[i] }
 }
 
-/// A record under a kernel without phase, about its mean, which stays; at its ends the weights that are left stand for all.
+/// A record under a zero-phase kernel, about its mean, which is kept; near its ends the remaining weights are renormalised.
 fn filtered(values: &[f64], runs: &[(usize, usize)], kernel: &[f64]) -> Vec<f64> {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
     let about: Vec<f64> = values.iter().map(|v| v - mean).collect();
@@ -445,7 +448,7 @@ fn filtered(values: &[f64], runs: &[(usize, usize)], kernel: &[f64]) -> Vec<f64>
     for (from, to) in runs {
         let part = &about[*from..*to];
         for i in 0..part.len() {
-            // Alike on both sides, so that the ends do not lean.
+            // Symmetric, so that the ends are not biased.
             let reach = kernel.len().min(i + 1).min(part.len() - i);
             let (mut sum, mut weights) = (kernel[0] * part[i], kernel[0]);
             for j in 1..reach {
@@ -457,7 +460,7 @@ fn filtered(values: &[f64], runs: &[(usize, usize)], kernel: &[f64]) -> Vec<f64>
             } else if weights > 0.5 * whole {
                 sum / weights * whole
             } else {
-                // Few weights are left close to an end: there those of one side stand for both.
+                // Near an end few weights remain: there one side stands for both.
                 one_sided(part, kernel, i) * whole
             };
             out[from + i] = mean + value;
@@ -473,7 +476,7 @@ mod tests {
 
     const HZ: f64 = 500.0;
 
-    /// Four rotors that turn a vehicle slowly to and fro, with white noise of `sigma`.
+    /// Four rotors that turn a vehicle slowly back and forth, with white noise of `sigma`.
     fn flown(sigma: f64, n: usize) -> (Vec<Channel<1>>, Vec<Vec<f64>>) {
         let key = Key { seed: 5, world: 0, drone: 0, step: 0, purpose: purpose("inputs test") };
         let mut dice = key.stream();
@@ -515,14 +518,14 @@ mod tests {
         let (noisy, smooth) =
             (roll(&|r, i| inputs[r].values[i][0]), roll(&|r, i| out.inputs[r].values[i][0]));
         let exact = roll(&|r, i| truth[r][i]);
-        // Noise halves the slope of the truth by the noisy input; by the smoothed one it is 1.
+        // Noise halves the slope of the truth regressed on the noisy input; on the smoothed one it is 1.
         assert!(slope(&noisy, &exact) < 0.75, "{}", slope(&noisy, &exact));
         assert!((slope(&smooth, &exact) - 1.0).abs() < 0.05, "{}", slope(&smooth, &exact));
         assert!((out.noise / 4.0 - 1.0).abs() < 0.15, "{}", out.noise);
     }
 
-    /// Rotors of a hover: they climb and sink slowly together, and turn the vehicle far less than their noise. The noise that stays below
-    /// 3 Hz once passed for motion that the vehicle did not answer.
+    /// Rotors of a hover: they climb and sink slowly together, and turn the vehicle far less than their noise. The noise
+    /// remaining below 3 Hz was once taken for motion to which the vehicle did not respond.
     #[test]
     fn what_a_hover_leaves_to_noise_is_no_motion() {
         let dice = |seed| Key { seed, world: 0, drone: 0, step: 0, purpose: purpose("inputs test") }.stream();
@@ -543,7 +546,8 @@ mod tests {
         };
         let (together, roll) = ([1.0; 4], [1.0, 1.0, -1.0, -1.0]);
         let scatter = |v: &[f64]| mean_squares(v).0.sqrt();
-        // 10 rad/s of noise in a sum of four, of which less than a twenty-fifth stays where nothing moves (a ninth, were all kept below 3 Hz).
+        // 10 rad/s of noise in a sum of four, of which less than a twenty-fifth remains where nothing moves (a ninth, were
+        // all kept below 3 Hz).
         assert!(scatter(&along(&out.inputs, roll)) < 0.4, "{}", scatter(&along(&out.inputs, roll)));
         let mean = along(&out.inputs, roll).iter().sum::<f64>() / 15_000.0;
         assert!((mean - 48.0).abs() < 0.5, "the trim stays: {mean}");

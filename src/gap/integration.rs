@@ -1,8 +1,8 @@
-//! What the integrator of a simulated flight makes of roll-outs.
+//! Errors of roll-outs caused by the integrator of a simulated flight.
 //!
-//! A scheme of first order with a step h follows ẋ = f − (h/2) f′f instead of ẋ = f: after a second at 500 Hz, positions of a
-//! Crazyflie in a Lissajous figure are off by 2 mm. That is no fault of the vehicle, and larger than the noise of a log
-//! without noise.
+//! A first-order scheme with step h follows ẋ = f − (h/2) f′f instead of ẋ = f: after a second at 500 Hz, positions of a
+//! Crazyflie in a Lissajous figure are off by 2 mm. That is no fault of the vehicle, and exceeds the noise of a noise-free
+//! log.
 
 use super::compare::HORIZONS_S;
 use super::replay::{STEP, STEP_S};
@@ -15,11 +15,11 @@ use crate::physics::rigid_body::{MAX_ROTORS, State};
 /// Starts over which the error is averaged.
 const STARTS: usize = 24;
 
-/// Root mean square errors of position, velocity, attitude and body rate after each of [`HORIZONS_S`] that the integrator of the
-/// flight makes; zero where it was flown, or integrated by a scheme of higher order.
+/// Root mean square errors of position, velocity, attitude and body rate after each of [`HORIZONS_S`] caused by the
+/// flight's integrator; zero for real flights, or where the scheme is of higher order.
 ///
-/// Two roll-outs of the model differ by the scheme alone, at the step of the replay; to first order, the error is proportional
-/// to the step.
+/// Two roll-outs of the model differ by the scheme alone, at the step of the replay; to first order, the error is
+/// proportional to the step.
 pub(crate) fn errors(replay: &Replay) -> Vec<[f64; 4]> {
     let none = vec![[0.0; 4]; HORIZONS_S.len()];
     let Some(Simulated { step_s, order: 1 }) = replay.track.log.simulated else { return none };
@@ -51,7 +51,7 @@ pub(crate) fn errors(replay: &Replay) -> Vec<[f64; 4]> {
     sums.into_iter().map(|s| s.map(|s| share * f64::sqrt(s / f64::max(n, 1.0)))).collect()
 }
 
-/// A roll-out by Euler's explicit scheme, from the measured state of an instant.
+/// A roll-out by explicit Euler, from the measured state of an instant.
 fn euler(replay: &Replay, from: usize, steps: usize, out: &mut Vec<State<f64>>) {
     let plant = replay.plant();
     let Some(start) = replay.around.measured[from] else { return };
@@ -61,7 +61,7 @@ fn euler(replay: &Replay, from: usize, steps: usize, out: &mut Vec<State<f64>>) 
     let mut neighbours = Vec::new();
     out.clear();
     for s in 0..=steps {
-        // Where the attitude is an input, the state gets it from the measurement.
+        // An input attitude is copied from the measurement.
         if let (true, Some(m)) = (fed_in, replay.around.measured[from + s]) {
             (state.quat, state.ang_vel) = (m.quat, m.ang_vel);
         }

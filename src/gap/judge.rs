@@ -1,4 +1,4 @@
-//! Vehicles judged on flight: errors in every channel, the channel of an effect, and which of two vehicles is worse.
+//! Judges vehicles on flight: errors in every channel, the channel of an effect, and which of two vehicles is worse.
 
 use super::GapError;
 use super::compare::HORIZONS_S;
@@ -18,14 +18,14 @@ use std::sync::{Mutex, PoisonError};
 /// Two numbers for each body axis.
 type PerAxis = [(f64, f64); 3];
 
-/// What a model leaves on one stretch of a flight: means over [`BAND_S`], told apart by the number of their span.
+/// Residuals on one segment of a flight: means over [`BAND_S`], with the number of their span.
 #[derive(Clone, Debug, Default)]
 struct Stretch {
     numbers: Vec<usize>,
     force_n: Vec<[f64; 3]>,
-    /// Null where the drive says nothing of torques.
+    /// Null where the drive carries no torques.
     torque_n_m: Vec<Option<[f64; 3]>>,
-    /// Standard deviations of a mean by the noise of the sensors.
+    /// Standard deviations of a mean due to sensor noise.
     force_sigma_n: [f64; 3],
     torque_sigma_n_m: [f64; 3],
 }
@@ -62,7 +62,7 @@ impl Stretch {
     }
 }
 
-/// Time from the beginning of a track over which its motors are not where the model has them, s.
+/// Time from the beginning of a track until the modelled motors have settled, s.
 pub(crate) fn settling_s(track: &Track) -> f64 {
     match track.drive {
         Drive::RotorCommands | Drive::AttitudeCommands => SETTLING_S,
@@ -70,7 +70,7 @@ pub(crate) fn settling_s(track: &Track) -> f64 {
     }
 }
 
-/// What a model leaves on flights.
+/// Residuals of a model on flights.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Seen {
     stretches: Vec<Stretch>,
@@ -79,7 +79,7 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    /// What a vehicle leaves on the given spans (s) of a flight, one after the other.
+    /// Residuals of a vehicle on the given spans (s) of a flight, one after the other.
     ///
     /// # Errors
     /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
@@ -112,7 +112,7 @@ impl Seen {
             .collect()
     }
 
-    /// Several flights as one.
+    /// Pools several flights.
     pub fn together(parts: Vec<Self>) -> Self {
         let horizons: Vec<&[HorizonError]> = parts.iter().map(|p| p.horizons.as_slice()).collect();
         let horizons = pooled(&horizons);
@@ -123,7 +123,7 @@ impl Seen {
         self.stretches.iter().map(|s| s.numbers.len()).sum()
     }
 
-    /// Force and torque that are missing; none without instants.
+    /// Missing force and torque; `None` without instants.
     pub fn lack(&self) -> Option<Lack> {
         let n = self.n();
         (n > 0).then(|| {
@@ -139,7 +139,7 @@ impl Seen {
         })
     }
 
-    /// Root mean square error of a part, and what noise makes; none where there is nothing of it.
+    /// Root mean square error of a part, and its noise level; `None` where there is none of it.
     fn error(&self, part: Part) -> Option<(f64, f64)> {
         let (mut square, mut noise, mut n) = (0.0, 0.0, 0.0);
         let mut take = |v: [f64; 3], sigma: [f64; 3], axes: [bool; 3]| {
@@ -170,12 +170,12 @@ impl Seen {
         self.horizons.iter().find(|e| (e.horizon_s - horizon_s).abs() < 1e-9 && e.n > 0)
     }
 
-    /// Attitude error after the shorter horizon, where the attitude is no input.
+    /// Attitude error after the shorter horizon, where the attitude is not an input.
     fn turning(&self) -> Option<f64> {
         self.at(JUDGE_HORIZONS_S[0]).map(|e| e.attitude_rad).filter(|a| *a > FED_IN_RAD)
     }
 
-    /// Errors of the roll-outs that judge: position and attitude after each horizon, rad and m.
+    /// Errors of the roll-outs used for judging: position and attitude after each horizon, rad and m.
     fn roll_outs(&self) -> Vec<Option<f64>> {
         JUDGE_HORIZONS_S
             .iter()
@@ -186,7 +186,7 @@ impl Seen {
             .collect()
     }
 
-    /// Errors of all channels that judge.
+    /// Errors of all channels used for judging.
     fn channels(&self) -> Vec<Option<f64>> {
         let instants = self.n() >= FEWEST_INSTANTS;
         let of = |part| self.error(part).map(|e| e.0).filter(|_| instants);
@@ -195,12 +195,12 @@ impl Seen {
         out
     }
 
-    /// Errors of this over those of `other`: geometric mean over all channels that both have. Above one, this is worse.
+    /// Errors over those of `other`: geometric mean over all channels that both have. Above one, `self` is worse.
     pub fn over(&self, other: &Self) -> f64 {
         geometric(&self.channels(), &other.channels())
     }
 
-    /// The error (force, torque, position after each horizon) that is largest over that of `filed`.
+    /// The error (force, torque, position after each horizon) with the largest ratio to that of `filed`.
     pub fn most_risen(&self, filed: &Self) -> Risen {
         let instants = self.n().min(filed.n()) >= FEWEST_INSTANTS;
         let of = |part: Part, title: &str, unit: &'static str| {
@@ -220,13 +220,13 @@ impl Seen {
         known.max_by(|a, b| a.ratio.total_cmp(&b.ratio)).unwrap_or(nothing)
     }
 
-    /// The same over roll-outs alone.
+    /// The same ratio over roll-outs alone.
     pub fn rolls_over(&self, other: &Self) -> f64 {
         geometric(&self.roll_outs(), &other.roll_outs())
     }
 
-    /// What a finding does: `self` is the vehicle with it. The channel is the one in which it changes the model most, measured
-    /// in the noise of the sensors.
+    /// What a finding changes: `self` is the vehicle with it. The channel is the one in which it changes the model most, in
+    /// units of sensor noise.
     pub fn against(&self, without: &Self) -> (Part, HeldOut) {
         let (force, torque) = self.change(without);
         let size = |axes: &[(f64, f64); 3]| {
@@ -258,13 +258,13 @@ impl Seen {
         (part, held_out)
     }
 
-    /// Error of a part over that of another vehicle.
+    /// Ratio of the error of a part to that of another vehicle.
     pub fn part_over(&self, other: &Self, part: Part) -> f64 {
         let of = |s: &Self| vec![s.error(part).map(|e| e.0)];
         geometric(&of(self), &of(other))
     }
 
-    /// Squares of the differences of force and torque from another model's, and of the noise, summed by axis.
+    /// Squared differences of force and torque from another model's, and of the noise, summed by axis.
     fn change(&self, other: &Self) -> (PerAxis, PerAxis) {
         let (mut force, mut torque) = ([(0.0, 0.0); 3], [(0.0, 0.0); 3]);
         for (a, b) in self.stretches.iter().zip(&other.stretches) {
@@ -290,7 +290,7 @@ impl Seen {
     }
 }
 
-/// An error beside that of the filed vehicle.
+/// An error and that of the nominal vehicle.
 #[derive(Clone, Debug)]
 pub(crate) struct Risen {
     pub ratio: f64,
@@ -302,7 +302,7 @@ pub(crate) struct Risen {
 
 const ALL: [bool; 3] = [true; 3];
 
-/// Errors of one rung of a ladder over those of another, on the flight that judges: geometric mean over all channels.
+/// Ratio of the errors of two ladder steps, on the flight used for judging: geometric mean over all channels.
 pub(crate) fn rung_over(a: &Rung, b: &Rung) -> f64 {
     let channels = |rung: &Rung| {
         let (horizons, lack) = rung.judged();
@@ -314,7 +314,7 @@ pub(crate) fn rung_over(a: &Rung, b: &Rung) -> f64 {
     geometric(&channels(a), &channels(b))
 }
 
-/// A channel of its own: axes of force or torque, or roll-outs.
+/// The channel of an effect: axes of force or torque, or roll-outs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Part {
     Force([bool; 3]),
@@ -353,7 +353,7 @@ fn direction(axes: &[(f64, f64); 3]) -> [bool; 3] {
     }
 }
 
-/// Geometric mean of ratios over what both lists have; one where that is nothing.
+/// Geometric mean of ratios over what both lists have; one if that is empty.
 fn geometric(of: &[Option<f64>], over: &[Option<f64>]) -> f64 {
     let logs: Vec<f64> = of
         .iter()
@@ -367,16 +367,16 @@ fn geometric(of: &[Option<f64>], over: &[Option<f64>]) -> f64 {
 
 /// Flight on which vehicles are judged.
 pub(crate) struct Judge {
-    /// Tracks, and from when on they judge, s: before, motors settle.
+    /// Tracks, and the time from which they are used, s: before it, motors settle.
     tracks: Vec<(Track, f64)>,
-    /// Whether the fit has seen nothing of it.
+    /// Whether it is held out from the fit.
     pub unseen: bool,
-    /// What vehicles leave on it, by the hash of their files: the same one is looked at for several reasons.
+    /// Cached residuals of vehicles, by the hash of their files: the same vehicle is judged for several reasons.
     looks: Mutex<HashMap<String, Seen>>,
 }
 
 impl Judge {
-    /// On the flight that the fit has not seen; on that of the fit where there is no other.
+    /// Uses held-out flight, or that of the fit if there is none.
     pub fn new(flights: &Flights) -> Self {
         let parted = flights.whole.iter().zip(&flights.cut_s);
         let mut tracks: Vec<(Track, f64)> = parted
@@ -392,17 +392,17 @@ impl Judge {
         Self { tracks, unseen, looks: Mutex::default() }
     }
 
-    /// What it is, in words.
+    /// Its name in words.
     pub fn title(&self) -> &'static str {
         if self.unseen { "unseen flight" } else { "the flight of the fit" }
     }
 
-    /// Whether it shows nothing of a vehicle that flies.
+    /// Whether nothing can be measured on it with a vehicle that flies.
     pub fn blind(&self, vehicle: &Vehicle) -> bool {
         self.look(vehicle).is_ok_and(|s| s.channels().iter().all(Option::is_none))
     }
 
-    /// What a vehicle leaves on it.
+    /// Residuals of a vehicle on it.
     ///
     /// # Errors
     /// Those of [`Seen::of`].
@@ -477,7 +477,7 @@ mod tests {
         let better = seen([0.2, 0.0, 0.0], [0.002; 3], 0.12, 0.05);
         assert!((better.over(&filed) - (0.5f64 * 1.44).powf(1.0 / 6.0)).abs() < 1e-12);
         assert!(better.rolls_over(&filed) > 1.0);
-        // An attitude that is an input judges nothing.
+        // An input attitude is not used for judging.
         let fed = |position| seen([0.4, 0.0, 0.0], [0.002; 3], position, 1e-15);
         assert!((fed(0.2).rolls_over(&fed(0.1)) - 2.0).abs() < 1e-12);
     }

@@ -1,5 +1,5 @@
-//! The error ladder: what the model as filed and with one effect after the other leaves, at the instants and in roll-outs, on
-//! the flight that the fit has seen and on flight that it has not.
+//! The error ladder: errors of the nominal model and with one effect after the other added, at the instants and in
+//! roll-outs, on the flight of the fit and on held-out flight.
 
 use super::GapError;
 use super::compare::HORIZONS_S;
@@ -9,23 +9,23 @@ use super::verdict::{HorizonError, LogSummary, Rung};
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 
-/// Flights parted into what a fit sees and what only checks it.
+/// Flights split into training and held-out flight.
 pub struct Flights {
-    /// What the fit sees.
+    /// Flights of the fit.
     pub fit: Vec<Track>,
     /// The same logs at their full length.
     pub whole: Vec<Track>,
-    /// Logs of which the fit sees nothing.
+    /// Held-out logs.
     pub held_out: Vec<Track>,
-    /// Time in each log (s) from which on the fit sees nothing; none where it sees the log whole.
+    /// Time in each log (s) from which on it is held out; `None` where the whole log is fitted.
     pub cut_s: Vec<Option<f64>>,
     /// What could not be held out.
     pub warnings: Vec<String>,
 }
 
 impl Flights {
-    /// Logs for a fit and logs that check it. Without the latter, the last `share` (0 to 0.5) of each log is kept out of
-    /// the fit, where both parts stay at least [`SHORTEST_S`] long.
+    /// Logs for a fit and held-out logs. Without the latter, the last `share` (0 to 0.5) of each log is held out, where
+    /// both parts stay at least [`SHORTEST_S`] long.
     pub fn new(logs: Vec<Track>, held_out: Vec<Track>, share: f64) -> Self {
         let mut out = Self {
             fit: logs.clone(),
@@ -59,7 +59,7 @@ impl Flights {
         self.whole.iter().chain(&self.held_out).cloned().collect()
     }
 
-    /// The logs as a verdict lists them: a parted log twice.
+    /// The logs as a verdict lists them: a split log twice.
     pub fn summaries(&self) -> Vec<LogSummary> {
         let one = |t: &Track, name: String, span_s: [f64; 2], held_out| LogSummary {
             name,
@@ -84,8 +84,8 @@ impl Flights {
         out
     }
 
-    /// Errors of a vehicle's roll-outs by horizon: on flight that the fit sees, and on flight that it does not see (empty
-    /// where there is none).
+    /// Errors of a vehicle's roll-outs by horizon: on the flight of the fit, and on held-out flight (empty where there is
+    /// none).
     ///
     /// # Errors
     /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
@@ -94,7 +94,7 @@ impl Flights {
         Ok((training.horizons, unseen.horizons))
     }
 
-    /// What a vehicle leaves on flight that the fit sees, and on flight that it does not see.
+    /// Residuals of a vehicle on the flight of the fit, and on held-out flight.
     fn look(&self, vehicle: &Vehicle) -> Result<[Seen; 2], GapError> {
         let one = |(track, cut): (&Track, &Option<f64>)| -> Result<[Seen; 2], GapError> {
             let [from, to] = track.span_s;
@@ -116,7 +116,7 @@ impl Flights {
         Ok([Seen::together(training), Seen::together(unseen)])
     }
 
-    /// One rung for each vehicle, under its label.
+    /// One step for each vehicle, under its label.
     ///
     /// # Errors
     /// Those of [`Flights::errors`].
@@ -137,7 +137,7 @@ impl Flights {
     }
 }
 
-/// Root mean squares over all roll-outs; horizons that no roll-out reached are left out.
+/// Root mean squares over all roll-outs; horizons without roll-outs are left out.
 pub(crate) fn pooled(parts: &[&[HorizonError]]) -> Vec<HorizonError> {
     let mut out: Vec<HorizonError> = Vec::new();
     for horizon_s in HORIZONS_S {

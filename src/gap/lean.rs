@@ -1,11 +1,12 @@
-//! An attitude that leans with the acceleration: what an estimator makes of a manoeuvre that it takes for gravity.
+//! Lean: an attitude estimate tilted in proportion to the acceleration, as by an estimator that takes a manoeuvre for
+//! gravity.
 //!
-//! An estimator that trusts its accelerometer turns the attitude towards the direction of the specific force, by an angle in
-//! proportion to the acceleration across and some time late: a complementary filter (Mahony, Hamel and Pflimlin, "Nonlinear
-//! complementary filters on the special orthogonal group", IEEE Trans. Automatic Control 53(5), 2008, section II) in a vehicle
-//! that does not fly at constant speed. All attitudes are then too small by some per cent, which looks like a gyroscope that
-//! reads too much, and gravity in wrong axes looks like a force. Poses and accelerometer tell it without a model of the
-//! vehicle: where the attitude leans, the bend of the path and the specific force differ by 9.81 m/s² times the lean.
+//! An estimator that trusts its accelerometer turns the attitude towards the direction of the specific force, by an angle
+//! proportional to the lateral acceleration and with a lag: a complementary filter (Mahony, Hamel and Pflimlin, "Nonlinear
+//! complementary filters on the special orthogonal group", IEEE Trans. Automatic Control 53(5), 2008, section II) on a
+//! vehicle that does not fly at constant speed. All tilts are then too small by some per cent, which looks like a gyroscope
+//! scale error, and misaligned gravity looks like a force. Poses and accelerometer reveal it without a vehicle model: the
+//! second derivative of the path and the specific force differ by 9.81 m/s² times the lean.
 
 use super::policy::LEAN_SIGMAS;
 use super::replay::STEP_S;
@@ -15,24 +16,24 @@ use crate::flight::Channel;
 use crate::flight::resample;
 use crate::math::{quat, vec3};
 
-/// How an attitude leans.
+/// The lean of an attitude estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Lean {
-    /// Lean per acceleration across, rad per m/s².
+    /// Lean per lateral acceleration, rad per m/s².
     pub rad_per_m_s2: f64,
     /// Its standard deviation.
     pub sigma: f64,
-    /// Time after which 63 % of it are there, s.
+    /// Time constant of the estimator (63 % response), s.
     pub memory_s: f64,
 }
 
 impl Lean {
-    /// An attitude at a time without it.
+    /// The attitude at a time with the lean removed.
     fn without(&self, across: &Across, t_s: f64, q: [f64; 4]) -> [f64; 4] {
         quat::mul(quat::exp(vec3::scale(across.turn(t_s), -self.rad_per_m_s2)), q)
     }
 
-    /// What is said of it.
+    /// Description for a warning.
     pub fn words(&self) -> String {
         format!(
             "attitude: leans by {:.1} ± {:.1} mrad per m/s² of acceleration across, {:.2} s late, as an estimator's that takes \
@@ -44,19 +45,19 @@ impl Lean {
     }
 }
 
-/// Times that an estimator may take, s.
+/// Time constants that are tried, s.
 const MEMORIES_S: [f64; 7] = [0.0, 0.05, 0.1, 0.2, 0.35, 0.55, 0.8];
-/// Times that the acceleration is asked for again, with attitudes that lean less.
+/// Times that the acceleration is recomputed with the corrected attitude.
 const ROUNDS: usize = 2;
-/// How level a world is, rad.
+/// Prior tilt of the world, rad.
 const LEVEL_RAD: f64 = 0.03;
-/// What [`bend_of`] knows of, and a world that is not level.
+/// The columns of [`bend_of`], and a tilted world.
 const OTHERS: usize = 16 + 2;
 
-/// Acceleration across that an estimator remembers, on a grid.
+/// Low-passed lateral acceleration as the estimator sees it, on a grid.
 struct Across {
     from_s: f64,
-    /// m/s², world, level; one after the other every [`STEP_S`].
+    /// m/s², world, horizontal; one every [`STEP_S`].
     remembered: Vec<[f64; 3]>,
 }
 
@@ -86,11 +87,11 @@ impl Across {
     }
 }
 
-/// What tells: poses and accelerometer of one log.
+/// Poses and accelerometer of one log.
 struct Log {
     gravity_m_s2: [f64; 3],
     from_s: f64,
-    /// Every [`STEP_S`] from there, as far as both are known.
+    /// Every [`STEP_S`] from there, where both are known.
     known: Vec<Option<Instant>>,
     stretches: Vec<Stretch>,
 }
@@ -102,7 +103,7 @@ struct Instant {
     quat: [f64; 4],
 }
 
-/// Rows of the regression by what is no lean.
+/// Rows of the regression other than the lean.
 struct Stretch {
     middle_s: f64,
     quat: [f64; 4],
@@ -110,7 +111,7 @@ struct Stretch {
 }
 
 impl Stretch {
-    /// What of the bend is seen in other axes where the attitude is turned by a little: the turn times the vector, the other way.
+    /// Apparent acceleration due to a small rotation of the attitude: minus the rotation times the vector.
     fn seen(&self, turn: [f64; 3]) -> [f64; 3] {
         vec3::cross(self.bend.whole, quat::rotate_inverse(self.quat, turn))
     }
@@ -145,7 +146,7 @@ impl Log {
         (known.len() > 1).then_some(Self { gravity_m_s2, from_s, known, stretches })
     }
 
-    /// Acceleration across by accelerometer and attitude without its lean; gaps keep what was before.
+    /// Lateral acceleration from the accelerometer and the attitude with its lean removed; gaps hold the last value.
     fn across(&self, lean: Option<(Lean, &Across)>) -> Vec<[f64; 3]> {
         let mut last = [0.0; 3];
         let at = |(i, known): (usize, &Option<Instant>)| {
@@ -161,7 +162,7 @@ impl Log {
         self.known.iter().enumerate().map(at).collect()
     }
 
-    /// The lean by such an acceleration.
+    /// Fits the lean for such an acceleration.
     fn lean(&self, acc: &[[f64; 3]]) -> Option<(Lean, Across)> {
         let memories = MEMORIES_S.map(|m| Across::new(self.from_s, acc, m));
         let mut regression = Regression::new(OTHERS + MEMORIES_S.len());
@@ -175,17 +176,18 @@ impl Log {
         let (k, fit) = fits.min_by(|a, b| a.1.left.total_cmp(&b.1.left))?;
         let (value, sigma) = (fit.values[OTHERS], fit.sigma[OTHERS]);
         let lean = Lean { rad_per_m_s2: value, sigma, memory_s: MEMORIES_S[k] };
-        // The other way no estimator leans: there the accelerometer feels less of a drag than the path shows.
+        // No estimator leans the other way: a negative lean means that the accelerometer feels less drag than the path
+        // shows.
         let across = memories.into_iter().nth(k)?;
         (value > LEAN_SIGMAS * sigma).then_some((lean, across))
     }
 }
 
-/// Takes the lean of the attitudes of a log out of them; `None` where they do not lean, or nothing tells.
+/// Removes the lean from the attitudes of a log; `None` where there is none, or no data to tell.
 pub(crate) fn taken_out(track: &mut Track, gravity_m_s2: [f64; 3]) -> Option<Lean> {
     let log = Log::new(track, gravity_m_s2)?;
     let (mut lean, mut across) = log.lean(&log.across(None))?;
-    // Attitudes that lean tell too little of the acceleration that makes them.
+    // Leaning attitudes underestimate the acceleration that causes them, hence the iteration.
     for _ in 0..ROUNDS {
         (lean, across) = log.lean(&log.across(Some((lean, &across))))?;
     }

@@ -1,4 +1,4 @@
-//! How large an effect could be without showing in the logs of a diagnosis, and what to fly for those that could be large.
+//! How large an effect could be without showing in the logs, and which manoeuvres would reveal those that could be large.
 
 use super::GapError;
 use super::disturbance::Disturbance;
@@ -12,45 +12,45 @@ use super::verdict::{Advice, Limit};
 use crate::vehicle::Vehicle;
 use nalgebra::DMatrix;
 
-/// Evidence that is to be expected of an effect which brings its threshold in 95 of 100 flights, nats: evidence scatters by the
-/// root of twice itself.
+/// Expected evidence of an effect that exceeds its threshold in 95 of 100 flights, nats: evidence has the variance of twice
+/// itself.
 const SURE: f64 = 16.0;
-/// Share of its plausible size up to which an effect must show for the logs to be said to show it.
+/// Share of its plausible size at which an effect must be visible for the logs to count as sensitive to it.
 const VISIBLE: f64 = 0.7;
-/// Hidden effects up to which each one's own manoeuvre is named, and no flight is planned for all of them. In calm air exciting
-/// flights of the generator hide 2 to 4, Lissajous figures, circles and way-points 9 to 13, hovering 11 to 15.
+/// Most hidden effects for which each one's own manoeuvre is named; above, a flight is planned for all of them. In calm air
+/// exciting flights of the generator hide 2 to 4, Lissajous figures, circles and way-points 9 to 13, hovering 11 to 15.
 const FEW: usize = 6;
 
-/// What a planned flight aims at, of the plausible size: it is not flown quite as it was planned.
+/// Target of a planned flight, as a share of the plausible size: with a margin, since it is not flown exactly as planned.
 const AIM: f64 = 0.45;
-/// Times the hover speed that rotors must be asked for where a limit of them is to show.
+/// Rotor command over hover speed at which a limit of the rotors would show.
 const DEMANDING: f64 = 1.4;
 
-/// Whether so many effects could hide, were the air calm, that the logs cannot tell physics that is in no list from effects that
-/// are, nor from weather. What is left unexplained does not count: it would hide everything.
+/// Whether, even in calm air, so many effects could hide that the logs cannot separate unlisted physics from listed effects
+/// or from turbulence. The unexplained remainder does not count: it would hide everything.
 pub(super) fn poor(model: &Model, solution: &Solution) -> Result<bool, GapError> {
     let air = excite::Air::default();
     let sizes = [air.force_m_s2, air.force_m_s2, air.torque_rad_s2, air.torque_rad_s2];
     let calm = Disturbance { common: sizes, quick: sizes, kept: [0.0; 4], ..solution.disturbance };
     let all = Information::new(model, &solution.linear, &solution.linear.reduce(&calm), |_| true)?;
     let evidence = Evidence::new(model, &all.h, &all.g, &solution.linear.at, 1.0, 1.0)?;
-    // Clocks are no physics: behind smoothed inputs they could be late by milliseconds in any flight.
+    // Clocks are no physics: behind smoothed inputs they could be off by milliseconds in any flight.
     let of_physics = |l: &&Limit| l.id != LIMIT && !l.id.starts_with("clock_offset");
     let hidden = limits(model, &evidence, solution).iter().filter(of_physics).filter(|l| !l.visible).count();
     Ok(hidden > FEW)
 }
 
-/// The candidate whose parameter is a limit: it shows where it is met.
+/// The candidate whose parameter is a limit: it only shows where it is reached.
 const LIMIT: &str = "actuator_saturation";
 
-/// Whether rotors were asked for much more than hover needs.
+/// Whether rotors were commanded far beyond hover.
 fn demanding(model: &Model) -> bool {
     let limit = model.candidates.iter().find(|c| c.id == LIMIT);
     let most = limit.and_then(|c| c.preset.iter().find(|(name, _)| name == "max_rotor_vel_rad_s"));
     most.is_some_and(|(_, v)| *v >= DEMANDING * model.drone.hover_rotor_vel()[0])
 }
 
-/// The limits of all candidates that are not found, the least visible first.
+/// The limits of all candidates that were not found, the least visible first.
 pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) -> Vec<Limit> {
     let smallest = evidence.smallest(&solution.set, SURE).unwrap_or_default();
     let mut out: Vec<(f64, Limit)> = model
@@ -75,10 +75,10 @@ pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) ->
     out.into_iter().map(|(_, limit)| limit).collect()
 }
 
-/// Shares of a plausible size beyond which the logs say nothing.
+/// Shares of a plausible size above which the logs count as insensitive.
 const MOST: f64 = 100.0;
 
-/// What to fly so that what could hide in the logs would show.
+/// What to fly so that possibly hidden effects would show.
 pub(super) fn advice(
     vehicle: &Vehicle,
     track: &Track,
@@ -93,11 +93,12 @@ pub(super) fn advice(
         let manoeuvre = candidate.map_or("", |c| c.manoeuvre);
         Advice { text: format!("{id} could hide in these logs: {manoeuvre}"), manoeuvres: Vec::new() }
     };
+    // A planned flight pays only for many effects at once.
     if hidden.len() <= FEW {
         return Ok(hidden.into_iter().map(own).collect());
     }
     let listed = model.only(&|id| model.named().any(|c| model.candidates[c].id == id));
-    // The logs' own information about what the manoeuvres are judged by.
+    // The logs' own information about the parameters for which the manoeuvres are judged.
     let n = listed.parameters.len();
     let place = |k: usize| {
         let p = &listed.parameters[k];
@@ -118,7 +119,7 @@ pub(super) fn advice(
         .collect();
     let wanted: Vec<usize> =
         hidden.iter().filter_map(|id| listed.candidates.iter().position(|c| c.id == *id)).collect();
-    // How far each of them is from being visible, ln.
+    // Distance of each from being visible, ln.
     let far = |a: &DMatrix<f64>| -> Vec<f64> {
         let covariance = covariance(a, &prior);
         let far = |c: &usize| {
@@ -129,7 +130,7 @@ pub(super) fn advice(
         wanted.iter().map(far).collect()
     };
     let sensors = excite::Sensors::of(track);
-    // A limit of the rotors shows where it is met; no slope tells how far off it is.
+    // A rotor limit shows only where it is reached; no derivative tells how far away it is.
     let hardest = hidden.contains(&LIMIT);
     let Some(plan) = excite::show(vehicle, track.drive, &sensors, &listed, &told, &far, hardest) else {
         return Ok(hidden.into_iter().map(own).collect());

@@ -1,4 +1,5 @@
-//! Model against measurement: where does a vehicle's model fail, which effect is missing, how well is it then.
+//! The gap finder: compares a vehicle's model with measured flights, finds missing effects, and measures the completed
+//! model.
 
 pub mod accept;
 pub mod attitude_model;

@@ -1,5 +1,5 @@
-//! A vehicle with everything that may be missing in it: all candidates' effects at their filed or default values, and
-//! which numbers of them are free.
+//! A vehicle with everything that may be missing from it: the effects of all candidates at their nominal or default values,
+//! and which of their parameters are free.
 
 use super::GapError;
 use super::inputs::Smoothing;
@@ -14,14 +14,14 @@ use crate::physics::params::Parameters;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
 
-/// Where a parameter enters.
+/// Where a parameter enters the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Enters {
     /// In forces and torques.
     Dynamics,
-    /// In what arrives at the motors, and how they follow.
+    /// Commands on their way to the motors, and the motors' response.
     Drive,
-    /// In what sensors read.
+    /// Sensor outputs.
     Reading,
     /// In a sensor's clock: 0 pose, 1 gyroscope, 2 accelerometer.
     Clock(usize),
@@ -34,54 +34,54 @@ pub(crate) struct Parameter {
     pub candidate: usize,
     /// Index of its effect in the drone.
     pub effect: usize,
-    /// Its place among the effect's visited parameters.
+    /// Its index among the effect's visited parameters.
     pub ordinal: usize,
     /// Name within the effect.
     pub name: String,
     /// SI unit.
     pub unit: &'static str,
-    /// Value without the effect.
+    /// Nominal value: the vehicle file's, or the effect's default or preset where the file does not list it.
     pub filed: f64,
-    /// Tolerance.
+    /// Tolerance (spike of the prior).
     pub spike: f64,
-    /// Plausible size.
+    /// Plausible size (slab of the prior).
     pub slab: f64,
-    /// Which way it can go from where the effect is absent.
+    /// Allowed direction from the value at which the effect is absent.
     pub sign: Sign,
-    /// How far it can go back from its filed value until the effect is absent, slabs.
+    /// Distance from the nominal value back to the value at which the effect is absent, slabs.
     pub back: f64,
     /// Where it enters.
     pub enters: Enters,
 }
 
-/// The vehicle and all that may be missing.
+/// The vehicle and all candidates.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     /// With the effects of all candidates.
     pub drone: Drone<f64>,
     /// Whether the file lists the effect, by index.
     pub listed: Vec<bool>,
-    /// What may be missing.
+    /// The candidates: effects that may be missing.
     pub candidates: Vec<Candidate>,
-    /// Free parameters, those of one candidate together.
+    /// Free parameters, grouped by candidate.
     pub parameters: Vec<Parameter>,
-    /// Candidates that a search may choose, by index; all others stay within their tolerance.
+    /// Candidates that a search may choose, by index; all others stay free within their tolerance.
     pub may: Vec<bool>,
-    /// Candidates that are shapes to hold findings against; see [`super::shapes`].
+    /// Candidates that are only shapes to test findings against; see [`super::shapes`].
     pub shapes: Vec<usize>,
     /// Candidates that these logs cannot decide, with the reason.
     pub not_tried: Vec<(String, String)>,
-    /// Candidates of which these logs cannot tell both.
+    /// A pair of candidates that these logs can only determine one at a time.
     pub never_both: Option<[usize; 2]>,
 }
 
-/// Share of its filed value that a time constant, a mass or an inertia keeps at least: ten times off is another vehicle.
+/// Least share of its nominal value of a time constant, a mass or an inertia: a factor of ten is another vehicle.
 const LEAST_SHARE: f64 = 0.1;
-/// Smallest spike over slab; where a candidate says that a parameter is free only with the effect.
+/// Smallest spike over slab, for parameters that are only free together with the effect.
 const CLOSED: f64 = 1e-3;
 
 impl Model {
-    /// A vehicle and the candidates that the logs can say something about.
+    /// A vehicle and the candidates about which the logs carry information.
     pub fn new(drone: &Drone<f64>, tracks: &[&Track], arounds: &[&Around]) -> Result<Self, GapError> {
         let mut model = Self {
             drone: drone.clone(),
@@ -100,7 +100,8 @@ impl Model {
                 None => model.admit(adapted(drone, candidate, tracks, arounds))?,
             }
         }
-        // A vehicle that is lighter with weaker rotors hovers as well, and turns less: where nobody knows how it turns, no pair of those.
+        // A lighter vehicle with weaker rotors hovers as well and turns less: where the turning response is unknown, never
+        // choose both.
         if [0, 1].into_iter().all(|axis| torque_doubt(drone, tracks, axis, false) > UNKNOWN_ANSWER) {
             let both =
                 ["wrong_mass", "thrust_scale"].map(|id| model.candidates.iter().position(|c| c.id == id));
@@ -153,7 +154,7 @@ impl Model {
                 _ => Enters::Dynamics,
             };
             let filed = visited[ordinal].1;
-            // An effect that the file lists may be weaker than filed, down to nothing.
+            // An effect listed in the file may be weaker than nominal, down to zero.
             let absent = absent_value(&candidate, &freedom.name).unwrap_or(filed);
             let size = if freedom.sign == Sign::Up { (filed - absent).max(0.0) } else { 0.0 };
             let slab = freedom.slab.max(size);
@@ -176,8 +177,8 @@ impl Model {
         Ok(())
     }
 
-    /// Least value of a parameter that the model divides by. At nothing a motor answers at once and an empty mass flies off;
-    /// below, motors run away from their commands.
+    /// Lower bound of a parameter by which the model divides. At zero a motor responds instantly and an empty mass flies
+    /// off; below, motors run away from their commands.
     pub fn least(&self, parameter: usize) -> Option<f64> {
         let p = &self.parameters[parameter];
         let kind = self.candidates[p.candidate].kind;
@@ -185,12 +186,12 @@ impl Model {
         divides.then_some(LEAST_SHARE * p.filed)
     }
 
-    /// Values without any missing effect.
+    /// Nominal values: no missing effect.
     pub fn filed(&self) -> Vec<f64> {
         self.parameters.iter().map(|p| p.filed).collect()
     }
 
-    /// Sets the value at which a parameter of an effect that the file does not list is tried; whether there is such a one.
+    /// Sets the trial value of a parameter of an effect that the file does not list; returns whether there is one.
     pub fn preset_of(&mut self, kind: &str, name: &str, value: f64) -> bool {
         let mut found = false;
         for p in &mut self.parameters {
@@ -210,7 +211,7 @@ impl Model {
         found
     }
 
-    /// Gives a value that a candidate sets and does not fit.
+    /// Sets a parameter that a candidate sets but does not fit.
     pub fn set_preset(&mut self, kind: &str, name: &str, value: f64) {
         for c in self.candidates.iter_mut().filter(|c| c.kind == kind) {
             c.preset.iter_mut().filter(|(n, _)| n == name).for_each(|(_, v)| *v = value);
@@ -226,7 +227,7 @@ impl Model {
         }
     }
 
-    /// Values that a candidate sets and does not fit, where the file does not list its effect.
+    /// Parameters that a candidate sets but does not fit, where the file does not list its effect.
     pub fn preset_values(&self, candidate: usize) -> Vec<(String, f64)> {
         let free = |name: &str| self.of(candidate).any(|k| self.parameters[k].name == name);
         let listed = self.of(candidate).all(|k| self.listed[self.parameters[k].effect]);
@@ -234,7 +235,7 @@ impl Model {
         preset.filter(|(name, _)| !listed && !free(name)).cloned().collect()
     }
 
-    /// The model with those candidates only whose id `keep` wants.
+    /// The model restricted to candidates whose id `keep` accepts.
     pub fn only(&self, keep: &dyn Fn(&str) -> bool) -> Self {
         let kept: Vec<usize> = (0..self.candidates.len()).filter(|c| keep(&self.candidates[*c].id)).collect();
         let parameters = self
@@ -260,28 +261,28 @@ impl Model {
         }
     }
 
-    /// Ids of effects that could not be tried and that would look like one of `ids`.
+    /// Ids of effects that could not be tried and would look like one of `ids`.
     pub fn hidden_behind(&self, ids: &[&str]) -> Vec<String> {
         let kind = |id: &str| id.split('.').next().unwrap_or(id).to_string();
         let behind = |id: &&String| looks_like(&kind(id)).iter().any(|other| ids.contains(other));
         self.not_tried.iter().map(|(id, _)| id).filter(behind).cloned().collect()
     }
 
-    /// Candidates that move samples or commands in time. Half a millisecond is within tolerance, but too far for a straight line
-    /// through what sensors read: the model follows them whether they are found or not.
+    /// Candidates that shift samples or commands in time. Half a millisecond is within tolerance, but too far for a linear
+    /// approximation of the sensor outputs: the model is always relinearised at them, found or not.
     pub fn timing(&self) -> Vec<usize> {
         (0..self.candidates.len())
             .filter(|c| matches!(self.candidates[*c].kind, "clock_offset" | "command_delay"))
             .collect()
     }
 
-    /// Parameters of a candidate.
+    /// Indices of a candidate's parameters.
     pub fn of(&self, candidate: usize) -> impl Iterator<Item = usize> + '_ {
         (0..self.parameters.len()).filter(move |k| self.parameters[*k].candidate == candidate)
     }
 
     /// The drone with the parameters at `values`, with the effects of `keep` only, over another number type: `seed(k)`
-    /// gives parameter `k`'s number for its value.
+    /// converts the value of parameter `k`.
     pub fn drone_at<S: Real>(
         &self,
         values: &[f64],
@@ -308,7 +309,7 @@ impl Model {
         out
     }
 
-    /// Effects that the file lists, and those of the given candidates.
+    /// Effects listed in the file, and those of the given candidates.
     pub fn effects_of(&self, chosen: &[usize]) -> Vec<bool> {
         let mut keep = self.listed.clone();
         for p in &self.parameters {
@@ -317,13 +318,13 @@ impl Model {
         keep
     }
 
-    /// The plain drone with the parameters at `values` and the effects of the file and of `chosen`.
+    /// The drone over f64 with the parameters at `values` and the effects of the file and of `chosen`.
     pub fn plain_at(&self, values: &[f64], chosen: &[usize]) -> Drone<f64> {
         self.drone_at(values, &self.effects_of(chosen), |_, v| v)
     }
 }
 
-/// Why an effect is not tried that scales an answer of which the logs say nothing.
+/// Why an effect is not tried that scales a response which the logs do not determine.
 fn unanswered(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
     let answers =
         matches!(candidate.kind, "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve");
@@ -332,8 +333,8 @@ fn unanswered(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> O
     })
 }
 
-/// How uncertain, as a share of it, the answer of the vehicle is that a candidate scales: a torque about an axis, a reaction to how fast
-/// rotors change, or the thrust's changes. Nothing where the inputs are exact.
+/// Relative uncertainty of the response that a candidate scales: a torque about an axis, the reaction to rotor
+/// acceleration, or the thrust's changes. Zero where the inputs are exact.
 fn answer_doubt(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> f64 {
     match candidate.id.as_str() {
         "wrong_inertia.x" => torque_doubt(drone, tracks, 0, false),
@@ -343,7 +344,7 @@ fn answer_doubt(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) ->
     }
 }
 
-/// The same of the rotors' torque about a body axis; `changes`: of how fast it changes.
+/// The same for the rotors' torque about a body axis; `changes`: for its rate of change.
 fn torque_doubt(drone: &Drone<f64>, tracks: &[&Track], axis: usize, changes: bool) -> f64 {
     let hover = drone.hover_rotor_vel();
     let torque = |speeds: &[f64; MAX_ROTORS]| {
@@ -377,7 +378,7 @@ fn absent_value(candidate: &Candidate, name: &str) -> Option<f64> {
     found
 }
 
-/// A candidate as these logs can tell it.
+/// A candidate adapted to what these logs can determine.
 fn adapted(
     drone: &Drone<f64>,
     mut candidate: Candidate,
@@ -385,10 +386,10 @@ fn adapted(
     arounds: &[&Around],
 ) -> Candidate {
     match candidate.kind {
-        // How the load moves is known before the fit, from its track (`super::cable`).
+        // The motion of the load is known before the fit, from its track (`super::cable`).
         "slung_payload" => {
             candidate.freedoms.retain(|f| f.name == "mass_kg");
-            // Where the cable is fixed shows in torques only.
+            // The attachment of the cable is only observable in torques.
             if tracks.iter().all(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds)) {
                 for axis in 0..3 {
                     candidate.freedoms.push(Freedom::any(format!("attachment_m.{axis}"), "m", 0.0, 0.03));
@@ -401,14 +402,14 @@ fn adapted(
                 ];
             }
         }
-        // What was smoothed is known in time to a part of that.
+        // Smoothed inputs have a timing uncertainty of a share of the smoothing time.
         "clock_offset" => {
             let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
             for f in &mut candidate.freedoms {
                 f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
             }
         }
-        // How strongly a vehicle answers is known as well as its smoothed inputs are.
+        // The response is known only as well as the smoothed inputs.
         "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve" => {
             let doubt = answer_doubt(drone, &candidate, tracks);
             for f in &mut candidate.freedoms {
@@ -416,7 +417,7 @@ fn adapted(
                 f.slab = f.slab.hypot(doubt);
             }
         }
-        // Up to the fastest command a limit does nothing: the search starts there.
+        // The likelihood is flat above the fastest command: the search starts just there.
         "actuator_saturation" => {
             let speeds = || {
                 tracks
@@ -439,7 +440,7 @@ fn adapted(
     candidate
 }
 
-/// Whether an effect of a drone is what a candidate frees.
+/// Whether an effect of a drone is the one that a candidate frees.
 fn is(effect: &AnyEffect<f64>, candidate: &Candidate) -> bool {
     match effect {
         AnyEffect::Expression(_) => effect.label() == format!("expression.{}", candidate.id),
@@ -447,7 +448,7 @@ fn is(effect: &AnyEffect<f64>, candidate: &Candidate) -> bool {
     }
 }
 
-/// Why these logs cannot say anything about a candidate.
+/// Why these logs carry no information about a candidate.
 fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around]) -> Option<String> {
     let any = |f: &dyn Fn(&Track) -> bool| tracks.iter().any(|t| f(t));
     let drives = |list: &[Drive]| any(&|t| list.contains(&t.drive));
@@ -480,9 +481,9 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
     Some(reason.to_string())
 }
 
-/// What an effect of the rotors looks like where a collective thrust is all that is known of them, where it can be seen at all:
-/// drag of rotors that turn at about one speed is that of the body, one weak rotor is less thrust, and a thrust that leans in the
-/// body is a body that leans under all sensors.
+/// Look-alikes of a rotor effect where only a collective thrust is known of the rotors, if it is observable at all: drag of
+/// rotors at nearly constant speed is that of the body, one weak rotor is less thrust, and a thrust tilted in the body is a
+/// body tilted under all sensors.
 pub(crate) fn looks_like(kind: &str) -> &'static [&'static str] {
     match kind {
         "rotor_drag" => &["linear_drag"],
@@ -492,16 +493,16 @@ pub(crate) fn looks_like(kind: &str) -> &'static [&'static str] {
     }
 }
 
-/// Part of its median by which the rotors' mean speed must vary where the shape of a curve is to be seen.
+/// Share of its median by which the rotors' mean speed must vary for the shape of a curve to be observable.
 const LEAST_SPREAD: f64 = 0.02;
 
-/// Whether the rotors turn at more than one speed. At one, commands that answer the weather are all that varies, and a curve is
-/// taken for what the weather does.
+/// Whether the rotors turn at more than one speed. At a single speed the only variation is the controller's reaction to
+/// turbulence, and a curve would be fitted to that.
 fn revs(track: &Track) -> bool {
     let rotors = &track.inputs.rotors;
     let means: Vec<f64> = match rotors.iter().map(|c| c.values.len()).min() {
         Some(n) => (0..n).step_by(3).map(|k| rotors.iter().map(|c| c.values[k][0]).sum::<f64>()).collect(),
-        // The speed goes with the root of the thrust.
+        // Rotor speed is proportional to the root of the thrust.
         None => track.inputs.thrust.values.iter().step_by(3).map(|v| v[0].max(0.0).sqrt()).collect(),
     };
     let at = |q: f64| clean::quantile(&means, q);
@@ -511,7 +512,7 @@ fn revs(track: &Track) -> bool {
     }
 }
 
-/// Effects that only turn the vehicle.
+/// Effects that act on torques only.
 fn torque_only(kind: &str) -> bool {
     matches!(
         kind,

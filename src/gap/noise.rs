@@ -1,14 +1,14 @@
-//! How noisy each channel of each log is beside the model.
+//! Noise of each channel of each log beside the model.
 //!
-//! What neighbouring samples differ by ([`super::track::noise_of`]) is the least that a channel can be off by. Channels that an
-//! estimator or a filter has smoothed are off by more, over longer times. That shows in what is left of them when every window
-//! has its own start and its own disturbances: how large it is, and how long it keeps its sign. A channel that is off by `s`
-//! for `τ` samples on end says as much about a slow number as one with white noise of `s √τ` (coloured residuals: Morelli and
-//! Klein, "Accuracy of aerodynamic model parameters estimated from flight test data", J. Guidance, Control and Dynamics 20(1),
-//! 1997).
+//! The difference between neighbouring samples ([`super::track::noise_of`]) is a lower bound on the noise of a channel.
+//! Channels smoothed by an estimator or a filter have larger errors with longer correlation times. These show in the
+//! residuals after every window's initial state and disturbances are fitted: in their size, and in how long they keep their
+//! sign. An error of size `s` that persists for `τ` samples carries as much information about a slow quantity as white
+//! noise of `s √τ` (coloured residuals: Morelli and Klein, "Accuracy of aerodynamic model parameters estimated from flight
+//! test data", J. Guidance, Control and Dynamics 20(1), 1997).
 //!
-//! What is left is looked at with *all* candidates free. What one missing effect leaves would else count as noise, and divide
-//! the very evidence for it.
+//! The residuals are taken with *all* candidates free. Otherwise the residual of a missing effect would count as noise and
+//! reduce the very evidence for it.
 
 use super::disturbance::Disturbance;
 use super::fit::{CHANNELS, Linear, Window, own_len};
@@ -23,7 +23,7 @@ impl Noise {
         [self.position_m, self.attitude_rad, self.gyro_rad_s, self.accel_m_s2]
     }
 
-    /// With other standard deviations.
+    /// The same noise with other standard deviations.
     pub(super) fn with_channels(
         &self,
         [position_m, attitude_rad, gyro_rad_s, accel_m_s2]: [f64; CHANNELS],
@@ -31,21 +31,21 @@ impl Noise {
         Self { position_m, attitude_rad, gyro_rad_s, accel_m_s2, ..*self }
     }
 
-    /// Whether no channel differs by more than [`NOISE_SETTLED`].
+    /// Whether all channels agree within [`NOISE_SETTLED`].
     pub(super) fn near(&self, other: &Self) -> bool {
         let pairs = self.channels().into_iter().zip(other.channels());
         pairs.into_iter().all(|(a, b)| (a / b).ln().abs() < NOISE_SETTLED)
     }
 }
 
-/// Sums over what is left of one channel.
+/// Sums over the residuals of one channel.
 #[derive(Clone, Copy)]
 struct Left {
     square: f64,
     rows: f64,
-    /// Rows that the window's own unknowns have used up.
+    /// Degrees of freedom used up by the window's nuisance parameters.
     used: f64,
-    /// Products of samples so far apart, and their number.
+    /// Products of residuals at each lag, and their number.
     lagged: [(f64, f64); SLOWEST_NOISE],
 }
 
@@ -64,14 +64,14 @@ impl Left {
         }
     }
 
-    /// Standard deviation of white noise that says as little, over that by which the rows were divided.
+    /// Standard deviation of equivalent white noise, over that by which the rows were divided.
     fn times(&self) -> f64 {
         let free = self.rows - self.used;
         if free < 0.1 * self.rows || free < 30.0 || self.square <= 0.0 {
             return 1.0;
         }
         let variance = self.square / self.rows;
-        // Samples on end for which it keeps its sign: until the first lag at which nothing is left of it.
+        // Correlation time in samples: up to the first lag at which the correlation vanishes.
         let together: f64 = self
             .lagged
             .iter()
@@ -82,7 +82,7 @@ impl Left {
     }
 }
 
-/// What a window leaves of its rows, with its own unknowns at their estimate.
+/// Residuals of a window's rows, with its nuisance parameters at their estimate.
 fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<[Left; CHANNELS]> {
     let own = window.own_solution(disturbance, delta)?;
     let n_own = own_len(window.pushes);
@@ -104,7 +104,7 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
         left.square = part.iter().map(|e| e * e).sum();
         left.rows = rows as f64;
         let own_rows = DMatrix::from_fn(rows, n_own, |i, k| f64::from(window.rows[(from + i) * width + k]));
-        // What J C Jᵀ takes of every row, with C = L⁻ᵀ L⁻¹.
+        // Share of every row taken up by J C Jᵀ, with C = L⁻ᵀ L⁻¹.
         left.used = (&own_rows * own.inverse.transpose()).norm_squared();
         // Samples have three axes each.
         for (lag, (sum, n)) in left.lagged.iter_mut().enumerate() {
@@ -120,7 +120,7 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
 }
 
 impl Linear {
-    /// Noise of every log with its parameters `deltas` away; never less than `least`, what neighbouring samples differ by.
+    /// Noise of every log with its parameters at `deltas`; never below `least`, the difference of neighbouring samples.
     pub fn noise_beside(
         &self,
         disturbance: &Disturbance,
@@ -139,7 +139,7 @@ impl Linear {
                 let (now, floor) = (self.noise[log].channels(), least[log].channels());
                 let stated = least[log].stated;
                 self.noise[log].with_channels(core::array::from_fn(|c| {
-                    // What the user states is not doubted.
+                    // User-stated noise is not re-estimated.
                     if stated[c] { floor[c] } else { (now[c] * sums[log][c].times()).max(floor[c]) }
                 }))
             })
@@ -152,7 +152,7 @@ mod tests {
     use super::*;
     use crate::random::{Key, purpose};
 
-    /// What is left of a channel whose errors stay for about `stays` samples.
+    /// Residuals of a channel whose errors persist for about `stays` samples.
     fn left(stays: f64, n: usize) -> Left {
         let key = Key { seed: 2, world: 0, drone: 0, step: 0, purpose: purpose("noise test") };
         let mut dice = key.stream();
@@ -179,7 +179,7 @@ mod tests {
     #[test]
     fn errors_that_stay_count_as_more_noise_and_white_ones_as_they_are() {
         assert!((left(0.0, 5000).times() - 1.0).abs() < 0.06, "{}", left(0.0, 5000).times());
-        // An error that fades with e over τ samples is summed by 2τ of them.
+        // An error decaying with time constant τ samples has an integrated correlation of 2τ.
         let smooth = left(6.0, 20000).times();
         let known = ((1.0 + (-1.0f64 / 6.0).exp()) / (1.0 - (-1.0f64 / 6.0).exp())).sqrt();
         assert!((smooth / known - 1.0).abs() < 0.1, "{smooth} {known}");

@@ -1,4 +1,4 @@
-//! What the regression in a band says of each finding, in words and numbers: the second line of evidence of a verdict.
+//! The second estimator's opinion of each finding, in words and numbers.
 
 use super::model::Model;
 use super::policy::CERTAIN_ALONE_NATS;
@@ -8,10 +8,10 @@ use super::verdict::{Opinion, Said, SecondStep};
 use super::witness::{Agreement, Testimony, Witness, agreement};
 use crate::physics::effects::Area;
 
-/// What the second estimator says of candidate `c` of a solution.
+/// Opinion of the second estimator on candidate `c` of a solution.
 pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize) -> Opinion {
     let Some(testimony) = witness.testimony(&solution.set, c) else {
-        // A wind beside a vehicle that is filed without drag.
+        // For example wind beside a vehicle without nominal drag.
         let airy = model.candidates[c].area == Area::Airframe;
         return silent(if airy {
             "makes no force or torque that varies on the vehicle as filed, so that a regression says nothing of it"
@@ -50,8 +50,8 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
     }
 }
 
-/// Whether a finding without look-alikes is certain: where both estimators agree, or where the second cannot see it and there
-/// is much evidence.
+/// Whether a finding without look-alikes is certain: both estimators agree, or the second cannot observe it and the
+/// evidence is strong.
 pub(super) fn certain(second: Said, nats: f64) -> bool {
     match second {
         Said::Agrees => true,
@@ -72,12 +72,12 @@ fn silent(text: &str) -> Opinion {
     Opinion { said: Said::Silent, gain: None, gain_sigma: None, text: text.into() }
 }
 
-/// Of weather, which has no pattern to regress on.
+/// For turbulence, which has no pattern to regress on.
 pub(super) fn weather() -> Opinion {
     silent("weather has no pattern that a regression could find")
 }
 
-/// What the second estimator would name by itself.
+/// The second estimator's own selection.
 pub(super) fn selection(model: &Model, witness: &Witness) -> Vec<SecondStep> {
     let step = |s: super::witness::Step| SecondStep {
         id: model.candidates[s.candidate].id.clone(),

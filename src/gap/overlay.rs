@@ -1,4 +1,4 @@
-//! Measured against simulated over a stretch of a flight, in roll-outs that start again from the measurement.
+//! Overlays of measurement and simulation over a segment of a flight, in roll-outs restarted from the measurement.
 
 use super::GapError;
 use super::replay::{Around, Raw, STEP, STEP_S, drone_for};
@@ -10,9 +10,9 @@ use crate::vehicle::Vehicle;
 
 /// Length of a roll-out, s.
 pub const ROLL_S: f64 = 0.5;
-/// Length of the stretch, s.
+/// Length of the segment, s.
 pub const STRETCH_S: f64 = 10.0;
-/// Steps between two samples that are shown.
+/// Steps between plotted samples.
 const EVERY: usize = 4;
 /// Channels: name, SI unit.
 const CHANNELS: [(&str, &str); 12] = [
@@ -30,11 +30,11 @@ const CHANNELS: [(&str, &str); 12] = [
     ("body rate z", "rad/s"),
 ];
 
-/// Times, what was measured, what was simulated.
+/// Times, measured values, simulated values.
 type Rows = (Vec<f64>, Vec<[f64; 12]>, Vec<[f64; 12]>);
 
-/// Position, velocity, roll pitch yaw and body rates of the first [`STRETCH_S`] after `from_s`: as measured, and as what the
-/// sensors on each vehicle would read in roll-outs of [`ROLL_S`]. NaN parts the roll-outs.
+/// Position, velocity, roll pitch yaw and body rates of the first [`STRETCH_S`] after `from_s`: as measured, and as the
+/// sensors of each vehicle would read in roll-outs of [`ROLL_S`]. NaN separates the roll-outs.
 ///
 /// # Errors
 /// [`GapError::Log`] where a vehicle lacks the dynamics that the log drives.
@@ -83,7 +83,7 @@ pub fn overlays(
                     None => [f64::NAN; 12],
                 });
             }
-            // The next roll-out starts from the measurement again.
+            // The next roll-out restarts from the measurement.
             at += per;
             times.push(replay.time_s(at) - 1e-3);
             measured.push(*measured.last().unwrap_or(&[f64::NAN; 12]));
@@ -100,7 +100,7 @@ pub fn overlays(
         }
         column
     };
-    // Attitude and body rate that the drive feeds in are no results.
+    // Attitude and body rate are no results where they are inputs.
     let results = if track.drive == Drive::Thrust { 6 } else { CHANNELS.len() };
     Ok(CHANNELS[..results]
         .iter()
@@ -117,7 +117,7 @@ pub fn overlays(
         .collect())
 }
 
-/// Takes the jumps of a whole turn out of an angle.
+/// Unwraps an angle.
 fn unwrap(angle_rad: &mut [f64]) {
     let mut last = f64::NAN;
     for a in angle_rad {

@@ -1,9 +1,9 @@
-//! What may differ from log to log: clocks, biases and offsets of sensors, the wind, the battery.
+//! What may differ between logs: clocks, biases and offsets of sensors, wind, battery.
 //!
-//! The vehicle is one in all logs of a diagnosis; its instruments and the weather need not be. Every such parameter has, beside the
-//! value that all logs share, a deviation for each log. The deviations sum to nothing, so that what the logs have in common is an
-//! effect like any other, to be found or not. They are eliminated from the sum over the logs as the unknowns of a window are from the
-//! window (Schur complement).
+//! All logs of a diagnosis have the same vehicle, but not necessarily the same instruments and weather. Every such
+//! parameter has, besides the value shared by all logs, a deviation per log. The deviations sum to zero, so that what the
+//! logs have in common is an ordinary effect, to be found or not. They are eliminated from the sum over the logs like the
+//! nuisance parameters of a window (Schur complement).
 
 use super::GapError;
 use super::disturbance::Reduced;
@@ -25,10 +25,10 @@ const MAY_DIFFER: [&str; 7] = [
     "thrust_fade",
 ];
 
-/// How many times narrower than a deviation the mean of all deviations is held to nothing, squared.
+/// Prior precision of the mean of all deviations over that of a single one: holds the mean at zero.
 const HELD: f64 = 1e6;
 
-/// Values of the parameters: those that all logs share, and by how much each log differs from them, shape (log, parameter).
+/// Parameter values: those shared by all logs, and each log's deviation from them, shape (log, parameter).
 #[derive(Clone, Debug)]
 pub(crate) struct Values {
     pub shared: Vec<f64>,
@@ -42,13 +42,13 @@ impl From<Vec<f64>> for Values {
 }
 
 impl Values {
-    /// Those of one log.
+    /// Values of one log.
     pub fn of(&self, log: usize) -> Vec<f64> {
         of_log(&self.shared, &self.apart, log)
     }
 }
 
-/// Values of a log, from those that all share and by how much each differs; `apart` may be empty.
+/// Values of a log, from the shared ones and each log's deviation; `apart` may be empty.
 pub(super) fn of_log(shared: &[f64], apart: &[Vec<f64>], log: usize) -> Vec<f64> {
     match apart.get(log) {
         Some(apart) => shared.iter().zip(apart).map(|(v, d)| v + d).collect(),
@@ -57,14 +57,14 @@ pub(super) fn of_log(shared: &[f64], apart: &[Vec<f64>], log: usize) -> Vec<f64>
 }
 
 impl Model {
-    /// Parameters that may differ between so many logs.
+    /// Parameters that may differ when there are so many logs.
     pub fn per_log(&self, logs: usize) -> Vec<usize> {
         let differs = |k: &usize| MAY_DIFFER.contains(&self.candidates[self.parameters[*k].candidate].kind);
         (0..self.parameters.len()).filter(|k| logs > 1 && differs(k)).collect()
     }
 }
 
-/// In what the logs of a solution clearly differ.
+/// Parameters in which the logs of a solution differ significantly.
 pub(super) fn differences(
     logs: &[Prepared],
     model: &Model,
@@ -98,36 +98,37 @@ pub(super) fn differences(
     Ok(out)
 }
 
-/// Width of a deviation: midway, as ratios go, between what is within tolerance and what is plausible for all logs. As wide as is
-/// plausible, clocks went 30 ms off to take up what an unknown thrust curve left on short flights of a payload.
+/// Prior standard deviation of a log's deviation: the geometric mean of tolerance and plausible size. At the plausible
+/// size, clocks went 30 ms off to absorb what an unknown thrust curve left on short flights of a payload.
 fn width(p: &Parameter) -> f64 {
     (p.spike * p.slab).sqrt()
 }
 
-/// What all logs together say about the parameters that they share, with what differs between them taken out.
+/// Information of all logs about the shared parameters, with the per-log deviations eliminated.
 pub(crate) struct Information {
     /// JᵀJ by the parameters.
     pub h: DMatrix<f64>,
     /// Jᵀ of the residual.
     pub g: DVector<f64>,
-    /// χ² where the logs were linearised.
+    /// χ² at the linearisation point.
     pub c: f64,
-    /// The price of the freedom of all unknowns that were taken out, nats.
+    /// Occam factor of all eliminated parameters, nats.
     pub occam: f64,
     logs: usize,
     /// Parameters that may differ.
     pub differing: Vec<usize>,
-    /// Deviations from where each log was linearised: `base − slope · delta`, (log, differing parameter), log by log.
+    /// Deviations from each log's linearisation point: `base − slope · delta`, (log, differing parameter), log by log.
     base: DVector<f64>,
     slope: DMatrix<f64>,
-    /// Covariance of the deviations where the shared values are known.
+    /// Covariance of the deviations, given the shared values.
     covariance: DMatrix<f64>,
 }
 
 impl Information {
-    /// From the windows that `take` by index.
+    /// Sums the windows that `take` accepts by index.
     ///
     /// # Errors
+    /// [`GapError::Numbers`] where values are not finite.
     /// [`GapError::Numbers`] where numbers are not finite.
     pub fn new(
         model: &Model,
@@ -141,7 +142,7 @@ impl Information {
         let m = differing.len();
         let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
         let (mut c, mut occam) = (0.0, 0.0);
-        // Rows of each log's information that belong to what may differ.
+        // Rows of each log's information that belong to the differing parameters.
         let mut slope = DMatrix::zeros(logs * m, n);
         let mut base = DVector::zeros(logs * m);
         for (_, r) in reduced.iter().enumerate().filter(|(i, _)| take(*i)) {
@@ -162,11 +163,11 @@ impl Information {
         Ok(out)
     }
 
-    /// Takes the deviations out.
+    /// Eliminates the deviations.
     fn eliminate(&mut self, model: &Model, linear: &Linear) -> Result<(), GapError> {
         let (m, logs) = (self.differing.len(), self.logs);
         let width = |i: usize| width(&model.parameters[self.differing[i]]);
-        // Precision of the deviations by the prior: each by its width, and their sum held to nothing.
+        // Prior precision of the deviations: each by its width, and their sum held at zero.
         let prior = DMatrix::from_fn(logs * m, logs * m, |a, b| {
             let held = if a % m == b % m { HELD } else { 0.0 };
             let own = if a == b { 1.0 } else { 0.0 };
@@ -199,7 +200,8 @@ impl Information {
         Ok(())
     }
 
-    /// Every log's parameters less those where it was linearised, when the shared ones are `delta` away: shape (log, parameter).
+    /// Every log's parameters minus those at its linearisation point, with the shared ones at `delta`: shape (log,
+    /// parameter).
     pub fn deltas(&self, delta: &[f64]) -> Vec<Vec<f64>> {
         let m = self.differing.len();
         let mut out = vec![delta.to_vec(); self.logs];
@@ -212,8 +214,8 @@ impl Information {
         out
     }
 
-    /// Standard deviations of the deviations, shape (log, differing parameter), where the shared values have such a covariance and
-    /// noise is as large as `dispersion` says.
+    /// Standard deviations of the deviations, shape (log, differing parameter), given the covariance of the shared values
+    /// and the `dispersion` of the noise.
     pub fn sigmas(&self, covariance: &DMatrix<f64>, dispersion: f64) -> Vec<Vec<f64>> {
         let m = self.differing.len();
         let by_shared = &self.slope * covariance;
@@ -232,7 +234,7 @@ mod tests {
     use crate::random::{Key, purpose};
     use crate::vehicle::Vehicle;
 
-    /// What is left with the deviations taken out is the least over all of them, written down whole.
+    /// The χ² after elimination is the minimum over all deviations, written out in full.
     #[test]
     fn deviations_that_are_taken_out_are_where_they_explain_most() {
         const LOGS: usize = 3;
@@ -264,7 +266,7 @@ mod tests {
                 }
             })
             .collect();
-        // Linearised where the logs differ already.
+        // Linearised where the logs already differ.
         let apart: Vec<Vec<f64>> = [0.4, -0.1, -0.3]
             .iter()
             .map(|d| (0..n).map(|j| if j == k { d * width } else { 0.0 }).collect())
@@ -299,7 +301,7 @@ mod tests {
         assert!((whole(&deltas) / least - 1.0).abs() < 1e-6, "{} {least}", whole(&deltas));
         let total: f64 = (0..LOGS).map(|l| apart[l][k] + deltas[l][k] - delta[k]).sum();
         assert!(total.abs() < 1e-5 * width, "deviations sum to nothing: {total}");
-        // No other deviations with the same sum explain more.
+        // No other deviations with the same sum fit better.
         for (a, b) in [(0, 1), (1, 2), (2, 0)] {
             let mut other = deltas.clone();
             other[a][k] += 0.2 * width;

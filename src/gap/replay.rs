@@ -1,4 +1,4 @@
-//! A model flown along a log: what drives it at every instant, and roll-outs from measured states.
+//! Replays a log through a model: its inputs at every instant, and roll-outs from measured states.
 
 mod commanded;
 
@@ -17,16 +17,16 @@ use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 use commanded::commanded;
 
-/// Distance of the instants at which inputs are known, s.
+/// Interval between the instants at which inputs are known, s.
 pub(crate) const TICK_S: f64 = 0.0025;
-/// Ticks of one step of a roll-out (Runge–Kutta needs its middle too).
+/// Ticks per step of a roll-out (Runge–Kutta needs the midpoint too).
 pub(crate) const STEP: usize = 2;
 /// Step of roll-outs, s.
 pub(crate) const STEP_S: f64 = TICK_S * STEP as f64;
-/// Longest hole in an input that is bridged, s.
+/// Longest gap in an input that is interpolated, s.
 pub(crate) const LONGEST_HOLE_S: f64 = 0.1;
 
-/// What drives the vehicle at one tick.
+/// Model inputs at one tick.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tick<S> {
     /// Rotor speeds, rad/s, and their rates, rad/s².
@@ -34,12 +34,12 @@ pub(crate) struct Tick<S> {
     pub rotor_acc: [S; MAX_ROTORS],
     /// Collective thrust, or the thrust state of the abstracted model, N.
     pub thrust: S,
-    /// Roll, pitch, yaw (rad) and thrust (N) commands that have arrived.
+    /// Delayed roll, pitch, yaw (rad) and thrust (N) commands.
     pub command: [S; 4],
 }
 
 impl<S: Plain> Tick<S> {
-    /// Nothing turns, nothing is commanded.
+    /// Rotors at rest, no command.
     pub fn zero() -> Self {
         let zero = S::zero();
         Self {
@@ -52,7 +52,7 @@ impl<S: Plain> Tick<S> {
 }
 
 impl<S: Copy> Tick<S> {
-    /// Every number through `f`.
+    /// Applies `f` to every number.
     pub fn map<T>(&self, mut f: impl FnMut(S) -> T) -> Tick<T> {
         Tick {
             rotor_vel: self.rotor_vel.map(&mut f),
@@ -62,7 +62,7 @@ impl<S: Copy> Tick<S> {
         }
     }
 
-    /// Every number through `f` with that of another.
+    /// Applies `f` to every number and that of another tick.
     pub fn with(&self, other: &Self, f: impl Fn(S, S) -> S) -> Self {
         let both = |i: usize, a: &[S; MAX_ROTORS], b: &[S; MAX_ROTORS]| f(a[i], b[i]);
         Self {
@@ -74,7 +74,7 @@ impl<S: Copy> Tick<S> {
     }
 }
 
-/// What does not depend on the model: the world around the vehicle at every tick of a log.
+/// The context of a log, independent of the model: the world around the vehicle at every tick.
 #[derive(Clone, Debug)]
 pub(crate) struct Around {
     /// First tick's time, s.
@@ -85,7 +85,7 @@ pub(crate) struct Around {
     pub wind: Vec<[f64; 3]>,
     /// Other vehicles, every [`STEP`] ticks; empty where there are none.
     pub neighbours: Vec<Vec<Neighbour<f64>>>,
-    /// What hangs on a cable, every [`STEP`] ticks: from where it was tracked, else a pendulum under the measured motion.
+    /// What hangs on a cable, every [`STEP`] ticks: from its track, else a pendulum under the measured motion.
     pub load: Vec<Load<f64>>,
     /// The cable, where the load was tracked.
     pub cable: Option<Cable>,
@@ -94,9 +94,9 @@ pub(crate) struct Around {
 }
 
 impl Around {
-    /// What a log says about the world around the vehicle.
+    /// Builds the context of a log.
     pub fn new(track: &Track, drone: &Drone<f64>) -> Self {
-        // Motors and filters start before the span, with what was sent then; states count within the span only.
+        // Motors and filters settle before the span, on the commands sent then; states count within the span only.
         let settle = (SETTLE_S / STEP_S).round() as usize;
         let n_steps = settle + (track.duration_s() / STEP_S).floor() as usize;
         let from_s = track.span_s[0] - settle as f64 * STEP_S;
@@ -133,13 +133,13 @@ impl Around {
         self.from_s + tick as f64 * TICK_S
     }
 
-    /// Measured state at a tick; between two of them, the one before.
+    /// Measured state at a tick; between two states, the earlier one.
     pub fn measured(&self, tick: usize) -> Option<&Measured> {
         self.measured.get(tick / STEP).and_then(Option::as_ref)
     }
 }
 
-/// The last value at or before each time; the first before the channel begins.
+/// Zero-order hold: the last value at or before each time; the first before the channel begins.
 fn held<const N: usize>(channel: &Channel<N>, at_s: &[f64]) -> Vec<[f64; N]> {
     at_s.iter()
         .map(|at| {
@@ -149,8 +149,8 @@ fn held<const N: usize>(channel: &Channel<N>, at_s: &[f64]) -> Vec<[f64; N]> {
         .collect()
 }
 
-/// All channels together: every time at which one of them changes, with what is in force from then on. Before its first
-/// sample a channel has that sample's value.
+/// Merges channels: every time at which one of them changes, with the values from then on. Before its first sample a
+/// channel has that sample's value.
 fn merged(channels: &[&Channel<1>]) -> Vec<(f64, [f64; MAX_ROTORS])> {
     let mut times: Vec<f64> = channels.iter().flat_map(|c| c.t_s.iter().copied()).collect();
     times.sort_by(f64::total_cmp);
@@ -185,21 +185,21 @@ fn covered(t: &[f64], from_s: f64, n: usize) -> Vec<bool> {
         .collect()
 }
 
-/// The inputs of a log before the model's motors see them, at every tick.
+/// The inputs of a log before the modelled motors, at every tick.
 #[derive(Clone, Debug)]
 pub(crate) struct Raw {
     rotors: Vec<[f64; MAX_ROTORS]>,
     rotor_acc: Vec<[f64; MAX_ROTORS]>,
     thrust: Vec<f64>,
-    /// Commands with the times at which they were sent, each in force until the next: rotor speeds, or roll, pitch, yaw and
+    /// Commands with the times at which they were sent, each held until the next: rotor speeds, or roll, pitch, yaw and
     /// thrust.
     sent: Vec<(f64, [f64; MAX_ROTORS])>,
-    /// Whether all inputs were there.
+    /// Whether all inputs are available.
     pub valid: Vec<bool>,
 }
 
 impl Raw {
-    /// Inputs of a log.
+    /// Reads the inputs of a log.
     pub fn new(track: &Track, around: &Around) -> Self {
         let (from, n) = (around.from_s, around.n_ticks);
         let mut out = Self {
@@ -209,6 +209,7 @@ impl Raw {
             sent: Vec::new(),
             valid: (0..n).map(|k| !track.is_excluded(from + k as f64 * TICK_S)).collect(),
         };
+        // An instant is valid only if every input has samples near it.
         let mut cover = |t: &[f64]| {
             for (a, b) in out.valid.iter_mut().zip(covered(t, from, n)) {
                 *a &= b;
@@ -227,6 +228,8 @@ impl Raw {
                 out.rotor_acc = vec![[0.0; MAX_ROTORS]; n];
                 for (i, c) in inputs.rotors.iter().enumerate() {
                     let period = c.period_s().unwrap_or(0.004);
+                    // Rotor accelerations need a smooth derivative. Where samples are too sparse for it, speeds are
+                    // interpolated and accelerations stay zero.
                     let local = resample::local_parabola(c, &at, 0.01f64.max(3.2 * period));
                     let plain = resample::linear(c, &at, LONGEST_HOLE_S);
                     for k in 0..n {
@@ -265,7 +268,7 @@ impl Raw {
     }
 }
 
-/// A number type whose plain value can be had: where in a log to look is no matter of derivatives.
+/// A number type with a plain value: lookups in the log take no derivatives.
 pub(crate) trait Plain: Real {
     /// The value.
     fn plain(self) -> f64;
@@ -283,15 +286,15 @@ impl<const N: usize> Plain for Dual<f64, N> {
     }
 }
 
-/// Whether time can be counted by the stamps of the poses: commands then come later by what poses are late.
+/// Whether time is counted by the pose stamps: a pose delay then delays the commands instead.
 ///
-/// All sensors late by the same time is the same as late commands. Counted like this the two are the same in every digit:
-/// windows hold the same samples, whose noise would else decide between them.
+/// A common delay of all sensors is equivalent to delayed commands. Counted like this the two agree in every digit: windows
+/// hold the same samples, whose noise would otherwise decide between them.
 pub(crate) fn by_pose(drive: Drive) -> bool {
     matches!(drive, Drive::RotorCommands | Drive::AttitudeCommands)
 }
 
-/// Delays of pose, gyroscope and accelerometer on the time by which [`drive_by_pose`] counts.
+/// Delays of pose, gyroscope and accelerometer on the time axis of [`drive_by_pose`].
 pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
     let clock = drone.clock();
     let all = [clock.pose_s, clock.gyro_s, clock.accel_s].map(S::plain);
@@ -299,7 +302,7 @@ pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
     all.map(|delay| delay - zero)
 }
 
-/// As [`drive`], by the time of the poses' stamps where [`by_pose`] says so.
+/// As [`drive`], on the time axis of the pose stamps where [`by_pose`] says so.
 pub(crate) fn drive_by_pose<S: Plain>(
     track: &Track,
     around: &Around,
@@ -310,7 +313,7 @@ pub(crate) fn drive_by_pose<S: Plain>(
     driven(track, around, raw, drone, late)
 }
 
-/// What drives a model along a log: delays, motors and whatever else acts on commands, for the whole log at once.
+/// The model's inputs along a log: delays, motors and other effects on commands, for the whole log at once.
 pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>) -> Vec<Tick<S>> {
     driven(track, around, raw, drone, S::zero())
 }
@@ -337,7 +340,7 @@ fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>,
     out
 }
 
-/// A model at work on a log.
+/// A model with its inputs and context along a log.
 pub(crate) struct Plant<'a, S> {
     pub drone: &'a Drone<S>,
     pub parts: Parts<S>,
@@ -350,7 +353,7 @@ impl<'a, S: Real> Plant<'a, S> {
         Self { drone, parts: drone.parts(), track, around }
     }
 
-    /// Time derivative of `state` at a tick; `state` gets what the inputs say about it. `neighbours` is room for those.
+    /// Time derivative of `state` at a tick, after setting in `state` what is an input. `neighbours` is scratch space.
     #[inline]
     pub fn rate(
         &self,
@@ -421,7 +424,7 @@ pub(crate) struct Point {
 /// Steps over which a disturbance of a roll-out is constant: 50 ms.
 pub(crate) const PUSH_STEPS: usize = 10;
 
-/// Accelerations that are added to the model's over [`PUSH_STEPS`]: force (m/s², world) and torque (rad/s², body).
+/// Process noise: accelerations added to the model's over [`PUSH_STEPS`]: force (m/s², world) and torque (rad/s², body).
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Push {
     pub acc: [f64; 3],
@@ -429,8 +432,8 @@ pub(crate) struct Push {
 }
 
 impl Plant<'_, f64> {
-    /// Rolls the model out from a state at tick `from` over `steps` steps of [`STEP_S`]; fills `out` with `steps + 1` points.
-    /// `push` holds the disturbances one after the other; the last one stays.
+    /// Rolls the model out from a state at tick `from` over `steps` steps of [`STEP_S`]; fills `out` with `steps + 1`
+    /// points. `push` holds the consecutive disturbances; the last one is held.
     pub fn roll(
         &self,
         ticks: &[Tick<f64>],
@@ -482,7 +485,7 @@ impl Plant<'_, f64> {
         out.push(Point { state, rate });
     }
 
-    /// Where the attitude is an input, the state gets it from the measurement.
+    /// An input attitude is copied from the measurement.
     fn measured_attitude(&self, tick: usize, state: &mut State<f64>) {
         let given = (self.track.drive == Drive::Thrust).then(|| self.around.measured(tick)).flatten();
         if let Some(m) = given {
@@ -491,7 +494,7 @@ impl Plant<'_, f64> {
         }
     }
 
-    /// What the sensors read `after_s` seconds after point `i` of a roll-out; between points a cubic with their slopes.
+    /// Sensor outputs `after_s` seconds after point `i` of a roll-out; between points by cubic Hermite interpolation.
     pub fn reading(&self, points: &[Point], i: usize, after_s: f64) -> Reading<f64> {
         let point = between(points, i, after_s);
         self.drone.read(&point.state, &point.rate)

@@ -1,5 +1,5 @@
-//! What a model leaves of a measurement: force and torque instant by instant, errors of short roll-outs, and how much of
-//! both the noise of the sensors alone would make.
+//! Residuals of a model: missing force and torque at every instant, errors of short roll-outs, and the part of both that
+//! sensor noise alone explains.
 
 mod instants;
 mod rollouts;
@@ -13,12 +13,12 @@ use crate::physics::rigid_body::{Rate, State};
 
 pub(crate) use rollouts::{expected_errors, replay_errors};
 
-/// A model driven along a log.
+/// A model with its inputs along a log.
 pub(crate) struct Replay<'a> {
     pub track: &'a Track,
     pub raw: &'a Raw,
     pub drone: &'a Drone<f64>,
-    /// The world around the vehicle, with the states that the model's sensors say the vehicle had.
+    /// The context of the log, with the measured states corrected by the modelled sensor errors.
     pub around: Around,
     pub ticks: Vec<Tick<f64>>,
 }
@@ -55,7 +55,7 @@ fn state_of(m: &Measured) -> State<f64> {
     State { pos: m.pos, quat: m.quat, vel: m.vel, ang_vel: m.ang_vel, ..State::rest() }
 }
 
-/// The states that the vehicle had if its sensors and their clocks are as the model says.
+/// The states of the vehicle if its sensors and clocks are as modelled.
 pub(crate) fn believed(track: &Track, around: &Around, drone: &Drone<f64>) -> Vec<Option<Measured>> {
     if drone.effects.is_empty() {
         return around.measured.clone();
@@ -79,7 +79,7 @@ pub(crate) fn believed(track: &Track, around: &Around, drone: &Drone<f64>) -> Ve
         .collect()
 }
 
-/// The state in which the model's sensors read `read`, by fixed-point iteration: sensors are nearly ideal.
+/// The state at which the modelled sensors read `read`, by fixed-point iteration: sensor errors are small.
 fn true_state(drone: &Drone<f64>, read: &Measured) -> Measured {
     let mut out = *read;
     for _ in 0..5 {
@@ -142,7 +142,7 @@ impl StateNoise {
         }
     }
 
-    /// The state moved by one standard deviation of number `which` (0 to 11: position, velocity, attitude, rate).
+    /// The state perturbed by one standard deviation of component `which` (0 to 11: position, velocity, attitude, rate).
     fn moved(&self, m: &Measured, which: usize) -> Measured {
         let mut out = *m;
         let axis = which % 3;
@@ -160,7 +160,7 @@ impl StateNoise {
     }
 }
 
-/// What the model leaves at one instant.
+/// Residuals at one instant.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub step: usize,
@@ -175,32 +175,32 @@ pub(crate) struct Sample {
     pub quat: [f64; 4],
 }
 
-/// What the model leaves along a log.
+/// Residuals along a log.
 #[derive(Clone, Debug)]
 pub(crate) struct Residuals {
     pub samples: Vec<Sample>,
-    /// Whether forces come from the accelerometer, or else from poses.
+    /// Whether forces come from the accelerometer; otherwise from poses.
     pub from_accelerometer: bool,
-    /// Whether torques come from the gyroscope, or else from attitudes.
+    /// Whether torques come from the gyroscope; otherwise from attitudes.
     pub from_gyroscope: bool,
     /// Half widths of the local fits, s.
     pub force_half_s: f64,
     pub torque_half_s: f64,
-    /// Standard deviation of a sample by the sensors' noise: force (N, body axes), torque (N·m).
+    /// Standard deviation of a sample due to sensor noise: force (N, body axes), torque (N·m).
     pub force_sigma_n: [f64; 3],
     pub torque_sigma_n_m: [f64; 3],
-    /// Time over which the noise of neighbouring samples is one and the same, s.
+    /// Correlation time of the noise of neighbouring samples, s.
     pub force_memory_s: f64,
     pub torque_memory_s: f64,
 }
 
-/// Standard deviations of the input: rotor speeds (rad/s) or thrust (N), one sample, with its period (s).
+/// Noise of the input: standard deviation of one sample of rotor speeds (rad/s) or thrust (N), with its period (s).
 fn input_noise(track: &Track) -> Option<(f64, f64)> {
     let period = |c: &Channel<1>| c.period_s().unwrap_or(0.01);
     match track.drive {
         Drive::RotorSpeeds => {
             let n = track.inputs.rotors.len().max(1) as f64;
-            // What smoothing took away tells how noisy the rest is too: slow noise stays in.
+            // The noise removed by smoothing also indicates the slow noise that remains.
             let known = track.noise.rotor_rad_s;
             let each = |c: &Channel<1>| known.unwrap_or_else(|| noise_of(c));
             let square: f64 = track.inputs.rotors.iter().map(|c| each(c).powi(2)).sum();

@@ -1,29 +1,31 @@
-//! Which effects does a log speak for: log evidence of sets of candidates, from one quadratic.
+//! Bayesian model selection: log marginal likelihood of sets of candidate effects under one Gaussian (Laplace)
+//! approximation.
 //!
-//! Every parameter has a normal prior about its filed value: the spike where its candidate is left out, the slab where it
-//! is in; one-sided where physics fixes the sign. For a quadratic log likelihood the evidence of a set follows by a
-//! low-rank update, so thousands of sets cost no further simulation. Spike and slab: George & McCulloch, JASA 88(423),
-//! 1993; dispersion of scores: Takeuchi, "Distribution of informational statistics", Mathematical Sciences 153, 1976.
+//! Every parameter has a Gaussian prior about its nominal value: the spike if its candidate is left out, the slab if it is
+//! in; one-sided where physics fixes the sign. For a quadratic log likelihood the evidence of a set follows by a low-rank
+//! update, so thousands of sets cost no further simulation. Spike and slab: George & McCulloch, JASA 88(423), 1993;
+//! dispersion of scores: Takeuchi, "Distribution of informational statistics", Mathematical Sciences 153, 1976.
 
 use super::GapError;
 use super::model::Model;
 use crate::physics::effects::Sign;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Evidence that an effect must bring to be added, nats.
+/// Evidence required to add an effect, nats.
 pub(crate) const THRESHOLD: f64 = 6.0;
 /// Most effects of one verdict; inertia about several axes counts once.
 pub(crate) const MOST: usize = 4;
 
-/// The log's quadratic in scaled parameters z = (value − filed)/slab: ln L = bᵀz − ½ zᵀAz, and what follows for all spikes.
+/// The log's quadratic in scaled parameters z = (value − nominal)/slab: ln L = bᵀz − ½ zᵀAz, and what follows with all
+/// candidates left out.
 pub(crate) struct Evidence<'a> {
     model: &'a Model,
-    /// Information, over the dispersion.
+    /// Information divided by the dispersion.
     pub a: DMatrix<f64>,
     pub b: DVector<f64>,
-    /// Squared spike over slab.
+    /// Prior variance with the candidate left out: (spike over slab)².
     closed: Vec<f64>,
-    /// Posterior covariance and mean with everything closed.
+    /// Posterior covariance and mean with all candidates left out.
     k0: DMatrix<f64>,
     m0: DVector<f64>,
     members: Vec<Vec<usize>>,
@@ -40,7 +42,7 @@ pub(crate) struct Scored {
 }
 
 impl Scored {
-    /// Evidence less the price of the effects.
+    /// Evidence minus the price of the effects.
     pub fn score(&self) -> f64 {
         self.evidence - THRESHOLD * self.set.len() as f64
     }
@@ -54,8 +56,8 @@ pub(crate) struct Posterior {
 }
 
 impl<'a> Evidence<'a> {
-    /// From the sums over windows: information `h` and score `g` (per unit of the parameters, at values `at`). `tolerance` is how
-    /// many times wider than usual the vehicle's tolerances are.
+    /// From the sums over windows: information `h` and score `g` (per unit of the parameters, at values `at`). `tolerance`
+    /// is the factor by which the vehicle's tolerances are wider than usual.
     pub fn new(
         model: &'a Model,
         h: &DMatrix<f64>,
@@ -67,7 +69,7 @@ impl<'a> Evidence<'a> {
         let n = model.parameters.len();
         let slab: Vec<f64> = model.parameters.iter().map(|p| p.slab).collect();
         let from: DVector<f64> = DVector::from_iterator(n, (0..n).map(|k| at[k] - model.parameters[k].filed));
-        // About the filed values: b = g + H (at − filed).
+        // About the nominal values: b = g + H (at − nominal).
         let about = g + h * from;
         let a = DMatrix::from_fn(n, n, |i, j| h[(i, j)] * slab[i] * slab[j] / dispersion);
         let b = DVector::from_fn(n, |i, _| about[i] * slab[i] / dispersion);
@@ -88,8 +90,8 @@ impl<'a> Evidence<'a> {
         Ok(Self { model, a, b, closed, k0, m0, members, dispersion })
     }
 
-    /// Log evidence of a set with nothing left out but constants that no set changes: `chi2` is that of the point of
-    /// linearisation. For comparing what was found from different starts.
+    /// Log evidence of a set up to a constant common to all sets: `chi2` is that at the linearisation point. For comparing
+    /// solutions from different starts.
     pub fn whole(&self, set: &[usize], chi2: f64, g: &DVector<f64>, h: &DMatrix<f64>, at: &[f64]) -> f64 {
         let n = at.len();
         let from = DVector::from_fn(n, |k, _| at[k] - self.model.parameters[k].filed);
@@ -97,7 +99,8 @@ impl<'a> Evidence<'a> {
         -0.5 * filed / self.dispersion + self.empty() + self.of(set)
     }
 
-    /// Log evidence of nothing missing over that of a vehicle exactly as filed: what the tolerances explain, less their price.
+    /// Log evidence of the empty set over that of exactly nominal parameters: what the tolerances explain, minus their
+    /// Occam factor.
     pub fn empty(&self) -> f64 {
         let narrower: f64 = Cholesky::new(self.k0.clone())
             .map_or(0.0, |f| f.l_dirty().diagonal().map(|d| 2.0 * d.ln()).sum());
@@ -128,7 +131,7 @@ impl<'a> Evidence<'a> {
             log_det += -s2.ln() + ((1.0 - s2) / s2).ln() + 2.0 * factor.l_dirty()[(i, i)].ln();
         }
         let mut evidence = gain - 0.5 * log_det;
-        // One-sided slabs: the normal on the allowed side, made whole.
+        // One-sided slabs: the Gaussian on the allowed side, renormalised.
         let k = DMatrix::from_fn(m, m, |i, j| self.k0[(open[i], open[j])]);
         let spread = factor.solve(&k);
         for (i, p) in open.iter().enumerate() {
@@ -162,7 +165,7 @@ impl<'a> Evidence<'a> {
         Scored { evidence: if never { f64::NEG_INFINITY } else { self.of(&set) }, set }
     }
 
-    /// Posterior with the candidates of `set` in.
+    /// Posterior with the candidates of `set` free (slab).
     pub fn posterior(&self, set: &[usize]) -> Result<Posterior, GapError> {
         let n = self.model.parameters.len();
         let mut precision = self.a.clone();
@@ -176,7 +179,7 @@ impl<'a> Evidence<'a> {
         })?;
         let mut cov = factor.inverse();
         let mut mean = &cov * &self.b;
-        // A parameter that an open one-sided slab would send the wrong way stays where its effect is absent.
+        // A parameter that an unbounded fit would move past its one-sided bound is fixed where its effect is absent.
         for _ in 0..4 {
             let wrong = (0..n).find(|k| {
                 let p = &self.model.parameters[*k];
@@ -195,7 +198,7 @@ impl<'a> Evidence<'a> {
             let (value, variance) = (mean[k] - bound, cov[(k, k)]);
             mean -= &column * (value / variance);
             cov -= &column * column.transpose() / variance;
-            // Its own uncertainty stays as it was, one-sided.
+            // Fixed at its bound, it has no variance left.
             cov[(k, k)] = 0.0;
             mean[k] = bound;
         }
@@ -211,7 +214,7 @@ impl<'a> Evidence<'a> {
         })
     }
 
-    /// Posterior covariance of the parameters in their units, with the candidates of `set` in and no regard to bounds.
+    /// Posterior covariance of the parameters in their units, with the candidates of `set` free and bounds ignored.
     pub fn covariance(&self, set: &[usize]) -> Option<DMatrix<f64>> {
         let open = |k: usize| set.contains(&self.model.parameters[k].candidate);
         let prior: Vec<f64> =
@@ -226,8 +229,9 @@ impl<'a> Evidence<'a> {
         Some(out)
     }
 
-    /// Standard deviations of the parameters by how much the log's parts disagree: `scores` are the slopes of each part's log
-    /// likelihood at the estimate, per unit of the parameters. White, Econometrica 50(1), 1982.
+    /// Sandwich standard deviations of the parameters, from the scatter between parts of the log: `scores` are the
+    /// gradients of each part's log likelihood at the estimate, per unit of the parameters. White, Econometrica 50(1),
+    /// 1982.
     pub fn by_scatter(&self, set: &[usize], scores: &[DVector<f64>]) -> Option<Vec<f64>> {
         let n = self.model.parameters.len();
         let slab = |k: usize| self.model.parameters[k].slab;
@@ -248,8 +252,8 @@ impl<'a> Evidence<'a> {
         Some((0..n).map(|k| (unbiased * variance[k]).sqrt() * slab(k)).collect())
     }
 
-    /// For every candidate the size of its parameters, in slabs, at which it would be expected to bring `nats` beside `set`, with
-    /// everything else within its tolerance; large where the log knows nothing of it.
+    /// For every candidate the size of its parameters, in slabs, with an expected evidence of `nats` beside `set`, with
+    /// everything else within its tolerance; large where the log has no information about it.
     pub fn smallest(&self, set: &[usize], nats: f64) -> Option<Vec<f64>> {
         let open = |k: usize| set.contains(&self.model.parameters[k].candidate);
         let prior: Vec<f64> =
@@ -262,8 +266,8 @@ impl<'a> Evidence<'a> {
         self.members.iter().map(size).collect()
     }
 
-    /// The best set: all singles and pairs, then grown, dropped and exchanged until nothing is better. With every set that
-    /// was looked at.
+    /// The best set: all singles and pairs, then additions, removals and exchanges until nothing improves. Also returns
+    /// every set evaluated.
     pub fn search(&self) -> (Scored, Vec<Scored>) {
         let n = self.members.len();
         let mut seen = vec![Scored { set: vec![], evidence: 0.0 }];
@@ -276,7 +280,7 @@ impl<'a> Evidence<'a> {
         }
         let better = |x: &Scored, y: &Scored| x.score().total_cmp(&y.score());
         seen.sort_by(|x, y| better(y, x));
-        // From several starts: the best pair may hide what the second best leads to.
+        // From several starts: the best pair may be a local optimum.
         let starts: Vec<Scored> = seen.iter().take(4).cloned().collect();
         let mut best = seen[0].clone();
         for start in starts {
@@ -314,9 +318,10 @@ impl<'a> Evidence<'a> {
         (best, seen)
     }
 
-    /// Other sets in place of those in `set` that are known only beside each other, of which `of` is one: a factor common to mass,
-    /// thrust, inertia and torque shows nowhere, and all sensors late is commands late, so one of two sets can stand in the
-    /// other's place though no single exchange tells so. Each with what it is worse by, within `margin` nats.
+    /// Alternatives to the candidates of `set` that are determined only relative to each other, `of` among them: a common
+    /// factor of mass, thrust, inertia and torque is unobservable, and a delay of all sensors equals a delay of the
+    /// commands, so one set of them can replace another though no single exchange shows it. Each with its evidence deficit,
+    /// within `margin` nats.
     pub fn in_place_of_all(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
         RELATIVE.iter().flat_map(|kinds| self.in_place_of_kinds(kinds, set, of, margin)).collect()
     }
@@ -348,7 +353,7 @@ impl<'a> Evidence<'a> {
             .filter(|(_, worse)| *worse < margin)
             .collect();
         out.sort_by(|x, y| x.1.total_cmp(&y.1));
-        // Whatever contains such a set adds nothing to it.
+        // A superset of such a set adds nothing.
         let part_of = |a: &[usize], b: &[usize]| a.len() < b.len() && a.iter().all(|c| b.contains(c));
         let sets: Vec<Vec<usize>> = out.iter().map(|(set, _)| set.clone()).collect();
         out.retain(|(set, _)| !sets.iter().any(|other| part_of(other, set)));
@@ -356,8 +361,8 @@ impl<'a> Evidence<'a> {
         out
     }
 
-    /// What stands in place of candidate `of` in `set` and fits almost as well, within `margin` nats: single candidates and
-    /// pairs, each with what it is worse by.
+    /// Alternatives to candidate `of` in `set` that fit almost as well, within `margin` nats: single candidates and pairs,
+    /// each with its evidence deficit.
     pub fn in_place_of(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
         let n = self.members.len();
         let rest: Vec<usize> = set.iter().copied().filter(|c| *c != of).collect();
@@ -377,7 +382,7 @@ impl<'a> Evidence<'a> {
             }
         }
         out.sort_by(|x, y| x.1.total_cmp(&y.1));
-        // A pair adds nothing where one of its members alone does as well.
+        // A pair adds nothing if one of its members alone fits as well.
         let single: Vec<usize> =
             out.iter().filter(|(ids, _)| ids.len() == 1).map(|(ids, _)| ids[0]).collect();
         out.retain(|(ids, _)| ids.len() == 1 || !ids.iter().any(|c| single.contains(c)));
@@ -385,14 +390,14 @@ impl<'a> Evidence<'a> {
     }
 }
 
-/// Most sets that are named in place of another that is known only beside others.
+/// Most alternatives reported for candidates that are determined only relative to each other.
 const MOST_TOGETHER: usize = 3;
-/// Kinds that a flight knows only beside each other: mass, thrust, inertia and torque by their ratios, commands and sensors by
-/// the times between them.
+/// Kinds that a flight determines only relative to each other: mass, thrust, inertia and torque by their ratios, commands
+/// and sensors by their time differences.
 const RELATIVE: [&[&str]; 2] =
     [&["wrong_mass", "thrust_scale", "wrong_inertia", "torque_scale"], &["command_delay", "clock_offset"]];
 
-/// Posterior covariance of all parameters from their information and the precision of their priors.
+/// Posterior covariance of all parameters from their information and prior precision.
 pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>> {
     let mut precision = a.clone();
     for (k, p) in prior.iter().enumerate() {
@@ -401,10 +406,11 @@ pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>
     Some(Cholesky::new(precision)?.inverse())
 }
 
-/// Size in slabs at which the parameters `of` would be expected to bring `nats`, from the posterior covariance of all
-/// parameters and the precision of their priors.
+/// Size in slabs at which the parameters `of` have an expected evidence of `nats`, from the posterior covariance of all
+/// parameters and their prior precision.
 ///
-/// With information S about them beside all others, a slab brings ½ zᵀS(1 + S)⁻¹S z − ½ ln det(1 + S) of evidence.
+/// With information S about them, marginalised over all others, a size z gives ½ zᵀS(1 + S)⁻¹S z − ½ ln det(1 + S) of
+/// evidence.
 pub(crate) fn smallest(covariance: &DMatrix<f64>, of: &[usize], prior: &[f64], nats: f64) -> Option<f64> {
     let m = of.len();
     let block = DMatrix::from_fn(m, m, |i, j| covariance[(of[i], of[j])]);
@@ -418,10 +424,10 @@ pub(crate) fn smallest(covariance: &DMatrix<f64>, of: &[usize], prior: &[f64], n
     Some((2.0 * (nats + price) / gain.max(1e-12)).sqrt())
 }
 
-/// Size in slabs at which parameters that a log tells exactly bring the evidence of an effect against their being within
-/// tolerance; `closed` are their tolerances over their slabs, squared.
+/// Size in slabs at which exactly known parameters have the evidence of an effect against being within tolerance; `closed`
+/// are their squared tolerances over slabs.
 ///
-/// A slab brings ½ (1/c − 1) + ½ ln c of it for each parameter of tolerance c.
+/// One slab gives ½ (1/c − 1) + ½ ln c of it for each parameter of tolerance c.
 fn beyond_tolerance(closed: impl Iterator<Item = f64>) -> f64 {
     let (mut gain, mut price, mut m) = (0.0, 0.0, 0.0);
     for c in closed {
@@ -433,8 +439,8 @@ fn beyond_tolerance(closed: impl Iterator<Item = f64>) -> f64 {
     (2.0 * (THRESHOLD + price) / gain.max(1e-12)).sqrt()
 }
 
-/// Distribution function of the standard normal law, to 1e-7 (Abramowitz & Stegun 7.1.26), its lower tail by the
-/// asymptotic series so that logarithms stay right.
+/// Standard normal distribution function, to 1e-7 (Abramowitz & Stegun 7.1.26), with the asymptotic series in the lower
+/// tail so that logarithms stay accurate.
 pub(crate) fn normal_cdf(x: f64) -> f64 {
     if x < -5.0 {
         let density = (-0.5 * x * x).exp() / (2.0 * core::f64::consts::PI).sqrt();
@@ -453,12 +459,12 @@ mod tests {
 
     #[test]
     fn what_is_within_a_wide_tolerance_could_hide() {
-        // An inertia off by 0.6 of its plausible 20 % is told from a tolerance of 3 %: evidence of 6 nats.
+        // An inertia off by 0.6 of its plausible 20 % is separable from a tolerance of 3 %: evidence of 6 nats.
         let c = (0.03f64 / 0.2).powi(2);
         let size = beyond_tolerance([c].into_iter());
         assert!((0.5 * size * size * (1.0 / c - 1.0) + 0.5 * c.ln() - THRESHOLD).abs() < 1e-9);
         assert!(size > 0.5 && size < 0.7, "{size}");
-        // A clock behind inputs that were smoothed over 14 ms is not told from a right one.
+        // A clock behind inputs smoothed over 14 ms cannot be told from a correct one.
         assert!(beyond_tolerance([(0.007f64 / 0.012).powi(2)].into_iter()) > 2.0);
     }
 }

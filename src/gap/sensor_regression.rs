@@ -1,5 +1,5 @@
-//! Poses against inertial data of one log: second differences of poses, and what the inertial unit feels between them, with
-//! every free number that a sensor may have (scale, skew, offset, lateness, lever arm), as rows of a linear regression.
+//! Regression of poses on inertial data of one log: second differences of poses against the inertial readings between them,
+//! with all sensor error parameters (scale, skew, offset, lateness, lever arm) as columns.
 
 use super::policy::CROSS_CHECK_S;
 use super::replay::STEP_S;
@@ -8,18 +8,18 @@ use crate::flight::resample::rotation_vector;
 use crate::math::{quat, vec3};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Steps from the middle of a stretch to either end.
+/// Steps from the middle of a span to either end.
 pub(super) fn half_stretch() -> usize {
     (0.5 * CROSS_CHECK_S / STEP_S).round() as usize
 }
 
-/// Weights of a hat over `2 apart + 1` instants: a second difference is the mean of the acceleration under it.
+/// Weights of a hat function over `2 apart + 1` instants: a second difference is the mean of the acceleration under it.
 pub(super) fn hat(apart: usize) -> impl Iterator<Item = f64> {
     let square = (apart * apart) as f64;
     (0..=2 * apart).map(move |i| (apart - i.abs_diff(apart)) as f64 / square)
 }
 
-/// By how much the attitude turns more along a stretch than the gyroscope says, rad, in axes of its end.
+/// Rotation of the attitude over a span minus that of the gyroscope, rad, in axes of its end.
 pub(super) fn turned_more(span: &[&Measured]) -> [f64; 3] {
     let (Some(first), Some(last)) = (span.first(), span.last()) else { return [0.0; 3] };
     let mut turned = [0.0, 0.0, 0.0, 1.0];
@@ -34,14 +34,14 @@ pub(super) fn turned_more(span: &[&Measured]) -> [f64; 3] {
 /// Fewest instants per unknown.
 const PER_UNKNOWN: usize = 5;
 
-/// Rows to which an instant belongs: stretches overlap, and their errors go together.
+/// Rows sharing an instant: spans overlap, and their errors are correlated.
 const ROWS_SHARED: f64 = 4.0;
 
-/// How far sensors are off, as data sheets and mounts have it: scale and skew, offset (m/s² and rad/s), lateness (s), lever
-/// arm (m).
+/// Prior standard deviations of sensor errors, from data sheets and mountings: scale and skew, offset (m/s² and rad/s),
+/// lateness (s), lever arm (m).
 const WIDTHS: [f64; 4] = [0.05, 0.5, 0.02, 0.1];
 
-/// The widths of the numbers of [`bend_of`] and, without a lever arm, of the gyroscope.
+/// Priors of the parameters of [`bend_of`] and, without a lever arm, of the gyroscope.
 pub(super) fn widths() -> [f64; 16] {
     let [scale, offset, late, arm] = WIDTHS;
     core::array::from_fn(|k| match k {
@@ -52,22 +52,22 @@ pub(super) fn widths() -> [f64; 16] {
     })
 }
 
-/// What a regression says.
+/// Result of a regression.
 pub(super) struct Fit {
     pub values: DVector<f64>,
     /// Standard deviations.
     pub sigma: DVector<f64>,
-    /// Root mean square of what stays.
+    /// Root mean square residual.
     pub left: f64,
 }
 
-/// Normal equations of a regression whose rows are three axes of an instant.
+/// Normal equations of a regression with three rows (axes) per instant.
 pub(super) struct Regression {
     gram: DMatrix<f64>,
     rows: usize,
 }
 
-/// What every nuisance parameter of a sensor adds to what it says of a stretch.
+/// Derivatives of a sensor's contribution to a span by its nuisance parameters.
 pub(super) struct Nuisances(pub [[f64; 3]; 13]);
 
 impl Nuisances {
@@ -75,7 +75,8 @@ impl Nuisances {
         Self([[0.0; 3]; 13])
     }
 
-    /// An instant of the stretch: the frame of the sensor in that of the sum, its reading and how that changes.
+    /// Adds an instant of the span: rotation from the sensor's frame to that of the sum, its reading and the reading's
+    /// slope.
     pub fn add(&mut self, frame: [f64; 4], reading: [f64; 3], slope: [f64; 3], weight: f64) {
         let axes: [[f64; 3]; 3] = core::array::from_fn(|k| {
             quat::rotate(frame, core::array::from_fn(|i| f64::from(u8::from(i == k))))
@@ -96,7 +97,7 @@ impl Regression {
         Self { gram: DMatrix::zeros(unknowns + 1, unknowns + 1), rows: 0 }
     }
 
-    /// What nuisance parameters explain, and what they are to explain.
+    /// Adds one instant: the nuisance columns and their target.
     pub fn add(&mut self, nuisances: impl IntoIterator<Item = [f64; 3]>, target: [f64; 3]) {
         let columns: Vec<[f64; 3]> = nuisances.into_iter().chain([target]).collect();
         for axis in 0..3 {
@@ -106,15 +107,15 @@ impl Regression {
         }
     }
 
-    /// Least squares with these columns, whose numbers are about zero within `widths` (standard deviations; infinite: free).
-    /// `None` of too few rows.
+    /// Least squares on these columns, with priors about zero of standard deviations `widths` (infinite: free). `None` with
+    /// too few rows.
     pub fn fit(&self, columns: &[usize], widths: &[f64]) -> Option<Fit> {
         let free = self.held(columns, &vec![0.0; columns.len()])?;
         let weight = |w: &f64| ROWS_SHARED * (free.left / w).powi(2);
         self.held(columns, &widths.iter().map(weight).collect::<Vec<f64>>())
     }
 
-    /// The same with what is added to the diagonal.
+    /// The same with weights added to the diagonal.
     fn held(&self, columns: &[usize], weights: &[f64]) -> Option<Fit> {
         let n = columns.len();
         let last = self.gram.nrows() - 1;
@@ -122,7 +123,7 @@ impl Regression {
             return None;
         }
         let mut gram = DMatrix::from_fn(n, n, |i, j| self.gram[(columns[i], columns[j])]);
-        // A nuisance that the flight does not excite is held where it is.
+        // Ridge: a nuisance parameter that the flight does not excite stays at zero.
         let ridge = 1e-9 * gram.trace().max(1e-12);
         for k in 0..n {
             gram[(k, k)] += ridge + weights[k];
@@ -136,29 +137,29 @@ impl Regression {
     }
 }
 
-/// What poses bend around the middle of a stretch (m/s², body axes there, without gravity).
+/// Second derivative of the path around the middle of a span (m/s², body axes there, without gravity).
 pub(super) struct Bend {
     pub whole: [f64; 3],
-    /// More than the accelerometer feels.
+    /// Its excess over the accelerometer.
     pub more: [f64; 3],
-    /// What its numbers add: scale and skew (9), offset (3), lateness, lever arm (3).
+    /// Derivatives by the accelerometer's parameters: scale and skew (9), offset (3), lateness, lever arm (3).
     pub columns: Vec<[f64; 3]>,
 }
 
-/// Poses and accelerometer of a stretch.
+/// Compares poses and accelerometer over a span.
 pub(super) fn bend_of(span: &[&Measured], felt: &[[f64; 3]], apart: usize, gravity: [f64; 3]) -> Bend {
     let time = apart as f64 * STEP_S;
     let [a, b, c] = [0, apart, 2 * apart].map(|i| span[i]);
     let bend: [f64; 3] =
         core::array::from_fn(|k| (a.pos[k] - 2.0 * b.pos[k] + c.pos[k]) / (time * time) - gravity[k]);
     let mut nuisances = Nuisances::none();
-    // The weights of both ends are zero.
+    // The weights at both ends are zero.
     for (i, weight) in hat(apart).enumerate().take(2 * apart).skip(1) {
         let frame = quat::mul(quat::conjugate(b.quat), span[i].quat);
         let slope = vec3::scale(vec3::sub(felt[i + 1], felt[i - 1]), 0.5 / STEP_S);
         nuisances.add(frame, felt[i], slope, weight);
     }
-    // A point away from where the accelerometer sits bends its path by itself.
+    // A point away from the accelerometer has its own acceleration (lever arm).
     let body = |v: [f64; 3]| quat::rotate_inverse(b.quat, v);
     let arm = (0..3).map(|k| {
         let mut unit = [0.0; 3];

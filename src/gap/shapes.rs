@@ -1,7 +1,7 @@
-//! Shapes that no effect of the list has, to hold findings against: where one of them fits clearly better, what was found is
+//! Force shapes that no listed effect has, to test findings against: if one of them fits clearly better, the finding is
 //! only the nearest name for something else.
 //!
-//! A shape is fitted and weighed like an effect, but no search may choose it and no verdict names it as an effect.
+//! A shape is fitted and scored like an effect, but no search may choose it and no verdict names it as an effect.
 
 use super::GapError;
 use super::model::Model;
@@ -11,7 +11,7 @@ use crate::physics::effects::expression::{Formula, Params};
 use crate::physics::effects::{AnyEffect, Area, Candidate, Needs};
 use crate::vehicle::expression::{intern, parse};
 
-/// Evidence by which a shape must fit better than what was found, nats.
+/// Evidence by which a shape must beat the finding, nats.
 const CLEARLY: f64 = 10.0;
 
 /// Name, words, force along body x, y, z with the coefficient `c`, unit and plausible size of the coefficient per kilogram.
@@ -33,10 +33,10 @@ const SHAPES: &[Shape] = &[(
 const COEFFICIENTS: [&str; 3] = ["cx", "cy", "cz"];
 
 impl Model {
-    /// With the shapes as candidates that no search may choose.
+    /// Adds the shapes as candidates that no search may choose.
     ///
     /// # Errors
-    /// [`GapError`] where an expression of a shape cannot be read.
+    /// [`GapError`] where an expression of a shape is invalid.
     pub fn with_shapes(mut self) -> Result<Self, GapError> {
         let scale = Scale::of(&self.drone);
         for (name, words, force, unit, size) in SHAPES {
@@ -84,7 +84,7 @@ impl Model {
         Ok(self)
     }
 
-    /// Candidates that are no shapes.
+    /// Candidates that are not shapes.
     pub fn named(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.candidates.len()).filter(|c| !self.is_shape(*c))
     }

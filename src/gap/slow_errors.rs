@@ -1,12 +1,13 @@
-//! Slow errors of poses, by the inertial data of the same log: no model of the vehicle is asked.
+//! Slow errors of poses, from the inertial data of the same log, without a model of the vehicle.
 //!
-//! What an estimator gives is smooth: neighbouring samples differ by micrometres where the whole path is off by millimetres. Over
-//! 0.25 s such an error bends the path as a force would. The accelerometer knows nothing of it, nor the gyroscope of an error
-//! of attitudes. So the second difference of poses is fitted by what the inertial unit feels, each with scale, skew,
-//! offset, lateness and lever arm within what sensors have (nuisance parameters, by least squares), and what stays is an error of one of the two. As large
-//! as it is, so much white noise of the poses is assumed: both then say as little about a force that stays over 0.25 s.
+//! An estimator's output is smooth: neighbouring samples differ by micrometres where the whole path is off by millimetres.
+//! Over 0.25 s such an error bends the path as a force would. The accelerometer does not see it, nor does the gyroscope see
+//! an error of the attitudes. So the second difference of poses is regressed on the inertial readings, with scale, skew,
+//! offset, lateness and lever arm within typical sensor errors (nuisance parameters, by least squares); the residual is an
+//! error of one of the two. Poses are assigned equivalent white noise: noise that leaves the same uncertainty of a force
+//! that is constant over 0.25 s.
 //!
-//! The lean that an estimator gets by taking manoeuvres for gravity is seen in the same difference, times 9.81 m/s².
+//! The lean of an estimator that takes manoeuvres for gravity appears in the same difference, times 9.81 m/s².
 
 use super::policy::CROSS_CHECK_S;
 use super::replay::{Around, STEP, STEP_S};
@@ -15,12 +16,12 @@ use super::sensor_regression::{Nuisances, Regression, bend_of, half_stretch, tur
 use super::track::{Measured, Track};
 use crate::math::{quat, vec3};
 
-/// Scale and skew (9), offset (3), lateness; of positions the lever arm (3) too.
+/// Scale and skew (9), offset (3), lateness; for positions also the lever arm (3).
 const FORCE_UNKNOWNS: usize = 16;
 const TORQUE_UNKNOWNS: usize = 13;
 
-/// White noise of position (m) and attitude (rad) that says as little over [`CROSS_CHECK_S`] as the slow errors do; `None`
-/// where no inertial data tell.
+/// White noise of position (m) and attitude (rad) equivalent over [`CROSS_CHECK_S`] to the slow errors; `None` without
+/// inertial data.
 pub(crate) fn slow_errors(track: &Track, around: &Around, gravity_m_s2: [f64; 3]) -> [Option<f64>; 2] {
     let apart = half_stretch();
     let n = around.measured.len();
@@ -28,7 +29,7 @@ pub(crate) fn slow_errors(track: &Track, around: &Around, gravity_m_s2: [f64; 3]
     let at: Vec<f64> = (0..n).map(|i| around.time_s(i * STEP)).collect();
     let felt = track.felt(&at);
     let (mut force, mut torque) = (Regression::new(FORCE_UNKNOWNS), Regression::new(TORQUE_UNKNOWNS));
-    // Every second instant between two hats: neighbours share a point, and are cheap.
+    // Half-overlapping spans: neighbours share a point, but are cheap.
     for from in (0..n.saturating_sub(2 * apart)).step_by(apart / 2) {
         let span: Option<Vec<&Measured>> = (from..=from + 2 * apart).map(known).collect();
         let Some(span) = span else { continue };
@@ -43,11 +44,11 @@ pub(crate) fn slow_errors(track: &Track, around: &Around, gravity_m_s2: [f64; 3]
     }
     let noise = StateNoise::of(track);
     let half_s = apart as f64 * STEP_S;
-    // White noise of three poses makes √6 of itself in a second difference.
+    // White noise of three poses gives √6 of itself in a second difference.
     let white = |sigma: f64| 6f64.sqrt() * sigma / (half_s * half_s);
     let equivalent = |left: f64, white: f64, period_s: f64| {
         let slow = (left * left - white * white).max(0.0).sqrt();
-        // Slope of a slope by n samples over T with white noise σ: σ √(720/n) / T².
+        // Second derivative from n samples over T with white noise σ: σ √(720/n) / T².
         let samples = CROSS_CHECK_S / period_s;
         slow * CROSS_CHECK_S.powi(2) * (samples / 720.0).sqrt()
     };
@@ -64,7 +65,7 @@ pub(crate) fn slow_errors(track: &Track, around: &Around, gravity_m_s2: [f64; 3]
     ]
 }
 
-/// What attitudes turn more than the gyroscope says, rad/s², and what the gyroscope's numbers add to it.
+/// Rotation of attitudes beyond the gyroscope's, rad/s², and its derivatives by the gyroscope's error parameters.
 fn turn_of(span: &[&Measured], apart: usize) -> (Vec<[f64; 3]>, [f64; 3]) {
     let time = apart as f64 * STEP_S;
     let half = |from: usize| {

@@ -1,5 +1,5 @@
-//! From logs to the set of effects that explains them: one search from the file, others from where other explanations begin, and the
-//! most evident of what they come to.
+//! From logs to the set of effects that explains them: one search from the vehicle file, others from alternative
+//! explanations; the solution with the most evidence wins.
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
@@ -12,37 +12,37 @@ use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::walk::settle;
 use nalgebra::DVector;
 
-/// Standard deviation of the logarithm of how many times wider than usual the tolerances of a vehicle are.
+/// Prior standard deviation of the logarithm of the factor by which a vehicle's tolerances are wider than usual.
 const TOLERANCE_SPREAD: f64 = 0.15;
 /// Longest move of a parameter between linearisations, slabs.
 pub(super) const LONGEST_STEP: f64 = 1.5;
 
-/// Price of tolerances so many times wider than usual, nats.
+/// Penalty for tolerances wider by this factor, nats.
 pub(super) fn price_of(tolerance: f64) -> f64 {
     0.5 * (tolerance.ln() / TOLERANCE_SPREAD).powi(2)
 }
 
-/// Where a search has settled.
+/// A converged search.
 pub(crate) struct Solution {
-    /// Candidates in the verdict, rising.
+    /// Candidates in the set, in rising order.
     pub set: Vec<usize>,
     pub linear: Linear,
     pub reduced: Vec<Reduced>,
     pub disturbance: Disturbance,
-    /// Disturbances with nothing found, at the same window length.
+    /// Disturbances without findings, at the same window length.
     pub disturbance_before: Disturbance,
     pub dispersion: f64,
-    /// The same beside what was found, over the noise that neighbouring samples show: what no disturbance makes.
+    /// The dispersion with the set, relative to the noise of neighbouring samples: what disturbances cannot explain.
     pub misfit: f64,
-    /// How many times wider than usual this vehicle's tolerances are.
+    /// Factor by which this vehicle's tolerances are wider than usual.
     pub tolerance: f64,
     pub posterior: Posterior,
-    /// Every log's parameters at their estimate less those where it was linearised, shape (log, parameter).
+    /// Every log's parameters at their estimate minus those at the linearisation point, shape (log, parameter).
     pub deltas: Vec<Vec<f64>>,
 }
 
 impl Solution {
-    /// The evidence at the last linearisation.
+    /// Evidence at the last linearisation.
     pub fn evidence<'a>(&self, model: &'a Model) -> Result<Evidence<'a>, GapError> {
         let all = Information::new(model, &self.linear, &self.reduced, |_| true)?;
         Evidence::new(model, &all.h, &all.g, &self.linear.at, self.dispersion, self.tolerance)
@@ -55,7 +55,7 @@ impl Solution {
         out
     }
 
-    /// [`Self::deltas`] with the parameters that are `back` where they are filed, in every log.
+    /// [`Self::deltas`] with the parameters of candidates in `back` reset to nominal, in every log.
     pub fn deltas_without(&self, model: &Model, back: impl Fn(usize) -> bool) -> Vec<Vec<f64>> {
         let mut out = self.deltas.clone();
         for (log, deltas) in out.iter_mut().enumerate() {
@@ -69,28 +69,28 @@ impl Solution {
 }
 
 impl Solution {
-    /// Log evidence less the price of the effects, with disturbances of such sizes.
+    /// Log evidence minus the price of the effects, for disturbances of these sizes.
     fn whole(&self, model: &Model, dispersion: f64, disturbance: &Disturbance) -> Result<f64, GapError> {
         let reduced = self.linear.reduce(disturbance);
         let all = Information::new(model, &self.linear, &reduced, |_| true)?;
         let evidence = Evidence::new(model, &all.h, &all.g, &self.linear.at, dispersion, self.tolerance)?;
-        // Windows differ a little in their rows where clocks move: per row.
+        // The number of rows varies slightly with the clocks, so χ² is compared per row.
         let rows: usize = self.linear.windows.iter().map(|w| w.n_rows).sum();
         let price = super::search::THRESHOLD * self.set.len() as f64 + price_of(self.tolerance);
         let whole = evidence.whole(&self.set, all.c, &all.g, &all.h, &self.linear.at);
         Ok(whole - all.occam + 0.5 * rows as f64 - price)
     }
 
-    /// Whether its numbers lie where the model was linearised: what is said of a place far away is a guess that the model was
-    /// never asked about. A light vehicle looked like drag there, by a mass of a seventh and a thrust of a seventh.
+    /// Whether its estimates are near the linearisation point: far from it the linearisation is an extrapolation never
+    /// checked against the model. A light vehicle looked like drag there, by a mass of a seventh and a thrust of a seventh.
     pub(super) fn near_by(&self, model: &Model) -> bool {
         self.set.iter().flat_map(|c| model.of(*c)).all(|k| {
             (self.posterior.mean[k] - self.linear.at[k]).abs() <= LONGEST_STEP * model.parameters[k].slab
         })
     }
 
-    /// Whether the log speaks more for this than for `other`. Sizes of disturbances creep to their best values: each of the two
-    /// may take those of the other.
+    /// Whether the log favours this over `other`. Sizes of disturbances converge slowly: each of the two may use those of
+    /// the other.
     fn better_than(&self, other: &Self, model: &Model) -> Result<bool, GapError> {
         let near = self.near_by(model);
         if near != other.near_by(model) {
@@ -105,13 +105,13 @@ impl Solution {
     }
 }
 
-/// χ² of a window with every log's parameters `deltas` from where it was linearised.
+/// χ² of a window with every log's parameters at `deltas` from the linearisation point.
 pub(crate) fn chi2(r: &Reduced, deltas: &[Vec<f64>]) -> f64 {
     let delta = DVector::from_column_slice(&deltas[r.log]);
     r.c - 2.0 * r.g.dot(&delta) + delta.dot(&(&r.h * &delta))
 }
 
-/// Slope of a window's log likelihood by the parameters, there.
+/// Gradient of a window's log likelihood by the parameters, there.
 pub(super) fn score(r: &Reduced, deltas: &[Vec<f64>]) -> DVector<f64> {
     &r.g - &r.h * DVector::from_column_slice(&deltas[r.log])
 }
@@ -120,11 +120,12 @@ pub(super) fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
     posterior.mean.iter().zip(at).map(|(m, a)| m - a).collect()
 }
 
-/// Searches (or, with `given`, fits that set) until it settles. `progress(done, of)` hears of every linearisation.
+/// Searches (or, with `given`, fits that set) until it converges. `progress(done, total)` is called for every
+/// linearisation.
 ///
-/// A search walks downhill from the file. All sensors late by the same time look like late commands, and one of them early
-/// like the others late: a walk can end anywhere along that line. Then it goes on from the place on the line that needs the
-/// fewest causes, and the more evident of the two stands.
+/// A search descends from the vehicle file. A common delay of all sensors is equivalent to a delay of the commands, so that
+/// a search can end anywhere along that degenerate direction. It is restarted from the point on it that needs the fewest
+/// causes, and the solution with more evidence wins.
 pub(crate) fn solve(
     logs: &[Prepared],
     model: &mut Model,
@@ -151,7 +152,7 @@ pub(crate) fn solve(
     {
         best = other;
     }
-    // What no effect of a plausible size explains may be the end of a wrong way: others are tried from the file, one by one.
+    // An effect far beyond its plausible size may mark a local optimum: start again from single candidates, one by one.
     if !best.set.iter().any(|c| implausible(model, &best, *c)) {
         return pruned(logs, model, best, progress);
     }
@@ -180,9 +181,10 @@ pub(crate) fn solve(
     pruned(logs, model, best, progress)
 }
 
-/// Without the effects that the log does not miss after all. One on little evidence, which only stands because the model was
-/// bent towards it (a limit that few commands reach), goes where the model without it does not ask for it, and where it would
-/// have to be many times its plausible size. Wider tolerances, which would explain any small effect, are not tried without it.
+/// Removes effects that the log does not need after all. An effect with little evidence may exist only because the model
+/// was linearised with it (a limit that few commands reach): it is removed if the model without it does not need it, or if
+/// it would have to be many times its plausible size. Wider tolerances, which would absorb any small effect, are not tried
+/// without it.
 fn pruned(
     logs: &[Prepared],
     model: &mut Model,
@@ -228,7 +230,7 @@ fn pruned(
     }
 }
 
-/// The same without one of the effects; `None` where that model flies nowhere.
+/// The solution without one of the effects; `None` if that model diverges in all windows.
 pub(crate) fn left_out(
     logs: &[Prepared],
     model: &mut Model,
@@ -244,8 +246,8 @@ pub(crate) fn left_out(
     again(logs, model, Some(&set), start, progress)
 }
 
-/// The same set with the model moved to all its estimates, also those within tolerance: several small faults together bend
-/// what a large one is taken for, by more than its interval. `None` for forces alone, and where that model flies nowhere.
+/// The same set with the model relinearised at all its estimates, including those within tolerance: several small errors
+/// together bias a large one by more than its interval. `None` for forces alone, and if that model diverges in all windows.
 pub(crate) fn polished(
     logs: &[Prepared],
     model: &mut Model,
@@ -269,7 +271,7 @@ pub(crate) fn polished(
     again(logs, model, Some(&found.set), start, progress)
 }
 
-/// With standard deviations no smaller than the log's parts disagree by.
+/// Widens standard deviations to at least the scatter between parts of the log.
 pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
     let n = model.parameters.len();
     let scores: Vec<DVector<f64>> = found
@@ -283,7 +285,7 @@ pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solutio
         found.evidence(model)?.by_scatter(&found.set, &scores)
     };
     for (k, sigma) in found.posterior.sigma.iter_mut().enumerate() {
-        // Nothing is known of the width of a number that a bound holds.
+        // An estimate held by a bound has no standard deviation.
         if *sigma > 0.0 {
             let scatter = scatter.as_ref().map_or(0.0, |s| s[k]);
             let p = &model.parameters[k];
@@ -294,20 +296,21 @@ pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solutio
     Ok(found)
 }
 
-/// Share of its tolerance to which a number is known at best: the others bend the model within theirs. In flights of the
-/// generator motor lags were off by this much with a hundredth of it in their intervals.
+/// Best accuracy of a parameter, as a share of its tolerance: the other parameters bias the model within theirs. In flights
+/// of the generator motor lags were off by this much with a hundredth of it in their intervals.
 const BENT: f64 = 0.03;
 
-/// Share of its departure from the file to which a number is known at best: log and model are two simulations even where the effect is
-/// the same, and filters, clocks and mounts of the log are known so well only. Of the flights of `bench gap --half develop` translational
-/// lift, downwash and motor lags were off by 1.4 to 2.6 % with a tenth to a half of it in their intervals.
+/// Best accuracy of a parameter, as a share of its deviation from nominal: log and model are two simulations even where the
+/// effect is the same, and filters, clocks and mounts of the log are only known to this accuracy. In the flights of `bench
+/// gap --half develop` translational lift, downwash and motor lags were off by 1.4 to 2.6 % with a tenth to a half of it in
+/// their intervals.
 const SIZE_KNOWN: f64 = 0.02;
 
-/// Windows of one part of a log, and parts below which their scatter says little.
+/// Windows per part of a log, and fewest parts for a usable scatter.
 const PART: usize = 8;
 const FEWEST_PARTS: usize = 8;
 
-/// Whether the log says that a candidate's numbers are not those of the file, though within tolerance.
+/// Whether the log moves a candidate's parameters off nominal, though within tolerance.
 pub(super) fn corrected(model: &Model, posterior: &Posterior, candidate: usize) -> bool {
     !model.is_shape(candidate)
         && model.of(candidate).any(|k| {
@@ -325,10 +328,10 @@ fn implausible(model: &Model, found: &Solution, candidate: usize) -> bool {
     })
 }
 
-/// Plausible sizes from which on an effect is doubted.
+/// Multiple of the plausible size above which an effect is implausible.
 const HUGE: f64 = 4.0;
 
-/// [`settle`] from a start of its own; `None` where the model there flies through no window.
+/// [`settle`] from a given start; `None` if the model diverges in all windows there.
 fn again(
     logs: &[Prepared],
     model: &mut Model,
@@ -342,8 +345,8 @@ fn again(
     }
 }
 
-/// A short search from the file: a few of the long windows, and as many rounds as the noise needs; `None` where too few windows can be
-/// used.
+/// A short search from the file: a few of the long windows, and as many rounds as the noise estimate needs; `None` where
+/// too few windows are usable.
 pub(crate) fn glance(logs: &[Prepared], model: &mut Model) -> Result<Option<Solution>, GapError> {
     let start = Start { horizon: 1, quick: true, ..Start::file(model, Disturbance::unknown()) };
     again(logs, model, None, start, &|_, _| {})

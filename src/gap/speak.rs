@@ -1,4 +1,4 @@
-//! A solution in words and numbers: findings with look-alikes and the second estimator's opinion, calibration, advice.
+//! Composes a diagnosis from a solution: findings with look-alikes and the second estimator's opinion, calibration, advice.
 
 use super::GapError;
 use super::decide::rules::Why;
@@ -18,10 +18,10 @@ use super::verdict::{Advice, Calibration, Diagnosis, Finding, Limit, LogSummary,
 use super::witness::Witness;
 use crate::vehicle::Vehicle;
 
-/// Most look-alikes of a finding that are told.
+/// Most look-alikes reported per finding.
 const MOST_ALIKE: usize = 8;
 
-/// The verdict of a solution. `why` holds what has been left out on the way to it.
+/// The diagnosis of a solution. `why` holds what was left out before.
 pub(super) fn speak(
     tracks: &[Track],
     vehicle: &Vehicle,
@@ -32,6 +32,7 @@ pub(super) fn speak(
 ) -> Result<Diagnosis, GapError> {
     let evidence = solution.evidence(model)?;
     let witness = Witness::beside(model, logs, solution);
+    // Independent windows: a held-out one must not carry information from the others.
     let apart = each_for_itself(solution);
     let mut found = Vec::new();
     for c in &solution.set {
@@ -47,6 +48,7 @@ pub(super) fn speak(
     let limits = limits::limits(model, &evidence, solution);
     let poor = limits::poor(model, solution)?;
     let mut decision = Decision::new(model, logs, solution, &left, found, poor);
+    // Shapes first: the joint rule reads a remainder as turbulence only if no shape was withdrawn.
     decision.judge_shapes(&evidence, &left);
     decision.judge_together(removed_share(model, solution, &apart, &solution.set)?);
     decision.say_why_not(&evidence, &singles);
@@ -91,7 +93,7 @@ pub(super) fn speak(
     })
 }
 
-/// What a solution says of one candidate of its set; its share of the error on unseen windows is not known yet.
+/// The finding for one candidate of a solution's set; its share of the held-out error is filled in later.
 fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Witness, c: usize) -> Finding {
     let second = opinion::of(model, witness, solution, c);
     let candidate = &model.candidates[c];
@@ -135,7 +137,7 @@ fn look_alikes(model: &Model, solution: &Solution, evidence: &Evidence, c: usize
 
 fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
     let p = &model.parameters[k];
-    // At a bound a value is the bound, without what rounding makes of it.
+    // An estimate at its bound is set to the bound, without rounding error.
     let value = solution.posterior.mean[k];
     let at_bound =
         [p.filed, p.filed - p.back * p.slab].into_iter().find(|b| (value - b).abs() < 1e-12 * p.slab);
@@ -148,7 +150,7 @@ fn parameter_fit(model: &Model, solution: &Solution, k: usize) -> ParameterFit {
     }
 }
 
-/// All parameters beside the findings at their estimates.
+/// Estimates of all parameters that are not findings.
 fn adjusted(model: &Model, solution: &Solution) -> Vec<Calibration> {
     let beside = |p: usize| !solution.set.contains(&p) && !model.is_shape(p);
     let parameters = model.parameters.iter().enumerate().filter(|(_, p)| beside(p.candidate));
@@ -169,13 +171,13 @@ fn adjusted(model: &Model, solution: &Solution) -> Vec<Calibration> {
         .collect()
 }
 
-/// Whether the log corrects a parameter by more than two standard deviations and half of its tolerance.
+/// Whether the log moves a parameter by more than two standard deviations and half of its tolerance.
 fn corrected(c: &Calibration) -> bool {
     let off = (c.parameter.value - c.parameter.filed).abs();
     off > 2.0 * c.parameter.sigma && off > 0.5 * c.tolerance
 }
 
-/// What to fly next: to tell findings from their look-alikes, and to bring to sight what could hide.
+/// What to fly next: to separate findings from look-alikes, and to reveal effects that could be hidden.
 fn advice(
     tracks: &[Track],
     vehicle: &Vehicle,
@@ -198,7 +200,8 @@ fn advice(
         }
         let (sensors, own) = (excite::Sensors::of(first), std::slice::from_ref(&f.id));
         let planned = excite::advice(vehicle, first.drive, &sensors, &listed, own, &alike);
-        // Where the vehicle cannot be flown in simulation, or nothing of the library tells them apart, the effect's own page.
+        // If the vehicle cannot be simulated, or no manoeuvre of the library separates them, refer to the effect's own
+        // page.
         let planned = planned.unwrap_or_default();
         let manoeuvre = match planned.first() {
             Some((name, text)) => format!("{name} ({text})"),

@@ -1,4 +1,5 @@
-//! Where searches begin beside the vehicle file: at explanations by fewer clocks, and at what the second estimator names.
+//! Starting points of searches other than the vehicle file: explanations by fewer clocks, and the second estimator's
+//! choice.
 
 use super::disturbance::Disturbance;
 use super::fit::Prepared;
@@ -8,31 +9,31 @@ use super::solve::Solution;
 use super::track::Noise;
 use super::witness::Witness;
 
-/// Where a walk begins when it does not begin at the file.
+/// Starting point of a search.
 pub(super) struct Start {
     pub values: Vec<f64>,
-    /// By how much each log differs from them, shape (log, parameter); empty where none does.
+    /// Deviation of each log from them, shape (log, parameter); empty where there is none.
     pub apart: Vec<Vec<f64>>,
     pub set: Vec<usize>,
     pub disturbance: Disturbance,
-    /// Index of the first length of windows.
+    /// Index of the first window length.
     pub horizon: usize,
-    /// Linearisations for which the set stays.
+    /// Linearisations for which the set is held.
     pub held: usize,
-    /// Set in which another search has ended: one that comes there too would end as that one did.
+    /// Set of an earlier solution: a search that reaches it again is aborted.
     pub back: Option<Vec<usize>>,
-    /// Whether the model also follows what is within tolerance.
+    /// Whether the model is also relinearised at parameters within tolerance.
     pub follow: bool,
-    /// Widest tolerances that are tried.
+    /// Largest tolerance factor that is tried.
     pub widest: f64,
-    /// Whether a few windows and rounds are enough.
+    /// Whether few windows and rounds are enough.
     pub quick: bool,
-    /// Noise of every log, where it is known; explanations are compared with the same noise.
+    /// Noise of every log, where known; solutions are compared under the same noise.
     pub noise: Option<Vec<Noise>>,
 }
 
 impl Start {
-    /// At the vehicle file, with what another solution knows of disturbances, noise and of what differs between the logs.
+    /// At the vehicle file, with disturbances, noise and per-log deviations from another solution.
     pub fn beside(model: &Model, other: &Solution) -> Self {
         let mut apart = other.linear.apart.clone();
         // Candidates may have been added since.
@@ -58,7 +59,7 @@ impl Start {
     }
 }
 
-/// The same times between commands and sensors by fewer or likelier causes than those of a solution, if there are any.
+/// The same time differences between commands and sensors by fewer or likelier causes than in a solution, if there are any.
 pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     let of_kind = |kind: &str| -> Vec<usize> {
         (0..model.candidates.len()).filter(|c| model.candidates[*c].kind == kind).collect()
@@ -68,8 +69,9 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     // One parameter each.
     let place: Vec<usize> = timing.iter().filter_map(|c| model.of(*c).next()).collect();
     let off: Vec<f64> = place.iter().map(|k| found.posterior.mean[*k] - model.parameters[*k].filed).collect();
-    // Commands later and sensors as much earlier by `s` is the same.
+    // Delaying commands by `s` is equivalent to advancing all sensors by `s`.
     let along: Vec<f64> = timing.iter().map(|c| if *c == delay { -1.0 } else { 1.0 }).collect();
+    // Negative log prior of the times with the candidates `open` free, minimised over the common shift: (cost, shift).
     let cost = |open: usize| -> (f64, f64) {
         let width = |i: usize| {
             let p = &model.parameters[place[i]];
@@ -93,10 +95,12 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     };
     let now: usize = timing.iter().enumerate().map(|(i, c)| usize::from(found.set.contains(c)) << i).sum();
     let (mut least, mut shift) = cost(now);
+    // A new search is worth it only for a gain of more than 1 nat.
     least -= 1.0;
     let mut chosen = now;
     for open in 0..1usize << place.len() {
         let (c, s) = cost(open);
+        // Commands cannot arrive before they are sent.
         let late = open & 1 == 0 || off[0] - s > 0.0;
         if c < least && late {
             (least, shift, chosen) = (c, s, open);
@@ -122,8 +126,8 @@ pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
     Some(Start { values, set, horizon: 1, ..Start::beside(model, found) })
 }
 
-/// What the second estimator names, which knows nothing of noise and of the starts of windows; none where the search has found
-/// all of it.
+/// The set chosen by the second estimator, which uses no noise model and no initial states; `None` if the search found all
+/// of it.
 pub(super) fn named_by_witness(logs: &[Prepared], model: &Model, found: &Solution) -> Option<Start> {
     let steps = Witness::beside(model, logs, found).search();
     let named = steps.into_iter().filter(|s| !s.within_tolerance).map(|s| s.candidate);

@@ -1,4 +1,4 @@
-//! The linear problem against finite differences, on a flight that is made here.
+//! Checks the linearisation against finite differences, on a simulated flight.
 
 use super::fit::{Cut, Prepared, Starts, linearise};
 use super::model::{Enters, Model};
@@ -22,8 +22,8 @@ fn vehicle() -> Vehicle {
     Vehicle::from_toml("quad", include_str!("../../tests/data/planted_quad.toml")).unwrap()
 }
 
-/// Some seconds that turn and climb, by commands that change every 4 ms, with ideal sensors; attitude is held by a simple
-/// law so that the vehicle stays upright.
+/// A few seconds of turning and climbing, by commands that change every 4 ms, with ideal sensors; a simple attitude law
+/// keeps the vehicle upright.
 fn flight(drone: &Drone<f64>, seconds: u32) -> FlightLog {
     let mut log = FlightLog::empty(Path::new("made.csv"), "0".repeat(64), Format::Csv);
     log.cmd_rotor_rad_s = vec![Default::default(); 4];
@@ -85,7 +85,7 @@ fn slopes_of_what_drives_the_motors_are_those_of_finite_differences() {
         if p.enters != Enters::Drive || p.name == "max_rotor_vel_rad_s" {
             continue;
         }
-        // Where a command arrives just at a tick the speed there has no slope: values that avoid it.
+        // The speed has no derivative by the offset where a command arrives exactly at a tick: use values that avoid it.
         for offset in [0.3137, 1.1171] {
             let mut at = model.filed();
             at[k] += offset * p.slab;
@@ -123,7 +123,7 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
     let logs = [Prepared::new(&track, &drone)];
     let model = Model::new(&drone, &[&track], &[&logs[0].around]).unwrap();
     let all: Vec<usize> = (0..model.candidates.len()).collect();
-    // Away from the file, so that products of parameters count too.
+    // Away from nominal, so that products of parameters count too.
     let at: Vec<f64> = model
         .parameters
         .iter()
@@ -145,7 +145,7 @@ fn slopes_of_measurements_by_every_parameter_are_those_of_finite_differences() {
             linearise(&logs, &model, &there.into(), &all, Cut::all(horizon), &Starts::new(), &[track.noise])
         };
         let (up, down) = (moved(step), moved(-step));
-        // A limit that no command reaches has no slope; its column is a secant by design.
+        // A limit that no command reaches has zero derivative; its column is a secant by design.
         if p.name == "max_rotor_vel_rad_s" {
             continue;
         }
@@ -193,7 +193,7 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
     let both = v.dot(&(&h * &v));
     assert!(both < 1e-6 * one, "{both} of {one}");
 
-    // Not to first order only: the same samples stand in the same windows and leave the same.
+    // Exactly, not only to first order: the same samples fall into the same windows with the same residuals.
     let timing = model.timing();
     let late = |commands_s: f64, sensors_s: f64| {
         let mut values = model.filed();
@@ -214,7 +214,7 @@ fn a_delay_of_commands_is_all_sensors_being_late() {
     }
 }
 
-/// Late commands with early poses are a late gyroscope with a late accelerometer: each finding names the other pair.
+/// Late commands with early poses equal a late gyroscope with a late accelerometer: each finding names the other pair.
 #[test]
 fn clocks_are_told_only_beside_each_other() {
     use super::search::{Evidence, THRESHOLD};
@@ -248,7 +248,7 @@ fn clocks_are_told_only_beside_each_other() {
     assert!(evidence.in_place_of_all(&[pose], pose, THRESHOLD).is_empty());
 }
 
-/// Two logs of one vehicle whose gyroscopes are late by other times: each has its own clock, the vehicle is one.
+/// Two logs of one vehicle whose gyroscopes have different delays: each has its own clock, the vehicle is the same.
 #[test]
 fn clocks_may_differ_from_log_to_log() {
     use super::diagnose::{Settings, diagnose};
@@ -272,7 +272,8 @@ fn clocks_may_differ_from_log_to_log() {
     assert_eq!(of(&[track.clone(), track]).per_log, vec![]);
 }
 
-/// A number that nothing else leans on is as uncertain as the mean of the parts' slopes: √(n/(n−1) Σ s²)/(h + 1/slab²).
+/// A parameter uncorrelated with others has the uncertainty of the mean of the parts' scores: √(n/(n−1) Σ s²)/(h +
+/// 1/slab²).
 #[test]
 fn parts_that_disagree_widen_a_number_by_their_scatter() {
     use super::search::Evidence;
@@ -302,12 +303,12 @@ fn parts_that_disagree_widen_a_number_by_their_scatter() {
         let squares: f64 = 9.0 + 4.0 + 1.0 + 16.0 + 4.0;
         let wanted = (5.0 / 4.0 * squares).sqrt() / dispersion / (40.0 / dispersion + 1.0) * slab;
         assert!((sigma[k] / wanted - 1.0).abs() < 1e-9, "{} is not {wanted}", sigma[k]);
-        // Where no part says anything, nothing scatters.
+        // Without information in any part there is no scatter.
         assert!(sigma.iter().enumerate().all(|(i, s)| i == k || s.abs() < 1e-12 * slab.max(1.0)));
     }
 }
 
-/// White noise that says as little as the slow errors of poses in a log do.
+/// White noise equivalent to the slow pose errors in a log.
 fn slow(log: FlightLog) -> [f64; 2] {
     let vehicle = vehicle();
     let drone = vehicle.drone("first_principles").unwrap();
@@ -354,7 +355,7 @@ fn slow_errors_of_poses_show_beside_inertial_data_and_wrong_sensors_do_not() {
     let worth = 0.25f64.powi(2) * (62.5f64 / 720.0).sqrt();
     let wanted = 0.01 * seen * worth;
     assert!((attitude_rad / wanted - 1.0).abs() < 0.2, "{attitude_rad}, not {wanted}");
-    // An attitude that is off by 10 mrad bends the path as 0.1 m/s² would: they meet at random.
+    // An attitude error of 10 mrad bends the path like 0.1 m/s²: the two are uncorrelated.
     let wanted = (2e-3 * seen).hypot(0.01 * 9.81 * 0.577) * worth;
     assert!((position_m / wanted - 1.0).abs() < 0.4, "{position_m}, not {wanted}");
 }

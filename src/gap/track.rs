@@ -1,4 +1,4 @@
-//! A flight log made ready to be flown again by a model: what drives it, what was measured, and how noisy that is.
+//! A flight log prepared for replay by a model: the inputs, the measurements, and their noise.
 
 mod drive;
 mod noise;
@@ -20,7 +20,7 @@ use serde::Serialize;
 pub(crate) use drive::Inputs;
 pub(crate) use noise::noise_of;
 
-/// What of a log drives the model.
+/// Which channels of a log drive the model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Drive {
@@ -35,7 +35,7 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// In words.
+    /// Its name in words.
     pub fn title(self) -> &'static str {
         match self {
             Self::RotorSpeeds => "measured rotor speeds",
@@ -46,7 +46,7 @@ impl Drive {
     }
 }
 
-/// Noise of channels as the user states it, in place of what the log says.
+/// User-stated noise of channels, instead of estimates from the log.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StatedNoise {
     /// Position, m.
@@ -63,10 +63,10 @@ impl StatedNoise {
     /// Channels whose noise can be stated.
     pub const CHANNELS: [&str; 4] = ["position", "attitude", "gyro", "accel"];
 
-    /// States the noise of a channel, by its name.
+    /// Sets the noise of a channel, by its name.
     ///
     /// # Errors
-    /// What was expected, in words, where there is no such channel or the noise is no finite number above 0.
+    /// The expectation in words, where there is no such channel or the noise is not a finite number above 0.
     pub fn set(&mut self, channel: &str, value: f64) -> Result<(), String> {
         let place = match channel {
             "position" => &mut self.position_m,
@@ -83,21 +83,22 @@ impl StatedNoise {
     }
 }
 
-/// How a log is to be read.
+/// How to read a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Noise of channels that is not to be estimated.
+    /// Stated noise of channels, which is then not estimated.
     pub noise: StatedNoise,
-    /// What drives the model; the first that the log and the vehicle have of rotor commands, measured rotor speeds,
-    /// attitude commands, thrust, if not given.
+    /// Drive of the model; by default the first that log and vehicle have of rotor commands, measured rotor speeds,
+    /// attitude commands, thrust.
     pub drive: Option<Drive>,
     /// Height of the ground, m, world; 0 if not given.
     pub ground_z_m: Option<f64>,
     /// Height of the ceiling, m, world; none if not given.
     pub ceiling_z_m: Option<f64>,
-    /// Names of tracked objects that are vehicles; all that are not loads if not given.
+    /// Names of tracked objects that are vehicles; by default every tracked object that is not a load.
     pub neighbours: Option<Vec<String>>,
-    /// Name of the tracked object that hangs on a cable; the first whose name has "payload" or "load" if not given.
+    /// Name of the tracked object that hangs on a cable; by default the first whose name contains "load", "cargo" or
+    /// "weight".
     pub load: Option<String>,
 }
 
@@ -116,18 +117,18 @@ pub struct Noise {
     pub rotor_rad_s: Option<f64>,
     /// Thrust that drives the model, N.
     pub thrust_n: Option<f64>,
-    /// Whether position, attitude, gyroscope and accelerometer have the noise that the user states.
+    /// Whether the noise of position, attitude, gyroscope and accelerometer is stated by the user.
     pub stated: [bool; 4],
 }
 
-/// A log with what an analysis needs of it.
+/// A log with all that an analysis needs.
 #[derive(Clone, Debug)]
 pub struct Track {
     /// The log.
     pub log: FlightLog,
     /// File name, for messages.
     pub name: String,
-    /// What drives the model.
+    /// Drive of the model.
     pub drive: Drive,
     /// Dynamics of the vehicle that fit the drive, one of [`crate::vehicle::DYNAMICS`].
     pub dynamics: &'static str,
@@ -135,7 +136,7 @@ pub struct Track {
     pub span_s: [f64; 2],
     /// Noise of the channels.
     pub noise: Noise,
-    /// Height of the ground, m; none where nothing is known of it.
+    /// Height of the ground, m; `None` if unknown.
     pub ground_z_m: Option<f64>,
     /// Height of the ceiling, m.
     pub ceiling_z_m: Option<f64>,
@@ -143,9 +144,9 @@ pub struct Track {
     pub neighbours: Vec<String>,
     /// Name of the tracked load.
     pub load: Option<String>,
-    /// What was left out or assumed.
+    /// Omissions and assumptions.
     pub warnings: Vec<String>,
-    /// Spans that are left out: on the ground, a crash, gaps.
+    /// Excluded spans: on the ground, a crash, gaps.
     pub excluded: Vec<Excluded>,
     pub(crate) inputs: Inputs,
     /// How measured inputs were smoothed.
@@ -156,20 +157,20 @@ pub struct Track {
     pub(crate) accel: Channel<3>,
 }
 
-/// Makes the fault of a log of what was expected, what was found, and what to do.
+/// Builds an error of a log from what was expected, what was found, and what to do.
 type Fault<'a> = dyn Fn(&str, String, &str) -> GapError + 'a;
 
-/// Time before the usable span in which a model's motors and filters settle, s.
+/// Time before the usable span in which the modelled motors and filters settle, s.
 pub(crate) const SETTLE_S: f64 = 0.25;
-/// Shortest flight that is analysed, s.
+/// Shortest usable flight, s.
 pub const SHORTEST_S: f64 = 2.0;
 
 impl Track {
-    /// A log for a vehicle.
+    /// Prepares a log for a vehicle.
     ///
     /// # Errors
-    /// [`GapError::Log`] where the log has no pose or nothing that drives the model, [`GapError::TooShort`] where it has less
-    /// than [`SHORTEST_S`] of both.
+    /// [`GapError::Log`] where the log has no pose or nothing that drives the model, [`GapError::TooShort`] where it has
+    /// less than [`SHORTEST_S`] of both.
     pub fn new(log: FlightLog, vehicle: &Vehicle, options: &Options) -> Result<Self, GapError> {
         let name = log.path.file_name().map_or_else(|| "log".into(), |n| n.to_string_lossy().into_owned());
         let mut warnings = Vec::new();
@@ -181,7 +182,7 @@ impl Track {
         };
         sensors::has_pose(&log, &fault)?;
         let (drive, dynamics, mut inputs) = choose_drive(&log, vehicle, options, &name, &mut warnings)?;
-        // What no flight model explains is in no channel from here on.
+        // From here on, no channel contains spans that no flight model explains.
         let cut = usable::look(&log, vehicle);
         warnings.extend(cut.words());
         let (position, attitude) = sensors::pose(&log, &cut, &mut warnings);
@@ -220,7 +221,7 @@ impl Track {
             accel,
             log,
         };
-        // A vehicle that lacks these dynamics is refused where they are needed.
+        // A vehicle without these dynamics is refused later, where they are needed.
         if let Ok(drone) = vehicle.drone(dynamics)
             && let Some(lean) = lean::taken_out(&mut track, drone.body.gravity_m_s2)
         {
@@ -234,12 +235,12 @@ impl Track {
         self.span_s[1] - self.span_s[0]
     }
 
-    /// Whether nothing counts at a time: the vehicle on the ground, a crash.
+    /// Whether a time is excluded: the vehicle is on the ground, or crashes.
     pub(crate) fn is_excluded(&self, at_s: f64) -> bool {
         self.excluded.iter().any(|e| e.whole() && at_s >= e.from_s && at_s <= e.to_s)
     }
 
-    /// The same log, of which only the part within a span (s) is used.
+    /// The same log restricted to a span (s).
     pub fn cut(&self, span_s: [f64; 2]) -> Self {
         let [from, to] = self.span_s;
         Self { span_s: [span_s[0].max(from), span_s[1].min(to)], ..self.clone() }
@@ -254,7 +255,8 @@ impl Track {
     pub(crate) fn windows(&self) -> Windows {
         let period = |c: &[f64]| resample::spacing_s(c).unwrap_or(0.01);
         let p_period = period(&self.position.t_s);
-        // A parabola over T has the velocity noise σ √(12/n) / T; longer spans bend. 60 ms each side at 1 cm, 20 ms at best.
+        // A parabola over T has the velocity noise σ √(12/n) / T; longer spans are biased by curvature. 60 ms each side at
+        // 1 cm, 20 ms at best.
         let half = (0.02 * (self.noise.position_m / 3e-4).powf(0.3)).clamp(0.02, 0.08).max(3.2 * p_period);
         let a_half = 0.02f64.max(3.2 * period(&self.attitude.t_s));
         let wide = (0.02 * (self.noise.attitude_rad / 3e-3).powf(0.3)).clamp(0.02, 0.06);
@@ -268,7 +270,7 @@ impl Track {
         at_s.par_chunks(1024).flat_map_iter(|at| self.measured_states(at)).collect()
     }
 
-    /// The same, one after the other.
+    /// The same, serially.
     fn measured_states(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
         let Windows { position_s, attitude_s: a_half, rate_s } = self.windows();
         let positions =
@@ -314,7 +316,7 @@ fn common_span(position: &Channel<3>, attitude: &Channel<4>, inputs: &Inputs) ->
     inputs.rotors.iter().for_each(|c| within(&c.t_s));
     within(&inputs.thrust.t_s);
     within(&inputs.attitude.t_s);
-    // Motors and filters of the model need a moment to forget how they were started.
+    // The modelled motors and filters need time to forget their initial state.
     span[0] += SETTLE_S;
     span
 }
@@ -332,10 +334,11 @@ fn long_enough(cut: &Unusable, span_s: [f64; 2], name: &str, drive: Drive) -> Re
     }
 }
 
-/// How much wider local fits become where too few samples lie, as between held values. Gaps are longer: 4.5 usual steps.
+/// Factors by which local fits are widened where samples are too sparse, as between held values. Gaps are longer: 4.5 usual
+/// steps.
 const WIDER: [f64; 2] = [1.4, 2.0];
 
-/// Local fits at times, wider where they cannot be made.
+/// Local fits at times, widened where too few samples lie in reach.
 fn widened<T>(at_s: &[f64], half_s: f64, fit: impl Fn(&[f64], f64) -> Vec<Option<T>>) -> Vec<Option<T>> {
     let mut out = fit(at_s, half_s);
     for wider in WIDER {

@@ -1,4 +1,4 @@
-//! What candidates take from the error on windows that the fit has not seen.
+//! Share of the held-out error that candidates remove, by cross-validation over windows.
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
@@ -11,14 +11,13 @@ use super::solve::{Solution, chi2};
 const TOGETHER: usize = 4;
 const FOLDS: usize = 8;
 
-/// The windows without what those before them say about the disturbance: none knows anything of another.
+/// The windows without the prediction of their disturbance from earlier ones: all are independent.
 pub(super) fn each_for_itself(solution: &Solution) -> Vec<Reduced> {
     solution.linear.reduce(&Disturbance { kept: [0.0; 4], ..solution.disturbance })
 }
 
-/// Share of the excess error that the candidates `of` remove on windows that the fit has not seen: what is left with them,
-/// against what is left when their numbers go back to the file and everything else stays. `apart` are the windows as
-/// [`each_for_itself`] gives them.
+/// Share of the excess error that the candidates `of` remove on held-out windows: the error with them, against the error
+/// when their parameters go back to nominal and everything else stays. `apart` are the windows from [`each_for_itself`].
 pub(super) fn removed_share(
     model: &Model,
     solution: &Solution,
@@ -34,7 +33,7 @@ pub(super) fn removed_share(
         let posterior = evidence.posterior(&solution.set)?;
         let delta: Vec<f64> = posterior.mean.iter().zip(at).map(|(m, a)| m - a).collect();
         let kept = all.deltas(&delta);
-        // By how much each log differs from what all share stays.
+        // Per-log deviations from the shared values are kept.
         let mut gone = kept.clone();
         for (k, p) in model.parameters.iter().enumerate().filter(|(_, p)| of.contains(&p.candidate)) {
             gone.iter_mut().for_each(|log| log[k] += p.filed - posterior.mean[k]);

@@ -1,11 +1,11 @@
-//! What of a log an analysis leaves out: the parts of [`crate::flight::usable`], for a vehicle.
+//! Spans of a log excluded from an analysis: the parts of [`crate::flight::usable`], for a vehicle.
 
 use super::track::SHORTEST_S;
 use crate::flight::usable::{self, Excluded, Known, Reason, Unusable};
 use crate::flight::{Channel, FlightLog};
 use crate::vehicle::{DYNAMICS, Vehicle};
 
-/// What of a log cannot be used with a vehicle.
+/// Spans of a log that are unusable with a vehicle.
 pub(crate) fn look(log: &FlightLog, vehicle: &Vehicle) -> Unusable {
     let known = vehicle.drone(DYNAMICS[0]).map_or_else(
         |_| Known::default(),
@@ -17,13 +17,13 @@ pub(crate) fn look(log: &FlightLog, vehicle: &Vehicle) -> Unusable {
     usable::look(log, &known)
 }
 
-/// The flying part of an input: its median says what the vehicle weighs.
+/// The part of an input in flight: its median corresponds to the vehicle's weight.
 pub(crate) fn flying<const N: usize>(cut: &Unusable, c: &Channel<N>) -> Channel<N> {
     let marks: Vec<bool> = c.t_s.iter().map(|t| cut.at(*t)).collect();
     crate::flight::clean::without(c, &marks)
 }
 
-/// Time within a span that is left, s.
+/// Remaining time within a span, s.
 pub(crate) fn left_s(excluded: &[Excluded], span_s: [f64; 2]) -> f64 {
     let mut list: Vec<[f64; 2]> = excluded
         .iter()
@@ -40,7 +40,7 @@ pub(crate) fn left_s(excluded: &[Excluded], span_s: [f64; 2]) -> f64 {
     span_s[1] - span_s[0] - lost
 }
 
-/// The span without what is left out at its ends. A gap of one channel is left out too: nothing begins in it.
+/// The span without excluded parts at its ends. A gap of one channel is excluded too: no window may start in it.
 pub(crate) fn trimmed(excluded: &[Excluded], mut span_s: [f64; 2]) -> [f64; 2] {
     loop {
         let before = span_s;
@@ -58,13 +58,13 @@ pub(crate) fn trimmed(excluded: &[Excluded], mut span_s: [f64; 2]) -> [f64; 2] {
     }
 }
 
-/// What is missing of a flight of which less than [`SHORTEST_S`] is left, in words; `None` where enough is left.
+/// What is missing in a flight with less than [`SHORTEST_S`] left, in words; `None` where enough is left.
 pub(crate) fn too_little(cut: &Unusable, span_s: [f64; 2]) -> Option<String> {
     let left = left_s(&cut.excluded, span_s).max(0.0);
     if left >= SHORTEST_S {
         return None;
     }
-    // Which gap is the longest does not matter where most of the log is no flight.
+    // The longest gap is irrelevant where most of the log is no flight.
     let gap = |reason: &Option<Reason>| *reason == Some(Reason::Dropout);
     let said: Vec<String> =
         cut.sentences().into_iter().filter(|(_, r)| r.is_some() && !gap(r)).map(|(text, _)| text).collect();

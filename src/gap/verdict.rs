@@ -1,4 +1,4 @@
-//! What a diagnosis says: plain data for text, JSON and pages.
+//! Result of a diagnosis: plain data for text, JSON and pages.
 
 use super::decide::rules::Why;
 use super::track::Noise;
@@ -12,7 +12,7 @@ pub struct ParameterFit {
     pub name: String,
     /// SI unit.
     pub unit: String,
-    /// Value in the vehicle file (the effect's default where the file does not list it).
+    /// Nominal value: that of the vehicle file (the effect's default where the file does not list it).
     pub filed: f64,
     /// Estimate.
     pub value: f64,
@@ -23,27 +23,27 @@ pub struct ParameterFit {
 /// An effect that fits almost as well as the chosen one.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LookAlike {
-    /// Candidate ids that stand together in place of the chosen effect.
+    /// Candidate ids that together replace the chosen effect.
     pub ids: Vec<String>,
     /// In plain words.
     pub title: String,
-    /// Evidence by which it fits worse than the chosen one, nats.
+    /// Evidence deficit to the chosen effect, nats.
     pub worse_by_nats: f64,
-    /// The manoeuvre that would tell them apart.
+    /// The manoeuvre that would separate them.
     pub manoeuvre: String,
 }
 
-/// What the second estimator says of a finding.
+/// Opinion of the second estimator on a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Said {
-    /// Unseen flight gains by it, and the values agree.
+    /// It improves held-out flight, and the values agree.
     Agrees,
-    /// It would see what the fit claims, and sees something else.
+    /// The second estimator would see the claimed effect, and sees something else.
     Differs,
-    /// What the pilot does against the weather could look the same.
+    /// The pilot's reaction to disturbances could look the same.
     Answer,
-    /// It cannot see such an effect.
+    /// The second estimator cannot observe such an effect.
     Silent,
 }
 
@@ -52,7 +52,7 @@ pub enum Said {
 pub struct SecondStep {
     /// Candidate id.
     pub id: String,
-    /// Share of the force or torque left by the steps before that it explains on flight which the regression has not seen.
+    /// Share of the force or torque left by the previous steps that it explains on flight held out from the regression.
     pub gain: f64,
     /// Its standard error.
     pub gain_sigma: f64,
@@ -72,15 +72,15 @@ impl Said {
     }
 }
 
-/// The second line of evidence: a regression of force and torque in a band of frequencies, which knows nothing of sensor noise
-/// and start states.
+/// The second line of evidence: a band-limited regression of force and torque, which needs no model of sensor noise and no
+/// initial states.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Opinion {
     /// Whether it agrees with the fit.
     pub said: Said,
-    /// Share of the force or torque left by the others that the effect explains on flight which the regression has not seen.
+    /// Share of the force or torque left by the others that the effect explains on flight held out from the regression.
     pub gain: Option<f64>,
-    /// Its standard error, by the scatter of stretches of flight.
+    /// Its standard error, by the scatter between blocks of flight.
     pub gain_sigma: Option<f64>,
     /// In words, with both numbers where they differ.
     pub text: String,
@@ -99,27 +99,27 @@ pub struct Finding {
     pub area: Area,
     /// Parameters with values and intervals.
     pub parameters: Vec<ParameterFit>,
-    /// Other parameters of the effect at values that were set before the fit (a cable's length), SI.
+    /// Other parameters of the effect that were set before the fit (a cable's length), SI.
     pub set: Vec<(String, f64)>,
     /// Evidence that is lost without it, nats.
     pub evidence_nats: f64,
-    /// Share of the excess error that it removes on segments that the fit has not seen, 0 to 1; negative: it makes it worse.
+    /// Share of the excess error that it removes on held-out windows, 0 to 1; negative: it makes it worse.
     pub removed_share: f64,
-    /// Whether no other effect explains the log about as well, and the second estimator has nothing against it.
+    /// Whether no other effect explains the log about as well, and the second estimator does not object.
     pub certain: bool,
-    /// What the second estimator says.
+    /// Opinion of the second estimator.
     pub second: Opinion,
-    /// Others that the log cannot tell from it.
+    /// Effects that the log cannot separate from it.
     pub look_alikes: Vec<LookAlike>,
-    /// Effects that what drives the model cannot tell from it, nor from a look-alike: without rotor speeds drag of the rotors is
+    /// Effects indistinguishable from it, or from a look-alike, with this drive: without rotor speeds drag of the rotors is
     /// drag of the body.
     pub stands_for: Vec<String>,
-    /// What it does to the errors on flight that the fit has not seen; null where that was not measured.
+    /// Its effect on the held-out errors; null where that was not measured.
     pub held_out: Option<HeldOut>,
 }
 
-/// What a finding does to a vehicle's errors on flight that the fit has not seen: the vehicle with all that is written, and the
-/// same without this finding (with it, for one that is not written).
+/// Effect of a finding on a vehicle's held-out errors: the vehicle with everything written, and the same without this
+/// finding (with it, for one that is not written).
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HeldOut {
     /// The channel on which it acts most: `force across the rotors`, `torque about body z`, `attitude after 0.5 s`.
@@ -128,23 +128,23 @@ pub struct HeldOut {
     pub unit: String,
     /// Error of the channel without the finding, root mean square.
     pub without: f64,
-    /// The same with it.
+    /// Error of the channel with the finding.
     pub with: f64,
-    /// Both over what the noise of the sensors makes; null where that is not known.
+    /// Both over the sensor noise; null where that is unknown.
     pub times_noise: Option<[f64; 2]>,
     /// Errors of position and attitude after 0.5 and 1 s with it, over those without it: geometric mean.
     pub roll_outs: f64,
-    /// Whether a vehicle file is better off with it.
+    /// Whether it is written into the vehicle file, which is then no worse.
     pub written: bool,
     /// Why it is not written, with the numbers; null where it is.
     pub doubt: Option<String>,
-    /// It is not written since it takes too little off the errors; that says nothing against its being there.
+    /// It is not written since it lowers the errors too little; that is no evidence against its existence.
     #[serde(default)]
     pub little: bool,
 }
 
 impl Calibration {
-    /// How many times its tolerance it is off; zero where that is not known.
+    /// How many tolerances it is off; zero where that is unknown.
     pub fn times_tolerance(&self) -> f64 {
         let off = (self.parameter.value - self.parameter.filed).abs();
         if self.tolerance > 0.0 { off / self.tolerance } else { 0.0 }
@@ -152,12 +152,12 @@ impl Calibration {
 }
 
 impl Finding {
-    /// Why it is in doubt and not written, where it is.
+    /// Why it is in doubt and not written, if so.
     pub fn doubt(&self) -> Option<&str> {
         self.held_out.as_ref().filter(|h| !h.little).and_then(|h| h.doubt.as_deref())
     }
 
-    /// Why it is not written, where it is not: it is in doubt, or takes too little off the errors.
+    /// Why it is not written, if so: it is in doubt, or lowers the errors too little.
     pub fn unwritten(&self) -> Option<&str> {
         self.held_out.as_ref().and_then(|h| h.doubt.as_deref())
     }
@@ -174,24 +174,24 @@ pub struct Calibration {
     pub area: Area,
     /// The parameter.
     pub parameter: ParameterFit,
-    /// Other parameters of the effect at values that were set before the fit (the speed at which a thrust curve is held), SI.
+    /// Other parameters of the effect that were set before the fit (the speed at which a thrust curve is fixed), SI.
     #[serde(default)]
     pub set: Vec<(String, f64)>,
-    /// How far a carefully built vehicle is off in it (standard deviation), in the unit of the parameter.
+    /// Tolerance of a carefully built vehicle (standard deviation), in the unit of the parameter.
     #[serde(default)]
     pub tolerance: f64,
-    /// Whether its group of parameters lowers the error on flight that the fit has not seen.
+    /// Whether its group of parameters lowers the held-out error.
     #[serde(default)]
     pub helps: bool,
-    /// Whether its group is written with what was found, since an error on unseen flight rises without it.
+    /// Whether its group is written with the findings, since a held-out error rises without it.
     #[serde(default)]
     pub partner: bool,
 }
 
-/// A term of the free-form description of what remains.
+/// A term of the free-form description of the remainder.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FreeTerm {
-    /// What is pushed: `force along body x`, `torque about body z` …
+    /// The component: `force along body x`, `torque about body z` …
     pub on: String,
     /// The physical variable: `v_x |v|`, `sin(2 roll) · thrust` …
     pub variable: String,
@@ -199,27 +199,27 @@ pub struct FreeTerm {
     pub coefficient: f64,
     /// Its standard deviation.
     pub sigma: f64,
-    /// Share of the remaining scatter that it explains on segments that it has not seen.
+    /// Share of the remaining scatter that it explains on held-out blocks.
     pub explained_share: f64,
 }
 
-/// What remains when all that was found is in the model.
+/// What remains with all findings in the model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Remainder {
     /// Standard deviation of the force that no effect explains, over the mass, m/s² (constant over 0.25 s).
     pub force_m_s2: f64,
-    /// Standard deviation of the torque that no effect explains, over the inertia, rad/s²; zero where the attitude is fed in and
-    /// nothing is known of torques.
+    /// Standard deviation of the torque that no effect explains, over the inertia, rad/s²; zero where the attitude is an
+    /// input and torques are unknown.
     pub torque_rad_s2: f64,
-    /// The same before anything was found.
+    /// The same without findings.
     pub force_before_m_s2: f64,
-    /// The same before anything was found.
+    /// The same without findings.
     pub torque_before_rad_s2: f64,
-    /// Force over mass that poses and inertial data both see beside the model, m/s²; null where one of them is missing.
+    /// Residual force over mass on which poses and inertial data agree, m/s²; null where one of them is missing.
     pub force_agreed_m_s2: Option<f64>,
-    /// Torque over inertia that attitude and gyroscope both see beside the model, rad/s²; null where one of them is missing.
+    /// Residual torque over inertia on which attitude and gyroscope agree, rad/s²; null where one of them is missing.
     pub torque_agreed_rad_s2: Option<f64>,
-    /// Whether more is left than a well-known vehicle leaves: something is missing that is not in the list.
+    /// Whether more is left than for a well-known vehicle: something is missing that is not in the list.
     pub unexplained: bool,
     /// Terms that describe it, best first.
     pub terms: Vec<FreeTerm>,
@@ -236,9 +236,10 @@ pub struct Limit {
     pub parameter: String,
     /// SI unit.
     pub unit: String,
-    /// Size up to which it would not show: a root mean square, like the plausible size; `None` where the logs say nothing.
+    /// Size up to which it would not show: a root mean square, like the plausible size; `None` where the logs have no
+    /// information.
     pub size: Option<f64>,
-    /// The same over its plausible size.
+    /// The same as a share of its plausible size.
     pub share: Option<f64>,
     /// Whether one of plausible size would show.
     pub visible: bool,
@@ -247,7 +248,7 @@ pub struct Limit {
 /// What to fly next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
-    /// What for, and what the manoeuvres would bring.
+    /// Purpose, and what the manoeuvres would achieve.
     pub text: String,
     /// Manoeuvres of the library, best first; empty where none is known to help.
     pub manoeuvres: Vec<String>,
@@ -262,38 +263,38 @@ pub struct HorizonError {
     pub position_m: f64,
     /// Velocity at the end, m/s.
     pub velocity_m_s: f64,
-    /// Attitude at the end, rad; left out of files where the drive feeds it in.
+    /// Attitude at the end, rad; omitted from files where it is an input.
     #[serde(skip_serializing_if = "fed_in")]
     pub attitude_rad: f64,
-    /// Body rate at the end, rad/s; left out of files where the drive feeds it in.
+    /// Body rate at the end, rad/s; omitted from files where it is an input.
     #[serde(skip_serializing_if = "fed_in")]
     pub rate_rad_s: f64,
     /// Number of roll-outs.
     pub n: usize,
 }
 
-/// Whether an error of attitude (rad) or body rate (rad/s) is rounding alone: the channel is an input of the model.
+/// Whether an error of attitude (rad) or body rate (rad/s) is mere rounding: the channel is an input of the model.
 fn fed_in(error: &f64) -> bool {
     error.abs() <= super::policy::FED_IN_RAD
 }
 
-/// One rung of the ladder: the model with the first effects that were found.
+/// One step of the ladder: the model with the first findings added.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rung {
     /// `as filed`, `+ linear_drag` …
     pub label: String,
     /// Errors on the flights of the fit, by horizon.
     pub training: Vec<HorizonError>,
-    /// Errors on flights (or segments) that the fit has not seen, by horizon.
+    /// Errors on held-out flight, by horizon.
     pub held_out: Vec<HorizonError>,
     /// Force and torque that the model lacks at the instants of the flights of the fit.
     pub training_lack: Option<Lack>,
-    /// The same on flights (or segments) that the fit has not seen.
+    /// The same on held-out flight.
     pub held_out_lack: Option<Lack>,
 }
 
 impl Rung {
-    /// Roll-outs and missing force and torque on the flight that judges: what the fit has not seen, where there is any.
+    /// Roll-out errors and missing force and torque on the flight used for judging: held-out flight if there is any.
     pub fn judged(&self) -> (&[HorizonError], Option<Lack>) {
         match self.held_out.is_empty() {
             false => (&self.held_out, self.held_out_lack),
@@ -307,11 +308,11 @@ impl Rung {
 pub struct Lack {
     /// Force, N.
     pub force_n: f64,
-    /// Force over what the noise of the sensors makes.
+    /// Force over the sensor noise.
     pub force_times_noise: f64,
-    /// Torque, N·m; null where the drive says nothing of torques.
+    /// Torque, N·m; null where the drive carries no torques.
     pub torque_n_m: Option<f64>,
-    /// Torque over what the noise of the sensors makes.
+    /// Torque over the sensor noise.
     pub torque_times_noise: Option<f64>,
     /// Number of means.
     pub n: usize,
@@ -326,15 +327,15 @@ pub struct LogSummary {
     pub sha256: String,
     /// Usable span, s.
     pub duration_s: f64,
-    /// What drove the model.
+    /// Drive of the model.
     pub drive: String,
     /// Noise of its channels.
     pub noise: Noise,
-    /// Whether it was kept out of the fit.
+    /// Whether it was held out from the fit.
     pub held_out: bool,
 }
 
-/// A number in which a log differs from the others of its diagnosis: a clock, a bias, the wind of the day.
+/// A parameter in which a log differs from the others of its diagnosis: a clock, a bias, the wind of the day.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OfOneLog {
     /// Name of the log.
@@ -370,16 +371,16 @@ pub struct Diagnosis {
     pub headline: String,
     /// The missing effects, most important first; empty where nothing is missing.
     pub findings: Vec<Finding>,
-    /// Why each effect is named, in doubt or not named, in the order in which it was decided.
+    /// Why each effect is named, in doubt or not named, in the order of the decisions.
     pub why: Vec<Why>,
-    /// Parameters within tolerance that the log corrects by more than two standard deviations.
+    /// Parameters within tolerance that the log moves by more than two standard deviations.
     pub calibration: Vec<Calibration>,
-    /// All tolerance parameters at their estimates, those of the sensors too, for a vehicle file that is adjusted as well as
-    /// completed: they are correlated and hold together.
+    /// All tolerance parameters at their estimates, including those of the sensors, for a vehicle file that is calibrated
+    /// as well as completed: they are correlated and only valid together.
     pub adjusted: Vec<Calibration>,
     /// What remains.
     pub remainder: Remainder,
-    /// Baseline, + effect 1, + effect 2 …
+    /// Nominal, + effect 1, + effect 2 …
     pub ladder: Vec<Rung>,
     /// What to fly next, and why.
     pub advice: Vec<Advice>,
@@ -389,18 +390,18 @@ pub struct Diagnosis {
     pub not_tried: Vec<(String, String)>,
     /// Every candidate tried alone: id, evidence for it, nats.
     pub singles: Vec<(String, f64)>,
-    /// What the second estimator would name by itself, most explaining first.
+    /// The second estimator's own selection, largest gain first.
     pub second: Vec<SecondStep>,
-    /// Dispersion by which evidence and intervals were divided (1: residuals as noisy as the sensors).
+    /// Dispersion (reduced chi-square) by which evidence and intervals were scaled (1: residuals as noisy as the sensors).
     pub dispersion: f64,
-    /// In what the logs differ from each other, where there are several.
+    /// Parameters in which the logs differ from each other, where there are several.
     pub per_log: Vec<OfOneLog>,
-    /// What was assumed or left out.
+    /// Assumptions and omissions.
     pub warnings: Vec<String>,
 }
 
 impl Diagnosis {
-    /// The flight on which findings and rungs are judged: held-out flight, where there is some.
+    /// The flight on which findings and ladder steps are judged: held-out flight if there is any.
     pub fn judged_on(&self) -> &'static str {
         match self.logs.iter().any(|l| l.held_out) {
             true => "held-out flight",
@@ -408,7 +409,7 @@ impl Diagnosis {
         }
     }
 
-    /// Manoeuvres of the library to fly next, each once, most wanted first.
+    /// Manoeuvres of the library to fly next, each once, most useful first.
     pub fn next_flight(&self) -> Vec<String> {
         let mut out: Vec<String> = Vec::new();
         for name in self.advice.iter().flat_map(|a| &a.manoeuvres) {

@@ -1,5 +1,5 @@
-//! One search: linearise, size the disturbances, choose the set, move to the estimate, on windows that grow longer, until nothing
-//! moves any more.
+//! One search: linearise, estimate the disturbances' sizes, choose the set, move to the estimate, on windows of growing
+//! length, until it converges.
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
@@ -14,18 +14,18 @@ use super::starts::Start;
 use super::track::Noise;
 use crate::flight::clean;
 
-/// Lengths of the windows, s: short ones first, since long ones see further but bend more.
+/// Lengths of the windows, s: short ones first, since long ones are more sensitive but less linear.
 const HORIZONS_S: [f64; 2] = [0.1, 0.25];
-/// Most passes of the disturbances' sizes per linearisation, and steps of expectation maximisation in each.
+/// Most updates of the disturbances' sizes per linearisation, and steps of expectation maximisation in each.
 const PASSES: usize = 4;
 const STEPS: usize = 3;
-/// Most linearisations per length.
+/// Most linearisations per window length.
 const ROUNDS: [usize; 2] = [4, 4];
-/// Widths of a vehicle's tolerances that are tried, times the usual: a vehicle built or measured carelessly is off in many
-/// numbers, which is no missing effect.
+/// Tolerance factors that are tried: a carelessly built or measured vehicle is off in many parameters, which is no missing
+/// effect.
 const TOLERANCES: [f64; 3] = [1.4, 2.0, 2.8];
 
-/// One search from one start; none where it comes [`Start::back`].
+/// One search from one start; `None` if it reaches [`Start::back`].
 pub(super) fn settle(
     logs: &[Prepared],
     model: &mut Model,
@@ -54,7 +54,7 @@ pub(super) fn settle(
             }
             let Some(set) = walk.choose(model, &linear, &known, horizon_s)? else { return Ok(None) };
             let (found, settled) = walk.step(model, linear, known, set)?;
-            // A search that jumps far off in its last round has not been there.
+            // A last round that jumps far from its linearisation point is discarded.
             let of_now = last.take_if(|l: &mut Solution| {
                 l.linear.horizon_s == found.linear.horizon_s && l.near_by(model) && !found.near_by(model)
             });
@@ -66,8 +66,8 @@ pub(super) fn settle(
     }
     progress(all, all);
     let mut solution = last.ok_or_else(no_window)?;
-    // How large the disturbances would have to be without anything found: found effects are back at the file, since a spike alone
-    // would not hold them there against so much data.
+    // Disturbances without any findings: the effects are reset to nominal, since a spike alone would not hold them there
+    // against so much data.
     let deltas = solution.deltas_without(model, |c| solution.set.contains(&c));
     solution.disturbance_before = Disturbance::unknown();
     for _ in 0..6 {
@@ -76,20 +76,20 @@ pub(super) fn settle(
     Ok(Some(solution))
 }
 
-/// A search on its way: what it holds fixed, and where it is.
+/// State of a search in progress.
 struct Walk<'a> {
     logs: &'a [Prepared<'a>],
     given: Option<&'a [usize]>,
-    /// How it began; values, set and disturbance are where it is now.
+    /// Its start; values, set and disturbance are updated.
     start: Start,
     from_file: bool,
     forces_only: bool,
-    /// Candidates that a search may choose, and those that move samples in time.
+    /// Candidates that a search may choose, and those that shift samples in time.
     every: Vec<usize>,
     timing: Vec<usize>,
-    /// Whether the line of a gust is looked for.
+    /// Whether to look for a gust frequency.
     may_gust: bool,
-    /// Noise that neighbouring samples show, and the noise by which rows are divided now.
+    /// Noise from neighbouring samples, and the noise by which rows are divided now.
     least: Vec<Noise>,
     noise: Vec<Noise>,
     values: Values,
@@ -99,7 +99,7 @@ struct Walk<'a> {
     done: usize,
 }
 
-/// What a linearisation says with the disturbances that it shows.
+/// A linearisation with its estimated disturbances.
 struct Known {
     reduced: Vec<Reduced>,
     all: Information,
@@ -117,7 +117,7 @@ impl<'a> Walk<'a> {
         let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
         let is_gust = |c: &usize| model.candidates[*c].kind == "gust";
         let may_gust = given.unwrap_or(&every).iter().any(is_gust);
-        // A given set needs no short windows, which only lead to where a search begins on long ones; but for the line of a gust.
+        // A given set needs no short windows, which only provide a start for the long ones; except for the gust frequency.
         let mut start = start.unwrap_or_else(|| Start {
             set: given.map(<[usize]>::to_vec).unwrap_or_default(),
             horizon: usize::from(given.is_some() && !may_gust),
@@ -154,7 +154,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// Whether the first look from the file is on, at which the line of a gust is looked for in all windows.
+    /// Whether this is the first pass from the file, in which the gust frequency is looked for in all windows.
     fn looks_for_gust(&self, done: usize) -> bool {
         done == 0 && self.from_file && self.may_gust
     }
@@ -167,7 +167,7 @@ impl<'a> Walk<'a> {
         let at_work: Vec<usize> = (0..model.candidates.len())
             .filter(|c| self.start.set.contains(c) || self.timing.contains(c) || moved(*c))
             .collect();
-        // The last word needs all windows.
+        // The final rounds need all windows.
         let short = horizon_s == HORIZONS_S[0] && !self.looks_for_gust(self.done);
         let most = match (self.start.quick, short) {
             (true, _) => GLANCE_WINDOWS,
@@ -187,7 +187,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// The disturbances' sizes with the present set, and the windows with them.
+    /// Estimates the disturbances' sizes with the current set, and reduces the windows with them.
     fn disturbances(&mut self, model: &Model, linear: &Linear, horizon_s: f64) -> Result<Known, GapError> {
         let mut phi = 1.0;
         let mut pass = 0;
@@ -197,13 +197,13 @@ impl<'a> Walk<'a> {
             let evidence = Evidence::new(model, &all.h, &all.g, &linear.at, phi, self.tolerance)?;
             let posterior = evidence.posterior(&self.start.set)?;
             let delta = all.deltas(&difference(&posterior, &linear.at));
-            // What any candidate could explain is no scatter: a missing effect would divide its own evidence by it.
+            // The dispersion is taken with all candidates free: otherwise a missing effect would reduce its own evidence.
             let free = all.deltas(&difference(&evidence.posterior(&self.every)?, &linear.at));
             phi = dispersion(model, linear, &reduced, &free);
             if pass >= PASSES {
                 return Ok(Known { reduced, all, dispersion: phi });
             }
-            // Expectation maximisation creeps: several steps for one look at the parameters.
+            // Expectation maximisation converges slowly: several steps per update of the parameters.
             let mut near = false;
             for _ in 0..STEPS {
                 let mut next = linear.disturbance(&self.start.disturbance, &delta);
@@ -220,7 +220,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A gust is one line of a spectrum: which, the disturbances tell once. Whether there is one, from which all begins again.
+    /// A gust has a single frequency, taken once from the disturbances. Returns whether there is one; then the search
+    /// restarts.
     fn tune_gust(&mut self, model: &mut Model, linear: &Linear) -> bool {
         if !self.looks_for_gust(self.done - 1) {
             return false;
@@ -233,7 +234,7 @@ impl<'a> Walk<'a> {
         tuned
     }
 
-    /// The set, and how wide this vehicle's tolerances are; none where the search comes back.
+    /// Chooses the set and this vehicle's tolerance factor; `None` if the search reaches [`Start::back`].
     fn choose(
         &mut self,
         model: &Model,
@@ -256,7 +257,7 @@ impl<'a> Walk<'a> {
             return Ok(None);
         }
         let mut widest = 1.0;
-        // Short windows, seen from far off, would take a missing effect for carelessness.
+        // Far from the optimum, short windows blame loose tolerances for a missing effect.
         let tried =
             |wider: &f64| horizon_s == HORIZONS_S[1] && !self.forces_only && *wider <= self.start.widest;
         for wider in TOLERANCES.into_iter().filter(tried) {
@@ -270,7 +271,7 @@ impl<'a> Walk<'a> {
         Ok(Some(best.set))
     }
 
-    /// Moves to the estimate with `set`; what was found, and whether nothing moves any more.
+    /// Moves to the estimate with `set`; returns the solution, and whether it has converged.
     fn step(
         &mut self,
         model: &Model,
@@ -315,8 +316,8 @@ impl<'a> Walk<'a> {
         Ok((found, same && same_noise && moved < 1.0 && self.done > self.start.held))
     }
 
-    /// Moves the values of what is in the set, of what moves samples in time, and where the start says so of what is within
-    /// tolerance; by how much at most, in standard deviations.
+    /// Moves the values of the set, of what shifts samples in time, and, if the start says so, of what is within tolerance;
+    /// returns the largest move in standard deviations.
     fn moved(&mut self, model: &Model, found: &Solution, differing: &[usize]) -> f64 {
         let Solution { set, linear, posterior, deltas, .. } = found;
         let delta = difference(posterior, &linear.at);
@@ -350,8 +351,8 @@ impl<'a> Walk<'a> {
     }
 }
 
-/// How much larger than expected residuals scatter: the larger of χ² per degree of freedom and the scatter of window scores
-/// over the information (median over parameters that the log says something about), at least 1.
+/// Dispersion: the larger of the reduced chi-square and the scatter of window scores over the information (median over
+/// parameters about which the log is informative), at least 1.
 fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], deltas: &[Vec<f64>]) -> f64 {
     let rows: usize = linear.windows.iter().map(|w| w.n_rows).sum();
     let used = 12 * linear.windows.len();
@@ -373,7 +374,7 @@ fn dispersion(model: &Model, linear: &Linear, reduced: &[Reduced], deltas: &[Vec
     clean::median(ratios).unwrap_or(1.0).max(per_row).max(1.0)
 }
 
-/// How much larger, squared, the noise beside the model is than what neighbouring samples show, in the worst channel.
+/// Largest ratio of noise variance between the noise beside the model and that of neighbouring samples, over the channels.
 fn inflation(noise: &[Noise], least: &[Noise]) -> f64 {
     let pairs = noise.iter().zip(least).flat_map(|(a, b)| a.channels().into_iter().zip(b.channels()));
     pairs.map(|(a, b)| (a / b).powi(2)).fold(1.0, f64::max)

@@ -1,8 +1,8 @@
-//! Whether a file's rotors are those of a log: their order, their spins, and how much they lift.
+//! Checks whether a file's rotors match those of a log: their order, their spin directions, and their lift.
 //!
-//! A log whose columns stand in another order than the file's rotors, a file whose spins are all reversed, or one of another vehicle
-//! leave torques and forces that no missing effect makes, and a search for one ends anywhere. Each rotor's torque about the centre
-//! of mass is held against the measured one, means over [`BAND_S`], for every order of the rotors and both senses of all spins.
+//! A log with columns in another rotor order, a file with all spins reversed, or another vehicle's file leaves torques and
+//! forces that no missing effect causes, and a search for one ends anywhere. The rotors' torque about the centre of mass is
+//! compared with the measured one, in means over [`BAND_S`], for every order of the rotors and both signs of all spins.
 
 use super::GapError;
 use super::fit::Prepared;
@@ -13,40 +13,40 @@ use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
 use crate::physics::rotor;
 
-/// Most rotors of which every order is tried: 40,320.
+/// Most rotors for which every order is tried: 40,320 of them.
 const MOST_ORDERED: usize = 8;
 
 /// Means over a stretch of [`BAND_S`].
 struct Block {
-    /// Torque on the body by its motion, N·m.
+    /// Torque on the body from its motion, N·m.
     torque: [f64; 3],
-    /// Torque of the rotor at place `j` turning as the log's rotor `i`, (j · rotors + i), N·m.
+    /// Torque of the rotor at place `j` at the speed of the log's rotor `i`, (j · rotors + i), N·m.
     by: Vec<[f64; 3]>,
-    /// Force along body z by its motion, and what the model's rotors give, N.
+    /// Force along body z from its motion, and from the modelled rotors, N.
     lift: [f64; 2],
 }
 
-/// How a log's rotors are those of a file.
+/// Assignment of a log's rotors to those of a file.
 #[derive(Clone, Debug, PartialEq)]
 struct Wiring {
     /// The file's rotor for each of the log's.
     places: Vec<usize>,
     reversed: bool,
-    /// Share of the torque's variance that is left about body x, y and z: as filed, and in that way.
+    /// Unexplained share of the torque's variance about body x, y and z: nominal, and with this assignment.
     left: [[f64; 3]; 2],
 }
 
-/// What is wrong with a log's rotors by the file, in words.
+/// How a log's rotors contradict the file, in words.
 pub(super) struct Mismatch {
     /// What was found.
     pub found: String,
     /// What to do.
     pub remedy: &'static str,
-    /// The numbers that tell.
+    /// The numbers behind it.
     pub numbers: String,
 }
 
-/// What is wrong with a log's rotors by the file; none where all is as filed, or where the log does not tell.
+/// How a log's rotors contradict the file; `None` if they match, or if the log does not tell.
 pub(super) fn mismatch(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Option<Mismatch> {
     let blocks = blocks(track, around, raw, drone);
     if blocks.len() < FEWEST_INSTANTS {
@@ -92,7 +92,7 @@ pub(super) fn mismatch(track: &Track, around: &Around, raw: &Raw, drone: &Drone<
 /// [`mismatch`] as an error.
 ///
 /// # Errors
-/// [`GapError::Log`] where the rotors of a log are not those of the file.
+/// [`GapError::Log`] where the rotors of a log do not match the file.
 pub(super) fn check(logs: &[Prepared], drone: &Drone<f64>) -> Result<(), GapError> {
     for log in logs {
         if let Some(m) = mismatch(log.track, &log.around, &log.raw, drone) {
@@ -107,7 +107,7 @@ pub(super) fn check(logs: &[Prepared], drone: &Drone<f64>) -> Result<(), GapErro
     Ok(())
 }
 
-/// Whether rotors drive the model of a log, each by itself.
+/// Whether a log is driven by individual rotors.
 fn by_rotors(track: &Track) -> bool {
     matches!(track.drive, Drive::RotorSpeeds | Drive::RotorCommands)
 }
@@ -117,7 +117,7 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
         return Vec::new();
     }
     let ticks = drive(track, around, raw, drone);
-    // With what the file's own effects make of them: a mass that is filed as wrong is no other vehicle.
+    // Including the file's own effects: a file with `wrong_mass` is not another vehicle.
     let parts = drone.parts();
     let body = &parts.body;
     let n = if by_rotors(track) { parts.airframe.n_rotors } else { 0 };
@@ -169,7 +169,8 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
     out
 }
 
-/// Variances of the measured torque, and its products with and among the torques of all pairs of place and rotor, about each axis.
+/// Variances of the measured torque, and its products with and among the torques of all pairs of place and rotor, about
+/// each axis.
 struct Moments {
     n: usize,
     measured: [f64; 3],
@@ -202,7 +203,7 @@ impl Moments {
         out
     }
 
-    /// Share of the variance that is left about each axis where the rotor at place `j` turns as the log's rotor `of[j]`.
+    /// Unexplained share of the variance about each axis if the rotor at place `j` turns as the log's rotor `of[j]`.
     fn left(&self, of: &[usize], reversed: bool) -> [f64; 3] {
         let pair = |j: usize| j * self.n + of[j];
         let sense = [1.0, 1.0, if reversed { -1.0 } else { 1.0 }];
@@ -217,7 +218,7 @@ impl Moments {
     }
 }
 
-/// The order and the spins that leave least of the torques; none where those of the file do, or where no others are clearly right.
+/// The order and spins that leave the least torque; `None` if the file's do, or if no others are clearly right.
 fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
     if n == 0 || blocks.iter().any(|b| b.by.is_empty()) {
         return None;
@@ -225,7 +226,7 @@ fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
     let moments = Moments::of(blocks, n);
     let filed: Vec<usize> = (0..n).collect();
     let before = moments.left(&filed, false);
-    // Not a number where nothing turns.
+    // NaN where nothing turns.
     if !before.iter().all(|l| l.is_finite()) || before.iter().all(|l| *l < WIRED_FILED) {
         return None;
     }
@@ -233,7 +234,7 @@ fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
     let mut consider = |of: &[usize]| {
         for reversed in [false, true] {
             let now = moments.left(of, reversed);
-            // Orders that differ by less than rounding are one: the first, nearest to the file, stays.
+            // Orders that differ by rounding only count as equal: the first, nearest to the file, is kept.
             if now.iter().sum::<f64>() < best.0.iter().sum::<f64>() - 1e-6 {
                 best = (now, of.to_vec(), reversed);
             }
@@ -255,7 +256,7 @@ fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
     (right && (reversed || of != filed)).then_some(Wiring { places, reversed, left: [before, after] })
 }
 
-/// Calls `hear` with every order of what stands from `from` on, the order as it is first.
+/// Calls `hear` with every permutation of the elements from index `from` on, the current order first.
 fn permutations(list: &mut [usize], from: usize, hear: &mut dyn FnMut(&[usize])) {
     if from + 1 >= list.len() {
         return hear(list);

@@ -1,7 +1,8 @@
-//! Derivatives of a graph, backwards: from what a loss gains by each result to what it gains by each input.
+//! Reverse-mode derivatives of a graph: from the gradient with respect to each result to the gradient with respect to each
+//! input.
 //!
-//! The sweep is generic over the number: in f64 it is a reference, over [`Sym`] it writes the derivative as a graph of its own,
-//! which is cut, printed and flown like any other.
+//! The sweep is generic over the number type: over f64 it is the reference, over [`Sym`] it records the gradient as a graph
+//! of its own, which is scheduled, printed and run like any other.
 //!
 //! ```
 //! use propwash::scalar::{Real, adjoint::adjoint, trace::{Sym, trace}};
@@ -77,7 +78,8 @@ fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
     out
 }
 
-/// Below this squared angle, rad², the slope of [`Real::half_turn`] is taken from its series: the closed form loses digits.
+/// Below this squared angle, rad², the slope of [`Real::half_turn`] is taken from its series: the closed form loses
+/// precision.
 const SMALL_TURN: f64 = 0.05;
 
 /// d/dθ² of sin(θ/2)/θ, given θ² and both results of [`Real::half_turn`]. Series to θ⁸, error below 1e-17 where it is used.
@@ -90,8 +92,8 @@ fn turn_slope<S: Real>(t2: S, sin_over: S, cos: S) -> S {
     S::select(small, sum, (S::lit(0.5) * cos - sin_over) / (far + far))
 }
 
-/// What a loss gains by each input, where `seeds` says what it gains by each result. At a choice only the chosen side counts,
-/// whatever the slope of the other (√0 …); a floor is flat.
+/// Gradient with respect to each input, given the gradient `seeds` with respect to each result. A select passes the
+/// gradient to the chosen side only, whatever the slope of the other (√0 …); a floor has slope zero.
 ///
 /// # Panics
 /// Where there are fewer inputs than [`Graph::n_inputs`], or fewer seeds than results.
@@ -106,7 +108,7 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
     let values = values(graph, inputs);
     let zero = S::zero();
     let mut gains: Vec<Option<S>> = vec![None; graph.nodes.len()];
-    // Nothing gained stays nothing, even by way of an infinite slope.
+    // A zero gradient stays zero even through an infinite slope.
     let by = |g: S, slope: S| S::select(g.abs().le(zero), zero, g * slope);
     let add = |gains: &mut Vec<Option<S>>, place: Place, gain: S| {
         let sum = &mut gains[place as usize];
@@ -168,8 +170,8 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
     out
 }
 
-/// [`pull_back`] as a graph: inputs are those of `graph`, then one seed for each result; results are what the loss gains by each
-/// input of `graph`.
+/// [`pull_back`] as a graph: its inputs are those of `graph` followed by one seed per result; its results are the gradients
+/// with respect to each input of `graph`.
 pub fn adjoint(graph: &Graph) -> Graph {
     let n = graph.n_inputs;
     trace_finite(n + graph.outputs.len(), |x| pull_back::<Sym>(graph, &x[..n], &x[n..]))
@@ -181,7 +183,7 @@ mod tests {
     use crate::scalar::dual::Dual;
     use crate::scalar::trace::trace;
 
-    /// Every kind of node, with choices away from their edges.
+    /// Uses every kind of node, with selects away from their switching points.
     fn formula<S: Real>(v: &[S]) -> Vec<S> {
         let [a, b, c] = [v[0], v[1], v[2]];
         let (s, k) = (a * b - c).sin_cos();
@@ -235,7 +237,7 @@ mod tests {
             let dual = Dual::<f64, 1>::input(t2, 0).half_turn().0;
             let (sin_over, cos) = Real::half_turn(t2);
             let slope = turn_slope(t2, sin_over, cos);
-            // The dual's own slope loses digits near zero, in proportion to 1/θ².
+            // The dual's own slope loses precision near zero, in proportion to 1/θ².
             assert!((slope - dual.partials[0]).abs() < 1e-14 + 1e-15 / t2.max(1e-6), "{t2}");
         }
     }

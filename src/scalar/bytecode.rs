@@ -1,5 +1,5 @@
-//! Straight-line code computed without having been compiled: one instruction after the other, each for several blocks of lanes
-//! at once, so that reading an instruction costs little beside computing it.
+//! Byte code: interprets straight-line code that has not been compiled. Each instruction runs on several blocks of lanes,
+//! so that decoding it costs little beside computing it.
 //!
 //! It does the same arithmetic in the same order as a generated kernel, so both give the same bits.
 
@@ -11,44 +11,44 @@ use super::kernel::Compiled;
 use super::lanes::{Arith, F32x16, F64x8, Pair};
 use super::stages::{At, Code, Ins, Stages};
 
-/// An instruction whose operands and result stand in a file of cells.
+/// An instruction whose operands and result are registers (cells of the register file).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Op {
-    /// Operands are places in the file.
+    /// Operands are indices into the register file.
     ins: Ins,
     to: u32,
-    /// Where a second result goes.
+    /// Register of a second result.
     second: u32,
 }
 
-/// Code over a file of cells: the home of the drones, and behind it, among what other codes keep,
-/// `[first table | given | second table | numbers for the end | constants | registers]`.
+/// Code over a register file: the drones' state slots (home), followed at `own` by this code's scratch, `[constant table |
+/// given | per-call table | numbers for the epilogue | constants | registers]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ByteCode {
     ops: Vec<Op>,
-    /// (from, to), after all instructions.
+    /// (from, to), copied after all instructions.
     moves: Vec<(u32, u32)>,
 }
 
-/// The codes of a [`Stages`] with what they keep beside the home.
+/// The three codes of a [`Stages`] and the scratch that they need beside the home.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Program {
-    /// Computed once per call.
+    /// Runs once per call.
     pub call: ByteCode,
-    /// Computed in every step.
+    /// Runs in every step.
     pub step: ByteCode,
-    /// Computed after the last.
+    /// Epilogue: runs after the last step.
     pub finish: ByteCode,
-    /// Numbers of the constants.
+    /// Values of the constants.
     pub constants: Vec<f64>,
-    /// Cell of the file where the first of them stands.
+    /// Register of the first constant.
     pub constants_at: usize,
-    /// Cells beside the home.
+    /// Scratch cells beside the home.
     pub len: usize,
 }
 
 impl Program {
-    /// Chooses registers. The own cells of the codes begin at cell `own` of the file.
+    /// Allocates registers. The scratch of the codes begins at cell `own` of the register file.
     pub fn new(stages: &Stages, own: usize) -> Self {
         let Stages { call, step, finish, .. } = stages;
         let mut constants: Vec<f64> = Vec::new();
@@ -74,7 +74,7 @@ impl Program {
             (cells(stages.given_at()), cells(stages.call_at()), cells(stages.state_at()));
         let places =
             Places { own: own as u32, table: &table, constants: &constants, at: constants_at as u32 };
-        // The call's results stand in the second table, all others in the state.
+        // Results of the call go to the per-call table, all others to the state.
         let (call, a) = assign(call, &places, first, &given, &table);
         let (step, b) = assign(step, &places, first, &state, &state);
         let (finish, c) = assign(finish, &places, first, &state, &state);
@@ -83,14 +83,14 @@ impl Program {
     }
 }
 
-/// Cells that all codes of a program know.
+/// Cells known to all codes of a program.
 struct Places<'a> {
-    /// Of the first table.
+    /// First cell of the constant table.
     own: u32,
-    /// Of the second.
+    /// Cells of the per-call table.
     table: &'a [u32],
     constants: &'a [f64],
-    /// Of the first constant.
+    /// Cell of the first constant.
     at: u32,
 }
 
@@ -100,6 +100,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
     for (i, ins) in code.instructions.iter().enumerate() {
         ins.operands().into_iter().flatten().for_each(|o| last_use[o as usize] = i);
     }
+    // Stores follow all instructions, so what they read must not be overwritten.
     for (place, _) in &code.stores {
         last_use[*place as usize] = n;
     }
@@ -113,7 +114,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
             next - 1
         })
     };
-    // Register of the second result, by instruction.
+    // Register of the second result, per instruction.
     let mut seconds = vec![u32::MAX; n];
     for (i, ins) in code.instructions.iter().enumerate() {
         match *ins {
@@ -128,7 +129,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
             Ins::Second(of) => place[i] = seconds[of as usize],
             ins => {
                 let moved = with(ins, |o| place[o as usize]);
-                // Operands that nothing reads later make room for the result.
+                // Registers of operands whose last use is here are free for the result.
                 let mut ended: Vec<u32> = ins.operands().into_iter().flatten().collect();
                 ended.dedup();
                 for o in ended {
@@ -145,6 +146,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
                 if matches!(ins, Ins::SinCos(_) | Ins::HalfTurn(_)) {
                     second = take(&mut free);
                     seconds[i] = second;
+                    // A second result that nothing reads gives its register back at once.
                     let read = code.instructions[i..].contains(&Ins::Second(i as u32));
                     if !read {
                         free.push(second);
@@ -160,7 +162,7 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
     (out, next)
 }
 
-/// Moves in an order in which none overwrites what another still reads; a ring of them goes by way of a new register.
+/// Orders moves so that none overwrites a source still to be read; a cycle is broken through a new register.
 fn ordered(moves: Vec<(u32, u32)>, mut next: u32) -> (Vec<(u32, u32)>, u32) {
     let mut pending: Vec<(u32, u32)> = moves.into_iter().filter(|(from, to)| from != to).collect();
     let mut readers: HashMap<u32, usize> = HashMap::new();
@@ -188,7 +190,7 @@ fn ordered(moves: Vec<(u32, u32)>, mut next: u32) -> (Vec<(u32, u32)>, u32) {
             }
         }
         if !done[i] {
-            // All that is left reads what another of them writes: what is read here waits in a register.
+            // Only cycles are left: save one source in a register to break it.
             let (from, _) = pending[i];
             out.push((from, next));
             let again: Vec<usize> =
@@ -241,7 +243,7 @@ fn with(ins: Ins, at: impl Fn(u32) -> u32) -> Ins {
     }
 }
 
-/// Runs `code` on a file, `times` times.
+/// Runs `code` `times` times on a register file.
 #[inline(always)]
 fn interpret<A: Arith>(t: A::Token, code: &ByteCode, file: &mut [A::Cell], times: usize) {
     let (one, zero, half) = (A::lit(t, 1.0), A::lit(t, 0.0), A::lit(t, 0.5));
@@ -252,7 +254,7 @@ fn interpret<A: Arith>(t: A::Token, code: &ByteCode, file: &mut [A::Cell], times
                     A::load(t, &file[$a as usize])
                 };
             }
-            // A truth is 1 or 0 in the file.
+            // Booleans are stored as 1 or 0 in the register file.
             macro_rules! truth {
                 ($a:expr) => {
                     half.lt(get!($a))
@@ -301,9 +303,9 @@ fn interpret<A: Arith>(t: A::Token, code: &ByteCode, file: &mut [A::Cell], times
     }
 }
 
-/// Cells that byte code can compute with.
+/// Cells on which byte code can run.
 pub trait Interpret: Compiled {
-    /// Runs `code` on a file, `times` times, with the lanes of a level.
+    /// Runs `code` `times` times on a register file, with the instructions of a SIMD level.
     fn interpret(level: Level, code: &ByteCode, file: &mut [Self], times: usize);
 }
 

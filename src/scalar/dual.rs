@@ -14,14 +14,14 @@ pub struct Dual<S, const N: usize> {
 }
 
 impl<S: Real, const N: usize> Dual<S, N> {
-    /// The `index`-th input: its derivative with respect to itself is one.
+    /// Seeds the `index`-th input: its derivative with respect to itself is one.
     pub fn input(value: S, index: usize) -> Self {
         let mut partials = [S::zero(); N];
         partials[index] = S::one();
         Self { value, partials }
     }
 
-    /// `f(self)` with `value = f(v)` and `slope = f'(v)`.
+    /// Chain rule for `f(self)`, with `value = f(v)` and `slope = f'(v)`.
     #[inline(always)]
     fn chain(self, value: S, slope: S) -> Self {
         let mut partials = self.partials;

@@ -1,38 +1,38 @@
-//! Generated kernels as the rest of the crate finds and runs them.
+//! Generated kernels: how they are declared, looked up and run.
 
 use fearless_simd::Level;
 
 use super::lanes::{Cell, F32x16, F64x8};
 use super::stages::Stages;
 
-/// Functions of a kernel over one type of cell: over the home of the drones and what the kernel keeps for itself, or that alone
-/// ([`super::stages::At`]).
+/// Entry points of a kernel for one type of cell, over the drones' state slots (home) and the kernel's scratch, or the
+/// scratch alone ([`super::stages::At`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Entries<C> {
-    /// Computes the second table.
+    /// Fills the per-call table.
     pub call: fn(Level, &mut [C]),
-    /// Takes so many steps, one or more.
+    /// Takes the given number of steps, at least one.
     pub step: fn(Level, &mut [C], &mut [C], usize),
-    /// Computes what is wanted after the last step only.
+    /// Epilogue: computes what is only needed after the last step.
     pub finish: fn(Level, &mut [C], &mut [C]),
 }
 
-/// A stage compiled for several types of cells.
+/// A scheduled step compiled for several types of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct Kernel {
     /// Name of its file.
     pub name: &'static str,
-    /// [`key`] of the code that it was generated from.
+    /// [`key`] of the code from which it was generated.
     pub key: u128,
-    /// One number at a time, with the bits of the code that the kernel was traced from.
+    /// One number at a time; the results have the same bits as the traced code.
     pub scalar: Entries<f64>,
-    /// Sixteen numbers.
+    /// Sixteen f32 lanes.
     pub f32: Entries<F32x16>,
-    /// Eight numbers.
+    /// Eight f64 lanes.
     pub f64: Entries<F64x8>,
 }
 
-/// Whether kernels are compiled for a level: AVX-512, AVX2 and NEON. Older processors run byte code.
+/// Whether kernels are compiled for a SIMD level: AVX-512, AVX2 and NEON. Older processors run byte code.
 pub fn has_level(level: Level) -> bool {
     #[cfg(target_arch = "x86_64")]
     return level.as_avx2().is_some();
@@ -40,9 +40,9 @@ pub fn has_level(level: Level) -> bool {
     return !level.is_fallback();
 }
 
-/// Cells that kernels may be compiled for.
+/// Cells for which kernels may be compiled.
 pub trait Compiled: Cell {
-    /// The kernel's functions for this cell at a level; `None` where it has none.
+    /// The kernel's entry points for this cell at a SIMD level; `None` where it has none.
     fn entries(kernel: &Kernel, level: Level) -> Option<Entries<Self>>;
 }
 
@@ -65,7 +65,7 @@ compiled! {
     [[F64x8; 2]; 2]: _kernel, _level => None;
 }
 
-/// Names the code of all stages and the sizes of their tables: the FNV-1a hash of 128 bits over a text of them.
+/// Identifies the code of all stages and the sizes of their tables: the 128-bit FNV-1a hash of a text of them.
 pub fn key(stages: &Stages) -> u128 {
     let cells = (stages.n_table, stages.n_call, stages.given.len(), stages.state_at());
     let text = format!("{cells:?} {:?} {:?} {:?}", stages.call, stages.step, stages.finish);
@@ -76,7 +76,7 @@ pub fn key(stages: &Stages) -> u128 {
     hash
 }
 
-/// Runs an expression with the token of a level that [`has_level`], compiled for its features.
+/// Evaluates an expression with the token of a level that [`has_level`], compiled for the features of that level.
 macro_rules! at_level {
     ($level:expr, $simd:ident => $run:expr) => {{
         #[cfg(target_arch = "x86_64")]
@@ -94,7 +94,7 @@ macro_rules! at_level {
 }
 pub(crate) use at_level;
 
-/// A [`Kernel`] of the functions `call`, `step` and `finish` that stand beside it.
+/// Declares a [`Kernel`] from the functions `call`, `step` and `finish` in scope.
 macro_rules! kernel {
     ($name:literal, $key:literal, $home:ident, $own:ident) => {{
         use crate::scalar::lanes::{F32x16, F64x8};

@@ -1,13 +1,14 @@
-//! What generated kernels and byte code compute with: one number, or several in lanes that the processor computes at once.
+//! Arithmetic of generated kernels and byte code: on one number, or on several in SIMD lanes.
 //!
-//! A kernel is straight-line code over [`Arith`]. Over f64 it gives the bits of the code that it was traced from; over lanes
-//! products and sums are fused where the processor can, divisors that do not change are multiplied by their reciprocal, and
-//! sines, exponentials and angles are the polynomials below. What a lane computes depends on no other lane.
+//! A kernel is straight-line code over [`Arith`]. Over f64 its results have the same bits as the traced code. In lanes,
+//! products and sums are fused where the processor can, division by an invariant becomes multiplication by its reciprocal,
+//! and sines, exponentials and angles are the polynomials below. Each lane's result is independent of the other lanes.
 //!
-//! Every function here is `#[inline(always)]` and no closure or iterator stands between the entry that turns the processor's
-//! features on and the arithmetic: what is not inlined there is compiled without those features and runs many times slower.
+//! Every function here is `#[inline(always)]`, and no closure or iterator stands between the entry that enables the
+//! processor's features and the arithmetic: what is not inlined there is compiled without those features and runs many
+//! times slower.
 //!
-//! Largest errors, in units in the last place of the result, as the tests below find them:
+//! Largest errors in units in the last place of the result, as measured by the tests below:
 //!
 //! | function | where | f32 lanes | f64 lanes |
 //! | --- | --- | --- | --- |
@@ -29,23 +30,23 @@ use fearless_simd::{Level, f32x16, f64x8, i32x16, i64x8, mask32x16, mask64x8};
 use super::Real;
 use super::bytecode::Interpret;
 
-/// A number type that is stored: f64 or f32.
+/// A number type for storage: f64 or f32.
 pub trait Number: Real + Default + PartialOrd + Send + Sync + core::fmt::Display {
-    /// Lanes of this number.
+    /// One block of lanes.
     type Cell: Interpret<Number = Self>;
     /// Two blocks of lanes.
     type Two: Interpret<Number = Self>;
     /// Four blocks of lanes.
     type Four: Interpret<Number = Self>;
-    /// Name in messages and file names.
+    /// Name used in messages and file names.
     const NAME: &'static str;
     /// Rounded to this type.
     fn of(v: f64) -> Self;
-    /// Rounded to this type; what it cannot tell from zero becomes its least normal number.
+    /// Rounded to this type; a nonzero value that would underflow to zero becomes the smallest normal number.
     fn constant(v: f64) -> Self;
-    /// Exactly the same number.
+    /// Exact conversion to f64.
     fn wide(self) -> f64;
-    /// Whether it is a number and not infinite.
+    /// Whether it is finite (neither NaN nor infinite).
     fn finite(self) -> bool;
 }
 
@@ -81,23 +82,23 @@ macro_rules! impl_number {
 impl_number!(f64, F64x8);
 impl_number!(f32, F32x16);
 
-/// Where the numbers of all lanes rest in memory.
+/// Memory layout of one block of lanes.
 pub trait Cell: Copy + Send + Sync + core::fmt::Debug + 'static {
-    /// What a lane holds.
+    /// Number type of a lane.
     type Number: Number;
-    /// How many lanes.
+    /// Number of lanes.
     const LANES: usize;
-    /// The same number in all lanes.
+    /// Broadcasts a number to all lanes.
     fn splat(v: Self::Number) -> Self;
-    /// Number of one lane.
+    /// Number in one lane.
     fn get(&self, lane: usize) -> Self::Number;
     /// Sets the number of one lane.
     fn set(&mut self, lane: usize, v: Self::Number);
     /// Sets lane i to `get(from + i)`, for all lanes.
     fn fill(&mut self, from: usize, get: impl Fn(usize) -> Self::Number);
-    /// `put(from + i, number)` of all lanes; returns what follows the last.
+    /// Calls `put(from + i, number)` for every lane; returns the index after the last.
     fn drain(&self, from: usize, put: impl FnMut(usize, Self::Number)) -> usize;
-    /// Adds x − x of every lane: nothing where x is finite, no number elsewhere.
+    /// Adds x − x per lane: zero where x is finite, NaN elsewhere.
     fn poison(&mut self, of: &Self);
 }
 
@@ -220,30 +221,30 @@ impl<C: Cell, const W: usize> Cell for [C; W] {
     }
 }
 
-/// What kernels need of a number, or of lanes of numbers.
+/// Operations that kernels need on a number or a block of lanes.
 pub trait Arith:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
 {
-    /// Proof of the processor's features.
+    /// Proof that the processor has the features.
     type Token: Copy;
-    /// Where such numbers rest.
+    /// How such numbers are stored in memory.
     type Cell: Cell;
-    /// Answers to comparisons.
+    /// Results of comparisons.
     type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
 
-    /// A constant. One that the number type cannot tell from zero becomes its least normal number.
+    /// A constant. A nonzero value that would underflow to zero becomes the smallest normal number.
     fn lit(token: Self::Token, v: f64) -> Self;
-    /// From memory.
+    /// Loads from memory.
     fn load(token: Self::Token, cell: &Self::Cell) -> Self;
-    /// From memory that holds the same for all blocks side by side.
+    /// Loads a cell whose value is shared by all blocks of a batch.
     fn shared(token: Self::Token, cell: &Self::Cell) -> Self;
-    /// To memory.
+    /// Stores to memory.
     fn store(self, cell: &mut Self::Cell);
-    /// `self` × `by` + `plus`; lanes round once where the processor can.
+    /// `self` × `by` + `plus`; fused (one rounding) in lanes where the processor can.
     fn mul_add(self, by: Self, plus: Self) -> Self;
-    /// `self` × `by` − `less`; lanes round once where the processor can.
+    /// `self` × `by` − `less`; fused (one rounding) in lanes where the processor can.
     fn mul_sub(self, by: Self, less: Self) -> Self;
-    /// `from` − `self` × `by`; lanes round once where the processor can.
+    /// `from` − `self` × `by`; fused (one rounding) in lanes where the processor can.
     fn mul_from(self, by: Self, from: Self) -> Self;
     /// `self` / `divisor`; lanes multiply by `reciprocal` instead.
     fn over(self, divisor: Self, reciprocal: Self) -> Self;
@@ -265,9 +266,9 @@ pub trait Arith:
     fn atan2(self, x: Self) -> Self;
     /// Largest integer not above.
     fn floor(self) -> Self;
-    /// Two to the power of a whole number from −126 to 127.
+    /// Two to the power of an integer from −126 to 127.
     fn pow2(self) -> Self;
-    /// Whether a mask holds anywhere.
+    /// Whether any lane of a mask is set.
     fn any(mask: Self::Mask) -> bool;
     /// `self < other`.
     fn lt(self, other: Self) -> Self::Mask;
@@ -372,7 +373,7 @@ impl Arith for f64 {
     }
 }
 
-/// The operations that both lane types have alike.
+/// Operations whose code is the same for both lane types.
 macro_rules! lanes_alike {
     ($lanes:ident, $mask:ident, $float:ident, $cell:ident, $abs:ident, $min:ident, $max:ident, $lt:ident, $le:ident,
      $sin_cos:ident, $half_turn:ident, $exp:ident, $atan2:ident, $pow2:ident) => {
@@ -387,7 +388,7 @@ macro_rules! lanes_alike {
             }
             #[inline(always)]
             fn load(token: S, cell: &$cell) -> Self {
-                // Through a reference: reading the array as a value is checked for overlap where debug assertions are on.
+                // Through a reference: with debug assertions on, reading the array by value is checked for overlap.
                 let mut lanes = Self::splat(token, 0.0);
                 *lanes = cell.0;
                 lanes
@@ -424,7 +425,7 @@ macro_rules! lanes_alike {
             fn abs(self) -> Self {
                 self.simd.$abs(self)
             }
-            // The processor's own give their second operand where one is no number.
+            // Swapped: the processor's own min and max return their second operand where one is NaN.
             #[inline(always)]
             fn min(self, other: Self) -> Self {
                 self.simd.$min(other, self)
@@ -459,7 +460,7 @@ macro_rules! lanes_alike {
             }
             #[inline(always)]
             fn any(mask: Self::Mask) -> bool {
-                // By bits: on AVX2 `any_true` of two halves may stay a call.
+                // Via the bit mask: on AVX2, `any_true` of two halves may stay a call.
                 mask.to_bitmask() != 0
             }
             #[inline(always)]
@@ -511,11 +512,11 @@ lanes_alike!(
     pow2_f64
 );
 
-/// Two lanes of blocks side by side: while one waits for a result the processor computes the other.
+/// Two blocks of lanes side by side: the processor computes one while it waits for a result of the other.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<T>(T, T);
 
-/// Answers to comparisons of a [`Pair`].
+/// Comparison results of a [`Pair`].
 #[derive(Clone, Copy, Debug)]
 pub struct PairMask<T>(T, T);
 
@@ -647,7 +648,7 @@ impl<T: Arith> Arith for Pair<T> {
     }
 }
 
-/// Value of a polynomial with these coefficients, the constant one first, by Horner's rule.
+/// Evaluates a polynomial by Horner's rule; coefficients start with the constant one.
 #[inline(always)]
 fn polynomial<A: Arith, const N: usize>(t: A::Token, x: A, coefficients: [f64; N]) -> A {
     let mut sum = A::lit(t, coefficients[N - 1]);
@@ -659,31 +660,31 @@ fn polynomial<A: Arith, const N: usize>(t: A::Token, x: A, coefficients: [f64; N
     sum
 }
 
-/// The whole number nearest to x.
+/// Rounds x to the nearest integer.
 #[inline(always)]
 fn nearest<A: Arith>(t: A::Token, x: A) -> A {
     (x + A::lit(t, 0.5)).floor()
 }
 
-/// x less k times a constant in three parts of few bits, so that the products are exact. Source: Cody & Waite, "Software Manual
-/// for the Elementary Functions", Prentice-Hall 1980, ch. 8.
+/// Argument reduction: x − k · c, with the constant c in three parts of few bits so that the products are exact. Source:
+/// Cody & Waite, "Software Manual for the Elementary Functions", Prentice-Hall 1980, ch. 8.
 #[inline(always)]
 fn reduced<A: Arith>(t: A::Token, x: A, k: A, parts: [f64; 3]) -> A {
     let r = k.mul_from(A::lit(t, parts[0]), x);
     let r = k.mul_from(A::lit(t, parts[1]), r);
-    // Beyond the angles for which the reduction is exact the remainder stays bounded, and so does what is made of it.
+    // Where the angle is too large for an exact reduction the remainder is clamped, so that the results stay bounded.
     k.mul_from(A::lit(t, parts[2]), r).max(A::lit(t, -0.8)).min(A::lit(t, 0.8))
 }
 
-/// Sine and cosine in quadrant k (a whole number), from those of the remainder.
+/// Sine and cosine in quadrant k (an integer), from those of the remainder.
 #[inline(always)]
 fn of_quadrant<A: Arith>(t: A::Token, k: A, sin: A, cos: A) -> (A, A) {
-    // k modulo 4; exact, since k is whole.
+    // k modulo 4; exact, since k is an integer.
     let q = (k * A::lit(t, 0.25)).floor().mul_from(A::lit(t, 4.0), k);
     let odd = A::lit(t, 0.5).lt((q * A::lit(t, 0.5)).floor().mul_from(A::lit(t, 2.0), q));
     let s = A::select(odd, cos, sin);
     let c = A::select(odd, sin, cos);
-    // No logic of masks: on AVX2 the compiler may leave that as calls.
+    // No logic on masks: on AVX2 the compiler may leave that as calls.
     let first = q.lt(A::lit(t, 0.5));
     let upper = q.lt(A::lit(t, 1.5));
     let last = A::lit(t, 2.5).lt(q);
@@ -742,8 +743,8 @@ fn sin_cos_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
     of_quadrant(t, k, sin, cos)
 }
 
-/// Both functions of a squared angle by their series up to 2 rad, beyond it by root, sine and cosine: that is faster than a
-/// body can turn in a step, so the second way is taken only where a lane needs it.
+/// Both functions of a squared angle: by series up to 2 rad, above that by root, sine and cosine. No body turns that far in
+/// a step, so the slow path runs only where a lane needs it.
 #[inline(always)]
 fn half_turn_by<A: Arith>(t: A::Token, x: A, series: (A, A)) -> (A, A) {
     let far = A::lit(t, HALF_TURN_SERIES).lt(x);
@@ -789,10 +790,10 @@ fn half_turn_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
     half_turn_by(t, x, (polynomial(t, x, HALF_SIN), polynomial(t, x, HALF_COS)))
 }
 
-/// e to the power of x: 0 below `least`, infinite above `most`; `of_remainder` is that of what is left of multiples of ln 2.
+/// Exponential of x: 0 below `least`, infinite above `most`; `of_remainder` is e to the remainder after multiples of ln 2.
 #[inline(always)]
 fn scaled<A: Arith>(t: A::Token, x: A, (least, most): (f64, f64), k: A, of_remainder: A) -> A {
-    // In two steps, since 2^k itself may be too large where the result is not.
+    // In two steps: 2^k itself may overflow where the result does not.
     let half = (k * A::lit(t, 0.5)).floor();
     let value = of_remainder * half.pow2() * (k - half).pow2();
     let value = A::select(x.lt(A::lit(t, least)), A::lit(t, 0.0), value);
@@ -842,8 +843,8 @@ fn exp_f64<A: Arith>(t: A::Token, x: A) -> A {
     scaled(t, x, (least, most), k, value)
 }
 
-/// Numerator and divisor of a quotient in [−tan π/8, tan π/8] whose arc tangent, with π/4 where the third is set, is the angle of
-/// the point (|x|, |y|) from the nearer axis.
+/// Numerator and denominator of a quotient in [−tan π/8, tan π/8] whose arc tangent, plus π/4 where the mask is set, is the
+/// angle of the point (|x|, |y|) from the nearer axis.
 #[inline(always)]
 fn octant<A: Arith>(t: A::Token, y: A, x: A) -> (A, A, A::Mask) {
     let (a, b) = (y.abs(), x.abs());
@@ -853,7 +854,8 @@ fn octant<A: Arith>(t: A::Token, y: A, x: A) -> (A, A, A::Mask) {
     (A::select(wide, low - high, low), A::select(wide, low + high, high), wide)
 }
 
-/// The angle of a point from that in its octant; π is `pi.0 + pi.1`. A zero has no sign here: the angle of (−1, −0) is π.
+/// Angle of a point from its angle within the octant; π is `pi.0 + pi.1`. The sign of a zero is ignored: the angle of (−1,
+/// −0) is π.
 #[inline(always)]
 fn of_octant<A: Arith>(t: A::Token, y: A, x: A, wide: A::Mask, angle: A, pi: (f64, f64)) -> A {
     let zero = A::lit(t, 0.0);
@@ -910,7 +912,7 @@ fn atan2_f64<A: Arith>(t: A::Token, y: A, x: A) -> A {
             1.0,
         ],
     );
-    // What π as f64 lacks.
+    // Rounding error of π as f64.
     of_octant(t, y, x, wide, (p * z / q).mul_add(r, r), (core::f64::consts::PI, 1.224_646_799_147_353_2e-16))
 }
 
@@ -926,7 +928,7 @@ fn pow2_f64<S: Simd>(k: f64x8<S>) -> f64x8<S> {
     (whole << 52).bitcast()
 }
 
-/// What the processor can, asked once.
+/// SIMD level of the processor, detected once.
 pub fn level() -> Level {
     static LEVEL: OnceLock<Level> = OnceLock::new();
     *LEVEL.get_or_init(Level::new)
@@ -943,7 +945,7 @@ mod tests {
     use super::*;
     use fearless_simd::dispatch;
 
-    /// The functions whose errors the head of this file states.
+    /// Functions whose errors the table at the top of this file states.
     #[derive(Clone, Copy, Debug, PartialEq)]
     enum What {
         Sin,
@@ -968,7 +970,7 @@ mod tests {
         value.store(out);
     }
 
-    /// f32 lanes for f32 numbers, f64 lanes for f64 numbers, of one level.
+    /// The lanes of a number type at one SIMD level.
     trait Lanes: Number {
         fn apply(level: Level, what: What, x: &Self::Cell, y: &Self::Cell, out: &mut Self::Cell);
         /// Distance between this number of magnitude |v| and the next.

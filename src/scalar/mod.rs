@@ -1,9 +1,9 @@
-//! What a number is: one small trait that the reference (`f64`), throughput (`f32`, lanes), derivatives
-//! ([`dual::Dual`]) and traces can all answer.
+//! The number trait [`Real`], which the reference (`f64`), throughput (`f32`, lanes), derivatives ([`dual::Dual`]) and
+//! traces all implement.
 //!
-//! The published scalar traits demand `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot answer.
-//! Here a comparison gives a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real`
-//! bakes no branch in.
+//! Published scalar traits require `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot provide. Here a
+//! comparison returns a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real` contains no
+//! branch.
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -16,7 +16,7 @@ pub mod program;
 pub mod stages;
 pub mod trace;
 
-/// A real number that flight physics can be computed with.
+/// A real number for flight physics.
 pub trait Real:
     Copy
     + core::fmt::Debug
@@ -27,7 +27,7 @@ pub trait Real:
     + Neg<Output = Self>
     + 'static
 {
-    /// The answer to a comparison: `bool`, a lane mask, or a graph node.
+    /// Result of a comparison: `bool`, a lane mask, or a graph node.
     type Mask: Copy + BitAnd<Output = Self::Mask> + BitOr<Output = Self::Mask> + Not<Output = Self::Mask>;
 
     /// A literal constant.
@@ -49,7 +49,7 @@ pub trait Real:
     /// `yes` where `mask` holds, else `no`. Both sides are computed.
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
 
-    /// sin(θ/2)/θ and cos(θ/2) of a squared angle θ², rad²: what a rotation vector of that length turns by.
+    /// sin(θ/2)/θ and cos(θ/2) of a squared angle θ², rad²: the quaternion parts of a rotation vector of that length.
     ///
     /// Below an angle of 1e-3 rad the series to θ⁴ is used (error below 1e-22), so value and derivative are exact at
     /// zero. (Grassia, "Practical parameterization of rotations using the exponential map", J. Graphics Tools 3(3), 1998.)
@@ -94,7 +94,7 @@ pub trait Real:
     fn max(self, other: Self) -> Self {
         Self::select(self.lt(other), other, self)
     }
-    /// `self` held within `[low, high]`.
+    /// Clamps `self` to `[low, high]`.
     #[inline(always)]
     fn clamp(self, low: Self, high: Self) -> Self {
         self.max(low).min(high)

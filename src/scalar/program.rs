@@ -1,11 +1,11 @@
-//! Arithmetic that is written down as data: what a text of a user becomes, and evaluates over any number type.
+//! Arithmetic as data: the compiled form of a user's expression, evaluated over any number type.
 //!
-//! A program is a list of operations on a stack (postfix notation). It is checked once, when it is built; running it
-//! allocates nothing and branches on no number.
+//! A program is a list of stack operations (postfix notation). It is checked once, when it is built; running it allocates
+//! nothing and has no data-dependent branch.
 
 use super::Real;
 
-/// Greatest depth of the stack that a program may need.
+/// Greatest stack depth of a program.
 pub const MAX_DEPTH: usize = 32;
 
 /// One operation on the stack.
@@ -46,7 +46,7 @@ pub enum Op {
 }
 
 impl Op {
-    /// How many numbers it takes from the stack; it puts one back.
+    /// Number of operands popped from the stack; one result is pushed.
     pub fn takes(self) -> usize {
         match self {
             Self::Literal(_) | Self::Input(_) => 0,
@@ -57,19 +57,19 @@ impl Op {
     }
 }
 
-/// A checked program that leaves one number.
+/// A checked program that leaves exactly one number on the stack.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Program {
     ops: Vec<Op>,
 }
 
-/// Why a list of operations is no program.
+/// Why a list of operations is not a valid program.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProgramError {
-    /// It needs too much at once.
+    /// It needs a deeper stack than allowed.
     #[error("needs {0} numbers at once, more than {MAX_DEPTH}")]
     TooDeep(usize),
-    /// It takes what is not there, or leaves other than one number.
+    /// It pops an empty stack, or does not leave exactly one number.
     #[error("does not leave exactly one number")]
     Unbalanced,
 }
@@ -99,7 +99,7 @@ impl Program {
         &self.ops
     }
 
-    /// The value, where `input` gives the inputs.
+    /// Evaluates the program; `input` gives the inputs.
     pub fn eval<S: Real>(&self, input: impl Fn(u16) -> S) -> S {
         let mut stack = [S::zero(); MAX_DEPTH];
         let mut top = 0;
@@ -130,13 +130,13 @@ impl Program {
     }
 }
 
-/// `a` to the power of `n`, by products.
+/// `a` to the power of `n`, by repeated multiplication.
 fn power<S: Real>(a: S, n: i8) -> S {
     let product = (0..n.unsigned_abs()).fold(S::one(), |product, _| product * a);
     if n < 0 { S::one() / product } else { product }
 }
 
-/// Hyperbolic tangent, 1 − 2 / (e^(2a) + 1). Beyond ±20 it differs from ±1 by less than a number can tell.
+/// Hyperbolic tangent, 1 − 2 / (e^(2a) + 1). Beyond ±20 it differs from ±1 by less than rounding.
 fn tanh<S: Real>(a: S) -> S {
     let held = a.clamp(S::lit(-20.0), S::lit(20.0));
     let two = S::lit(2.0);

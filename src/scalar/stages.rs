@@ -1,25 +1,26 @@
-//! A graph that is computed again and again, cut by how often its values are wanted: once, once per call, in every step, or after
-//! the last.
+//! Schedules a step graph: hoists what is constant, what changes once per call, once per step, or is only needed after the
+//! last step.
 //!
-//! A step reads numbers of three kinds: *fixed* ones (parameters), *given* ones (commands: the same during a call) and *carried*
-//! ones, which the step itself changes. What depends on fixed numbers only is computed once, what depends on given ones too once
-//! per call, and only the rest in every step. A carried number that the step leaves as it is counts as given. Of that rest, what no
-//! later step reads is computed after the last step only, from numbers of that step that are kept for it.
+//! A step has inputs of three kinds: *fixed* (parameters), *given* (commands: constant during a call) and *carried* (state,
+//! which the step itself updates). What depends on fixed inputs only is computed once, what depends on given ones too once
+//! per call, and only the rest in every step. A carried input that the step leaves unchanged counts as given. Of the rest,
+//! what no later step reads is moved to an epilogue after the last step, computed from values of that step that are kept
+//! for it.
 
 use std::collections::HashMap;
 
 use super::trace::{Graph, Node, Place};
 
-/// What an input of a graph is.
+/// Kind of a graph input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Input {
-    /// The same for good: number of a parameter.
+    /// Never changes: index of a parameter.
     Fixed(u32),
-    /// The same during a call.
+    /// Constant during a call.
     Given(u32),
-    /// Written by every step, read by the next. The number counts carried numbers.
+    /// Written by every step, read by the next. The number is the index of the carried input.
     Carried(u32),
-    /// Another in every step, from outside.
+    /// Set anew before every step, from outside.
     Fresh(u32),
 }
 
@@ -28,12 +29,12 @@ pub enum Input {
 pub enum Output {
     /// Becomes this carried number.
     Carried(u32),
-    /// Is wanted after the last step only.
+    /// Is only needed after the last step.
     Final(u32),
 }
 
 impl Input {
-    /// The number of a given, carried or fresh one: its place in the home of a drone.
+    /// State slot in a drone's home of a given, carried or fresh input.
     pub fn place(self) -> Option<u32> {
         match self {
             Self::Given(p) | Self::Carried(p) | Self::Fresh(p) => Some(p),
@@ -43,7 +44,7 @@ impl Input {
 }
 
 impl Output {
-    /// The number of either: its place in the home of a drone.
+    /// State slot in a drone's home.
     pub fn place(self) -> u32 {
         match self {
             Self::Carried(p) | Self::Final(p) => p,
@@ -51,26 +52,28 @@ impl Output {
     }
 }
 
-/// Where code finds a number. All codes that advance a drone share its home, so nothing is copied when one follows another.
+/// Where code finds a number. All programs that step a drone share its state slots (home), so switching between them copies
+/// nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum At {
-    /// At this place of the home.
+    /// In this state slot of the home.
     Home(u32),
-    /// In this cell of what the code keeps for itself: `[first table | given | second table | numbers for the end]`. What is given
-    /// is copied there, so that one code serves commands from outside and those that another stage hands on.
+    /// In this cell of the program's scratch: `[constant table | given | per-call table | numbers for the epilogue]` (the first
+    /// and second table in generated kernels). Given inputs are copied there, so that one program serves commands from outside
+    /// and those handed on by another stage.
     Own(u32),
 }
 
-/// One instruction of straight-line code; operands are places of earlier instructions.
+/// One instruction of straight-line code; operands are indices of earlier instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Ins {
     /// A constant, by the bits of its f64.
     Lit(u64),
-    /// A number of the first table.
+    /// An entry of the constant table.
     Table(u32),
-    /// A number of the second table: what the call computed.
+    /// An entry of the per-call table.
     Call(u32),
-    /// A number of the state.
+    /// A state slot.
     State(u32),
     /// a + b.
     Add(u32, u32),
@@ -114,18 +117,18 @@ pub enum Ins {
     Lt(u32, u32),
     /// Whether a ≤ b.
     Le(u32, u32),
-    /// Both.
+    /// Logical and.
     And(u32, u32),
-    /// One at least.
+    /// Logical or.
     Or(u32, u32),
-    /// The opposite.
+    /// Logical not.
     Not(u32),
     /// b where a holds, else c.
     Select(u32, u32, u32),
 }
 
 impl Ins {
-    /// Its operands.
+    /// Indices of its operands.
     pub fn operands(self) -> [Option<u32>; 3] {
         match self {
             Self::Lit(_) | Self::Table(_) | Self::Call(_) | Self::State(_) => [None; 3],
@@ -143,23 +146,23 @@ impl Ins {
         }
     }
 
-    /// Whether it is a truth and no number.
+    /// Whether its result is a boolean, not a number.
     pub fn is_truth(self) -> bool {
         matches!(self, Self::Lt(..) | Self::Le(..) | Self::And(..) | Self::Or(..) | Self::Not(_))
     }
 }
 
-/// Straight-line code: instructions, and which of their values go where.
+/// Straight-line code: instructions, and which of their values are stored where.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Code {
-    /// Instructions; operands stand before them.
+    /// Instructions, in an order in which operands come first.
     pub instructions: Vec<Ins>,
-    /// (place of the value, slot it is written to), after all instructions.
+    /// (index of the value, slot it is stored to), after all instructions.
     pub stores: Vec<(u32, u32)>,
 }
 
 impl Code {
-    /// How many instructions compute something.
+    /// Number of instructions that compute something.
     pub fn operations(&self) -> usize {
         let idle = |i: &Ins| {
             matches!(i, Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) | Ins::Second(_))
@@ -168,42 +171,42 @@ impl Code {
     }
 }
 
-/// A graph cut in four.
+/// A step graph scheduled in four stages.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stages {
-    /// What is computed once: from fixed numbers to the entries of the first table.
+    /// Computed once: from fixed inputs to the entries of the constant table.
     pub once: Graph,
-    /// What is computed per call: state slots of given numbers to the entries of the second table.
+    /// Computed once per call: from given inputs to the entries of the per-call table.
     pub call: Code,
-    /// What is computed in every step.
+    /// Computed in every step.
     pub step: Code,
-    /// What is computed after the last step, over the same slots of the state.
+    /// Epilogue, computed after the last step, over the same state slots.
     pub finish: Code,
-    /// Entries of the first table.
+    /// Entries of the constant table.
     pub n_table: usize,
-    /// Entries of the second table.
+    /// Entries of the per-call table.
     pub n_call: usize,
-    /// What stands in each slot that the call reads.
+    /// Input in each slot that the call reads.
     pub given: Vec<Input>,
-    /// What stands in each slot of the state: carried numbers, fresh ones, and results wanted at the end.
+    /// Contents of each state slot: carried and fresh inputs, and results needed after the last step.
     pub state: Vec<Slot>,
-    /// Results that no step computes: from the second table.
+    /// Results that no step computes, and where they come from.
     pub finals: Vec<(Output, Source)>,
 }
 
 impl Stages {
-    /// Where each number stands that the call reads.
+    /// Location of each given input that the call reads.
     pub fn given_at(&self) -> Vec<At> {
         (self.n_table..self.n_table + self.given.len()).map(|k| At::Own(k as u32)).collect()
     }
 
-    /// Where each entry of the second table stands.
+    /// Location of each entry of the per-call table.
     pub fn call_at(&self) -> Vec<At> {
         let from = self.n_table + self.given.len();
         (from..from + self.n_call).map(|k| At::Own(k as u32)).collect()
     }
 
-    /// Where each slot of the state stands.
+    /// Location of each state slot.
     pub fn state_at(&self) -> Vec<At> {
         let mut own = (self.n_table + self.given.len() + self.n_call) as u32;
         let mut at = |slot: &Slot| {
@@ -219,38 +222,38 @@ impl Stages {
         self.state.iter().map(&mut at).collect()
     }
 
-    /// Cells that the codes keep for themselves.
+    /// Scratch cells that the program needs.
     pub fn n_own(&self) -> usize {
         let kept = self.state.iter().filter(|s| s.input.is_none() && s.output.is_none()).count();
         self.n_table + self.given.len() + self.n_call + kept
     }
 
-    /// One more than the highest place that the codes read or write.
+    /// One more than the highest state slot of the home that the program reads or writes.
     pub fn n_home(&self) -> usize {
         let of = |at: At| if let At::Home(p) = at { p as usize + 1 } else { 0 };
         self.state_at().into_iter().map(of).max().unwrap_or(0)
     }
 }
 
-/// What a slot of the state holds. Where it comes from a place and goes to one, both are the same.
+/// Contents of a state slot. Where it is read from and written to the home, both are the same place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Slot {
-    /// Where its number comes from before the first step; `None` where only results are written to it.
+    /// Input that sets it before the first step; `None` where only results are written to it.
     pub input: Option<Input>,
-    /// What its number is after the last step; `None` where it is not changed.
+    /// Result that it holds after the last step; `None` where it is not changed.
     pub output: Option<Output>,
 }
 
-/// Where a result that no step computes stands.
+/// Where a result that no step computes comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Source {
-    /// In the second table.
+    /// The per-call table.
     Call(u32),
-    /// In a slot of the state, as another result.
+    /// A state slot, shared with another result.
     State(u32),
-    /// In no table: it is this input.
+    /// This input, unchanged.
     Input(Input),
-    /// Nowhere: it is this constant.
+    /// This constant.
     Constant(f64),
 }
 
@@ -263,7 +266,7 @@ enum Level {
     Finish,
 }
 
-/// Cuts a graph whose inputs are of these kinds and whose results go there.
+/// Schedules a graph, given the kinds of its inputs and the destinations of its results.
 pub fn cut(graph: &Graph, inputs: &[Input], outputs: &[Output]) -> Stages {
     Cutter::new(graph, inputs, outputs).run()
 }
@@ -273,7 +276,7 @@ struct Cutter<'a> {
     inputs: &'a [Input],
     outputs: &'a [Output],
     level: Vec<Level>,
-    /// How many operands of needed nodes a node is, and results.
+    /// Use count of each node: as operand of a needed node, and as result.
     uses: Vec<u32>,
 }
 
@@ -317,7 +320,7 @@ impl<'a> Cutter<'a> {
 
     fn run(self) -> Stages {
         let graph = self.graph;
-        // Results: those that the step computes or must hand on, and those that stand elsewhere already.
+        // Results: those that the step computes or must pass on, and those that are available elsewhere already.
         let read = carried(graph, self.inputs, &self.level);
         let mut state: Vec<Slot> = Vec::new();
         let mut stores: Vec<(Place, u32)> = Vec::new();
@@ -326,6 +329,7 @@ impl<'a> Cutter<'a> {
         let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
         let mut slot_of_value: HashMap<Place, u32> = HashMap::new();
         for (place, output) in graph.outputs.iter().zip(self.outputs) {
+            // A carried number that the step passes through needs no store.
             let unchanged = matches!((*output, self.node(*place)), (Output::Carried(k), Node::Input(i))
                 if self.inputs[i as usize] == Input::Carried(k));
             if unchanged {
@@ -336,6 +340,7 @@ impl<'a> Cutter<'a> {
                 _ => None,
             };
             let level = self.level[*place as usize];
+            // Hoisted, or already in a slot for another result: it is copied when the results are read.
             if own.is_none() && (level < Level::Step || slot_of_value.contains_key(place)) {
                 later.push((*output, *place));
                 continue;
@@ -348,7 +353,7 @@ impl<'a> Cutter<'a> {
             slot_of_value.entry(*place).or_insert(slot);
             if level == Level::Finish { &mut last } else { &mut stores }.push((*place, slot));
         }
-        // What the end reads of the last step is kept beside the results.
+        // Values of the last step that the epilogue reads get slots beside the results.
         for place in self.kept() {
             slot_of_value.entry(place).or_insert_with(|| {
                 state.push(Slot { input: None, output: None });
@@ -356,7 +361,7 @@ impl<'a> Cutter<'a> {
                 state.len() as u32 - 1
             });
         }
-        // Truths cannot stand in a table: what a later stage needs of them it compares again.
+        // Booleans cannot be stored in a table: a later stage that needs one repeats the comparison.
         let mut step = Builder::new(&self, Level::Step);
         step.slot_of_input = slot_of_input;
         step.slots = state;
@@ -365,6 +370,7 @@ impl<'a> Cutter<'a> {
             step.code.stores.push((at, *slot));
         }
         let mut finish = Builder::new(&self, Level::Finish);
+        // The epilogue shares the table entries of the step.
         finish.below_once = std::mem::take(&mut step.below_once);
         finish.below_call = std::mem::take(&mut step.below_call);
         finish.slot_of_value = slot_of_value.clone();
@@ -407,6 +413,7 @@ impl<'a> Cutter<'a> {
             };
             call.code.stores.push((at, slot as u32));
         }
+        // Only given inputs that the call reads get scratch cells.
         let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
         let table = call.below_once;
         let once = self.once(&table);
@@ -423,7 +430,7 @@ impl<'a> Cutter<'a> {
         }
     }
 
-    /// Values of a step that the code after the last one reads.
+    /// Values of a step that the epilogue reads.
     fn kept(&self) -> Vec<Place> {
         let mut out = Vec::new();
         let mut todo: Vec<Place> =
@@ -435,7 +442,7 @@ impl<'a> Cutter<'a> {
                 if self.level[operand as usize] != Level::Step || todo.contains(&operand) {
                     continue;
                 }
-                // Truths are compared again.
+                // Comparisons are repeated, not stored.
                 if self.node(operand).is_truth() {
                     todo.push(operand);
                 } else if !out.contains(&operand) {
@@ -447,7 +454,7 @@ impl<'a> Cutter<'a> {
         out
     }
 
-    /// The graph that fills the first table from fixed numbers.
+    /// The graph that fills the constant table from fixed inputs.
     fn once(&self, table: &[Want]) -> Graph {
         let mut nodes: Vec<Node> = Vec::new();
         let mut moved: HashMap<Place, Place> = HashMap::new();
@@ -482,7 +489,7 @@ impl<'a> Cutter<'a> {
     }
 }
 
-/// Carried numbers that nodes of every step read.
+/// Carried inputs that per-step nodes read.
 fn carried(graph: &Graph, inputs: &[Input], level: &[Level]) -> Vec<u32> {
     let nodes = graph.nodes.iter().zip(level).filter(|(_, level)| **level == Level::Step);
     let read = nodes.filter_map(|(node, _)| match node {
@@ -495,7 +502,7 @@ fn carried(graph: &Graph, inputs: &[Input], level: &[Level]) -> Vec<u32> {
     read.collect()
 }
 
-/// Nodes of every step that only results need which no later step reads.
+/// Per-step nodes that are only needed for results which no later step reads.
 fn unread(graph: &Graph, inputs: &[Input], outputs: &[Output], level: &[Level]) -> Vec<Place> {
     let read = carried(graph, inputs, level);
     let (mut needed, mut wanted) = (vec![false; graph.nodes.len()], vec![false; graph.nodes.len()]);
@@ -523,18 +530,18 @@ enum Want {
     Reciprocal(Place),
 }
 
-/// Writes the code of one level.
+/// Emits the code of one stage.
 struct Builder<'a, 'b> {
     of: &'b Cutter<'a>,
     level: Level,
     code: Code,
-    /// Instruction that holds a value.
+    /// Instruction that holds a node's value.
     held: HashMap<Place, u32>,
     shared: HashMap<Ins, u32>,
     below_once: Vec<Want>,
     below_call: Vec<Want>,
     slot_of_input: HashMap<Input, u32>,
-    /// Slots that hold values of a step, for the code after the last.
+    /// Slots that hold values of a step for the epilogue.
     slot_of_value: HashMap<Place, u32>,
     slots: Vec<Slot>,
 }
@@ -573,7 +580,7 @@ impl<'a, 'b> Builder<'a, 'b> {
         at as u32
     }
 
-    /// The instruction that holds the value of a node: computed here, or read from where a lower level put it.
+    /// The instruction that holds a node's value: computed here, or loaded from where an earlier stage stored it.
     fn value(&mut self, place: Place) -> u32 {
         // Depth first without recursion, since graphs may be deep.
         let mut todo = vec![place];
@@ -595,14 +602,14 @@ impl<'a, 'b> Builder<'a, 'b> {
         self.held[&place]
     }
 
-    /// Whether a value is read and not computed here.
+    /// Whether a value is loaded, not computed here.
     fn is_read(&self, place: Place) -> bool {
         let node = self.of.node(place);
         let level = self.of.level[place as usize];
         matches!(node, Node::Input(_)) || (level < self.level && level > Level::Literal && !node.is_truth())
     }
 
-    /// The operands that `compute` asks for.
+    /// Operands that `compute` needs.
     fn needs(&self, place: Place) -> Vec<Place> {
         if self.is_read(place) {
             return vec![];
@@ -620,7 +627,7 @@ impl<'a, 'b> Builder<'a, 'b> {
         }
     }
 
-    /// A product that a sum or difference takes up: whether it is the first operand, and its factors.
+    /// A product to fuse into a sum or difference: whether it is the first operand, and its factors.
     fn product(&self, place: Place) -> Option<(bool, Place, Place)> {
         let of = |p: Place| match self.of.node(p) {
             Node::Mul(x, y)
@@ -640,7 +647,7 @@ impl<'a, 'b> Builder<'a, 'b> {
         }
     }
 
-    /// A choice that is a magnitude, the smaller or the larger of two.
+    /// A select that is a magnitude, a minimum or a maximum.
     fn bound(&self, node: Node) -> Option<(Place, Place, Ins)> {
         let Node::Select(m, yes, no) = node else { return None };
         let Node::Lt(a, b) = self.of.node(m) else { return None };
@@ -675,6 +682,7 @@ impl<'a, 'b> Builder<'a, 'b> {
                 None => Ins::Sub(h(a), h(b)),
             },
             Node::Mul(a, b) => Ins::Mul(h(a), h(b)),
+            // The reciprocal of a hoisted divisor is hoisted too: lanes multiply by it, scalar f64 code divides.
             Node::Div(a, b) => {
                 let (a_at, b_at) = (h(a), h(b));
                 match self.of.level[b as usize] {
@@ -694,6 +702,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::Neg(a) => Ins::Neg(h(a)),
             Node::Sqrt(a) => Ins::Sqrt(h(a)),
             Node::Sin(a) => Ins::SinCos(h(a)),
+            // Sine and cosine of an angle share one instruction (`push` merges equal ones).
             Node::Cos(a) => {
                 let both = Ins::SinCos(h(a));
                 let at = self.push(both);
@@ -710,6 +719,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::Floor(a) => Ins::Floor(h(a)),
             Node::Lt(a, b) => Ins::Lt(h(a), h(b)),
             Node::Le(a, b) => Ins::Le(h(a), h(b)),
+            // There is no boolean literal: 0 ≤ 0 or 0 < 0.
             Node::Truth(truth) => {
                 let zero = self.push(Ins::Lit(0));
                 if truth { Ins::Le(zero, zero) } else { Ins::Lt(zero, zero) }
@@ -717,6 +727,7 @@ impl<'a, 'b> Builder<'a, 'b> {
             Node::And(a, b) => Ins::And(h(a), h(b)),
             Node::Or(a, b) => Ins::Or(h(a), h(b)),
             Node::Not(a) => Ins::Not(h(a)),
+            // Selects that are minima, maxima or magnitudes have instructions of their own.
             Node::Select(a, b, c) => match self.bound(node) {
                 Some((x, y, Ins::Max(..))) => Ins::Max(h(x), h(y)),
                 Some((x, y, Ins::Min(..))) => Ins::Min(h(x), h(y)),

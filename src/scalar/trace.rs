@@ -1,4 +1,4 @@
-//! Formulas as graphs: running the ordinary generic code once with [`Sym`] records what it computes.
+//! Formulas as graphs: running the ordinary generic code once with [`Sym`] records its operations.
 //!
 //! ```
 //! use propwash::scalar::trace::{Sym, trace};
@@ -12,21 +12,21 @@
 //! assert_eq!(graph.len(), 6, "two inputs, two squares, a sum, a root");
 //! ```
 //!
-//! A graph holds every value once: an operation on the same operands is the same node. Operations on literals are done at once,
-//! and what gives its operand back, bit by bit, is no operation: x − 0, 1 x, x / 1. A product with 0 stays, since it may be no
-//! number, and so does x + 0, since it may change the sign of a zero. So a graph gives the bits of the code that it was traced
-//! from. [`trace_finite`] leaves these out too: its graph gives the same numbers wherever all are finite, up to the sign of
-//! zeros.
+//! Every value is recorded once: an operation on the same operands is the same node (common subexpressions are shared).
+//! Operations on literals are folded, and so are those that return their operand bit by bit: x − 0, 1 x, x / 1. A product
+//! with 0 stays, since it may be NaN, and so does x + 0, since it may change the sign of a zero. So a graph reproduces the
+//! traced code bit by bit. [`trace_finite`] folds these too: its graph gives the same numbers wherever all are finite, up
+//! to the sign of zeros.
 
 use super::Real;
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 use std::cell::RefCell;
 use std::collections::HashMap;
 
-/// Place of a node in its graph.
+/// Index of a node in its graph.
 pub type Place = u32;
 
-/// One value of a graph. Operands stand before it.
+/// One value of a graph. Operands come before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Node {
     /// A constant, by the bits of its f64.
@@ -63,15 +63,15 @@ pub enum Node {
     Lt(Place, Place),
     /// Whether a ≤ b.
     Le(Place, Place),
-    /// A constant truth.
+    /// A boolean constant.
     Truth(bool),
-    /// Both of two truths.
+    /// Logical and.
     And(Place, Place),
-    /// One of two truths at least.
+    /// Logical or.
     Or(Place, Place),
-    /// The opposite of a truth.
+    /// Logical not.
     Not(Place),
-    /// b where truth a holds, else c.
+    /// b where the boolean a holds, else c.
     Select(Place, Place, Place),
 }
 
@@ -91,7 +91,7 @@ impl Node {
         list.into_iter().flatten()
     }
 
-    /// Whether it is a truth and no number.
+    /// Whether its value is a boolean, not a number.
     pub fn is_truth(self) -> bool {
         matches!(
             self,
@@ -100,14 +100,14 @@ impl Node {
     }
 }
 
-/// What was recorded: nodes in an order in which they can be computed, and which of them are the results.
+/// A recorded formula: nodes in an order in which they can be computed, and which of them are the results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Graph {
     /// Number of inputs.
     pub n_inputs: usize,
-    /// Values, operands before what needs them; all are needed.
+    /// Nodes, operands before their users; all are needed.
     pub nodes: Vec<Node>,
-    /// Results, by place.
+    /// Indices of the results.
     pub outputs: Vec<Place>,
 }
 
@@ -117,7 +117,7 @@ struct Recorder {
     seen: HashMap<Node, Place>,
     /// Whether a trace is being recorded.
     running: bool,
-    /// Whether all numbers may be taken for finite, and zeros for unsigned.
+    /// Whether all numbers may be assumed finite, and the sign of zeros ignored.
     finite: bool,
 }
 
@@ -150,13 +150,13 @@ impl Recorder {
         self.place(Node::Literal(value.to_bits()))
     }
 
-    /// The place of what a node computes, without computing what is known.
+    /// Index of a node's value; folds what is known instead of recording it.
     fn record(&mut self, node: Node) -> Place {
         self.known(node).unwrap_or_else(|| self.place(node))
     }
 
     fn known(&mut self, node: Node) -> Option<Place> {
-        // A literal for an operation on literals.
+        // Constant folding.
         if let Some(value) = self.folded(node) {
             return Some(match value {
                 Value::Number(v) => self.number(v),
@@ -180,7 +180,7 @@ impl Recorder {
             Node::Mul(a, b) | Node::Div(a, b) if is(self, b, 1.0) => Some(a),
             Node::Mul(a, b) if is(self, a, -1.0) => Some(self.record(Node::Neg(b))),
             Node::Mul(a, b) if is(self, b, -1.0) => Some(self.record(Node::Neg(a))),
-            // Sums and products are the same in either order.
+            // Sums and products commute: one order for both.
             Node::Add(a, b) if a > b => Some(self.record(Node::Add(b, a))),
             Node::Mul(a, b) if a > b => Some(self.record(Node::Mul(b, a))),
             Node::Neg(a) => match self.nodes[a as usize] {
@@ -214,8 +214,8 @@ impl Recorder {
         }
     }
 
-    /// What is known besides where all numbers are finite and zeros have no sign. Signs move outwards, to where a sum or a
-    /// difference takes them up.
+    /// Further simplifications where all numbers are finite and zeros have no sign. Signs move outwards, until a sum or a
+    /// difference absorbs them.
     fn known_of_finite(&mut self, node: Node) -> Option<Place> {
         let zero = |r: &Self, place: Place| r.literal(place) == Some(0.0);
         let negated = |r: &Self, place: Place| match r.nodes[place as usize] {
@@ -258,7 +258,7 @@ impl Recorder {
         }
     }
 
-    /// What an operation on constants gives.
+    /// Result of an operation on constants.
     fn folded(&self, node: Node) -> Option<Value> {
         if matches!(node, Node::Literal(_) | Node::Truth(_) | Node::Input(_)) {
             return None;
@@ -286,15 +286,15 @@ fn record(node: Node) -> Place {
     })
 }
 
-/// A number that stands for a formula. Made by [`trace`] only.
+/// A symbolic number that stands for a formula. Made by [`trace`] only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sym(Place);
 
-/// A truth that stands for a comparison.
+/// A symbolic boolean that stands for a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SymMask(Place);
 
-/// Records what `formula` computes from `n_inputs` numbers. What no result needs is left out.
+/// Records what `formula` computes from `n_inputs` numbers. Dead code is removed.
 ///
 /// # Panics
 /// When called within another trace on the same thread.
@@ -311,7 +311,7 @@ pub fn trace_finite(n_inputs: usize, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -
 }
 
 fn recorded(n_inputs: usize, finite: bool, formula: impl FnOnce(&[Sym]) -> Vec<Sym>) -> Graph {
-    // Recording ends however the formula does.
+    // Recording ends even if the formula panics.
     struct Running;
     impl Drop for Running {
         fn drop(&mut self) {
@@ -350,7 +350,7 @@ impl Value {
     }
 }
 
-/// What a node gives; `of(place, i)` is its i-th operand.
+/// Value of a node; `of(place, i)` is its i-th operand.
 fn compute(node: Node, of: impl Fn(Place, usize) -> Value, inputs: &[f64]) -> Value {
     let number = |place: Place, i: usize| of(place, i).number();
     let truth = |place: Place, i: usize| of(place, i).truth();
@@ -387,17 +387,17 @@ fn compute(node: Node, of: impl Fn(Place, usize) -> Value, inputs: &[f64]) -> Va
 }
 
 impl Graph {
-    /// Number of values.
+    /// Number of nodes.
     pub fn len(&self) -> usize {
         self.nodes.len()
     }
 
-    /// Whether nothing is computed.
+    /// Whether the graph is empty.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
 
-    /// The results for these inputs, one node after the other: slow, and the measure of everything faster.
+    /// Evaluates the results node by node: slow, the reference for everything faster.
     ///
     /// # Panics
     /// Where there are fewer inputs than [`Graph::n_inputs`].
@@ -411,7 +411,7 @@ impl Graph {
         self.outputs.iter().map(|o| values[*o as usize].number()).collect()
     }
 
-    /// The same without what no result needs; inputs stay numbered as they are.
+    /// Removes dead nodes; inputs keep their numbers.
     pub(super) fn needed(self) -> Self {
         let mut needed = vec![false; self.nodes.len()];
         for output in &self.outputs {
@@ -433,7 +433,7 @@ impl Graph {
     }
 }
 
-/// A value of a graph that is being recorded again.
+/// A value of a graph that is being re-recorded.
 #[derive(Clone, Copy)]
 enum Again {
     Number(Sym),
@@ -441,7 +441,7 @@ enum Again {
 }
 
 impl Graph {
-    /// The graph recorded again, within a trace, on other inputs: every value.
+    /// Re-records the graph within a trace on other inputs: every value.
     fn again(&self, inputs: &[Sym]) -> Vec<Again> {
         let mut values: Vec<Again> = Vec::with_capacity(self.nodes.len());
         for node in &self.nodes {
@@ -458,9 +458,9 @@ impl Graph {
         values
     }
 
-    /// Slopes backwards: of inputs and one weight per result, the sum over results of weight × d result / d input, for every
-    /// input. Floors and comparisons have no slope. A root or an angle has none at the origin: there the slope is no number, also
-    /// where a choice takes the other side.
+    /// Reverse-mode gradient: from inputs and one weight per result, the sum over results of weight × d result / d input,
+    /// for every input. Floors and comparisons have no slope. A root or an angle has none at the origin: there the slope is
+    /// NaN, even where a select takes the other side.
     ///
     /// Source: Griewank & Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, § 3.2.
     ///
@@ -474,7 +474,7 @@ impl Graph {
                 Again::Number(s) => s,
                 Again::Truth(_) => Sym::lit(f64::NAN),
             };
-            // Nothing is added to a slope that nothing has given yet.
+            // `None` until a first contribution, so that nothing is added to zero.
             let mut slopes: Vec<Option<Sym>> = vec![None; self.nodes.len()];
             let give = |slopes: &mut Vec<Option<Sym>>, p: Place, by: Sym| {
                 let slot = &mut slopes[p as usize];
@@ -511,7 +511,7 @@ impl Graph {
                     Node::Sin(a) => give(a, slope * number(a).sin_cos().1),
                     Node::Cos(a) => give(a, -(slope * number(a).sin_cos().0)),
                     Node::TurnSin(a) => {
-                        // (c/2 − k)/2θ² of k and c of the turn, and its series where that loses figures.
+                        // (c/2 − k)/2θ² of k and c of the turn, and its series where that loses precision.
                         let x = number(a);
                         let (k, c) = x.half_turn();
                         let near = x.lt(Sym::lit(1e-2));
@@ -543,7 +543,7 @@ impl Graph {
 }
 
 impl Node {
-    /// The same with its operands at other places.
+    /// The same node with its operand indices mapped.
     pub fn with(self, place: impl Fn(Place) -> Place) -> Self {
         match self {
             Self::Literal(_) | Self::Input(_) | Self::Truth(_) => self,

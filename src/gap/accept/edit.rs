@@ -1,4 +1,4 @@
-//! Numbers, tables and comments of TOML text under edit.
+//! Numbers, tables and comments of TOML text being edited.
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
 
@@ -9,14 +9,14 @@ pub(super) fn split(name: &str) -> (&str, Vec<usize>) {
     (base, parts.filter_map(|p| p.parse().ok()).collect())
 }
 
-/// A number as a value, small and large ones in scientific notation; it reads back bit for bit.
+/// A number as a TOML value, small and large ones in scientific notation; it parses back bit for bit.
 fn number(v: f64) -> Value {
     let plain = v == 0.0 || (1e-3..1e6).contains(&v.abs());
     let text = if plain { format!("{v:?}") } else { format!("{v:e}") };
     text.parse().unwrap_or_else(|_| Value::from(v))
 }
 
-/// The number at some indices of an array; of no array without indices.
+/// The number at the given indices of an array; the value itself without indices.
 pub(super) fn number_at(value: &Value, path: &[usize]) -> Option<f64> {
     let mut at = value;
     for i in path {
@@ -37,7 +37,7 @@ pub(super) fn set_number_at(value: &mut Value, path: &[usize], v: f64) {
     *at.decor_mut() = decor;
 }
 
-/// A sigma by indices, in an array or in a table by index.
+/// A sigma by indices, from an array or from a table keyed by index.
 pub(super) fn sigma_at(item: &Item, path: &[usize]) -> Option<f64> {
     let Some((first, rest)) = path.split_first() else {
         return item.as_float().or(item.as_integer().map(|i| i as f64));
@@ -117,7 +117,7 @@ fn below_mut(table: &mut Table) -> impl Iterator<Item = &mut Table> {
     })
 }
 
-/// Lets a copied entry follow the table before it, and not stand where its original stands.
+/// Clears the position of a copied entry, so that it follows the table before it.
 pub(super) fn forget_positions(table: &mut Table) {
     table.set_position(None);
     below_mut(table).for_each(forget_positions);
@@ -141,11 +141,11 @@ fn table_at(table: &mut Table, position: isize) -> Option<&mut Table> {
     below_mut(table).find_map(|t| table_at(t, position))
 }
 
-/// Gives the comments above a table that was taken out, as far as an empty line parts them from it, to what follows.
+/// Moves the comments above a removed table, up to the nearest empty line, to what follows.
 pub(super) fn keep_comments(doc: &mut DocumentMut, gone: &Table) {
     let above = gone.decor().prefix().and_then(|p| p.as_str()).unwrap_or("");
     let lines: Vec<&str> = above.split_inclusive('\n').collect();
-    // The first of the lines is the end of the table before, or empty.
+    // The first line is the end of the table before, or empty.
     let Some(empty) = lines.iter().rposition(|l| l.trim().is_empty()) else { return };
     let kept = lines[..empty].concat();
     if !kept.contains('#') {

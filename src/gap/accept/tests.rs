@@ -35,7 +35,7 @@ fn vehicle(text: &str) -> Vehicle {
     Vehicle::from_toml("test", text).unwrap()
 }
 
-/// Value of a parameter of an effect in one dynamics, as it would fly.
+/// Value of a parameter of an effect in the simulated drone, for one dynamics.
 fn flown(text: &str, dynamics: &str, kind: &str, name: &str) -> Option<f64> {
     let drone = vehicle(text).drone(dynamics).unwrap();
     let effect = drone.effects.iter().find(|e| e.kind() == kind)?;
@@ -174,7 +174,7 @@ fn sigmas_in_a_table_of_their_own_are_kept_and_updated() {
     assert_eq!(entries[1].sigma["factor"].to_string(), "{ 0 = 0.02, 2 = 0.01 }");
     assert!(out.contains("factor = [0.95, 1, 0.9, 1, 1, 1, 1, 1]  # third\n"), "{out}");
     assert!(entries[2].sigma.is_empty());
-    // Parting an entry with a sigma table gives each part its own.
+    // Splitting an entry with a sigma table gives each part its own.
     let out = added(&text, fit("weak_rotor", Some(&["so_rpy"]), &[("factor.2", 0.8, 0.03)]));
     let entries = vehicle(&out).file().effect.clone();
     let kinds: Vec<&str> = entries.iter().map(|e| e.kind.as_str()).collect();
@@ -204,7 +204,7 @@ fn a_fit_for_some_dynamics_leaves_the_others_as_they_are() {
     assert_eq!((d.effects.len(), d.parameters.len()), (1, 0), "{d:?}");
     assert_eq!(d.effects[0].dynamics, ["first_principles"]);
     assert_eq!(d.effects[0].parameters.len(), 1);
-    // For all dynamics: the one entry takes up those that had none.
+    // For all dynamics: the only entry is extended to those that had none.
     let out = added(base(), fit("linear_drag", None, &[("drag_n_s_per_m.0.0", 0.5, 0.1)]));
     let file = vehicle(&out);
     assert_eq!((file.file().effect.len(), &file.file().effect[0].models), (1, &None));
@@ -316,7 +316,7 @@ fn fits_that_cannot_stand_in_a_file_are_refused_in_words() {
     }
     let error = add("[body]\n", "mine.toml", &[mass(0.1, 0.1)], &source()).unwrap_err().to_string();
     assert!(error.starts_with("mine.toml") && error.contains("missing field"), "{error}");
-    // A value that stands in the file and a fitted one together are what is checked.
+    // The file's value and the fitted one are checked together.
     let out = added(base(), fit("motor_lag", None, &[("spin_up_factor", 1.2, 0.1)]));
     let error =
         add(&out, "x", &[fit("motor_lag", None, &[("spin_down_factor", 0.0, 0.1)])], &source()).unwrap_err();

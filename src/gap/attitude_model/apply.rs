@@ -1,4 +1,4 @@
-//! An identified model into a vehicle file.
+//! Writes an identified model into a vehicle file.
 
 use super::{AXES, AttitudeModelError, Identification};
 use crate::physics::effects::command_delay::MAX_DELAY_S;
@@ -21,11 +21,11 @@ pub(super) fn response_mut<'a>(
 
 impl Identification {
     /// The vehicle with these values in `[attitude_response.…]`, with linear drag where the model has it, and with the
-    /// command delay where it is longer than its uncertainty; each with sigma, source, hash of the log and `date`. Other
-    /// dynamics keep what they had.
+    /// command delay where it exceeds its uncertainty; each with sigma, source, hash of the log and `date`. Other dynamics
+    /// are unchanged.
     ///
     /// # Errors
-    /// [`AttitudeModelError::Vehicle`] when the values cannot stand in a vehicle file.
+    /// [`AttitudeModelError::Vehicle`] when the values are not valid in a vehicle file.
     pub fn apply(&self, vehicle: &Vehicle, date: &str) -> Result<Vehicle, AttitudeModelError> {
         let mut file = vehicle.file().clone();
         let log = std::path::Path::new(&self.log);
@@ -37,7 +37,7 @@ impl Identification {
         let value = |name: &str| self.get(name).map(|p| p.value);
         let mut sigma = Sigma::new();
         for name in ["angle_gain_per_s2", "rate_gain_per_s", "command_gain_per_s2"] {
-            // Where an axis is held, its standard deviation is not known, and the array stays away.
+            // A held axis has no known standard deviation; then the whole sigma array is left out.
             let all: Vec<Option<f64>> =
                 AXES.iter().map(|a| self.get(&format!("{name}.{a}")).and_then(|p| p.sigma)).collect();
             if let Some(all) = all.into_iter().collect::<Option<Vec<f64>>>() {
@@ -95,6 +95,7 @@ impl Identification {
                 diagonal(&|k| of(k).and_then(|p| p.sigma).unwrap_or(0.0)),
             ));
         }
+        // Removed even if the new delay is insignificant: the response was identified together with the new one.
         take_from(&mut file, "command_delay", self.dynamics);
         if let Some(delay) = self.get("command_delay_s") {
             let sigma = delay.sigma.unwrap_or(0.0);
@@ -106,7 +107,7 @@ impl Identification {
     }
 }
 
-/// Takes an effect from the dynamics that are about to get a new one; others keep it.
+/// Removes an effect from the dynamics that are about to get a new one; others keep it.
 fn take_from(file: &mut VehicleFile, kind: &str, dynamics: &str) {
     for entry in file.effect.iter_mut().filter(|e| e.kind == kind) {
         let all = || DYNAMICS.iter().map(|d| (*d).to_string()).collect();

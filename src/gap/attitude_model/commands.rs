@@ -1,4 +1,4 @@
-//! Attitude and thrust commands as held values, and roll-outs that stop exactly where a delayed command arrives.
+//! Attitude and thrust commands as a zero-order hold, and roll-outs that stop exactly where a delayed command arrives.
 
 use crate::flight::Channel;
 use crate::physics::integrate::Integrator;
@@ -15,7 +15,7 @@ pub(super) struct Commands {
 }
 
 impl Commands {
-    /// Both channels on one clock; times at which nothing changes are left out.
+    /// Merges both channels on one clock; times at which nothing changes are dropped.
     pub fn new(attitude: &Channel<3>, thrust: &Channel<1>) -> Self {
         let mut out = Self { t_s: Vec::new(), values: Vec::new() };
         let (Some(a0), Some(f0)) = (attitude.values.first(), thrust.values.first()) else { return out };
@@ -57,10 +57,10 @@ impl Commands {
     }
 }
 
-/// Length below which a leap takes one slope only, s.
+/// Interval below which one slope (Euler) suffices, s.
 const SHORT_S: f64 = 1e-6;
 
-/// A roll-out under delayed commands. The times at which commands arrive are duals, so the slope of every state with
+/// A roll-out under delayed commands. The arrival times of commands are duals, so the derivative of every state with
 /// respect to the delay is exact.
 pub(super) struct Walk<'a, const N: usize> {
     commands: &'a Commands,
@@ -68,7 +68,7 @@ pub(super) struct Walk<'a, const N: usize> {
     next: usize,
     t: Dual<f64, N>,
     max_step_s: f64,
-    /// The state at the time reached.
+    /// The current state.
     pub state: State<Dual<f64, N>>,
 }
 
@@ -90,7 +90,7 @@ impl<'a, const N: usize> Walk<'a, N> {
         self.commands.before(self.next)
     }
 
-    /// Goes on to `to_s`.
+    /// Integrates up to `to_s`.
     pub fn to(&mut self, to_s: f64, rate: impl Fn(&State<Dual<f64, N>>, [f64; 4]) -> Rate<Dual<f64, N>>) {
         let to = Dual::lit(to_s);
         while let Some(change) = self.commands.t_s.get(self.next) {
@@ -113,7 +113,8 @@ impl<'a, const N: usize> Walk<'a, N> {
         let command = self.command();
         let n = (span.value / self.max_step_s).ceil().max(1.0);
         let step = span * Dual::lit(1.0 / n);
-        // Where a command arrives just before a sample, one slope is as good as four, and keeps the delay's derivative.
+        // Where a command arrives just before a sample, Euler is as accurate as Runge–Kutta and keeps the derivative by the
+        // delay.
         let scheme = if span.value < SHORT_S { Integrator::Euler } else { Integrator::Rk4 };
         for _ in 0..n as usize {
             self.state = scheme.step(&self.state, step, |s| rate(s, command));

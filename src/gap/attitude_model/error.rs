@@ -1,4 +1,4 @@
-//! What can keep the attitude model from being identified.
+//! Errors of identifying the attitude model.
 
 use crate::vehicle::VehicleError;
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ pub enum AttitudeModelError {
         /// What to do.
         remedy: String,
     },
-    /// An axis moved too little, and the vehicle file has nothing to hold its gains at.
+    /// An axis was not excited enough, and the vehicle file has no gains to hold it at.
     #[error(
         "{}: the {axis} axis was not excited enough to identify its response ({found}), and the vehicle file has no attitude \
          response to hold it at: fly steps or a multi-sine of several degrees in {axis}", path.display()
@@ -37,20 +37,20 @@ pub enum AttitudeModelError {
     Unfit {
         /// The log.
         path: PathBuf,
-        /// What came out.
+        /// What came out of the fit.
         reason: String,
         /// What to do.
         remedy: String,
     },
-    /// No such setting of the model.
+    /// Unknown variant of the model.
     #[error(
         "no attitude model is called `{name}`: expected one of so_rpy, so_rpy_rotor, so_rpy_rotor_drag; correct the name"
     )]
     Dynamics {
-        /// The name asked for.
+        /// The requested name.
         name: String,
     },
-    /// The vehicle file.
+    /// Error of the vehicle file.
     #[error(transparent)]
     Vehicle(Box<VehicleError>),
 }

@@ -1,10 +1,10 @@
-//! What the user should know about identified values.
+//! Warnings about identified values.
 
 use super::outcome::Scope;
 use super::*;
 
 impl Job<'_> {
-    /// What the user should know about the values.
+    /// Adds warnings about the identified values.
     pub(super) fn judge(&mut self, rotated: &Rotated, fit: &TranslationalFit, scope: &Scope) {
         self.judge_scale(fit);
         self.judge_delays(rotated, fit);
@@ -17,7 +17,7 @@ impl Job<'_> {
         self.judge_level(rotated);
     }
 
-    /// Mass and thrust scale, which motion does not tell apart.
+    /// Mass and thrust scale, which motion alone cannot separate.
     fn judge_scale(&mut self, fit: &TranslationalFit) {
         let w = &mut self.warnings;
         let mass = self.vehicle.file().body.mass_kg;
@@ -102,7 +102,7 @@ impl Job<'_> {
         }
     }
 
-    /// Offsets of level, which the model has no parameter for.
+    /// Level offsets, for which the model has no parameter.
     fn judge_level(&mut self, rotated: &Rotated) {
         let w = &mut self.warnings;
         for k in 0..3 {

@@ -1,12 +1,12 @@
 //! Identifies the abstracted attitude model ([`crate::physics::attitude_response`]) from a flight log.
 //!
-//! Start values come from equation error behind a state-variable filter. Then output error: roll-outs in short windows,
+//! Start values come from equation error behind a state-variable filter. Output error follows: roll-outs in short windows,
 //! first of the attitude (gains and command delay), then of position and velocity along the measured attitude (thrust
-//! offset, scale and lag, linear drag, command delay), with exact slopes by duals. Every formula is the physics' own.
-//! `docs/identify.md` explains the parameters and what a log must hold.
+//! offset, scale and lag, linear drag, command delay), with exact derivatives by dual numbers. All formulas are those of
+//! `physics`. `docs/identify.md` explains the parameters and what a log must contain.
 //!
 //! Sources: the model and the three steps are those of Crazyflow 0.4.0 (`dynamics/utils/identification.py`); windowed
-//! output error with eliminated own unknowns is Bock's multiple shooting (1981); delay as a parameter, intervals and
+//! output error with eliminated nuisance parameters is Bock's multiple shooting (1981); delay as a parameter, intervals and
 //! random disturbances are added here.
 
 mod apply;
@@ -44,13 +44,13 @@ const Z95: f64 = 1.959_963_984_540_054;
 /// Length of the windows, s.
 const ROTATION_WINDOW_S: f64 = 2.0;
 const TRANSLATION_WINDOW_S: f64 = 1.0;
-/// Highest sample rate that enters the fit, Hz; more adds time and no knowledge.
+/// Highest sample rate used in the fit, Hz; a higher one costs time and adds no information.
 const MOST_HZ: f64 = 260.0;
 /// Least spread of a command (rad) that counts as excitation at all.
 const LEAST_SPREAD_RAD: f64 = 0.005;
 /// Time after the first command that is not fitted, s.
 const UNKNOWN_START_S: f64 = 0.6;
-/// A gain whose standard deviation is a larger share of it than this is not identified.
+/// A gain whose relative standard deviation exceeds this is not identified.
 const MOST_SHARE: f64 = 0.25;
 
 /// What to identify.
@@ -67,10 +67,11 @@ impl Default for Options {
 }
 
 /// Identifies the model of `vehicle` from `log`. The mass is the vehicle file's.
+/// Identifies the model of `vehicle` from `log`. The mass is taken from the vehicle file.
 ///
 /// # Errors
-/// [`AttitudeModelError`]: channels are missing, too little was flown, an axis was not excited and the file has no values
-/// to hold it at, or the model does not describe the log.
+/// [`AttitudeModelError`]: channels are missing, the flight is too short, an axis was not excited and the file has no
+/// values to hold it at, or the model does not describe the log.
 pub fn identify(
     log: &FlightLog,
     vehicle: &Vehicle,
@@ -90,9 +91,9 @@ struct Job<'a> {
     gyro: Channel<3>,
     /// Fitted drone: linear drag first, no delay.
     drone: Drone<f64>,
-    /// What the file says about the response, of these or of other dynamics.
+    /// Nominal response in the file, of these or of other dynamics.
     filed: Option<(Response, String)>,
-    /// The drag that the file has for these dynamics (x, y, z), N·s/m.
+    /// Nominal drag of these dynamics (x, y, z), N·s/m.
     filed_drag: [f64; 3],
     warnings: Vec<String>,
 }
@@ -100,7 +101,7 @@ struct Job<'a> {
 type RotationalFit = Fit<{ rotation::SHARED }, { rotation::OWN }>;
 type TranslationalFit = Fit<{ translation::SHARED }, { translation::OWN }>;
 
-/// The rotational part as fitted.
+/// The fitted rotational part.
 struct Rotated {
     fit: RotationalFit,
     held: [Option<String>; 3],
@@ -185,7 +186,7 @@ impl<'a> Job<'a> {
     fn spans(&mut self, length_s: f64, say: bool) -> Result<Vec<(f64, f64)>, AttitudeModelError> {
         let attitude = &self.channels.attitude;
         let gap = self.longest_gap_s();
-        // What was in force before the first command is not known; by then it has died away.
+        // The command in force before the first logged one is unknown; by this time its effect has decayed.
         let from = self.commands.t_s[0] + UNKNOWN_START_S;
         let mut stretches: Vec<(usize, usize)> = Vec::new();
         for i in 0..attitude.len() {
@@ -212,6 +213,7 @@ impl<'a> Job<'a> {
                     left_out[0] += usize::from(inside.len() >= 8);
                     continue;
                 }
+                // Roll, pitch and yaw, in which the model is written, jump near these angles.
                 let beyond = inside.values.iter().any(|q| {
                     let rpy = euler::from_quat(quat::normalize(*q));
                     rpy[1].abs() > 1.4 || rpy[0].abs() > 2.9 || rpy[2].abs() > 2.9
@@ -304,8 +306,8 @@ impl<'a> Job<'a> {
         Ok(Rotated { windows, fit, held })
     }
 
-    /// Axes whose commands hardly move are held at the filed gains, with where those are from; the gains of the others are made
-    /// such that a fit can start there.
+    /// Holds axes whose commands hardly move at the nominal gains, and says where those come from; makes the gains of the
+    /// others a valid start for a fit.
     fn held_axes(
         &mut self,
         gains: &mut [f64; 9],
@@ -334,7 +336,7 @@ impl<'a> Job<'a> {
                     remedy: format!("give the sign of cmd_{} in a mapping file (`scale = -1`)", AXES[k]),
                 });
             }
-            // Start where the response is stable, whatever the regression found.
+            // Start from a stable response, whatever the regression found.
             if !(gains[k] < -1.0) || !(gains[3 + k] < -0.5) || !(gains[6 + k] > 1.0) {
                 let values = self.filed_gains(k).unwrap_or([-100.0, -15.0, 100.0]);
                 for g in 0..3 {
@@ -345,7 +347,7 @@ impl<'a> Job<'a> {
         Ok(held)
     }
 
-    /// The rotational fit before its first step.
+    /// The rotational fit before its first iteration.
     fn rotational_start(
         &self,
         gains: &[f64; 9],
@@ -369,7 +371,7 @@ impl<'a> Job<'a> {
         fit
     }
 
-    /// An axis whose gains the log does not decide is held, and the rest fitted again.
+    /// Holds an axis whose gains the log does not determine, and fits the rest again.
     fn hold_undecided(
         &mut self,
         fit: &mut RotationalFit,
@@ -396,7 +398,7 @@ impl<'a> Job<'a> {
         }
     }
 
-    /// Refuses fitted gains of which an axis would run away from its command.
+    /// Refuses fitted gains for which an axis is unstable.
     fn answers_stably(
         &self,
         fit: &RotationalFit,
@@ -421,7 +423,7 @@ impl<'a> Job<'a> {
         Ok(())
     }
 
-    /// Marks windows that fit far worse than the rest as unused; whether there are any.
+    /// Excludes windows that fit far worse than the rest; returns whether there are any.
     fn leave_out_odd<const G: usize, const L: usize>(
         &mut self,
         fit: &mut Fit<G, L>,
@@ -457,14 +459,14 @@ impl<'a> Job<'a> {
         true
     }
 
-    /// Angle, rate and command gain of an axis as filed.
+    /// Nominal angle, rate and command gain of an axis.
     fn filed_gains(&self, k: usize) -> Option<[f64; 3]> {
         self.filed
             .as_ref()
             .map(|(r, _)| [r.angle_gain_per_s2[k], r.rate_gain_per_s[k], r.command_gain_per_s2[k]])
     }
 
-    /// Sets the gains of an axis to the filed ones and says so.
+    /// Sets the gains of an axis to the nominal ones and says so.
     fn hold(&mut self, k: usize, gains: &mut [f64; 9], found: String) -> Result<String, AttitudeModelError> {
         let (Some(values), Some((_, from))) = (self.filed_gains(k), &self.filed) else {
             return Err(AttitudeModelError::NotExcited { path: self.log.path.clone(), axis: AXES[k], found });
@@ -481,7 +483,7 @@ impl<'a> Job<'a> {
     }
 }
 
-/// Share of a step of the rotational fit that is taken.
+/// Step length of the rotational fit, as a share of the full step.
 fn rotational_share(from: &[f64; rotation::SHARED], step: &SVector<f64, { rotation::SHARED }>) -> f64 {
     let mut share: f64 = 1.0;
     for k in 0..9 {
@@ -494,7 +496,7 @@ fn rotational_share(from: &[f64; rotation::SHARED], step: &SVector<f64, { rotati
     if delay > 0.02 { share.min(0.02 / delay) } else { share }
 }
 
-/// The drone to fit, with linear drag as its first effect; the filed response and drag.
+/// The drone to fit, with linear drag as its first effect; the nominal response and drag.
 #[allow(clippy::type_complexity)]
 fn prepare(
     vehicle: &Vehicle,
@@ -555,7 +557,7 @@ fn prepare(
     Ok((drone, filed, filed_drag))
 }
 
-/// Every n-th sample, such that at most [`MOST_HZ`] remain.
+/// Every n-th sample, so that the rate is at most [`MOST_HZ`].
 fn thin<const N: usize>(channel: &Channel<N>, name: &str, warnings: &mut Vec<String>) -> Channel<N> {
     let rate = channel.period_s().map_or(0.0, |p| 1.0 / p);
     let every = (rate / MOST_HZ).ceil().max(1.0) as usize;
@@ -571,8 +573,8 @@ fn thin<const N: usize>(channel: &Channel<N>, name: &str, warnings: &mut Vec<Str
     )
 }
 
-/// Standard deviation of the white part of a sequence of first differences, from their fourth differences: the norm of
-/// the fifth difference of white noise is √252.
+/// Standard deviation of the white part of a signal given by its first differences, from their fourth differences: the norm
+/// of the fifth difference of white noise is √252.
 fn white_noise(first_differences: &[f64]) -> Option<f64> {
     let fifth: Vec<f64> =
         first_differences.windows(5).map(|d| d[0] - 4.0 * d[1] + 6.0 * d[2] - 4.0 * d[3] + d[4]).collect();

@@ -1,21 +1,21 @@
-//! The translational fit and the whole result.
+//! The translational fit and the final result.
 
 use super::*;
 
-/// What the setting and the log let a translational fit find.
+/// Which translational parameters the variant and the log allow to be fitted.
 pub(super) struct Scope {
     /// Whether thrust lags.
     pub lags: bool,
     /// Whether there is linear drag.
     pub has_drag: bool,
-    /// Where the thrust offset comes from where it is held.
+    /// Source of the thrust offset where it is held.
     offset_held: Option<String>,
-    /// The same of the thrust's rate.
+    /// Source of the thrust rate where it is held.
     lag_held: Option<String>,
 }
 
 impl Job<'_> {
-    /// The translational fit and the whole result.
+    /// Runs the translational fit and assembles the result.
     pub(super) fn report(
         mut self,
         start: &start::Grid,
@@ -64,7 +64,7 @@ impl Job<'_> {
         Ok(self.result(&rotated, &fit, &scope))
     }
 
-    /// What is to be fitted: thrust that hardly varies shows no offset.
+    /// Decides what is fitted: nearly constant thrust does not determine the offset.
     fn scope(&mut self, filed_offset: f64, spans: &[(f64, f64)]) -> Scope {
         let (lags, has_drag) = (self.dynamics != DYNAMICS[1], self.dynamics == DYNAMICS[3]);
         let (spread, mean) = self.spread(3, spans);
@@ -76,7 +76,7 @@ impl Job<'_> {
         Scope { lags, has_drag, offset_held, lag_held: None }
     }
 
-    /// Thrust that stands still shows neither lag nor delay: the lag is held, the delay is that of the angles.
+    /// Constant thrust determines neither lag nor delay: the lag is held, the delay is that of the attitude.
     fn held_lag(&self, scope: &Scope, first: &mut [f64; translation::SHARED]) -> Option<String> {
         scope.offset_held.as_ref()?;
         Some(match self.filed.as_ref().and_then(|(r, _)| r.thrust_rate_per_s) {
@@ -88,7 +88,7 @@ impl Job<'_> {
         })
     }
 
-    /// The translational fit before its first step.
+    /// The translational fit before its first iteration.
     fn translational_start(
         &self,
         first: [f64; translation::SHARED],
@@ -120,7 +120,7 @@ impl Job<'_> {
         if self.filed.is_some() { "the vehicle file".into() } else { "zero".into() }
     }
 
-    /// The whole result.
+    /// The final result.
     fn result(self, rotated: &Rotated, fit: &TranslationalFit, scope: &Scope) -> Identification {
         let mass_kg = self.vehicle.file().body.mass_kg;
         Identification {
@@ -186,7 +186,7 @@ impl Job<'_> {
     }
 }
 
-/// Share of a step of the translational fit that is taken.
+/// Step length of the translational fit, as a share of the full step.
 fn translational_share(
     from: &[f64; translation::SHARED],
     step: &SVector<f64, { translation::SHARED }>,
@@ -250,7 +250,7 @@ fn parameters(rotated: &Rotated, fit: &TranslationalFit, scope: &Scope) -> Vec<E
 /// Delays of attitude and thrust commands, value and standard deviation (s), and one delay for both.
 fn delays((a, sa): (f64, f64), (b, sb): (f64, f64), thrust_held: bool) -> [Estimate; 3] {
     let held = thrust_held.then(|| "the delay of the angles".to_string());
-    // One delay for both, weighted by what is known of each.
+    // One delay for both, weighted by inverse variance.
     let (wa, wb) = (sa.max(1e-9).powi(-2), if thrust_held { 0.0 } else { sb.max(1e-9).powi(-2) });
     let delay = (a * wa + b * wb) / (wa + wb);
     let spread =

@@ -1,4 +1,4 @@
-//! What an identification found, as numbers and as text.
+//! Result of an identification, as numbers and as text.
 
 use super::AXES;
 use crate::vehicle::schema::Response;
@@ -9,8 +9,8 @@ use std::fmt;
 /// One parameter as identified, in SI.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
-    /// Key of the vehicle file with the axis, such as `angle_gain_per_s2.roll`; `drag_n_s_per_m.x` stands on the
-    /// diagonal of the drag matrix.
+    /// Key of the vehicle file with the axis, such as `angle_gain_per_s2.roll`; `drag_n_s_per_m.x` is on the diagonal of
+    /// the drag matrix.
     pub name: String,
     /// Value.
     pub value: f64,
@@ -22,7 +22,7 @@ pub struct Estimate {
     pub high_95: Option<f64>,
     /// Unit; empty for a ratio.
     pub unit: &'static str,
-    /// Where the value comes from when the log could not decide it.
+    /// Source of the value when the log could not determine it.
     pub held: Option<String>,
 }
 
@@ -35,11 +35,11 @@ pub struct ChannelFit {
     pub unit: &'static str,
     /// Number of samples compared.
     pub samples: usize,
-    /// Root mean square of measured less modelled.
+    /// Root mean square of the residual, measured minus modelled.
     pub rms: f64,
     /// Noise of the sensor, from the fifth differences of its samples.
     pub noise: Option<f64>,
-    /// `rms` in multiples of `noise`: near 1 where the model explains all but the noise.
+    /// `rms` over `noise`: near 1 where only noise is unexplained.
     pub rms_in_noise: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ pub struct ChannelFit {
 pub struct Identification {
     /// Which model: always `attitude`.
     pub model: &'static str,
-    /// Which setting of it, one of the vehicle's dynamics.
+    /// Variant of the model, one of the vehicle's dynamics.
     pub dynamics: &'static str,
     /// The log.
     pub log: String,
@@ -60,7 +60,7 @@ pub struct Identification {
     pub vehicle_sha256: String,
     /// Mass for which the values hold, kg, from the vehicle file.
     pub mass_kg: f64,
-    /// Thrust scale by mass, 1/kg: what motion alone tells.
+    /// Thrust scale over mass, 1/kg: all that motion alone determines.
     pub thrust_scale_per_mass_per_kg: f64,
     /// Windows of 2 s in the rotational fit.
     pub rotation_windows: usize,
@@ -68,11 +68,11 @@ pub struct Identification {
     pub translation_windows: usize,
     /// The parameters.
     pub parameters: Vec<Estimate>,
-    /// Values of the vehicle file before, by the same names, where it has them.
+    /// Values of the vehicle file before the fit, by the same names, where it has them.
     pub before: BTreeMap<String, f64>,
     /// Quality of the fit per channel.
     pub fits: Vec<ChannelFit>,
-    /// What the user should know.
+    /// Warnings.
     pub warnings: Vec<String>,
 }
 
@@ -83,7 +83,7 @@ impl Identification {
     }
 }
 
-/// Filed values by the names of the estimates.
+/// Nominal values by the names of the estimates.
 pub(super) fn before(
     filed: &Option<(Response, String)>,
     drag: [f64; 3],
@@ -107,7 +107,7 @@ pub(super) fn before(
     out
 }
 
-/// A number with five significant figures, without an exponent where it has a usual size.
+/// A number with five significant figures, without an exponent at ordinary magnitudes.
 fn figure(v: f64) -> String {
     if v == 0.0 {
         return "0".into();

@@ -1,4 +1,4 @@
-//! Output error of the attitude: roll-outs in windows, each with its own start and its own level offset.
+//! Output error of the attitude: roll-outs in windows, each with its own initial state and level offset.
 
 use super::commands::{Commands, Walk};
 use super::solve::{Push, Windows};
@@ -13,15 +13,15 @@ use crate::physics::surroundings::Surroundings;
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 
-/// Shared: angle, rate and command gains per axis, delay, gyro bias.
+/// Shared parameters: angle, rate and command gains per axis, delay, gyro bias.
 pub(super) const SHARED: usize = 13;
 /// Index of the delay.
 pub(super) const DELAY: usize = 9;
 /// Index of the gyro bias.
 pub(super) const BIAS: usize = 10;
-/// Own: rotation vector and body rate at the start, level offset (rad, added to the command).
+/// Nuisance parameters of a window: initial rotation vector and body rate, level offset (rad, added to the command).
 pub(super) const OWN: usize = 9;
-/// Inputs of the duals: gains and delay, own unknowns.
+/// Directions of the duals: gains and delay, nuisance parameters.
 const N: usize = 10 + OWN;
 type D = Dual<f64, N>;
 
@@ -34,7 +34,7 @@ enum Seen {
     Gyro([f64; 3]),
 }
 
-/// A stretch of the log.
+/// A window of the log.
 pub(super) struct Window {
     pub from_s: f64,
     pub to_s: f64,
@@ -43,7 +43,7 @@ pub(super) struct Window {
     seen: Vec<(f64, Seen)>,
 }
 
-/// All windows with what they are rolled out with.
+/// All windows with the data for their roll-outs.
 pub(super) struct Rotation<'a> {
     pub commands: &'a Commands,
     pub drone: &'a Drone<f64>,
@@ -51,8 +51,8 @@ pub(super) struct Rotation<'a> {
 }
 
 impl<'a> Rotation<'a> {
-    /// Windows over the spans (s) of the log; `attitude` and `gyro` as they enter the fit. Also gives the start values of
-    /// the own unknowns.
+    /// Windows over the spans (s) of the log; `attitude` and `gyro` as used in the fit. Also returns start values of the
+    /// nuisance parameters.
     pub fn new(
         log: &FlightLog,
         commands: &'a Commands,
@@ -82,14 +82,14 @@ impl<'a> Rotation<'a> {
     }
 }
 
-/// Body rate at a time: from the attitudes around it, else the gyro's nearest sample, else zero.
+/// Body rate at a time: from the attitudes around it, else the nearest gyro sample, else zero.
 fn measure_rate(attitude: &Channel<4>, gyro: &Channel<3>, at_s: f64, period_s: f64) -> [f64; 3] {
     let around = body_rates(attitude, &[at_s + 3.0 * period_s], 4.0 * period_s);
     let nearest = gyro.t_s.partition_point(|t| *t < at_s).min(gyro.len().saturating_sub(1));
     around[0].or(gyro.values.get(nearest).copied()).unwrap_or([0.0; 3])
 }
 
-/// Puts the shared values (gains, 9 numbers) into a vehicle's attitude response.
+/// Sets the shared values (gains, 9 numbers) in a vehicle's attitude response.
 pub(super) fn put<S: Real>(drone: &mut Drone<S>, gains: &[S; 9]) {
     if let Dynamics::AttitudeResponse(p) = &mut drone.dynamics {
         p.angle_gain_per_s2 = [gains[0], gains[1], gains[2]];
@@ -134,7 +134,7 @@ impl Windows<SHARED, OWN> for Rotation<'_> {
                 Seen::Attitude(q) => {
                     let measured = quat::conjugate(quat::normalize(*q)).map(D::lit);
                     let e = quat::mul(measured, walk.state.quat);
-                    // Twice the vector part is the rotation vector to third order; the sign picks the shorter way.
+                    // Twice the vector part is the rotation vector to third order; the sign selects the shorter rotation.
                     let two = D::lit(if e[3].value < 0.0 { -2.0 } else { 2.0 });
                     (0, [e[0] * two, e[1] * two, e[2] * two])
                 }

@@ -1,8 +1,8 @@
-//! Least squares over windows: parameters that all windows share, and unknowns that each has for itself.
+//! Least squares over windows: parameters that all windows share, and nuisance parameters of each window.
 //!
-//! Levenberg–Marquardt on the shared parameters after the own unknowns are eliminated by the Schur complement. The noise
-//! of every channel and the spread of the unknowns that count as random disturbances are estimated from the log in turn
-//! with the parameters (expectation–maximisation).
+//! Levenberg–Marquardt on the shared parameters after the nuisance parameters are eliminated by the Schur complement. The
+//! noise of every channel and the spread of the nuisance parameters that act as random disturbances are estimated from the
+//! log, alternating with the parameters (expectation–maximisation).
 
 use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
@@ -10,16 +10,16 @@ use rayon::prelude::*;
 /// Most channels.
 pub(super) const CHANNELS: usize = 9;
 
-/// Takes one row: channel, residual, its slopes in the `G` shared and the `L` own unknowns.
+/// Callback for one row: channel, residual, its derivatives by the `G` shared and the `L` nuisance parameters.
 pub(super) type Push<'a, const G: usize, const L: usize> = dyn FnMut(usize, f64, &[f64; G], &[f64; L]) + 'a;
 
-/// A problem of `G` shared and, per window, `L` own unknowns.
+/// A problem with `G` shared parameters and, per window, `L` nuisance parameters.
 pub(super) trait Windows<const G: usize, const L: usize>: Sync {
-    /// Gives all rows of one window.
+    /// Emits all rows of one window.
     fn rows(&self, window: usize, shared: &[f64; G], own: &[f64; L], push: &mut Push<G, L>);
 }
 
-/// Sums of one channel in one window, without its weight.
+/// Unweighted sums of one channel in one window.
 #[derive(Clone)]
 struct Part<const G: usize, const L: usize> {
     gg: SMatrix<f64, G, G>,
@@ -65,15 +65,15 @@ pub(super) struct Fit<const G: usize, const L: usize> {
     pub shared: [f64; G],
     /// Which of them are fitted.
     pub free: [bool; G],
-    /// Own unknowns of each window.
+    /// Nuisance parameters of each window.
     pub own: Vec<[f64; L]>,
-    /// Standard deviation of own unknowns about zero; infinite where nothing is known before.
+    /// Prior standard deviation of the nuisance parameters about zero; infinite for a flat prior.
     pub own_sigma: [f64; L],
     /// Noise of each channel.
     pub sigma: [f64; CHANNELS],
-    /// Least noise that a channel is given.
+    /// Lower bound on the noise of a channel.
     pub sigma_floor: [f64; CHANNELS],
-    /// Windows that take part.
+    /// Windows used in the fit.
     pub used: Vec<bool>,
     /// Covariance of the shared parameters, zero where not fitted.
     pub covariance: SMatrix<f64, G, G>,
@@ -81,16 +81,16 @@ pub(super) struct Fit<const G: usize, const L: usize> {
     pub rms: [f64; CHANNELS],
     /// Samples per channel.
     pub counts: [usize; CHANNELS],
-    /// Mean square of the residuals of each window in units of the noise.
+    /// Mean square residual of each window in units of the noise (reduced chi-square).
     pub window_misfit: Vec<f64>,
     /// Whether the last round converged.
     pub converged: bool,
-    /// Whether the first fit, to a third of the windows, is done.
+    /// Whether the coarse fit, to a third of the windows, is done.
     coarse_done: bool,
 }
 
 impl<const G: usize, const L: usize> Fit<G, L> {
-    /// A fit that starts at `shared` and `own`.
+    /// A fit starting at `shared` and `own`.
     pub fn new(shared: [f64; G], free: [bool; G], own: Vec<[f64; L]>, own_sigma: [f64; L]) -> Self {
         let n = own.len();
         Self {
@@ -139,7 +139,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
             .collect()
     }
 
-    /// The sums of every window under the present weights, the spreads of own unknowns included.
+    /// The sums of every window under the current weights, priors of the nuisance parameters included.
     fn weighted(&self, sums: &[Sums<G, L>], own: &[[f64; L]]) -> Vec<Part<G, L>> {
         sums.iter()
             .zip(own)
@@ -165,15 +165,15 @@ impl<const G: usize, const L: usize> Fit<G, L> {
             .collect()
     }
 
-    /// Minimises in at most `rounds` steps; noise and spreads follow after each. `limit` shortens a step (from, step) to
-    /// a share of it.
+    /// Minimises in at most `rounds` iterations; noise and spreads are updated after each. `limit` shortens a step (from,
+    /// step) to a share of it.
     pub fn run(
         &mut self,
         problem: &impl Windows<G, L>,
         rounds: usize,
         limit: impl Fn(&[f64; G], &SVector<f64, G>) -> f64,
     ) {
-        // A third of the windows comes near at a third of the cost; all of them then start with its weights.
+        // A third of the windows gets close at a third of the cost; the full fit then starts with its weights.
         let all = self.used.clone();
         if all.iter().filter(|u| **u).count() >= 24 && !self.coarse_done {
             self.used.iter_mut().enumerate().for_each(|(w, used)| *used &= w % 3 == 0);
@@ -231,7 +231,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
                 self.converged = small;
             } else {
                 damping = (damping * 30.0).max(1e-4);
-                // Nothing but rounding is left to gain.
+                // Only rounding error is left to gain.
                 self.converged = small || after - before <= 1e-9 * before;
             }
             if self.converged {
@@ -241,7 +241,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
         sums
     }
 
-    /// The eliminated system: its matrix, its gradient, and per window the inverse of the own part.
+    /// The reduced system: its matrix, its gradient, and per window the inverse of the eliminated block.
     #[allow(clippy::type_complexity)]
     fn eliminated(
         &self,
@@ -270,7 +270,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
         Some((matrix, gradient, inverses))
     }
 
-    /// A step of the shared parameters, of the own unknowns, and the standard deviations of the shared ones.
+    /// A step of the shared and of the nuisance parameters, and the standard deviations of the shared ones.
     #[allow(clippy::type_complexity)]
     fn step(
         &self,
@@ -291,7 +291,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
         Some((step, own, covariance.diagonal().map(|v| v.max(0.0).sqrt())))
     }
 
-    /// Sets the noise of the channels from the residuals, and with `spreads` the spreads of the own unknowns.
+    /// Updates the noise of the channels from the residuals, and with `spreads` the spreads of the nuisance parameters.
     fn reweight(&mut self, sums: &[Sums<G, L>], spreads: bool) {
         let mut square = [0.0; CHANNELS];
         self.counts = [0; CHANNELS];
@@ -323,14 +323,14 @@ impl<const G: usize, const L: usize> Fit<G, L> {
                 }
             }
             for (sigma, spread) in self.own_sigma.iter_mut().zip(spread).filter(|(s, _)| s.is_finite()) {
-                // A spread that shrinks to nothing would freeze the unknown; the floor is far below any effect.
+                // A spread that shrinks to zero would freeze the parameter; the floor is far below any effect.
                 *sigma = (spread / windows.max(1) as f64).sqrt().max(1e-7);
             }
         }
     }
 
-    /// Covariance: the larger of the one that the weights promise and the one that the scatter of the windows shows
-    /// (White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica 48(4), 1980; by windows).
+    /// Covariance: the larger of the one from the weights and the sandwich estimate from the scatter of the windows (White,
+    /// "A heteroskedasticity-consistent covariance matrix estimator", Econometrica 48(4), 1980; by windows).
     fn finish(&mut self, sums: &[Sums<G, L>]) {
         for (w, s) in sums.iter().enumerate() {
             let parts = || s.iter().zip(&self.sigma).filter_map(|(p, sigma)| p.as_ref().map(|p| (p, sigma)));
@@ -380,7 +380,7 @@ impl<const G: usize, const L: usize> Fit<G, L> {
     }
 }
 
-/// Inverse of a symmetric positive definite matrix, scaled to a unit diagonal first; `None` where it is none.
+/// Inverse of a symmetric positive definite matrix, scaled to a unit diagonal first; `None` if it is not positive definite.
 fn invert<const N: usize>(m: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let mut scale = SVector::<f64, N>::zeros();
     for k in 0..N {
@@ -395,7 +395,7 @@ fn invert<const N: usize>(m: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> 
         for j in 0..N {
             unit[(i, j)] *= scale[i] * scale[j];
         }
-        // Relative to a unit diagonal: below what double precision of the sums resolves.
+        // Ridge relative to a unit diagonal, below what double precision of the sums resolves.
         unit[(i, i)] += 1e-13;
     }
     let cholesky = nalgebra::linalg::Cholesky::new(unit)?;

@@ -1,5 +1,5 @@
-//! Start values by equation error: all signals through one state-variable filter, whose states are the filtered signal
-//! and its derivatives, then linear least squares over a grid of delays and thrust rates.
+//! Start values by equation error: all signals pass one state-variable filter, whose states are the filtered signal and its
+//! derivatives, followed by linear least squares over a grid of delays and thrust rates.
 //!
 //! Young, "Parameter estimation for continuous-time models: a survey", Automatica 17(1), 1981.
 
@@ -19,11 +19,11 @@ use crate::scalar::dual::Dual;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Distance of the grid, s.
+/// Grid spacing, s.
 const STEP_S: f64 = 0.005;
 /// Corner of the filter, rad/s.
 const CORNER_RAD_S: f64 = 30.0;
-/// Time after a gap (and after the start) in which the filter forgets, s.
+/// Time after a gap (and after the start) until the filter has settled, s.
 const SETTLE_S: f64 = 0.4;
 
 /// A signal on the grid, filtered: value, slope, curvature.
@@ -51,7 +51,7 @@ fn filter(u: &[f64]) -> Vec<[f64; 3]> {
 /// The log on the grid.
 pub(super) struct Grid {
     t_s: Vec<f64>,
-    /// Grid points whose filtered values are good.
+    /// Grid points whose filtered values are valid.
     good: Vec<bool>,
     quat: Vec<[f64; 4]>,
 }
@@ -113,8 +113,8 @@ impl Grid {
         (best.0, best.1)
     }
 
-    /// Thrust offset, scale, rate and drag for a delay: the accelerations of the model at the measured states are linear
-    /// in all but the rate, which is tried on a grid.
+    /// Thrust offset, scale, rate and drag for a delay: the model's accelerations at the measured states are linear in all
+    /// but the rate, which is searched on a grid.
     pub fn translation(
         &self,
         log: &FlightLog,
@@ -146,7 +146,7 @@ impl Grid {
         let try_rate = |rate: &f64| {
             let thrust = self.thrust(commands, drone, delay_s, *rate);
             let (rows, targets) = self.columns(drone, commands, delay_s, &velocities, &thrust);
-            // Per axis: constant part and five slopes, filtered.
+            // Per axis: the part without parameters and five regressors, filtered.
             let mut all = Vec::new();
             for axis in 0..3 {
                 let columns: Vec<Vec<[f64; 3]>> = (0..5).map(|c| filter(&rows[axis][c])).collect();
@@ -197,7 +197,7 @@ impl Grid {
             .collect()
     }
 
-    /// Accelerations per axis: slopes with respect to offset, scale, drag x, y, z; and what stays with all of them zero.
+    /// Accelerations per axis: derivatives by offset, scale, drag x, y, z; and the acceleration with all of them zero.
     #[allow(clippy::type_complexity)]
     fn columns(
         &self,
@@ -236,8 +236,8 @@ impl Grid {
     }
 }
 
-/// Least squares of y on x; the coefficients, and the share of y² that is left. Coefficients of columns that are zero or
-/// that the others already span are zero or shared (a slight ridge).
+/// Least squares of y on x: the coefficients, and the unexplained share of y². Coefficients of zero or collinear columns
+/// are zero or shared (a slight ridge).
 fn regress<const K: usize>(rows: impl Iterator<Item = ([f64; K], f64)>) -> ([f64; K], f64) {
     let mut m = DMatrix::<f64>::zeros(K, K);
     let mut v = DVector::<f64>::zeros(K);

@@ -1,5 +1,5 @@
 //! Output error of position, velocity and accelerometer: roll-outs in windows along the measured attitude, each with its
-//! own start and its own constant disturbance force.
+//! own initial state and constant disturbance force.
 
 use super::commands::{Commands, Walk};
 use super::solve::{Push, Windows};
@@ -14,7 +14,7 @@ use crate::physics::surroundings::Surroundings;
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 
-/// Shared: thrust offset, scale and rate, drag along x, y, z, delay, accelerometer bias.
+/// Shared parameters: thrust offset, scale and rate, drag along x, y, z, delay, accelerometer bias.
 pub(super) const SHARED: usize = 10;
 /// Index of the thrust rate.
 pub(super) const RATE: usize = 2;
@@ -24,9 +24,10 @@ pub(super) const DRAG: usize = 3;
 pub(super) const DELAY: usize = 6;
 /// Index of the accelerometer bias.
 pub(super) const BIAS: usize = 7;
-/// Own: velocity at the start, disturbance force (N, world), position at the start less the measured one.
+/// Nuisance parameters of a window: initial velocity, disturbance force (N, world), initial position minus the measured
+/// one.
 pub(super) const OWN: usize = 9;
-/// Inputs of the duals: seven shared ones, velocity and force; the position shifts all by itself.
+/// Directions of the duals: seven shared ones, velocity and force; an initial position only shifts all positions.
 const N: usize = 13;
 type D = Dual<f64, N>;
 
@@ -35,7 +36,7 @@ pub(super) const VELOCITY: usize = 3;
 /// See [`VELOCITY`].
 pub(super) const ACCELEROMETER: usize = 6;
 
-/// Measured channels that enter the fit.
+/// Measured channels used in the fit.
 pub(super) struct Channels {
     pub attitude: Channel<4>,
     pub position: Channel<3>,
@@ -44,14 +45,14 @@ pub(super) struct Channels {
 }
 
 enum Seen {
-    /// The attitude from here to the next, and the constant body rate between the two.
+    /// Attitude from here to the next event, and the constant body rate between the two.
     Turn([f64; 4], [f64; 3]),
     Position([f64; 3]),
     Velocity([f64; 3]),
     Accelerometer([f64; 3]),
 }
 
-/// A stretch of the log.
+/// A window of the log.
 pub(super) struct Window {
     pub from_s: f64,
     pub to_s: f64,
@@ -60,14 +61,14 @@ pub(super) struct Window {
     seen: Vec<(f64, Seen)>,
 }
 
-/// All windows with what they are rolled out with.
+/// All windows with the data for their roll-outs.
 pub(super) struct Translation<'a> {
     pub commands: &'a Commands,
     pub drone: &'a Drone<f64>,
     pub windows: Vec<Window>,
 }
 
-/// Velocity at a time: measured where it is, else the slope of the position, else zero.
+/// Velocity at a time: the measured one if available, else the slope of the position, else zero.
 pub(super) fn velocity(log: &FlightLog, at_s: f64) -> [f64; 3] {
     let gap = 10.0 * log.velocity_m_s.period_s().unwrap_or(0.0);
     if let Some(v) = linear(&log.velocity_m_s, &[at_s], gap)[0] {
@@ -77,7 +78,7 @@ pub(super) fn velocity(log: &FlightLog, at_s: f64) -> [f64; 3] {
     local_parabola(&log.position_m, &[at_s], half)[0].map_or([0.0; 3], |l| l.slope)
 }
 
-/// Puts thrust and drag (offset, scale, rate, drag x, y, z) into a vehicle whose first effect is linear drag.
+/// Sets thrust and drag (offset, scale, rate, drag x, y, z) in a vehicle whose first effect is linear drag.
 pub(super) fn put<S: Real>(drone: &mut Drone<S>, values: &[S; 6]) {
     if let Dynamics::AttitudeResponse(p) = &mut drone.dynamics {
         p.thrust_offset_n = values[0];
@@ -92,13 +93,13 @@ pub(super) fn put<S: Real>(drone: &mut Drone<S>, values: &[S; 6]) {
     }
 }
 
-/// Longest step, s, at which thrust that follows at `rate_per_s` is integrated well.
+/// Longest accurate integration step, s, for thrust that follows at `rate_per_s`.
 fn longest_step(rate_per_s: f64) -> f64 {
     (0.5 / rate_per_s.abs().max(1.0)).min(0.006)
 }
 
 impl<'a> Translation<'a> {
-    /// Windows over the spans (s) of the log, and the start values of their own unknowns.
+    /// Windows over the spans (s) of the log, and start values of their nuisance parameters.
     pub fn new(
         log: &FlightLog,
         commands: &'a Commands,
@@ -136,7 +137,7 @@ impl<'a> Translation<'a> {
             add(&positions, Seen::Position);
             add(&channels.velocity.between(*from_s, *to_s), Seen::Velocity);
             add(&channels.accelerometer.between(*from_s, *to_s), Seen::Accelerometer);
-            // Attitudes first among equal times: sorting keeps the order.
+            // Attitudes first among equal times: the sort is stable.
             seen.sort_by(|a, b| a.0.total_cmp(&b.0));
             let wind = linear(&log.wind_m_s, &[0.5 * (from_s + to_s)], f64::INFINITY)[0];
             let v = velocity(log, first);
@@ -152,8 +153,8 @@ impl<'a> Translation<'a> {
         (Self { commands, drone, windows }, own)
     }
 
-    /// Thrust state (N) at the start of every window, with its slopes in thrust rate and delay: rolled out over the
-    /// whole log from a command that was long in force.
+    /// Thrust state (N) at the start of every window, with its derivatives by thrust rate and delay: rolled out over the
+    /// whole log from a command that has long been in force.
     pub fn thrust_states(&self, shared: &[f64; SHARED]) -> Vec<(f64, [f64; 2])> {
         type T = Dual<f64, 2>;
         let mut drone: Drone<T> = self.drone.map(&mut |v| T::lit(v));
@@ -180,10 +181,10 @@ impl<'a> Translation<'a> {
     }
 }
 
-/// Thrust state (N) and its slopes in thrust rate and delay, per window.
+/// Thrust state (N) and its derivatives by thrust rate and delay, per window.
 type ThrustStates = std::sync::Arc<Vec<(f64, [f64; 2])>>;
 
-/// A translation at one set of shared values, with the thrust states that follow from them.
+/// A translation problem at one set of shared values, with the thrust states that follow from them.
 pub(super) struct Along<'a> {
     pub problem: &'a Translation<'a>,
     pub cache: std::sync::Mutex<Option<([f64; SHARED], ThrustStates)>>,

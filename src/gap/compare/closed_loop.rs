@@ -1,4 +1,4 @@
-//! A whole flight of the model with its own controller, along the references that the measured one had.
+//! Closed-loop simulation of a whole flight: the model with its own controller along the logged references.
 
 use super::ClosedLoop;
 use crate::flight::resample::Local;
@@ -14,7 +14,7 @@ use crate::rollout::trajectory::Reference;
 use crate::rollout::{RolloutError, Sim, SimOptions};
 use crate::vehicle::Vehicle;
 
-/// Rates of the simulation and of the references, Hz, and the distance of two references, s.
+/// Rates of the simulation and of the references, Hz, and the interval between references, s.
 const SIM_HZ: u32 = 500;
 const REFERENCE_HZ: u32 = 100;
 const REFERENCE_S: f64 = 0.01;
@@ -37,16 +37,16 @@ pub(super) fn closed_loop(replay: &Replay, vehicle: &Vehicle) -> Result<ClosedLo
     Ok(course.compared(&flown, course.notes(replay)))
 }
 
-/// What is flown along: references and measured states, at the times of the references.
+/// The flight to simulate: references and measured states at the times of the references.
 struct Course {
-    /// Where it starts: instant of the log, its time (s), the measured state.
+    /// Start: instant of the log, its time (s), the measured state.
     first: usize,
     begin_s: f64,
     start: Measured,
     /// Times, s.
     at_s: Vec<f64>,
     positions: Vec<Option<[f64; 3]>>,
-    /// Fits through the positions, for what of the rest was not logged.
+    /// Local fits through the positions, for references that were not logged.
     local: Vec<Option<Local<3>>>,
     velocities: Option<Vec<Option<[f64; 3]>>>,
     accelerations: Option<Vec<Option<[f64; 3]>>>,
@@ -54,7 +54,7 @@ struct Course {
 }
 
 impl Course {
-    /// The part of a log in which references and poses overlap.
+    /// The part of a log where references and poses overlap.
     fn new(replay: &Replay) -> Result<Self, String> {
         let (track, log) = (replay.track, &replay.track.log);
         let refs = &log.ref_position_m;
@@ -104,7 +104,7 @@ impl Course {
         notes
     }
 
-    /// Yaw from time `i` on, rad; `None` where it stays.
+    /// Yaw reference from time `i` on, rad; `None` where it does not change.
     fn yaw_rad(&self, log: &FlightLog, i: usize) -> Option<f64> {
         let column = log.ref_yaw_rad.t_s.partition_point(|x| *x <= self.at_s[i]);
         if column > 0 {
@@ -126,7 +126,7 @@ impl Course {
         }
     }
 
-    /// The model's flight against the measured one and the references.
+    /// Compares the simulated flight with the measured one and the references.
     fn compared(&self, flown: &[State<f64>], notes: Vec<String>) -> ClosedLoop {
         let (mut sums, mut counts) = ([0.0; 4], [0.0f64; 3]);
         let square = |a: [f64; 3], b: [f64; 3]| {

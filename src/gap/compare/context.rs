@@ -1,4 +1,4 @@
-//! What happens along a log, and what the model leaves, in blocks that causes are sought in.
+//! Operating conditions along a log, and the residuals, averaged in blocks in which causes are sought.
 
 use crate::flight::resample;
 use crate::gap::causes::{BLOCK_S, Block, Label};
@@ -7,7 +7,7 @@ use crate::gap::residual::{self, Replay, Residuals};
 use crate::gap::track::{Drive, Measured};
 use crate::math::{quat, vec3};
 
-/// What happens along a log, per instant, in the order of its labels; NaN where not known.
+/// Operating conditions per instant, in the order of the labels; NaN where unknown.
 pub(super) struct Context {
     pub labels: Vec<Label>,
     pub values: Vec<Vec<f64>>,
@@ -87,7 +87,7 @@ pub(super) fn responses() -> Vec<Label> {
     .to_vec()
 }
 
-/// Slowest flight whose direction means something, m/s.
+/// Lowest speed at which the direction of flight is meaningful, m/s.
 const MOVING_M_S: f64 = 0.1;
 
 /// Means over blocks of [`BLOCK_S`].

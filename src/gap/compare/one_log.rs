@@ -1,4 +1,4 @@
-//! One log against the model.
+//! Compares one log with the model.
 
 use super::closed_loop::closed_loop;
 use super::context::{blocks, context};
@@ -15,7 +15,7 @@ use crate::gap::{GapError, constants, integration, wiring};
 use crate::physics::drone::Drone;
 use crate::vehicle::Vehicle;
 
-/// Fewest roll-outs that a verdict rests on.
+/// Fewest roll-outs for a verdict.
 const FEWEST: usize = 5;
 
 pub(super) fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
@@ -34,7 +34,7 @@ pub(super) fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     let context = context(&replay);
     let blocks = blocks(&replay, &residuals, &context);
     let causes = cause_list(&blocks, &context.labels, false);
-    // What is there throughout comes first: it rules roll-outs, and no cause tells of it.
+    // Constant residuals first: they dominate the roll-outs, and no varying cause explains them.
     let build = constants::Build::of(&replay.plant().parts);
     let mut findings = constants::sentences(&one_step, &build, &causes);
     findings.extend(sentences(&causes));
@@ -74,7 +74,7 @@ pub(super) fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
     Ok((comparison, blocks, context.labels))
 }
 
-/// Refuses a log with too few instants and roll-outs to judge by.
+/// Refuses a log with too few instants and roll-outs for a verdict.
 fn enough(track: &Track, residuals: &Residuals, horizons: &[Horizon]) -> Result<(), GapError> {
     if residuals.samples.len() >= 50 && horizons[0].error.n >= FEWEST {
         return Ok(());
@@ -91,7 +91,7 @@ fn enough(track: &Track, residuals: &Residuals, horizons: &[Horizon]) -> Result<
     })
 }
 
-/// Refuses a model whose roll-outs run away.
+/// Refuses a model whose roll-outs diverge.
 fn stays_finite(track: &Track, vehicle: &Vehicle, horizons: &[Horizon]) -> Result<(), GapError> {
     let finite =
         |e: &HorizonError| (e.position_m + e.velocity_m_s + e.attitude_rad + e.rate_rad_s).is_finite();
@@ -109,7 +109,7 @@ fn stays_finite(track: &Track, vehicle: &Vehicle, horizons: &[Horizon]) -> Resul
     })
 }
 
-/// The verdict on a model that departs from the log: by how many times the noise, in what, why and when.
+/// Verdict on a model that is off: by how many times the noise, in what, why and when.
 fn departs(
     (times_noise, place): (f64, &str),
     other_rotors: Option<&str>,
@@ -142,7 +142,7 @@ fn summary(track: &Track) -> LogSummary {
     }
 }
 
-/// The span of a log in which motors turn as the model has them, s.
+/// The span of a log in which the modelled motors have settled, s.
 fn settled(replay: &Replay) -> [f64; 2] {
     let [from, to] = replay.track.span_s;
     [from + settling_s(replay.track), to]
@@ -154,7 +154,7 @@ fn horizons(replay: &Replay) -> Vec<Horizon> {
         || residual::replay_errors(replay, &HORIZONS_S, Some(&[settled])),
         || residual::expected_errors(replay, &HORIZONS_S),
     );
-    // What the integrator of a simulated flight makes is no fault of the vehicle.
+    // Errors of the simulated flight's own integrator are no fault of the vehicle.
     for (e, made) in expected.iter_mut().zip(integration::errors(replay)) {
         e.position_m = e.position_m.hypot(made[0]);
         e.velocity_m_s = e.velocity_m_s.hypot(made[1]);

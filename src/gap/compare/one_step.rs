@@ -1,4 +1,4 @@
-//! Residual force and torque in figures and over time.
+//! Residual force and torque: statistics and time series.
 
 use super::{Axes, OneStep, Series};
 use crate::gap::causes::short;
@@ -6,7 +6,7 @@ use crate::gap::replay::STEP_S;
 use crate::gap::residual::{self, Replay, Residuals};
 use crate::math::{quat, vec3};
 
-/// Distance of the points of a series, s.
+/// Interval between points of a series, s.
 const SERIES_S: f64 = 0.05;
 
 fn axes(residual: &[[f64; 3]], measured: &[[f64; 3]], sigma: [f64; 3]) -> Axes {
@@ -38,6 +38,7 @@ pub(super) fn one_step(replay: &Replay, residuals: &Residuals) -> OneStep {
     let per = (SERIES_S / STEP_S).round() as usize;
     let mut from = 0;
     while from < list.len() {
+        // Blocks lie on a fixed grid, so that two comparisons of a log share their times.
         let number = list[from].step / per;
         let to = from + list[from..].partition_point(|s| s.step / per == number);
         let part = &list[from..to];
@@ -55,6 +56,7 @@ pub(super) fn one_step(replay: &Replay, residuals: &Residuals) -> OneStep {
             series.torque_n_m.push(all.then(|| mean(&|s| s.torque_n_m.unwrap_or_default())));
         }
     }
+    // Averaging reduces the noise only as far as it is uncorrelated within a block.
     let averaged = |memory_s: f64| (memory_s / SERIES_S).min(1.0).sqrt();
     series.force_sigma_n = residuals.force_sigma_n.map(|s| s * averaged(residuals.force_memory_s));
     series.torque_sigma_n_m = residuals.torque_sigma_n_m.map(|s| s * averaged(residuals.torque_memory_s));

@@ -1,4 +1,4 @@
-//! What the model leaves of all logs together.
+//! Residuals of all logs together.
 
 use super::{Axes, HORIZONS_S, LogComparison, Part, Pooled, cause_list, sentences};
 use crate::gap::causes::{Block, Label};
@@ -31,7 +31,7 @@ pub(super) fn pool(parts: &[Part]) -> Pooled {
             }
         })
         .collect();
-    // Causes that any log has, in the order of their first appearance.
+    // Causes of any log, in the order of their first appearance.
     let mut labels: Vec<Label> = Vec::new();
     for label in parts.iter().flat_map(|(_, _, own)| own) {
         if !labels.contains(label) {

@@ -7,8 +7,8 @@ use crate::gap::causes::short;
 use crate::gap::track::Track;
 use crate::math::vec3;
 
-/// Refuses logs that cannot be of one vehicle: other numbers of rotors, or thrusts or rotor speeds that differ by more than
-/// 30 % at the same load factor. A flight of hard turns has twice the thrust of a hover.
+/// Refuses logs that cannot be of one vehicle: different numbers of rotors, or thrusts or rotor speeds that differ by more
+/// than 30 % at the same load factor. (A flight of hard turns has twice the thrust of a hover.)
 ///
 /// # Errors
 /// [`GapError::DifferentVehicles`].
@@ -50,8 +50,9 @@ pub fn one_vehicle(tracks: &[Track]) -> Result<(), GapError> {
     Ok(())
 }
 
-/// Median of channels in the usable flight, each sample over the load factor to a power: thrust goes with it, rotor speed with
-/// its root. The load factor is what the accelerometer feels along the rotors' axis, or what holds the motion up.
+/// Median of channels in the usable flight, each sample divided by a power of the load factor: thrust is proportional to
+/// it, rotor speed to its root. The load factor comes from the accelerometer along the rotors' axis, or from the
+/// acceleration of the path.
 fn per_load(track: &Track, channels: &[Channel<1>], power: f64) -> Option<f64> {
     let stride = channels.first().map_or(1, |c| (c.len() / MOST_LOADS).max(1));
     let mut all = Vec::new();
@@ -86,7 +87,8 @@ fn per_load(track: &Track, channels: &[Channel<1>], power: f64) -> Option<f64> {
     clean::median(all).filter(|m| *m > 0.0)
 }
 
-/// Samples of a channel at which load factors are taken, half width of their smoothing, s, and the least that says anything.
+/// Most samples of a channel at which load factors are taken, half width of their smoothing, s, and the least load factor
+/// used.
 const MOST_LOADS: usize = 2000;
 const LOAD_HALF_S: f64 = 0.03;
 const LEAST_LOAD: f64 = 0.3;

@@ -8,11 +8,11 @@ use crate::gap::replay::STEP_S;
 use crate::gap::residual::{self, Replay, Residuals};
 use crate::math::vec3;
 
-/// Worst segments that are named, and their length, s.
+/// Number of worst segments reported, and their length, s.
 const WORST: usize = 5;
 const SEGMENT_S: f64 = 1.0;
 
-/// The segments of [`SEGMENT_S`] in which most is missing, worst first.
+/// The segments of [`SEGMENT_S`] with the largest residuals, worst first.
 pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -> Vec<Segment> {
     let list = &residuals.samples;
     let (per, stride) = ((SEGMENT_S / STEP_S).round() as usize, (0.25 / STEP_S).round() as usize);
@@ -23,6 +23,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
     while at + per <= replay.n_steps() {
         let (a, b) = (list.partition_point(|s| s.step < at), list.partition_point(|s| s.step < at + per));
         at += stride;
+        // Segments that are mostly gaps are not judged.
         if (b - a) * 2 < per {
             continue;
         }
@@ -31,6 +32,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
         all.push((score, a, b));
     }
     all.sort_by(|x, y| y.0.total_cmp(&x.0));
+    // Without overlap: neighbouring segments would report the same event.
     let mut chosen: Vec<(f64, usize, usize)> = Vec::new();
     for one in all {
         let apart = |c: &(f64, usize, usize)| one.2 <= c.1 || one.1 >= c.2;
@@ -38,7 +40,7 @@ pub(super) fn worst(replay: &Replay, residuals: &Residuals, context: &Context) -
             chosen.push(one);
         }
     }
-    // What is usual in this flight, to say what is special about a segment.
+    // Typical values of this flight, to say what is unusual about a segment.
     let usual: Vec<[f64; 2]> = context
         .values
         .iter()

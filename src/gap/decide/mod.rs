@@ -1,4 +1,4 @@
-//! Decides what of the findings is named, and how surely: one rule after the other, each of which says why.
+//! Decides which findings are named, and how certain they are: rules are applied one after the other, and each records why.
 
 pub(super) mod remainder;
 pub mod rules;
@@ -16,10 +16,10 @@ use crate::physics::effects::Area;
 use remainder::{other_shape, remainder};
 use rules::{Rule, Why};
 
-/// Id of what no candidate describes, among look-alikes.
+/// Id among look-alikes of an effect that is not in the list of candidates.
 pub const UNLISTED: &str = "unlisted";
 
-/// What stands in place of a finding where the logs cannot tell it from physics that is in no list.
+/// Look-alike of a finding that the logs cannot tell from physics that is not in the list.
 fn unlisted() -> LookAlike {
     LookAlike {
         ids: vec![UNLISTED.into()],
@@ -29,24 +29,24 @@ fn unlisted() -> LookAlike {
     }
 }
 
-/// What is named, and what stands against it.
+/// What is named, and what speaks against it.
 pub(super) struct Decision<'a> {
     model: &'a Model,
     logs: &'a [Prepared<'a>],
     solution: &'a Solution,
-    /// Whether the logs show too little to take anything back: then it stays, in doubt.
+    /// Whether the logs excite too little to withdraw a finding: it is then kept, in doubt.
     poor: bool,
     pub findings: Vec<Finding>,
-    /// Ids of findings that were taken back.
+    /// Ids of withdrawn findings.
     pub nearest: Vec<String>,
     pub remainder: Remainder,
-    /// Whether most of what is left is an event.
+    /// Whether most of the residual is an event.
     event: bool,
     pub why: Vec<Why>,
 }
 
 impl<'a> Decision<'a> {
-    /// Of findings, most evident first, beside what the windows' disturbances `left` say is left.
+    /// From findings, most evident first; `left` are the windows' disturbances beside them.
     pub fn new(
         model: &'a Model,
         logs: &'a [Prepared<'a>],
@@ -72,12 +72,12 @@ impl<'a> Decision<'a> {
         Self { model, logs, solution, poor, findings, nearest: Vec::new(), remainder, event, why }
     }
 
-    /// Whether the logs drive all of the model, not its forces only.
+    /// Whether the logs drive the whole model, not only its forces.
     fn wholly_driven(&self) -> bool {
         !forces_only(self.logs)
     }
 
-    /// Takes the findings `of` back, as the nearest of what is in the list; from logs that show little they stay, in doubt.
+    /// Withdraws the findings `of`, as the nearest in the list; with poorly excited logs they are kept, in doubt.
     fn doubt(&mut self, rule: Rule, text: &str, of: impl Fn(&Finding) -> bool) {
         if self.poor {
             return self.keep_in_doubt(rule, text, of);
@@ -88,7 +88,7 @@ impl<'a> Decision<'a> {
         }
     }
 
-    /// Leaves the findings `of` in doubt: they could be something that is in no list.
+    /// Marks the findings `of` as in doubt: they could be physics that is not in the list.
     fn keep_in_doubt(&mut self, rule: Rule, text: &str, of: impl Fn(&Finding) -> bool) {
         for f in self.findings.iter_mut().filter(|f| of(f)) {
             self.why.push(Why::new(&f.id, rule, format!("in doubt: {text}")));
@@ -99,7 +99,7 @@ impl<'a> Decision<'a> {
         }
     }
 
-    /// Takes effects of the air back that are of another shape than what is missing.
+    /// Withdraws effects of the air whose shape differs from that of what is missing.
     pub fn judge_shapes(&mut self, evidence: &Evidence, left: &[Sample]) {
         if !self.wholly_driven() {
             return;
@@ -109,9 +109,9 @@ impl<'a> Decision<'a> {
             let id = &model.candidates[*c].id;
             let better = shapes::better(model, evidence, &solution.set, *c)
                 .map(|(words, nats)| format!("{words} fits better than {id} by {nats:.0} nats"));
-            // A shape that is left beside an effect may be a second thing that is missing: what the regression sees as well,
-            // and nothing in the list stands in for, is in doubt only. Of a shape that fits in its place the regression says
-            // nothing: it knows the list alone.
+            // A shape left beside an effect may be a second missing effect: what the regression sees as well, and nothing
+            // in the list replaces, is only in doubt. A shape that fits in its place is not judged by the regression, which
+            // knows only the list.
             let in_place = better.is_some();
             let agreed = |f: &Finding| {
                 !in_place
@@ -125,7 +125,7 @@ impl<'a> Decision<'a> {
             if let Some(words) = other {
                 self.remainder.unexplained = true;
                 self.remainder.text = format!("{}; {words}", self.remainder.text);
-                // What was found beside it, on less evidence, was found beside the wrong shape.
+                // Findings beside it with less evidence were found beside the wrong shape.
                 let own = self.findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);
                 self.keep_in_doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && agreed(f));
                 self.doubt(Rule::OtherShape, &words, |f| f.evidence_nats <= own && !agreed(f));
@@ -133,15 +133,16 @@ impl<'a> Decision<'a> {
         }
     }
 
-    /// Takes findings back that only lean on what is really missing: together they take away too little of the error on unseen
-    /// flight (`together`), or of the disturbances. What is left is weather where it has no pattern.
+    /// Withdraws findings that only lean on what is really missing: together they remove too little of the held-out error
+    /// (`together`), or of the disturbances. A remainder without a pattern is turbulence.
     pub fn judge_together(&mut self, together: f64) {
         let doubtful_shape = !self.nearest.is_empty();
         let left = &self.remainder;
         let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
         let explained = part(left.force_m_s2, left.force_before_m_s2)
             .max(part(left.torque_rad_s2, left.torque_before_rad_s2));
-        // Weather beside what is certain and no matter of the air: it leaves neither shape nor pattern, and takes no share itself.
+        // Turbulence beside findings that are certain and no effects of the air: it leaves neither shape nor pattern, and
+        // needs no share.
         let sure = |f: &Finding| f.certain && f.area != Area::Airframe && f.evidence_nats >= BESIDE_WEATHER;
         let wholly_driven = self.wholly_driven();
         let (unexplained, event) = (left.unexplained, self.event);
@@ -152,7 +153,7 @@ impl<'a> Decision<'a> {
         let mut found = if drift && beside { weather(self) } else { None };
         let little = together < 0.5 || explained < LEANING || (event && explained < EVENTFUL);
         if wholly_driven && found.is_none() && unexplained && little {
-            // Weather is a background: it takes nothing from what two independent estimators agree on.
+            // Turbulence is a background: it does not withdraw what two independent estimators agree on.
             let background = if drift { weather(self) } else { None };
             let stands = |f: &Finding| f.second.said == Said::Agrees && f.evidence_nats >= BESIDE_WEATHER;
             let shielded = background.is_some();
@@ -169,11 +170,11 @@ impl<'a> Decision<'a> {
         if drift && self.findings.is_empty() {
             found = weather(self);
         }
-        // Forces that are larger with the findings than without them were explained by none of them.
+        // If forces are larger with the findings than without, the findings explained none of them.
         if !wholly_driven && unexplained && explained < 0.0 {
             self.doubt(Rule::ForcesGrow, "more force is left with the findings than without", |_| true);
         }
-        // Beside what is not explained, what no second estimator has felt is in doubt.
+        // Beside an unexplained remainder, what the second estimator cannot confirm is in doubt.
         for f in
             self.findings.iter_mut().filter(|f| f.second.said == Said::Silent && f.certain && unexplained)
         {
@@ -189,7 +190,7 @@ impl<'a> Decision<'a> {
         self.remainder.unexplained &= !explained;
     }
 
-    /// Says of effects that alone would be evident why they are not named.
+    /// Says why effects that are evident alone are not named.
     pub fn say_why_not(&mut self, evidence: &Evidence, singles: &[(String, f64)]) {
         let whole = evidence.of(&self.solution.set);
         for (id, alone) in singles.iter().filter(|(_, nats)| *nats > THRESHOLD).take(MOST_WHY_NOT) {
@@ -203,7 +204,7 @@ impl<'a> Decision<'a> {
             let stands_in = |f: &&Finding| f.look_alikes.iter().any(|l| l.ids.contains(id));
             let (rule, reason) = match self.findings.iter().find(stands_in) {
                 Some(f) => (Rule::LookAlikes, format!("it could stand in the place of {}", f.id)),
-                // The last fit holds the set, and no search that ended in another one was more evident.
+                // The last fit contains the set, and no search that ended in another one had more evidence.
                 None if beside >= THRESHOLD => (Rule::Evidence, "no search settled on it".to_string()),
                 None => (Rule::Evidence, "too little".to_string()),
             };
@@ -212,13 +213,13 @@ impl<'a> Decision<'a> {
         }
     }
 
-    /// The verdict in one sentence. `hidden`: how many effects could hide, where that is too many for a plain no.
+    /// The verdict in one sentence. `hidden`: number of effects that could be hidden, if too many for a plain no.
     pub fn sentence(&self, hidden: usize) -> String {
         sentence(&self.findings, &self.remainder, &self.nearest, hidden)
     }
 }
 
-/// Most effects of which is said why they are not named.
+/// Most effects for which it is said why they are not named.
 const MOST_WHY_NOT: usize = 6;
 
 fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hidden: usize) -> String {
@@ -235,7 +236,7 @@ fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hid
             }
         })
         .collect();
-    // What was taken back is told all the same.
+    // Withdrawn findings are mentioned all the same.
     let seen = |text: String| match nearest {
         [] => text,
         near => format!("{text} (seen, but not enough to be sure: {})", near.join(", ")),

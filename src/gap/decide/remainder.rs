@@ -1,4 +1,5 @@
-//! What no effect explains: what pushes the windows, how large it is, whether it is regular, and the shape that a finding leaves.
+//! What no effect explains: the windows' disturbances, their size, whether they are regular, and the shape that a finding
+//! leaves.
 
 use crate::flight::clean;
 use crate::gap::cross_check::cross_check;
@@ -16,7 +17,7 @@ use crate::gap::verdict::{FreeTerm, Remainder};
 use crate::math::{euler, quat};
 use crate::physics::effects::Area;
 
-/// What pushes the windows with every log's parameters `deltas` from where they were linearised.
+/// The windows' disturbances with every log's parameters `deltas` from the linearisation point.
 pub(in crate::gap) fn samples(
     logs: &[Prepared],
     model: &Model,
@@ -71,11 +72,11 @@ pub(in crate::gap) fn samples(
     out
 }
 
-/// Times of a window at which the library's variables are taken.
+/// Times per window at which the library's variables are sampled.
 const PLACES: usize = 5;
 
-/// The term that clearly describes what finding `of` leaves, where that comes of its shape: then its shape is not that of what
-/// is missing.
+/// The term that clearly describes the residual of finding `of` because the finding has another shape than the missing
+/// effect.
 pub(super) fn other_shape(
     logs: &[Prepared],
     model: &Model,
@@ -83,12 +84,12 @@ pub(super) fn other_shape(
     of: usize,
     left: &[Sample],
 ) -> Option<String> {
-    // What it explains is a disturbance then, and as free to be one as it is large.
+    // Without it, its contribution becomes part of the disturbances; their wide initial prior hardly shrinks it.
     let without = |gone: &dyn Fn(usize) -> bool| {
         let deltas = solution.deltas_without(model, gone);
         samples(logs, model, solution, &Disturbance::unknown(), &deltas)
     };
-    // With the tolerances of the air, which would lend themselves to its shape.
+    // Also without the tolerances of the air, which would adapt to its shape.
     let airy = |c: usize| model.candidates[c].area == Area::Airframe && !solution.set.contains(&c);
     let pushed = without(&|c| c == of || airy(c));
     let alone = without(&|c| c == of);
@@ -96,7 +97,7 @@ pub(super) fn other_shape(
     if pushed.len() != left.len() || alone.len() != left.len() {
         return None;
     }
-    // A shape along an axis along which the effect hardly acts is not left by it: a torque leaves no force.
+    // Along an axis on which the effect hardly acts it leaves no shape: a torque leaves no force.
     let acts = core::array::from_fn(|k| {
         let part =
             |of: &[Sample]| -> f64 { of.iter().zip(&left).map(|(s, l)| (s.push[k] - l[k]).powi(2)).sum() };
@@ -107,7 +108,7 @@ pub(super) fn other_shape(
     (nats > SHAPE_NATS).then_some(term)
 }
 
-/// What the windows' disturbances say about what is left, as far as poses and inertial data agree on it.
+/// The windows' disturbances as the remainder, as far as poses and inertial data agree on it.
 pub(in crate::gap) fn remainder(
     logs: &[Prepared],
     model: &Model,
@@ -117,7 +118,7 @@ pub(in crate::gap) fn remainder(
     let cross = cross_check(logs, model, solution);
     let sizes = |of: &Disturbance| {
         let (force, torque) = of.sizes();
-        // Where the attitude is fed in, nothing is known of torques: their size is still what was assumed at first.
+        // With attitude as an input torques are unknown: their size is still the initial guess.
         (force, if forces_only(logs) { 0.0 } else { torque })
     };
     let (force_m_s2, torque_rad_s2) = sizes(&solution.disturbance);
@@ -178,17 +179,17 @@ fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
 }
 
 impl Remainder {
-    /// The force that is left, as far as poses and inertial data agree on it: errors of one of them are no physics.
+    /// The residual force, as far as poses and inertial data agree on it: errors of one instrument are not physics.
     pub(super) fn force_seen_m_s2(&self) -> f64 {
         self.force_agreed_m_s2.map_or(self.force_m_s2, |agreed| agreed.min(self.force_m_s2))
     }
 
-    /// The same of the torque.
+    /// The residual torque, likewise.
     pub(super) fn torque_seen_rad_s2(&self) -> f64 {
         self.torque_agreed_rad_s2.map_or(self.torque_rad_s2, |agreed| agreed.min(self.torque_rad_s2))
     }
 
-    /// Puts the remainder into words.
+    /// Describes the remainder in words.
     fn told(mut self, event_at: Option<f64>) -> Self {
         let part = |name, unit, size: f64, before: f64, agreed: Option<f64>, decimals: usize| {
             let only = match agreed.filter(|agreed| *agreed < size) {

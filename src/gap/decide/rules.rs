@@ -1,4 +1,4 @@
-//! The rules by which a verdict is decided: what each states, its number, and which flights set it.
+//! The rules that decide a verdict: statement, threshold, and the flights that set it.
 
 use crate::gap::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, RISES,
@@ -6,40 +6,40 @@ use crate::gap::policy::{
 use crate::gap::search::THRESHOLD;
 use serde::Serialize;
 
-/// A rule that decides whether an effect is named, and how surely.
+/// A rule that decides whether an effect is named, and how certain it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
     /// Enough evidence to be named.
     Evidence,
-    /// Takes too little of the error on unseen flight.
+    /// Removes too little of the held-out error.
     LittleGain,
-    /// Lost what spoke for it in the last fit.
+    /// Lost its evidence in the last fit.
     EvidenceLost,
-    /// Its interval holds nothing.
+    /// Its interval contains zero.
     MayBeNothing,
     /// Both estimators agree.
     TwoEstimators,
-    /// Only the fit can see it.
+    /// Only the fit can observe it.
     SeenByOne,
-    /// Something else fits as well.
+    /// Another effect fits as well.
     LookAlikes,
-    /// Leaves the shape of another effect.
+    /// Its residual has the shape of another effect.
     OtherShape,
     /// All findings together explain too little.
     Leaning,
-    /// What is left is weather.
+    /// The remainder is turbulence.
     Weather,
     /// Forces are larger with the findings than without.
     ForcesGrow,
-    /// Seen by one estimator only, and something is unexplained.
+    /// Observed by one estimator only, beside an unexplained remainder.
     BesideUnexplained,
-    /// Would make the vehicle worse on unseen flight.
+    /// Would make the vehicle worse on held-out flight.
     NeverWorse,
 }
 
 impl Rule {
-    /// All of them, in the order in which they are asked.
+    /// All of them, in the order in which they are applied.
     pub const ALL: [Self; 13] = [
         Self::Evidence,
         Self::LittleGain,
@@ -75,7 +75,7 @@ impl Rule {
         }
     }
 
-    /// What it states, with its numbers.
+    /// What it states, with its thresholds.
     pub fn statement(self) -> String {
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         match self {
@@ -128,7 +128,7 @@ impl Rule {
         }
     }
 
-    /// Which flights set it, as far as that is on record.
+    /// Flights that set it, as far as recorded.
     pub fn set_by(self) -> &'static str {
         match self {
             Self::Evidence | Self::LittleGain | Self::LookAlikes | Self::OtherShape | Self::Leaning => {

@@ -1,4 +1,4 @@
-//! Turbulence: a background that is estimated and stated, and takes nothing away.
+//! Turbulence: a background that is estimated and reported, and replaces no finding.
 
 use super::unlisted;
 use crate::gap::fit::{Prepared, forces_only};
@@ -12,8 +12,8 @@ use crate::physics::effects::Area;
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::surroundings::Surroundings;
 
-/// The verdict "turbulence": a force without pattern, at no particular time, of the size that wind of up to 3 m/s makes on this
-/// vehicle.
+/// The verdict "turbulence": a force without pattern, spread over the flight, of the size that wind of up to 3 m/s causes
+/// on this vehicle.
 pub(super) fn turbulence(
     model: &Model,
     logs: &[Prepared],
@@ -21,10 +21,10 @@ pub(super) fn turbulence(
     left: &Remainder,
     poor: bool,
 ) -> Option<Finding> {
-    // Weather has no pattern, but for what the pilot does against it: all that there is in a quiet flight.
+    // Turbulence has no pattern, except through the pilot's reaction to it: all that there is in a quiet flight.
     let pattern = |t: &FreeTerm| t.on.starts_with("force") && t.explained_share > WEATHER_SHARE;
-    // Nor does it leave more than disturbances and the sensors' noise make together.
-    // Quiet flights show too little to tell; what is named there stands in doubt anyway.
+    // Nor does it leave more than disturbances and sensor noise explain. Quiet flights excite too little to tell; what is
+    // named there is in doubt anyway.
     let scatter = if poor { solution.dispersion } else { solution.misfit };
     let misfit = scatter > MOST_DISPERSION;
     let patterned = left.terms.iter().any(pattern);
@@ -32,7 +32,7 @@ pub(super) fn turbulence(
     if misfit || (patterned && !poor) || force_m_s2 <= LARGE_FORCE_M_S2 {
         return None;
     }
-    // Acceleration by 1 m/s of wind in hover; a poor flight knows its drag less well than the file.
+    // Acceleration per 1 m/s of wind in hover; a poorly excited flight determines its drag less well than the file.
     let values = if poor { model.filed() } else { solution.linear.at.clone() };
     let drone = model.plain_at(&values, &[]);
     let hovering = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
@@ -59,12 +59,12 @@ pub(super) fn turbulence(
                 unit: "m/s".into(),
                 filed: 0.0,
                 value,
-                // Windows within a second are not independent.
+                // Windows within a second are correlated.
                 sigma: value / (0.5 * n).sqrt(),
             }
         })
         .collect();
-    // Air is as restless across as along, and not more so up and down (Dryden: σ_w ≤ σ_u).
+    // Turbulence is about as strong sideways as along, and no stronger vertically (Dryden: σ_w ≤ σ_u).
     let flat_air = parameters.iter().all(|p| p.value < 1.6 * parameters[0].value);
     let believable = !parameters.is_empty() && parameters.iter().all(|p| p.value < 3.0) && flat_air;
     (believable && !forces_only(logs)).then(|| Finding {

@@ -1,4 +1,4 @@
-//! Which manoeuvre tells two candidates apart.
+//! Which manoeuvre separates two candidates.
 
 use super::flown::{self, Setting};
 use super::{Air, Request, Sensors, check, drone_of, fly_library, indices, information, model_of, room_of};
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use std::sync::{Arc, Mutex};
 
 impl Sensors {
-    /// The sensors of a flight: rates and noise as its log has them.
+    /// The sensors of a flight: rates and noise from its log.
     pub fn of(track: &Track) -> Self {
         fn hz<const N: usize>(channel: &crate::flight::Channel<N>) -> u32 {
             channel.period_s().map_or(0, |s| (1.0 / s).round().min(500.0) as u32)
@@ -36,12 +36,12 @@ pub(super) struct Ready {
     pub track: Track,
 }
 
-/// Vehicles whose library is kept.
+/// Number of vehicles whose library is cached.
 const KEPT: usize = 4;
-/// Libraries that were flown in this process, by vehicle, drive and sensors, the latest last.
+/// Cache of libraries simulated in this process, by vehicle, drive and sensors, the latest last.
 static FLOWN: Mutex<Vec<(String, Arc<Vec<Ready>>)>> = Mutex::new(Vec::new());
 
-/// The library flown by a vehicle in the default room.
+/// The library simulated with a vehicle in the default room.
 pub(super) fn ready(vehicle: &Vehicle, drive: Drive, sensors: &Sensors) -> Option<Arc<Vec<Ready>>> {
     let key = format!("{} {drive:?} {sensors:?}", vehicle.sha256());
     let lookup =
@@ -77,29 +77,29 @@ pub(super) fn ready(vehicle: &Vehicle, drive: Drive, sensors: &Sensors) -> Optio
     Some(out)
 }
 
-/// Manoeuvres that ordinary flights have anyway.
+/// Manoeuvres contained in ordinary flights.
 pub(super) const ORDINARY: [&str; 2] = ["hover", "slow eight"];
-/// Evidence that a manoeuvre must bring beyond those to be named, nats.
+/// Additional evidence for which a manoeuvre is named, nats.
 const WORTH_NATS: f64 = 3.0;
 
-/// Manoeuvres that make hidden effects visible.
+/// Manoeuvres that make hidden effects observable.
 pub(crate) struct Showing {
     /// Names, most wanted first.
     pub manoeuvres: Vec<String>,
-    /// Their length together, s.
+    /// Their total length, s.
     pub seconds: f64,
-    /// How far each effect is from being visible after them.
+    /// Distance of each effect from being visible after them.
     pub far: Vec<f64>,
 }
 
-/// Most manoeuvres that are named at once.
+/// Most manoeuvres named at once.
 const AT_ONCE: usize = 4;
-/// Sum of distances by which a manoeuvre must bring effects nearer to be named.
+/// Least reduction of the summed distances for which a manoeuvre is named.
 const NEARER: f64 = 0.3;
 
-/// Which manoeuvres, flown beside flights of information `told` (in slabs), bring effects into sight: `far` gives how far each
-/// is from being visible with such information, 0 for what is. With `hardest`, the manoeuvre that asks most of the rotors comes
-/// first. `None` where the vehicle cannot fly the library.
+/// Manoeuvres that make effects visible in addition to flights with information `told` (in slabs). `far` returns each
+/// effect's distance from being visible for given information, 0 if visible. With `hardest`, the manoeuvre that demands
+/// most of the rotors comes first. `None` where the vehicle cannot fly the library.
 pub(crate) fn show(
     vehicle: &Vehicle,
     drive: Drive,
@@ -114,7 +114,7 @@ pub(crate) fn show(
     let each = information::of_tracks(&tracks, model, &Air::default());
     let mut out = Showing { manoeuvres: Vec::new(), seconds: 0.0, far: far(told) };
     let mut sum = told.clone();
-    // Not the most of all: a single sample of a catch is no demand.
+    // Not the maximum: a single sample while catching the vehicle is no sustained demand.
     let most = |f: &Ready| {
         let rotors = &f.track.inputs.rotors;
         let speeds: Vec<f64> = rotors.iter().flat_map(|c| c.values.iter().map(|v| v[0])).collect();
@@ -151,12 +151,12 @@ pub(crate) fn show(
     Some(out)
 }
 
-/// Which manoeuvres tell the candidates `wanted` from `alike` best, at most three, best first: (name, text). `None` where
-/// the vehicle has no controller that could fly them, or an id is none of the model's; empty where no manoeuvre of the
-/// library tells them apart.
+/// Manoeuvres that best separate the candidates `wanted` from `alike`, at most three, best first: (name, text). `None`
+/// where the vehicle has no controller that could fly them, or an id is not in the model; empty where no manoeuvre of the
+/// library separates them.
 ///
-/// Taken is the direction of the wanted parameters that the look-alikes imitate best in ordinary flight, one slab
-/// large; a manoeuvre is worth the evidence for it that the look-alikes cannot take over, per second.
+/// Considered is the direction of the wanted parameters, one slab long, that the look-alikes imitate best in ordinary
+/// flight; the score of a manoeuvre is its evidence per second for that direction that the look-alikes cannot absorb.
 pub(crate) fn advice(
     vehicle: &Vehicle,
     drive: Drive,
@@ -165,6 +165,7 @@ pub(crate) fn advice(
     wanted: &[String],
     alike: &[String],
 ) -> Option<Vec<(String, String)>> {
+    // Only the confusion between these candidates counts, not that with others.
     let only = model.only(&|id| wanted.iter().chain(alike).any(|w| w == id));
     let of = |ids: &[String]| -> Option<Vec<usize>> {
         let mut out = Vec::new();
@@ -191,6 +192,7 @@ pub(crate) fn advice(
     let open = vec![1.0; l.len()];
     let closed: Vec<f64> =
         l.iter().map(|k| (only.parameters[*k].slab / only.parameters[*k].spike).powi(2)).collect();
+    // The direction that loses most information in ordinary flight when the look-alikes are freed.
     let v = confused(
         &information::apart(&ordinary, &w, &l, &closed)?,
         &information::apart(&ordinary, &w, &l, &open)?,
@@ -220,7 +222,7 @@ pub(crate) fn advice(
     Some(out.into_iter().take(3).map(|(_, name, text)| (name, text)).collect())
 }
 
-/// The direction (one slab long) whose information falls most, in proportion, from `alone` to `beside`.
+/// The direction (one slab long) whose information shrinks most, relatively, from `alone` to `beside`.
 fn confused(alone: &DMatrix<f64>, beside: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let n = alone.nrows();
     let unit = DMatrix::identity(n, n);
@@ -234,11 +236,11 @@ fn confused(alone: &DMatrix<f64>, beside: &DMatrix<f64>) -> Option<DMatrix<f64>>
     (length > 0.0).then(|| DMatrix::from_column_slice(n, 1, (v / length).as_slice()))
 }
 
-/// `advice` for a vehicle without a diagnosis: which manoeuvres tell the candidates `wanted` from `alike` best, as
+/// `advice` for a vehicle without a diagnosis: manoeuvres that best separate the candidates `wanted` from `alike`, as
 /// (name, text), best first; empty where none of the library does.
 ///
 /// # Errors
-/// [`GapError`] where an id is unknown or cannot be seen in such flights, or the vehicle has no controller that follows a
+/// [`GapError`] where an id is unknown or not observable in such flights, or the vehicle has no controller that follows a
 /// path.
 pub fn tell_apart(
     vehicle: &Vehicle,

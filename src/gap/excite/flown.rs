@@ -1,5 +1,4 @@
-//! Flights that were not flown: a vehicle under its own controller in simulation, and the log that sensors of an assumed
-//! quality would have made of it.
+//! Simulated flights: a vehicle under its own controller, and the log that sensors of an assumed quality would record.
 
 use super::library::Room;
 use super::{Air, Sensors};
@@ -19,11 +18,12 @@ use std::path::Path;
 
 /// Steps per second.
 pub(super) const SIM_HZ: u32 = 500;
-/// Steps of one part of the disturbance: 50 ms for the quick one, 250 ms for the slow one, as the fit takes it.
+/// Steps over which each part of the disturbance is constant: 50 ms for the quick one, 250 ms for the slow one, as in the
+/// fit.
 const QUICK_STEPS: usize = 25;
 const SLOW_STEPS: usize = 125;
 
-/// A flight and how it went.
+/// A simulated flight and its quality.
 pub(super) struct Flown {
     pub log: FlightLog,
     /// Largest distance from the reference, m.
@@ -34,14 +34,14 @@ pub(super) struct Flown {
     pub outside_m: f64,
     pub peak_speed_m_s: f64,
     pub peak_tilt_rad: f64,
-    /// Whether it turned over, hit the ground, or its numbers were no numbers.
+    /// Whether it flipped, hit the ground, or its state became non-finite.
     pub lost: bool,
 }
 
-/// What is flown with.
+/// Simulation settings.
 pub(super) struct Setting<'a> {
     pub vehicle: &'a Vehicle,
-    /// Parameters; those of the vehicle's file, or a truth that differs from it.
+    /// True parameters: the vehicle file's, or others.
     pub drone: &'a Drone<f64>,
     pub room: &'a Room,
     pub sensors: &'a Sensors,
@@ -49,7 +49,7 @@ pub(super) struct Setting<'a> {
     pub seed: u64,
 }
 
-/// Flies all paths at once, each in a world of its own.
+/// Simulates all paths at once, one world each.
 pub(super) fn fly(setting: &Setting, paths: &[Spline]) -> Result<Vec<Flown>, GapError> {
     let fault = |e: crate::rollout::RolloutError| GapError::Numbers {
         what: "the simulated flight",
@@ -105,7 +105,7 @@ pub(super) fn fly(setting: &Setting, paths: &[Spline]) -> Result<Vec<Flown>, Gap
     Ok(recorders.into_iter().map(Recorder::finish).collect())
 }
 
-/// What is written down of one world.
+/// Records one world.
 struct Recorder {
     log: FlightLog,
     noise: Stream,
@@ -189,7 +189,7 @@ impl Recorder {
         self.peak_tilt_rad = self.peak_tilt_rad.max(tilt);
         self.record(setting, sim, w, step, t, &state, &rate);
 
-        // What the air adds is felt until the next step.
+        // The process noise acts until the next step.
         let dt = 1.0 / f64::from(SIM_HZ);
         let row = sim.data.row(w, 0);
         for k in 0..3 {
@@ -265,7 +265,7 @@ impl Recorder {
     }
 }
 
-/// A flight as the fit reads it, with the sensors' noise as assumed.
+/// A flight as the fit reads it, with the assumed sensor noise.
 pub(super) fn track(
     flown: &Flown,
     vehicle: &Vehicle,

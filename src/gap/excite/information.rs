@@ -1,8 +1,6 @@
-//! What a flight would tell about parameters: Fisher information by the fit's own linearisation, and the intervals that
-//! follow from it.
-//!
-//! With normal priors and a likelihood that is a quadratic, the inverse of information plus prior precision is the
-//! covariance of the estimates (Cramér–Rao; Goodwin & Payne, "Dynamic system identification", 1977, ch. 6).
+//! Fisher information of a flight about the parameters, by the fit's own linearisation, and the resulting intervals.
+//! With Gaussian priors and a quadratic log likelihood, the inverse of information plus prior precision is the covariance
+//! of the estimates (Cramér–Rao; Goodwin & Payne, "Dynamic system identification", 1977, ch. 6).
 
 use super::Air;
 use crate::gap::GapError;
@@ -16,14 +14,14 @@ use nalgebra::{Cholesky, DMatrix};
 /// Length of windows, s: the longest that the fit uses.
 const HORIZON_S: f64 = 0.25;
 
-/// Information of each track about the model's parameters at their filed values, in units of slabs.
+/// Information of each track about the model's parameters at their nominal values, in units of slabs.
 pub(super) fn of_tracks(tracks: &[&Track], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let drone = model.plain_at(&model.filed(), &[]);
     let logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
     of_logs(&logs, model, air)
 }
 
-/// The same for flights that are prepared already.
+/// The same for prepared flights.
 pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatrix<f64>> {
     let n = model.parameters.len();
     let noise: Vec<Noise> = logs.iter().map(|l| l.track.noise).collect();
@@ -48,24 +46,24 @@ pub(super) fn of_logs(logs: &[Prepared], model: &Model, air: &Air) -> Vec<DMatri
     out
 }
 
-/// How well one wanted parameter would be known.
+/// Predicted uncertainty of one wanted parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Width {
-    /// Standard deviation with everything that is not wanted within its tolerance, in slabs.
+    /// Standard deviation with all other candidates within their tolerance, in slabs.
     pub closed: f64,
-    /// The same with the one look-alike that hurts most as large as it may be, in slabs.
+    /// The same with the worst single look-alike free up to its plausible size, in slabs.
     pub opened: f64,
     /// That look-alike, a candidate.
     pub look_alike: Option<usize>,
 }
 
-/// Turns information into widths of wanted parameters.
+/// Converts information into widths of the wanted parameters.
 pub(super) struct Judge<'a> {
     model: &'a Model,
     wanted: Vec<usize>,
     /// The wanted candidates' parameters.
     pub parameters: Vec<usize>,
-    /// Prior precision in slabs, with the wanted candidates open.
+    /// Prior precision in slabs, with the wanted candidates free.
     precision: Vec<f64>,
 }
 
@@ -106,7 +104,8 @@ impl<'a> Judge<'a> {
             .collect();
         for c in (0..self.model.candidates.len()).filter(|c| !self.wanted.contains(c)) {
             let free: Vec<usize> = self.model.of(c).collect();
-            // Opening changes the prior precision by 1 − p; K' = K − Kₒ (Δ⁻¹ + Kₒₒ)⁻¹ Kₒᵀ, a matrix that is negative definite.
+            // Freeing changes the prior precision by 1 − p; K' = K − Kₒ (Δ⁻¹ + Kₒₒ)⁻¹ Kₒᵀ, with a negative definite matrix
+            // in brackets.
             let m = free.len();
             let core = DMatrix::from_fn(m, m, |i, j| {
                 let change = if i == j { 1.0 / (1.0 - self.precision[free[i]]) } else { 0.0 };
@@ -129,8 +128,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// How well wanted parameters `w` stand apart from look-alikes `l`: their information with the look-alikes free within
-/// the given prior precision (1: as large as they may be), in slabs.
+/// Information about the wanted parameters `w` with the look-alikes `l` marginalised under the given prior precision (1:
+/// free up to their plausible size), in slabs.
 pub(super) fn apart(a: &DMatrix<f64>, w: &[usize], l: &[usize], precision: &[f64]) -> Option<DMatrix<f64>> {
     let part = |rows: &[usize], columns: &[usize]| {
         DMatrix::from_fn(rows.len(), columns.len(), |i, j| a[(rows[i], columns[j])])

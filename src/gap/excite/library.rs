@@ -1,5 +1,5 @@
-//! Manoeuvres that make parameters visible, as knots of a spline. All begin and end at rest at the middle of the room,
-//! facing along x, so that they can be flown in any order.
+//! Library of exciting manoeuvres, as knots of a spline. All start and end at rest in the middle of the room, heading along
+//! x, so that they can be flown in any order.
 
 use core::f64::consts::{PI, TAU};
 use serde::{Deserialize, Serialize};
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 /// Time (s), position (m, world) and heading (rad) of a waypoint.
 pub type Knot = (f64, [f64; 3], f64);
 
-/// Time between knots, s: fine enough for the fastest sine of the library (3 Hz).
+/// Knot spacing, s: fine enough for the fastest sine of the library (3 Hz).
 const KNOT_S: f64 = 0.025;
 /// Rest before and after every manoeuvre, s.
 const REST_S: f64 = 0.4;
 
-/// Where there is room to fly: x and y from −half to half of their size, z from 0 up.
+/// The flight space: x and y from −half to half of their size, z from 0 up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Room {
     /// Length, width and height, m.
@@ -26,12 +26,12 @@ pub struct Room {
 }
 
 impl Room {
-    /// Distance that references keep from the walls.
+    /// Margin of the references from the walls.
     fn margin_m(&self) -> [f64; 3] {
         self.size_m.map(|s| (0.15 * s).min(0.5))
     }
 
-    /// Reach of references from the middle, m.
+    /// Largest offset of the references from the middle, m.
     fn half_m(&self) -> [f64; 3] {
         let margin = self.margin_m();
         core::array::from_fn(|k| 0.5 * self.size_m[k] - margin[k])
@@ -42,7 +42,7 @@ impl Room {
         [0.0, 0.0, 0.5 * self.size_m[2]]
     }
 
-    /// How far outside a position is, m; 0 inside.
+    /// Distance outside the room, m; 0 inside.
     pub fn outside_m(&self, p: [f64; 3]) -> f64 {
         let [x, y, z] = self.size_m;
         let beyond = [p[0].abs() - 0.5 * x, p[1].abs() - 0.5 * y, p[2] - z, -p[2]];
@@ -50,7 +50,7 @@ impl Room {
     }
 }
 
-/// What a manoeuvre needs of the room.
+/// Requirements of a manoeuvre on the room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Needs {
     Nothing,
@@ -61,14 +61,14 @@ pub(super) enum Needs {
 /// A manoeuvre of the library.
 pub(super) struct Manoeuvre {
     pub name: &'static str,
-    /// What is flown, in words.
+    /// Description.
     pub title: &'static str,
     pub needs: Needs,
     shape: fn(&mut Path),
 }
 
 impl Manoeuvre {
-    /// Whether a room has what it needs.
+    /// Whether a room meets its requirements.
     pub fn fits(&self, room: &Room) -> bool {
         match self.needs {
             Needs::Nothing => true,
@@ -88,7 +88,7 @@ impl Manoeuvre {
     }
 }
 
-/// A path that grows.
+/// A path under construction.
 struct Path {
     room: Room,
     half: [f64; 3],
@@ -103,7 +103,7 @@ struct Path {
     knots: Vec<Knot>,
 }
 
-/// 10 s³ − 15 s⁴ + 6 s⁵: from 0 to 1 with neither speed nor acceleration at the ends.
+/// 10 s³ − 15 s⁴ + 6 s⁵: from 0 to 1 with zero velocity and acceleration at the ends.
 fn smooth(s: f64) -> f64 {
     s * s * s * (10.0 + s * (6.0 * s - 15.0))
 }
@@ -146,13 +146,13 @@ impl Path {
         self.follow(seconds, |_| ([0.0; 3], 0.0));
     }
 
-    /// Straight to a point and a heading, with at most `speed` m/s on the way.
+    /// Straight to a point and a heading, at most at `speed` m/s.
     fn leg(&mut self, to: [f64; 3], yaw: f64, speed: f64) {
         let way: [f64; 3] = core::array::from_fn(|k| to[k] - self.pos[k]);
         let turn = yaw - self.yaw;
         let length = way.iter().map(|d| d * d).sum::<f64>().sqrt();
         let rise = way[2].abs();
-        // The greatest speed of the polynomial is 15/8, the greatest acceleration 5.774 of the mean's.
+        // The peak speed of the polynomial is 15/8 of the mean; its peak acceleration is 5.774 length/time².
         let seconds = (1.875 * length / (speed * self.speed))
             .max((5.774 * length / self.lateral).sqrt())
             .max((5.774 * rise / self.vertical).sqrt())
@@ -170,12 +170,12 @@ impl Path {
         self.follow(seconds, |t| ([0.0; 3], by * smooth((t / seconds).min(1.0))));
     }
 
-    /// Counts headings from a turn less, which is the same heading.
+    /// Subtracts a whole turn from later headings, which leaves them equivalent.
     fn whole_turn(&mut self) {
         self.yaw -= TAU;
     }
 
-    /// Accelerations of +a, −a, −a, +a, each for `each` s: there, and back to where it began, with steps of thrust or tilt.
+    /// Accelerations of +a, −a, −a, +a, each for `each` s: out and back, with steps of thrust or tilt.
     fn steps(&mut self, axis: usize, acc: f64, each: f64) {
         let each = (each / KNOT_S).round() * KNOT_S;
         let each = each.min((self.half[axis] / acc.abs()).sqrt());
@@ -194,7 +194,8 @@ impl Path {
         });
     }
 
-    /// Up with an acceleration of `acc` for `each` s, then half of it against that for twice as long, and down again.
+    /// Up with an acceleration of `acc` for `each` s, then half of it in the other direction for twice as long, and down
+    /// again.
     fn climb(&mut self, acc: f64, each: f64) {
         let each = (each / KNOT_S).round() * KNOT_S;
         // It ends 1.5 acc each² higher.
@@ -227,7 +228,7 @@ impl Path {
         });
     }
 
-    /// Sines on all axes and the heading at once, no frequency twice.
+    /// Sines on all axes and the heading at once, each at its own frequency.
     fn multi_sine(&mut self, seconds: f64) {
         const HZ: [[f64; 3]; 4] = [[0.5, 1.1, 1.9], [0.6, 1.3, 2.2], [0.7, 1.5, 2.6], [0.4, 0.9, 1.7]];
         let acc = [0.35 * self.lateral, 0.35 * self.lateral, 0.4 * self.vertical, 1.5 * self.speed];
@@ -249,9 +250,9 @@ impl Path {
         });
     }
 
-    /// Progress of a closed curve: angle of a phase that runs up, stays at `rate` rad/s, and runs down after `turns`.
+    /// Follows a closed curve: the phase accelerates, runs at `rate` rad/s, and decelerates after `turns`.
     fn around(&mut self, turns: f64, rate: f64, f: impl Fn(f64) -> ([f64; 3], f64)) {
-        // Getting up to speed takes 1 s, in which half the way is made.
+        // Accelerating takes 1 s, in which half the distance is covered.
         let seconds = turns * TAU / rate + 1.0;
         let angle = |t: f64| {
             let up = |t: f64| {
@@ -265,13 +266,13 @@ impl Path {
         self.follow(seconds, |t| f(angle(t)));
     }
 
-    /// A figure of eight through the middle, at most `speed` m/s, with or without the nose along the path.
+    /// A figure of eight through the middle, at most `speed` m/s, optionally with the nose along the path.
     fn eight(&mut self, speed: f64, nose_first: bool) {
         let x = self.half[0].min(0.5 + 0.5 * speed);
         let y = (0.5 * x).min(self.half[1]);
         let rate =
             (speed * self.speed / (x * x + 4.0 * y * y).sqrt()).min((self.lateral / x.max(4.0 * y)).sqrt());
-        // The nose swings nearly three times as fast as the phase runs.
+        // The nose turns nearly three times as fast as the phase.
         let rate = if nose_first { rate.min(1.2) } else { rate };
         let first = (2.0 * y).atan2(x);
         self.around(1.0, rate, |a| {
@@ -287,7 +288,7 @@ impl Path {
     }
 }
 
-/// The heading of a figure of eight without jumps: it turns right over at most three quarters of a turn and comes back.
+/// Continuous heading of a figure of eight: it turns right over at most three quarters of a turn and comes back.
 fn unwrapped(heading: f64) -> f64 {
     heading - TAU * ((heading - 0.3) / TAU).ceil()
 }
@@ -333,7 +334,7 @@ pub(super) const ALL: &[Manoeuvre] = &[
         title: "up with more than twice the thrust of hover, twice",
         needs: Needs::Nothing,
         shape: |p| {
-            // The spline rings before a step of acceleration; by then nothing of it is left.
+            // The spline rings before a step of acceleration; the pause lets it die out.
             p.hold(0.1);
             p.climb(2.4 * p.vertical, 0.2);
             p.climb(2.8 * p.vertical, 0.15);

@@ -14,7 +14,7 @@ fn wanting(ids: &[&str]) -> Request {
     Request { want: ids.iter().map(|s| s.to_string()).collect(), ..Request::default() }
 }
 
-/// A vehicle with its model for planned flights and what it is flown with.
+/// A vehicle with its model for planned flights and the simulation settings.
 struct Bench {
     vehicle: Vehicle,
     drone: Drone<f64>,
@@ -51,7 +51,7 @@ impl Bench {
         Judge::new(&model, &wanted).widths(&told).unwrap()
     }
 
-    /// Hover at the middle of the room for as long as a plan takes.
+    /// Hover in the middle of the room for the duration of a plan.
     fn hover(&self, plan: &FlightPlan) -> Spline {
         let at = self.room.middle_m();
         path(&[(0.0, at, 0.0), (plan.duration_s, at, 0.0)]).unwrap()
@@ -82,7 +82,7 @@ fn every_manoeuvre_begins_and_ends_at_rest_in_the_middle_and_stays_in_the_box() 
                 for (t, p, _) in &knots {
                     assert!(room.outside_m(*p) == 0.0, "{} at {t} s is at {p:?}", manoeuvre.name);
                 }
-                // No turn of the heading is faster than a vehicle follows.
+                // No heading rate exceeds what a vehicle can follow.
                 for pair in spline.points().windows(2) {
                     let rate = (pair[1].2 - pair[0].2).abs() / (pair[1].0 - pair[0].0);
                     assert!(rate < 6.0, "{} turns with {rate} rad/s", manoeuvre.name);
@@ -111,7 +111,7 @@ fn predicted_widths_are_those_of_the_posterior_of_the_fit() {
     let widths = judge.widths(&a).unwrap();
     for (w, k) in widths.iter().zip(&judge.parameters) {
         assert!((w.closed - alone.sigma[*k] / slab(*k)).abs() < 1e-6 * w.closed);
-        // The worst single look-alike, opened by the fit's own arithmetic.
+        // The worst single look-alike, freed by the fit's own arithmetic.
         let worst = (0..model.candidates.len())
             .filter(|c| !wanted.contains(c))
             .map(|c| evidence.posterior(&[wanted.clone(), vec![c]].concat()).unwrap().sigma[*k] / slab(*k))
@@ -129,7 +129,7 @@ fn drag_of_a_planned_flight_scatters_as_predicted() {
     let track = bench.track(&bench.drone, &spline, 0);
     let model = model_of(&bench.drone, &[&track]).unwrap();
     let wanted = indices(&model, &bench.request.want).unwrap();
-    // What a log of this length cannot draw: limits, loads and gusts.
+    // Not observable in such a log: limits, loads and gusts.
     let left = ["actuator_saturation", "slung_payload", "gust"];
     let (mut square, mut n) = (0.0, 0.0);
     for seed in 1..=6 {
@@ -192,7 +192,7 @@ fn a_planned_flight_tells_the_centre_of_mass_from_a_weak_rotor_where_hover_does_
 #[test]
 fn a_planned_flight_tells_wind_from_a_tilted_world_where_hover_does_not() {
     let mut request = wanting(&["constant_wind"]);
-    // An accelerometer feels the wind and not the tilt; without it 60 s do not suffice.
+    // An accelerometer separates wind from tilt; without it 60 s are not enough.
     request.sensors.accel_hz = 0;
     request.seconds = 90.0;
     let bench = Bench::new(request);

@@ -1,4 +1,4 @@
-//! The rows of a window: every measurement in it against the model, over its noise.
+//! The rows of a window: every measured minus modelled value and its derivatives, divided by the noise.
 
 use super::{CHANNELS, Job, NODE, OUTPUTS, Slopes};
 use crate::flight::Channel;
@@ -11,7 +11,7 @@ use crate::physics::measure::Reading;
 use core::ops::Range;
 
 impl Job<'_> {
-    /// Rows [own unknowns | parameters | residual] over noise of every measurement in the window, row after row.
+    /// Rows [nuisance parameters | parameters | residual] over the noise, one per measurement in the window, row after row.
     pub(super) fn rows(
         &self,
         from: usize,
@@ -54,7 +54,7 @@ impl Job<'_> {
         (rows.out, rows.rows_of)
     }
 
-    /// How fast the outputs change, per s.
+    /// Time derivatives of the outputs, per s.
     fn moving(&self, points: &[Point], step: usize, after_s: f64) -> [f64; OUTPUTS] {
         let here = between(points, step, after_s);
         let (a, b) = (
@@ -72,14 +72,14 @@ impl Job<'_> {
     }
 }
 
-/// Rows of one window in the making.
+/// Rows of one window under construction.
 struct Rows<'a> {
     job: &'a Job<'a>,
     points: &'a [Point],
     outputs: &'a [Slopes],
-    /// Columns of parameters that move samples in time, with the channel.
+    /// Columns of parameters that shift samples in time, with their channel.
     clocks: Vec<(usize, usize)>,
-    /// The window, s.
+    /// Start of the window, s.
     begin: f64,
     end: f64,
     by_pose: bool,
@@ -108,8 +108,8 @@ impl Rows<'_> {
         }
     }
 
-    /// Fast sensors are averaged over a step: between nodes the model is as good as straight. Which samples stand together
-    /// does not depend on the clocks, or their noise would decide between clocks.
+    /// Averages fast sensors over a step: between nodes the model is practically linear. The grouping of samples does not
+    /// depend on the clock parameters, or noise would decide between clocks.
     fn averaged(&mut self, channel: &Channel<3>, sigma: f64, which: Range<usize>, of: usize) {
         let (begin, end) = (self.begin, self.end);
         let delay = self.job.delays[of];
@@ -136,7 +136,7 @@ impl Rows<'_> {
         }
     }
 
-    /// Indices of the samples in the window.
+    /// Indices of the samples inside the window.
     fn inside(&self, t: &[f64], delay: f64) -> Range<usize> {
         let a = t.partition_point(|t| t - delay < self.begin);
         let b = t.partition_point(|t| t - delay < self.end);
@@ -148,7 +148,8 @@ impl Rows<'_> {
         self.job.plant.reading(self.points, step, after - step as f64 * STEP_S)
     }
 
-    /// The rows of one measurement: slopes of outputs `which` at a time after the window's start, and the residual there.
+    /// Adds the rows of one measurement: derivatives of the outputs `which` at a time after the window's start, and the
+    /// residual.
     fn push(&mut self, after: f64, which: Range<usize>, residual: [f64; 3], sigma: f64, channel: usize) {
         let (points, outputs, out) = (self.points, self.outputs, &mut self.out);
         let node_s = STEP_S * NODE as f64;
@@ -161,7 +162,7 @@ impl Rows<'_> {
         for (r, o) in which.enumerate() {
             let first = out.len();
             out.extend(a.row(o).iter().zip(b.row(o)).map(|(a, b)| (a + f * (b - a)) * per));
-            // A sample that is late shows what was a moment ago.
+            // A delayed sample shows an earlier value.
             for (c, of) in &self.clocks {
                 let here = if self.by_pose && *of == 0 {
                     -f64::from(channel != 0)

@@ -1,4 +1,4 @@
-//! Calibration parted into groups, each judged on flight that the fit has not seen, those that bring most first.
+//! Calibration in groups, each judged on held-out flight, those that lower the error most first.
 
 use super::Writer;
 use crate::Result;
@@ -9,23 +9,23 @@ use crate::gap::verdict::Calibration;
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 
-/// A rung of calibration.
+/// A ladder step of the calibration.
 pub(super) struct Shown {
     /// `+ rotors unequal`.
     pub label: String,
-    /// The vehicle with it, and all before it.
+    /// The vehicle with this step and all before it.
     pub vehicle: Vehicle,
-    /// Whether all of it lowers the error.
+    /// Whether all of the step lowers the error.
     pub helps: bool,
 }
 
-/// Marks the parameters whose groups help, on top of the findings in `found`, and gives the rungs: the groups that bring most
-/// by name, then the rest.
+/// Marks the parameters whose groups lower the error beside the findings in `found`, and returns the ladder steps: the best
+/// groups by name, then the rest.
 ///
-/// No rung where the vehicle cannot be flown at all.
+/// Empty where the vehicle cannot be simulated at all.
 ///
 /// # Errors
-/// Where the text is no vehicle file.
+/// If the text is not a valid vehicle file.
 pub(super) fn judged(
     writer: &Writer,
     judge: &Judge,
@@ -36,7 +36,7 @@ pub(super) fn judged(
         list.iter().filter(|c| !c.partner && group(&c.kind, c.area) == name).cloned().collect()
     };
     let Ok(base) = judge.look(&found.vehicle(writer.filed.vehicle)?) else { return Ok(Vec::new()) };
-    // Each alone says in which order to try them.
+    // The gain of each group alone determines the order.
     let alone = |name: &&'static str| -> Result<Option<(f64, &'static str)>> {
         let mut one = found.clone();
         if one.calibrate(&of(adjusted, name))? == 0 {
@@ -88,7 +88,7 @@ pub(super) fn judged(
     Ok(out)
 }
 
-/// Number of parameters that a file gets from a list.
+/// Number of parameters written from a list.
 fn parameters(list: &[Calibration]) -> usize {
     calibration(list).iter().map(|e| e.parameters.len()).sum()
 }

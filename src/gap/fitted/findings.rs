@@ -1,12 +1,14 @@
-//! Findings judged on flight that the fit has not seen: what makes the vehicle worse there is not written, but named as
-//! doubtful with both numbers.
+//! Judges findings on held-out flight: what makes the vehicle worse there is not written, but reported as doubtful with
+//! both numbers.
 //!
-//! Three rules, in this order, each until it holds:
+//! Three rules, applied in this order, each until it holds:
 //!
-//! 1. A finding that makes its own channel worse *and* the roll-outs, against the vehicle with all the others and without
-//!    it, goes; the worst first.
-//! 2. The vehicle with all that is left may not be worse than the filed one, over all channels together and in the own
-//!    channel of any finding. Otherwise the finding without which it is best goes.
+//! 1. A finding that makes its own channel *and* the roll-outs worse, comparing the vehicle with all findings to the one
+//!    without it, is dropped; the worst first.
+//! 2. The vehicle with all remaining findings may not be worse than the nominal one, over all channels together and in the
+//!    own channel of any finding. Otherwise the finding without which it is best is dropped.
+//! 3. Where effects were searched for, a finding that lowers neither its own channel nor all errors together to
+//!    [`LITTLE_GAIN`] is dropped.
 
 use super::Writer;
 use crate::Result;
@@ -17,7 +19,7 @@ use crate::gap::report::significant;
 use crate::gap::verdict::{Finding, HeldOut};
 use rayon::prelude::*;
 
-/// A finding against the vehicle with all the others.
+/// A finding judged beside all others.
 struct Tried {
     index: usize,
     without: Seen,
@@ -26,16 +28,16 @@ struct Tried {
 }
 
 impl Tried {
-    /// How much worse the own channel and the roll-outs are with the finding.
+    /// How much worse the finding makes its own channel and the roll-outs.
     fn harm(&self) -> (f64, f64) {
         (self.held_out.with / self.held_out.without, self.held_out.roll_outs)
     }
 }
 
-/// Judges the findings `writable`, by index: gives those to write, and tells all of them what they do.
+/// Judges the findings `writable`, by index: returns those to write, and records in all of them their effect on the errors.
 ///
 /// # Errors
-/// Where the text is no vehicle file.
+/// If the text is not a valid vehicle file.
 pub(super) fn judged(
     writer: &Writer,
     judge: &Judge,
@@ -45,12 +47,12 @@ pub(super) fn judged(
     if writable.is_empty() {
         return Ok(writable);
     }
-    // Where the filed vehicle flies nowhere, nothing is worse.
+    // Nothing can be worse than a nominal vehicle that never stays finite.
     let Ok(filed) = judge.look(writer.filed.vehicle) else { return Ok(writable) };
     let mut kept = writable;
     loop {
         let Some((whole, tried)) = try_all(writer, judge, findings, &kept, &filed)? else {
-            // A vehicle that does not stay finite is worse than any: its least evident finding goes.
+            // A vehicle that diverges is worse than any: its least evident finding is dropped.
             let last = kept.pop();
             if let Some(index) = last {
                 findings[index].held_out = Some(runs_away(judge));
@@ -80,7 +82,7 @@ pub(super) fn judged(
     }
 }
 
-/// The vehicle with the findings `kept`, and each of them left out; none where the vehicle does not stay finite.
+/// The vehicle with the findings `kept`, and with each of them left out; `None` where the vehicle diverges.
 fn try_all(
     writer: &Writer,
     judge: &Judge,
@@ -95,7 +97,7 @@ fn try_all(
             let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
             let without = match rest.is_empty() {
                 true => filed.clone(),
-                // Without it the vehicle does not fly at all: as bad as can be is not better.
+                // Without it the vehicle diverges: the finding is never worse than that.
                 false => match judge.look(&writer.with(findings, &rest)?) {
                     Ok(seen) => seen,
                     Err(_) => whole.clone(),
@@ -108,7 +110,7 @@ fn try_all(
     Ok(Some((whole, tried)))
 }
 
-/// The finding to leave out, and why; none where all may stay.
+/// The finding to drop, and why; `None` where all may stay.
 fn worst(judge: &Judge, tried: &[Tried], whole: &Seen, filed: &Seen) -> Option<(usize, String)> {
     let own = |t: &Tried| {
         let h = &t.held_out;
@@ -142,7 +144,7 @@ fn worst(judge: &Judge, tried: &[Tried], whole: &Seen, filed: &Seen) -> Option<(
     if all <= WORSE && risen.is_empty() {
         return None;
     }
-    // Where a channel has risen, one of those that act on it; else the one without which the vehicle is best.
+    // If a channel has risen, a finding that acts on it; else the one without which the vehicle is best.
     let from: Vec<usize> = if risen.is_empty() { (0..tried.len()).collect() } else { risen };
     let least = from.into_iter().max_by(|a, b| {
         let gain = |i: usize| whole.over(&tried[i].without);
@@ -168,7 +170,7 @@ fn worst(judge: &Judge, tried: &[Tried], whole: &Seen, filed: &Seen) -> Option<(
     Some((least, words))
 }
 
-/// The finding that brings least, and why it goes; none where each brings enough.
+/// The finding that lowers the error least, and why it is dropped; `None` where each lowers it enough.
 fn least_gain(judge: &Judge, tried: &[Tried], whole: &Seen) -> Option<(usize, String)> {
     let left = |t: &Tried| (t.held_out.with / t.held_out.without).min(whole.over(&t.without));
     let (at, t) = tried
@@ -193,7 +195,7 @@ fn by(ratio: f64) -> String {
     format!("{} %", significant(100.0 * (ratio - 1.0), 2))
 }
 
-/// What stands beside a finding with which the vehicle does not stay finite.
+/// Judgement of a finding with which the vehicle diverges.
 fn runs_away(judge: &Judge) -> HeldOut {
     HeldOut {
         channel: "position after 0.5 s".into(),

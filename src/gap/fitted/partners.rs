@@ -1,11 +1,11 @@
-//! What was found, with what was fitted together with it: where an error on unseen flight rises with the findings alone, the
-//! groups of parameters within tolerance that bring it down again are written with them.
+//! Groups of parameters within tolerance that were fitted together with the findings: if the findings alone raise a
+//! held-out error, the groups that lower it again are written with them.
 //!
-//! A weak rotor takes thrust away; where the other rotors give more than filed, the two were one fit, and the weak rotor alone
-//! makes the force worse.
+//! Example: a weak rotor lowers the thrust; if the other rotors give more than nominal, both were one fit, and the weak
+//! rotor alone makes the force worse.
 //!
-//! Offsets and clocks of sensors are no such partners: they belong to the log. Clocks that were right for one filtered flight nearly doubled
-//! the torque that was missing on the next.
+//! Sensor offsets and clocks are never such partners: they belong to the log. Clocks that were right for one filtered
+//! flight nearly doubled the missing torque on the next.
 
 use super::{Writer, findings};
 use crate::Result;
@@ -17,13 +17,13 @@ use crate::gap::report::significant;
 use crate::gap::verdict::{Calibration, Finding, HeldOut};
 use rayon::prelude::*;
 
-/// Judges the findings `writable`, by index: gives those to write, and marks the groups that are written with them.
+/// Judges the findings `writable`, by index: returns those to write, and marks the groups written with them.
 ///
-/// Findings that are left out by themselves are judged once more with what was fitted together with all of them: that is written where
-/// it is clearly better.
+/// Findings that are dropped by themselves are judged once more together with all that was fitted with them: that is
+/// written if it is clearly better.
 ///
 /// # Errors
-/// Where the text is no vehicle file.
+/// If the text is not a valid vehicle file.
 pub(super) fn judged(
     writer: &Writer,
     judge: &Judge,
@@ -63,8 +63,8 @@ pub(super) fn judged(
     joined(writer, judge, findings, kept, adjusted)
 }
 
-/// Marks the groups that are written with the findings `kept` and gives the findings that stay: one that raises an error all
-/// the same is in doubt.
+/// Marks the groups written with the findings `kept` and returns the findings that stay: one that still raises an error is
+/// in doubt.
 fn joined(
     writer: &Writer,
     judge: &Judge,
@@ -72,7 +72,7 @@ fn joined(
     mut kept: Vec<usize>,
     adjusted: &mut [Calibration],
 ) -> Result<Vec<usize>> {
-    // Where the filed vehicle flies nowhere, nothing rises.
+    // Nothing can rise above a nominal vehicle that never stays finite.
     let Ok(filed) = judge.look(writer.filed.vehicle) else { return Ok(kept) };
     while !kept.is_empty() {
         let alone = match judge.look(&writer.with(findings, &kept)?) {
@@ -83,7 +83,7 @@ fn joined(
             return Ok(kept);
         }
         let (ratio, partners) = partners(writer, judge, findings, &kept, adjusted, &filed)?;
-        // Another flight is not quite this one: what just holds here would not there.
+        // With a margin: what just holds on this flight would not hold on another.
         if ratio < alone.ratio && ratio <= RISES {
             for c in adjusted.iter_mut().filter(|c| partners.contains(&group(&c.kind, c.area))) {
                 c.partner = true;
@@ -118,8 +118,8 @@ fn joined(
     Ok(kept)
 }
 
-/// Groups that keep the errors lowest, at most [`MOST_PARTNERS`], and the largest ratio of an error to the file's with them: first
-/// that nothing rises, then that all errors together fall clearly.
+/// Groups that keep the errors lowest, at most [`MOST_PARTNERS`], and the largest ratio of an error to the nominal one with
+/// them: first until no error rises, then until all errors together fall clearly.
 fn partners(
     writer: &Writer,
     judge: &Judge,

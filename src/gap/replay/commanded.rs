@@ -1,4 +1,4 @@
-//! What a vehicle's motors and thrust do under the commands of a log.
+//! Response of motors and thrust to the commands of a log.
 
 use super::{Around, Plain, Raw, TICK_S, Tick};
 use crate::gap::track::Drive;
@@ -10,10 +10,10 @@ use crate::physics::rotor;
 use crate::physics::surroundings::Surroundings;
 use crate::scalar::Real;
 
-/// Ticks of a vehicle under commands: motors and thrust move from one arrival of a command to the next, so that sample
-/// times of the log need not be those of the ticks, and a delay moves the arrivals (its derivative those of their lengths).
-/// A tick holds the mean under a hat that falls to zero at the ticks beside it: commands that jump every 2 ms, sampled every
-/// 2.5 ms, would beat.
+/// Ticks of a vehicle under commands: motors and thrust are integrated from one command arrival to the next, so that sample
+/// times of the log need not coincide with ticks, and a delay moves the arrivals (its derivative is that of the intervals).
+/// A tick holds the mean under a hat function that is zero at the neighbouring ticks: commands that jump every 2 ms,
+/// sampled every 2.5 ms, would alias.
 pub(super) fn commanded<S: Plain>(
     around: &Around,
     raw: &Raw,
@@ -23,13 +23,13 @@ pub(super) fn commanded<S: Plain>(
 ) {
     let mut drive = Commanded::new(around, raw, drone, (kind, late));
     let n_rotors = drive.parts.airframe.n_rotors;
-    // Under the rising half of the hat, from the tick before.
+    // Rising half of the hat, from the previous tick.
     let mut rising = Hat::<S>::empty();
     for k in 0..around.n_ticks {
         let passed = drive.pass(around.time_s(k), k == 0);
         let tick = &mut out[k];
         tick.command = passed.command;
-        // The first tick has the falling half only.
+        // The first tick has only the falling half.
         let times = S::lit(if k == 0 { 2.0 } else { 1.0 });
         tick.thrust = (rising.thrust + passed.falling.thrust) * times;
         for i in 0..n_rotors {
@@ -40,8 +40,8 @@ pub(super) fn commanded<S: Plain>(
     rotor_rates(out, n_rotors);
 }
 
-/// Rotor accelerations from rotor speeds. A rate that jumps with every command would be sampled by luck: the change over two
-/// ticks stands for it, whose sum over a flight is that of the speeds.
+/// Rotor accelerations from rotor speeds. A rate that jumps with every command would alias: it is taken from the change
+/// over two ticks, which sums to the change of speed over a flight.
 fn rotor_rates<S: Plain>(out: &mut [Tick<S>], n_rotors: usize) {
     let last = out.len() - 1;
     for k in 0..out.len() {
@@ -53,10 +53,10 @@ fn rotor_rates<S: Plain>(out: &mut [Tick<S>], n_rotors: usize) {
     }
 }
 
-/// A vehicle under the commands of a log, up to some time.
+/// Integrates a vehicle's motors and thrust under the commands of a log.
 struct Commanded<'a, S> {
     kind: Drive,
-    /// Without delay, which is in `late`.
+    /// Without its delay, which is in `late`.
     drone: Drone<S>,
     parts: Parts<S>,
     sent: &'a [(f64, [f64; MAX_ROTORS])],
@@ -64,31 +64,31 @@ struct Commanded<'a, S> {
     late: S,
     /// Index of the command in force.
     now: usize,
-    /// What effects on commands remember.
+    /// Memory of effects on commands.
     memory: Vec<S>,
     /// Rotor speeds and thrust.
     state: State<S>,
-    /// What effects on commands make of the surroundings stays from tick to tick.
+    /// What effects on commands make of the surroundings is kept from tick to tick.
     surroundings: Surroundings<'a, S>,
 }
 
-/// What happened from one tick to the next.
+/// Results of one tick.
 struct Passed<S> {
-    /// Sums under the hat of the tick that began it, and under that of the next.
+    /// Sums under the falling half of the hat of the starting tick, and the rising half of the next.
     falling: Hat<S>,
     rising: Hat<S>,
     /// Mean of the attitude and thrust commands.
     command: [S; 4],
 }
 
-/// A stretch of time in which one command is in force.
+/// An interval with a constant command.
 #[derive(Clone, Copy)]
 struct Stretch<S> {
     /// Length, s.
     dt: S,
-    /// Where in the tick it begins and ends, 0 to 1.
+    /// Its start and end within the tick, 0 to 1.
     place: [S; 2],
-    /// Whether it is the first of all: the vehicle starts as the command has it.
+    /// Whether it is the very first: the vehicle starts in equilibrium with the command.
     first: bool,
 }
 
@@ -131,7 +131,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         }
     }
 
-    /// Moves the vehicle over one tick.
+    /// Integrates over one tick.
     fn pass(&mut self, begin: f64, first_tick: bool) -> Passed<S> {
         self.surroundings.time_s = S::lit(begin);
         let mut passed = Passed { falling: Hat::empty(), rising: Hat::empty(), command: [S::zero(); 4] };
@@ -139,7 +139,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         let end = S::lit(begin + TICK_S);
         let mut first = first_tick;
         loop {
-            // This command is in force until the next one arrives, or to the end of the tick.
+            // This command is held until the next one arrives, or to the end of the tick.
             let next = self.sent.get(self.now + 1);
             let arrives = next.map(|(t, _)| S::lit(*t) + self.late).filter(|t| t.plain() < end.plain());
             let until = arrives.unwrap_or(end);
@@ -158,7 +158,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         }
     }
 
-    /// Moves the vehicle while one command is in force.
+    /// Integrates over an interval with a constant command.
     fn hold(&mut self, stretch: &Stretch<S>, passed: &mut Passed<S>) {
         let mut now = self.command();
         if let (true, Command::Rotors(speeds)) = (stretch.first, now) {
@@ -178,7 +178,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         }
     }
 
-    /// Moves the thrust of the abstracted response.
+    /// Integrates the thrust of the abstracted response.
     fn thrust(&mut self, c: [S; 4], Stretch { dt, place, first }: &Stretch<S>, passed: &mut Passed<S>) {
         let Some(p) = &self.parts.response else { return };
         let (dt, state) = (*dt, &mut self.state);
@@ -195,7 +195,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         passed.rising.thrust = passed.rising.thrust + up;
     }
 
-    /// Moves the motors.
+    /// Integrates the motors.
     fn motors(
         &mut self,
         speeds: [S; MAX_ROTORS],
@@ -218,7 +218,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
     }
 }
 
-/// What has been summed under one half of a tick's hat.
+/// Sums under one half of a tick's hat.
 struct Hat<S> {
     rotor_vel: [S; MAX_ROTORS],
     thrust: S,
@@ -230,7 +230,7 @@ impl<S: Real> Hat<S> {
     }
 }
 
-/// Integral of what goes straight from `value[0]` at `place[0]` to `value[1]` at `place[1]`, under the half of a hat that
+/// Integral of the straight line from `value[0]` at `place[0]` to `value[1]` at `place[1]`, under the half of a hat that
 /// falls from one to zero over 0..1, and under the half that rises.
 fn hat_sums<S: Real>(place: [S; 2], value: [S; 2]) -> (S, S) {
     let length = place[1] - place[0];

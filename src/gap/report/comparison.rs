@@ -1,12 +1,12 @@
-//! A comparison as the series and bins that a page shows, before and after effects were added.
+//! The series and bins of a comparison shown on a page, before and after effects were added.
 
 use super::{Against, Bin, ResidualSeries, WorstSegment};
 use crate::gap::causes::Cause;
 use crate::gap::compare::{Comparison, LogComparison, Series};
 
-/// Share of variance that a cause must explain to be drawn, and its significance in standard deviations.
+/// Least share of variance explained by a plotted cause, and its significance in standard deviations.
 const DRAWN: (f64, f64) = (0.05, 5.0);
-/// Most drawings of a residual against a cause.
+/// Most plots of a residual against a cause.
 const MOST_DRAWN: usize = 8;
 
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -64,8 +64,8 @@ pub(super) fn residuals(before: &Comparison, after: Option<&Comparison>) -> Vec<
     out
 }
 
-/// A series of the other comparison at the times of this one: both stand on one grid, but may begin apart. NaN where the
-/// other has no value; empty without another.
+/// A series of the other comparison at the times of this one: both are on one grid, but may start at different times. NaN
+/// where the other has no value; empty without another.
 fn on_times(old: &Series, new: Option<&Series>, of: &dyn Fn(&Series) -> Vec<f64>) -> Vec<f64> {
     let Some(new) = new else { return Vec::new() };
     let values = of(new);
@@ -83,14 +83,14 @@ fn on_times(old: &Series, new: Option<&Series>, of: &dyn Fn(&Series) -> Vec<f64>
     old.t_s.iter().map(at).collect()
 }
 
-/// Root mean square of the residual force's length in a stretch.
+/// Root mean square of the residual force's length in a segment.
 fn force_rms(series: &Series, from_s: f64, to_s: f64) -> Option<f64> {
     let inside = series.t_s.iter().zip(&series.force_body_n).filter(|(t, _)| **t >= from_s && **t <= to_s);
     let (sum, n) = inside.fold((0.0, 0), |(s, n), (_, f)| (s + f.iter().map(|v| v * v).sum::<f64>(), n + 1));
     (n > 0).then(|| (sum / f64::from(n)).sqrt())
 }
 
-/// The residuals that go with a cause most, strongest first, and how many more there are.
+/// The residuals that depend most on a cause, strongest first, and how many more there are.
 pub(super) fn causes(before: &Comparison, after: Option<&Comparison>) -> (Vec<Against>, usize) {
     fn of(c: &Comparison) -> &[Cause] {
         match (&c.pooled, c.logs.first()) {

@@ -1,4 +1,4 @@
-//! The page: one HTML file with its style, its script and its charts inside.
+//! The report page: one HTML file with embedded style, script and charts.
 
 use super::comparison;
 use super::page_data::{self, Chart, MOST_POINTS};
@@ -17,7 +17,7 @@ use std::fmt::Write as _;
 
 const STYLE: &str = include_str!("../../../assets/report/page.css");
 const SCRIPT: &str = include_str!("../../../assets/report/page.js");
-/// plotly.js, its bundle of lines and bars; MIT licence, its notice stands at its head.
+/// plotly.js, the bundle with lines and bars; MIT licence, its notice is at the head of the file.
 const PLOTLY: &str = include_str!("../../../assets/report/plotly-basic.min.js");
 
 /// The page of a report.
@@ -53,7 +53,7 @@ pub(super) fn page(report: &Report) -> String {
     page.finish(report)
 }
 
-/// Text as it may stand in HTML, in an attribute too.
+/// Escapes text for HTML, including attributes.
 pub(super) fn esc(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
@@ -69,9 +69,9 @@ pub(super) fn esc(text: &str) -> String {
     out
 }
 
-/// JSON as it may stand in a script element.
+/// JSON escaped for a script element.
 fn json(value: &impl serde::Serialize) -> String {
-    // Every value of a report is plain data with names as keys, which JSON can always hold.
+    // Every value of a report is plain data with named fields, which always serialises.
     serde_json::to_string(value).unwrap_or_else(|_| "[]".into()).replace('<', "\\u003c")
 }
 
@@ -180,7 +180,7 @@ impl Page {
         self.body.push_str("</div>\n");
     }
 
-    /// What a finding does in its own channel: a bar, the numbers, and the beginning of a list.
+    /// The change by a finding in its own channel: a bar, the numbers, and the beginning of a list.
     fn before_after(&mut self, f: &Finding) {
         let Some(h) = &f.held_out else {
             put!(
@@ -249,6 +249,7 @@ impl Page {
             put!(self, "<figure><figcaption>{}</figcaption>\n", esc(&measure.name));
             for (k, rung) in rungs.iter().enumerate() {
                 let length = |v: Option<f64>| v.map_or(0.0, |v| 100.0 * measure.length(v));
+                // The bar shows held-out flight if there is any; the fit's own flight is then only a mark.
                 let [unseen, seen] = measure.values[k];
                 let mark = match (unseen, seen) {
                     (Some(_), Some(_)) => format!("<b style=\"left:{:.1}%\"></b>", length(seen)),
@@ -315,7 +316,7 @@ impl Page {
         self.by_log(charts.collect(), "plots");
     }
 
-    /// Figures under the name of their log, where there are several logs.
+    /// Figures grouped by log, where there are several logs.
     fn by_log(&mut self, figures: Vec<(Chart, &str, String, String)>, class: &str) {
         let several = figures.windows(2).any(|w| w[0].1 != w[1].1);
         let mut thinned = false;
@@ -366,7 +367,7 @@ impl Page {
         }
         self.legend(&legend);
         let mut next = 0;
-        // Series that share their stretches share their table.
+        // Series with the same worst segments share their table.
         for alike in residuals.chunk_by(|a, b| a.log == b.log && a.worst == b.worst) {
             let figures = alike.iter().enumerate().map(|(k, r)| {
                 let chart = page_data::residual(next + k, r);
@@ -555,7 +556,7 @@ impl Page {
             ("force over mass", "m/s²", r.force_before_m_s2, r.force_m_s2),
             ("torque over inertia", "rad/s²", r.torque_before_rad_s2, r.torque_rad_s2),
         ] {
-            // No torque is known where the attitude is fed in.
+            // Torques are unknown where the attitude is an input.
             if before == 0.0 && after == 0.0 {
                 continue;
             }
@@ -679,7 +680,7 @@ impl Page {
             }
             for w in &log.warnings {
                 let named = format!("{}: {w}", log.log.name);
-                // The diagnosis of one log says the same without its name.
+                // The diagnosis of a single log has the same warning without its name.
                 if !warnings.contains(w) && !warnings.contains(&named) {
                     warnings.push(named);
                 }
@@ -825,7 +826,7 @@ impl Page {
     }
 }
 
-/// A verdict as a sentence: a capital first, a full stop last.
+/// A verdict as a sentence: capitalised, with a full stop.
 pub(super) fn sentence(verdict: &str) -> String {
     let mut chars = verdict.chars();
     let first: String = chars.next().map(|c| c.to_uppercase().collect()).unwrap_or_default();
@@ -834,7 +835,7 @@ pub(super) fn sentence(verdict: &str) -> String {
     format!("{first}{rest}{stop}")
 }
 
-/// A parameter's interval beside its filed value, on a scale of its own.
+/// A parameter's interval beside its nominal value, on its own scale.
 fn interval_drawing(p: &ParameterFit) -> String {
     let Some([low, high]) = bounds(p.value, p.sigma) else {
         return "<span class=\"small\">no interval</span>".into();

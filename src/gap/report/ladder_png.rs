@@ -1,5 +1,5 @@
-//! The error ladder as a picture: a row per rung with its name on the left, and in each measure a bar with its value and its
-//! per cent of the model as filed.
+//! The error ladder as a picture: a row per step with its name on the left, and for each measure a bar with its value and
+//! its per cent of the nominal model.
 
 use super::quantity::percent;
 use super::rungs::{Measure, measures};
@@ -9,7 +9,7 @@ use crate::gap::verdict::Diagnosis;
 use tiny_skia::{Color, FillRule, Paint, Path, PathBuilder, Pixmap, Transform};
 use ttf_parser::{Face, OutlineBuilder};
 
-/// Width of the picture, pixels; its height grows with the number of rungs.
+/// Width of the picture, pixels; its height grows with the number of steps.
 pub const LADDER_PNG_WIDTH: u32 = 1600;
 /// Margin, height of the head with title, verdict and names of the measures, and height of a row, pixels.
 const MARGIN: f32 = 70.0;
@@ -26,7 +26,7 @@ const PAPER: [u8; 3] = [255, 255, 255];
 const INK: [u8; 3] = [28, 32, 38];
 const SOFT: [u8; 3] = [96, 104, 116];
 const GRID: [u8; 3] = [226, 229, 234];
-/// The model as filed and the model with what was found, apart for colour-blind eyes: M. Okabe and K. Ito, "Color Universal
+/// Colours of the nominal and the completed model, distinct for colour-blind readers: M. Okabe and K. Ito, "Color Universal
 /// Design", 2008.
 const FILED: [u8; 3] = [213, 94, 0];
 const FOUND: [u8; 3] = [0, 114, 178];
@@ -123,7 +123,7 @@ impl Page<'_> {
         HEAD + ROW * (k as f32 + 0.5)
     }
 
-    /// A column: name of the measure, and a bar per rung with its value and its per cent of the first.
+    /// A column: name of the measure, and a bar per step with its value and its per cent of the first.
     fn bars(&mut self, left: f32, width: f32, measure: &Measure) {
         let lines = self.lines(&measure.name, 20.0, width, 2);
         for (i, line) in lines.iter().enumerate() {
@@ -139,7 +139,7 @@ impl Page<'_> {
             let Some(value) = measure.drawn(k).filter(|v| v.is_finite()) else { continue };
             let length = (width * measure.length(value) as f32).max(2.0);
             self.rectangle([left, y + 4.0, length, 13.0], if k == 0 { FILED } else { FOUND });
-            // On the flight of the fit: a mark.
+            // A mark for the value on the flight of the fit.
             if let ([Some(_), Some(seen)], true) = (measure.values[k], value > 0.0) {
                 let at = left + width * measure.length(seen) as f32;
                 self.rectangle([at.min(left + width - 3.0), y + 1.0, 3.0, 19.0], INK);
@@ -201,7 +201,7 @@ impl Page<'_> {
         }
     }
 
-    /// Words broken into at most `most` lines of a width; an ellipsis where they are cut.
+    /// Words broken into at most `most` lines of a width; an ellipsis where text is cut.
     fn lines(&self, words: &str, size: f32, wide: f32, most: usize) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
         let mut words = words.split_whitespace().peekable();
@@ -223,7 +223,7 @@ impl Page<'_> {
         lines.iter().map(|l| self.shortened(l, size, false, wide)).collect()
     }
 
-    /// Text cut to a width, with an ellipsis where it is cut.
+    /// Text cut to a width, with an ellipsis where text is cut.
     fn shortened(&self, words: &str, size: f32, bold: bool, wide: f32) -> String {
         if self.width(words, size, bold) <= wide {
             return words.to_string();
@@ -254,7 +254,7 @@ fn paint(ink: [u8; 3]) -> Paint<'static> {
     paint
 }
 
-/// Letters as a path; font units with y up become pixels with y down.
+/// Glyphs as a path; font units with y up become pixels with y down.
 struct Outline {
     path: PathBuilder,
     x: f32,

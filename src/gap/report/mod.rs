@@ -1,6 +1,6 @@
-//! A diagnosis for people: text for a terminal, one self-contained page, a picture of the error ladder.
+//! Human-readable reports of a diagnosis: text for a terminal, one self-contained page, a picture of the error ladder.
 //!
-//! JSON needs nothing here: [`Diagnosis`] serialises whole.
+//! JSON needs no code here: [`Diagnosis`] serialises as it is.
 
 mod comparison;
 mod html;
@@ -23,28 +23,28 @@ pub(crate) use rungs::turns;
 pub use text::{TEXT_COLUMNS, text};
 pub use why::why;
 
-/// Everything that a page shows. What is empty is left out of the page.
+/// Everything that a page shows. Empty parts are left out.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {
     /// Heading, for example the vehicle's name.
     pub title: String,
     /// The verdict, where there is one.
     pub diagnosis: Option<Diagnosis>,
-    /// The model as filed against the flights. Its residuals over time and against causes are drawn too.
+    /// The nominal model against the flights. Its residuals over time and against causes are plotted too.
     pub comparison_before: Option<Comparison>,
-    /// The model with what was found, against the same flights.
+    /// The model with the findings, against the same flights.
     pub comparison_after: Option<Comparison>,
     /// Measured against simulated, per log and channel.
     pub overlays: Vec<Overlay>,
     /// Residuals over time, beyond those of the comparisons.
     pub residuals: Vec<ResidualSeries>,
-    /// Residuals against what may cause them, beyond those of the comparisons.
+    /// Residuals against possible causes, beyond those of the comparisons.
     pub causes: Vec<Against>,
-    /// What was assumed or left out beyond what the diagnosis says.
+    /// Assumptions and omissions beyond those of the diagnosis.
     pub warnings: Vec<String>,
 }
 
-/// One channel as measured and as simulated. NaN breaks a line, so short roll-outs can stand in one series.
+/// One measured and simulated channel. NaN breaks a line, so short roll-outs fit into one series.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Overlay {
     /// Name of the log.
@@ -55,9 +55,9 @@ pub struct Overlay {
     pub unit: String,
     /// Times from the start of the log, s, shape (sample).
     pub t_s: Vec<f64>,
-    /// Measured, SI, shape (sample).
+    /// Simulated with the nominal vehicle, SI, shape (sample); empty where it was not simulated.
     pub measured: Vec<f64>,
-    /// Simulated with the vehicle as filed, SI, shape (sample); empty where it was not simulated.
+    /// Simulated with the findings, SI, shape (sample); empty where nothing was found.
     pub as_filed: Vec<f64>,
     /// Simulated with the effects that were found, SI, shape (sample); empty where nothing was found.
     pub with_effects: Vec<f64>,
@@ -68,51 +68,51 @@ pub struct Overlay {
 pub struct ResidualSeries {
     /// Name of the log.
     pub log: String,
-    /// What is residual: `force along body x`.
+    /// Quantity: `force along body x`.
     pub name: String,
     /// SI unit.
     pub unit: String,
     /// Times from the start of the log, s, shape (sample).
     pub t_s: Vec<f64>,
-    /// With the vehicle as filed, SI, shape (sample); NaN breaks the line.
+    /// With the nominal vehicle, SI, shape (sample); NaN breaks the line.
     pub before: Vec<f64>,
-    /// With the effects that were found, SI, shape (sample); empty where there are none.
+    /// With the findings, SI, shape (sample); empty where there are none.
     pub after: Vec<f64>,
-    /// Standard deviation that noise alone gives one sample, SI, where known.
+    /// Standard deviation of one sample due to noise alone, SI, where known.
     pub sigma: Option<f64>,
-    /// Where the model fails most, worst first.
+    /// Where the model's errors are largest, worst first.
     pub worst: Vec<WorstSegment>,
 }
 
-/// A stretch of a log in which the model fails.
+/// A segment of a log with large model errors.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WorstSegment {
     /// Start, s from the start of the log.
     pub from_s: f64,
     /// End, s.
     pub to_s: f64,
-    /// Root mean square of the residual in it with the vehicle as filed, unit of its series.
+    /// Root mean square of the residual in it with the nominal vehicle, unit of its series.
     pub rms_before: f64,
-    /// The same with the effects that were found.
+    /// The same with the findings.
     pub rms_after: Option<f64>,
-    /// What the vehicle did there: `7 m/s, rolling`. May be empty.
+    /// Operating conditions there: `7 m/s, rolling`. May be empty.
     pub what: String,
 }
 
 /// A residual against a possible cause, in bins of the cause.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Against {
-    /// What is residual.
+    /// The residual quantity.
     pub residual: String,
     /// Its SI unit.
     pub unit: String,
-    /// What may cause it: `speed`.
+    /// The possible cause: `speed`.
     pub cause: String,
     /// Its SI unit.
     pub cause_unit: String,
-    /// Bins with the vehicle as filed, by rising cause.
+    /// Bins with the nominal vehicle, by rising cause.
     pub before: Vec<Bin>,
-    /// Bins with the effects that were found; empty where there are none.
+    /// Bins with the findings; empty where there are none.
     pub after: Vec<Bin>,
 }
 
@@ -148,7 +148,7 @@ impl Report {
         }
     }
 
-    /// The page: one HTML file that needs no other and no network.
+    /// The page: one HTML file without external files or network access.
     pub fn html(&self) -> String {
         html::page(self)
     }

@@ -1,4 +1,4 @@
-//! What a page says of comparisons: where the model fails, roll-outs by horizon, residuals in figures, whole flights.
+//! Page sections of comparisons: where the model fails, roll-outs by horizon, residual statistics, whole flights.
 
 use super::comparison::same_log;
 use super::html::{Page, esc, put};
@@ -7,13 +7,13 @@ use super::text::LADDER_CHANNELS;
 use crate::gap::compare::{Axes, Comparison, LogComparison};
 use std::fmt::Write as _;
 
-/// A number and, where there is one, what it has become.
+/// A number and, if available, its value afterwards.
 fn then(before: String, after: Option<String>) -> String {
     after.map_or(before.clone(), |after| format!("{before} → {after}"))
 }
 
 impl Page {
-    /// The sections of a comparison; `after` is that with the effects that were found.
+    /// The sections of a comparison; `after` is the one with the findings.
     pub(super) fn comparison(&mut self, before: &Comparison, after: Option<&Comparison>) {
         let lead =
             if after.is_some() { "As filed → with what was found." } else { "The vehicle as filed." };
@@ -65,7 +65,7 @@ impl Page {
             put!(self, "<th class=\"n\">{}</th>", quantity(h.error.horizon_s, "s", 2));
         }
         self.body.push_str("</tr></thead><tbody>");
-        // Attitude and body rate that the drive feeds in are no results.
+        // Attitude and body rate are no results where they are inputs.
         let fed_in = |k: usize| log.horizons.iter().all(|h| h.times_expected[k].is_none());
         for (k, (name, unit, error)) in LADDER_CHANNELS.iter().enumerate().filter(|(k, _)| !fed_in(*k)) {
             put!(self, "<tr><td>{name}</td>");

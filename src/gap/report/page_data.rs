@@ -1,11 +1,11 @@
-//! The charts of a page as plain JSON: traces with a role instead of a colour, which the page's script draws in the
-//! colours of its theme.
+//! The charts of a page as plain JSON: traces have a role instead of a colour, which the page's script draws in the colours
+//! of its theme.
 
 use super::quantity::{HALF_95, Scale};
 use super::{Against, Bin, Overlay, ResidualSeries};
 use serde::Serialize;
 
-/// Most points of a drawn line.
+/// Most points of a plotted line.
 pub(super) const MOST_POINTS: usize = 3000;
 
 /// One chart.
@@ -13,16 +13,16 @@ pub(super) const MOST_POINTS: usize = 3000;
 pub(super) struct Chart {
     /// Id of its element in the page.
     pub id: String,
-    /// In words, for those who do not see it.
+    /// Text alternative for screen readers.
     pub title: String,
     pub x_title: String,
     pub y_title: String,
     pub traces: Vec<Trace>,
-    /// Marked stretches of x: from, to, label.
+    /// Marked intervals of x: from, to, label.
     pub marks: Vec<(f64, f64, String)>,
-    /// A band about zero that noise explains: its half-height.
+    /// Half-height of the noise band about zero.
     pub noise: Option<f64>,
-    /// Whether lines were thinned out to be drawn.
+    /// Whether lines were thinned for plotting.
     #[serde(skip)]
     pub thinned: bool,
 }
@@ -31,7 +31,7 @@ pub(super) struct Chart {
 #[derive(Serialize)]
 pub(super) struct Trace {
     pub name: String,
-    /// `ink`, `filed`, `found`, `c0` … : a colour of the page's style sheet.
+    /// `ink`, `filed`, `found`, `c0` … : name of a colour in the page's style sheet.
     pub role: String,
     /// `lines`, `markers` or `lines+markers`.
     pub mode: &'static str,
@@ -45,12 +45,12 @@ pub(super) struct Trace {
     pub bars: Vec<f64>,
 }
 
-/// A unit that keeps SI, but for angles, which are shown in degrees.
+/// Scale that keeps SI units, except for angles, which are shown in degrees.
 fn shown(unit: &str) -> Scale {
     Scale::for_size(1.0, unit)
 }
 
-/// The unit that suits the largest of some values.
+/// Scale that suits the largest of some values.
 fn fitting<'a>(unit: &str, values: impl Iterator<Item = &'a f64>) -> Scale {
     let most = values.filter(|v| v.is_finite()).fold(0.0f64, |most, v| most.max(v.abs()));
     Scale::for_size(most, unit)
@@ -101,7 +101,7 @@ pub(super) fn against(k: usize, a: &Against) -> Chart {
         y: bins.iter().map(|b| short(b.mean * y.factor)).collect(),
         bars: bins.iter().map(|b| short(HALF_95 * b.sigma * y.factor).unwrap_or(0.0)).collect(),
     };
-    // A bin without a place on the axis cannot be drawn.
+    // A bin without a finite position on the axis cannot be plotted.
     let placed = |bins: &[Bin]| bins.iter().copied().filter(|b| b.cause.is_finite()).collect::<Vec<_>>();
     let (before, after) = (placed(&a.before), placed(&a.after));
     let mut traces = vec![trace("as filed", "filed", 0, &before)];
@@ -154,8 +154,8 @@ impl Chart {
     }
 }
 
-/// Indices of the samples to draw: of each stretch the smallest, the largest and a gap, in order; all when they are few.
-/// Samples without a time are left out.
+/// Indices of the samples to plot: of each group the minimum, the maximum and a gap, in order; all of them if there are
+/// few. Samples without a time are left out.
 fn thin(t: &[f64], y: &[f64]) -> Vec<usize> {
     let n = t.len().min(y.len());
     let all: Vec<usize> = (0..n).filter(|k| t[*k].is_finite()).collect();

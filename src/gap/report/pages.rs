@@ -10,10 +10,10 @@ use crate::gap::track::Track;
 use crate::gap::verdict::Diagnosis;
 use crate::vehicle::Vehicle;
 
-/// Logs whose overlays a page shows; more make it slow to load.
+/// Logs with overlays on a page; more make it slow to load.
 const MOST_LOGS: usize = 3;
 
-/// Overlays of the first logs; each stretch begins at `from_s` where that is known, else in the middle of the log.
+/// Overlays of the first logs; each segment starts at `from_s` if that is known, else in the middle of the log.
 fn add_overlays(
     report: &mut Report,
     logs: &[(&Track, Option<f64>)],
@@ -34,7 +34,7 @@ impl Report {
     /// The page of a comparison, with overlays of its flights.
     ///
     /// # Errors
-    /// Where a flight cannot be flown again.
+    /// If a flight cannot be simulated again.
     pub fn with_flights(comparison: &Comparison, tracks: &[Track], vehicle: &Vehicle) -> Result<Self> {
         let mut report = Self::of_comparison(comparison.clone());
         let logs: Vec<_> = tracks.iter().map(|t| (t, None)).collect();
@@ -42,10 +42,10 @@ impl Report {
         Ok(report)
     }
 
-    /// The page of a diagnosis; `after` is the vehicle with what was found, where something was.
+    /// The page of a diagnosis; `after` is the vehicle with the findings, if there are any.
     ///
     /// # Errors
-    /// Where a flight cannot be flown again.
+    /// If a flight cannot be simulated again.
     pub fn of_diagnosis(
         diagnosis: &Diagnosis,
         flights: &Flights,
@@ -54,7 +54,7 @@ impl Report {
     ) -> Result<Self> {
         let mut report = Self::of(diagnosis.clone());
         let mut all = flights.all();
-        // A held-out log that is too short to compare is none.
+        // A held-out log that is too short to compare is skipped.
         report.comparison_before = Some(loop {
             match compare(&all, before) {
                 Err(GapError::TooShort { log, .. })
@@ -67,7 +67,7 @@ impl Report {
             }
         });
         report.comparison_after = after.map(|v| compare(&all, v)).transpose()?;
-        // Unseen flight first.
+        // Held-out flight first.
         let parted = flights.whole.iter().zip(&flights.cut_s);
         let held_out = flights.held_out.iter().map(|t| (t, None));
         let logs: Vec<_> = held_out.chain(parted.map(|(t, cut)| (t, *cut))).collect();

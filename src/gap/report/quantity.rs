@@ -1,4 +1,4 @@
-//! Numbers for people: SI prefixes, rounding to what is known, intervals.
+//! Numbers for readers: SI prefixes, rounding to the known digits, intervals.
 
 /// Half-width of a 95 % interval in standard deviations of a normal distribution.
 pub(crate) const HALF_95: f64 = 1.959_963_984_540_054;
@@ -13,7 +13,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    /// The unit that shows a number of size `size` (SI) best. `unit` is an SI unit: `m`, `N·s/m`, `1` …
+    /// The scale that best shows a number of size `size` (SI). `unit` is an SI unit: `m`, `N·s/m`, `1` …
     pub fn for_size(size: f64, unit: &str) -> Self {
         let size = size.abs();
         let plain = |unit: &str| Self { factor: 1.0, unit: unit.to_string() };
@@ -26,14 +26,14 @@ impl Scale {
             return plain(unit);
         }
         if unit == "kg" {
-            // The kilogram brings its own prefix.
+            // The kilogram already has a prefix.
             return match size {
                 s if s >= 1.0 => plain(unit),
                 s if s >= 0.999e-3 => Self { factor: 1e3, unit: "g".into() },
                 _ => Self { factor: 1e6, unit: "mg".into() },
             };
         }
-        // A prefix belongs to a first symbol that carries no power: m, N·s/m, but not m² or 1/s.
+        // A prefix goes on a first symbol without an exponent: m, N·s/m, but not m² or 1/s.
         let first: String = unit.chars().take_while(|c| c.is_ascii_alphabetic()).collect();
         let next = unit.chars().nth(first.chars().count());
         let prefixed = ["m", "s", "N", "V", "A", "W", "Hz"].contains(&first.as_str())
@@ -52,7 +52,7 @@ impl Scale {
     }
 }
 
-/// A number and its unit; degrees stand close, other units after a space.
+/// A number and its unit; the degree sign follows directly, other units after a space.
 fn with_unit(number: &str, unit: &str) -> String {
     match unit {
         "" => number.to_string(),
@@ -61,7 +61,7 @@ fn with_unit(number: &str, unit: &str) -> String {
     }
 }
 
-/// A value in a fitting unit, with `digits` significant digits.
+/// A value in a suitable unit, with `digits` significant digits.
 pub(crate) fn quantity(si: f64, unit: &str, digits: usize) -> String {
     Scale::for_size(si, unit).show(si, digits)
 }
@@ -76,7 +76,7 @@ pub(crate) fn interval(value: f64, sigma: f64, unit: &str) -> String {
     with_unit(&interval_number(value * scale.factor, half * scale.factor), &scale.unit)
 }
 
-/// `0.320 ± 0.012`; very large or small ones with a power of ten: `(1.66 ± 0.05)×10⁻⁵`.
+/// `0.320 ± 0.012`; very large or small values with a power of ten: `(1.66 ± 0.05)×10⁻⁵`.
 fn interval_number(value: f64, half: f64) -> String {
     let size = value.abs().max(half);
     let exponent = size.log10().floor() as i32;
@@ -89,7 +89,7 @@ fn interval_number(value: f64, half: f64) -> String {
     if power == 0 { format!("{v} ± {h}") } else { format!("({v} ± {h}){}", times_ten(power)) }
 }
 
-/// A number with `digits` significant digits, trailing zeros kept, a power of ten where it is very large or small.
+/// A number with `digits` significant digits, trailing zeros kept; very large or small values with a power of ten.
 pub(crate) fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".into();

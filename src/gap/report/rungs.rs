@@ -1,16 +1,16 @@
-//! The error ladder as it is drawn: one bar per rung in each of a few measures, those at the instants first.
+//! The error ladder as plotted: one bar per step for each of a few measures, those at the instants first.
 
 use super::quantity::{Scale, percent, significant};
 use crate::gap::policy::FED_IN_RAD;
 use crate::gap::verdict::{HorizonError, Lack, Rung};
 
-/// A measure of the ladder: one value per rung.
+/// A measure of the ladder: one value per step.
 pub(super) struct Measure {
     /// `force that the model lacks`.
     pub name: String,
     /// The unit that suits its values.
     pub scale: Scale,
-    /// By rung: on unseen flight, on the flight of the fit.
+    /// Per step: on held-out flight, on the flight of the fit.
     pub values: Vec<[Option<f64>; 2]>,
 }
 
@@ -21,7 +21,7 @@ impl Measure {
         (most > 0.0).then(|| Self { name, scale: Scale::for_size(most, unit), values })
     }
 
-    /// The value of a rung that is drawn: on unseen flight where there is one.
+    /// The plotted value of a step: on held-out flight if there is any.
     pub fn drawn(&self, rung: usize) -> Option<f64> {
         let unseen = self.values.iter().any(|v| v[0].is_some());
         self.values[rung][usize::from(!unseen)]
@@ -38,7 +38,7 @@ impl Measure {
         self.drawn(rung).map_or_else(|| "–".into(), |v| self.scale.show(v, 3))
     }
 
-    /// `11 %`, over the first rung.
+    /// `11 %`, relative to the first step.
     pub fn share(&self, rung: usize) -> String {
         match (self.drawn(rung), self.drawn(0)) {
             (Some(v), Some(first)) if first > 0.0 => percent(v / first),
@@ -47,12 +47,12 @@ impl Measure {
     }
 }
 
-/// Whether the attitude is a result of the model, and no input, on any rung.
+/// Whether the attitude is a result of the model, not an input, in any step.
 pub(crate) fn turns(ladder: &[Rung]) -> bool {
     ladder.iter().flat_map(|r| r.training.iter().chain(&r.held_out)).any(|e| e.attitude_rad > FED_IN_RAD)
 }
 
-/// The measures that are drawn: force and torque at the instants, position and attitude after the longest roll-outs.
+/// The plotted measures: force and torque at the instants, position and attitude after the longest roll-outs.
 pub(super) fn measures(ladder: &[Rung]) -> Vec<Measure> {
     let lack = |of: fn(&Lack) -> Option<f64>| -> Vec<[Option<f64>; 2]> {
         ladder.iter().map(|r| [r.held_out_lack, r.training_lack].map(|l| l.and_then(|l| of(&l)))).collect()

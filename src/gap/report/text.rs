@@ -10,10 +10,10 @@ use crate::gap::verdict::{
 use crate::physics::effects::Area;
 use std::fmt::Write as _;
 
-/// Columns of the text: no line is longer, unless a single name is.
+/// Width of the text: no line is longer, except for a single long name.
 pub const TEXT_COLUMNS: usize = 100;
 
-/// Candidates shown of the list of all that were tried alone.
+/// Most candidates shown in the list of all that were tried alone.
 const MOST_SINGLES: usize = 8;
 
 /// A channel of the ladder: name, unit, error.
@@ -27,7 +27,7 @@ pub(super) static LADDER_CHANNELS: [LadderChannel; 4] = [
     ("body rate", "rad/s", |e| e.rate_rad_s),
 ];
 
-/// The channels that are results of the model: without attitude and body rate where the drive feeds them in.
+/// The channels that are results of the model: without attitude and body rate where these are inputs.
 pub(super) fn ladder_channels(ladder: &[Rung]) -> &'static [LadderChannel] {
     if turns(ladder) { &LADDER_CHANNELS } else { &LADDER_CHANNELS[..2] }
 }
@@ -42,7 +42,7 @@ pub(super) fn compared(l: &LookAlike) -> String {
     }
 }
 
-/// Horizons that the ladder has anywhere, rising, s.
+/// All horizons of the ladder, in rising order, s.
 pub(super) fn horizons(ladder: &[Rung]) -> Vec<f64> {
     let mut all: Vec<f64> =
         ladder.iter().flat_map(|r| r.training.iter().chain(&r.held_out)).map(|e| e.horizon_s).collect();
@@ -51,7 +51,7 @@ pub(super) fn horizons(ladder: &[Rung]) -> Vec<f64> {
     all
 }
 
-/// The error of one horizon, where the rung has it.
+/// The error at one horizon, if the step has it.
 pub(super) fn at(errors: &[HorizonError], horizon_s: f64) -> Option<&HorizonError> {
     errors.iter().find(|e| (e.horizon_s - horizon_s).abs() < 1e-9)
 }
@@ -72,7 +72,7 @@ pub(super) fn stands_for(f: &Finding) -> Option<String> {
     (!names.is_empty()).then(|| format!("{names}: without rotor speeds the same"))
 }
 
-/// The diagnosis in at most [`TEXT_COLUMNS`] columns: verdict, effects, what looks alike, ladder, calibration, remainder,
+/// The diagnosis in at most [`TEXT_COLUMNS`] columns: verdict, effects, look-alikes, ladder, calibration, remainder,
 /// advice, logs, warnings.
 pub fn text(diagnosis: &Diagnosis) -> String {
     let d = diagnosis;
@@ -224,7 +224,7 @@ impl Out {
         }
     }
 
-    /// Force and torque at the instants, with their per cent of the first rung.
+    /// Force and torque at the instants, with their per cent of the first step.
     fn instants(&mut self, ladder: &[Rung], unseen: bool) {
         let shown: Vec<_> = measures(ladder).into_iter().filter(|m| m.name.contains("lacks")).collect();
         if shown.is_empty() {
@@ -395,7 +395,7 @@ impl Out {
         );
     }
 
-    /// Rows in columns two spaces apart; where they do not fit, the last columns go to a line of their own.
+    /// A table with columns two spaces apart; if it is too wide, the last columns go to a line of their own.
     fn table(&mut self, indent: usize, header: &[String], rows: &[Vec<String>], right: &[bool]) {
         let all = || core::iter::once(header).chain(rows.iter().map(Vec::as_slice)).filter(|r| !r.is_empty());
         let mut widths = vec![0; right.len()];
@@ -448,8 +448,8 @@ pub(super) fn noise(sigma: f64, unit: &str) -> String {
     if sigma.is_finite() && sigma > 0.0 { quantity(sigma, unit, 2) } else { "–".into() }
 }
 
-/// The unit that suits all rungs of one horizon: that of three times the geometric mean
-/// of the largest and the smallest error, so that most numbers stand between 0.3 and 300.
+/// The unit that suits all ladder steps at one horizon: that of three times the geometric mean of the largest and the
+/// smallest error, so that most numbers are between 0.3 and 300.
 pub(super) fn ladder_scale(
     ladder: &[Rung],
     horizon_s: f64,
@@ -472,7 +472,7 @@ pub(super) fn bounds(value: f64, sigma: f64) -> Option<[f64; 2]> {
     (half.is_finite() && half > 0.0 && value.is_finite()).then_some([value - half, value + half])
 }
 
-/// Breaks words into lines of at most `width` characters; a longer word stands alone. No-break spaces hold together.
+/// Breaks words into lines of at most `width` characters; a longer word gets its own line. No-break spaces do not break.
 fn wrap(words: &str, width: usize) -> Vec<String> {
     let (mut lines, mut line) = (Vec::new(), String::new());
     for word in words.split([' ', '\n']).filter(|w| !w.is_empty()) {

@@ -1,4 +1,4 @@
-//! Which rules decided a verdict: what each decided of which effect, and what it states.
+//! Why a verdict came out as it did: the rule that decided about each effect, and what the rule states.
 
 use super::html::{Page, esc};
 use super::text::Out;
@@ -6,13 +6,13 @@ use crate::gap::decide::rules::Rule;
 use crate::gap::verdict::Diagnosis;
 use std::fmt::Write as _;
 
-/// What the rules state that decided something, in the order in which they are asked.
+/// Statements of the rules that decided something, in the order in which they are applied.
 fn rules(d: &Diagnosis) -> Vec<String> {
     let used = Rule::ALL.into_iter().filter(|r| d.why.iter().any(|w| w.rule == *r));
     used.map(|r| format!("{}: {}. Set by {}", r.name(), r.statement(), r.set_by())).collect()
 }
 
-/// Which rule decided what of each effect, and what the rules state, as text.
+/// The rule that decided about each effect, and what the rules state, as text.
 pub fn why(d: &Diagnosis) -> String {
     let mut out = Out::default();
     if d.why.is_empty() {

@@ -9,7 +9,7 @@ use crate::physics::drone::Drone;
 use crate::physics::rigid_body::{self, Rate};
 use rayon::prelude::*;
 
-/// What the model says at one instant.
+/// Model output at one instant.
 #[derive(Clone, Copy, Debug)]
 struct Said {
     accel: [f64; 3],
@@ -17,8 +17,8 @@ struct Said {
     ang_acc: [f64; 3],
 }
 
-/// Weighted mean over the neighbours within `half` steps; `None` where one is missing. The weights are those with which a
-/// local parabola of that width sees the signal.
+/// Weighted mean over the neighbours within `half` steps; `None` where one is missing. The weights are those of a local
+/// parabola of that width.
 fn seen(
     said: &[Option<Said>],
     i: usize,
@@ -39,14 +39,14 @@ fn seen(
     Some(sum)
 }
 
-/// Weights of [`seen`] for a kernel of u in −1…1 that reaches `half_s` s each way. A few steps stand for it: their reach is
-/// chosen so that they pass a slow swing on as the kernel does, to second order.
+/// Weights of [`seen`] for a kernel of u in −1…1 with half width `half_s`, s. Since it is sampled by few steps, their reach
+/// is chosen such that low frequencies pass as through the kernel, to second order.
 fn kernel(half_s: f64, of: impl Fn(f64) -> f64) -> Vec<f64> {
     let weights = |scale: f64| -> Vec<f64> {
         let half = scale.floor() as i64;
         (-half..=half).map(|i| of(i as f64 / scale)).collect()
     };
-    // Mean square of the distance, in units of the step.
+    // Second moment, in units of the step.
     let spread = |weights: &[f64]| {
         let middle = (weights.len() / 2) as f64;
         let square: f64 = weights.iter().enumerate().map(|(i, w)| w * (i as f64 - middle).powi(2)).sum();
@@ -56,7 +56,7 @@ fn kernel(half_s: f64, of: impl Fn(f64) -> f64) -> Vec<f64> {
     let fine = weights(2000.0);
     let wanted = spread(&fine) * (reach / 2000.0).powi(2);
     let (mut low, mut high) = (0.6 * reach, 1.6 * reach);
-    // A kernel that passes a slow swing on as it is: steps stand for their surroundings.
+    // The identity kernel: steps represent their surroundings.
     let mut scale = (reach.floor() + 0.5).max(1.0);
     if wanted > 0.01 * reach * reach
         && low >= 1.0
@@ -108,7 +108,7 @@ impl Residuals {
     }
 }
 
-/// What the model says at every instant; `None` where state or inputs are not known.
+/// Model output at every instant; `None` where state or inputs are unknown.
 fn said_along(replay: &Replay, plant: &Plant<f64>) -> Vec<Option<Said>> {
     (0..replay.n_steps())
         .into_par_iter()
@@ -122,7 +122,7 @@ fn said_along(replay: &Replay, plant: &Plant<f64>) -> Vec<Option<Said>> {
         .collect()
 }
 
-/// Times at which a sensor that is late reads what happens at every instant, s.
+/// Times, s, at which a delayed sensor reads what happens at every instant.
 fn times(replay: &Replay, late_s: f64) -> Vec<f64> {
     (0..replay.n_steps()).map(|i| replay.time_s(i) + late_s).collect()
 }
@@ -131,18 +131,18 @@ fn period_s(t_s: &[f64]) -> f64 {
     resample::spacing_s(t_s).unwrap_or(0.01)
 }
 
-// A local parabola sees a signal's value with the weights 3 − 5u², and what was integrated twice, through its second
-// derivative, with (1 − u²)²; once, through its slope, with 1 − u².
+// A local parabola weighs the signal's value with 3 − 5u²; through the second derivative of a twice integrated signal, with
+// (1 − u²)²; through the slope of a once integrated one, with 1 − u².
 
-/// Accelerations along a log as local fits see them.
+/// Accelerations along a log as seen through local fits.
 struct Linear {
-    /// What the model says and what was measured at every instant, m/s², world.
+    /// Modelled and measured acceleration at every instant, m/s², world.
     pairs: Vec<Option<([f64; 3], [f64; 3])>>,
     /// Half width of the fits, s.
     half_s: f64,
-    /// Standard deviation of what was measured by the sensor's noise, m/s².
+    /// Standard deviation of the measured one due to sensor noise, m/s².
     sigma: f64,
-    /// Time over which the noise of neighbouring samples is one and the same, s.
+    /// Correlation time of the noise of neighbouring samples, s.
     memory_s: f64,
 }
 
@@ -188,15 +188,15 @@ impl Linear {
     }
 }
 
-/// Angular accelerations along a log as local fits see them.
+/// Angular accelerations along a log as seen through local fits.
 struct Angular {
-    /// What was measured at every instant, rad/s², body.
+    /// Measured angular acceleration at every instant, rad/s², body.
     measured: Vec<Option<[f64; 3]>>,
-    /// Weights with which the fits see what the model says.
+    /// Weights with which the fits see the modelled one.
     weights: Vec<f64>,
     /// Half width of the fits, s.
     half_s: f64,
-    /// Standard deviation of what was measured by the sensor's noise, rad/s².
+    /// Standard deviation of the measured one due to sensor noise, rad/s².
     sigma: f64,
 }
 
@@ -206,7 +206,7 @@ impl Angular {
         let p = period_s(&track.gyro.t_s);
         let half_s = (0.025 * (track.noise.gyro_rad_s / 0.01).powf(0.4)).clamp(0.02, 0.08).max(4.2 * p);
         let sigma = track.noise.gyro_rad_s * gains(&track.gyro.t_s, half_s, track.span_s)[1];
-        // A sample stands for its surroundings too.
+        // A sample represents its surroundings too.
         let weights = kernel(half_s + 0.5 * p, |u| 1.0 - u * u);
         let slopes = resample::local_parabola(&track.gyro, &times(replay, drone.clock().gyro_s), half_s);
         let measured = slopes
@@ -269,8 +269,8 @@ fn samples(
     samples
 }
 
-/// Standard deviations of a sample's force (N) and torque (N·m), body axes: the noise of the derivative, and what the noise of
-/// states and inputs does to the model.
+/// Standard deviations of a sample's force (N) and torque (N·m), body axes: noise of the derivative, and noise of states
+/// and inputs propagated through the model.
 fn sample_noise(
     replay: &Replay,
     plant: &Plant<f64>,
@@ -294,14 +294,14 @@ fn sample_noise(
     (force, torque.map(f64::sqrt))
 }
 
-/// Angular acceleration behind a gyroscope that reads `value` and rises with `slope`, if it is as the model says.
+/// Angular acceleration for a gyroscope reading `value` with slope `slope`, if the sensor is as modelled.
 fn slope_of_rate(drone: &Drone<f64>, m: &Measured, value: [f64; 3], slope: [f64; 3]) -> [f64; 3] {
     if drone.effects.is_empty() {
         return slope;
     }
     let dt = 1e-3;
     let base = drone.read(&state_of(m), &Rate { vel: m.vel, ang_vel: m.ang_vel, ..Rate::zero() });
-    // Readings of pose and velocity belong to `m`, so that only the rate is looked for.
+    // Pose and velocity readings belong to `m`, so only the rate is solved for.
     let read = |w: [f64; 3]| {
         let read = Measured { pos: base.pos, vel: base.vel, quat: base.quat, ang_vel: w };
         true_state(drone, &read).ang_vel
@@ -326,8 +326,8 @@ fn bend_of_attitude(channel: &Channel<4>, at_s: f64, half_s: f64) -> Option<[f64
     Some(resample::local_parabola(&near, &[at_s], half_s)[0]?.curvature)
 }
 
-/// Variances of the model's specific force (m/s², body axes) and angular acceleration (rad/s²) by the noise of states and
-/// inputs, seen through windows of the given lengths (force, torque), s.
+/// Variances of the model's specific force (m/s², body axes) and angular acceleration (rad/s²) due to the noise of states
+/// and inputs, averaged over windows of the given lengths (force, torque), s.
 fn noise_in_model(replay: &Replay, plant: &Plant<f64>, window_s: [f64; 2]) -> ([f64; 3], [f64; 3]) {
     let noise = StateNoise::of(replay.track);
     let known: Vec<usize> = (0..replay.n_steps()).filter(|i| replay.known(*i).is_some()).collect();
@@ -387,7 +387,7 @@ fn noise_in_model(replay: &Replay, plant: &Plant<f64>, window_s: [f64; 2]) -> ([
 mod tests {
     use super::*;
 
-    /// A kernel passes a slow swing cos(ω t) on as 1 − ω² m₂/2: m₂ of 1 − u² is reach²/5, of 1 reach²/3.
+    /// A kernel passes a slow oscillation cos(ω t) with the gain 1 − ω² m₂/2: m₂ of 1 − u² is reach²/5, of 1 reach²/3.
     #[test]
     fn few_steps_pass_a_slow_swing_on_as_the_kernel_does() {
         for half_s in [0.0203, 0.025, 0.031, 0.05] {
@@ -398,7 +398,7 @@ mod tests {
                     weights.iter().enumerate().map(|(i, w)| w * (i as f64 - middle).powi(2)).sum();
                 let wanted = (half_s / STEP_S).powi(2) / share;
                 assert!((weights.iter().sum::<f64>() - 1.0).abs() < 1e-12);
-                // The box has steps of whole weight: no reach gives every second moment.
+                // The box has steps of equal weight: no reach gives every second moment.
                 let tolerance = if share == 5.0 { 1e-6 } else { 0.35 };
                 assert!(
                     (second / wanted - 1.0).abs() < tolerance,

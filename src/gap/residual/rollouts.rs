@@ -1,4 +1,4 @@
-//! Errors of short roll-outs from measured states, and what the noise of the sensors alone would make of them.
+//! Errors of short roll-outs from measured states, and the errors that sensor noise alone would cause.
 
 use super::{Replay, StateNoise, input_noise};
 use crate::flight::resample;
@@ -12,15 +12,15 @@ use rayon::prelude::*;
 
 /// Steps between the starts of roll-outs: 0.1 s.
 const START_EVERY: usize = 20;
-/// Starts from which the effect of the sensors' noise is computed.
+/// Starts for which the effect of sensor noise is computed.
 const NOISE_STARTS: usize = 16;
 
-/// Roll-outs along a log and what is measured at their ends.
+/// Roll-outs along a log and the measurements at their ends.
 struct Starts<'a> {
     replay: &'a Replay<'a>,
     /// Length of each horizon in steps.
     steps: Vec<usize>,
-    /// Number of instants before each that cannot be crossed.
+    /// Cumulative number of instants that a roll-out cannot cross.
     holes: Vec<usize>,
 }
 
@@ -31,14 +31,15 @@ impl<'a> Starts<'a> {
         for i in 0..replay.n_steps() {
             let inputs = (i * STEP..(i + 1) * STEP).all(|k| raw.get(k).copied().unwrap_or(false));
             let pose = replay.track.drive != Drive::Thrust || replay.around.measured[i].is_some();
-            // The last instant of a roll-out needs no input after it; its own tick is checked with the measurement.
+            // The last instant of a roll-out needs no input after it; its own tick is checked together with the
+            // measurement.
             holes.push(holes[i] + usize::from(!(inputs && pose)));
         }
         let steps = horizons_s.iter().map(|h| ((h / STEP_S).round() as usize).max(1)).collect();
         Self { replay, steps, holes }
     }
 
-    /// The horizons (their indices) that can be rolled from step `i` within the segments.
+    /// Indices of the horizons that can be rolled out from step `i` within the segments.
     fn reach(&self, i: usize, segments: Option<&[[f64; 2]]>) -> Vec<usize> {
         if self.replay.known(i).is_none() {
             return Vec::new();
@@ -82,8 +83,8 @@ fn finish(horizons_s: &[f64], sums: &[[f64; 4]], counts: &[usize]) -> Vec<Horizo
 }
 
 /// Root-mean-square errors (length of the 3-D difference) of roll-outs that start from the measured state every 0.1 s,
-/// against the measured state at their ends; `segments` (s, from–to) are the spans in which they must lie. A horizon that
-/// never fits has `n` 0; a roll-out that does not stay finite makes its errors not finite.
+/// against the measured state at their ends; `segments` (s, from–to) are the spans in which they must lie. A horizon
+/// without roll-outs has `n` 0; a diverging roll-out makes its errors non-finite.
 pub(crate) fn replay_errors(
     replay: &Replay,
     horizons_s: &[f64],
@@ -120,8 +121,8 @@ pub(crate) fn replay_errors(
     finish(horizons_s, &sums, &counts)
 }
 
-/// What [`replay_errors`] would be if the model were right and only the sensors were noisy: the noise of the start and of
-/// the inputs sent through the model itself, and the noise of the end.
+/// Expected [`replay_errors`] of a perfect model with noisy sensors: the noise of the initial state and of the inputs
+/// propagated through the model, and the noise at the end.
 pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<HorizonError> {
     let noise = StateNoise::of(replay.track);
     let starts = Starts::new(replay, horizons_s);
@@ -154,13 +155,15 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
                     (0..4).for_each(|k| sum[k] += s[k]);
                 }
             };
+            // First-order propagation: one roll-out per perturbed component of the initial state.
             for which in 0..12 {
                 let moved = noise.moved(start, which);
                 plant.roll(&replay.ticks, from, far, &moved, &[], &mut points);
                 take(&points);
             }
             if let Some((sigma, period)) = input {
-                // White noise of ticks with the low-frequency power of that of the samples: what integrates is the same.
+                // White noise per tick with the same low-frequency power as that of the samples: what integrates is the
+                // same.
                 let sigma = sigma * (period / TICK_S).sqrt();
                 let key =
                     Key { seed: 0, world: 0, drone: 0, step: *i as u64, purpose: purpose("gap.input_noise") };

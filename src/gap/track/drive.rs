@@ -1,4 +1,4 @@
-//! What drives the model along a log, and whether the vehicle could fly by it.
+//! The model's inputs along a log, and whether the vehicle could fly with them.
 
 use super::sensors::say_held;
 use super::{Drive, Fault, Noise, Options};
@@ -10,7 +10,7 @@ use crate::physics::airframe;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::vehicle::{DYNAMICS, Vehicle};
 
-/// Samples of commands or of measured inputs.
+/// Samples of commands or measured inputs.
 #[derive(Clone, Debug)]
 pub(crate) struct Inputs {
     /// Rotor speeds, measured or commanded, rad/s, shape (rotor).
@@ -22,7 +22,7 @@ pub(crate) struct Inputs {
 }
 
 impl Inputs {
-    /// Thrust and rotor speeds of the flying part.
+    /// Thrust and rotor speeds in flight.
     pub(super) fn in_flight(&self, cut: &Unusable) -> Self {
         Self {
             rotors: self.rotors.iter().map(|c| usable::flying(cut, c)).collect(),
@@ -31,7 +31,7 @@ impl Inputs {
         }
     }
 
-    /// Takes the noise out of measured inputs, says it in `noise`, and gives how they were smoothed.
+    /// Removes the noise of measured inputs, records it in `noise`, and returns how they were smoothed.
     pub(super) fn smooth(&mut self, drive: Drive, noise: &mut Noise) -> Smoothing {
         match drive {
             Drive::RotorSpeeds => {
@@ -48,13 +48,13 @@ impl Inputs {
                 noise.thrust_n = Some(smooth.noise);
                 smooth.smoothing
             }
-            // What is sent is known.
+            // Commands are known exactly.
             Drive::RotorCommands | Drive::AttitudeCommands => Smoothing::default(),
         }
     }
 }
 
-/// What drives the model.
+/// Chooses the drive of the model.
 pub(super) fn choose_drive(
     log: &FlightLog,
     vehicle: &Vehicle,
@@ -64,6 +64,7 @@ pub(super) fn choose_drive(
 ) -> Result<(Drive, &'static str, Inputs), GapError> {
     let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
     let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
+    // The most detailed attitude response in the file.
     let response = DYNAMICS[1..].iter().rev().find(|d| vehicle.drone(d).is_ok());
     let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
     let has = |drive: Drive| match drive {
@@ -74,6 +75,7 @@ pub(super) fn choose_drive(
         }
         Drive::Thrust => thrust.is_some(),
     };
+    // Commands first: they are known exactly. A thrust comes last: it carries no torques.
     let order = [Drive::RotorCommands, Drive::RotorSpeeds, Drive::AttitudeCommands, Drive::Thrust];
     let available: Vec<&str> = order.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
     let fault = |expected: String| {
@@ -131,8 +133,8 @@ pub(super) fn choose_drive(
     Ok((drive, dynamics, inputs))
 }
 
-/// Measured inputs without samples that only repeat the one before, all inputs together where they were read together: values that a
-/// logger holds are late, and their noise is not that of a sensor. What repeats for longer does not change.
+/// Removes samples of measured inputs that only repeat the previous one, for all inputs together if they were sampled
+/// together: held values are late, and their noise is not that of a sensor. Inputs that repeat for longer are constant.
 fn not_held(inputs: &[Channel<1>], name: &str, warnings: &mut Vec<String>) -> Vec<Channel<1>> {
     let [first, ..] = inputs else { return Vec::new() };
     if inputs.iter().any(|c| c.t_s != first.t_s) {
@@ -154,13 +156,13 @@ fn not_held(inputs: &[Channel<1>], name: &str, warnings: &mut Vec<String>) -> Ve
     inputs.iter().map(at).collect()
 }
 
-/// Time beyond which an input that repeats is one that does not change, s.
+/// Time beyond which a repeating input counts as constant, s.
 const HELD_S: f64 = 0.1;
 
-/// Thrust over weight that flights have in the middle: outside, it is the wrong vehicle or the wrong unit.
+/// Plausible median of thrust over weight: outside, it is the wrong vehicle or the wrong unit.
 const PLAUSIBLE_THRUST: [f64; 2] = [0.3, 3.0];
 
-/// Refuses inputs by which the vehicle would not fly: over a flight, thrust is about weight.
+/// Refuses inputs with which the vehicle would not fly: over a flight, thrust is about weight.
 pub(super) fn plausible_thrust(
     drive: Drive,
     dynamics: &str,
@@ -168,7 +170,7 @@ pub(super) fn plausible_thrust(
     vehicle: &Vehicle,
     fault: &Fault,
 ) -> Result<(), GapError> {
-    // A vehicle that lacks these dynamics is refused where they are needed.
+    // A vehicle without these dynamics is refused later, where they are needed.
     let Ok(drone) = vehicle.drone(dynamics) else { return Ok(()) };
     let middle = |c: &Channel<1>| clean::median(c.component(0)).unwrap_or(0.0);
     let (thrust_n, of) = match drive {
@@ -195,7 +197,7 @@ pub(super) fn plausible_thrust(
     ))
 }
 
-/// Rotor speeds without samples that stand out or read zero in flight.
+/// Rotor speeds without outliers and zero readings in flight.
 fn without_spikes(channel: &Channel<1>, name: &str, warnings: &mut Vec<String>) -> Channel<1> {
     let typical = clean::median(channel.component(0)).unwrap_or(0.0);
     let mut marks = clean::outliers(channel, 3, 8.0, 0.15 * typical);
@@ -221,14 +223,14 @@ mod tests {
                 values.iter().map(|v| [*v]).collect(),
             )
         };
-        // The third row is held; in the fourth one rotor alone repeats.
+        // The third row is held; in the fourth only one rotor repeats.
         let rotors = [channel(&[1.0, 2.0, 2.0, 2.0, 3.0]), channel(&[5.0, 6.0, 6.0, 7.0, 8.0])];
         let mut warnings = Vec::new();
         let out = not_held(&rotors, "rotor speeds", &mut warnings);
         assert_eq!(out[0].component(0), [1.0, 2.0, 2.0, 3.0]);
         assert_eq!(out[1].t_s, [0.0, 0.01, 0.03, 0.04]);
         assert_eq!(warnings, ["rotor speeds: 1 of 5 samples repeat the one before and were left out"]);
-        // A thrust that does not change for half a second: a sample in every tenth of one stays.
+        // A thrust that is constant for half a second: one sample in ten is kept.
         let still = not_held(&[channel(&[4.0; 51])], "thrust", &mut warnings);
         assert!((5..=6).contains(&still[0].len()), "{:?}", still[0].t_s);
     }

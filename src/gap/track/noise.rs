@@ -1,11 +1,11 @@
-//! Noise of sensors: by how much a sample leaves the curve through its neighbours.
+//! Sensor noise: the deviation of a sample from the curve through its neighbours.
 
 use super::{Noise, StatedNoise};
 use crate::flight::{Channel, clean, resample};
 use crate::math::quat;
 
 impl Noise {
-    /// Noise of position and attitude, gyroscope and accelerometer, as stated or else as their samples show it.
+    /// Noise of position and attitude, gyroscope and accelerometer, as stated or else as estimated from their samples.
     pub(super) fn of(
         stated: &StatedNoise,
         (position, attitude): (&Channel<3>, &Channel<4>),
@@ -28,10 +28,10 @@ impl Noise {
     }
 }
 
-/// Samples of the local fits from whose residuals noise is estimated.
+/// Samples of the local fits whose residuals give the noise.
 const NEAR: usize = 7;
 
-/// Standard deviation of a sample: what cubics through 7 neighbours leave, by the median over the log and components.
+/// Standard deviation of a sample: residual of cubics through 7 neighbours, by the median over the log and components.
 pub(crate) fn noise_of<const N: usize>(channel: &Channel<N>) -> f64 {
     let mut all = Vec::new();
     let stride = (channel.len() / 2000).max(1);
@@ -61,10 +61,10 @@ fn attitude_noise(channel: &Channel<4>) -> f64 {
     clean::median(all).map_or(0.0, |m| (m / 2.366).sqrt())
 }
 
-/// Sum of squares that a cubic leaves.
+/// Residual sum of squares of a cubic fit.
 fn cubic_residual(t: &[f64], y: &[f64]) -> f64 {
     let (middle, scale) = (t[t.len() / 2], (t[t.len() - 1] - t[0]).max(1e-9));
-    // Orthogonal polynomials by Gram–Schmidt, exact for uneven times.
+    // Orthogonal polynomials by Gram–Schmidt, exact for uneven sample times.
     let mut rest = y.to_vec();
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for power in 0..4 {

@@ -1,4 +1,4 @@
-//! What a log's sensors measured, without what no flight model explains.
+//! The sensor channels of a log, without spans that no flight model explains.
 
 use super::Fault;
 use crate::flight::usable::Unusable;
@@ -6,7 +6,7 @@ use crate::flight::{Channel, FlightLog};
 use crate::gap::GapError;
 use crate::math::quat;
 
-/// Fewest samples of a channel that is used.
+/// Fewest samples of a usable channel.
 const FEWEST: usize = 50;
 
 /// Refuses a log without a pose.
@@ -33,7 +33,7 @@ pub(super) fn pose(log: &FlightLog, cut: &Unusable, warnings: &mut Vec<String>) 
     (position, attitude)
 }
 
-/// Refuses a pose that stands still: `samples` are the numbers of different ones of its channels.
+/// Refuses a constant pose: `samples` are the numbers of distinct samples of its channels.
 pub(super) fn changes_in_flight(
     samples: [(&str, usize); 2],
     cut: &Unusable,
@@ -67,7 +67,7 @@ pub(super) fn inertial(
     (cut.without("angular velocity", &gyro), cut.without("specific force", &accel))
 }
 
-/// The channel; without its samples where too few of them lie in the span.
+/// The channel; without samples if too few of them lie in the span.
 pub(super) fn enough_in(
     span_s: [f64; 2],
     c: Channel<3>,
@@ -82,7 +82,7 @@ pub(super) fn enough_in(
     c
 }
 
-/// The channel without samples that only repeat the one before (held values of a slower sensor).
+/// The channel without samples that only repeat the previous one (held values of a slower sensor).
 fn distinct<const N: usize>(channel: &Channel<N>, name: &str, warnings: &mut Vec<String>) -> Channel<N> {
     let mut out = Channel::<N>::default();
     for (t, v) in channel.t_s.iter().zip(&channel.values) {
@@ -95,7 +95,7 @@ fn distinct<const N: usize>(channel: &Channel<N>, name: &str, warnings: &mut Vec
     out
 }
 
-/// Says how many samples only repeat the one before, where that is more than one in twenty.
+/// Warns how many samples only repeat the previous one, if more than one in twenty.
 pub(super) fn say_held(name: &str, left: usize, of: usize, warnings: &mut Vec<String>) {
     if left * 20 > of {
         warnings.push(format!("{name}: {left} of {of} samples repeat the one before and were left out"));

@@ -1,7 +1,7 @@
-//! Low-pass filtering without phase, of many columns at once.
+//! Zero-phase low-pass filtering of many columns at once.
 
-/// Second-order low-pass whose forward and backward passes together have half power at `cut_hz`, for samples `step_s` apart.
-/// Butterworth, "On the theory of filter amplifiers", Wireless Engineer 7, 1930; bilinear transform with prewarping.
+/// Second-order low-pass whose forward and backward passes together have half power at `cut_hz`, for samples `step_s`
+/// apart. Butterworth, "On the theory of filter amplifiers", Wireless Engineer 7, 1930; bilinear transform with prewarping.
 #[derive(Clone, Copy, Debug)]
 struct Biquad {
     b: [f64; 3],
@@ -10,7 +10,7 @@ struct Biquad {
 
 impl Biquad {
     fn new(cut_hz: f64, step_s: f64) -> Self {
-        // Above 0.49 of the sampling rate nothing is left to cut. Two passes halve the power where one leaves 1/√2 of it:
+        // The cut-off is limited to 0.49 of the sampling rate. Two passes halve the power where one leaves 1/√2 of it:
         // (f/f₀)⁴ = √2 − 1 there.
         let k =
             (core::f64::consts::PI * (cut_hz * step_s).min(0.49)).tan() / (2.0f64.sqrt() - 1.0).powf(0.25);
@@ -22,7 +22,7 @@ impl Biquad {
         }
     }
 
-    /// One pass over rows of `width` numbers in the given order, started as if the first row had always been there.
+    /// One pass over rows of `width` numbers in the given order, initialised to the steady state of the first row.
     fn pass(&self, rows: &mut [f64], width: usize, order: impl Iterator<Item = usize>) {
         let [b0, b1, b2] = self.b;
         let [a1, a2] = self.a;
@@ -48,7 +48,7 @@ impl Biquad {
     }
 }
 
-/// Filters rows of `width` numbers, `step_s` apart, forward and backward: no phase, half power at `cut_hz`.
+/// Filters rows of `width` numbers, `step_s` apart, forward and backward: zero phase, half power at `cut_hz`.
 pub(super) fn low_pass(rows: &mut [f64], width: usize, cut_hz: f64, step_s: f64) {
     if width == 0 {
         return;
@@ -69,7 +69,7 @@ mod tests {
         for cut_hz in [3.0, 5.0, 8.0] {
             for (hz, power) in [(0.1 * cut_hz, 1.0), (cut_hz, 0.5), (4.0 * cut_hz, 0.0)] {
                 let of = |i: usize| (core::f64::consts::TAU * hz * i as f64 * step_s).sin();
-                // A second column, to see that columns do not mix.
+                // A second column, to check that columns do not mix.
                 let mut rows: Vec<f64> = (0..n).flat_map(|i| [of(i), 3.0]).collect();
                 low_pass(&mut rows, 2, cut_hz, step_s);
                 let middle = n / 4..3 * n / 4;
@@ -81,7 +81,7 @@ mod tests {
                 }
                 let gain = same / square;
                 assert!((gain * gain - power).abs() < 0.01, "{hz} Hz of {cut_hz} Hz: {gain}");
-                // In phase: what is left beside the gain is nothing.
+                // In phase: nothing is left beside the scaled signal.
                 let rest = (n / 4..3 * n / 4).map(|i| (rows[2 * i] - gain * of(i)).powi(2)).sum::<f64>();
                 assert!(rest < 1e-4 * square, "{rest} of {square}");
             }

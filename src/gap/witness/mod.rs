@@ -1,10 +1,10 @@
-//! A second line of evidence, which knows nothing of sensor noise and start states: equation error in a band.
+//! The second estimator: band-limited equation error, which needs no model of sensor noise and no initial states.
 //!
-//! At every instant the measured specific force and angular acceleration, less what the model says at the measured state, are
-//! linear in what is missing. Both sides are low-passed alike and without phase, means are taken out of every log and axis,
-//! and least squares does the rest; channels weigh by what they themselves leave. An effect counts by the variance that it
-//! explains on flight that the fit has not seen. What is lost against output error is precision; what is won is that no
-//! figure of noise, no prior and no initial state can turn the answer.
+//! At every instant the measured specific force and angular acceleration, minus the model's at the measured state, are
+//! linear in the missing effects. Both sides pass the same zero-phase low-pass, means are removed per log and axis, and the
+//! rest is least squares, with channels weighted by their residual variance. An effect is scored by the variance that it
+//! explains on held-out flight. Compared with output error it is less precise, but independent of noise figures, priors and
+//! initial states.
 //!
 //! Sources: Morelli & Klein, "Aircraft system identification: theory and practice", 2nd ed., Sunflyte 2016, ch. 5 and 6, and
 //! their programs SIDPAC (equation error, stepwise regression by predicted squared error); cluster-robust standard errors:
@@ -27,43 +27,44 @@ use samples::Samples;
 
 /// Specific force x, y, z and angular acceleration x, y, z.
 pub(crate) const CHANNELS: usize = 6;
-/// Cut-off of the band, Hz. Vehicles' own motion lies below 3 Hz, measured rotor speeds and estimators are true up to 8 Hz.
+/// Cut-off of the band, Hz. The vehicles' own motion is below 3 Hz; measured rotor speeds and estimators are accurate up to
+/// 8 Hz.
 const BAND_HZ: f64 = 5.0;
-/// Root mean square of a candidate's column at its plausible size, m/s² or rad/s², below which it is no column: rounding.
+/// Root mean square of a candidate's column at its plausible size, m/s² or rad/s², below which it is only rounding.
 const LEAST_COLUMN: f64 = 1e-6;
-/// Standard errors by which a gain on unseen flight must be above zero.
+/// Standard errors by which a gain on held-out flight must exceed zero.
 const SURE: f64 = 2.0;
 /// Most steps of the forward selection: more effects than a verdict holds, and some tolerances beside them.
 const MOST_STEPS: usize = 8;
 /// Spikes (standard deviations of a tolerance) up to which an estimate is within tolerance.
 const TOLERANCE: f64 = 3.0;
-/// Least share of what is left of force or torque, all axes together, that a step of the forward selection must remove.
+/// Least share of the remaining force or torque, all axes together, that a step of the forward selection must remove.
 const LEAST_GAIN: f64 = 0.02;
-/// Standard errors that a claimed value must lie from the filed one for the witness to be able to see it.
+/// Standard errors by which a claimed value must differ from the nominal one for the witness to be able to see it.
 const VISIBLE: f64 = 3.0;
-/// Factor within which two estimates agree whatever their standard errors are: equation error is biased by noise in its
-/// regressors and by all that is not in the set.
+/// Factor within which two estimates agree regardless of their standard errors: equation error is biased by noise in its
+/// regressors and by effects outside the set.
 const FACTOR: f64 = 2.0;
 /// Joint standard errors within which two estimates agree.
 const JOINT: f64 = 3.0;
-/// Share of a channel that an effect of mass or drive must explain. What rotors do is the pilot's answer to whatever moves
-/// the vehicle: their own column goes with every disturbance, and at less than half a correlation of 0.7 with it would do.
-/// Two quiet flights in which nothing is missing (a hover and a Lissajous figure) reached 0.24 and 0.32, rotor inertia 0.98,
-/// inertia by 17 % 0.90.
+/// Share of a channel that an effect of mass or drive must explain. Rotor speeds are the pilot's response to whatever moves
+/// the vehicle: their column correlates with every disturbance, and a threshold below a half would be passed by a
+/// correlation of 0.7. Two quiet flights in which nothing is missing (a hover and a Lissajous figure) reached 0.24 and
+/// 0.32, rotor inertia 0.98, inertia by 17 % 0.90.
 const OWN_SHARE: f64 = 0.5;
 
 /// The regressions of some logs.
 pub(crate) struct Witness {
-    /// Parameters by candidate, those that can be witnessed only.
+    /// Parameters by candidate, only those that the witness can observe.
     members: Vec<Vec<usize>>,
-    /// Values at which the model was linearised.
+    /// Values at the linearisation point.
     at: Vec<f64>,
-    /// Values in the file.
+    /// Nominal values.
     filed: Vec<f64>,
-    /// Which way parameters can go, from the value of linearisation.
+    /// Allowed direction of the parameters from the linearisation point.
     sides: Vec<f64>,
     spike: Vec<f64>,
-    /// Candidates of mass and drive, whose columns the pilot's answer is in.
+    /// Candidates of mass and drive, whose columns contain the pilot's response.
     answers: Vec<bool>,
     may: Vec<bool>,
     band: Band,
@@ -72,28 +73,28 @@ pub(crate) struct Witness {
 /// An estimate of a parameter: its index, value (not offset) and standard error, in the parameter's unit.
 pub(crate) type Estimate = (usize, f64, f64);
 
-/// What the regressions say about a candidate beside others.
+/// The regressions' result for a candidate beside others.
 #[derive(Clone, Debug)]
 pub(crate) struct Testimony {
-    /// Estimates in the main band by force and torque together.
+    /// Estimates in the main band from force and torque together.
     pub values: Vec<Estimate>,
-    /// The same by force alone and by torque alone, of the parameters that act there.
+    /// The same from force alone and from torque alone, for the parameters that act there.
     pub by_force: Vec<Estimate>,
     pub by_torque: Vec<Estimate>,
-    /// Share of the variance that the others leave out of sample which the candidate removes out of sample, per body axis.
+    /// Share of the held-out variance left by the others that the candidate removes, per body axis.
     pub force_gain: [f64; 3],
     pub torque_gain: [f64; 3],
-    /// The same of all axes together, in the group (force or torque) in which it acts most.
+    /// The same over all axes, in the group (force or torque) in which it acts most.
     pub gain: f64,
     /// Standard error of `gain` by the scatter of blocks.
     pub gain_sigma: f64,
     /// Whether that group is the torque.
     pub by_turning: bool,
-    /// Whether one of the groups (force, torque) loses more than by chance: a compromise between what does not fit together.
+    /// Whether one of the groups (force, torque) loses more than by chance: a compromise between conflicting data.
     pub harms: bool,
-    /// Whether the columns hold the pilot's answer, see [`OWN_SHARE`].
+    /// Whether the columns contain the pilot's response, see [`OWN_SHARE`].
     answers: bool,
-    /// The values in the file.
+    /// Nominal values.
     filed: Vec<f64>,
 }
 
@@ -101,39 +102,39 @@ pub(crate) struct Testimony {
 #[derive(Clone, Debug)]
 pub(crate) struct Step {
     pub candidate: usize,
-    /// As in [`Testimony`], beside the candidates of the steps before.
+    /// As in [`Testimony`], beside the candidates of the previous steps.
     pub gain: f64,
     pub gain_sigma: f64,
-    /// Whether all of its estimates are within the vehicle's tolerances: no effect to look for, but worth a step of its own
-    /// since it would disturb the next.
+    /// Whether all of its estimates are within the vehicle's tolerances: not an effect, but a step of its own since it
+    /// would otherwise disturb the next.
     pub within_tolerance: bool,
 }
 
-/// Whether an estimate of another kind agrees.
+/// Whether another estimator's result agrees.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Agreement {
-    /// Unseen flight gains, and the values agree.
+    /// Held-out flight gains, and the values agree.
     Agrees,
-    /// The witness would see what is claimed, and sees something else.
+    /// The witness would see the claimed effect, and sees something else.
     Differs {
-        /// The parameter that differs most, with the claimed value, and the witness's and its standard error.
+        /// The parameter that differs most, the claimed value, and the witness's value with its standard error.
         parameter: usize,
         claimed: f64,
         found: f64,
         sigma: f64,
-        /// Whether unseen flight gains at all.
+        /// Whether held-out flight gains at all.
         gains: bool,
     },
-    /// The band holds too little of it.
+    /// The band contains too little of it.
     Mute,
 }
 
-/// How much of the squares of channels a candidate removes.
+/// Reduction of the channels' residual squares by a candidate.
 struct Gain {
     channel: [f64; CHANNELS],
     /// Force and torque: share and its standard error.
     group: [(f64, f64); 2],
-    /// The same with the channels weighted by what is left of them.
+    /// The same with the channels weighted by their residual.
     weighted: [(f64, f64); 2],
     /// Sum over channels of the logarithm of squares before over after.
     score: f64,
@@ -178,12 +179,12 @@ impl Gain {
         usize::from(self.group[1].0 > self.group[0].0)
     }
 
-    /// Whether force or torque lose more than by chance.
+    /// Whether force or torque loses more than by chance.
     fn harms(&self) -> bool {
         self.group.iter().any(|(gain, sigma)| *gain < -SURE * sigma && *gain < -LEAST_GAIN)
     }
 
-    /// Whether force or torque gain more than by chance, all axes together or each for its own size.
+    /// Whether force or torque gains more than by chance, over all axes together or with each axis scaled to its own size.
     fn sure(&self) -> bool {
         self.group.iter().chain(&self.weighted).any(|(gain, sigma)| *gain > SURE * sigma && *gain > 0.0)
     }
@@ -194,7 +195,7 @@ const FORCES: [bool; CHANNELS] = [true, true, true, false, false, false];
 const TORQUES: [bool; CHANNELS] = [false, false, false, true, true, true];
 
 impl Witness {
-    /// With the model as filed but for the clocks of every log, which are those of a fit: half a millisecond would turn a
+    /// With the nominal model except for the clocks of every log, which are those of a fit: half a millisecond would bias a
     /// regression.
     pub fn beside(model: &Model, logs: &[Prepared], fit: &Solution) -> Self {
         let timing = model.timing();
@@ -209,14 +210,14 @@ impl Witness {
         Self::at(logs, model, &values, &timing)
     }
 
-    /// With the model as filed.
+    /// With the nominal model.
     #[cfg(test)]
     pub fn new(logs: &[Prepared], model: &Model) -> Self {
         Self::at(logs, model, &model.filed().into(), &[])
     }
 
-    /// With the model at parameter values `values` and the effects of `chosen` at work: what only shows beside another effect
-    /// (wind beside drag) has a slope there.
+    /// With the model at parameter values `values` and the effects of `chosen` active: an effect that only shows beside
+    /// another one (wind beside drag) has a derivative there.
     pub fn at(logs: &[Prepared], model: &Model, values: &Values, chosen: &[usize]) -> Self {
         let by: Vec<usize> = (0..model.parameters.len()).filter(|k| linear(model, *k)).collect();
         let samples: Vec<Samples> = logs
@@ -233,7 +234,7 @@ impl Witness {
             .iter()
             .zip(&values.shared)
             .map(|(p, at)| match p.sign {
-                // What the file lists can turn out smaller, and what has been moved may come back.
+                // An effect listed in the file can be smaller, and a moved parameter may come back.
                 _ if model.listed[p.effect] || *at != p.filed => 0.0,
                 Sign::Any => 0.0,
                 Sign::Up => 1.0,
@@ -252,7 +253,7 @@ impl Witness {
         }
     }
 
-    /// Whether the regressions can say anything about a candidate: its slope at the values of the model is not nothing.
+    /// Whether the regressions carry information about a candidate: its derivative at the model's values is not zero.
     pub fn covers(&self, c: usize) -> bool {
         self.band.judges() && !self.members[c].is_empty()
     }
@@ -261,7 +262,7 @@ impl Witness {
         set.iter().flat_map(|c| self.members[*c].iter().copied()).collect()
     }
 
-    /// Share of the residual's variance that a set explains on flight that each fit has not seen: specific force x, y, z,
+    /// Share of the residual's variance that a set explains on flight held out from each fit: specific force x, y, z,
     /// angular acceleration x, y, z.
     #[cfg(test)]
     pub fn explained(&self, set: &[usize]) -> Option<[f64; CHANNELS]> {
@@ -270,7 +271,7 @@ impl Witness {
         Some(Gain::new(&band.before(), &left).channel)
     }
 
-    /// The same on the logs of another witness, by a fit to all of this one's.
+    /// The same on the logs of another witness, with a fit to all of this one's.
     #[cfg(test)]
     pub fn explains(&self, set: &[usize], unseen: &Self) -> Option<[f64; CHANNELS]> {
         let fit = self.band.fit(&self.parameters(set), &ALL, &self.sides)?;
@@ -281,7 +282,7 @@ impl Witness {
         let band = &self.band;
         let acts = |k: &usize| (0..CHANNELS).any(|ch| on[ch] && band.size(*k, ch) > 0.0);
         let parameters: Vec<usize> = self.parameters(set).into_iter().filter(acts).collect();
-        // Signs are left free: an estimate of the wrong sign is a testimony too.
+        // Signs are left free: an estimate of the wrong sign is informative too.
         let fit = band.fit(&parameters, on, &vec![0.0; self.sides.len()])?;
         let errors = band.standard_errors(&fit);
         let own = |k: &usize| self.members[c].contains(k);
@@ -293,12 +294,12 @@ impl Witness {
         )
     }
 
-    /// What a set leaves out of sample.
+    /// Held-out residual squares of a set.
     fn left(&self, set: &[usize]) -> Option<Left> {
         self.band.left(&self.parameters(set), &ALL, &self.sides)
     }
 
-    /// What the logs say about candidate `c` beside the others of `set`; nothing where it is not covered.
+    /// The logs' testimony about candidate `c` beside the others of `set`; `None` where it is not covered.
     pub fn testimony(&self, set: &[usize], c: usize) -> Option<Testimony> {
         if !self.covers(c) {
             return None;
@@ -323,7 +324,7 @@ impl Witness {
         })
     }
 
-    /// Forward selection: the candidate that explains most on unseen flight, then the next beside it, for as long as one
+    /// Forward selection: the candidate that explains most on held-out flight, then the next beside it, as long as one
     /// explains more than by chance.
     pub fn search(&self) -> Vec<Step> {
         let mut out: Vec<Step> = Vec::new();
@@ -360,13 +361,13 @@ impl Witness {
     }
 }
 
-/// Whether a parameter's slope stands for it: it enters forces, torques or the drive, and is no limit.
+/// Whether a parameter is linear enough: it enters forces, torques or the drive, and is no limit.
 fn linear(model: &Model, k: usize) -> bool {
     let p = &model.parameters[k];
     matches!(p.enters, Enters::Dynamics | Enters::Drive) && p.name != "max_rotor_vel_rad_s"
 }
 
-/// Whether two offsets from the filed value are the same, with their standard errors.
+/// Whether two offsets from nominal agree, given their standard errors.
 fn alike(a: f64, a_sigma: f64, b: f64, b_sigma: f64) -> bool {
     (a - b).abs() < JOINT * (a_sigma * a_sigma + b_sigma * b_sigma).sqrt()
         || (1.0 / FACTOR..=FACTOR).contains(&(a / b))
@@ -377,18 +378,18 @@ impl Testimony {
         e.1 - self.filed[e.0]
     }
 
-    /// Whether unseen flight gains by the candidate, and nothing loses.
+    /// Whether held-out flight gains by the candidate, without a loss anywhere.
     pub fn gains(&self) -> bool {
         self.gain > SURE * self.gain_sigma && !self.harms
     }
 
-    /// Whether the pilot's answer to something else could look like it, see [`OWN_SHARE`].
+    /// Whether the pilot's response to something else could look like it, see [`OWN_SHARE`].
     pub fn could_be_an_answer(&self) -> bool {
         let shares = self.force_gain.iter().chain(&self.torque_gain);
         self.answers && shares.fold(0.0f64, |a, b| a.max(*b)) < OWN_SHARE
     }
 
-    /// The parameter of which force and torque tell different values: what force says, what torque says.
+    /// The parameter for which force and torque give different values: from force, from torque.
     pub fn split(&self) -> Option<(Estimate, Estimate)> {
         self.by_force.iter().find_map(|f| {
             let t = self.by_torque.iter().find(|t| t.0 == f.0)?;
@@ -399,9 +400,9 @@ impl Testimony {
 
 /// Whether a posterior (mean and standard deviation, by parameter) agrees with a testimony.
 ///
-/// The witness is mute where it could not see what is claimed, or where a pilot's answer could look the same. It differs where
-/// unseen flight does not gain, where its estimate of a visible parameter has another sign or size, and where force and torque
-/// tell it different ones.
+/// The witness is mute where it could not see the claimed effect, or where a pilot's response could look the same. It
+/// differs where held-out flight does not gain, where its estimate of a visible parameter has another sign or size, and
+/// where force and torque give different values.
 pub(crate) fn agreement(testimony: &Testimony, mean: &[f64], sigma: &[f64]) -> Agreement {
     let off = |k: usize| mean[k] - testimony.filed[k];
     let gains = testimony.gains();
@@ -417,7 +418,7 @@ pub(crate) fn agreement(testimony: &Testimony, mean: &[f64], sigma: &[f64]) -> A
     if seen.is_empty() || testimony.could_be_an_answer() {
         return Agreement::Mute;
     }
-    // The one that is furthest off in standard errors speaks.
+    // The one furthest off in standard errors decides.
     let far = |e: &Estimate| (e.1 - mean[e.0]).abs() / e.2.max(1e-300);
     let furthest = |keep: &dyn Fn(&Estimate) -> bool| {
         seen.iter().filter(|e| keep(e)).max_by(|a, b| far(a).total_cmp(&far(b))).map(|e| differs(e))

@@ -1,7 +1,7 @@
-//! Least squares on blocks of band-limited samples, with standard errors by the scatter of the blocks and with judgement on
-//! samples that the fit has not seen.
+//! Least squares on blocks of band-limited samples, with standard errors by the scatter between blocks and scores on
+//! held-out samples.
 //!
-//! What the low-passed samples of a block say is kept as one Gram matrix per channel, so that every set of parameters costs a
+//! The low-passed samples of a block are reduced to one Gram matrix per channel, so that every set of parameters costs a
 //! few small matrices. Equation error: Morelli & Klein, "Aircraft system identification: theory and practice", 2nd ed.,
 //! Sunflyte 2016, ch. 5 and 6 (SIDPAC); standard errors of coloured residuals: Liang & Zeger, Biometrika 73(1), 1986.
 
@@ -10,32 +10,32 @@ use super::band::low_pass;
 use super::samples::{EVERY_S, RESIDUAL, Samples};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// Time at the ends of a stretch that the filter's start spoils, periods of the cut-off.
+/// Time at the ends of a span affected by the filter's start, periods of the cut-off.
 const SPOILT_PERIODS: f64 = 1.0;
-/// Samples that are kept per period of the cut-off: twice what the band needs.
+/// Samples kept per period of the cut-off: twice what the band needs.
 const PER_PERIOD: f64 = 4.0;
-/// Length of a block, s: longer than what a vehicle and its weather remember, and short enough for some tens of blocks.
+/// Length of a block, s: longer than the memory of vehicle and weather, and short enough for some tens of blocks.
 const BLOCK_S: f64 = 2.0;
-/// Least number of blocks of a log: shorter logs get shorter blocks, down to [`SHORTEST_BLOCK_S`].
+/// Fewest blocks of a log: shorter logs get shorter blocks, down to [`SHORTEST_BLOCK_S`].
 const BLOCKS: f64 = 24.0;
-/// Periods of a slow swing (1 Hz) in the shortest block: half of one.
+/// Length of the shortest block, s: half a period of a slow oscillation (1 Hz).
 const SHORTEST_BLOCK_S: f64 = 0.5;
-/// Folds where there is one log only.
+/// Folds where there is only one log.
 const FOLDS: usize = 8;
-/// Blocks beside a fold that take no part in its fit: the filter and slow weather reach across the edge.
+/// Blocks beside a fold that are left out of its fit: the filter and slow weather reach across the edge.
 const GUARD: usize = 1;
-/// Passes of the channels' weights.
+/// Iterations of the channels' weights.
 const PASSES: usize = 4;
-/// Slabs of the ridge: wide enough to say nothing where the log says anything.
+/// Width of the ridge in slabs: negligible where the log is informative.
 const RIDGE_SLABS: f64 = 10.0;
-/// Least variance of a channel's remaining residual, of its variance before: else a channel that is explained wholly would
-/// silence all others.
+/// Lower bound on a channel's residual variance, as a share of its variance before: otherwise a fully explained channel
+/// would outweigh all others.
 const LEAST_REST: f64 = 1e-4;
 
 /// Columns of a channel: parameters, then the residual.
 #[derive(Clone, Debug, Default)]
 struct Channel {
-    /// Parameters that act on it.
+    /// Parameters that act on the channel.
     parameters: Vec<usize>,
 }
 
@@ -67,28 +67,28 @@ pub(super) struct Band {
     slab: Vec<f64>,
     blocks: Vec<Sums>,
     all: Sums,
-    /// Folds: blocks that judge, and sums over those that are fitted.
+    /// Folds: held-out blocks, and sums over the blocks of their fit.
     folds: Vec<(Vec<usize>, Sums)>,
 }
 
-/// Parameters with their covariance's root parts.
+/// Fitted parameters with the factors of their covariance.
 #[derive(Clone, Debug)]
 pub(super) struct Fit {
     pub parameters: Vec<usize>,
     pub beta: DVector<f64>,
-    /// Weights of the channels: one over the variance that the fit leaves.
+    /// Weights of the channels: inverse of their residual variance.
     pub weight: [f64; CHANNELS],
     inverse: DMatrix<f64>,
 }
 
-/// Squares that a fit leaves out of sample, (block, channel).
+/// Held-out residual squares of a fit, (block, channel).
 pub(super) type Left = Vec<[f64; CHANNELS]>;
 
-/// Where a parameter's sign is fixed: +1 or −1, else 0.
+/// +1 or −1 where a parameter's sign is fixed, else 0.
 pub(super) type Sides = Vec<f64>;
 
 impl Band {
-    /// Filters the samples of all logs at `cut_hz`, takes the mean out of every log and axis, and sums over blocks.
+    /// Filters the samples of all logs at `cut_hz`, removes the mean per log and axis, and sums over blocks.
     pub fn new(logs: &[Samples], slab: Vec<f64>, cut_hz: f64) -> Self {
         let mut channels = vec![Channel::default(); CHANNELS];
         for (channel, k) in logs.iter().flat_map(|l| &l.columns).filter(|(_, k)| *k != RESIDUAL) {
@@ -110,7 +110,7 @@ impl Band {
         Self { channels, slab, blocks, all, folds }
     }
 
-    /// Whether the logs hold enough for a judgement.
+    /// Whether there is enough data for a judgement.
     pub fn judges(&self) -> bool {
         !self.folds.is_empty()
     }
@@ -127,12 +127,12 @@ impl Band {
         self.blocks.iter().map(|b| core::array::from_fn(|c| last(&b.gram[c]))).collect()
     }
 
-    /// Least squares over all blocks, on the channels that `on` names.
+    /// Least squares over all blocks, on the channels selected by `on`.
     pub fn fit(&self, parameters: &[usize], on: &[bool; CHANNELS], sides: &Sides) -> Option<Fit> {
         self.one_sided(&self.all, parameters, on, sides)
     }
 
-    /// Squares left on blocks that each fit has not seen.
+    /// Residual squares on blocks held out from each fit.
     pub fn left(&self, parameters: &[usize], on: &[bool; CHANNELS], sides: &Sides) -> Option<Left> {
         let mut out = self.before();
         for (judging, sums) in &self.folds {
@@ -144,13 +144,13 @@ impl Band {
         Some(out)
     }
 
-    /// Squares that a fit to other logs leaves.
+    /// Residual squares of a fit to other logs.
     #[cfg(test)]
     pub fn left_by(&self, fit: &Fit) -> Left {
         self.blocks.iter().map(|b| self.rest(b, fit)).collect()
     }
 
-    /// As [`Self::solve`], without the parameters that would go the wrong way.
+    /// As [`Self::solve`], without the parameters that would get the wrong sign.
     fn one_sided(
         &self,
         sums: &Sums,
@@ -161,7 +161,7 @@ impl Band {
         let mut kept = parameters.to_vec();
         loop {
             let fit = self.solve(sums, &kept, on)?;
-            // The one that goes the wrong way furthest, in slabs.
+            // The one furthest on the wrong side, in slabs.
             let wrong = (0..kept.len())
                 .map(|i| (fit.beta[i] * sides[kept[i]] / self.slab[kept[i]], i))
                 .filter(|(size, _)| *size < 0.0)
@@ -201,7 +201,7 @@ impl Band {
                     }
                 }
             }
-            // Scaled to a diagonal of one: units differ by many orders.
+            // Scaled to a unit diagonal: units differ by many orders of magnitude.
             let scale = DVector::from_fn(m, |i, _| a[(i, i)].max(1e-300).sqrt().recip());
             let scaled = DMatrix::from_fn(m, m, |i, j| a[(i, j)] * scale[i] * scale[j]);
             let inverse = Cholesky::new(scaled)?.inverse();
@@ -217,7 +217,7 @@ impl Band {
         fit
     }
 
-    /// Squares that a fit leaves of each channel.
+    /// Residual squares of a fit per channel.
     fn rest(&self, sums: &Sums, fit: &Fit) -> [f64; CHANNELS] {
         core::array::from_fn(|c| {
             let gram = &sums.gram[c];
@@ -262,7 +262,7 @@ impl Band {
     }
 }
 
-/// The last number of a Gram matrix: the residual's square.
+/// Last entry of a Gram matrix: the residual's square.
 fn last(gram: &DMatrix<f64>) -> f64 {
     gram[(gram.nrows() - 1, gram.ncols() - 1)]
 }
@@ -298,7 +298,7 @@ fn blocks_of(log: &Samples, channels: &[Channel], cut_hz: f64) -> Vec<Sums> {
         })
         .collect();
     let mut out = Vec::new();
-    // What is left over at the end goes to the last block.
+    // The remaining samples at the end go to the last block.
     let n_blocks = (kept.len() / per_block).max(usize::from(!kept.is_empty()));
     for b in 0..n_blocks {
         let to = if b + 1 == n_blocks { kept.len() } else { (b + 1) * per_block };
@@ -307,7 +307,7 @@ fn blocks_of(log: &Samples, channels: &[Channel], cut_hz: f64) -> Vec<Sums> {
             let row: Vec<f64> =
                 rows[i * width..(i + 1) * width].iter().zip(&mean).map(|(x, m)| x - m).collect();
             for (a, (c, p)) in place.iter().enumerate() {
-                // Columns of a channel stand together.
+                // Columns of a channel are contiguous.
                 for (e, (d, q)) in place.iter().enumerate().skip(a).take_while(|(_, (d, _))| d == c) {
                     debug_assert_eq!(c, d);
                     let product = row[a] * row[e];

@@ -1,5 +1,5 @@
-//! Instant by instant along a log: what the model leaves of specific force and angular acceleration, and the slope of both by
-//! every parameter.
+//! Residuals of specific force and angular acceleration at every instant of a log, and their derivatives by every
+//! parameter.
 
 use super::super::drive_slopes::{DriveInputs, drive_inputs};
 use super::super::fit::{Prepared, Wide, passes};
@@ -14,34 +14,34 @@ use crate::physics::rigid_body::State;
 use crate::scalar::Real;
 use rayon::prelude::*;
 
-/// Steps of a roll-out between two instants, 20 ms: six in a period of the fastest band.
+/// Steps of a roll-out between two instants, 20 ms: six per period of the fastest band.
 const EVERY: usize = 4;
-/// Steps between the nodes at which [`drive_inputs`] gives slopes.
+/// Steps between the nodes at which [`drive_inputs`] gives derivatives.
 const DRIVE_EVERY: usize = 2;
 /// Time between two instants, s.
 pub(super) const EVERY_S: f64 = STEP_S * EVERY as f64;
-/// Longest hole that is bridged by a straight line so that a filter can pass it, s; well below the period of the band.
+/// Longest gap that is interpolated linearly for the filter, s; well below the period of the band.
 const BRIDGED_S: f64 = 0.1;
-/// Specific force over gravity that the rotors must give where more than [`HELD_UP`] is felt: else something else holds the
-/// vehicle up (ground, a hand), and its force is no effect of flight.
+/// Specific force over gravity that the rotors must give where more than [`HELD_UP`] is felt: otherwise something else
+/// holds the vehicle up (ground, a hand), and its force is not an effect of flight.
 const FLYING: f64 = 0.3;
 /// See [`FLYING`].
 const HELD_UP: f64 = 0.7;
-/// Time around such an instant that is left out too, s: falling with the motors off, the impact, and jumps after it.
+/// Time around such an instant that is excluded too, s: falling with the motors off, the impact, and jumps after it.
 const BESIDE_GROUND_S: f64 = 0.5;
 
-/// Slope times plausible size, m/s² or rad/s², below which a parameter does not act on a channel: rounding.
+/// Derivative times plausible size, m/s² or rad/s², below which a parameter does not act on a channel: rounding.
 const LEAST_SLOPE: f64 = 1e-9;
 
-/// A log's equation: rows of [slopes by parameter … | residual] for each channel, [`EVERY_S`] apart.
+/// Regression rows of a log: [derivatives by parameter … | residual] for each channel, [`EVERY_S`] apart.
 pub(super) struct Samples {
     /// Columns, (channel, parameter); the parameter is `usize::MAX` for the residual.
     pub columns: Vec<(usize, usize)>,
     /// Row after row.
     pub rows: Vec<f64>,
-    /// Whether all of a row was measured.
+    /// Whether a row was fully measured.
     pub measured: Vec<bool>,
-    /// Stretches of rows without a hole that is too long to bridge: from, to (not included).
+    /// Ranges of rows without a long gap: from, to (not included).
     pub stretches: Vec<(usize, usize)>,
 }
 
@@ -49,7 +49,8 @@ pub(super) struct Samples {
 pub(super) const RESIDUAL: usize = usize::MAX;
 
 impl Samples {
-    /// Of a log, at parameter values `values` with the effects of `chosen` at work; slopes by the parameters `by` only.
+    /// From a log, at parameter values `values` with the effects of `chosen` active; derivatives by the parameters `by`
+    /// only.
     pub fn new(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize], by: &[usize]) -> Self {
         let drone = model.plain_at(values, chosen);
         let replay = Replay::new(log.track, &log.around, &log.raw, &drone);
@@ -88,7 +89,7 @@ impl Samples {
     }
 }
 
-/// Fills short holes with straight lines; gives the stretches between long ones.
+/// Fills short gaps linearly; returns the ranges between long ones.
 fn bridge(rows: &mut [f64], width: usize, measured: &[bool]) -> Vec<(usize, usize)> {
     let longest = (BRIDGED_S / EVERY_S).round() as usize;
     let mut out: Vec<(usize, usize)> = Vec::new();
@@ -121,14 +122,15 @@ fn known<'a>(replay: &'a Replay, step: usize) -> Option<&'a Measured> {
     replay.around.measured.get(step)?.as_ref().filter(|_| valid)
 }
 
-/// Offsets and weights of a hat that falls to zero `apart` away: its mean is what a second difference over `apart` sees of
-/// what was differentiated. All that is compared is seen through it, so that nothing above the band folds into it.
+/// Offsets and weights of a hat function that falls to zero `apart` away: a second difference over `apart` sees the mean of
+/// the second derivative under it. All compared quantities are averaged under it, so that nothing above the band aliases
+/// into it.
 fn hat(apart: usize) -> impl Iterator<Item = (usize, f64)> {
     let square = (apart * apart) as f64;
     (1..2 * apart).map(move |i| (i, (apart - i.abs_diff(apart)) as f64 / square))
 }
 
-/// Mean under the hat over an instant; nothing where a neighbour is missing.
+/// Mean under the hat over an instant; `None` where a neighbour is missing.
 fn under_hat(list: &[Option<[f64; 3]>], step: usize) -> Option<[f64; 3]> {
     let from = step.checked_sub(EVERY)?;
     let mut sum = [0.0; 3];
@@ -150,7 +152,7 @@ fn input_under_hat(ticks: &[Tick<f64>], at: usize) -> Tick<f64> {
     out
 }
 
-/// Measured less modelled specific force (m/s², body) and angular acceleration (rad/s², body) at every instant.
+/// Measured minus modelled specific force (m/s², body) and angular acceleration (rad/s², body) at every instant.
 fn residuals(replay: &Replay) -> Vec<Option<[f64; CHANNELS]>> {
     let (track, drone) = (replay.track, replay.drone);
     let plant = replay.plant();
@@ -233,7 +235,7 @@ fn turned_by_rates(replay: &Replay, i: usize) -> Option<[f64; 3]> {
     Some(sum)
 }
 
-/// Angular acceleration from the turns to the next and from the last instant.
+/// Angular acceleration from the rotations to the next and from the previous instant.
 fn turned_by_attitudes(replay: &Replay, i: usize) -> Option<[f64; 3]> {
     let q = |i: usize| known(replay, i).map(|m| m.quat);
     let (a, b, c) = (q(i.checked_sub(EVERY)?)?, q(i)?, q(i + EVERY)?);
@@ -241,7 +243,7 @@ fn turned_by_attitudes(replay: &Replay, i: usize) -> Option<[f64; 3]> {
     Some(vec3::scale(vec3::sub(turn(b, c), turn(a, b)), 1.0 / (EVERY_S * EVERY_S)))
 }
 
-/// Slopes at every instant: (parameter of `by`, channel).
+/// Derivatives at every instant: (parameter of `by`, channel).
 fn slopes(
     log: &Prepared,
     replay: &Replay,
@@ -251,7 +253,7 @@ fn slopes(
     by: &[usize],
 ) -> Vec<Option<Vec<[f64; CHANNELS]>>> {
     let mut passes = passes(model, values, chosen);
-    // Passes hold readings last: those without any of ours need not be made.
+    // Passes of sensor outputs come last: those without a wanted parameter are skipped.
     passes.retain(|p| p.parameters.iter().any(|k| by.contains(k)));
     let plants: Vec<(&[usize], Plant<Wide>)> = passes
         .iter()

@@ -1,4 +1,4 @@
-//! The witness on logs that are at hand.
+//! Tests of the witness on simulated logs and on real ones, where these are available.
 
 use super::samples::RESIDUAL;
 use super::*;
@@ -17,7 +17,7 @@ use crate::random::{Key, purpose};
 use crate::vehicle::Vehicle;
 use std::path::{Path, PathBuf};
 
-/// Some logs of a vehicle, made ready.
+/// Some logs of a vehicle, prepared.
 struct Flights {
     vehicle: Vehicle,
     tracks: Vec<Track>,
@@ -33,7 +33,7 @@ impl Flights {
         Self { vehicle, tracks }
     }
 
-    /// The model, and the logs from..to made ready.
+    /// The model, and the logs from..to prepared.
     fn ready(&self) -> (Model, Vec<Prepared<'_>>) {
         let drone = drone_for(&self.tracks[0], &self.vehicle).unwrap();
         let logs: Vec<Prepared> = self.tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
@@ -57,8 +57,8 @@ fn real(name: &str) -> Option<PathBuf> {
     Some(folder)
 }
 
-/// Fits a set to some logs: what it explains on others, the values in the order of the candidates, and what the forward
-/// selection takes first.
+/// Fits a set to some logs: its explained share on others, the values in the order of the candidates, and the first step of
+/// the forward selection.
 fn fitted(flights: &Flights, n_fit: usize, ids: &[&str]) -> ([f64; CHANNELS], Vec<f64>, String) {
     let (model, logs) = flights.ready();
     let (fit, unseen) = logs.split_at(n_fit);
@@ -70,7 +70,7 @@ fn fitted(flights: &Flights, n_fit: usize, ids: &[&str]) -> ([f64; CHANNELS], Ve
     (witness.explains(&set, &other).unwrap(), values, first)
 }
 
-/// Figures of the README beside each set of logs, of plain regressions on unseen flights.
+/// The expected figures are those of the README beside each set of logs, from plain regressions on held-out flights.
 #[test]
 fn real_flights_are_explained_as_plain_regressions_explain_them() {
     if let (Some(data), Some(vehicles)) = (real("data/imrc_brushless"), real("cases/gap/vehicles")) {
@@ -126,8 +126,8 @@ struct Rough {
     seed: u64,
 }
 
-/// Half a minute to and fro through the room, by measured rotor speeds, of a vehicle with hidden effects; the last
-/// `resting_s` it stands on the ground with its motors off.
+/// Half a minute of flight back and forth through the room, by measured rotor speeds, of a vehicle with hidden effects; in
+/// the last `resting_s` it rests on the ground with its motors off.
 fn flight(hidden: &[AnyEffect<f64>], rough: Rough, resting_s: f64) -> (Vehicle, FlightLog) {
     // Without the drag that the file lists.
     let text = include_str!("../../../tests/data/planted_quad.toml");
@@ -177,7 +177,7 @@ fn flight(hidden: &[AnyEffect<f64>], rough: Rough, resting_s: f64) -> (Vehicle, 
     (vehicle, log)
 }
 
-/// Rotor commands that follow a figure, by small angles.
+/// Rotor commands that follow a figure, for small angles.
 fn pilot(drone: &Drone<f64>, state: &State<f64>, t: f64, hover: f64) -> [f64; MAX_ROTORS] {
     let place = [2.5 * (1.1 * t).sin(), 2.0 * (1.7 * t + 1.0).sin(), 3.0 + 0.8 * (0.9 * t).sin()];
     let speed = [2.75 * (1.1 * t).cos(), 3.4 * (1.7 * t + 1.0).cos(), 0.72 * (0.9 * t).cos()];
@@ -208,14 +208,14 @@ fn drag() -> AnyEffect<f64> {
     })
 }
 
-/// A flight as the gap finder takes it.
+/// A flight prepared for the gap finder.
 fn flights(hidden: &[AnyEffect<f64>], rough: Rough, resting_s: f64) -> Flights {
     let (vehicle, log) = flight(hidden, rough, resting_s);
     let options = Options { drive: Some(Drive::RotorSpeeds), ..Options::default() };
     Flights { tracks: vec![Track::new(log, &vehicle, &options).unwrap()], vehicle }
 }
 
-/// What `then` makes of the witness of a flight.
+/// Calls `then` with the witness of a flight.
 fn witnessed<T>(
     hidden: &[AnyEffect<f64>],
     rough: Rough,
@@ -291,10 +291,10 @@ fn estimates_agree_differ_or_are_not_seen() {
         assert_eq!(claim([0.25, 0.20, 0.15]), Agreement::Agrees);
         assert!(matches!(claim([1.0, 0.20, 0.15]), Agreement::Differs { gains: true, .. }));
         assert!(matches!(claim([-0.25, 0.20, 0.15]), Agreement::Differs { .. }));
-        // Nothing of a size that the band could show is claimed.
+        // No claim is large enough for the band to show it.
         assert_eq!(claim([1e-5, 1e-5, 1e-5]), Agreement::Mute);
     });
-    // What is not there at all is seen not to be there.
+    // An absent effect is seen to be absent.
     witnessed(&[], rough(4.0), 0.0, |model, witness| {
         let c = named(model, &["linear_drag"])[0];
         let t = witness.testimony(&[c], c).unwrap();
@@ -328,7 +328,7 @@ fn what_has_no_slope_is_not_covered() {
     });
 }
 
-/// Residuals that remember a second make estimates scatter several times more than their number says.
+/// Residuals with a memory of a second scatter the estimates several times more than their number suggests.
 #[test]
 fn standard_errors_by_blocks_are_those_of_coloured_residuals() {
     let n = 12_000;
