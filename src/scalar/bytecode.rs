@@ -21,8 +21,8 @@ struct Op {
     second: u32,
 }
 
-/// Code over a register file: the drones' state slots (home), followed at `own` by this code's scratch, `[constant table |
-/// given | per-call table | numbers for the epilogue | constants | registers]`.
+/// Code over a register file: the drones' state slots (home), and behind it, among the scratch of other codes, its own:
+/// `[constant table | given | per-call table | numbers for the epilogue | constants | registers]`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ByteCode {
     ops: Vec<Op>,

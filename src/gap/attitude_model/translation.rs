@@ -45,7 +45,7 @@ pub(super) struct Channels {
 }
 
 enum Seen {
-    /// Attitude from here to the next event, and the constant body rate between the two.
+    /// Attitude from here to the next one, and the constant body rate between the two.
     Turn([f64; 4], [f64; 3]),
     Position([f64; 3]),
     Velocity([f64; 3]),

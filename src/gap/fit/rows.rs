@@ -79,7 +79,7 @@ struct Rows<'a> {
     outputs: &'a [Slopes],
     /// Columns of parameters that shift samples in time, with their channel.
     clocks: Vec<(usize, usize)>,
-    /// Start of the window, s.
+    /// Start and end of the window, s.
     begin: f64,
     end: f64,
     by_pose: bool,
