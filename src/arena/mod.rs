@@ -157,6 +157,14 @@ impl<N: Number> Arena<N> {
         self.has_scene() && (reads.ground || reads.ceiling)
     }
 
+    /// Whether a step is shared by threads of the pool that calls it.
+    pub fn is_parallel(&self, n_steps: usize) -> bool {
+        match self.measures() {
+            true => self.sim.data.n_worlds >= SERIAL_WORLDS || self.sim.is_parallel(1),
+            false => self.sim.is_parallel(n_steps),
+        }
+    }
+
     /// As [`Sim::set_command`].
     ///
     /// # Errors
@@ -264,24 +272,13 @@ impl<N: Number> Arena<N> {
         if !self.has_scene() {
             return Err(ArenaError::NoScene { asked: "measuring the ground" });
         }
-        self.check_worlds(worlds)?;
+        check_worlds(worlds, self.sim.data.n_worlds)?;
         let wanted = worlds.map(|list| {
             let mut wanted = vec![false; self.sim.data.n_worlds];
             list.iter().for_each(|w| wanted[*w] = true);
             wanted
         });
         self.measure_for(&vec![Reads::GROUND; self.sim.data.n_drones], wanted.as_deref())
-    }
-
-    /// Refuses numbers of worlds that there are not.
-    fn check_worlds(&self, worlds: Option<&[usize]>) -> Result<(), ArenaError> {
-        let n = self.sim.data.n_worlds;
-        match worlds.unwrap_or_default().iter().find(|w| **w >= n) {
-            None => Ok(()),
-            Some(odd) => {
-                Err(ArenaError::option("worlds", format!("numbers below {n}, the number of worlds"), odd))
-            }
-        }
     }
 
     /// Measures what drones read, in the worlds whose entry is true or in all that are not quarantined.
@@ -323,6 +320,17 @@ impl<N: Number> Arena<N> {
                 let expected = format!("less than {}, the number of scenes", self.places.pools.len());
                 Err(ArenaError::option("scene", expected, scene))
             }
+        }
+    }
+}
+
+/// Refuses numbers of worlds that there are not.
+fn check_worlds(worlds: Option<&[usize]>, n_worlds: usize) -> Result<(), ArenaError> {
+    match worlds.unwrap_or_default().iter().find(|w| **w >= n_worlds) {
+        None => Ok(()),
+        Some(odd) => {
+            let expected = format!("numbers below {n_worlds}, the number of worlds");
+            Err(ArenaError::option("worlds", expected, odd))
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{Arena, ArenaError, Look};
+use super::{Arena, ArenaError, Look, check_worlds};
 use crate::math::vec3;
 use crate::scalar::lanes::Number;
 use crate::scene::Pose;
@@ -22,19 +22,21 @@ pub struct Way {
     pub hit: SweptHit,
 }
 
-impl<N: Number> Arena<N> {
+impl<'a, N: Number> Look<'a, N> {
     /// The worlds of the list as they are now, or all, where there is a scene.
-    fn looked_at<'a>(
-        &'a self,
-        asked: &'static str,
-        worlds: Option<&'a [usize]>,
-    ) -> Result<Look<'a, N>, ArenaError> {
-        if !self.has_scene() {
+    fn at<'b>(&'b self, asked: &'static str, worlds: Option<&'b [usize]>) -> Result<Look<'b, N>, ArenaError> {
+        if self.places.pools.is_empty() {
             return Err(ArenaError::NoScene { asked });
         }
-        self.check_worlds(worlds)?;
-        self.sim.check_data()?;
-        Ok(Look { worlds, ..self.look() })
+        check_worlds(worlds, self.data.n_worlds)?;
+        // The arrays are open to the caller.
+        let (pos, quat) = (self.data.pos.len(), self.data.quat.len());
+        let rows = self.data.n_worlds * self.data.n_drones;
+        if (pos, quat) != (3 * rows, 4 * rows) {
+            let expected = format!("{} and {} numbers", 3 * rows, 4 * rows);
+            return Err(ArenaError::option("pos and quat", expected, format!("{pos} and {quat}")));
+        }
+        Ok(Look { worlds, ..*self })
     }
 
     /// Renders depth in the worlds of the list, or in all, in parallel. `cameras`: those of each scene, by its number, as many and of
@@ -51,7 +53,7 @@ impl<N: Number> Arena<N> {
         planes: DepthPlanes,
         poses: &mut [Pose],
     ) -> Result<(), ArenaError> {
-        let look = self.looked_at("rendering", worlds)?;
+        let look = self.at("rendering", worlds)?;
         if cameras.len() != self.places.pools.len() {
             let expected = format!("a list for each of {} scenes", self.places.pools.len());
             return Err(ArenaError::option("cameras", expected, cameras.len()));
@@ -72,7 +74,7 @@ impl<N: Number> Arena<N> {
         out: &mut Vec<Vec<Contact>>,
         limited: &mut Vec<usize>,
     ) -> Result<(), ArenaError> {
-        Ok(contacts_worlds(&self.looked_at("looking for contacts", worlds)?, out, limited)?)
+        Ok(contacts_worlds(&self.at("looking for contacts", worlds)?, out, limited)?)
     }
 
     /// Distance of every drone to the nearest thing in the worlds of the list, or in all, (world, drone), up to `max_distance_m`; see
@@ -86,13 +88,13 @@ impl<N: Number> Arena<N> {
         max_distance_m: f64,
         out: &mut Vec<Clearance>,
     ) -> Result<(), ArenaError> {
-        let look = self.looked_at("looking for clearances", worlds)?;
-        Ok(clearance_worlds(&look, self.sim.data.n_drones, max_distance_m, out)?)
+        let look = self.at("looking for clearances", worlds)?;
+        Ok(clearance_worlds(&look, self.data.n_drones, max_distance_m, out)?)
     }
 
-    /// Where all drones are, (world, drone): what [`Arena::swept`] is asked with after some steps.
+    /// Where all drones are, (world, drone): what [`Look::swept`] is asked with after some steps.
     pub fn poses(&self) -> Vec<Pose> {
-        let (look, data) = (self.look(), &self.sim.data);
+        let (look, data) = (self, self.data);
         (0..data.n_worlds * data.n_drones)
             .map(|row| look.pose(row / data.n_drones, row % data.n_drones))
             .collect()
@@ -104,10 +106,10 @@ impl<N: Number> Arena<N> {
     /// # Errors
     /// [`ArenaError::NoScene`], [`ArenaError::Option`] for poses of another number, [`ArenaError::Sense`] by places in the list.
     pub fn swept(&self, before: &[Pose], worlds: Option<&[usize]>) -> Result<Vec<Way>, ArenaError> {
-        let look = self.looked_at("swept checks", worlds)?;
-        let n = self.sim.data.n_drones;
-        if before.len() != self.sim.data.n_worlds * n {
-            let expected = format!("{} poses, (world, drone)", self.sim.data.n_worlds * n);
+        let look = self.at("swept checks", worlds)?;
+        let n = self.data.n_drones;
+        if before.len() != self.data.n_worlds * n {
+            let expected = format!("{} poses, (world, drone)", self.data.n_worlds * n);
             return Err(ArenaError::option("poses before", expected, before.len()));
         }
         let found: Vec<Result<Vec<Way>, SenseError>> = (0..look.n_worlds())
@@ -126,6 +128,61 @@ impl<N: Number> Arena<N> {
             }
         }
         if failures.is_empty() { Ok(out) } else { Err(SenseError::Worlds { worlds, failures }.into()) }
+    }
+}
+
+impl<N: Number> Arena<N> {
+    /// As [`Look::render`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn render(
+        &self,
+        cameras: &[&[Camera]],
+        worlds: Option<&[usize]>,
+        planes: DepthPlanes,
+        poses: &mut [Pose],
+    ) -> Result<(), ArenaError> {
+        self.look().render(cameras, worlds, planes, poses)
+    }
+
+    /// As [`Look::contacts`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn contacts(
+        &self,
+        worlds: Option<&[usize]>,
+        out: &mut Vec<Vec<Contact>>,
+        limited: &mut Vec<usize>,
+    ) -> Result<(), ArenaError> {
+        self.look().contacts(worlds, out, limited)
+    }
+
+    /// As [`Look::clearances`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn clearances(
+        &self,
+        worlds: Option<&[usize]>,
+        max_distance_m: f64,
+        out: &mut Vec<Clearance>,
+    ) -> Result<(), ArenaError> {
+        self.look().clearances(worlds, max_distance_m, out)
+    }
+
+    /// As [`Look::poses`].
+    pub fn poses(&self) -> Vec<Pose> {
+        self.look().poses()
+    }
+
+    /// As [`Look::swept`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn swept(&self, before: &[Pose], worlds: Option<&[usize]>) -> Result<Vec<Way>, ArenaError> {
+        self.look().swept(before, worlds)
     }
 }
 

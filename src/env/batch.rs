@@ -432,7 +432,7 @@ impl Env {
     /// Whether a step is shared by threads.
     pub fn is_parallel(&self) -> bool {
         let serial = SERIAL[usize::from(!self.layouts.is_empty())];
-        self.worlds.len() >= serial || self.arena.sim().is_parallel(self.plan.config.substeps() as usize)
+        self.worlds.len() >= serial || self.arena.is_parallel(self.plan.config.substeps() as usize)
     }
 
     /// Begins new episodes in all worlds, or in those whose entry is true. A seed, which needs all worlds, starts the random numbers

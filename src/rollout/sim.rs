@@ -229,6 +229,12 @@ impl<N: Number> Sim<N> {
         Ok(())
     }
 
+    /// Where one drone starts from at every reset, before what is drawn is added.
+    pub fn initial(&self, world: usize, drone: usize) -> &State<f64> {
+        let n = self.nominal.len();
+        if self.initial.len() == n { &self.initial[drone] } else { &self.initial[world * n + drone] }
+    }
+
     /// Sets where one drone starts from at every reset. Takes effect at the next [`Sim::reset`].
     pub fn set_initial(&mut self, world: usize, drone: usize, state: State<f64>) -> Result<(), RolloutError> {
         let numbers = [&state.pos[..], &state.quat, &state.vel, &state.ang_vel, &state.rotor_vel].concat();
