@@ -3,12 +3,12 @@
 use rayon::prelude::*;
 
 use super::{Arena, ArenaError, Look, check_worlds};
-use crate::math::vec3;
+use crate::math::{quat, vec3};
 use crate::scalar::lanes::Number;
 use crate::scene::Pose;
 use crate::sense::{
-    Camera, Clearance, Contact, DepthPlanes, SenseError, SweptHit, Worlds, clearance_worlds, contacts_worlds,
-    render_worlds, swept_beyond, swept_pair,
+    Camera, Clearance, Contact, DepthBatch, DepthPlanes, SenseError, SweptHit, Worlds, clearance_worlds,
+    contacts_worlds, render_worlds, swept_beyond, swept_pair,
 };
 
 /// What a drone touched on its way, first things first: of the scene, or another drone.
@@ -61,6 +61,21 @@ impl<'a, N: Number> Look<'a, N> {
         let layout = &self.places.layout;
         let of = |k: usize| cameras[layout[look.number(k)]];
         Ok(render_worlds(&look, &of, planes, poses)?)
+    }
+
+    /// As [`Look::render`], all planes but normals, into buffers that grow as needed.
+    ///
+    /// # Errors
+    /// As [`Look::render`].
+    pub fn frames(
+        &self,
+        cameras: &[&[Camera]],
+        worlds: Option<&[usize]>,
+        out: &mut DepthBatch,
+    ) -> Result<(), ArenaError> {
+        let n_worlds = worlds.map_or(self.data.n_worlds, <[usize]>::len);
+        let (planes, poses) = out.fit(cameras.first().copied().unwrap_or_default(), n_worlds)?;
+        self.render(cameras, worlds, planes, poses)
     }
 
     /// All contacts of drones in the worlds of the list, or in all, one list for each; see
@@ -222,12 +237,39 @@ fn seen_from(hit: &SweptHit, from: Pose, to: Pose, drone: usize, scene: &crate::
     let way = vec3::sub(to.pos_m, from.pos_m);
     SweptHit {
         pos_m: vec3::add(from.pos_m, vec3::scale(way, hit.fraction)),
-        quat_xyzw: to.quat_xyzw,
+        quat_xyzw: turned(from.quat_xyzw, to.quat_xyzw, hit.fraction),
         drone_geom: hit.other_geom,
         other_geom: hit.drone_geom,
         other_body: body.map_or(-1, |g| g.body_id as i32),
         other_drone: Some(drone),
         normal: hit.normal.map(|v| -v),
         ..*hit
+    }
+}
+
+/// Part of the rotation from one attitude to another, the shorter way about one axis.
+fn turned(from: [f64; 4], to: [f64; 4], fraction: f64) -> [f64; 4] {
+    let way = quat::mul(quat::conjugate(from), to);
+    let way = if way[3] < 0.0 { way.map(|v| -v) } else { way };
+    let axis = [way[0], way[1], way[2]];
+    let sine = vec3::norm(axis);
+    let angle = 2.0 * sine.atan2(way[3]);
+    // Of hardly any rotation the axis is not known, and not needed.
+    let per_sine = if sine > 1e-12 { angle / sine } else { 2.0 };
+    quat::mul(from, quat::exp(vec3::scale(axis, per_sine * fraction)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn part_of_a_rotation_is_about_the_same_axis() {
+        let from = quat::exp([0.1, -0.4, 0.2]);
+        let to = quat::mul(from, quat::exp([0.0, 0.0, 1.2]));
+        let near = |a: [f64; 4], b: [f64; 4]| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-12);
+        assert!(near(turned(from, to, 0.25), quat::mul(from, quat::exp([0.0, 0.0, 0.3]))));
+        assert!(near(turned(from, to.map(|v| -v), 1.0), to), "the shorter way");
+        assert!(near(turned(from, from, 0.5), from));
     }
 }

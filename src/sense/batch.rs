@@ -160,23 +160,38 @@ pub fn render_batch(
     out: &mut DepthBatch,
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
-    let (images, pixels) = batch_size(cameras, poses.n_worlds)?;
-    out.n_worlds = poses.n_worlds;
-    out.n_cameras = cameras.len();
-    out.n_pixels = pixels;
-    out.depth_m.resize(images * pixels, 0.0);
-    out.status.resize(images * pixels, 0);
-    out.geom_id.resize(images * pixels, 0);
-    out.body_id.resize(images * pixels, 0);
-    out.pose.resize(images, Pose::default());
-    let planes = DepthPlanes {
-        depth_m: Some(&mut out.depth_m),
-        status: Some(&mut out.status),
-        geom_id: Some(&mut out.geom_id),
-        body_id: Some(&mut out.body_id),
-        normal: None,
-    };
-    render_batch_into(pool, cameras, poses, planes, &mut out.pose)
+    let (planes, out_pose) = out.fit(cameras, poses.n_worlds)?;
+    render_batch_into(pool, cameras, poses, planes, out_pose)
+}
+
+impl DepthBatch {
+    /// Makes room for the images of these cameras in `n_worlds` worlds; the planes to render into, and where poses of cameras go.
+    ///
+    /// # Errors
+    /// [`SenseError::Parameter`] for no camera, cameras of several sizes, and more pixels than a batch holds.
+    pub fn fit(
+        &mut self,
+        cameras: &[Camera],
+        n_worlds: usize,
+    ) -> Result<(DepthPlanes<'_>, &mut [Pose]), SenseError> {
+        let (images, pixels) = batch_size(cameras, n_worlds)?;
+        self.n_worlds = n_worlds;
+        self.n_cameras = cameras.len();
+        self.n_pixels = pixels;
+        self.depth_m.resize(images * pixels, 0.0);
+        self.status.resize(images * pixels, 0);
+        self.geom_id.resize(images * pixels, 0);
+        self.body_id.resize(images * pixels, 0);
+        self.pose.resize(images, Pose::default());
+        let planes = DepthPlanes {
+            depth_m: Some(&mut self.depth_m),
+            status: Some(&mut self.status),
+            geom_id: Some(&mut self.geom_id),
+            body_id: Some(&mut self.body_id),
+            normal: None,
+        };
+        Ok((planes, &mut self.pose))
+    }
 }
 
 /// As [`render_batch`], only the planes that are asked for, (world, camera, height, width), into buffers of the caller; the
