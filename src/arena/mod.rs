@@ -36,8 +36,8 @@ use crate::scalar::lanes::Number;
 use crate::scene::{Lent, Scene, WorkerPool};
 use places::Places;
 
-/// Worlds from which on threads share the search for ground and ceilings; a world takes about a microsecond.
-const SERIAL_WORLDS: usize = 64;
+/// Worlds whose ground and ceilings one thread measures at a time, with one worker for each scene; a world takes under a microsecond.
+const WORLDS_AT_ONCE: usize = 64;
 
 /// Worlds of drones in their scenes. `N` is the number that the simulation stores, f64 or f32.
 pub struct Arena<N: Number = f64> {
@@ -160,7 +160,7 @@ impl<N: Number> Arena<N> {
     /// Whether a step is shared by threads of the pool that calls it.
     pub fn is_parallel(&self, n_steps: usize) -> bool {
         match self.measures() {
-            true => self.sim.data.n_worlds >= SERIAL_WORLDS || self.sim.is_parallel(1),
+            true => self.sim.data.n_worlds > WORLDS_AT_ONCE || self.sim.is_parallel(1),
             false => self.sim.is_parallel(n_steps),
         }
     }
@@ -285,22 +285,18 @@ impl<N: Number> Arena<N> {
     fn measure_for(&mut self, reads: &[Reads], wanted: Option<&[bool]>) -> Result<(), ArenaError> {
         // The arrays are open to the caller: rows must have their lengths before threads go through them.
         self.sim.check_data()?;
-        let (n, places) = (reads.len(), &self.places);
+        let (rows, places) = (reads.len() * WORLDS_AT_ONCE, &self.places);
         let data = &mut self.sim.data;
         let quarantine = &data.quarantine;
-        let one = |(w, (pos, (ground, ceiling))): (usize, Rows<N>)| {
-            if !wanted.map_or(quarantine[w].is_none(), |wanted| wanted[w]) {
-                return Ok(());
-            }
-            measure_world(places.surroundings(w)?, reads, pos, ground, ceiling)
+        let is_wanted = |w: usize| wanted.map_or(quarantine[w].is_none(), |wanted| wanted[w]);
+        let some = |(k, (pos, (ground, ceiling))): (usize, Rows<N>)| {
+            measure_worlds(places, k * WORLDS_AT_ONCE, is_wanted, reads, (pos, (ground, ceiling)))
         };
-        let pos = data.pos.par_chunks(3 * n);
-        if data.n_worlds >= SERIAL_WORLDS {
-            let heights = data.ground_z.par_chunks_mut(n).zip(data.ceiling_z.par_chunks_mut(n));
-            pos.zip(heights).enumerate().map(one).collect::<Result<(), ArenaError>>()
+        if data.n_worlds > WORLDS_AT_ONCE {
+            let heights = data.ground_z.par_chunks_mut(rows).zip(data.ceiling_z.par_chunks_mut(rows));
+            data.pos.par_chunks(3 * rows).zip(heights).enumerate().try_for_each(some)
         } else {
-            let heights = data.ground_z.chunks_mut(n).zip(data.ceiling_z.chunks_mut(n));
-            data.pos.chunks(3 * n).zip(heights).enumerate().try_for_each(one)
+            some((0, (&data.pos, (&mut data.ground_z, &mut data.ceiling_z))))
         }
     }
 
@@ -335,27 +331,45 @@ fn check_worlds(worlds: Option<&[usize]>, n_worlds: usize) -> Result<(), ArenaEr
     }
 }
 
-/// Rows of one world: positions, (drone, 3), and the heights of ground and ceiling, (drone).
+/// Rows of some worlds: positions, (world, drone, 3), and the heights of ground and ceiling, (world, drone).
 type Rows<'a, N> = (&'a [N], (&'a mut [N], &'a mut [N]));
 
-/// Writes what the drones of one world read into its rows of heights, (drone).
-fn measure_world<N: Number>(
-    mut worker: Lent,
+/// Writes what drones read into the rows of consecutive worlds, as far as they are wanted.
+fn measure_worlds<N: Number>(
+    places: &Places,
+    first: usize,
+    is_wanted: impl Fn(usize) -> bool,
     reads: &[Reads],
-    pos: &[N],
-    ground: &mut [N],
-    ceiling: &mut [N],
+    (pos, (ground, ceiling)): Rows<N>,
 ) -> Result<(), ArenaError> {
-    for (d, reads) in reads.iter().enumerate() {
-        let at: [f64; 3] = core::array::from_fn(|k| pos[3 * d + k].wide());
-        if reads.ground {
-            let below = worker.ground_below(at)?;
-            ground[d] = N::of(below.map_or(f64::NEG_INFINITY, |height| at[2] - height));
+    let n = reads.len();
+    // The worker of the scene that the last world was in.
+    let mut last: Option<(usize, Lent)> = None;
+    for k in 0..ground.len() / n {
+        let world = first + k;
+        if !is_wanted(world) {
+            continue;
         }
-        if reads.ceiling {
-            let above = worker.ceiling_above(at)?;
-            ceiling[d] = N::of(above.map_or(f64::INFINITY, |distance| at[2] + distance));
+        let scene = places.layout[world];
+        let mut worker = match last.take() {
+            Some((known, worker)) if known == scene => worker,
+            _ => places.pools[scene].lend()?,
+        };
+        places.set_obstacles(world, &mut worker)?;
+        worker.update()?;
+        for (d, reads) in reads.iter().enumerate() {
+            let row = k * n + d;
+            let at: [f64; 3] = core::array::from_fn(|i| pos[3 * row + i].wide());
+            if reads.ground {
+                let below = worker.ground_below(at)?;
+                ground[row] = N::of(below.map_or(f64::NEG_INFINITY, |height| at[2] - height));
+            }
+            if reads.ceiling {
+                let above = worker.ceiling_above(at)?;
+                ceiling[row] = N::of(above.map_or(f64::INFINITY, |distance| at[2] + distance));
+            }
         }
+        last = Some((scene, worker));
     }
     Ok(())
 }

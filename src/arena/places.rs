@@ -105,7 +105,7 @@ impl Places {
     }
 
     /// Puts the obstacles of a worker where those of a world are.
-    fn set_obstacles(&self, world: usize, worker: &mut Worker) -> Result<(), SceneError> {
+    pub fn set_obstacles(&self, world: usize, worker: &mut Worker) -> Result<(), SceneError> {
         let first = world * self.n_obstacles;
         for i in 0..self.pools[self.layout[world]].scene().obstacles().len() {
             let pos = core::array::from_fn(|k| self.obstacle_pos[3 * (first + i) + k]);

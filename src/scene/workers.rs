@@ -175,10 +175,27 @@ pub struct Worker {
     collided: bool,
     poisoned: Option<String>,
     drone_poses: Vec<Pose>,
+    /// What can stand below or above a drone.
+    standing: Vec<Standing>,
     /// Poses of obstacles that were set since the worker was made.
     obstacle_poses: Vec<Option<Pose>>,
     /// Buffers that callers borrow for rays, so that no frame allocates.
     pub(crate) scratch: RayScratch,
+}
+
+/// A geom that can collide and is no part of a drone, with what a search along a vertical needs first.
+#[derive(Clone, Copy)]
+struct Standing {
+    geom: usize,
+    kind: GeomType,
+    bounding_radius_m: f64,
+}
+
+impl Standing {
+    fn all(scene: &Scene) -> Vec<Self> {
+        let geoms = scene.0.geoms.iter().filter(|g| g.drone.is_none() && g.can_collide());
+        geoms.map(|g| Self { geom: g.id, kind: g.kind, bounding_radius_m: g.bounding_radius_m }).collect()
+    }
 }
 
 /// Reusable buffers for rays.
@@ -239,6 +256,7 @@ impl Worker {
             collided: false,
             poisoned: None,
             drone_poses: vec![Pose::default(); scene.n_drones()],
+            standing: Standing::all(scene),
             obstacle_poses: vec![None; scene.obstacles().len()],
             scratch: RayScratch::default(),
         };
@@ -807,7 +825,7 @@ impl Worker {
         self.ground_below(origin)
     }
 
-    /// As [`Worker::ground_distance`], from any point.
+    /// As [`Worker::ground_distance`], from any point; none also for a point whose coordinates are not finite.
     ///
     /// # Errors
     /// [`SceneError::Stale`], [`SceneError::Engine`].
@@ -828,17 +846,18 @@ impl Worker {
 
     /// Distance (m) from a point straight up (`up` = 1) or down (−1) to the nearest geom that can collide and is no part of a drone.
     fn straight(&mut self, origin_m: [f64; 3], up: f64) -> Result<Option<f64>, SceneError> {
+        // Nothing is known to stand over or under a place that is none.
+        if origin_m.iter().any(|x| !x.is_finite()) {
+            return Ok(None);
+        }
         let direction = [0.0, 0.0, up];
-        let scene = self.scene.clone();
         let mut best = f64::INFINITY;
         let mut has_sdf = false;
-        for geom in &scene.0.geoms {
-            if geom.drone.is_some() || !geom.can_collide() {
-                continue;
-            }
-            if geom.kind == GeomType::Plane {
+        for i in 0..self.standing.len() {
+            let Standing { geom, kind, bounding_radius_m: r } = self.standing[i];
+            if kind == GeomType::Plane {
                 // Contacts see the whole plane, MuJoCo's rays only its rectangle.
-                let (p, r) = self.geom_pose(geom.id)?;
+                let (p, r) = self.geom_pose(geom)?;
                 let normal = [r[2], r[5], r[8]];
                 let above = (0..3).map(|i| (origin_m[i] - p[i]) * normal[i]).sum::<f64>();
                 let towards = -up * normal[2];
@@ -848,20 +867,19 @@ impl Worker {
                 continue;
             }
             // SAFETY: a valid geom id.
-            let p = unsafe { *(*self.data).geom_xpos.cast::<[f64; 3]>().add(geom.id) };
+            let p = unsafe { *(*self.data).geom_xpos.cast::<[f64; 3]>().add(geom) };
             let (dx, dy) = (p[0] - origin_m[0], p[1] - origin_m[1]);
-            let r = geom.bounding_radius_m;
             // How far along the ray the middle of the geom is.
             let ahead = up * (p[2] - origin_m[2]);
             // Beside the ray, behind its start, or farther than what was found.
             if dx * dx + dy * dy > r * r * (1.0 + 1e-9) || ahead + r < 0.0 || ahead - r > best {
                 continue;
             }
-            if geom.kind == GeomType::Sdf {
+            if kind == GeomType::Sdf {
                 has_sdf = true;
                 continue;
             }
-            if let Some(t) = self.ray_to_geom(geom.id, origin_m, direction)? {
+            if let Some(t) = self.ray_to_geom(geom, origin_m, direction)? {
                 best = best.min(t);
             }
         }
