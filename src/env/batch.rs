@@ -429,6 +429,11 @@ impl Env {
         self.arena.sim()
     }
 
+    /// The worlds as they are now, to be looked at.
+    pub fn look(&self) -> Look<'_, f32> {
+        self.arena.look()
+    }
+
     /// Whether a step is shared by threads.
     pub fn is_parallel(&self) -> bool {
         let serial = SERIAL[usize::from(!self.layouts.is_empty())];
