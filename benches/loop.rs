@@ -13,12 +13,13 @@ use common::peer::{Peer, python};
 use common::report::{Report, count, figures, number, numbers, shown, word, words};
 use common::scenes::{draws, forest};
 use common::{Fallible, ended, machine, median};
+use propwash::arena::Arena;
 use propwash::physics::controllers::ControlMode;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::level_name;
-use propwash::scene::{Scene, SceneSource, Shell, WorkerPool, mujoco_version};
-use propwash::sense::{Camera, Contact, DepthBatch, Lens, WorldPoses, contacts_batch, render_batch};
+use propwash::scene::{Scene, SceneSource, Shell, mujoco_version};
+use propwash::sense::{Camera, Contact, DepthBatch, Lens};
 use propwash::vehicle::Vehicle;
 use serde_json::{Map, Value, json};
 
@@ -265,12 +266,9 @@ fn prepare(worlds: usize) -> Fallible<tempfile::TempDir> {
 
 /// Worlds in flight with all that their drones see and touch.
 struct Flight {
-    sim: Sim<f32>,
+    arena: Arena<f32>,
     commands: Vec<f64>,
-    pool: WorkerPool,
     camera: Camera,
-    pos: Vec<f64>,
-    quat: Vec<f64>,
     depth: DepthBatch,
     contacts: Vec<Vec<Contact>>,
     limited: Vec<usize>,
@@ -297,20 +295,19 @@ impl Flight {
             ..SimOptions::default()
         };
         let drone = vehicle.drone("first_principles")?;
-        let mut sim = Sim::<f32>::storing(options, vec![(drone, vehicle.rates)])?;
+        let worlds = options.n_worlds;
+        let sim = Sim::<f32>::storing(options, vec![(drone, vehicle.rates)])?;
+        let mut arena = Arena::within(sim, &[scene], &vec![0; worlds])?;
         let mut commands = Vec::new();
         for (world, n) in numbers.chunks_exact(START).enumerate() {
             let state = State { pos: [n[0], n[1], n[2]], quat: [n[3], n[4], n[5], n[6]], ..State::rest() };
-            sim.set_initial(world, 0, state)?;
+            arena.set_initial(world, 0, state)?;
             commands.extend_from_slice(&n[7..]);
         }
         Ok(Self {
-            sim,
+            arena,
             commands,
-            pool: WorkerPool::new(&scene),
             camera,
-            pos: Vec::new(),
-            quat: Vec::new(),
             depth: DepthBatch::default(),
             contacts: Vec::new(),
             limited: Vec::new(),
@@ -321,25 +318,15 @@ impl Flight {
     /// One frame of every world; returns the seconds that it took, without those of a reset.
     fn frame(&mut self) -> Fallible<f64> {
         if self.frames.is_multiple_of(EPISODE_FRAMES) {
-            self.sim.reset(None)?;
-            self.sim.set_command(&self.commands)?;
+            self.arena.reset(None)?;
+            self.arena.set_command(&self.commands)?;
         }
         self.frames += 1;
         let start = Instant::now();
-        self.sim.step(STEPS)?;
-        self.pos.clear();
-        self.pos.extend(self.sim.data.pos.iter().map(|v| f64::from(*v)));
-        self.quat.clear();
-        self.quat.extend(self.sim.data.quat.iter().map(|v| f64::from(*v)));
-        let poses = WorldPoses {
-            n_worlds: self.sim.data.n_worlds,
-            drone_pos_m: &self.pos,
-            drone_quat_xyzw: &self.quat,
-            obstacle_pos_m: None,
-            obstacle_quat_xyzw: None,
-        };
-        render_batch(&self.pool, std::slice::from_ref(&self.camera), &poses, &mut self.depth)?;
-        contacts_batch(&self.pool, &poses, &mut self.contacts, &mut self.limited)?;
+        self.arena.step(STEPS)?;
+        let cameras = [std::slice::from_ref(&self.camera)];
+        self.arena.look().frames(&cameras, None, &mut self.depth)?;
+        self.arena.contacts(None, &mut self.contacts, &mut self.limited)?;
         Ok(start.elapsed().as_secs_f64())
     }
 }

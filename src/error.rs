@@ -51,6 +51,9 @@ pub enum Error {
     /// Cameras, contacts, clearances.
     #[error(transparent)]
     Sense(#[from] crate::sense::SenseError),
+    /// Worlds in scenes.
+    #[error(transparent)]
+    Arena(crate::arena::ArenaError),
     /// Learning environments.
     #[error(transparent)]
     Env(Box<crate::env::EnvError>),
@@ -67,3 +70,15 @@ impl From<crate::env::EnvError> for Error {
 
 /// Result with [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl From<crate::arena::ArenaError> for Error {
+    fn from(e: crate::arena::ArenaError) -> Self {
+        use crate::arena::ArenaError;
+        match e {
+            ArenaError::Rollout(e) => e.into(),
+            ArenaError::Scene(e) => e.into(),
+            ArenaError::Sense(e) => e.into(),
+            e => Self::Arena(e),
+        }
+    }
+}

@@ -3,7 +3,7 @@
 //! The modules in the order in which data flows; this list is the map of the crate.
 //!
 //! ```text
-//! vehicle + command → physics → rollout → scene → sense → dataset | env
+//! vehicle + command → physics → rollout → scene → sense → arena → dataset | env
 //! flight → gap → vehicle
 //! ```
 
@@ -24,6 +24,9 @@ pub mod rollout;
 
 pub mod scene;
 pub mod sense;
+
+// Flying, seeing and touching as one thing.
+pub mod arena;
 
 pub mod flight;
 pub mod gap;

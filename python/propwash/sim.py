@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._native import RestOnGround, Vehicle
+from ._native import RestOnGround, State, Vehicle
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
 
@@ -79,9 +79,10 @@ class Data:
     wind: Floats
     """Velocity of the air, m/s, world; stays until changed. (n_worlds, n_drones, 3)"""
     ground_z: Floats
-    """Height of the ground below each drone, m, -inf for none; effects read it. (n_worlds, n_drones)"""
+    """Height of the ground below each drone, m, -inf for none; effects read it. In a scene it is measured before every step where an
+    effect of the drone reads it, else it is what is written here. (n_worlds, n_drones)"""
     ceiling_z: Floats
-    """Height of the ceiling above each drone, m, inf for none; effects read it. (n_worlds, n_drones)"""
+    """Height of the ceiling above each drone, m, inf for none; as ``ground_z``. (n_worlds, n_drones)"""
     controller_memory: Floats
     """What the on-board controllers remember. (n_worlds, n_drones, n)"""
     steps: NDArray[np.uint64]
@@ -251,7 +252,7 @@ class Sim:
         self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
 
         sources = _scenes(scene)
-        self._layout = _layout(layout, self.n_worlds, len(sources or []))
+        worlds_in = _layout(layout, self.n_worlds, len(sources or []))
 
         def rate(name: str, hz: int | None) -> int | None:
             return None if hz is None else _whole(name, hz, 1, 1_000_000)
@@ -274,7 +275,7 @@ class Sim:
             "body_rate_freq": rate("body_rate_freq", body_rate_freq),
             "force_torque_freq": rate("force_torque_freq", force_torque_freq),
             "scene": sources,
-            "layout": [int(i) for i in self._layout],
+            "layout": [int(i) for i in worlds_in],
             "shells": [None if s is None else _path("shell", s) for s in _each("shell", shell, self.n_drones)],
         }
         self._native = _native.Sim(list(self.vehicles), wanted)
@@ -287,12 +288,6 @@ class Sim:
         for text in dict.fromkeys(text for info in self.scenes for text in info.warnings):
             warnings.warn(text, SceneWarning, stacklevel=2)
         self._cameras: dict[tuple[Camera, bool], list[_native.Cameras]] = {}
-        self._initial = {
-            "pos": np.zeros((self.n_worlds, self.n_drones, 3)),
-            "quat": np.tile([0.0, 0.0, 0.0, 1.0], (self.n_worlds, self.n_drones, 1)),
-            "vel": np.zeros((self.n_worlds, self.n_drones, 3)),
-            "ang_vel": np.zeros((self.n_worlds, self.n_drones, 3)),
-        }
 
     # ---- flying
 
@@ -323,6 +318,9 @@ class Sim:
 
     def step(self, n_steps: int = 1) -> None:
         """Advances every world that is not quarantined by ``n_steps``.
+
+        In a scene, where an effect of some drone reads the ground or the ceiling (``ground_effect``, ``ceiling_effect``, an expression
+        with ``ground_m`` or ``ceiling_m``), their heights are measured before each of the steps.
 
         Warns with ``QuarantineWarning`` when the numbers of a world have stopped being numbers.
         """
@@ -359,12 +357,35 @@ class Sim:
 
         Each is of shape (n_worlds, n_drones, n), or one that broadcasts to it, such as (n,) or (n_drones, n).
         """
-        new = dict(self._initial)
-        for name, value in (("pos", pos), ("quat", quat), ("vel", vel), ("ang_vel", ang_vel)):
-            if value is not None:
-                new[name] = _broadcast(name, value, new[name].shape)
+        given = (("pos", pos, 3), ("quat", quat, 4), ("vel", vel, 3), ("ang_vel", ang_vel, 3))
+        shape = (self.n_worlds, self.n_drones)
+        new = {name: None if v is None else _broadcast(name, v, (*shape, n)) for name, v, n in given}
         self._native.set_initial(**new)
-        self._initial = new
+
+    def save(self) -> State:
+        """Keeps the whole state: arrays, commands, disturbances, wind, what controllers and effects remember, parameters, what resets
+        start from, counts of steps and episodes, quarantine, seed, layout and obstacles. Stages of the pipeline are functions and are
+        not part of it.
+        """
+        return self._native.save()
+
+    def restore(self, state: State) -> None:
+        """Puts back what ``save`` kept, of this ``Sim`` or of one that was made in the same way: it goes on from there bit for bit as it
+        did. Views of arrays stay valid.
+
+        Raises:
+            ValueError: for a state of other worlds, vehicles, control mode, rates, precision or scenes; nothing is changed then.
+        """
+        self._native.restore(state)
+
+    def fork(self, world: int) -> None:
+        """Copies everything of one world into all others: state, commands, memories, parameters, starts, counts of steps and episodes,
+        scene and obstacles.
+
+        From then on worlds differ by what they are commanded, and by the random numbers of effects (``turbulence``), of which
+        every world draws its own.
+        """
+        self._native.fork(_whole("world", world, 0, self.n_worlds - 1))
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -430,7 +451,7 @@ class Sim:
 
     def contacts(self) -> Contacts:
         """All contacts of drones with the scene and with each other, at the present poses."""
-        arrays: dict[str, Any] = self._in_scenes(self._native.contacts)
+        arrays: dict[str, Any] = self._native.contacts()
         touching = np.zeros((self.n_worlds, self.n_drones), bool)
         real = arrays["distance"] <= 0.0
         touching[arrays["world"][real], arrays["drone"][real]] = True
@@ -441,9 +462,7 @@ class Sim:
     def clearance(self, max_distance: float = 5.0) -> Clearance:
         """Distance of every drone to the nearest thing that can collide, looking no farther than ``max_distance`` metres."""
         (limit,) = _floats("max_distance", [max_distance], 1)
-        arrays: dict[str, Any] = self._in_scenes(
-            lambda scene, worlds: self._native.clearance(limit, scene, worlds)
-        )
+        arrays: dict[str, Any] = self._native.clearance(limit)
         return Clearance(**arrays, quarantined=self.quarantined, **self._labels(None))
 
     def render_depth(
@@ -468,7 +487,7 @@ class Sim:
         cameras, _ = self._camera(camera, resolution, False)
         chosen, n = self._worlds(worlds)
         depth = np.empty(self._image(cameras[0], n), np.float32) if out is None else out
-        self._render(cameras, chosen, {"depth": depth})
+        self._native.render(cameras, chosen, {"depth": depth})
         return depth
 
     def depth_frame(
@@ -502,7 +521,7 @@ class Sim:
         if normals:
             old = None if out is None else out.normal
             planes["normal"] = np.empty((*shape, 3), np.float32) if old is None else old
-        pos, quat = self._render(cameras, chosen, planes)
+        pos, quat = self._native.render(cameras, chosen, planes)
         return DepthFrame(
             **planes,
             pos=pos,
@@ -515,75 +534,23 @@ class Sim:
         )
 
     def measure_ground(self) -> None:
-        """Writes the height of the scene below every drone into ``data.ground_z`` (-inf for none), where ground effect and
-        ``RestOnGround`` read it. It stays until written again."""
-        if len(self.scenes) <= 1:
-            self._native.measure_ground(0, None)
-            return
-        for scene, worlds in self._groups(None):
-            self._native.measure_ground(scene, [int(w) for w in worlds])
+        """Writes the height of the scene below every drone into ``data.ground_z`` (-inf for none) now, whatever effects read, for
+        ``RestOnGround`` and stages of one's own. Effects need no call: what they read is measured at every step."""
+        self._native.measure_ground()
 
     @property
     def layout(self) -> NDArray[np.int64]:
-        """Which of ``scenes`` each world flies in, a copy; set it to move worlds from one to another. (n_worlds,), empty without a scene"""
-        return self._layout.copy()
+        """Which of ``scenes`` each world flies in, a copy; set it to move worlds from one to another, where the obstacles of those that
+        moved stand as the scene has them. (n_worlds,), empty without a scene"""
+        return np.array(self._native.layout, np.int64)
 
     @layout.setter
     def layout(self, value: ArrayLike) -> None:
-        self._layout = _layout(value, self.n_worlds, len(self.scenes))
+        self._native.set_layout([int(i) for i in _layout(value, self.n_worlds, len(self.scenes))])
 
     def _labels(self, chosen: list[int] | None) -> dict[str, Any]:
         """What ids of a result stand for."""
-        return {"scenes": self.scenes, "layout": self.layout if chosen is None else self._layout[chosen]}
-
-    def _groups(self, chosen: list[int] | None) -> list[tuple[int, NDArray[np.int64]]]:
-        """Scenes, and the places in ``chosen`` of the worlds in each."""
-        layout = self._layout if chosen is None else self._layout[chosen]
-        return [(int(i), np.flatnonzero(layout == i)) for i in np.unique(layout)]
-
-    def _in_scenes(self, ask: Callable[[int, list[int] | None], dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
-        """Contacts or clearances of all worlds, asked scene by scene."""
-        if len(self.scenes) <= 1:
-            return ask(0, None)
-        parts = [(worlds, ask(scene, [int(w) for w in worlds])) for scene, worlds in self._groups(None)]
-        first = parts[0][1]
-        if "world" not in first:
-            out = {name: np.empty((self.n_worlds, *a.shape[1:]), a.dtype) for name, a in first.items()}
-            for worlds, part in parts:
-                for name, a in part.items():
-                    out[name][worlds] = a
-            return out
-        limited = np.empty(self.n_worlds, first["limited"].dtype)
-        for worlds, part in parts:
-            limited[worlds] = part.pop("limited")
-            part["world"] = worlds[part["world"]].astype(part["world"].dtype)
-        out = {name: np.concatenate([part[name] for _, part in parts]) for name in first}
-        order = np.argsort(out["world"], kind="stable")
-        return {**{name: a[order] for name, a in out.items()}, "limited": limited}
-
-    def _render(
-        self, cameras: list[_native.Cameras], chosen: list[int] | None, planes: dict[str, Any]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Renders scene by scene into ``planes``; positions and orientations of the cameras."""
-        if len(self.scenes) <= 1:
-            return self._native.render(cameras[0], chosen, planes)
-        n = self.n_worlds if chosen is None else len(chosen)
-        image = self._image(cameras[0], n)
-        for name, plane in planes.items():
-            shape = (*image, 3) if name == "normal" else image
-            if plane is not None and (not isinstance(plane, np.ndarray) or plane.shape != shape):
-                got = getattr(plane, "shape", type(plane).__name__)
-                raise ValueError(f"{name} of out: expected an array of shape {shape}, got {got}")
-        head = image[:-2]
-        pos, quat = np.empty((*head, 3)), np.empty((*head, 4))
-        for scene, places in self._groups(chosen):
-            worlds = [int(k) if chosen is None else chosen[int(k)] for k in places]
-            part = {name: None if p is None else np.empty((len(places), *p.shape[1:]), p.dtype) for name, p in planes.items()}
-            pos[places], quat[places] = self._native.render(cameras[scene], worlds, part)
-            for name, plane in part.items():
-                if plane is not None:
-                    planes[name][places] = plane
-        return pos, quat
+        return {"scenes": self.scenes, "layout": self.layout if chosen is None else self.layout[chosen]}
 
     def _worlds(self, worlds: ArrayLike | None) -> tuple[list[int] | None, int]:
         if worlds is None:

@@ -3,9 +3,9 @@
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use propwash::arena::ArenaError;
 use propwash::env::{Env, EnvConfig};
-use propwash::scene::{SceneError, WorkerPool};
-use propwash::sense::{DepthFrame, SenseError};
+use propwash::sense::DepthFrame;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -237,20 +237,10 @@ impl PyEnv {
             ));
         };
         let cameras = camera.build(scene)?;
-        let pool = WorkerPool::new(scene);
         let mut frame = DepthFrame::new();
-        let data = &env.flight().data;
-        py.detach(|| {
-            pool.with(|worker| -> Result<(), SenseError> {
-                for d in 0..data.n_drones {
-                    let s = data.state(world, d);
-                    worker.set_drone(d, s.pos, s.quat)?;
-                }
-                worker.update()?;
-                cameras.cameras[0].render(worker, &mut frame)
-            })
-            .map_err(|e: SceneError| SenseError::from(e))
-            .and_then(|r| r)
+        let look = env.look();
+        py.detach(|| -> Result<(), ArenaError> {
+            Ok(cameras.cameras[0].render(&mut *look.world(world)?, &mut frame)?)
         })
         .or_raise()?;
         let shape = [frame.height, frame.width];

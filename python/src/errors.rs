@@ -1,5 +1,6 @@
 //! Errors of Rust as exceptions of Python. The words stay as they are.
 
+use propwash::arena::ArenaError;
 use propwash::env::EnvError;
 use propwash::rollout::RolloutError;
 use propwash::scene::SceneError;
@@ -66,6 +67,18 @@ impl IntoPython for SenseError {
             SenseError::Camera { .. } | SenseError::Shape { .. } | SenseError::Parameter { .. } => {
                 PyValueError::new_err(self.to_string())
             }
+            _ => Error::new_err(self.to_string()),
+        }
+    }
+}
+
+impl IntoPython for ArenaError {
+    fn into_python(self) -> PyErr {
+        match self {
+            ArenaError::Rollout(e) => e.into_python(),
+            ArenaError::Scene(e) => e.into_python(),
+            ArenaError::Sense(e) => e.into_python(),
+            ArenaError::Option { .. } => PyValueError::new_err(self.to_string()),
             _ => Error::new_err(self.to_string()),
         }
     }

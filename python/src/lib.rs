@@ -9,6 +9,7 @@ mod gap;
 mod sense;
 mod sim;
 mod stages;
+mod state;
 mod threads;
 mod vehicle;
 
@@ -35,6 +36,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<vehicle::PyVehicle>()?;
     m.add_class::<stages::RestOnGround>()?;
     m.add_class::<sim::PySim>()?;
+    m.add_class::<state::PyState>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<env::PyEnv>()?;
     m.add_function(wrap_pyfunction!(env::depth_devices, m)?)?;

@@ -3,17 +3,13 @@
 use std::path::Path;
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArrayMethods};
-use propwash::scalar::lanes::Number;
-use propwash::scene::{Pose, Scene, SceneError, SceneSource, Shell, WorkerPool};
-use propwash::sense::{
-    Clearance, Contact, DepthPlanes, SenseError, WorldPoses, clearance_batch, contacts_batch,
-    render_batch_into,
-};
+use propwash::arena::ArenaError;
+use propwash::scene::{Pose, Scene, SceneSource, Shell};
+use propwash::sense::{Camera, Clearance, Contact, DepthPlanes, SenseError};
 use propwash::vehicle::Vehicle;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::prelude::*;
 use serde_json::json;
 
 use crate::arrays;
@@ -21,138 +17,51 @@ use crate::camera::{CameraSpec, PyCameras};
 use crate::errors::{Error, IntoPython, OrRaise};
 use crate::sim::{Core, Flight, PySim, either};
 
-/// The scenes of a simulation, of which each world has one, and what it needs to sense in them.
-pub struct Sensing {
-    scenes: Vec<(Scene, WorkerPool)>,
-    obstacle_pos: Vec<f64>,
-    obstacle_quat: Vec<f64>,
-    /// Poses of the worlds that are asked about.
-    poses: Poses,
+/// Results of senses, whose memory is reused.
+#[derive(Default)]
+pub struct Sensed {
     contacts: Vec<Vec<Contact>>,
     limited: Vec<usize>,
     clearance: Vec<Clearance>,
     camera_poses: Vec<Pose>,
 }
 
-/// Poses of some worlds, in f64.
-#[derive(Default)]
-struct Poses {
-    n_worlds: usize,
-    drone_pos: Vec<f64>,
-    drone_quat: Vec<f64>,
-    obstacle_pos: Vec<f64>,
-    obstacle_quat: Vec<f64>,
-}
-
-impl Poses {
-    fn world_poses(&self) -> WorldPoses<'_> {
-        WorldPoses {
-            n_worlds: self.n_worlds,
-            drone_pos_m: &self.drone_pos,
-            drone_quat_xyzw: &self.drone_quat,
-            obstacle_pos_m: Some(&self.obstacle_pos),
-            obstacle_quat_xyzw: Some(&self.obstacle_quat),
-        }
-    }
-}
-
-impl Sensing {
-    /// Of each scene its kind, `path`, or `xml` where its text is the MJCF itself; shells of the drones, or paths of other ones;
-    /// the scene of each world.
-    pub fn new(
-        sources: &[(String, String)],
-        drones: &[(&Vehicle, Option<&str>)],
-        layout: &[usize],
-    ) -> PyResult<Self> {
-        let shells: Vec<Shell> = drones
-            .iter()
-            .map(|(vehicle, path)| match (path, vehicle.shell_path()) {
-                (Some(path), _) => Shell::load(Path::new(path)),
-                (None, Some(path)) => Shell::load(&path),
-                (None, None) => Shell::builtin(&vehicle.shell),
-            })
-            .collect::<Result<_, _>>()
-            .or_raise()?;
-        let mut scenes: Vec<(Scene, WorkerPool)> = Vec::new();
-        for (kind, text) in sources {
-            let source = match kind.as_str() {
-                "xml" => SceneSource::text("given as text", text),
-                _ => SceneSource::file(text),
-            };
-            let scene = Scene::build(&source, &shells).or_raise()?;
-            scenes.push((scene.clone(), WorkerPool::new(&scene)));
-        }
-        // Worlds in scenes with fewer have no numbers in the rows that are left.
-        let most = scenes.iter().map(|(s, _)| s.obstacles().len()).max().unwrap_or(0);
-        let of_worlds = |of: fn(&propwash::scene::ObstacleInfo) -> Vec<f64>, width: usize| -> Vec<f64> {
-            let of_world = |i: &usize| {
-                let mut rows: Vec<f64> = scenes[*i].0.obstacles().iter().flat_map(of).collect();
-                rows.resize(most * width, f64::NAN);
-                rows
-            };
-            layout.iter().flat_map(of_world).collect()
+/// Compiles scenes. Of each its kind, `path`, or `xml` where its text is the MJCF itself; shells of the drones, or paths of other
+/// ones.
+pub fn scenes(sources: &[(String, String)], drones: &[(&Vehicle, Option<&str>)]) -> PyResult<Vec<Scene>> {
+    let shells: Vec<Shell> = drones
+        .iter()
+        .map(|(vehicle, path)| match (path, vehicle.shell_path()) {
+            (Some(path), _) => Shell::load(Path::new(path)),
+            (None, Some(path)) => Shell::load(&path),
+            (None, None) => Shell::builtin(&vehicle.shell),
+        })
+        .collect::<Result<_, _>>()
+        .or_raise()?;
+    let build = |(kind, text): &(String, String)| {
+        let source = match kind.as_str() {
+            "xml" => SceneSource::text("given as text", text),
+            _ => SceneSource::file(text),
         };
-        Ok(Self {
-            obstacle_pos: of_worlds(|o| o.pos_m.to_vec(), 3),
-            obstacle_quat: of_worlds(|o| o.quat_xyzw.to_vec(), 4),
-            poses: Poses::default(),
-            contacts: Vec::new(),
-            limited: Vec::new(),
-            clearance: Vec::new(),
-            camera_poses: Vec::new(),
-            scenes,
-        })
-    }
-
-    /// Number of bodies that can be moved in the scene with most.
-    pub fn n_obstacles(&self) -> usize {
-        self.scenes.iter().map(|(s, _)| s.obstacles().len()).max().unwrap_or(0)
-    }
-
-    /// The scene called by its number.
-    fn scene(&self, index: usize) -> PyResult<&Scene> {
-        self.scenes.get(index).map(|(s, _)| s).ok_or_else(|| {
-            PyIndexError::new_err(format!("scene: expected less than {}, got {index}", self.scenes.len()))
-        })
-    }
-
-    /// The numbers of `obstacle_pos` or `obstacle_quat`.
-    pub fn obstacle_array(&mut self, name: &str) -> &mut [f64] {
-        if name == "obstacle_pos" { &mut self.obstacle_pos } else { &mut self.obstacle_quat }
-    }
-
-    /// Takes over the poses of the worlds asked about, all of them where `worlds` is none; they fly in the scene `scene`.
-    fn load(&mut self, flight: &Flight, worlds: Option<&[usize]>, scene: usize) {
-        let (n_obstacles, own) = (self.n_obstacles(), self.scenes[scene].0.obstacles().len());
-        let n_drones = self.scenes.first().map_or(0, |(s, _)| s.n_drones());
-        let poses = &mut self.poses;
-        for list in
-            [&mut poses.drone_pos, &mut poses.drone_quat, &mut poses.obstacle_pos, &mut poses.obstacle_quat]
-        {
-            list.clear();
-        }
-        let n_worlds = either!(flight, sim => sim.data.n_worlds);
-        poses.n_worlds = worlds.map_or(n_worlds, <[usize]>::len);
-        for k in 0..poses.n_worlds {
-            let w = worlds.map_or(k, |list| list[k]);
-            let rows = |width: usize, n: usize| width * n * w..width * n * (w + 1);
-            either!(flight, sim => {
-                poses.drone_pos.extend(sim.data.pos[rows(3, n_drones)].iter().map(|v| v.wide()));
-                poses.drone_quat.extend(sim.data.quat[rows(4, n_drones)].iter().map(|v| v.wide()));
-            });
-            poses.obstacle_pos.extend_from_slice(&self.obstacle_pos[rows(3, n_obstacles)][..3 * own]);
-            poses.obstacle_quat.extend_from_slice(&self.obstacle_quat[rows(4, n_obstacles)][..4 * own]);
-        }
-    }
+        Scene::build(&source, &shells).or_raise()
+    };
+    sources.iter().map(build).collect()
 }
 
 impl Core {
-    fn sensing(&mut self) -> PyResult<(&Flight, &mut Sensing)> {
-        match &mut self.sensing {
-            Some(sensing) => Ok((&self.flight, sensing)),
-            None => Err(no_scene()),
+    /// The simulation in its scenes, and where results go.
+    fn sensing(&mut self) -> PyResult<(&mut Flight, &mut Sensed)> {
+        match either!(&self.flight, arena => arena.has_scene()) {
+            true => Ok((&mut self.flight, &mut self.sensed)),
+            false => Err(no_scene()),
         }
     }
+}
+
+/// The scene called by its number.
+fn scene(flight: &Flight, index: usize) -> PyResult<Scene> {
+    let (found, n) = either!(flight, arena => (arena.scenes().nth(index).cloned(), arena.scenes().len()));
+    found.ok_or_else(|| PyIndexError::new_err(format!("scene: expected less than {n}, got {index}")))
 }
 
 fn no_scene() -> PyErr {
@@ -162,9 +71,9 @@ fn no_scene() -> PyErr {
 }
 
 /// One error for all that went wrong in some worlds, by the numbers that the caller knows.
-fn in_worlds(error: SenseError, worlds: Option<&[usize]>) -> PyErr {
+fn in_worlds(error: ArenaError, worlds: Option<&[usize]>) -> PyErr {
     match error {
-        SenseError::Worlds { worlds: n, failures } => {
+        ArenaError::Sense(SenseError::Worlds { worlds: n, failures }) => {
             let list: Vec<String> = failures
                 .iter()
                 .take(3)
@@ -191,7 +100,7 @@ fn plane<'py, T: Element>(
     }
     let fault = |got: String| {
         PyValueError::new_err(format!(
-            "{name} of out: expected a writable array of shape {}, C-contiguous, got {got}",
+            "{name} of out: expected an array of shape {}, writable and C-contiguous, got {got}",
             arrays::tuple(shape)
         ))
     };
@@ -213,8 +122,8 @@ impl PySim {
     /// What is in a scene, as JSON.
     fn scene_json(&self, scene: usize) -> PyResult<String> {
         let mut core = self.core()?;
-        let (_, sensing) = core.sensing()?;
-        let scene = sensing.scene(scene)?;
+        let (flight, _) = core.sensing()?;
+        let scene = crate::sense::scene(flight, scene)?;
         Ok(json!({
             "name": scene.name(), "geoms": scene.geoms(), "bodies": scene.bodies(), "cameras": scene.cameras(),
             "obstacles": scene.obstacles(), "warnings": scene.warnings(), "sha256": scene.hash(),
@@ -225,26 +134,34 @@ impl PySim {
     /// The cameras that `spec` describes in a scene: one for each drone, or one of the scene or the world.
     fn cameras(&self, spec: CameraSpec, scene: usize) -> PyResult<PyCameras> {
         let mut core = self.core()?;
-        let (_, sensing) = core.sensing()?;
-        spec.build(sensing.scene(scene)?)
+        let (flight, _) = core.sensing()?;
+        spec.build(&crate::sense::scene(flight, scene)?)
     }
 
     /// Renders into `planes` (depth, status, geom_id, body_id, normal: arrays or None), and returns positions and
-    /// orientations of the cameras.
+    /// orientations of the cameras, of which there are those of each scene in the order of scenes.
     #[pyo3(signature = (cameras, worlds, planes))]
     #[allow(clippy::type_complexity)]
     fn render<'py>(
         &self,
         py: Python<'py>,
-        cameras: &Bound<'py, PyCameras>,
+        cameras: Vec<Py<PyCameras>>,
         worlds: Option<Vec<usize>>,
         planes: &Bound<'py, PyDict>,
     ) -> PyResult<(Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
         self.check_worlds(worlds.as_deref())?;
-        let cameras = cameras.get();
+        let mut core = self.core()?;
+        let (flight, sensed) = core.sensing()?;
+        let own = either!(&*flight, arena => arena.scenes().len() == cameras.len()
+            && arena.scenes().zip(&cameras).all(|(scene, camera)| camera.get().belong_to(scene)));
+        let Some(first) = cameras.first().map(Py::get).filter(|_| own) else {
+            return Err(PyValueError::new_err(
+                "camera: expected one of each of this Sim's scenes, in their order, got those of another Sim's scene",
+            ));
+        };
         let n_worlds = worlds.as_ref().map_or(self.n_worlds, Vec::len);
-        let shape = cameras.shape(n_worlds);
-        let image = [&shape[..], &[cameras.height(), cameras.width()]].concat();
+        let shape = first.shape(n_worlds);
+        let image = [&shape[..], &[first.height(), first.width()]].concat();
         let mut depth = plane::<f32>(planes, "depth", &image)?;
         let mut status = plane::<u8>(planes, "status", &image)?;
         let mut geom = plane::<i32>(planes, "geom_id", &image)?;
@@ -257,48 +174,33 @@ impl PySim {
             body_id: slice(&mut body)?,
             normal: slice(&mut normal)?.map(|n| n.as_chunks_mut::<3>().0),
         };
-        let mut core = self.core()?;
-        let (flight, sensing) = core.sensing()?;
-        let Some(scene) = sensing.scenes.iter().position(|(s, _)| cameras.belong_to(s)) else {
-            return Err(PyValueError::new_err(
-                "camera: expected one of this Sim, got one of another Sim's scene",
-            ));
-        };
-        sensing.load(flight, worlds.as_deref(), scene);
-        let mut poses = std::mem::take(&mut sensing.camera_poses);
-        poses.resize(n_worlds * cameras.cameras.len(), Pose::default());
-        let done = py.detach(|| {
-            self.pool.install(|| {
-                let at = sensing.poses.world_poses();
-                render_batch_into(&sensing.scenes[scene].1, &cameras.cameras, &at, out, &mut poses)
-            })
+        let lists: Vec<&[Camera]> = cameras.iter().map(|c| &c.get().cameras[..]).collect();
+        let mut poses = std::mem::take(&mut sensed.camera_poses);
+        poses.resize(n_worlds * first.cameras.len(), Pose::default());
+        let done = either!(&*flight, arena => {
+            let look = arena.look();
+            py.detach(|| self.pool.install(|| look.render(&lists, worlds.as_deref(), out, &mut poses)))
         });
         let pos = poses.iter().flat_map(|p| p.pos_m).collect();
         let quat = poses.iter().flat_map(|p| p.quat_xyzw).collect();
-        sensing.camera_poses = poses;
+        sensed.camera_poses = poses;
         done.map_err(|e| in_worlds(e, worlds.as_deref()))?;
         let of = |width: usize| [&shape[..], &[width]].concat();
         Ok((arrays::owned(py, pos, &of(3))?, arrays::owned(py, quat, &of(4))?))
     }
 
-    /// All contacts in a scene as arrays by name, one entry for each contact in the order of worlds, which are those of the list
+    /// All contacts as arrays by name, one entry for each contact in the order of worlds, which are those of the list
     /// or all; their numbers are places in it.
-    #[pyo3(signature = (scene, worlds))]
-    fn contacts<'py>(
-        &self,
-        py: Python<'py>,
-        scene: usize,
-        worlds: Option<Vec<usize>>,
-    ) -> PyResult<Bound<'py, PyDict>> {
+    #[pyo3(signature = (worlds = None))]
+    fn contacts<'py>(&self, py: Python<'py>, worlds: Option<Vec<usize>>) -> PyResult<Bound<'py, PyDict>> {
         self.check_worlds(worlds.as_deref())?;
         let mut core = self.core()?;
-        let (flight, sensing) = core.sensing()?;
-        sensing.scene(scene)?;
-        sensing.load(flight, worlds.as_deref(), scene);
-        let Sensing { scenes, poses, contacts, limited, .. } = sensing;
-        let at = poses.world_poses();
-        py.detach(|| self.pool.install(|| contacts_batch(&scenes[scene].1, &at, contacts, limited)))
-            .map_err(|e| in_worlds(e, worlds.as_deref()))?;
+        let (flight, Sensed { contacts, limited, .. }) = core.sensing()?;
+        either!(flight, arena => {
+            let look = arena.look();
+            py.detach(|| self.pool.install(|| look.contacts(worlds.as_deref(), contacts, limited)))
+        })
+        .map_err(|e| in_worlds(e, worlds.as_deref()))?;
         let all = || contacts.iter().enumerate().flat_map(|(w, list)| list.iter().map(move |c| (w, c)));
         let n = all().count();
         let out = PyDict::new(py);
@@ -323,31 +225,29 @@ impl PySim {
         Ok(out)
     }
 
-    /// Distance to the nearest obstacle of every drone in a scene as arrays by name, (n_worlds, n_drones, …), in the worlds of the
+    /// Distance to the nearest obstacle of every drone as arrays by name, (n_worlds, n_drones, …), in the worlds of the
     /// list or all.
-    #[pyo3(signature = (max_distance, scene, worlds))]
+    #[pyo3(signature = (max_distance, worlds = None))]
     fn clearance<'py>(
         &self,
         py: Python<'py>,
         max_distance: f64,
-        scene: usize,
         worlds: Option<Vec<usize>>,
     ) -> PyResult<Bound<'py, PyDict>> {
         self.check_worlds(worlds.as_deref())?;
         let n_worlds = worlds.as_ref().map_or(self.n_worlds, Vec::len);
         let mut core = self.core()?;
-        let (flight, sensing) = core.sensing()?;
+        let (flight, Sensed { clearance, .. }) = core.sensing()?;
         if !(max_distance > 0.0 && max_distance < 1e9) {
             return Err(PyValueError::new_err(format!(
                 "max_distance: expected metres between 0 and 1e9, got {max_distance}"
             )));
         }
-        sensing.scene(scene)?;
-        sensing.load(flight, worlds.as_deref(), scene);
-        let Sensing { scenes, poses, clearance, .. } = sensing;
-        let at = poses.world_poses();
-        py.detach(|| self.pool.install(|| clearance_batch(&scenes[scene].1, &at, max_distance, clearance)))
-            .map_err(|e| in_worlds(e, worlds.as_deref()))?;
+        either!(flight, arena => {
+            let look = arena.look();
+            py.detach(|| self.pool.install(|| look.clearances(worlds.as_deref(), max_distance, clearance)))
+        })
+        .map_err(|e| in_worlds(e, worlds.as_deref()))?;
         let all = &*clearance;
         let shape = [n_worlds, self.n_drones];
         let points = [n_worlds, self.n_drones, 3];
@@ -374,52 +274,31 @@ impl PySim {
         Ok(out)
     }
 
-    /// Writes the height of a scene under every drone into `data.ground_z`, in the worlds of the list or all; −∞ where there is
+    /// Writes the height of the scene under every drone into `data.ground_z`, in the worlds of the list or all; −∞ where there is
     /// nothing.
-    #[pyo3(signature = (scene, worlds))]
-    fn measure_ground(&self, py: Python<'_>, scene: usize, worlds: Option<Vec<usize>>) -> PyResult<()> {
+    #[pyo3(signature = (worlds = None))]
+    fn measure_ground(&self, py: Python<'_>, worlds: Option<Vec<usize>>) -> PyResult<()> {
         self.check_worlds(worlds.as_deref())?;
-        let n_worlds = worlds.as_ref().map_or(self.n_worlds, Vec::len);
         let mut core = self.core()?;
-        core.sensing()?;
-        let Core { flight, sensing, .. } = &mut *core;
-        let Some(sensing) = sensing else { return Err(no_scene()) };
-        sensing.scene(scene)?;
-        sensing.load(flight, worlds.as_deref(), scene);
-        let Sensing { scenes, poses, .. } = sensing;
-        let (at, pool) = (poses.world_poses(), &scenes[scene].1);
-        let n_drones = self.n_drones;
-        let heights: Vec<Result<Vec<f64>, SceneError>> = py.detach(|| {
-            self.pool.install(|| {
-                (0..n_worlds)
-                    .into_par_iter()
-                    .map(|k| {
-                        pool.with(|worker| {
-                            at.apply(k, worker)?;
-                            (0..n_drones)
-                                .map(|d| {
-                                    let z = at.drone_pos_m[3 * (k * n_drones + d) + 2];
-                                    Ok(worker
-                                        .ground_distance(d)?
-                                        .map_or(f64::NEG_INFINITY, |below| z - below))
-                                })
-                                .collect()
-                        })?
-                    })
-                    .collect()
-            })
-        });
-        for (k, list) in heights.into_iter().enumerate() {
-            let world = worlds.as_ref().map_or(k, |list| list[k]);
-            for (drone, z) in list.or_raise()?.into_iter().enumerate() {
-                let row = world * n_drones + drone;
-                match flight {
-                    Flight::F32(sim) => sim.data.ground_z[row] = z as f32,
-                    Flight::F64(sim) => sim.data.ground_z[row] = z,
-                }
-            }
-        }
-        Ok(())
+        let (flight, _) = core.sensing()?;
+        either!(flight, arena => {
+            py.detach(|| self.pool.install(|| arena.measure_ground(worlds.as_deref())))
+        })
+        .or_raise()
+    }
+
+    /// Number of the scene of each world; none without a scene.
+    #[getter]
+    fn layout(&self) -> PyResult<Vec<usize>> {
+        let core = self.core()?;
+        Ok(either!(&core.flight, arena => arena.layout().to_vec()))
+    }
+
+    /// Moves worlds to other scenes, where obstacles of those that moved stand as the scene has them.
+    fn set_layout(&self, layout: Vec<usize>) -> PyResult<()> {
+        let mut core = self.core()?;
+        let (flight, _) = core.sensing()?;
+        either!(flight, arena => arena.set_layout(&layout)).or_raise()
     }
 }
 

@@ -3,14 +3,17 @@
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::PyArrayDyn;
+use propwash::arena::Arena;
 use propwash::math::quat;
 use propwash::physics::controllers::{ControlMode, Rates};
+use propwash::physics::drone::Drone;
 use propwash::physics::integrate::Integrator;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::rollout::randomize::Randomization;
 use propwash::rollout::{Engine, RotorStart, Sim, SimOptions};
 use propwash::scalar::lanes::Number;
+use propwash::vehicle::Vehicle;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
@@ -19,23 +22,23 @@ use serde::de::DeserializeOwned;
 
 use crate::arrays;
 use crate::errors::{Error, OrRaise};
-use crate::sense::Sensing;
+use crate::sense::{Sensed, scenes};
 use crate::stages::{Call, Place, RestOnGround, Slot, lock};
 use crate::threads;
 use crate::vehicle::PyVehicle;
 
-/// A simulation of either number.
+/// A simulation of either number, in its scenes.
 pub enum Flight {
-    F32(Box<Sim<f32>>),
-    F64(Box<Sim<f64>>),
+    F32(Box<Arena<f32>>),
+    F64(Box<Arena<f64>>),
 }
 
 /// The same expression for a simulation of either number.
 macro_rules! either {
-    ($flight:expr, $sim:ident => $body:expr) => {
+    ($flight:expr, $arena:ident => $body:expr) => {
         match $flight {
-            Flight::F32($sim) => $body,
-            Flight::F64($sim) => $body,
+            Flight::F32($arena) => $body,
+            Flight::F64($arena) => $body,
         }
     };
 }
@@ -44,11 +47,19 @@ pub(crate) use either;
 /// Everything of one simulation that a call may change.
 pub struct Core {
     pub flight: Flight,
-    pub sensing: Option<Sensing>,
+    /// Results of senses, reused.
+    pub sensed: Sensed,
     /// Numbers of commands, reused.
     numbers: Vec<f64>,
     /// Quarantined worlds that were told of.
     told: usize,
+}
+
+impl Core {
+    /// Worlds that are quarantined now are not told of again.
+    pub fn known_quarantine(&mut self) {
+        self.told = either!(&self.flight, arena => arena.sim().n_quarantined());
+    }
 }
 
 /// Owner of the arrays, which their views keep alive. It is an object of its own, apart from the one that holds stages: the
@@ -183,6 +194,20 @@ impl Wanted {
     }
 }
 
+/// A simulation in the scenes that are wanted, or in none.
+fn arena<N: Number>(
+    wanted: &Wanted,
+    options: SimOptions,
+    drones: Vec<(Drone<f64>, Rates)>,
+    shells: &[(&Vehicle, Option<&str>)],
+) -> PyResult<Arena<N>> {
+    let sim = Sim::storing(options, drones).or_raise()?;
+    match &wanted.scene {
+        None => Ok(Arena::open(sim, None)),
+        Some(sources) => Arena::within(sim, &scenes(sources, shells)?, &wanted.layout).or_raise(),
+    }
+}
+
 #[pymethods]
 impl PySim {
     /// `wanted`: the arguments of `propwash.Sim`, checked and completed there.
@@ -206,27 +231,18 @@ impl PySim {
             drones.push((vehicle.drone(dynamics).or_raise()?, wanted.rates(vehicle.rates)));
         }
         let pool = threads::pool(wanted.threads)?;
-        let (flight, sensing) = py.detach(|| {
-            let flight = match wanted.precision.as_str() {
-                "f32" => Flight::F32(Box::new(Sim::storing(options, drones).or_raise()?)),
-                "f64" => Flight::F64(Box::new(Sim::storing(options, drones).or_raise()?)),
-                got => {
-                    return Err(PyValueError::new_err(format!(
-                        "precision: expected f32 or f64, got {got:?}"
-                    )));
-                }
-            };
+        let flight = py.detach(|| {
             let shells: Vec<_> =
                 vehicles.iter().zip(&wanted.shells).map(|(v, s)| (&v.get().vehicle, s.as_deref())).collect();
-            let sensing = match &wanted.scene {
-                None => None,
-                Some(sources) => Some(Sensing::new(sources, &shells, &wanted.layout)?),
-            };
-            Ok((flight, sensing))
+            match wanted.precision.as_str() {
+                "f32" => Ok(Flight::F32(Box::new(arena(&wanted, options, drones, &shells)?))),
+                "f64" => Ok(Flight::F64(Box::new(arena(&wanted, options, drones, &shells)?))),
+                got => Err(PyValueError::new_err(format!("precision: expected f32 or f64, got {got:?}"))),
+            }
         })?;
-        let n_rotors = either!(&flight, sim => sim.data.n_rotors);
-        let n_obstacles = sensing.as_ref().map_or(0, Sensing::n_obstacles);
-        let core = Core { flight, sensing, numbers: Vec::new(), told: 0 };
+        let (n_rotors, n_obstacles) =
+            either!(&flight, arena => (arena.sim().data.n_rotors, arena.n_obstacles()));
+        let core = Core { flight, sensed: Sensed::default(), numbers: Vec::new(), told: 0 };
         let core = Arc::new(Mutex::new(core));
         let owner = Py::new(py, Owner { _core: core.clone() })?;
         Ok(Self {
@@ -261,13 +277,16 @@ impl PySim {
         let owner = || self.owner.bind(py).clone().into_any();
         let mut core = self.core()?;
         if let "obstacle_pos" | "obstacle_quat" = name {
-            let numbers = core.sensing.as_mut().map(|s| s.obstacle_array(name)).unwrap_or_default();
+            let numbers = either!(&mut core.flight, arena => match name {
+                "obstacle_pos" => arena.obstacle_pos_mut(),
+                _ => arena.obstacle_quat_mut(),
+            });
             let shape = [self.n_worlds, self.n_obstacles, if name == "obstacle_pos" { 3 } else { 4 }];
             // SAFETY: the vectors of obstacles are made once with the simulation and keep their length and place.
             return Ok(unsafe { arrays::view(numbers, &shape, owner())? }.into_any());
         }
-        either!(&mut core.flight, sim => {
-            let data = &mut sim.data;
+        either!(&mut core.flight, arena => {
+            let data = arena.data_mut();
             let rows = self.n_worlds * self.n_drones;
             let (rotors, command) = ([data.n_rotors], [data.command_width]);
             let memory = [data.controller_memory.len() / rows];
@@ -320,7 +339,7 @@ impl PySim {
             _ => "(n_worlds, n_drones, 4)",
         };
         arrays::numbers("command", axes, command, &shape, numbers)?;
-        either!(flight, sim => sim.set_command(numbers)).or_raise()
+        either!(flight, arena => arena.set_command(numbers)).or_raise()
     }
 
     /// Advances all worlds; true when worlds were quarantined that were not before.
@@ -328,22 +347,22 @@ impl PySim {
         let mut core = self.core()?;
         let staged = !lock(&self.slots).is_empty();
         let Core { flight, told, .. } = &mut *core;
-        either!(flight, sim => {
+        either!(flight, arena => {
             if staged {
                 self.call.begin(data);
                 let outcome = (0..n_steps).try_for_each(|_| {
-                    let done = py.detach(|| self.pool.install(|| sim.step(1))).or_raise();
+                    let done = py.detach(|| self.pool.install(|| arena.step(1))).or_raise();
                     self.call.take_error().map_or(done, Err)
                 });
                 self.call.end();
                 outcome?;
             } else {
-                py.detach(|| match sim.is_parallel(n_steps) {
-                    true => self.pool.install(|| sim.step(n_steps)),
-                    false => sim.step(n_steps),
+                py.detach(|| match arena.is_parallel(n_steps) {
+                    true => self.pool.install(|| arena.step(n_steps)),
+                    false => arena.step(n_steps),
                 }).or_raise()?;
             }
-            let now = sim.n_quarantined();
+            let now = arena.sim().n_quarantined();
             let more = now > *told;
             *told = now;
             Ok(more)
@@ -355,58 +374,62 @@ impl PySim {
     fn reset(&self, py: Python<'_>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
         let mask = arrays::mask("mask", mask, self.n_worlds)?;
         let mut core = self.core()?;
-        let Core { flight, told, .. } = &mut *core;
-        either!(flight, sim => {
-            py.detach(|| sim.reset(mask.as_deref())).or_raise()?;
-            *told = sim.n_quarantined();
-            Ok(())
-        })
+        either!(&mut core.flight, arena => py.detach(|| arena.reset(mask.as_deref()))).or_raise()?;
+        core.known_quarantine();
+        Ok(())
     }
 
-    /// Sets what resets start from: arrays (n_worlds, n_drones, n), each optional.
+    /// Sets what resets start from: arrays (n_worlds, n_drones, n), each optional; what is None stays as it is.
     #[pyo3(signature = (pos, quat, vel, ang_vel))]
     fn set_initial(
         &self,
-        pos: &Bound<'_, PyAny>,
-        quat: &Bound<'_, PyAny>,
-        vel: &Bound<'_, PyAny>,
-        ang_vel: &Bound<'_, PyAny>,
+        pos: Option<&Bound<'_, PyAny>>,
+        quat: Option<&Bound<'_, PyAny>>,
+        vel: Option<&Bound<'_, PyAny>>,
+        ang_vel: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let mut lists = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
         let given = [("pos", pos, 3), ("quat", quat, 4), ("vel", vel, 3), ("ang_vel", ang_vel, 3)];
         for (list, (name, value, width)) in lists.iter_mut().zip(given) {
             let axes = format!("(n_worlds, n_drones, {width})");
-            arrays::numbers(name, &axes, value, &self.shape(&[width]), list)?;
+            if let Some(value) = value {
+                arrays::numbers(name, &axes, value, &self.shape(&[width]), list)?;
+            }
         }
         let [pos, quat, vel, ang_vel] = lists;
         let mut core = self.core()?;
-        let state = |row: usize| State {
-            pos: core::array::from_fn(|i| pos[3 * row + i]),
-            quat: unit(core::array::from_fn(|i| quat[4 * row + i])),
-            vel: core::array::from_fn(|i| vel[3 * row + i]),
-            ang_vel: core::array::from_fn(|i| ang_vel[3 * row + i]),
-            ..State::rest()
+        let three = |list: &[f64], row: usize, old: [f64; 3]| match list.get(3 * row..3 * row + 3) {
+            Some(new) => [new[0], new[1], new[2]],
+            None => old,
         };
+        let rows = 0..self.n_worlds * self.n_drones;
+        let mut states = Vec::with_capacity(rows.len());
         // All are tried before one is set.
-        for row in 0..self.n_worlds * self.n_drones {
-            let s = state(row);
+        for row in rows {
+            let (world, drone) = (row / self.n_drones, row % self.n_drones);
+            let old = either!(&core.flight, arena => *arena.sim().initial(world, drone));
+            let s = State {
+                pos: three(&pos, row, old.pos),
+                quat: match quat.get(4 * row..4 * row + 4) {
+                    Some(q) => unit([q[0], q[1], q[2], q[3]]),
+                    None => old.quat,
+                },
+                vel: three(&vel, row, old.vel),
+                ang_vel: three(&ang_vel, row, old.ang_vel),
+                ..State::rest()
+            };
             let whole = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
             if !whole.iter().all(|v| v.is_finite()) || s.quat == [0.0; 4] {
                 return Err(PyValueError::new_err(format!(
-                    "initial state of world {}, drone {}: expected finite numbers and an attitude that is not zero, got pos \
-                     {:?}, quat {:?}, vel {:?}, ang_vel {:?}; nothing was changed",
-                    row / self.n_drones,
-                    row % self.n_drones,
-                    s.pos,
-                    s.quat,
-                    s.vel,
-                    s.ang_vel
+                    "initial state of world {world}, drone {drone}: expected finite numbers and an attitude that is not zero, \
+                     got pos {:?}, quat {:?}, vel {:?}, ang_vel {:?}; nothing was changed",
+                    s.pos, s.quat, s.vel, s.ang_vel
                 )));
             }
+            states.push((world, drone, s));
         }
-        for row in 0..self.n_worlds * self.n_drones {
-            let (world, drone) = (row / self.n_drones, row % self.n_drones);
-            either!(&mut core.flight, sim => sim.set_initial(world, drone, state(row))).or_raise()?;
+        for (world, drone, state) in states {
+            either!(&mut core.flight, arena => arena.set_initial(world, drone, state)).or_raise()?;
         }
         Ok(())
     }
@@ -414,7 +437,8 @@ impl PySim {
     /// Which worlds are quarantined.
     fn quarantined<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let core = self.core()?;
-        let flags = either!(&core.flight, sim => sim.data.quarantine.iter().map(Option::is_some).collect());
+        let flags =
+            either!(&core.flight, arena => arena.sim().data.quarantine.iter().map(Option::is_some).collect());
         arrays::owned(py, flags, &[self.n_worlds])
     }
 
@@ -426,13 +450,17 @@ impl PySim {
             let q = q.as_ref()?;
             Some((w, q.drone, q.step, q.quantity.clone(), q.stage.clone(), q.to_string()))
         };
-        Ok(either!(&core.flight, sim => sim.data.quarantine.iter().enumerate().filter_map(told).collect()))
+        Ok(
+            either!(&core.flight, arena => arena.sim().data.quarantine.iter().enumerate().filter_map(told).collect()),
+        )
     }
 
     /// Names of the stages, first to last.
     fn stage_names(&self) -> PyResult<Vec<String>> {
         let core = self.core()?;
-        Ok(either!(&core.flight, sim => sim.pipeline.names().iter().map(|n| n.to_string()).collect()))
+        Ok(
+            either!(&core.flight, arena => arena.sim().pipeline.names().iter().map(|n| n.to_string()).collect()),
+        )
     }
 
     /// Adds a stage: a function of the arrays, or a built-in one.
@@ -454,12 +482,12 @@ impl PySim {
             )));
         }
         let slot = Slot::new(name, stage.clone().unbind());
-        either!(&mut core.flight, sim => {
+        either!(&mut core.flight, arena => {
             let f = match &built_in {
                 Some(of) => of.stage(),
                 None => slot.stage(&self.call),
             };
-            let pipeline = &mut sim.pipeline;
+            let pipeline = arena.pipeline_mut();
             match place {
                 Place::First => pipeline.prepend(name, f),
                 Place::Last => pipeline.append(name, f),
@@ -480,7 +508,7 @@ impl PySim {
     /// Takes a stage out.
     fn remove_stage(&self, name: &str) -> PyResult<()> {
         let mut core = self.core()?;
-        either!(&mut core.flight, sim => sim.pipeline.remove(name)).or_raise()?;
+        either!(&mut core.flight, arena => arena.pipeline_mut().remove(name)).or_raise()?;
         lock(&self.slots).retain(|s| s.name != name);
         Ok(())
     }
@@ -489,7 +517,7 @@ impl PySim {
     fn parameters(&self, world: usize, drone: usize) -> PyResult<Vec<(String, f64)>> {
         self.check(world, drone)?;
         let core = self.core()?;
-        let mut of = either!(&core.flight, sim => sim.drone(world, drone).clone());
+        let mut of = either!(&core.flight, arena => arena.sim().drone(world, drone).clone());
         let mut out = Vec::new();
         of.visit(&mut |name, value| out.push((name.to_string(), *value)));
         Ok(out)
@@ -501,7 +529,7 @@ impl PySim {
         let mut out = vec![f64::NAN; self.n_worlds * self.n_drones];
         for (row, out) in out.iter_mut().enumerate() {
             let (world, drone) = (row / self.n_drones, row % self.n_drones);
-            let mut of = either!(&core.flight, sim => sim.drone(world, drone).clone());
+            let mut of = either!(&core.flight, arena => arena.sim().drone(world, drone).clone());
             of.visit(&mut |n, value| {
                 if n == name {
                     *out = *value;
@@ -528,14 +556,15 @@ impl PySim {
         let mut numbers = Vec::new();
         arrays::numbers(name, "(n_worlds,)", values, &[self.n_worlds], &mut numbers)?;
         let mut core = self.core()?;
-        either!(&mut core.flight, sim => py.detach(|| set_all(sim, name, drone, &numbers)))
+        either!(&mut core.flight, arena => py.detach(|| set_all(arena, name, drone, &numbers)))
     }
 
     /// Collective thrust that carries the weight of every drone, N, (n_worlds, n_drones).
     fn hover_thrust<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let core = self.core()?;
         let rows = 0..self.n_worlds * self.n_drones;
-        let of = |row| either!(&core.flight, sim => sim.drone(row / self.n_drones, row % self.n_drones).hover_thrust());
+        let n = self.n_drones;
+        let of = |row| either!(&core.flight, arena => arena.sim().drone(row / n, row % n).hover_thrust());
         arrays::owned(py, rows.map(of).collect(), &[self.n_worlds, self.n_drones])
     }
 
@@ -544,7 +573,8 @@ impl PySim {
         let core = self.core()?;
         let rows = 0..self.n_worlds * self.n_drones;
         let of = |row: usize| {
-            let speeds = either!(&core.flight, sim => sim.drone(row / self.n_drones, row % self.n_drones).hover_rotor_vel());
+            let (world, drone) = (row / self.n_drones, row % self.n_drones);
+            let speeds = either!(&core.flight, arena => arena.sim().drone(world, drone).hover_rotor_vel());
             speeds.into_iter().take(self.n_rotors)
         };
         arrays::owned(py, rows.flat_map(of).collect(), &self.shape(&[self.n_rotors]))
@@ -597,23 +627,23 @@ fn unit(q: [f64; 4]) -> [f64; 4] {
 }
 
 /// One value for each world; all or none.
-fn set_all<N: Number>(sim: &mut Sim<N>, name: &str, drone: usize, values: &[f64]) -> PyResult<()> {
+fn set_all<N: Number>(arena: &mut Arena<N>, name: &str, drone: usize, values: &[f64]) -> PyResult<()> {
     if values.iter().all(|v| v.to_bits() == values[0].to_bits()) {
-        return sim.set_parameter(None, drone, name, values[0]).or_raise();
+        return arena.set_parameter(None, drone, name, values[0]).or_raise();
     }
     let mut before = vec![f64::NAN; values.len()];
     for (world, old) in before.iter_mut().enumerate() {
-        sim.drone(world, drone).clone().visit(&mut |n, v| {
+        arena.sim().drone(world, drone).clone().visit(&mut |n, v| {
             if n == name {
                 *old = *v;
             }
         });
     }
     for (world, value) in values.iter().enumerate() {
-        let done = sim.set_parameter(Some(world), drone, name, *value).or_raise();
+        let done = arena.set_parameter(Some(world), drone, name, *value).or_raise();
         if done.is_err() {
             for (world, old) in before.iter().enumerate().take(world) {
-                sim.set_parameter(Some(world), drone, name, *old).or_raise()?;
+                arena.set_parameter(Some(world), drone, name, *old).or_raise()?;
             }
             return done;
         }

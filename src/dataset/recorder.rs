@@ -5,11 +5,11 @@ use super::{
     FrameInput, GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary,
     VehicleRecord, View, WorldWriter, create_or_resume,
 };
+use crate::arena::Arena;
 use crate::error::Result;
 use crate::math::{quat, vec3};
 use crate::physics::controllers::{ControlMode, ticks};
 use crate::physics::drone::{Drone, Dynamics};
-use crate::physics::effects::AnyEffect;
 use crate::physics::integrate::Integrator;
 use crate::physics::measure;
 use crate::physics::rigid_body::State;
@@ -24,6 +24,7 @@ use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Which way the drones fly.
@@ -169,9 +170,9 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
     progress(n_resumed, flight.n_worlds);
-    let pool = WorkerPool::new(&flight.scene);
+    let pool = Arc::new(WorkerPool::new(&flight.scene));
     (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        pool.with(|worker| World::new(flight, &drones, worker, w)?.fly(writer.world(w)?))??;
+        World::new(flight, &drones, &pool, w)?.fly(writer.world(w)?)?;
         progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
         Ok(())
     })?;
@@ -377,8 +378,7 @@ impl Flight {
 /// One world on its way.
 struct World<'a> {
     flight: &'a Flight,
-    worker: &'a mut Worker,
-    sim: Sim,
+    arena: Arena,
     world: usize,
     trajectories: Vec<Trajectory>,
     obstacles: Vec<Pose>,
@@ -394,48 +394,40 @@ struct World<'a> {
     touching: Vec<(i32, i32)>,
     /// Steps in which a pair of geoms had as many contacts as MuJoCo reports at most, so that some may be missing.
     crowded_steps: u64,
-    reads_ground: bool,
     /// Whether the scene has flexes: contacts find them, clearance does not, so that no slack is known.
     has_flexes: bool,
 }
 
 impl<'a> World<'a> {
-    fn new(flight: &'a Flight, drones: &[Drone<f64>], worker: &'a mut Worker, world: usize) -> Result<Self> {
+    fn new(flight: &'a Flight, drones: &[Drone<f64>], pool: &Arc<WorkerPool>, world: usize) -> Result<Self> {
         let n = drones.len();
-        let mut sim = flight.sim(drones, world)?;
+        let mut arena = Arena::sharing(flight.sim(drones, world)?, std::slice::from_ref(pool), &[0])?;
         let obstacles = flight.obstacle_poses(world as u64);
         for (i, obstacle) in obstacles.iter().enumerate() {
-            worker.set_obstacle(i, obstacle.pos_m, obstacle.quat_xyzw)?;
+            arena.obstacle_pos_mut()[3 * i..3 * i + 3].copy_from_slice(&obstacle.pos_m);
+            arena.obstacle_quat_mut()[4 * i..4 * i + 4].copy_from_slice(&obstacle.quat_xyzw);
         }
-        let (trajectories, mut start_clearance_m) = free_start(flight, worker, world as u64, n)?;
+        let (trajectories, mut start_clearance_m) =
+            free_start(flight, &mut *arena.look().surroundings(0)?, world as u64, n)?;
         for (d, trajectory) in trajectories.iter().enumerate() {
             let start = start_pose(trajectory);
-            sim.set_initial(0, d, State { pos: start.pos_m, quat: start.quat_xyzw, ..State::rest() })?;
+            arena.set_initial(0, d, State { pos: start.pos_m, quat: start.quat_xyzw, ..State::rest() })?;
         }
-        sim.reset(None)?;
+        arena.reset(None)?;
         let frames: Vec<DepthFrame> = flight.cameras.iter().map(|_| DepthFrame::new()).collect();
-        let last: Vec<Pose> = (0..n).map(|d| pose(&sim, d)).collect();
+        let last: Vec<Pose> = arena.poses();
         let inside = |p: &Pose| p.pos_m.iter().all(|x| x.abs() <= MAX_COORDINATE_M);
         // Where starts are drawn anew, what counts is where they came to lie.
         if flight.randomization.rules.iter().any(|r| r.parameter.starts_with("initial."))
             && last.iter().all(inside)
         {
-            for (d, at) in last.iter().enumerate() {
-                worker.set_drone(d, at.pos_m, at.quat_xyzw)?;
-            }
-            worker.update()?;
-            start_clearance_m = f64::INFINITY;
-            for d in 0..n {
-                let clear = sense::clearance(worker, d, flight.clearance_max_m)?;
-                start_clearance_m = start_clearance_m.min(clear.distance_m);
-            }
+            let mut clear = Vec::new();
+            arena.clearances(None, flight.clearance_max_m, &mut clear)?;
+            start_clearance_m = clear.iter().map(|c| c.distance_m).fold(f64::INFINITY, f64::min);
         }
-        let reads_ground =
-            drones.iter().flat_map(|d| &d.effects).any(|e| matches!(e, AnyEffect::GroundEffect(_)));
         Ok(Self {
             flight,
-            worker,
-            sim,
+            arena,
             world,
             trajectories,
             obstacles,
@@ -447,7 +439,6 @@ impl<'a> World<'a> {
             slack: vec![0.0; n],
             touching: Vec::new(),
             crowded_steps: 0,
-            reads_ground,
             has_flexes: flight.scene.n_flex() > 0,
         })
     }
@@ -470,21 +461,18 @@ impl<'a> World<'a> {
             if frame {
                 self.see(t, step, &mut out)?;
             }
-            if self.reads_ground {
-                self.feel_ground()?;
-            }
             let command: Vec<f64> = self.trajectories.iter().flat_map(|tr| tr.at(t).command()).collect();
-            self.sim.set_command(&command)?;
-            self.sim.run_controllers();
+            self.arena.set_command(&command)?;
+            self.arena.run_controllers()?;
             if log {
                 self.log_states(t, step, &mut out)?;
             }
             if step < steps {
                 for d in 0..self.last.len() {
-                    self.last[d] = pose(&self.sim, d);
+                    self.last[d] = self.pose(d);
                 }
-                self.sim.run_integration();
-                if let Some(fault) = self.sim.data.quarantine[0].clone() {
+                self.arena.run_integration();
+                if let Some(fault) = self.arena.sim().data.quarantine[0].clone() {
                     let reason = format!("{} became non-finite", fault.quantity);
                     out.quarantine(Quarantine { step: fault.step, drone: fault.drone, reason });
                     break;
@@ -504,22 +492,18 @@ impl<'a> World<'a> {
 
     /// The first drone that has left what a scene can hold: such a world ends there, and the others go on.
     fn out_of_bounds(&self) -> Option<(usize, String)> {
-        let far = |d: &usize| pose(&self.sim, *d).pos_m.iter().any(|x| x.abs() > MAX_COORDINATE_M);
+        let far = |d: &usize| self.pose(*d).pos_m.iter().any(|x| x.abs() > MAX_COORDINATE_M);
         let reason = format!("position left the ±{MAX_COORDINATE_M:e} m of a scene");
         (0..self.last.len()).find(far).map(|d| (d, reason))
     }
 
     fn masses(&self) -> Vec<f64> {
-        (0..self.last.len()).map(|d| self.sim.drone(0, d).parts().body.mass_kg).collect()
+        (0..self.last.len()).map(|d| self.arena.sim().drone(0, d).parts().body.mass_kg).collect()
     }
 
-    /// Writes the poses of this step into the worker.
-    fn sync(&mut self) -> Result<()> {
-        for d in 0..self.last.len() {
-            let at = pose(&self.sim, d);
-            self.worker.set_drone(d, at.pos_m, at.quat_xyzw)?;
-        }
-        Ok(self.worker.update()?)
+    /// Where drone `d` is.
+    fn pose(&self, d: usize) -> Pose {
+        self.arena.look().pose(0, d)
     }
 
     /// Contacts and swept hits of the step that led here, looked for only where something may be near.
@@ -527,7 +511,7 @@ impl<'a> World<'a> {
         let n = self.last.len();
         let mut moved = Vec::with_capacity(n);
         for d in 0..n {
-            let (from, to) = (self.last[d], pose(&self.sim, d));
+            let (from, to) = (self.last[d], self.pose(d));
             let turn = quat::mul(quat::conjugate(from.quat_xyzw), to.quat_xyzw);
             let angle = 2.0 * vec3::norm([turn[0], turn[1], turn[2]]).atan2(turn[3].abs());
             let radius = self.flight.scene.drone_radius_m(d)?;
@@ -541,14 +525,12 @@ impl<'a> World<'a> {
                 near.push(d);
             }
         }
-        if !near.is_empty() || log {
-            self.sync()?;
-        }
         if near.is_empty() {
             self.touching.clear();
             return Ok(());
         }
-        self.crowded_steps += u64::from(sense::contacts(self.worker, &mut self.contacts)? > 0);
+        let mut worker = self.arena.look().world(0)?;
+        self.crowded_steps += u64::from(sense::contacts(&mut worker, &mut self.contacts)? > 0);
         let mut now = Vec::new();
         for c in self.contacts.iter().filter(|c| c.touches()) {
             let pair = (c.drone_geom, c.other_geom);
@@ -560,9 +542,9 @@ impl<'a> World<'a> {
         let mut met: Vec<[usize; 2]> = Vec::new();
         for d in near {
             if step > 0 {
-                self.find_jumped(t, step, d, &mut met, out)?;
+                self.find_jumped(&mut worker, (t, step), d, &mut met, out)?;
             }
-            let clear = sense::clearance(self.worker, d, self.flight.clearance_max_m)?;
+            let clear = sense::clearance(&mut worker, d, self.flight.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
         }
         self.touching = now;
@@ -572,9 +554,9 @@ impl<'a> World<'a> {
     /// What drone `d` touched between the last step and this one, and neither then nor now. `seen` holds the pairs of
     /// drones that were looked at in this step.
     fn find_jumped(
-        &mut self,
-        t: f64,
-        step: u64,
+        &self,
+        worker: &mut Worker,
+        (t, step): (f64, u64),
         d: usize,
         seen: &mut Vec<[usize; 2]>,
         out: &mut WorldWriter,
@@ -596,7 +578,7 @@ impl<'a> World<'a> {
                 }
             }
         }
-        let (from, to) = (self.last[d], pose(&self.sim, d));
+        let (from, to) = (self.last[d], self.pose(d));
         for e in (0..self.last.len()).filter(|e| *e != d) {
             let pair = [d.min(e), d.max(e)];
             let touched = geoms_of(e).any(|g| known.contains(&g));
@@ -605,21 +587,22 @@ impl<'a> World<'a> {
                 continue;
             }
             seen.push(pair);
-            if let Some(hit) = sense::swept_pair(self.worker, d, from, to, e, self.last[e])? {
+            if let Some(hit) = sense::swept_pair(worker, d, from, to, e, self.last[e])? {
                 out.contact(&jumped(t, step, d, &hit, scene))?;
             }
         }
-        while let Some(hit) = sense::swept_beyond(self.worker, d, from, to, &known)? {
+        while let Some(hit) = sense::swept_beyond(worker, d, from, to, &known)? {
             out.contact(&jumped(t, step, d, &hit, scene))?;
             known.push(hit.other_geom);
         }
         Ok(())
     }
 
-    /// Clearance of every drone; the worker has the poses of this step.
+    /// Clearance of every drone.
     fn log_clearance(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        let mut worker = self.arena.look().world(0)?;
         for d in 0..self.last.len() {
-            let clear = sense::clearance(self.worker, d, self.flight.clearance_max_m)?;
+            let clear = sense::clearance(&mut worker, d, self.flight.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
             let nearest = clear.found.then_some(Nearest {
                 distance_m: clear.distance_m,
@@ -638,9 +621,9 @@ impl<'a> World<'a> {
 
     /// One depth frame of every drone.
     fn see(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
-        self.sync()?;
+        let mut worker = self.arena.look().world(0)?;
         for (camera, frame) in self.flight.cameras.iter().zip(&mut self.frames) {
-            camera.render(self.worker, frame)?;
+            camera.render(&mut worker, frame)?;
         }
         if let Some(noise) = &self.flight.noise {
             for (d, (clean, noisy)) in self.frames.iter().zip(&mut self.noisy).enumerate() {
@@ -673,26 +656,16 @@ impl<'a> World<'a> {
         Ok(out.frame(&FrameInput { t_s: t, step, views: &views })?)
     }
 
-    /// Tells the simulation what lies below each drone.
-    fn feel_ground(&mut self) -> Result<()> {
-        self.sync()?;
-        for d in 0..self.last.len() {
-            let height = self.worker.ground_distance(d)?;
-            let z = self.sim.data.pos[3 * d + 2];
-            self.sim.data.ground_z[d] = height.map_or(f64::NEG_INFINITY, |h| z - h);
-        }
-        Ok(())
-    }
-
     /// State, command and reference of every drone.
     fn log_states(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        let sim = self.arena.sim();
         for (d, trajectory) in self.trajectories.iter().enumerate() {
-            let drone = self.sim.drone(0, d);
+            let drone = sim.drone(0, d);
             let n = drone.airframe.n_rotors;
             let rotors = matches!(drone.dynamics, Dynamics::Rotors);
-            let s = self.sim.data.state(0, d);
-            let rate = self.sim.rate(0, d);
-            let data = &self.sim.data;
+            let s = sim.data.state(0, d);
+            let rate = sim.rate(0, d);
+            let data = &sim.data;
             let reference = trajectory.at(t);
             let attitude = &data.attitude_command[4 * d..4 * d + 4];
             let row = StateRow {
@@ -705,13 +678,13 @@ impl<'a> World<'a> {
                 ang_vel_rad_s: s.ang_vel,
                 specific_force_m_s2: Some(measure::accelerometer(&s, &rate, drone.body.gravity_m_s2)),
                 rotor_rad_s: if rotors { &s.rotor_vel[..n] } else { &[] },
-                thrust_n: Some(self.sim.thrust_n(0, d)),
+                thrust_n: Some(sim.thrust_n(0, d)),
                 command: &reference.command(),
                 attitude_command: Some([attitude[0], attitude[1], attitude[2], attitude[3]]),
                 rotor_command_rad_s: if rotors { &data.rotor_command[data.n_rotors * d..][..n] } else { &[] },
                 reference: Some(reference),
-                battery_v: self.sim.battery_v(0, d),
-                wind_m_s: Some(self.sim.wind_m_s(0, d)),
+                battery_v: sim.battery_v(0, d),
+                wind_m_s: Some(sim.wind_m_s(0, d)),
             };
             out.state(&row)?;
         }
@@ -756,12 +729,6 @@ fn free_start(flight: &Flight, worker: &mut Worker, world: u64, n: usize) -> Res
         }
     }
     Ok(best)
-}
-
-/// Pose of drone `d` of a simulation of one world.
-fn pose(sim: &Sim, d: usize) -> Pose {
-    let s = sim.data.state(0, d);
-    Pose::new(s.pos, s.quat)
 }
 
 /// A contact as a row; normals of the table point from the drone to what it touches.

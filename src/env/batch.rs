@@ -9,6 +9,7 @@ use super::layouts::{Course, Layout};
 use super::randomize::{LevelRules, Levels};
 use super::sensing::{Flown, NoisySensor, feel, look};
 use super::tasks::{Beginning, Channel, Images, Outcome, STATE, STATE_WIDTH, Seen, Start, View, store, yaw};
+use crate::arena::{Arena, Look};
 use crate::math::{quat, vec3};
 use crate::physics::controllers::Rates;
 use crate::physics::drone::Drone;
@@ -102,7 +103,7 @@ struct Plan {
 pub struct Env {
     plan: Plan,
     layouts: Vec<Layout>,
-    flight: Sim<f32>,
+    arena: Arena<f32>,
     worlds: Vec<World>,
     /// Which worlds to reset; reused.
     mask: Vec<bool>,
@@ -132,6 +133,9 @@ impl std::fmt::Debug for Env {
             .finish_non_exhaustive()
     }
 }
+
+/// Height of the ground where there is no scene, m: what drones crash into and what their effects read.
+const OPEN_GROUND_M: f64 = 0.0;
 
 /// What random numbers are for.
 const BEGIN: u32 = purpose("env.begin");
@@ -224,10 +228,15 @@ impl Env {
         let pixels = size[0] * size[1];
 
         let (n, d) = (config.n_worlds, config.n_drones);
+        let command_width = flight.data.command_width;
+        let scenes: Vec<Scene> = layouts.iter().map(|l| l.scene.clone()).collect();
+        let arena = match scenes.is_empty() {
+            true => Arena::open(flight, Some(OPEN_GROUND_M)),
+            false => Arena::within(flight, &scenes, &vec![0; n])?,
+        };
         let own: usize = task.channels().iter().map(|c| c.width).sum();
         let width = STATE_WIDTH + own;
         let action_width = config.action.kind.width(n_rotors);
-        let command_width = flight.data.command_width;
         let step_s = config.step_s();
         let late = |name: &str, level: f64| (rules.most(name, level).min(1.0) / step_s).round() as usize;
         let command_ring = late("env.action_delay_s", config.levels.action_delay_s) + 2;
@@ -287,7 +296,7 @@ impl Env {
             final_depth: vec![0.0; kept * image],
             worlds: vec![world; n],
             layouts,
-            flight,
+            arena,
             plan: Plan {
                 config,
                 limits,
@@ -417,13 +426,18 @@ impl Env {
 
     /// The simulation.
     pub fn flight(&self) -> &Sim<f32> {
-        &self.flight
+        self.arena.sim()
+    }
+
+    /// The worlds as they are now, to be looked at.
+    pub fn look(&self) -> Look<'_, f32> {
+        self.arena.look()
     }
 
     /// Whether a step is shared by threads.
     pub fn is_parallel(&self) -> bool {
         let serial = SERIAL[usize::from(!self.layouts.is_empty())];
-        self.worlds.len() >= serial || self.flight.is_parallel(self.plan.config.substeps() as usize)
+        self.worlds.len() >= serial || self.arena.is_parallel(self.plan.config.substeps() as usize)
     }
 
     /// Begins new episodes in all worlds, or in those whose entry is true. A seed, which needs all worlds, starts the random numbers
@@ -445,11 +459,11 @@ impl Env {
                 return Err(EnvError::option("seed", "none with a mask: a seed is that of all worlds", seed));
             }
             self.plan.config.seed = seed;
-            self.flight.reseed(seed);
+            self.arena.reseed(seed);
         }
         if seed.is_none() && !self.begun {
             // The first episodes are those that the seed of the description gives.
-            self.flight.reseed(self.plan.config.seed);
+            self.arena.reseed(self.plan.config.seed);
         }
         if !self.reset_done && mask.is_some_and(|m| m.iter().any(|v| !v)) {
             return Err(EnvError::option(
@@ -509,7 +523,7 @@ impl Env {
             return Err(EnvError::Ended { world });
         }
         let each = d * width;
-        let (plan, data) = (&self.plan, &self.flight.data);
+        let (plan, data) = (&self.plan, &self.arena.sim().data);
         let parallel = self.worlds.len() >= SERIAL[0];
         let act = |(w, (world, action)): (usize, (&mut World, &[f32]))| plan.act(w, world, data, action);
         if parallel {
@@ -563,10 +577,10 @@ impl Env {
         for i in 0..self.dues.len() {
             let due = self.dues[i];
             if due > flown {
-                self.flight.step((due - flown) as usize)?;
+                self.arena.step((due - flown) as usize)?;
                 flown = due;
             }
-            let data = &mut self.flight.data;
+            let data = self.arena.data_mut();
             for (world, row) in self.worlds.iter().zip(data.command.chunks_exact_mut(each)) {
                 let delay = plan.delay(world);
                 if delay % substeps == due {
@@ -577,16 +591,25 @@ impl Env {
                 }
             }
         }
-        self.flight.step((substeps - flown) as usize)?;
+        self.arena.step((substeps - flown) as usize)?;
         Ok(())
     }
 
     /// Begins episodes in the worlds of the mask.
     fn begin(&mut self, mask: &[bool]) -> Result<(), EnvError> {
-        self.flight.reset(Some(mask))?;
-        let (plan, layouts, data) = (&self.plan, &self.layouts, &self.flight.data);
+        self.arena.reset(Some(mask))?;
+        let (plan, layouts) = (&self.plan, &self.layouts);
+        // Which scene a world is in comes first: tasks look for a start in it.
+        for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
+            plan.begin(w, world, layouts.len(), self.arena.sim().data.episodes[w] - 1);
+        }
+        if !layouts.is_empty() {
+            let of_worlds: Vec<usize> = self.worlds.iter().map(|world| world.layout).collect();
+            self.arena.set_layout(&of_worlds)?;
+        }
+        let look = self.arena.look();
         let begin = |(w, world): (usize, &mut World)| {
-            if mask[w] { plan.begin(w, world, layouts, data.episodes[w] - 1) } else { Ok(()) }
+            if mask[w] { plan.place(w, world, layouts, look) } else { Ok(()) }
         };
         let many = mask.iter().filter(|m| **m).count();
         if many >= SERIAL[usize::from(!layouts.is_empty())] {
@@ -595,7 +618,7 @@ impl Env {
             self.worlds.iter_mut().enumerate().try_for_each(begin)?;
         }
         let disturbed = !plan.rules.is_empty() || plan.config.levels.disturb();
-        let data = &mut self.flight.data;
+        let data = self.arena.data_mut();
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
             for d in 0..plan.config.n_drones {
                 // Rules for `initial.…` have moved it from rest at the origin.
@@ -620,14 +643,14 @@ impl Env {
 
     /// Looks at worlds (those of a mask, or all), judges them where they have flown, and observes.
     fn settle(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
-        let (plan, layouts, data) = (&self.plan, &self.layouts, &self.flight.data);
+        let (plan, layouts, look) = (&self.plan, &self.layouts, self.arena.look());
         let d = plan.config.n_drones;
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
         let one = |w: usize, world: &mut World, out: Out| {
             if mask.is_some_and(|m| !m[w]) {
                 return Ok(());
             }
-            plan.settle(w, world, layouts.get(world.layout), data, judge, out)
+            plan.settle(w, world, layouts.get(world.layout), look, judge, out)
         };
         if self.worlds.len() >= SERIAL[usize::from(!layouts.is_empty())] {
             self.worlds
@@ -765,8 +788,8 @@ impl Plan {
         }
     }
 
-    /// Draws an episode.
-    fn begin(&self, w: usize, world: &mut World, layouts: &[Layout], episode: u64) -> Result<(), EnvError> {
+    /// Draws an episode: everything but where drones start.
+    fn begin(&self, w: usize, world: &mut World, n_layouts: usize, episode: u64) {
         world.episode = episode;
         world.step = 0;
         world.ended = false;
@@ -774,8 +797,21 @@ impl Plan {
         world.memory.fill(0.0);
         world.jerk.fill(0.0);
         world.last_action.fill(0.0);
-        let draw = self.key(w, world, BEGIN).stream();
         world.levels = self.rules.draw(&self.config.levels, self.key(w, world, LEVELS_OF));
+        if n_layouts > 0 {
+            world.layout = self.key(w, world, LAYOUT).stream().below(n_layouts as u64) as usize;
+        }
+    }
+
+    /// Lets the task place the drones of an episode that has begun.
+    fn place(
+        &self,
+        w: usize,
+        world: &mut World,
+        layouts: &[Layout],
+        look: Look<f32>,
+    ) -> Result<(), EnvError> {
+        let draw = self.key(w, world, BEGIN).stream();
         let task = self.config.task.task();
         if layouts.is_empty() {
             let course = Course::default();
@@ -789,13 +825,10 @@ impl Plan {
                 memory,
             });
         }
-        world.layout = self.key(w, world, LAYOUT).stream().below(layouts.len() as u64) as usize;
-        let layout = &layouts[world.layout];
-        layout.pool.with(|worker| {
-            let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
-            let course = &layout.course;
-            task.begin(&mut Beginning { draw, world: w, course, worker: Some(worker), starts, memory })
-        })?
+        let mut worker = look.surroundings(w)?;
+        let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
+        let course = &layouts[world.layout].course;
+        task.begin(&mut Beginning { draw, world: w, course, worker: Some(&mut *worker), starts, memory })
     }
 
     /// Looks at one world, judges it where it has flown, and observes.
@@ -804,10 +837,11 @@ impl Plan {
         w: usize,
         world: &mut World,
         layout: Option<&Layout>,
-        data: &SimData<f32>,
+        at: Look<f32>,
         judge: bool,
         out: Out,
     ) -> Result<(), EnvError> {
+        let data = at.data();
         // A world that has just begun, also within a step, has flown nothing.
         let fresh = data.steps[w] == 0;
         let quarantined = data.quarantine[w].is_some();
@@ -831,23 +865,21 @@ impl Plan {
         }
         let key = self.key(w, world, DEPTH);
         if let Some(layout) = layout {
-            layout.pool.with(|worker| -> Result<(), EnvError> {
-                feel(layout, worker, &mut world.drones, self.config.look_m, fresh || quarantined)?;
-                if self.pixels == 0 {
-                    return Ok(());
-                }
+            let mut worker = at.world(w)?;
+            feel(layout, &mut worker, &mut world.drones, self.config.look_m, fresh || quarantined)?;
+            if self.pixels > 0 {
                 let apart = !world.clean.is_empty();
                 let key = NoiseKey { seed: key.seed, world: key.world, drone: 0, step: key.step, camera: 0 };
                 let clean = if apart { &mut world.clean[..] } else { &mut out.depth[..] };
                 match &self.sensor {
-                    None => look(layout, worker, &mut world.camera_poses, clean, None)?,
+                    None => look(layout, &mut worker, &mut world.camera_poses, clean, None)?,
                     Some(sensor) => {
                         let noisy = Some((sensor, world.levels.depth_noise, key, &mut out.depth[..]));
-                        look(layout, worker, &mut world.camera_poses, &mut world.clean, noisy)?;
+                        look(layout, &mut worker, &mut world.camera_poses, &mut world.clean, noisy)?;
                     }
                 }
-                Ok(())
-            })??;
+            }
+            drop(worker);
             if self.pixels > 0 && !world.clean.is_empty() {
                 if self.sensor.is_none() {
                     out.depth.copy_from_slice(&world.clean);
@@ -856,7 +888,7 @@ impl Plan {
             }
         } else {
             for drone in &mut world.drones {
-                drone.crashed = drone.now.pos_m[2] < 0.0;
+                drone.crashed = drone.now.pos_m[2] < OPEN_GROUND_M;
             }
         }
         for (seen, drone) in world.seen.iter_mut().zip(&world.drones) {

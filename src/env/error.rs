@@ -1,5 +1,6 @@
 //! What can go wrong with a learning environment.
 
+use crate::arena::ArenaError;
 use crate::rollout::RolloutError;
 use crate::scene::SceneError;
 use crate::scene::generate::GenerateError;
@@ -83,6 +84,18 @@ pub enum EnvError {
     /// Seeing and touching.
     #[error(transparent)]
     Sense(#[from] SenseError),
+}
+
+impl From<ArenaError> for EnvError {
+    fn from(e: ArenaError) -> Self {
+        match e {
+            ArenaError::Rollout(e) => e.into(),
+            ArenaError::Scene(e) => e.into(),
+            ArenaError::Sense(e) => e.into(),
+            ArenaError::Option { name, expected, got } => Self::Option { name: name.into(), expected, got },
+            e => Self::Config { reason: e.to_string() },
+        }
+    }
 }
 
 impl EnvError {

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::EnvError;
 use super::config::CameraConfig;
 use crate::math::{quat, vec3};
-use crate::scene::{GeomType, Scene, SceneSource, Shell, WorkerPool};
+use crate::scene::{GeomType, Scene, SceneSource, Shell};
 use crate::sense::{Camera, DepthDevice, DepthNoise, Lens};
 
 /// A gate to fly through.
@@ -83,10 +83,9 @@ impl Course {
     }
 }
 
-/// One scene with everything that is made of it once.
+/// One scene with everything that is made of it once; its workers are with the arena.
 pub(super) struct Layout {
     pub scene: Scene,
-    pub pool: WorkerPool,
     /// One for each drone, or none.
     pub cameras: Vec<Camera>,
     pub course: Course,
@@ -112,7 +111,7 @@ impl Layout {
                 others.map(|g| g.id as i32).collect()
             })
             .collect();
-        Ok(Self { pool: WorkerPool::new(&scene), course: Course::of(&scene)?, cameras, others, scene })
+        Ok(Self { course: Course::of(&scene)?, cameras, others, scene })
     }
 
     /// All layouts, compiled in parallel.

@@ -20,8 +20,8 @@ pub(super) struct Flown {
     pub crashed: bool,
 }
 
-/// Looks at all drones of a world: clearances, and whether they touched something on their way. `fresh`: they did not fly here, so
-/// that there is no way.
+/// Looks at all drones of a world, which stand in `worker` where they are now: clearances, and whether they touched something on their
+/// way. `fresh`: they did not fly here, so that there is no way.
 pub(super) fn feel(
     layout: &Layout,
     worker: &mut Worker,
@@ -29,10 +29,6 @@ pub(super) fn feel(
     look_m: f64,
     fresh: bool,
 ) -> Result<(), EnvError> {
-    for (d, drone) in drones.iter().enumerate() {
-        worker.set_drone(d, drone.now.pos_m, drone.now.quat_xyzw)?;
-    }
-    worker.update()?;
     for d in 0..drones.len() {
         let known = drones[d].clearance_m;
         let now = clearance(worker, d, look_m)?.distance_m;

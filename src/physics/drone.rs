@@ -8,7 +8,7 @@ use super::measure::{Clock, Reading};
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, Rate, State, Wrench};
 use super::rotor;
-use super::surroundings::Surroundings;
+use super::surroundings::{Reads, Surroundings};
 use crate::math::{quat, vec3};
 use crate::scalar::Real;
 
@@ -410,6 +410,11 @@ impl<S: Real> Drone<S> {
             _ => rigid_body::accelerations(body, state.quat, state.ang_vel, &outer),
         };
         Rate { vel: state.vel, ang_vel: state.ang_vel, acc, ang_acc, rotor_acc, thrust_rate }
+    }
+
+    /// What some effect reads of the surroundings: what a simulation must fill in before this vehicle flies in it.
+    pub fn reads(&self) -> Reads {
+        self.effects.iter().fold(Reads::NOTHING, |reads, effect| reads.or(effect.reads()))
     }
 
     /// Numbers of memory that all effects keep between steps of `dt_s` seconds.

@@ -1,4 +1,4 @@
-//! What effects may read about the world around a vehicle; the caller fills it in.
+//! What effects may read about the world around a vehicle. Each effect declares what it reads ([`Reads`]); the caller fills it in.
 
 use crate::scalar::Real;
 
@@ -43,6 +43,47 @@ pub const NO_GROUND_M: f64 = 1e6;
 /// Distance to the ceiling that stands for "no ceiling above", m.
 pub const NO_CEILING_M: f64 = 1e6;
 
+/// Which of the [`Surroundings`] an effect reads, so that whoever flies a vehicle fills them. Time, density of the air, loads and
+/// what the user sets as disturbances are always there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Reads {
+    /// [`Surroundings::ground_distance_m`].
+    pub ground: bool,
+    /// [`Surroundings::ceiling_distance_m`].
+    pub ceiling: bool,
+    /// [`Surroundings::neighbours`].
+    pub neighbours: bool,
+    /// [`Surroundings::wind_m_s`], also by velocities through the air.
+    pub wind: bool,
+    /// [`Surroundings::normals`].
+    pub noise: bool,
+}
+
+impl Reads {
+    /// Reads nothing of all that.
+    pub const NOTHING: Self =
+        Self { ground: false, ceiling: false, neighbours: false, wind: false, noise: false };
+    /// Reads the ground alone.
+    pub const GROUND: Self = Self { ground: true, ..Self::NOTHING };
+    /// Reads the ceiling alone.
+    pub const CEILING: Self = Self { ceiling: true, ..Self::NOTHING };
+    /// Reads the other vehicles alone.
+    pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
+    /// Reads the wind alone.
+    pub const WIND: Self = Self { wind: true, ..Self::NOTHING };
+
+    /// What one of two reads.
+    pub fn or(self, other: Self) -> Self {
+        Self {
+            ground: self.ground || other.ground,
+            ceiling: self.ceiling || other.ceiling,
+            neighbours: self.neighbours || other.neighbours,
+            wind: self.wind || other.wind,
+            noise: self.noise || other.noise,
+        }
+    }
+}
+
 /// Surroundings of one vehicle during one step.
 #[derive(Clone, Copy, Debug)]
 pub struct Surroundings<'a, S> {
@@ -64,7 +105,7 @@ pub struct Surroundings<'a, S> {
     pub neighbours: &'a [Neighbour<S>],
     /// The load on the vehicle's cable; what the caller fills in goes before what an effect computes.
     pub load: Load<S>,
-    /// Standard normal numbers of this step, where [`crate::physics::effects::Effect::noises`] asks for them.
+    /// Standard normal numbers of this step, where an effect reads them ([`Reads::noise`]).
     pub normals: [S; 3],
 }
 

@@ -21,8 +21,8 @@ pub(super) struct Plan {
     pub sim_hz: u32,
     pub rates: Vec<Rates>,
     pub reads_neighbours: bool,
-    /// Per drone slot: whether an effect wants random numbers.
-    pub noises: Vec<bool>,
+    /// Per drone slot: whether an effect reads random numbers.
+    pub reads_noise: Vec<bool>,
     pub seed: u64,
 }
 
@@ -224,7 +224,7 @@ impl Block {
     }
 
     fn normals(&self, plan: &Plan, d: usize) -> [f64; 3] {
-        if plan.noises[d] { self.source.normals(plan.seed, d, self.step) } else { [0.0; 3] }
+        if plan.reads_noise[d] { self.source.normals(plan.seed, d, self.step) } else { [0.0; 3] }
     }
 
     /// Surroundings of slot `d` in this step; `neighbours` must be filled.

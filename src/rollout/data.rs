@@ -2,6 +2,7 @@
 
 use super::RolloutError;
 use super::quarantine::Quarantine;
+use super::state::spread;
 use crate::physics::controllers::{ControlMode, Memory};
 use crate::physics::rigid_body::State;
 use crate::scalar::lanes::Number;
@@ -45,10 +46,10 @@ pub struct SimData<N = f64> {
     pub disturbance_torque: Vec<N>,
     /// Velocity of the air, m/s, world frame. (world, drone, 3)
     pub wind: Vec<N>,
-    /// Height of the ground below each drone, m, world frame; −∞ where there is none. (world, drone)
+    /// Height of the ground below each drone, m, world frame; −∞ where there is none. In a scene it and the ceiling are measured
+    /// before every step where effects read them; else they are what the caller writes. (world, drone)
     pub ground_z: Vec<N>,
-    /// Height of the ceiling above each drone, m, world frame; ∞ where there is none. The caller fills it; scenes do not.
-    /// (world, drone)
+    /// Height of the ceiling above each drone, m, world frame; ∞ where there is none. (world, drone)
     pub ceiling_z: Vec<N>,
     /// Steps since the last reset. (world)
     pub steps: Vec<u64>,
@@ -63,6 +64,30 @@ pub struct SimData<N = f64> {
     pub(super) memory_columns: Vec<usize>,
     /// What effects remember: (world, memory of the effects of every drone in order)
     pub effect_memory: Vec<N>,
+}
+
+/// The arrays of numbers of a [`SimData`], borrowed one way or the other.
+macro_rules! all_arrays {
+    ($data:expr, $($borrow:tt)+) => {
+        [
+            $($borrow)+ $data.pos,
+            $($borrow)+ $data.quat,
+            $($borrow)+ $data.vel,
+            $($borrow)+ $data.ang_vel,
+            $($borrow)+ $data.rotor_vel,
+            $($borrow)+ $data.thrust,
+            $($borrow)+ $data.command,
+            $($borrow)+ $data.rotor_command,
+            $($borrow)+ $data.attitude_command,
+            $($borrow)+ $data.disturbance_force,
+            $($borrow)+ $data.disturbance_torque,
+            $($borrow)+ $data.wind,
+            $($borrow)+ $data.ground_z,
+            $($borrow)+ $data.ceiling_z,
+            $($borrow)+ $data.controller_memory,
+            $($borrow)+ $data.effect_memory,
+        ]
+    };
 }
 
 impl<N: Number> SimData<N> {
@@ -167,6 +192,37 @@ impl<N: Number> SimData<N> {
             });
         }
         Ok(())
+    }
+
+    /// Takes over all numbers of arrays of the same shape; the vectors stay where they are in memory, since views may show them.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        for (to, from) in self.arrays_mut().into_iter().zip(other.arrays()) {
+            to.copy_from_slice(from);
+        }
+        self.steps.copy_from_slice(&other.steps);
+        self.episodes.copy_from_slice(&other.episodes);
+        self.quarantine.clone_from_slice(&other.quarantine);
+    }
+
+    /// Copies what one world holds into all others.
+    pub(super) fn fork(&mut self, world: usize) {
+        let n_worlds = self.n_worlds;
+        for array in self.arrays_mut() {
+            spread(array, array.len() / n_worlds, world);
+        }
+        spread(&mut self.steps, 1, world);
+        spread(&mut self.episodes, 1, world);
+        spread(&mut self.quarantine, 1, world);
+    }
+
+    /// All arrays of numbers, to read.
+    fn arrays(&self) -> [&[N]; 16] {
+        all_arrays!(self, &)
+    }
+
+    /// All arrays of numbers, to write.
+    fn arrays_mut(&mut self) -> [&mut [N]; 16] {
+        all_arrays!(self, &mut)
     }
 
     /// State of one drone.

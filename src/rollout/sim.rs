@@ -12,9 +12,10 @@ use crate::physics::airframe;
 use crate::physics::attitude_response;
 use crate::physics::controllers::{ControlMode, Rates};
 use crate::physics::drone::{Drone, Dynamics};
-use crate::physics::effects::{AnyEffect, Command, Effect};
+use crate::physics::effects::{Command, Effect};
 use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
+use crate::physics::surroundings::Reads;
 use crate::random::Key;
 use crate::scalar::lanes::Number;
 use crate::vehicle::effects::out_of_range;
@@ -97,14 +98,14 @@ const INITIAL: [[&str; 3]; 4] = [
 /// which needs half the memory and flies on lanes.
 #[derive(Debug)]
 pub struct Sim<N: Number = f64> {
-    options: SimOptions,
-    nominal: Vec<Drone<f64>>,
+    pub(super) options: SimOptions,
+    pub(super) nominal: Vec<Drone<f64>>,
     /// Per (world, drone) where a caller set parameters for single worlds: what resets draw from.
-    base: Option<Vec<Drone<f64>>>,
+    pub(super) base: Option<Vec<Drone<f64>>>,
     /// Per (world, drone) where parameters differ between worlds.
-    own: Option<Vec<Drone<f64>>>,
+    pub(super) own: Option<Vec<Drone<f64>>>,
     /// Where drones start from: one per slot, or one per (world, drone) where worlds differ.
-    initial: Vec<State<f64>>,
+    pub(super) initial: Vec<State<f64>>,
     rates: Vec<Rates>,
     /// What the arrays of controllers hold in this control mode.
     memory_columns: Vec<usize>,
@@ -228,6 +229,12 @@ impl<N: Number> Sim<N> {
         Ok(())
     }
 
+    /// Where one drone starts from at every reset, before what is drawn is added.
+    pub fn initial(&self, world: usize, drone: usize) -> &State<f64> {
+        let n = self.nominal.len();
+        if self.initial.len() == n { &self.initial[drone] } else { &self.initial[world * n + drone] }
+    }
+
     /// Sets where one drone starts from at every reset. Takes effect at the next [`Sim::reset`].
     pub fn set_initial(&mut self, world: usize, drone: usize, state: State<f64>) -> Result<(), RolloutError> {
         let numbers = [&state.pos[..], &state.quat, &state.vel, &state.ang_vel, &state.rotor_vel].concat();
@@ -316,7 +323,7 @@ impl<N: Number> Sim<N> {
     }
 
     /// Lets lanes read the parameters anew.
-    fn forget_tables(&mut self) {
+    pub(super) fn forget_tables(&mut self) {
         if let Some(lanes) = &mut self.lanes {
             lanes.forget_tables();
         }
@@ -495,7 +502,8 @@ impl<N: Number> Sim<N> {
         Ok(())
     }
 
-    fn check_data(&self) -> Result<(), RolloutError> {
+    /// Refuses arrays whose lengths, or counts that, were changed.
+    pub(crate) fn check_data(&self) -> Result<(), RolloutError> {
         let n_rotors = self.nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
         let width = self.options.control.width(n_rotors);
         let data = &self.data;
@@ -629,15 +637,14 @@ impl<N: Number> Sim<N> {
     }
 
     fn plan(&self) -> Plan {
-        let wash = |e: &AnyEffect<f64>| matches!(e, AnyEffect::Downwash(_));
+        let reads: Vec<Reads> = self.nominal.iter().map(Drone::reads).collect();
         Plan {
             mode: self.options.control,
             integrator: self.options.integrator,
             sim_hz: self.options.sim_hz,
             rates: self.rates.clone(),
-            reads_neighbours: self.nominal.len() > 1
-                && self.nominal.iter().flat_map(|d| &d.effects).any(wash),
-            noises: self.nominal.iter().map(|d| d.effects.iter().any(Effect::noises)).collect(),
+            reads_neighbours: reads.len() > 1 && reads.iter().any(|r| r.neighbours),
+            reads_noise: reads.iter().map(|r| r.noise).collect(),
             seed: self.options.seed,
         }
     }
@@ -868,7 +875,9 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::physics::effects::{command_delay, constant_wind, downwash, linear_drag, turbulence};
+    use crate::physics::effects::{
+        AnyEffect, command_delay, constant_wind, downwash, linear_drag, turbulence,
+    };
     use crate::physics::sample::{RATES, quad};
     use crate::rollout::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
     use crate::rollout::randomize::Draw;

@@ -109,6 +109,10 @@ impl Worker {
     /// [`SceneError::Engine`], [`SceneError::Poisoned`].
     pub fn update(&mut self) -> Result<(), SceneError> {
         self.alive()?;
+        // Nothing was set: all stands where its pose says.
+        if self.is_fresh() && !self.moved.all && !self.moved.which.contains(&true) {
+            return Ok(());
+        }
         let (com, flex) = (self.scene().0.needs_com, self.scene().0.n_flex > 0);
         let moved = &self.moved;
         let rigid = moved.movables.iter().zip(&moved.which).all(|(movable, moved)| movable.rigid || !moved);

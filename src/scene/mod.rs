@@ -24,7 +24,7 @@ pub use shells::SHELLS;
 pub(crate) use sync::checked as checked_pose;
 pub use sync::{MAX_COORDINATE_M, Pose};
 pub(crate) use workers::RayScratch;
-pub use workers::{GeomDistance, RawContact, RayHit, Worker, WorkerPool};
+pub use workers::{GeomDistance, Lent, RawContact, RayHit, Worker, WorkerPool};
 
 /// Version of the MuJoCo library in use, such as `3.17.0`.
 pub fn mujoco_version() -> String {

@@ -6,8 +6,10 @@
 //! nothing that would have to be dropped.
 
 use std::ffi::{CStr, c_char, c_int, c_void};
+use std::mem::ManuallyDrop;
+use std::ops::{Deref, DerefMut};
 use std::ptr;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::{MjModel, MjSpec};
@@ -173,8 +175,27 @@ pub struct Worker {
     collided: bool,
     poisoned: Option<String>,
     drone_poses: Vec<Pose>,
+    /// What can stand below or above a drone.
+    standing: Vec<Standing>,
+    /// Poses of obstacles that were set since the worker was made.
+    obstacle_poses: Vec<Option<Pose>>,
     /// Buffers that callers borrow for rays, so that no frame allocates.
     pub(crate) scratch: RayScratch,
+}
+
+/// A geom that can collide and is no part of a drone, with what a search along a vertical needs first.
+#[derive(Clone, Copy)]
+struct Standing {
+    geom: usize,
+    kind: GeomType,
+    bounding_radius_m: f64,
+}
+
+impl Standing {
+    fn all(scene: &Scene) -> Vec<Self> {
+        let geoms = scene.0.geoms.iter().filter(|g| g.drone.is_none() && g.can_collide());
+        geoms.map(|g| Self { geom: g.id, kind: g.kind, bounding_radius_m: g.bounding_radius_m }).collect()
+    }
 }
 
 /// Reusable buffers for rays.
@@ -235,11 +256,14 @@ impl Worker {
             collided: false,
             poisoned: None,
             drone_poses: vec![Pose::default(); scene.n_drones()],
+            standing: Standing::all(scene),
+            obstacle_poses: vec![None; scene.obstacles().len()],
             scratch: RayScratch::default(),
         };
         worker.moved = Moved::new(&worker);
         for drone in 0..scene.n_drones() {
-            worker.set_drone(drone, [0.0; 3], [0.0, 0.0, 0.0, 1.0])?;
+            let address = scene.0.drone_qpos[drone];
+            worker.write_qpos(address, &Pose::default());
         }
         worker.update()?;
         Ok(worker)
@@ -334,6 +358,10 @@ impl Worker {
         self.alive()?;
         let address = *self.scene.0.drone_qpos.get(drone).ok_or_else(|| self.scene.no_drone(drone))?;
         let pose = sync::checked(|| format!("drone {drone}"), pos_m, quat_xyzw)?;
+        // It stands there already: what was found out at these poses stays true.
+        if same_bits(&self.drone_poses[drone], &pose) {
+            return Ok(());
+        }
         self.write_qpos(address, &pose);
         self.drone_poses[drone] = pose;
         self.moved.drone(drone);
@@ -378,6 +406,10 @@ impl Worker {
             count: inner.obstacles.len(),
         })?;
         let pose = sync::checked(|| format!("obstacle '{}'", info.name), pos_m, quat_xyzw)?;
+        if self.obstacle_poses[index].is_some_and(|known| same_bits(&known, &pose)) {
+            return Ok(());
+        }
+        self.obstacle_poses[index] = Some(pose);
         let (kind, address) = (info.kind, info.address);
         match kind {
             ObstacleKind::FreeJoint => self.write_qpos(address, &pose),
@@ -399,6 +431,11 @@ impl Worker {
         }
         self.moved.obstacle(self.drone_poses.len(), index);
         Ok(())
+    }
+
+    /// Whether everything stands where its pose says.
+    pub(super) fn is_fresh(&self) -> bool {
+        self.fresh
     }
 
     /// Notes that everything stands where its pose says.
@@ -778,7 +815,7 @@ impl Worker {
     /// Vertical distance (m) from a drone's origin down to the scene: to the nearest geom under it that is no part of
     /// a drone and that can collide. None where there is nothing below.
     ///
-    /// Groups and alpha do not matter here. A plane is endless and counts from above only.
+    /// Groups and alpha do not matter here. A plane is endless and counts from the side that its normal points to only.
     ///
     /// # Errors
     /// [`SceneError::NoSuch`], [`SceneError::Stale`], [`SceneError::Engine`].
@@ -788,65 +825,94 @@ impl Worker {
         self.ground_below(origin)
     }
 
-    /// As [`Worker::ground_distance`], from any point.
+    /// As [`Worker::ground_distance`], from any point; none also for a point whose coordinates are not finite.
     ///
     /// # Errors
     /// [`SceneError::Stale`], [`SceneError::Engine`].
     pub fn ground_below(&mut self, origin_m: [f64; 3]) -> Result<Option<f64>, SceneError> {
         self.ready("the ground distance")?;
-        let down = [0.0, 0.0, -1.0];
-        let scene = self.scene.clone();
+        self.straight(origin_m, -1.0)
+    }
+
+    /// Vertical distance (m) from any point up to the scene, which is what stands above a drone there; all else as in
+    /// [`Worker::ground_distance`].
+    ///
+    /// # Errors
+    /// [`SceneError::Stale`], [`SceneError::Engine`].
+    pub fn ceiling_above(&mut self, origin_m: [f64; 3]) -> Result<Option<f64>, SceneError> {
+        self.ready("the ceiling distance")?;
+        self.straight(origin_m, 1.0)
+    }
+
+    /// Distance (m) from a point straight up (`up` = 1) or down (−1) to the nearest geom that can collide and is no part of a drone.
+    fn straight(&mut self, origin_m: [f64; 3], up: f64) -> Result<Option<f64>, SceneError> {
+        // Nothing is known to stand over or under a place that is none.
+        if origin_m.iter().any(|x| !x.is_finite()) {
+            return Ok(None);
+        }
+        let direction = [0.0, 0.0, up];
         let mut best = f64::INFINITY;
         let mut has_sdf = false;
-        for geom in &scene.0.geoms {
-            if geom.drone.is_some() || !geom.can_collide() {
-                continue;
-            }
-            if geom.kind == GeomType::Plane {
+        for i in 0..self.standing.len() {
+            let Standing { geom, kind, bounding_radius_m: r } = self.standing[i];
+            if kind == GeomType::Plane {
                 // Contacts see the whole plane, MuJoCo's rays only its rectangle.
-                let (p, r) = self.geom_pose(geom.id)?;
+                let (p, r) = self.geom_pose(geom)?;
                 let normal = [r[2], r[5], r[8]];
                 let above = (0..3).map(|i| (origin_m[i] - p[i]) * normal[i]).sum::<f64>();
-                if normal[2] > 1e-9 && above >= 0.0 {
-                    best = best.min(above / normal[2]);
+                let towards = -up * normal[2];
+                if towards > 1e-9 && above >= 0.0 {
+                    best = best.min(above / towards);
                 }
                 continue;
             }
             // SAFETY: a valid geom id.
-            let p = unsafe { *(*self.data).geom_xpos.cast::<[f64; 3]>().add(geom.id) };
+            let p = unsafe { *(*self.data).geom_xpos.cast::<[f64; 3]>().add(geom) };
             let (dx, dy) = (p[0] - origin_m[0], p[1] - origin_m[1]);
-            let r = geom.bounding_radius_m;
-            if dx * dx + dy * dy > r * r * (1.0 + 1e-9)
-                || p[2] - r > origin_m[2]
-                || origin_m[2] - p[2] - r > best
-            {
+            // How far along the ray the middle of the geom is.
+            let ahead = up * (p[2] - origin_m[2]);
+            // Beside the ray, behind its start, or farther than what was found.
+            if dx * dx + dy * dy > r * r * (1.0 + 1e-9) || ahead + r < 0.0 || ahead - r > best {
                 continue;
             }
-            if geom.kind == GeomType::Sdf {
+            if kind == GeomType::Sdf {
                 has_sdf = true;
                 continue;
             }
-            if let Some(t) = self.ray_to_geom(geom.id, origin_m, down)? {
+            if let Some(t) = self.ray_to_geom(geom, origin_m, direction)? {
                 best = best.min(t);
             }
         }
         if has_sdf {
-            let mut from = origin_m;
-            for _ in 0..64 {
-                let Some(hit) = self.ray(from, down, None, None)? else { break };
-                let Some(geom) = usize::try_from(hit.geom_id).ok().and_then(|g| scene.0.geoms.get(g)) else {
-                    break;
-                };
-                from[2] -= hit.distance;
-                if geom.drone.is_none() && geom.can_collide() {
-                    best = best.min(origin_m[2] - from[2]);
-                    break;
-                }
-                from[2] -= 1e-9 * from[2].abs().max(1.0);
-            }
+            best = best.min(self.straight_to_any(origin_m, up)?);
         }
         Ok(best.is_finite().then_some(best))
     }
+
+    /// As [`Worker::straight`] by rays that see all geoms, signed distance fields too, one behind the other until one counts; infinity
+    /// where none does.
+    fn straight_to_any(&mut self, origin_m: [f64; 3], up: f64) -> Result<f64, SceneError> {
+        let scene = self.scene.clone();
+        let mut from = origin_m;
+        for _ in 0..64 {
+            let Some(hit) = self.ray(from, [0.0, 0.0, up], None, None)? else { break };
+            let Some(geom) = usize::try_from(hit.geom_id).ok().and_then(|g| scene.0.geoms.get(g)) else {
+                break;
+            };
+            from[2] += up * hit.distance;
+            if geom.drone.is_none() && geom.can_collide() {
+                return Ok(up * (from[2] - origin_m[2]));
+            }
+            from[2] += up * 1e-9 * from[2].abs().max(1.0);
+        }
+        Ok(f64::INFINITY)
+    }
+}
+
+/// Whether two poses are the same to the bit.
+fn same_bits(a: &Pose, b: &Pose) -> bool {
+    let bits = |p: &Pose| (p.pos_m.map(f64::to_bits), p.quat_xyzw.map(f64::to_bits));
+    bits(a) == bits(b)
 }
 
 /// Beyond any scene: nothing is cut off, so that "nothing there" and "too far" can be told apart.
@@ -856,12 +922,20 @@ const NO_CUTOFF: f64 = 1e10;
 pub struct WorkerPool {
     scene: Scene,
     free: Mutex<Vec<Worker>>,
+    /// Where workers come from and go back to, where this pool keeps them for a while only.
+    shared: Option<Arc<WorkerPool>>,
 }
 
 impl WorkerPool {
     /// An empty pool; workers are made when they are first needed.
     pub fn new(scene: &Scene) -> Self {
-        Self { scene: scene.clone(), free: Mutex::new(Vec::new()) }
+        Self { scene: scene.clone(), free: Mutex::new(Vec::new()), shared: None }
+    }
+
+    /// A pool that takes its workers from another and gives them back when it is dropped. In between they are its own, so that a
+    /// world that is asked often finds its worker as it left it.
+    pub fn within(shared: &Arc<WorkerPool>) -> Self {
+        Self { scene: shared.scene.clone(), free: Mutex::new(Vec::new()), shared: Some(shared.clone()) }
     }
 
     /// The scene.
@@ -869,20 +943,69 @@ impl WorkerPool {
         &self.scene
     }
 
-    /// Lends a worker to `task`. The worker holds whatever poses the last task left: set all that matter.
+    fn free(&self) -> std::sync::MutexGuard<'_, Vec<Worker>> {
+        self.free.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Lends a worker, which comes back when what is returned is dropped. It holds whatever poses it was left with: set all that
+    /// matter.
+    ///
+    /// # Errors
+    /// [`SceneError::Engine`] when a new worker cannot be made.
+    pub fn lend(&self) -> Result<Lent<'_>, SceneError> {
+        let own = self.free().pop();
+        let free = own.or_else(|| self.shared.as_ref().and_then(|shared| shared.free().pop()));
+        let worker = match free {
+            Some(worker) => worker,
+            None => self.scene.worker()?,
+        };
+        Ok(Lent { pool: self, worker: ManuallyDrop::new(worker) })
+    }
+
+    /// Lends a worker to `task`, as [`WorkerPool::lend`] does.
     ///
     /// # Errors
     /// [`SceneError::Engine`] when a new worker cannot be made.
     pub fn with<T>(&self, task: impl FnOnce(&mut Worker) -> T) -> Result<T, SceneError> {
-        let free = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
-        let mut worker = match free {
-            Some(worker) => worker,
-            None => self.scene.worker()?,
-        };
-        let result = task(&mut worker);
-        if worker.poisoned.is_none() {
-            self.free.lock().unwrap_or_else(PoisonError::into_inner).push(worker);
+        Ok(task(&mut *self.lend()?))
+    }
+}
+
+impl Drop for WorkerPool {
+    fn drop(&mut self) {
+        if let Some(shared) = &self.shared {
+            let mut own = std::mem::take(&mut *self.free());
+            shared.free().append(&mut own);
         }
-        Ok(result)
+    }
+}
+
+/// A worker that belongs to a [`WorkerPool`], to which it goes back when this is dropped.
+pub struct Lent<'a> {
+    pool: &'a WorkerPool,
+    worker: ManuallyDrop<Worker>,
+}
+
+impl Deref for Lent<'_> {
+    type Target = Worker;
+    fn deref(&self) -> &Worker {
+        &self.worker
+    }
+}
+
+impl DerefMut for Lent<'_> {
+    fn deref_mut(&mut self) -> &mut Worker {
+        &mut self.worker
+    }
+}
+
+impl Drop for Lent<'_> {
+    fn drop(&mut self) {
+        // SAFETY: the worker is taken once, and nothing can read it after this.
+        let worker = unsafe { ManuallyDrop::take(&mut self.worker) };
+        // One that was left in the middle of a panic, or that MuJoCo broke, is not used again.
+        if worker.poisoned.is_none() && !std::thread::panicking() {
+            self.pool.free().push(worker);
+        }
     }
 }

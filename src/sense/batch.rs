@@ -7,7 +7,37 @@ use super::caster::Planes;
 use super::clearance::{Clearance, clearance};
 use super::contact::{Contact, contacts};
 use super::depth::{Camera, DepthPlanes, STATUS_NOT_RENDERED};
-use crate::scene::{Pose, Scene, SceneError, Worker, WorkerPool};
+use crate::scene::{Lent, Pose, Scene, SceneError, Worker, WorkerPool};
+
+/// Worlds that can be looked at, each with a worker of its scene.
+pub trait Worlds: Sync {
+    /// Number of worlds.
+    fn n_worlds(&self) -> usize;
+
+    /// A worker that holds the poses of a world, updated.
+    ///
+    /// # Errors
+    /// [`SceneError`], e.g. for a pose that is not finite.
+    fn worker(&self, world: usize) -> Result<Lent<'_>, SceneError>;
+}
+
+/// Worlds of one scene at given poses.
+struct Placed<'a> {
+    pool: &'a WorkerPool,
+    poses: &'a WorldPoses<'a>,
+}
+
+impl Worlds for Placed<'_> {
+    fn n_worlds(&self) -> usize {
+        self.poses.n_worlds
+    }
+
+    fn worker(&self, world: usize) -> Result<Lent<'_>, SceneError> {
+        let mut worker = self.pool.lend()?;
+        self.poses.apply(world, &mut worker)?;
+        Ok(worker)
+    }
+}
 
 /// Poses of many worlds.
 #[derive(Clone, Copy, Debug)]
@@ -130,23 +160,38 @@ pub fn render_batch(
     out: &mut DepthBatch,
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
-    let (images, pixels) = batch_size(cameras, poses.n_worlds)?;
-    out.n_worlds = poses.n_worlds;
-    out.n_cameras = cameras.len();
-    out.n_pixels = pixels;
-    out.depth_m.resize(images * pixels, 0.0);
-    out.status.resize(images * pixels, 0);
-    out.geom_id.resize(images * pixels, 0);
-    out.body_id.resize(images * pixels, 0);
-    out.pose.resize(images, Pose::default());
-    let planes = DepthPlanes {
-        depth_m: Some(&mut out.depth_m),
-        status: Some(&mut out.status),
-        geom_id: Some(&mut out.geom_id),
-        body_id: Some(&mut out.body_id),
-        normal: None,
-    };
-    render_batch_into(pool, cameras, poses, planes, &mut out.pose)
+    let (planes, out_pose) = out.fit(cameras, poses.n_worlds)?;
+    render_batch_into(pool, cameras, poses, planes, out_pose)
+}
+
+impl DepthBatch {
+    /// Makes room for the images of these cameras in `n_worlds` worlds; the planes to render into, and where poses of cameras go.
+    ///
+    /// # Errors
+    /// [`SenseError::Parameter`] for no camera, cameras of several sizes, and more pixels than a batch holds.
+    pub fn fit(
+        &mut self,
+        cameras: &[Camera],
+        n_worlds: usize,
+    ) -> Result<(DepthPlanes<'_>, &mut [Pose]), SenseError> {
+        let (images, pixels) = batch_size(cameras, n_worlds)?;
+        self.n_worlds = n_worlds;
+        self.n_cameras = cameras.len();
+        self.n_pixels = pixels;
+        self.depth_m.resize(images * pixels, 0.0);
+        self.status.resize(images * pixels, 0);
+        self.geom_id.resize(images * pixels, 0);
+        self.body_id.resize(images * pixels, 0);
+        self.pose.resize(images, Pose::default());
+        let planes = DepthPlanes {
+            depth_m: Some(&mut self.depth_m),
+            status: Some(&mut self.status),
+            geom_id: Some(&mut self.geom_id),
+            body_id: Some(&mut self.body_id),
+            normal: None,
+        };
+        Ok((planes, &mut self.pose))
+    }
 }
 
 /// As [`render_batch`], only the planes that are asked for, (world, camera, height, width), into buffers of the caller; the
@@ -164,9 +209,42 @@ pub fn render_batch_into(
     out_pose: &mut [Pose],
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
-    let (images, pixels) = batch_size(cameras, poses.n_worlds)?;
+    batch_size(cameras, poses.n_worlds)?;
+    render_worlds(&Placed { pool, poses }, &|_| cameras, planes, out_pose)
+}
+
+/// As [`render_batch_into`], of any worlds; `cameras` names those of a world, as many and of the same size in each.
+///
+/// # Errors
+/// As [`render_batch_into`]; [`SenseError::Parameter`] also for worlds whose cameras differ in number or size.
+pub fn render_worlds<'c>(
+    worlds: &impl Worlds,
+    cameras: &(dyn Fn(usize) -> &'c [Camera] + Sync),
+    planes: DepthPlanes,
+    out_pose: &mut [Pose],
+) -> Result<(), SenseError> {
+    let n_worlds = worlds.n_worlds();
+    if n_worlds == 0 {
+        return Ok(());
+    }
+    let first = cameras(0);
+    let (images, pixels) = batch_size(first, n_worlds)?;
+    for world in 1..n_worlds {
+        let own = cameras(world);
+        if !std::ptr::eq(own, first) && (own.len() != first.len() || batch_size(own, 1)?.1 != pixels) {
+            return Err(SenseError::Parameter {
+                what: format!(
+                    "cameras of world {world}: expected {} of {pixels} pixels each, as in the first world, got {} of {}; give all \
+                     scenes of a batch cameras of one size",
+                    first.len(),
+                    own.len(),
+                    own.first().map_or(0, |c| c.pattern().len())
+                ),
+            });
+        }
+    }
     if out_pose.len() != images {
-        let shape = format!("({} worlds, {} cameras)", poses.n_worlds, cameras.len());
+        let shape = format!("({n_worlds} worlds, {} cameras)", first.len());
         let (expected, found) = (images, out_pose.len());
         return Err(SenseError::Shape { what: "poses of cameras", shape, expected, found });
     }
@@ -178,24 +256,19 @@ pub fn render_batch_into(
         normal: planes.normal,
     };
     planes.check(images * pixels)?;
-    let mut worlds: Vec<(Planes, &mut [Pose])> = planes
-        .chunks(cameras.len() * pixels, poses.n_worlds)
-        .zip(out_pose.chunks_mut(cameras.len()))
-        .collect();
-    let results: Vec<Result<(), SenseError>> = worlds
+    let mut out: Vec<(Planes, &mut [Pose])> =
+        planes.chunks(first.len() * pixels, n_worlds).zip(out_pose.chunks_mut(first.len())).collect();
+    let results: Vec<Result<(), SenseError>> = out
         .par_iter_mut()
         .enumerate()
         .map(|(world, (planes, pose))| {
-            let done = pool.with(|worker| {
-                poses.apply(world, worker)?;
-                for (camera, (planes, pose)) in
-                    cameras.iter().zip(planes.reborrow().chunks(pixels, cameras.len()).zip(pose.iter_mut()))
-                {
-                    *pose = camera.render_planes(worker, planes)?;
+            let done = worlds.worker(world).map_err(SenseError::from).and_then(|mut worker| {
+                let images = planes.reborrow().chunks(pixels, first.len()).zip(pose.iter_mut());
+                for (camera, (planes, pose)) in cameras(world).iter().zip(images) {
+                    *pose = camera.render_planes(&mut worker, planes)?;
                 }
                 Ok(())
             });
-            let done = done.map_err(SenseError::from).and_then(|r| r);
             if done.is_err() {
                 planes.fill_unknown();
                 pose.fill(Pose { pos_m: [f64::NAN; 3], quat_xyzw: [f64::NAN; 4] });
@@ -302,21 +375,31 @@ pub fn contacts_batch(
     limited: &mut Vec<usize>,
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
-    out.resize_with(poses.n_worlds, Vec::new);
+    contacts_worlds(&Placed { pool, poses }, out, limited)
+}
+
+/// As [`contacts_batch`], of any worlds.
+///
+/// # Errors
+/// [`SenseError::Worlds`] with all worlds that failed.
+pub fn contacts_worlds(
+    worlds: &impl Worlds,
+    out: &mut Vec<Vec<Contact>>,
+    limited: &mut Vec<usize>,
+) -> Result<(), SenseError> {
+    out.resize_with(worlds.n_worlds(), Vec::new);
     limited.clear();
-    limited.resize(poses.n_worlds, 0);
+    limited.resize(worlds.n_worlds(), 0);
     let results = out
         .par_iter_mut()
         .zip(limited.par_iter_mut())
         .enumerate()
         .map(|(world, (out, limited))| {
             out.clear();
-            let done = pool.with(|worker| {
-                poses.apply(world, worker)?;
-                *limited = contacts(worker, out)?;
+            let done = worlds.worker(world).map_err(SenseError::from).and_then(|mut worker| {
+                *limited = contacts(&mut worker, out)?;
                 Ok(())
             });
-            let done = done.map_err(SenseError::from).and_then(|r| r);
             if done.is_err() {
                 out.clear();
             }
@@ -340,24 +423,35 @@ pub fn clearance_batch(
     out: &mut Vec<Clearance>,
 ) -> Result<(), SenseError> {
     poses.check(pool.scene())?;
-    let n = pool.scene().n_drones();
+    clearance_worlds(&Placed { pool, poses }, pool.scene().n_drones(), max_distance_m, out)
+}
+
+/// As [`clearance_batch`], of any worlds, which have `n_drones` drones each.
+///
+/// # Errors
+/// [`SenseError::Worlds`] with all worlds that failed.
+pub fn clearance_worlds(
+    worlds: &impl Worlds,
+    n_drones: usize,
+    max_distance_m: f64,
+    out: &mut Vec<Clearance>,
+) -> Result<(), SenseError> {
+    let n = n_drones;
     out.clear();
     if n == 0 {
         return Ok(());
     }
-    out.resize(poses.n_worlds * n, Clearance::unknown(0));
+    out.resize(worlds.n_worlds() * n, Clearance::unknown(0));
     let results = out
         .par_chunks_mut(n)
         .enumerate()
         .map(|(world, row)| {
-            let done = pool.with(|worker| {
-                poses.apply(world, worker)?;
+            let done = worlds.worker(world).map_err(SenseError::from).and_then(|mut worker| {
                 for (drone, out) in row.iter_mut().enumerate() {
-                    *out = clearance(worker, drone, max_distance_m)?;
+                    *out = clearance(&mut worker, drone, max_distance_m)?;
                 }
                 Ok(())
             });
-            let done = done.map_err(SenseError::from).and_then(|r| r);
             if done.is_err() {
                 row.iter_mut().enumerate().for_each(|(drone, out)| *out = Clearance::unknown(drone));
             }

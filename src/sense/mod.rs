@@ -13,7 +13,10 @@ pub mod imu;
 pub mod noise;
 pub mod swept;
 
-pub use batch::{DepthBatch, WorldPoses, clearance_batch, contacts_batch, render_batch, render_batch_into};
+pub use batch::{
+    DepthBatch, WorldPoses, Worlds, clearance_batch, clearance_worlds, contacts_batch, contacts_worlds,
+    render_batch, render_batch_into, render_worlds,
+};
 pub use caster::{Caster, RayHits, RayPattern, RayPlanes, RayQuery, cast_pattern, cast_rays};
 pub use clearance::{Clearance, clearance, clearance_by};
 pub use collide::Collider;

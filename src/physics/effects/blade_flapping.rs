@@ -14,6 +14,7 @@ use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
+use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
 
 parameters! {
@@ -34,6 +35,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn reads(&self) -> Reads {
+        Reads::WIND
+    }
+
     #[inline(always)]
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         let speeds = view.rotor_vel();

@@ -11,6 +11,7 @@ use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
+use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
 
 parameters! {
@@ -30,6 +31,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn reads(&self) -> Reads {
+        Reads::NEIGHBOURS
+    }
+
     #[inline(always)]
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         let density = view.surroundings.air_density_kg_m3;

@@ -9,6 +9,7 @@ use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
 use crate::physics::params::Parameters;
 use crate::physics::rigid_body::Wrench;
+use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
 pub use crate::scalar::program::{MAX_DEPTH, Op, Program, ProgramError};
 
@@ -86,6 +87,7 @@ mod list {
         rotor_sum "rad/s" "sum of the rotors' speeds" => sum_of_speeds(view);
         thrust_n "N" "thrust of all rotors by their curves, before what the air does" => thrust(view);
         ground_m "m" "height above what lies below; 1000000 where there is no ground" => view.surroundings.ground_distance_m;
+        ceiling_m "m" "distance up to what lies above; 1000000 where there is no ceiling" => view.surroundings.ceiling_distance_m;
         wind_x "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[0];
         wind_y "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[1];
         wind_z "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[2];
@@ -207,7 +209,23 @@ impl<S: Real> Params<S> {
     }
 }
 
+/// What a variable takes from the surroundings.
+fn reads_of(variable: &str) -> Reads {
+    match variable {
+        "ground_m" => Reads::GROUND,
+        "ceiling_m" => Reads::CEILING,
+        "wind_x" | "wind_y" | "wind_z" | "vx_body" | "vy_body" | "vz_body" => Reads::WIND,
+        _ => Reads::NOTHING,
+    }
+}
+
 impl<S: Real> Effect<S> for Params<S> {
+    /// What the variables read that the formula uses.
+    fn reads(&self) -> Reads {
+        let used = VARIABLES.iter().enumerate().filter(|(i, _)| self.formula.reads_input(*i));
+        used.fold(Reads::NOTHING, |reads, (_, variable)| reads.or(reads_of(variable.name)))
+    }
+
     fn thrust_gain(&self, view: &View<S>, _: [S; 3]) -> S {
         self.formula.thrust_factor.as_ref().map_or(S::one(), |program| self.eval(program, view))
     }
@@ -261,7 +279,11 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             kind: "expression",
             title: format!("the expression {} of the vehicle file", formula.name),
             area: if pushes || formula.thrust_factor.is_none() { Area::Airframe } else { Area::Drive },
-            needs: if formula.reads("ground_m") { Needs::Ground } else { Needs::Nothing },
+            needs: match Effect::<f64>::reads(effect) {
+                reads if reads.ground => Needs::Ground,
+                reads if reads.ceiling => Needs::Ceiling,
+                _ => Needs::Nothing,
+            },
             freedoms,
             preset: vec![],
             manoeuvre: "fly so that the variables of the expression vary widely, and not all together",

@@ -9,6 +9,7 @@ use crate::math::quat;
 use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
+use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
 
 parameters! {
@@ -26,6 +27,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn reads(&self) -> Reads {
+        Reads::GROUND
+    }
+
     #[inline(always)]
     fn thrust_gain(&self, view: &View<S>, hub_m: [S; 3]) -> S {
         let radius = view.airframe.rotors[0].radius_m;

@@ -14,7 +14,7 @@ use super::drone::Drone;
 use super::measure::{Clock, Reading};
 use super::params::Parameters;
 use super::rigid_body::{self, MAX_ROTORS, State, Wrench};
-use super::surroundings::Surroundings;
+use super::surroundings::{Reads, Surroundings};
 use super::{airframe, attitude_response, rotor};
 use crate::math::{quat, vec3};
 use crate::scalar::Real;
@@ -182,9 +182,9 @@ pub trait Effect<S: Real> {
         let _ = dt_s;
         0
     }
-    /// Whether [`Effect::command`] reads [`Surroundings::normals`].
-    fn noises(&self) -> bool {
-        false
+    /// What any hook of this effect reads of its [`Surroundings`]. What is not declared here nobody need fill in.
+    fn reads(&self) -> Reads {
+        Reads::NOTHING
     }
     /// Adds the wind of this effect, m/s, world.
     fn air(&self, view: &View<S>) -> [S; 3] {
@@ -267,8 +267,8 @@ macro_rules! effects {
             fn build(&self, parts: &mut Parts<S>) {
                 match self { $(Self::$variant(p) => p.build(parts),)* }
             }
-            fn noises(&self) -> bool {
-                match self { $(Self::$variant(p) => Effect::<S>::noises(p),)* }
+            fn reads(&self) -> Reads {
+                match self { $(Self::$variant(p) => Effect::<S>::reads(p),)* }
             }
             fn carried_kg(&self) -> S {
                 match self { $(Self::$variant(p) => p.carried_kg(),)* }
@@ -579,6 +579,48 @@ mod tests {
             }
         }
         assert!(counted > 100, "{counted}");
+    }
+
+    /// Everything that a vehicle with this one effect does in a moment of a busy flight, in these surroundings.
+    fn moment(effect: AnyEffect<f64>, mut around: Surroundings<f64>) -> Vec<f64> {
+        let drone = quad(vec![effect]);
+        let mut state = State { vel: [1.0, -2.0, 1.5], ang_vel: [0.3, -0.2, 0.5], ..State::rest() };
+        state.quat = crate::math::euler::to_quat([0.2, -0.3, 0.4]);
+        state.rotor_vel = [480.0, 500.0, 520.0, 470.0, 0.0, 0.0, 0.0, 0.0];
+        let mut memory = vec![0.0; drone.memory_len(0.002)];
+        let mut command = Command::Rotors([510.0; MAX_ROTORS]);
+        // Memories that begin in the first step show in the second what moves them.
+        for _ in 0..2 {
+            drone.transmit(&state, &mut { around }, (0.002, 0.002), &mut command, &mut memory);
+        }
+        drone.transmit(&state, &mut around, (0.002, 0.002), &mut command, &mut memory);
+        let rate = drone.rate(&state, &command, &around);
+        [&rate.acc[..], &rate.ang_acc, &rate.rotor_acc, &memory].concat()
+    }
+
+    #[test]
+    fn every_effect_reads_exactly_what_it_declares() {
+        let above = Neighbour { pos: [0.0, 0.0, 0.5], vel: [0.0; 3], weight_n: 9.81, disc_radius_m: 0.12 };
+        let near = Surroundings {
+            ground_distance_m: 0.2,
+            ceiling_distance_m: 0.15,
+            normals: [0.1; 3],
+            ..Surroundings::calm()
+        };
+        for kind in KINDS {
+            let mut effect = AnyEffect::by_kind(kind).unwrap();
+            effect.visit("", &mut |_, v| *v = moved(*v));
+            let plain = moment(effect, near);
+            let changes = |around: Surroundings<f64>| moment(effect, around) != plain;
+            let found = Reads {
+                ground: changes(Surroundings { ground_distance_m: 0.3, ..near }),
+                ceiling: changes(Surroundings { ceiling_distance_m: 0.25, ..near }),
+                neighbours: changes(Surroundings { neighbours: &[above], ..near }),
+                wind: changes(Surroundings { wind_m_s: [0.5, 0.2, -0.1], ..near }),
+                noise: changes(Surroundings { normals: [0.5, 0.2, -0.1], ..near }),
+            };
+            assert_eq!(Effect::<f64>::reads(&effect), found, "{kind}");
+        }
     }
 
     /// What a vehicle does and reads in one moment of a busy flight: rate, sensors, command at the motors, clocks.

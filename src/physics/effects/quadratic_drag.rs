@@ -8,6 +8,7 @@ use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
+use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
 
 parameters! {
@@ -25,6 +26,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn reads(&self) -> Reads {
+        Reads::WIND
+    }
+
     #[inline(always)]
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         let v = view.air_velocity();

@@ -19,7 +19,7 @@ use crate::math::vec3;
 use crate::physics::drone::Drone;
 use crate::physics::effects::candidate::Candidate;
 use crate::physics::params::parameters;
-use crate::physics::surroundings::Surroundings;
+use crate::physics::surroundings::{Reads, Surroundings};
 use crate::scalar::Real;
 
 parameters! {
@@ -42,8 +42,8 @@ impl Default for Params<f64> {
 const MIN_SPEED2_M2_S2: f64 = 1e-12;
 
 impl<S: Real> Effect<S> for Params<S> {
-    fn noises(&self) -> bool {
-        true
+    fn reads(&self) -> Reads {
+        Reads { wind: true, noise: true, ..Reads::NOTHING }
     }
 
     /// Three states, and whether they have begun.

@@ -490,7 +490,7 @@ impl<C: Interpret> Pack<C> {
             let step = self.step_of(view, lane, done);
             let value = match p {
                 place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
-                place::NORMALS..place::EFFECTS if kind.noises => {
+                place::NORMALS..place::EFFECTS if kind.reads_noise => {
                     let world = o.first_world + (view.first + w) as u64;
                     let source = RandomSource { world, episodes: shared.episodes[view.first + w] };
                     C::Number::of(source.normals(o.seed, d, step)[(p - place::NORMALS) as usize])

@@ -9,7 +9,6 @@ use super::arrays::{Arrays, Column, column};
 use crate::kernels;
 use crate::physics::controllers::{Due, Rates};
 use crate::physics::drone::Drone;
-use crate::physics::effects::{AnyEffect, Effect};
 use crate::scalar::bytecode::{Interpret, Program};
 use crate::scalar::kernel::{Entries, Kernel, key};
 use crate::scalar::lanes::Number;
@@ -34,7 +33,7 @@ pub(super) struct Kind<N> {
     pub(super) loads: Vec<Column>,
     pub(super) all_loads: Vec<Column>,
     pub(super) saves: Vec<Column>,
-    pub(super) noises: bool,
+    pub(super) reads_noise: bool,
     pub(super) effects: usize,
 }
 
@@ -94,7 +93,6 @@ impl<T: Copy> Parted<T> {
 pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates: &[Rates]) -> Vec<Kind<N>> {
     let bare: Vec<Drone<f64>> = nominal.iter().map(bare).collect();
     let mut kinds: Vec<Kind<N>> = Vec::new();
-    let wash = |e: &AnyEffect<f64>| matches!(e, AnyEffect::Downwash(_));
     for d in 0..nominal.len() {
         let same = |k: &&mut Kind<N>| bare[k.slots[0]] == bare[d] && rates[k.slots[0]] == rates[d];
         if let Some(kind) = kinds.iter_mut().find(same) {
@@ -113,8 +111,8 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
             }
             ticks.push(at as u8);
         }
-        let reads = nominal[d].effects.iter().any(wash);
-        let neighbours = if reads { nominal.len() - 1 } else { 0 };
+        let reads = nominal[d].reads();
+        let neighbours = if reads.neighbours { nominal.len() - 1 } else { 0 };
         let effects = nominal[d].memory_len(1.0 / f64::from(options.sim_hz));
         kinds.push(Kind {
             slots: vec![d],
@@ -128,7 +126,7 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
             loads: Vec::new(),
             all_loads: Vec::new(),
             saves: Vec::new(),
-            noises: nominal[d].effects.iter().any(Effect::noises),
+            reads_noise: reads.noise,
             effects,
         });
     }

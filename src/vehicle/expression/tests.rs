@@ -7,7 +7,7 @@ use crate::physics::effects::{Command, Effect, candidates, linear_drag};
 use crate::physics::params::Parameters;
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::sample::quad;
-use crate::physics::surroundings::Surroundings;
+use crate::physics::surroundings::{Reads, Surroundings};
 use crate::scalar::Real;
 use crate::scalar::dual::Dual;
 use crate::vehicle::Vehicle;
@@ -177,6 +177,7 @@ fn every_variable_reads_what_its_name_says() {
         wind_m_s: [0.5, 0.2, -0.1],
         time_s: 0.7,
         ground_distance_m: 1.9,
+        ceiling_distance_m: 1.2,
         ..Surroundings::calm()
     };
     let body = quat::rotate_inverse(state.quat, [0.5, -2.2, 1.6]);
@@ -215,6 +216,7 @@ fn every_variable_reads_what_its_name_says() {
         ("rotor_sum", sum),
         ("thrust_n", 1e-5 * squares),
         ("ground_m", 1.9),
+        ("ceiling_m", 1.2),
         ("wind_x", 0.5),
         ("wind_y", 0.2),
         ("wind_z", -0.1),
@@ -241,6 +243,29 @@ fn every_variable_reads_what_its_name_says() {
         let documented = page.contains(&format!("`{name}`")) || name.starts_with("rotor");
         assert!(documented, "{name} is not on the page");
     }
+}
+
+#[test]
+fn an_expression_declares_what_its_variables_read() {
+    let state: State<f64> = tilted();
+    let near = Surroundings { ground_distance_m: 1.9, ceiling_distance_m: 1.2, ..Surroundings::calm() };
+    for variable in VARIABLES {
+        let lines = format!("force_world_n = [\"1e-3 * {}\", \"0\", \"0\"]", variable.name);
+        let drone = sample(&entry("one", &lines));
+        let rate =
+            |around: Surroundings<f64>| drone.rate(&state, &Command::Rotors([500.0; MAX_ROTORS]), &around);
+        let changes = |around| rate(around) != rate(near);
+        let found = Reads {
+            ground: changes(Surroundings { ground_distance_m: 1.8, ..near }),
+            ceiling: changes(Surroundings { ceiling_distance_m: 1.1, ..near }),
+            neighbours: false,
+            wind: changes(Surroundings { wind_m_s: [0.5, 0.2, -0.1], ..near }),
+            noise: changes(Surroundings { normals: [0.5, 0.2, -0.1], ..near }),
+        };
+        assert_eq!(drone.reads(), found, "{}", variable.name);
+    }
+    let two = sample(&entry("two", "force_world_n = [\"ground_m\", \"wind_x\", \"0\"]"));
+    assert_eq!(two.reads(), Reads::GROUND.or(Reads::WIND), "all variables count");
 }
 
 #[test]

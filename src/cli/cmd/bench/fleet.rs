@@ -1,6 +1,7 @@
 //! What is measured: worlds in flight, and what their drones see and touch.
 
 use super::measure::seconds;
+use crate::arena::Arena;
 use crate::cli::args::BenchArgs;
 use crate::cli::cmd::drones::find;
 use crate::cli::cmd::fly::{camera, shell};
@@ -11,10 +12,8 @@ use crate::physics::rigid_body::State;
 use crate::rollout::{Engine, Sim, SimOptions};
 use crate::scalar::lanes::Number;
 use crate::scene::generate::{self, ForestOptions};
-use crate::scene::{Scene, SceneSource, WorkerPool};
-use crate::sense::{
-    Camera, Clearance, Contact, DepthBatch, WorldPoses, clearance_batch, contacts_batch, render_batch,
-};
+use crate::scene::{Scene, SceneSource};
+use crate::sense::{Camera, Clearance, Contact, DepthBatch};
 use crate::{Error, Result};
 
 /// Steps of one call.
@@ -102,12 +101,17 @@ impl Job {
     }
 }
 
-/// Worlds with one drone each.
+/// Worlds with one drone each, in the scene, and what their drones saw and touched last.
 pub struct Fleet<N: Number> {
-    sim: Sim<N>,
+    arena: Arena<N>,
+    camera: Camera,
     commands: Vec<f64>,
     /// Steps of the episode.
     flown: usize,
+    depth: DepthBatch,
+    contacts: Vec<Vec<Contact>>,
+    limited: Vec<usize>,
+    clearances: Vec<Clearance>,
 }
 
 impl<N: Number> Fleet<N> {
@@ -119,22 +123,32 @@ impl<N: Number> Fleet<N> {
             engine: Engine::Lanes,
             ..SimOptions::default()
         };
-        let mut sim = Sim::<N>::storing(options, vec![(job.drone.clone(), job.rates)])?;
-        let mut commands = Vec::with_capacity(worlds * sim.command_width());
+        let sim = Sim::<N>::storing(options, vec![(job.drone.clone(), job.rates)])?;
+        let mut arena = Arena::within(sim, std::slice::from_ref(&job.scene), &vec![0; worlds])?;
+        let mut commands = Vec::with_capacity(worlds * arena.sim().command_width());
         for world in 0..worlds {
             let (start, command) = job.world(world);
-            sim.set_initial(world, 0, start)?;
+            arena.set_initial(world, 0, start)?;
             commands.extend(command);
         }
-        let mut fleet = Self { sim, commands, flown: 0 };
+        let mut fleet = Self {
+            arena,
+            camera: job.camera.clone(),
+            commands,
+            flown: 0,
+            depth: DepthBatch::default(),
+            contacts: Vec::new(),
+            limited: Vec::new(),
+            clearances: Vec::new(),
+        };
         fleet.begin()?;
         Ok(fleet)
     }
 
     fn begin(&mut self) -> Result<()> {
         self.flown = 0;
-        self.sim.reset(None)?;
-        Ok(self.sim.set_command(&self.commands)?)
+        self.arena.reset(None)?;
+        Ok(self.arena.set_command(&self.commands)?)
     }
 
     /// Advances all worlds; returns the seconds that it took. A new episode begins before, where one is over; that is not
@@ -144,81 +158,27 @@ impl<N: Number> Fleet<N> {
             self.begin()?;
         }
         self.flown += steps;
-        seconds(|| Ok(self.sim.step(steps)?))
+        seconds(|| Ok(self.arena.step(steps)?))
     }
 
     /// Worlds that were stopped since their states were not finite.
     pub fn stopped(&self) -> usize {
-        self.sim.data.quarantine.iter().flatten().count()
-    }
-}
-
-/// Depth, contacts and clearances of many worlds.
-pub struct Senses {
-    pool: WorkerPool,
-    camera: Camera,
-    pos: Vec<f64>,
-    quat: Vec<f64>,
-    depth: DepthBatch,
-    contacts: Vec<Vec<Contact>>,
-    limited: Vec<usize>,
-    clearances: Vec<Clearance>,
-}
-
-impl Senses {
-    /// Nothing seen yet.
-    pub fn new(job: &Job) -> Self {
-        Self {
-            pool: WorkerPool::new(&job.scene),
-            camera: job.camera.clone(),
-            pos: Vec::new(),
-            quat: Vec::new(),
-            depth: DepthBatch::default(),
-            contacts: Vec::new(),
-            limited: Vec::new(),
-            clearances: Vec::new(),
-        }
-    }
-
-    /// Takes over the poses of all drones.
-    pub fn follow<N: Number>(&mut self, fleet: &Fleet<N>) {
-        self.pos.clear();
-        self.pos.extend(fleet.sim.data.pos.iter().map(|v| v.wide()));
-        self.quat.clear();
-        self.quat.extend(fleet.sim.data.quat.iter().map(|v| v.wide()));
-    }
-
-    fn poses(&self) -> WorldPoses<'_> {
-        WorldPoses {
-            n_worlds: self.pos.len() / 3,
-            drone_pos_m: &self.pos,
-            drone_quat_xyzw: &self.quat,
-            obstacle_pos_m: None,
-            obstacle_quat_xyzw: None,
-        }
+        self.arena.sim().n_quarantined()
     }
 
     /// One depth image of every world.
-    pub fn depth(&mut self) -> Result<()> {
-        let mut out = std::mem::take(&mut self.depth);
-        let done = render_batch(&self.pool, std::slice::from_ref(&self.camera), &self.poses(), &mut out);
-        self.depth = out;
-        Ok(done?)
+    pub fn see(&mut self) -> Result<()> {
+        let cameras = [std::slice::from_ref(&self.camera)];
+        Ok(self.arena.look().frames(&cameras, None, &mut self.depth)?)
     }
 
     /// Contacts of every drone.
-    pub fn contacts(&mut self) -> Result<()> {
-        let (mut out, mut limited) = (std::mem::take(&mut self.contacts), std::mem::take(&mut self.limited));
-        let done = contacts_batch(&self.pool, &self.poses(), &mut out, &mut limited);
-        (self.contacts, self.limited) = (out, limited);
-        Ok(done?)
+    pub fn touch(&mut self) -> Result<()> {
+        Ok(self.arena.contacts(None, &mut self.contacts, &mut self.limited)?)
     }
 
     /// Clearance of every drone.
-    pub fn clearances(&mut self) -> Result<()> {
-        let mut out = std::mem::take(&mut self.clearances);
-        let done = clearance_batch(&self.pool, &self.poses(), CLEARANCE_MAX_M, &mut out);
-        self.clearances = out;
-        Ok(done?)
+    pub fn keep_clear(&mut self) -> Result<()> {
+        Ok(self.arena.clearances(None, CLEARANCE_MAX_M, &mut self.clearances)?)
     }
 }

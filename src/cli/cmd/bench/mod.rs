@@ -10,7 +10,7 @@ use crate::cli::exit::Outcome;
 use crate::scalar::lanes::{Number, level_name};
 use crate::scene::mujoco_version;
 use crate::{Error, Result};
-use fleet::{Fleet, Job, STEPS, STEPS_PER_FRAME, Senses};
+use fleet::{Fleet, Job, STEPS, STEPS_PER_FRAME};
 use measure::{Rate, figure, load, peak_mib, processor, rate, seconds};
 use serde_json::{Value, json};
 use std::fs::File;
@@ -98,10 +98,8 @@ fn sensing<N: Number>(args: &BenchArgs, job: &Job, threads: usize, report: &mut 
     for _ in 0..CALLS_BEFORE_LOOKING {
         fleet.fly(STEPS)?;
     }
-    let mut senses = Senses::new(job);
-    senses.follow(&fleet);
     let n = worlds as f64;
-    let depth = rate(args.seconds, n, || seconds(|| senses.depth()))?;
+    let depth = rate(args.seconds, n, || seconds(|| fleet.see()))?;
     report.row("depth", worlds, threads, depth, "frames/s", None)?;
     let pixels = (args.view.size.width * args.view.size.height) as f64;
     let scaled = |v: f64| v * pixels;
@@ -112,16 +110,15 @@ fn sensing<N: Number>(args: &BenchArgs, job: &Job, threads: usize, report: &mut 
         calls: depth.calls,
     };
     report.row("depth", worlds, threads, rays, "pixels/s", None)?;
-    let contacts = rate(args.seconds, n, || seconds(|| senses.contacts()))?;
+    let contacts = rate(args.seconds, n, || seconds(|| fleet.touch()))?;
     report.row("contacts", worlds, threads, contacts, "drones/s", None)?;
-    let clearances = rate(args.seconds, n, || seconds(|| senses.clearances()))?;
+    let clearances = rate(args.seconds, n, || seconds(|| fleet.keep_clear()))?;
     report.row("clearances", worlds, threads, clearances, "drones/s", None)?;
     let whole = rate(args.seconds, n, || {
         let flown = fleet.fly(STEPS_PER_FRAME)?;
         let sensed = seconds(|| {
-            senses.follow(&fleet);
-            senses.depth()?;
-            senses.contacts()
+            fleet.see()?;
+            fleet.touch()
         })?;
         Ok(flown + sensed)
     })?;
@@ -135,10 +132,7 @@ fn tell<N: Number>(args: &BenchArgs, job: &Job, part: PartArg) -> Result<()> {
     let before = peak_mib();
     match part {
         PartArg::FirstFrame => {
-            let fleet = Fleet::<N>::new(job, 1)?;
-            let mut senses = Senses::new(job);
-            senses.follow(&fleet);
-            senses.depth()?;
+            Fleet::<N>::new(job, 1)?.see()?;
         }
         PartArg::Memory => {
             Fleet::<N>::new(job, largest(args))?.fly(STEPS)?;
