@@ -5,6 +5,7 @@
 
 use propwash::physics::controllers::ControlMode;
 use propwash::rollout::pipeline::INTEGRATION;
+use propwash::rollout::trajectory::Reference;
 use propwash::rollout::{Sim, SimOptions};
 use propwash::vehicle::Vehicle;
 
@@ -37,10 +38,9 @@ fn main() -> propwash::Result<()> {
     )?;
     println!("stages of a step: {}", sim.pipeline.names().join(", "));
 
-    // Hover at the origin: position, velocity, acceleration 0, heading 0 (a unit quaternion).
+    // Hover at the origin, facing along x.
     sim.reset(None)?;
-    let mut hover = [0.0; 16];
-    hover[12] = 1.0;
+    let hover = Reference::hover([0.0; 3], 0.0).command();
     sim.set_command(&hover.repeat(4))?;
     let mut aside_m = [0.0f64; 4];
     for _ in 0..1500 {

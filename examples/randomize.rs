@@ -6,6 +6,7 @@
 
 use propwash::physics::controllers::ControlMode;
 use propwash::rollout::randomize::Randomization;
+use propwash::rollout::trajectory::Reference;
 use propwash::rollout::{Sim, SimData, SimOptions};
 use propwash::vehicle::Vehicle;
 
@@ -36,8 +37,7 @@ fn run(first_world: u64, n_worlds: usize) -> propwash::Result<(Vec<f64>, SimData
         ..SimOptions::default()
     };
     let mut sim = Sim::new(options, vec![(vehicle.drone("first_principles")?, vehicle.rates)])?;
-    let mut hover = [0.0; 16];
-    hover[12] = 1.0;
+    let hover = Reference::hover([0.0; 3], 0.0).command();
     sim.set_command(&hover.repeat(n_worlds))?;
     sim.step(500)?;
     let masses = (0..n_worlds).map(|w| sim.drone(w, 0).body.mass_kg).collect();

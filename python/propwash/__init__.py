@@ -9,6 +9,7 @@ from ._mujoco import load_library as _load_library
 _load_library()
 
 from ._native import Error, RestOnGround, State, Vehicle, __version__, load_plugin_library, mujoco_version, vehicles  # noqa: E402
+from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
@@ -18,6 +19,7 @@ __all__ = [
     "Body",
     "Camera",
     "Clearance",
+    "Command",
     "Comparison",
     "Contacts",
     "Data",

@@ -19,6 +19,17 @@ pub struct Reference {
 }
 
 impl Reference {
+    /// To stay at a point, m, with a heading, rad.
+    ///
+    /// ```
+    /// use propwash::rollout::trajectory::Reference;
+    /// let command = Reference::hover([0.0, 0.0, 1.0], 0.0).command();
+    /// assert_eq!((command[2], command[12]), (1.0, 1.0)); // z, and qw of a level attitude
+    /// ```
+    pub fn hover(pos_m: [f64; 3], yaw_rad: f64) -> Self {
+        Self { pos_m, vel_m_s: [0.0; 3], acc_m_s2: [0.0; 3], yaw_rad }
+    }
+
     /// The 16 numbers of a state command.
     pub fn command(&self) -> [f64; 16] {
         let (sin, cos) = (0.5 * self.yaw_rad).sin_cos();
