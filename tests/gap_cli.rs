@@ -144,6 +144,21 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     assert!(text.contains(&format!("source_log_sha256 = \"{hash}\"")), "{text}");
     assert!(text.contains("sigma = {") && text.contains("date = \"2"), "{text}");
 
+    // What takes little off the errors is written where it is asked for by name only; what harms is not.
+    for (little, code) in [(true, 0), (false, 1)] {
+        let mut small = d.clone();
+        small["findings"][0]["held_out"]["doubt"] = "it takes too little off the errors".into();
+        small["findings"][0]["held_out"]["little"] = little.into();
+        std::fs::write(case.path("small.json"), small.to_string()).unwrap();
+        let added = case.run("add --from-diagnosis small.json --vehicle quad.toml --out small.toml");
+        assert_eq!(added.code(), 1, "{}", added.error());
+        let asked =
+            case.run("add rotor_drag --from-diagnosis small.json --vehicle quad.toml --out small.toml");
+        assert_eq!(asked.code(), code, "little {little}: {}", asked.error());
+        assert_eq!(case.path("small.toml").exists(), little);
+        let _ = std::fs::remove_file(case.path("small.toml"));
+    }
+
     let added = case
         .run("add rotor_drag --vehicle quad.toml --fit flight.csv --calibrate --out adjusted.toml --json");
     assert_eq!(added.code(), 0, "{}", added.error());
