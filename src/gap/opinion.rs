@@ -3,7 +3,7 @@
 use super::model::Model;
 use super::policy::CERTAIN_ALONE_NATS;
 use super::report::{interval, quantity};
-use super::solve::Solution;
+use super::solve::{Solution, larger_than};
 use super::verdict::{Opinion, Said, SecondStep};
 use super::witness::{Agreement, Testimony, Witness, agreement};
 use crate::physics::effects::Area;
@@ -12,8 +12,13 @@ use crate::physics::effects::Area;
 pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize) -> Opinion {
     let Some(testimony) = witness.testimony(&solution.set, c) else {
         // For example wind beside a vehicle without nominal drag.
-        let airy = model.candidates[c].area == Area::Airframe;
-        return silent(if airy {
+        let area = model.candidates[c].area;
+        if larger_than(model, solution, c, model.candidates[c].most_slabs) {
+            let text = "says nothing of sensors, and no data sheet has an error of this size: filtered measurements can look \
+                        the same";
+            return Opinion { said: Said::TooLarge, ..silent(text) };
+        }
+        return silent(if area == Area::Airframe {
             "makes no force or torque that varies on the vehicle as filed, so that a regression says nothing of it"
         } else {
             "acts on sensors, clocks or limits, of which a regression of forces and torques says nothing"
@@ -56,7 +61,7 @@ pub(super) fn certain(second: Said, nats: f64) -> bool {
     match second {
         Said::Agrees => true,
         Said::Silent => nats >= CERTAIN_ALONE_NATS,
-        Said::Differs | Said::Answer => false,
+        Said::Differs | Said::Answer | Said::TooLarge => false,
     }
 }
 
@@ -98,6 +103,6 @@ mod tests {
         assert!(
             !certain(Said::Silent, CERTAIN_ALONE_NATS - 1.0) && certain(Said::Silent, CERTAIN_ALONE_NATS)
         );
-        assert!(!certain(Said::Differs, 1e3) && !certain(Said::Answer, 1e3));
+        assert!([Said::Differs, Said::Answer, Said::TooLarge].into_iter().all(|said| !certain(said, 1e3)));
     }
 }

@@ -75,6 +75,7 @@ impl Model {
                 freedoms,
                 preset: vec![],
                 manoeuvre: "fly at many speeds",
+                most_slabs: f64::INFINITY,
             })?;
             self.shapes.push(self.candidates.len() - 1);
         }

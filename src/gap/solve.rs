@@ -6,7 +6,7 @@ use super::disturbance::{Disturbance, Reduced};
 use super::fit::{Linear, Prepared, forces_only};
 use super::model::Model;
 use super::per_log::Information;
-use super::policy::WEAK_NATS;
+use super::policy::{INTERVAL_TOLERANCE, WEAK_NATS};
 use super::search::{Evidence, Posterior};
 use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::walk::settle;
@@ -44,8 +44,13 @@ pub(crate) struct Solution {
 impl Solution {
     /// Evidence at the last linearisation.
     pub fn evidence<'a>(&self, model: &'a Model) -> Result<Evidence<'a>, GapError> {
+        self.beside_tolerances(model, 1.0)
+    }
+
+    /// The same with the vehicle's tolerances `wider` times as wide as estimated.
+    fn beside_tolerances<'a>(&self, model: &'a Model, wider: f64) -> Result<Evidence<'a>, GapError> {
         let all = Information::new(model, &self.linear, &self.reduced, |_| true)?;
-        Evidence::new(model, &all.h, &all.g, &self.linear.at, self.dispersion, self.tolerance)
+        Evidence::new(model, &all.h, &all.g, &self.linear.at, self.dispersion, wider * self.tolerance)
     }
 
     /// A log's parameters at their estimate.
@@ -284,12 +289,16 @@ pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solutio
     } else {
         found.evidence(model)?.by_scatter(&found.set, &scores)
     };
+    let wider = found.beside_tolerances(model, INTERVAL_TOLERANCE)?.covariance(&found.set);
     for (k, sigma) in found.posterior.sigma.iter_mut().enumerate() {
         // An estimate held by a bound has no standard deviation.
         if *sigma > 0.0 {
             let scatter = scatter.as_ref().map_or(0.0, |s| s[k]);
             let p = &model.parameters[k];
             let size = found.posterior.mean[k] - p.filed;
+            if let Some(wider) = wider.as_ref().filter(|_| found.set.contains(&p.candidate)) {
+                *sigma = sigma.max(wider[(k, k)].max(0.0).sqrt());
+            }
             *sigma = sigma.max(scatter).hypot(BENT * p.spike).hypot(SIZE_KNOWN * size);
         }
     }
@@ -322,9 +331,14 @@ pub(super) fn corrected(model: &Model, posterior: &Posterior, candidate: usize) 
 
 /// Whether a found effect would have to be many times its plausible size.
 fn implausible(model: &Model, found: &Solution, candidate: usize) -> bool {
+    larger_than(model, found, candidate, HUGE)
+}
+
+/// Whether a parameter of a found effect is more than so many times its plausible size.
+pub(super) fn larger_than(model: &Model, found: &Solution, candidate: usize, times: f64) -> bool {
     model.of(candidate).any(|k| {
         let p = &model.parameters[k];
-        p.name != "frequency_hz" && (found.posterior.mean[k] - p.filed).abs() > HUGE * p.slab
+        p.name != "frequency_hz" && (found.posterior.mean[k] - p.filed).abs() > times * p.slab
     })
 }
 

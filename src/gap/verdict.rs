@@ -45,6 +45,8 @@ pub enum Said {
     Answer,
     /// The second estimator cannot observe such an effect.
     Silent,
+    /// The same, and the effect would have to be larger than such errors of sensors and clocks are.
+    TooLarge,
 }
 
 /// A step of the second estimator's own selection.
@@ -68,6 +70,7 @@ impl Said {
             Self::Differs => "differs",
             Self::Answer => "cannot tell it from the pilot's answer to the weather",
             Self::Silent => "says nothing of it",
+            Self::TooLarge => "says nothing of it, and it is larger than such errors are",
         }
     }
 }

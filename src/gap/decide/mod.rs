@@ -64,6 +64,7 @@ impl<'a> Decision<'a> {
             let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
             let (rule, text) = match f.second.said {
                 _ if !others.is_empty() => (Rule::LookAlikes, format!("{} fit as well", others.join(", "))),
+                Said::TooLarge => (Rule::TooLargeAlone, format!("{nats:.1} nats by the fit alone")),
                 Said::Silent => (Rule::SeenByOne, format!("{nats:.1} nats by the fit alone")),
                 said => (Rule::TwoEstimators, format!("the regression {}", said.words())),
             };

@@ -22,6 +22,8 @@ pub enum Rule {
     TwoEstimators,
     /// Only the fit can observe it.
     SeenByOne,
+    /// Only the fit can observe it, and it is larger than such errors are.
+    TooLargeAlone,
     /// Another effect fits as well.
     LookAlikes,
     /// Its residual has the shape of another effect.
@@ -40,13 +42,14 @@ pub enum Rule {
 
 impl Rule {
     /// All of them, in the order in which they are applied.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Evidence,
         Self::LittleGain,
         Self::EvidenceLost,
         Self::MayBeNothing,
         Self::TwoEstimators,
         Self::SeenByOne,
+        Self::TooLargeAlone,
         Self::LookAlikes,
         Self::OtherShape,
         Self::Leaning,
@@ -65,6 +68,7 @@ impl Rule {
             Self::MayBeNothing => "may be nothing",
             Self::TwoEstimators => "two estimators",
             Self::SeenByOne => "seen by one",
+            Self::TooLargeAlone => "too large alone",
             Self::LookAlikes => "look-alikes",
             Self::OtherShape => "other shape",
             Self::Leaning => "leaning",
@@ -98,6 +102,9 @@ impl Rule {
             Self::SeenByOne => format!(
                 "what the regression cannot see is certain from {CERTAIN_ALONE_NATS} nats on"
             ),
+            Self::TooLargeAlone => {
+                "what the regression cannot see is in doubt where it is larger than data sheets of such sensors allow".into()
+            }
             Self::LookAlikes => format!("nothing is certain that something else fits within {THRESHOLD} nats"),
             Self::OtherShape => {
                 "an effect of the air is taken back with what was found beside it on less evidence where a shape outside the \
@@ -141,6 +148,9 @@ impl Rule {
             Self::TwoEstimators => "real flights of a Crazyflie Brushless, of Blackbird and of a slung load",
             Self::SeenByOne => {
                 "real flights: a tilt of the world of 27 nats and a marker of 18, of which nothing is known"
+            }
+            Self::TooLargeAlone => {
+                "planted flights with filtered poses, where a gyroscope's scale of 0.83 and 1.12 stood with 66 and 79 nats"
             }
             Self::Weather => "planted turbulence beside a weak rotor, a fading thrust and a slung load",
             Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",

@@ -132,6 +132,9 @@ pub struct Candidate {
     pub preset: Vec<(String, f64)>,
     /// The manoeuvre that shows it best, in plain words: `fly fast and slow, level, in all directions`.
     pub manoeuvre: &'static str,
+    /// Multiple of its parameters' slabs beyond which such an effect is not believed on the fit alone; ∞ where any size is
+    /// possible.
+    pub most_slabs: f64,
 }
 
 impl Candidate {
@@ -152,6 +155,7 @@ impl Candidate {
             freedoms,
             preset: Vec::new(),
             manoeuvre,
+            most_slabs: f64::INFINITY,
         }
     }
 
@@ -166,6 +170,13 @@ impl Candidate {
     #[must_use]
     pub fn needing(mut self, needs: Needs) -> Self {
         self.needs = needs;
+        self
+    }
+
+    /// The same, believed on the fit alone only up to so many slabs.
+    #[must_use]
+    pub fn at_most(mut self, slabs: f64) -> Self {
+        self.most_slabs = slabs;
         self
     }
 

@@ -287,6 +287,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             freedoms,
             preset: vec![],
             manoeuvre: "fly so that the variables of the expression vary widely, and not all together",
+            most_slabs: f64::INFINITY,
         });
     }
     out

@@ -52,6 +52,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         freedoms: (0..3).map(freedom).collect(),
         preset: vec![],
         manoeuvre: "fly level legs at several speeds along every body axis",
+        most_slabs: f64::INFINITY,
     }]
 }
 

@@ -298,6 +298,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         freedoms: vec![Freedom::up("mass_kg", "kg", 0.0, 0.08 * drone.body.mass_kg)],
         preset: vec![("cable_length_m".into(), 0.5)],
         manoeuvre: "hover, then fly fast back and forth with stops of a few seconds, so that the load swings",
+        most_slabs: f64::INFINITY,
     }]
 }
 
