@@ -124,7 +124,7 @@ pub fn gap_diagnose(
             let (tracks, unseen) = (reading.read(&logs, of)?, reading.read(&held_out, of)?);
             let flights = Flights::new(tracks, unseen, hold_out);
             propwash::gap::compare::one_vehicle(&flights.all()).or_raise()?;
-            let settings = Settings { given, only, progress: None };
+            let settings = Settings { given, only, ..Settings::default() };
             let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
             let by = if adding { "propwash.add" } else { "propwash.diagnose" };
             let calibrate = match (adding, calibrate) {

@@ -144,11 +144,25 @@ pub fn look(log: &FlightLog, known: &Known) -> Unusable {
     {
         return out;
     }
+    let ((of_position, of_attitude), (of_gyro, of_accel)) = rayon::join(
+        || {
+            rayon::join(
+                || stray::of_vectors(&position, LEAST_OUTLIER[0]),
+                || stray::of_attitudes(&attitude, LEAST_OUTLIER[1]),
+            )
+        },
+        || {
+            rayon::join(
+                || stray::of_vectors(&gyro, LEAST_OUTLIER[2]),
+                || stray::of_vectors(&accel, LEAST_OUTLIER[3]),
+            )
+        },
+    );
     let strays = [
-        ("position", stray::of_vectors(&position, LEAST_OUTLIER[0]), &position.t_s),
-        ("attitude", stray::of_attitudes(&attitude, LEAST_OUTLIER[1]), &attitude.t_s),
-        ("angular velocity", stray::of_vectors(&gyro, LEAST_OUTLIER[2]), &gyro.t_s),
-        ("specific force", stray::of_vectors(&accel, LEAST_OUTLIER[3]), &accel.t_s),
+        ("position", of_position, &position.t_s),
+        ("attitude", of_attitude, &attitude.t_s),
+        ("angular velocity", of_gyro, &gyro.t_s),
+        ("specific force", of_accel, &accel.t_s),
     ];
     let clean = Clean {
         position: super::clean::without(&position, &strays[0].1.marks),

@@ -14,11 +14,12 @@ mod worst;
 use super::GapError;
 use super::causes::{self, Block, Label};
 use super::first_look::within_tolerance;
+use super::replay::Inputs;
 use super::track::Track;
 use super::verdict::{HorizonError, LogSummary};
 use crate::vehicle::Vehicle;
 use context::responses;
-use one_log::one;
+use one_log::Replayed;
 use pooled::pool;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -227,11 +228,19 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
         });
     }
     one_vehicle(tracks)?;
-    let parts: Vec<Part> = tracks.par_iter().map(|track| one(track, vehicle)).collect::<Result<_, _>>()?;
-    let departs =
-        parts.iter().any(|(log, ..)| !log.agrees) && parts.iter().all(|(log, ..)| log.other_rotors.is_none());
-    // A failed fit does not invalidate the comparison itself.
-    let within_tolerance = departs.then(|| within_tolerance(tracks, vehicle).ok().flatten()).flatten();
+    let inputs: Vec<Inputs> =
+        tracks.par_iter().map(|track| Inputs::new(track, vehicle)).collect::<Result<_, _>>()?;
+    let replayed: Vec<Replayed> = tracks
+        .par_iter()
+        .zip(&inputs)
+        .map(|(track, inputs)| Replayed::new(track, inputs, vehicle))
+        .collect::<Result<_, _>>()?;
+    let departs = replayed.iter().any(|r| !r.agrees) && replayed.iter().all(|r| r.other_rotors.is_none());
+    let (within_tolerance, parts): (_, Vec<Part>) = rayon::join(
+        // A failed fit does not invalidate the comparison itself.
+        || departs.then(|| within_tolerance(tracks, &inputs).ok().flatten()).flatten(),
+        || replayed.into_par_iter().map(|r| r.compared(vehicle)).collect(),
+    );
     let pooled = (parts.len() > 1).then(|| pool(&parts));
     let logs: Vec<LogComparison> = parts.into_iter().map(|(log, ..)| log).collect();
     let agrees = logs.iter().all(|l| l.agrees);

@@ -10,7 +10,7 @@ use super::opinion;
 use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
 use super::replay::drone_for;
 use super::solve::{Solution, left_out, polished, solve, with_scatter};
-use super::speak::speak;
+use super::speak::{advice, speak};
 use super::track::Track;
 use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{Diagnosis, Said};
@@ -26,6 +26,8 @@ pub struct Settings<'a> {
     pub given: Option<Vec<String>>,
     /// Searches among these candidates only; the others stay free within their tolerance.
     pub only: Option<Vec<String>>,
+    /// Leaves out the advice what to fly next, for which manoeuvres may have to be flown in simulation.
+    pub no_advice: bool,
     /// Progress callback `(done, total)`.
     pub progress: Option<&'a dyn Fn(usize, usize)>,
 }
@@ -79,6 +81,9 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         solution = less.without_nothing(&logs, &mut model, solution)?;
     }
     let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, less.why)?;
+    if !settings.no_advice {
+        verdict.advice = advice(tracks, vehicle, &model, &solution, &verdict)?;
+    }
     verdict.warnings.extend(cables);
     Ok(Diagnosed { verdict, solution, model })
 }

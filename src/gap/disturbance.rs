@@ -11,7 +11,7 @@ use super::fit::{Linear, START_STATE, Starts, Window, own_len};
 use super::replay::TICK_S;
 use super::track::Measured;
 use crate::math::quat;
-use nalgebra::{Cholesky, Const, DMatrix, DVector, Dyn, Matrix6, Matrix6xX};
+use nalgebra::{Cholesky, Const, DMatrix, DVector, Matrix6, Matrix6xX};
 use rayon::prelude::*;
 
 /// A window with its nuisance parameters eliminated: χ²(δ) = c − 2 gᵀδ + δᵀ H δ.
@@ -97,14 +97,25 @@ struct Core {
 /// [slope by every parameter | −value]), in the column order of a Gram matrix.
 struct Expected {
     covariance: Matrix6<f64>,
-    mean: Matrix6xX<f64>,
+    /// `None` where it is zero: no window goes before.
+    mean: Option<Matrix6xX<f64>>,
 }
 
 impl Expected {
-    fn nothing(disturbance: &Disturbance, width: usize) -> Self {
+    fn nothing(disturbance: &Disturbance) -> Self {
         let covariance = Matrix6::from_diagonal(&disturbance.common_variance().into());
-        Self { covariance, mean: Matrix6xX::zeros(width) }
+        Self { covariance, mean: None }
     }
+}
+
+/// A block of a matrix from (row, column) on, copied column by column.
+fn block(m: &DMatrix<f64>, (row, column): (usize, usize), (rows, columns): (usize, usize)) -> DMatrix<f64> {
+    let mut values = Vec::with_capacity(rows * columns);
+    for c in column..column + columns {
+        let from = c * m.nrows() + row;
+        values.extend_from_slice(&m.as_slice()[from..from + rows]);
+    }
+    DMatrix::from_vec(rows, columns, values)
 }
 
 impl Core {
@@ -112,8 +123,10 @@ impl Core {
     /// its posterior precision.
     fn beside(&self, expected: &Expected) -> Option<(DMatrix<f64>, Cholesky<f64, Const<6>>)> {
         let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
-        let mut out = self.gram.view((0, 6), (6, self.gram.ncols() - 6)).into_owned();
-        out += common * &expected.mean;
+        let mut out = block(&self.gram, (0, 6), (6, self.gram.ncols() - 6));
+        if let Some(mean) = &expected.mean {
+            out += common * mean;
+        }
         let precision = Cholesky::new(expected.covariance)?.inverse() + common;
         Some((out, Cholesky::new(precision)?))
     }
@@ -124,21 +137,27 @@ impl Core {
         let kept = Matrix6::from_diagonal(&SIZE_OF.map(|s| disturbance.kept[s]).into());
         let all = Matrix6::from_diagonal(&disturbance.common_variance().into());
         let covariance = kept * (factor.inverse() - all) * kept + all;
-        let mean = kept * (&expected.mean - factor.solve(&beside));
-        Some(Expected { covariance, mean })
+        let told = factor.solve(&beside);
+        let mean = match &expected.mean {
+            Some(mean) => kept * (mean - told),
+            None => kept * -told,
+        };
+        Some(Expected { covariance, mean: Some(mean) })
     }
 
     /// Eliminates the common disturbance.
     fn reduce(&self, expected: &Expected, log: usize) -> Option<Reduced> {
         let (mut beside, factor) = self.beside(expected)?;
         let n = self.gram.ncols() - 6;
-        let mut rest = self.gram.view((6, 6), (n, n)).into_owned();
+        let mut rest = block(&self.gram, (6, 6), (n, n));
         // MᵀB + BᵀM − MᵀCM, with B = G + CM.
-        let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
-        let twice = &beside - (common * &expected.mean) * 0.5;
-        let across = expected.mean.tr_mul(&twice);
-        rest += across.transpose();
-        rest += across;
+        if let Some(mean) = &expected.mean {
+            let common: Matrix6<f64> = self.gram.fixed_view::<6, 6>(0, 0).into_owned();
+            let twice = &beside - (common * mean) * 0.5;
+            let across = mean.tr_mul(&twice);
+            rest += across.transpose();
+            rest += across;
+        }
         factor.l_dirty().solve_lower_triangular_mut(&mut beside);
         rest.gemm(-1.0, &beside.transpose(), &beside, 1.0);
         let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
@@ -146,7 +165,7 @@ impl Core {
         let p = n - 1;
         Some(Reduced {
             log,
-            h: rest.view((0, 0), (p, p)).into_owned(),
+            h: block(&rest, (0, 0), (p, p)),
             g: rest.view((0, p), (p, 1)).column(0).into_owned(),
             c: rest[(p, p)],
             occam: self.occam + narrower + prior,
@@ -157,6 +176,31 @@ impl Core {
 /// Index of disturbance `r` of interval `i` among a window's nuisance parameters.
 fn place(i: usize, r: usize) -> usize {
     START_STATE + 6 * i + r
+}
+
+/// Cholesky factor of a symmetric matrix in its lower triangle, what is above it left as it was; `None` where the matrix is
+/// not positive definite. The arithmetic is that of `nalgebra::Cholesky`, in its order, over plain slices.
+fn lower_factor(mut m: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let n = m.nrows();
+    for j in 0..n {
+        let (before, rest) = m.as_mut_slice().split_at_mut(j * n);
+        let column = &mut rest[j..n];
+        for k in 0..j {
+            let other = &before[k * n + j..(k + 1) * n];
+            let factor = -other[0];
+            for (x, l) in column.iter_mut().zip(other) {
+                *x += factor * l;
+            }
+        }
+        let diagonal = column[0];
+        if !(diagonal > 0.0) {
+            return None;
+        }
+        let root = diagonal.sqrt();
+        column[0] = root;
+        column[1..].iter_mut().for_each(|x| *x /= root);
+    }
+    Some(m)
 }
 
 /// Inverse of a lower triangular matrix; entries above the diagonal are ignored.
@@ -209,9 +253,9 @@ impl Own {
 
 impl Window {
     /// Cholesky factor of the posterior precision of the nuisance parameters, prior included.
-    fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<Cholesky<f64, Dyn>> {
+    fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<DMatrix<f64>> {
         let len = own_len(self.pushes);
-        let mut own = self.gram.view((0, 0), (len, len)).into_owned();
+        let mut own = block(&self.gram, (0, 0), (len, len));
         let start = disturbance.start();
         for k in 0..START_STATE {
             own[(k, k)] += start[k / 3].powi(-2);
@@ -229,7 +273,7 @@ impl Window {
                 }
             }
         }
-        Cholesky::new(own)
+        lower_factor(own)
     }
 
     /// Eliminates its initial state and its quick disturbances.
@@ -261,9 +305,9 @@ impl Window {
         let mut beside = DMatrix::zeros(len, 6 + n);
         beside.view_mut((0, 0), (len, 6)).copy_from(&of_common.rows(0, len));
         beside.view_mut((0, 6), (len, n)).copy_from(&self.gram.view((0, len), (len, n)));
-        let x = inverse_of_lower(factor.l_dirty()) * beside;
+        let x = inverse_of_lower(&factor) * beside;
         gram.gemm(-1.0, &x.transpose(), &x, 1.0);
-        let narrower: f64 = factor.l_dirty().diagonal().map(f64::ln).sum();
+        let narrower: f64 = factor.diagonal().map(f64::ln).sum();
         let start: f64 = disturbance.start().iter().map(|s| 3.0 * s.ln()).sum();
         let quick: f64 = SIZE_OF.iter().map(|s| self.pushes as f64 * disturbance.quick[*s].ln()).sum();
         Some(Core { gram, occam: narrower + start + quick })
@@ -276,7 +320,7 @@ impl Window {
         let factor = self.own(&disturbance.common_variance(), disturbance)?;
         let mut b = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
         b -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
-        let inverse = inverse_of_lower(factor.l_dirty());
+        let inverse = inverse_of_lower(&factor);
         let mean = inverse.tr_mul(&(&inverse * b));
         Some(Own { mean, inverse })
     }
@@ -316,12 +360,11 @@ impl Linear {
     /// Reduces all windows, each with the prediction from the windows before.
     pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
         let cores: Vec<Option<Core>> = self.windows.par_iter().map(|w| w.core(disturbance)).collect();
-        let width = self.at.len() + 1;
         let mut expected: Vec<Expected> = Vec::with_capacity(cores.len());
         for i in 0..cores.len() {
             let before = if self.goes_on(i) { cores[i - 1].as_ref() } else { None };
             let next = before.zip(expected.last()).and_then(|(core, e)| core.next(e, disturbance));
-            expected.push(next.unwrap_or_else(|| Expected::nothing(disturbance, width)));
+            expected.push(next.unwrap_or_else(|| Expected::nothing(disturbance)));
         }
         let all = cores.par_iter().zip(&expected).zip(&self.windows);
         all.filter_map(|((core, e), w)| core.as_ref()?.reduce(e, w.log)).collect()
@@ -420,6 +463,17 @@ mod tests {
         let from = seed as usize * 10 * super::super::replay::PUSH_STEPS;
         let (gram, rows_of) = (rows.transpose() * &rows, [n_rows, 0, 0, 0]);
         Window { log: 0, from, start, gram, rows: Vec::new(), rows_of, n_rows, pushes: PUSHES }
+    }
+
+    #[test]
+    fn the_factor_is_that_of_nalgebra_to_the_last_bit() {
+        for seed in 0..4 {
+            let gram = window(seed).gram;
+            let (own, known) = (lower_factor(gram.clone()).unwrap(), Cholesky::new(gram).unwrap());
+            assert_eq!(own.lower_triangle(), known.l());
+        }
+        assert!(lower_factor(DMatrix::from_diagonal_element(3, 3, -1.0)).is_none());
+        assert!(lower_factor(DMatrix::from_diagonal_element(3, 3, f64::NAN)).is_none());
     }
 
     #[test]

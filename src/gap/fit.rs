@@ -54,6 +54,11 @@ impl<'a> Prepared<'a> {
     pub fn new(track: &'a Track, drone: &Drone<f64>) -> Self {
         let around = Around::new(track, drone);
         let raw = Raw::new(track, &around);
+        Self::of(track, around, raw, drone)
+    }
+
+    /// The same with context and inputs that are known already.
+    pub fn of(track: &'a Track, around: Around, raw: Raw, drone: &Drone<f64>) -> Self {
         let slow = slow_errors(track, &around, drone.body.gravity_m_s2);
         let mut least = track.noise.channels();
         for (c, slow) in slow.into_iter().enumerate() {
@@ -300,7 +305,7 @@ impl Job<'_> {
             return None;
         }
         let mut points = Vec::new();
-        self.plant.roll(&self.inputs.ticks, from, self.steps, &start, &[], &mut points);
+        self.plant.roll(&self.inputs.ticks[from..], from, self.steps, &start, &[], &mut points);
         if !points.iter().all(|q| q.state.pos.iter().chain(&q.state.vel).all(|x| x.is_finite())) {
             return None;
         }

@@ -14,6 +14,7 @@
 use super::policy::NOISE_BAND;
 use crate::flight::{Channel, clean};
 use nalgebra::{DMatrix, SymmetricEigen};
+use rayon::prelude::*;
 
 /// Length of one segment of a spectrum, s: a resolution of 2 Hz.
 const SEGMENT_S: f64 = 0.5;
@@ -145,7 +146,8 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
             }
         })
         .unzip();
-    let smoothed: Vec<Vec<f64>> = modes.iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
+    let smoothed: Vec<Vec<f64>> =
+        modes.par_iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
     let white = floor / fast.fourier.square();
     let directions: Vec<Direction> = (0..modes.len())
         .map(|m| {
@@ -218,19 +220,25 @@ fn principal_axes(columns: &[Vec<f64>]) -> DMatrix<f64> {
 /// Fourier coefficients of one segment: (cosine, sine) by frequency.
 type Line = Vec<(f64, f64)>;
 
+/// Coefficients that are summed at the same time.
+const ABREAST: usize = 8;
+
 /// Discrete Fourier transform of segments of one length under a Hann window.
 struct Fourier {
     length: usize,
     window: Vec<f64>,
+    /// Of `2π·i/length`.
     cosine: Vec<f64>,
+    sine: Vec<f64>,
 }
 
 impl Fourier {
     fn new(length: usize) -> Self {
         let turn = 2.0 * core::f64::consts::PI / length as f64;
         let cosine: Vec<f64> = (0..length).map(|i| (turn * i as f64).cos()).collect();
+        let sine = (0..length).map(|i| cosine[(i + 3 * length / 4) % length]).collect();
         let window = cosine.iter().map(|c| 0.5 - 0.5 * c).collect();
-        Self { length, window, cosine }
+        Self { length, window, cosine, sine }
     }
 
     /// Sum of the squares of the window: power of white noise of unit mean square.
@@ -238,10 +246,9 @@ impl Fourier {
         self.window.iter().map(|w| w * w).sum()
     }
 
-    /// Cosine and sine of `2π·k·i/length`, from a table.
-    fn turn(&self, k: usize, i: usize) -> (f64, f64) {
-        let at = k * i % self.length;
-        (self.cosine[at], self.cosine[(at + 3 * self.length / 4) % self.length])
+    /// Cosine of `2π·k·i/length`, from a table.
+    fn cosine_of(&self, k: usize, i: usize) -> f64 {
+        self.cosine[k * i % self.length]
     }
 
     /// The lowest `lines` coefficients of one detrended segment.
@@ -260,21 +267,37 @@ impl Fourier {
             .enumerate()
             .map(|(i, v)| self.window[i] * (v - mean - slope * (i as f64 - middle)))
             .collect();
-        (0..lines)
-            .map(|k| {
-                rest.iter().enumerate().fold((0.0, 0.0), |(c, s), (i, v)| {
-                    let (cos, sin) = self.turn(k, i);
-                    (c + v * cos, s + v * sin)
-                })
-            })
-            .collect()
+        let mut out = Vec::with_capacity(lines);
+        for first in (0..lines).step_by(ABREAST) {
+            let many = self.abreast(&rest, first);
+            out.extend_from_slice(&many[..ABREAST.min(lines - first)]);
+        }
+        out
+    }
+
+    /// [`ABREAST`] coefficients from `first` on: sums that wait for one another one by one do not together.
+    fn abreast(&self, rest: &[f64], first: usize) -> [(f64, f64); ABREAST] {
+        let mut out = [(0.0, 0.0); ABREAST];
+        let step: [usize; ABREAST] = core::array::from_fn(|j| (first + j) % self.length);
+        let mut at = [0; ABREAST];
+        for v in rest {
+            for j in 0..ABREAST {
+                out[j].0 += v * self.cosine[at[j]];
+                out[j].1 += v * self.sine[at[j]];
+                let next = at[j] + step[j];
+                at[j] = if next >= self.length { next - self.length } else { next };
+            }
+        }
+        out
     }
 
     /// Power of an input by frequency, averaged over segments.
     fn power(&self, input: &[f64], segments: &[usize], lines: usize) -> Vec<f64> {
+        let each: Vec<Line> =
+            segments.par_iter().map(|from| self.line(&input[*from..from + self.length], lines)).collect();
         let mut sum = vec![0.0; lines];
-        for from in segments {
-            for (sum, (c, s)) in sum.iter_mut().zip(self.line(&input[*from..from + self.length], lines)) {
+        for line in each {
+            for (sum, (c, s)) in sum.iter_mut().zip(line) {
                 *sum += (c * c + s * s) / segments.len() as f64;
             }
         }
@@ -291,7 +314,7 @@ impl Fourier {
                 let sum: f64 = shares
                     .iter()
                     .enumerate()
-                    .map(|(k, share)| if k == 0 { 1.0 } else { 2.0 } * share * self.turn(k, i).0)
+                    .map(|(k, share)| if k == 0 { 1.0 } else { 2.0 } * share * self.cosine_of(k, i))
                     .sum();
                 let last = if i % 2 == 0 { 1.0 } else { -1.0 } * shares.last().copied().unwrap_or(0.0);
                 (sum + last) / n * (0.5 + 0.5 * (core::f64::consts::PI * i as f64 / half as f64).cos())

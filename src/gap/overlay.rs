@@ -67,7 +67,7 @@ pub fn overlays(
             let whole = (at * STEP..=(at + per) * STEP).all(|k| raw.valid.get(k).copied().unwrap_or(false));
             let start = replay.around.measured[at].filter(|_| whole);
             if let Some(start) = start {
-                plant.roll(&replay.ticks, at * STEP, per, &start, &[], &mut points);
+                plant.roll(&replay.ticks[at * STEP..], at * STEP, per, &start, &[], &mut points);
             }
             for i in (0..per).step_by(EVERY) {
                 times.push(replay.time_s(at + i));

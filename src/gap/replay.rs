@@ -268,6 +268,26 @@ impl Raw {
     }
 }
 
+/// A log with the vehicle that it is compared with: its parameters, its context and its inputs.
+pub(crate) struct Inputs {
+    pub drone: Drone<f64>,
+    pub around: Around,
+    pub raw: Raw,
+}
+
+impl Inputs {
+    /// Prepares a log for a vehicle.
+    ///
+    /// # Errors
+    /// As [`drone_for`].
+    pub fn new(track: &Track, vehicle: &crate::vehicle::Vehicle) -> Result<Self, GapError> {
+        let drone = drone_for(track, vehicle)?;
+        let around = Around::new(track, &drone);
+        let raw = Raw::new(track, &around);
+        Ok(Self { drone, around, raw })
+    }
+}
+
 /// A number type with a plain value: lookups in the log take no derivatives.
 pub(crate) trait Plain: Real {
     /// The value.
@@ -433,7 +453,7 @@ pub(crate) struct Push {
 
 impl Plant<'_, f64> {
     /// Rolls the model out from a state at tick `from` over `steps` steps of [`STEP_S`]; fills `out` with `steps + 1`
-    /// points. `push` holds the consecutive disturbances; the last one is held.
+    /// points. `ticks` are the inputs from that tick on. `push` holds the consecutive disturbances; the last one is held.
     pub fn roll(
         &self,
         ticks: &[Tick<f64>],
@@ -463,17 +483,17 @@ impl Plant<'_, f64> {
         for s in 0..steps {
             let at = from + s * STEP;
             self.measured_attitude(at, &mut state);
-            let rate = add(s, self.rate(at, &ticks[at], &mut state, &mut neighbours));
+            let rate = add(s, self.rate(at, &ticks[s * STEP], &mut state, &mut neighbours));
             out.push(Point { state, rate });
             let mut stage = 0;
             state = Integrator::Rk4.step(&state, STEP_S, |x| {
-                let tick = at + [0, 1, 1, 2][stage.min(3)];
+                let ahead = [0, 1, 1, 2][stage.min(3)];
                 stage += 1;
                 if stage == 1 {
                     return rate;
                 }
                 let mut x = *x;
-                add(s, self.rate(tick, &ticks[tick], &mut x, &mut neighbours))
+                add(s, self.rate(at + ahead, &ticks[s * STEP + ahead], &mut x, &mut neighbours))
             });
             // Rotor speeds and thrust are inputs, not results.
             state.rotor_vel = [0.0; MAX_ROTORS];
@@ -481,7 +501,7 @@ impl Plant<'_, f64> {
         }
         let at = from + steps * STEP;
         self.measured_attitude(at, &mut state);
-        let rate = add(steps, self.rate(at, &ticks[at], &mut state, &mut neighbours));
+        let rate = add(steps, self.rate(at, &ticks[steps * STEP], &mut state, &mut neighbours));
         out.push(Point { state, rate });
     }
 

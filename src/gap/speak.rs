@@ -14,14 +14,14 @@ use super::search::{Evidence, THRESHOLD};
 use super::solve::Solution;
 use super::track::Track;
 use super::unseen::{each_for_itself, removed_share};
-use super::verdict::{Advice, Calibration, Diagnosis, Finding, Limit, LogSummary, LookAlike, ParameterFit};
+use super::verdict::{Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, ParameterFit};
 use super::witness::Witness;
 use crate::vehicle::Vehicle;
 
 /// Most look-alikes reported per finding.
 const MOST_ALIKE: usize = 8;
 
-/// The diagnosis of a solution. `why` holds what was left out before.
+/// The diagnosis of a solution, without [`advice`]. `why` holds what was left out before.
 pub(super) fn speak(
     tracks: &[Track],
     vehicle: &Vehicle,
@@ -55,7 +55,6 @@ pub(super) fn speak(
     let hidden = if poor { limits.iter().filter(|l| !l.visible).count() } else { 0 };
     let verdict = decision.sentence(hidden);
     let Decision { findings, remainder, why: decided, .. } = decision;
-    let advice = advice(tracks, vehicle, model, solution, &evidence, &findings, &limits)?;
     let adjusted = adjusted(model, solution);
     let name = |t: &Track, w: &String| if tracks.len() > 1 { format!("{}: {w}", t.name) } else { w.clone() };
     Ok(Diagnosis {
@@ -82,7 +81,7 @@ pub(super) fn speak(
         adjusted,
         remainder,
         ladder: Vec::new(),
-        advice,
+        advice: Vec::new(),
         limits,
         not_tried: model.not_tried.clone(),
         singles,
@@ -178,16 +177,16 @@ fn corrected(c: &Calibration) -> bool {
 }
 
 /// What to fly next: to separate findings from look-alikes, and to reveal effects that could be hidden.
-fn advice(
+pub(super) fn advice(
     tracks: &[Track],
     vehicle: &Vehicle,
     model: &Model,
     solution: &Solution,
-    evidence: &Evidence,
-    findings: &[Finding],
-    limits: &[Limit],
+    verdict: &Diagnosis,
 ) -> Result<Vec<Advice>, GapError> {
     let Some(first) = tracks.first() else { return Ok(Vec::new()) };
+    let Diagnosis { findings, limits, .. } = verdict;
+    let evidence = solution.evidence(model)?;
     let ids: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
     let listed = model.only(&|id| ids.contains(&id));
     let mut out = Vec::new();
@@ -210,6 +209,6 @@ fn advice(
         let text = format!("to tell {} from {}: {manoeuvre}", f.id, names.join(", "));
         out.push(Advice { text, manoeuvres: planned.into_iter().map(|(name, _)| name).collect() });
     }
-    out.extend(limits::advice(vehicle, first, model, evidence, limits, &solution.set)?);
+    out.extend(limits::advice(vehicle, first, model, &evidence, limits, &solution.set)?);
     Ok(out)
 }

@@ -32,7 +32,9 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     refuse_log("--out", Some(&args.out), &args.fit, &args.held_out)?;
     refuse_log("--report", args.report.as_deref(), &args.fit, &args.held_out)?;
     let (vehicle, flights) = open(&args.reading, &args.fit, &args.held_out)?;
-    let settings = Settings { given: Some(args.effects.clone()), ..Settings::default() };
+    // Only the page and the JSON hold the advice.
+    let no_advice = args.report.is_none() && !args.json;
+    let settings = Settings { given: Some(args.effects.clone()), no_advice, ..Settings::default() };
     let name = &args.reading.vehicle;
     let calibrate = if args.calibrate { Calibrate::Write } else { Calibrate::No };
     let mut fitted = fit(name, &vehicle, &flights, settings, "add", calibrate)?;

@@ -7,71 +7,96 @@ use super::worst::worst;
 use super::{AGREE, HORIZONS_S, Horizon, LogComparison, OneStep, Part, Segment, cause_list, sentences};
 use crate::gap::causes::short;
 use crate::gap::judge::settling_s;
-use crate::gap::replay::{self, Around, Raw};
+use crate::gap::replay::Inputs;
 use crate::gap::residual::{self, Replay, Residuals};
 use crate::gap::track::{Drive, Track};
 use crate::gap::verdict::{HorizonError, LogSummary};
 use crate::gap::{GapError, constants, integration, wiring};
-use crate::physics::drone::Drone;
 use crate::vehicle::Vehicle;
 
 /// Fewest roll-outs for a verdict.
 const FEWEST: usize = 5;
 
-pub(super) fn one(track: &Track, vehicle: &Vehicle) -> Result<Part, GapError> {
-    let drone: Drone<f64> = replay::drone_for(track, vehicle)?;
-    let around = Around::new(track, &drone);
-    let raw = Raw::new(track, &around);
-    let replay = Replay::new(track, &around, &raw, &drone);
-    let ((mut residuals, horizons), flown) = rayon::join(
-        || rayon::join(|| Residuals::new(&replay), || horizons(&replay)),
-        || closed_loop(&replay, vehicle),
-    );
-    residuals.samples.retain(|s| replay.time_s(s.step) >= settled(&replay)[0]);
-    enough(track, &residuals, &horizons)?;
-    stays_finite(track, vehicle, &horizons)?;
-    let one_step = one_step(&replay, &residuals);
-    let context = context(&replay);
-    let blocks = blocks(&replay, &residuals, &context);
-    let causes = cause_list(&blocks, &context.labels, false);
-    // Constant residuals first: they dominate the roll-outs, and no varying cause explains them.
-    let build = constants::Build::of(&replay.plant().parts);
-    let mut findings = constants::sentences(&one_step, &build, &causes);
-    findings.extend(sentences(&causes));
-    let worst = worst(&replay, &residuals, &context);
-    let (closed_loop, closed_loop_missing) = match flown {
-        Ok(flown) => (Some(flown), None),
-        Err(why) => (None, Some(why)),
-    };
-    let (worst_times_noise, place) = most(&one_step, &horizons);
-    let agrees = worst_times_noise <= AGREE;
-    let mismatch = (!agrees).then(|| wiring::mismatch(track, &around, &raw, &drone)).flatten();
-    let other_rotors = mismatch.map(|m| format!("the log has {}; {}; {}", m.found, m.remedy, m.numbers));
-    findings.splice(..0, other_rotors.clone());
-    let verdict = if agrees {
-        format!(
-            "the model agrees with the log: nothing is off by more than {worst_times_noise:.1} times what the sensors' \
-             noise makes (threshold {AGREE})"
-        )
-    } else {
-        departs((worst_times_noise, &place), other_rotors.as_deref(), &findings, &worst)
-    };
-    let comparison = LogComparison {
-        log: summary(track),
-        warnings: track.warnings.clone(),
-        one_step,
-        horizons,
-        closed_loop,
-        closed_loop_missing,
-        worst,
-        causes,
-        findings,
-        other_rotors,
-        worst_times_noise,
-        agrees,
-        verdict,
-    };
-    Ok((comparison, blocks, context.labels))
+/// A log replayed: how far the model is off, without what it goes with.
+pub(super) struct Replayed<'a> {
+    replay: Replay<'a>,
+    residuals: Residuals,
+    one_step: OneStep,
+    horizons: Vec<Horizon>,
+    /// Largest error over the noise level, and where it is.
+    worst_times_noise: f64,
+    place: String,
+    /// Whether that is at most [`AGREE`].
+    pub agrees: bool,
+    /// Why the file's rotors cannot be those of the log.
+    pub other_rotors: Option<String>,
+}
+
+impl<'a> Replayed<'a> {
+    pub(super) fn new(track: &'a Track, inputs: &'a Inputs, vehicle: &Vehicle) -> Result<Self, GapError> {
+        let Inputs { drone, around, raw } = inputs;
+        let replay = Replay::new(track, around, raw, drone);
+        let (mut residuals, horizons) = rayon::join(|| Residuals::new(&replay), || horizons(&replay));
+        residuals.samples.retain(|s| replay.time_s(s.step) >= settled(&replay)[0]);
+        enough(track, &residuals, &horizons)?;
+        stays_finite(track, vehicle, &horizons)?;
+        let one_step = one_step(&replay, &residuals);
+        let (worst_times_noise, place) = most(&one_step, &horizons);
+        let agrees = worst_times_noise <= AGREE;
+        let mismatch = (!agrees).then(|| wiring::mismatch(track, around, raw, drone)).flatten();
+        let other_rotors = mismatch.map(|m| format!("the log has {}; {}; {}", m.found, m.remedy, m.numbers));
+        Ok(Self { replay, residuals, one_step, horizons, worst_times_noise, place, agrees, other_rotors })
+    }
+
+    /// The comparison: with the whole flight, the worst segments and what the residuals go with.
+    pub(super) fn compared(self, vehicle: &Vehicle) -> Part {
+        let Self { replay, residuals, one_step, horizons, worst_times_noise, place, agrees, other_rotors } =
+            self;
+        let track = replay.track;
+        let ((context, blocks, causes), flown) = rayon::join(
+            || {
+                let context = context(&replay);
+                let blocks = blocks(&replay, &residuals, &context);
+                let causes = cause_list(&blocks, &context.labels, false);
+                (context, blocks, causes)
+            },
+            || closed_loop(&replay, vehicle),
+        );
+        // Constant residuals first: they dominate the roll-outs, and no varying cause explains them.
+        let build = constants::Build::of(&replay.plant().parts);
+        let mut findings = constants::sentences(&one_step, &build, &causes);
+        findings.extend(sentences(&causes));
+        let worst = worst(&replay, &residuals, &context);
+        let (closed_loop, closed_loop_missing) = match flown {
+            Ok(flown) => (Some(flown), None),
+            Err(why) => (None, Some(why)),
+        };
+        findings.splice(..0, other_rotors.clone());
+        let verdict = if agrees {
+            format!(
+                "the model agrees with the log: nothing is off by more than {worst_times_noise:.1} times what the \
+                 sensors' noise makes (threshold {AGREE})"
+            )
+        } else {
+            departs((worst_times_noise, &place), other_rotors.as_deref(), &findings, &worst)
+        };
+        let comparison = LogComparison {
+            log: summary(track),
+            warnings: track.warnings.clone(),
+            one_step,
+            horizons,
+            closed_loop,
+            closed_loop_missing,
+            worst,
+            causes,
+            findings,
+            other_rotors,
+            worst_times_noise,
+            agrees,
+            verdict,
+        };
+        (comparison, blocks, context.labels)
+    }
 }
 
 /// Refuses a log with too few instants and roll-outs for a verdict.

@@ -102,7 +102,7 @@ pub(crate) fn replay_errors(
             else {
                 return Vec::new();
             };
-            plant.roll(&replay.ticks, i * STEP, far, start, &[], points);
+            plant.roll(&replay.ticks[i * STEP..], i * STEP, far, start, &[], points);
             reach
                 .into_iter()
                 .filter_map(|h| {
@@ -142,7 +142,7 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
             let far = reach.iter().map(|h| starts.steps[*h]).max().unwrap_or(0);
             let Some(start) = replay.known(*i) else { return Vec::new() };
             let from = i * STEP;
-            plant.roll(&replay.ticks, from, far, start, &[], &mut base);
+            plant.roll(&replay.ticks[from..], from, far, start, &[], &mut base);
             let end_noise =
                 [noise.pos_m, noise.vel_m_s, noise.att_rad, noise.rate_rad_s].map(|s| 3.0 * s * s);
             let mut sums = vec![end_noise; reach.len()];
@@ -158,7 +158,7 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
             // First-order propagation: one roll-out per perturbed component of the initial state.
             for which in 0..12 {
                 let moved = noise.moved(start, which);
-                plant.roll(&replay.ticks, from, far, &moved, &[], &mut points);
+                plant.roll(&replay.ticks[from..], from, far, &moved, &[], &mut points);
                 take(&points);
             }
             if let Some((sigma, period)) = input {
@@ -178,9 +178,7 @@ pub(crate) fn expected_errors(replay: &Replay, horizons_s: &[f64]) -> Vec<Horizo
                         }
                     }
                 }
-                let mut all = replay.ticks.clone();
-                all[from..=from + far * STEP].copy_from_slice(&ticks);
-                plant.roll(&all, from, far, start, &[], &mut points);
+                plant.roll(&ticks, from, far, start, &[], &mut points);
                 take(&points);
             }
             reach.iter().copied().zip(sums).collect()

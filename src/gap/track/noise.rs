@@ -11,11 +11,24 @@ impl Noise {
         (position, attitude): (&Channel<3>, &Channel<4>),
         (gyro, accel): (&Channel<3>, &Channel<3>),
     ) -> Self {
+        let pose = || {
+            rayon::join(
+                || stated.position_m.unwrap_or_else(|| noise_of(position).max(2e-5)),
+                || stated.attitude_rad.unwrap_or_else(|| attitude_noise(attitude).max(1e-4)),
+            )
+        };
+        let inertial = || {
+            rayon::join(
+                || stated.gyro_rad_s.unwrap_or_else(|| noise_of(gyro).max(5e-4)),
+                || stated.accel_m_s2.unwrap_or_else(|| noise_of(accel).max(5e-3)),
+            )
+        };
+        let ((position_m, attitude_rad), (gyro_rad_s, accel_m_s2)) = rayon::join(pose, inertial);
         Self {
-            position_m: stated.position_m.unwrap_or_else(|| noise_of(position).max(2e-5)),
-            attitude_rad: stated.attitude_rad.unwrap_or_else(|| attitude_noise(attitude).max(1e-4)),
-            gyro_rad_s: stated.gyro_rad_s.unwrap_or_else(|| noise_of(gyro).max(5e-4)),
-            accel_m_s2: stated.accel_m_s2.unwrap_or_else(|| noise_of(accel).max(5e-3)),
+            position_m,
+            attitude_rad,
+            gyro_rad_s,
+            accel_m_s2,
             rotor_rad_s: None,
             thrust_n: None,
             stated: [
@@ -36,10 +49,9 @@ pub(crate) fn noise_of<const N: usize>(channel: &Channel<N>) -> f64 {
     let mut all = Vec::new();
     let stride = (channel.len() / 2000).max(1);
     for from in (0..channel.len().saturating_sub(NEAR)).step_by(stride) {
-        let t = &channel.t_s[from..from + NEAR];
+        let cubic = Cubic::new(&channel.t_s[from..from + NEAR]);
         for k in 0..N {
-            let y: Vec<f64> = (0..NEAR).map(|i| channel.values[from + i][k]).collect();
-            all.push(cubic_residual(t, &y));
+            all.push(cubic.residual(core::array::from_fn(|i| channel.values[from + i][k])));
         }
     }
     // Median of χ² with NEAR − 4 = 3 degrees of freedom: 2.366.
@@ -51,36 +63,53 @@ fn attitude_noise(channel: &Channel<4>) -> f64 {
     let stride = (channel.len() / 2000).max(1);
     for from in (0..channel.len().saturating_sub(NEAR)).step_by(stride) {
         let base = quat::conjugate(channel.values[from + NEAR / 2]);
-        let turns: Vec<[f64; 3]> =
-            (0..NEAR).map(|i| resample::rotation_vector(quat::mul(base, channel.values[from + i]))).collect();
+        let turns: [[f64; 3]; NEAR] =
+            core::array::from_fn(|i| resample::rotation_vector(quat::mul(base, channel.values[from + i])));
+        let cubic = Cubic::new(&channel.t_s[from..from + NEAR]);
         for k in 0..3 {
-            let y: Vec<f64> = turns.iter().map(|r| r[k]).collect();
-            all.push(cubic_residual(&channel.t_s[from..from + NEAR], &y));
+            all.push(cubic.residual(turns.map(|r| r[k])));
         }
     }
     clean::median(all).map_or(0.0, |m| (m / 2.366).sqrt())
 }
 
-/// Residual sum of squares of a cubic fit.
-fn cubic_residual(t: &[f64], y: &[f64]) -> f64 {
-    let (middle, scale) = (t[t.len() / 2], (t[t.len() - 1] - t[0]).max(1e-9));
-    // Orthogonal polynomials by Gram–Schmidt, exact for uneven sample times.
-    let mut rest = y.to_vec();
-    let mut basis: Vec<Vec<f64>> = Vec::new();
-    for power in 0..4 {
-        let mut p: Vec<f64> = t.iter().map(|t| ((t - middle) / scale).powi(power)).collect();
-        for b in &basis {
-            let d: f64 = p.iter().zip(b).map(|(a, b)| a * b).sum();
-            p.iter_mut().zip(b).for_each(|(a, b)| *a -= d * b);
+/// Cubics at some times: orthogonal polynomials by Gram–Schmidt, exact for uneven sample times.
+struct Cubic {
+    basis: [[f64; NEAR]; 4],
+    /// How many of them there are: fewer where times repeat.
+    len: usize,
+}
+
+impl Cubic {
+    fn new(t: &[f64]) -> Self {
+        let (middle, scale) = (t[t.len() / 2], (t[t.len() - 1] - t[0]).max(1e-9));
+        let mut out = Self { basis: [[0.0; NEAR]; 4], len: 0 };
+        for power in 0..4 {
+            let mut p: [f64; NEAR] = core::array::from_fn(|i| ((t[i] - middle) / scale).powi(power));
+            for b in &out.basis[..out.len] {
+                take_away(&mut p, b);
+            }
+            let norm = p.iter().map(|a| a * a).sum::<f64>().sqrt();
+            if norm < 1e-9 {
+                continue;
+            }
+            out.basis[out.len] = p.map(|a| a / norm);
+            out.len += 1;
         }
-        let norm = p.iter().map(|a| a * a).sum::<f64>().sqrt();
-        if norm < 1e-9 {
-            continue;
-        }
-        p.iter_mut().for_each(|a| *a /= norm);
-        let d: f64 = rest.iter().zip(&p).map(|(a, b)| a * b).sum();
-        rest.iter_mut().zip(&p).for_each(|(a, b)| *a -= d * b);
-        basis.push(p);
+        out
     }
-    rest.iter().map(|r| r * r).sum()
+
+    /// Residual sum of squares of its fit.
+    fn residual(&self, mut rest: [f64; NEAR]) -> f64 {
+        for b in &self.basis[..self.len] {
+            take_away(&mut rest, b);
+        }
+        rest.iter().map(|r| r * r).sum()
+    }
+}
+
+/// Takes the part along a unit vector out of `values`.
+fn take_away(values: &mut [f64; NEAR], along: &[f64; NEAR]) {
+    let d: f64 = values.iter().zip(along).map(|(a, b)| a * b).sum();
+    values.iter_mut().zip(along).for_each(|(a, b)| *a -= d * b);
 }
