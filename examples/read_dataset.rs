@@ -4,13 +4,10 @@
 
 use std::path::{Path, PathBuf};
 
-use propwash::dataset::recorder::{Course, Flight, record};
+use propwash::arena::{CameraConfig, FlightPattern, SceneConfig, SimConfig};
+use propwash::dataset::recorder::{FlightConfig, record};
 use propwash::dataset::{Dataset, decode};
-use propwash::physics::integrate::Integrator;
-use propwash::rollout::randomize::Randomization;
-use propwash::scene::{Scene, SceneSource, Shell};
-use propwash::sense::{Camera, DepthKind};
-use propwash::vehicle::Vehicle;
+use propwash::rollout::SimOptions;
 
 fn main() -> propwash::Result<()> {
     let folder = match std::env::args_os().nth(1) {
@@ -62,28 +59,19 @@ fn main() -> propwash::Result<()> {
 
 /// Two short flights in the furnished room; `propwash fly` does this from the command line.
 fn make(folder: &Path) -> propwash::Result<()> {
-    let vehicle = Vehicle::builtin("cf2x_L250")?;
-    let scene = Scene::build(&SceneSource::file("xml/room.xml"), &[Shell::builtin(&vehicle.shell)?])?;
-    let camera = Camera::on_drone(&scene, 0, "fpv")?.with_size(32, 24)?.with_kind(DepthKind::ZDepth);
-    let flight = Flight {
-        cameras: vec![camera.with_range(0.05, 20.0)?],
-        scene,
-        vehicles: vec![vehicle],
-        dynamics: "first_principles".into(),
-        n_worlds: 2,
+    let flight = FlightConfig {
+        sim: SimConfig {
+            options: SimOptions { n_worlds: 2, ..SimOptions::default() },
+            scene: Some(SceneConfig::Files(vec!["xml/room.xml".into()])),
+            pattern: Some(FlightPattern::Circle),
+            camera: Some(CameraConfig { width: Some(32), height: Some(24), ..CameraConfig::default() }),
+            ..SimConfig::default()
+        },
         seconds: 1.0,
-        sim_hz: 500,
         fps: 10,
-        log_hz: 100,
-        integrator: Integrator::Rk4,
-        seed: 0,
-        course: Course::Circle,
-        randomization: Randomization::default(),
-        obstacle_jitter_m: 0.0,
-        noise: None,
-        normals: false,
-        clearance_max_m: 5.0,
+        ..FlightConfig::default()
     };
+    let flight = flight.load()?;
     let recorded = record(&flight, folder, &|done, all| println!("{done} of {all} worlds"))?;
     println!("made {} images in {}", recorded.summary.n_images, folder.display());
     Ok(())

@@ -75,6 +75,8 @@ impl From<crate::arena::ArenaError> for Error {
     fn from(e: crate::arena::ArenaError) -> Self {
         use crate::arena::ArenaError;
         match e {
+            ArenaError::Vehicle(e) => e.into(),
+            ArenaError::Generate(e) => e.into(),
             ArenaError::Rollout(e) => e.into(),
             ArenaError::Scene(e) => e.into(),
             ArenaError::Sense(e) => e.into(),

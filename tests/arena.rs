@@ -1,13 +1,12 @@
 //! Flying, seeing and touching as one thing: every effect flies alike by every door, gets the ground and the ceiling that it reads, and
 //! saved worlds go on bit for bit.
 
-use propwash::arena::{Arena, ArenaError};
+use propwash::arena::{Arena, ArenaError, CameraConfig, DroneConfig, FlightPattern, SceneConfig, SimConfig};
 use propwash::dataset::Dataset;
-use propwash::dataset::recorder::{Course, Flight, record};
+use propwash::dataset::recorder::{FlightConfig, record};
 use propwash::env::{Env, EnvConfig};
 use propwash::physics::controllers::ControlMode;
 use propwash::physics::effects::{AnyEffect, KINDS};
-use propwash::physics::integrate::Integrator;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::randomize::{Draw, Randomization, Rule};
 use propwash::rollout::trajectory::Trajectory;
@@ -148,29 +147,28 @@ fn options() -> SimOptions {
 /// Flies a data set of one world with `effects`: motion at the end, and what it is compared with.
 fn by_fly(effects: &str, n_drones: usize, xml: &str, heights: (f64, f64)) -> (Vec<f64>, Reference) {
     let vehicles = vec![vehicle(effects); n_drones];
-    let scene = scene(xml, &vehicles);
-    let camera = |d: usize| {
-        Camera::on_drone(&scene, d, "fpv").unwrap().with_size(4, 3).unwrap().with_range(0.1, 10.0).unwrap()
-    };
-    let flight = Flight {
-        cameras: (0..n_drones).map(camera).collect(),
-        scene: scene.clone(),
-        vehicles,
-        dynamics: "first_principles".into(),
-        n_worlds: 1,
+    let flight = FlightConfig {
+        sim: SimConfig {
+            options: SimOptions { seed: SEED, ..SimOptions::default() },
+            n_drones: Some(n_drones),
+            drones: vec![DroneConfig::from(&vehicles[0])],
+            scene: Some(SceneConfig::Xml(xml.into())),
+            pattern: Some(if n_drones == 1 { FlightPattern::Hover } else { FlightPattern::Lissajous }),
+            camera: Some(CameraConfig {
+                width: Some(4),
+                height: Some(3),
+                range_m: Some([0.1, 10.0]),
+                ..CameraConfig::default()
+            }),
+            ..SimConfig::default()
+        },
         seconds: STEPS as f64 / 500.0,
-        sim_hz: 500,
         fps: 1,
         log_hz: 500,
-        integrator: Integrator::Euler,
-        seed: SEED,
-        course: if n_drones == 1 { Course::Hover } else { Course::Lissajous },
-        randomization: Randomization::default(),
-        obstacle_jitter_m: 0.0,
-        noise: None,
         normals: false,
         clearance_max_m: 0.5,
     };
+    let flight = flight.load().unwrap();
     let dir = tempfile::tempdir().unwrap();
     record(&flight, &dir.path().join("out"), &|_, _| {}).unwrap();
     let data = Dataset::open(&dir.path().join("out")).unwrap();
@@ -214,8 +212,9 @@ fn by_env(effects: &str, n_drones: usize, scene: Option<&str>, heights: (f64, f6
         "task": task, "n_drones": n_drones, "action": { "kind": "velocity" }, "seed": SEED, "with_camera": false,
         "autoreset": "disabled", "scene": scene.map_or(serde_json::json!("none"), |xml| serde_json::json!({ "xml": xml })),
     });
-    let config = EnvConfig::from_json(&config.to_string()).unwrap();
-    let mut env = Env::new(config, &[vehicle(effects)]).unwrap();
+    let mut config = EnvConfig::from_text(&config.to_string()).unwrap();
+    config.sim.drones = vec![DroneConfig::from(&vehicle(effects))];
+    let mut env = Env::new(config).unwrap();
     env.reset(Some(SEED), None).unwrap();
     let starts = (0..n_drones).map(|d| env.flight().data.state(0, d)).collect();
     let mut commands = Vec::new();
@@ -310,11 +309,13 @@ fn an_environment_in_a_scene_feels_the_ground_below_each_drone_in_every_step() {
         let landing = serde_json::json!({ "kind": "landing", "start_m": [[-0.1, -0.1, 0.06], [0.1, 0.1, 0.09]],
                                           "start_speed_m_s": 0.4, "goal_m": [0, 0, 0.05] });
         let config = serde_json::json!({ "task": landing, "n_worlds": 24, "seed": SEED, "scene": scene });
-        EnvConfig::from_json(&config.to_string()).unwrap()
+        EnvConfig::from_text(&config.to_string()).unwrap()
     };
     let strong = vehicle("[[effect]]\nkind = \"ground_effect\"\nstrength = 5.0\n");
     let fly = |scene: serde_json::Value, vehicle: &Vehicle| {
-        let mut env = Env::new(config(scene), std::slice::from_ref(vehicle)).unwrap();
+        let mut config = config(scene);
+        config.sim.drones = vec![DroneConfig::from(vehicle)];
+        let mut env = Env::new(config).unwrap();
         env.reset(Some(SEED), None).unwrap();
         let starts: Vec<_> = (0..24).map(|w| env.flight().data.state(w, 0)).collect();
         for _ in 0..6 {
@@ -331,7 +332,13 @@ fn an_environment_in_a_scene_feels_the_ground_below_each_drone_in_every_step() {
     let (_, plain, _) = fly(table, &vehicle(""));
     // The same by hand, with the height written before every step.
     let drone = strong.drone("first_principles").unwrap();
-    let by_hand = SimOptions { n_worlds: 24, engine: Engine::Lanes, seed: SEED, ..SimOptions::default() };
+    let by_hand = SimOptions {
+        n_worlds: 24,
+        control: ControlMode::Attitude,
+        engine: Engine::Lanes,
+        seed: SEED,
+        ..SimOptions::default()
+    };
     let mut sim = Sim::<f32>::storing(by_hand, vec![(drone, strong.rates)]).unwrap();
     for (w, start) in starts.iter().enumerate() {
         sim.set_initial(w, 0, State { rotor_vel: [0.0; 8], ..*start }).unwrap();
@@ -518,7 +525,12 @@ fn an_arena_gives_the_same_bits_for_any_threads_and_any_number_of_steps_at_once(
         let threads = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         threads.install(|| {
             let v = vehicle(&format!("{}{}", beside(""), entry("ground_effect")));
-            let options = SimOptions { n_worlds: 100, seed: SEED, ..SimOptions::default() };
+            let options = SimOptions {
+                n_worlds: 100,
+                control: ControlMode::Attitude,
+                seed: SEED,
+                ..SimOptions::default()
+            };
             let drone = v.drone("first_principles").unwrap();
             let sim = Sim::<f32>::storing(options, vec![(drone.clone(), v.rates)]).unwrap();
             let mut arena = Arena::within(sim, &[scene(TABLE, &[v])], &[0; 100]).unwrap();

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use propwash::dataset::{
-    self, BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DatasetError, DepthMeaning, DepthPng,
-    FlightRecord, FrameInput, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview,
-    Quarantine, Reference, SceneRecord, StateRow, VehicleRecord, View, Writer, status,
+    self, BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DatasetError, DepthPng, FlightRecord,
+    FrameInput, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview, Quarantine,
+    Reference, SceneRecord, StateRow, VehicleRecord, View, Writer, status,
 };
-use propwash::sense::{Caster, Collider};
+use propwash::sense::{Caster, Collider, DepthKind};
 use rayon::prelude::*;
 
 const W: usize = 7;
@@ -34,7 +34,7 @@ fn manifest() -> Manifest {
         name: "fpv".into(),
         width: W,
         height: H,
-        kind: DepthMeaning::Range,
+        kind: DepthKind::Range,
         near_m: 0.05,
         far_m: 20.0,
         caster: Some(Caster::Native),
@@ -61,6 +61,7 @@ fn manifest() -> Manifest {
             collider: Some(Collider::Native),
             trajectory: serde_json::json!({"kind": "circle", "radius_m": 0.1 + 0.2}),
         },
+        config: None,
         cameras: vec![camera.clone(), camera],
         depth_png: DepthPng::default(),
         normals: true,

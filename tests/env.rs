@@ -8,11 +8,11 @@ fn vehicle() -> Vehicle {
 }
 
 fn env(json: &str) -> Env {
-    Env::new(EnvConfig::from_json(json).unwrap(), &[vehicle()]).unwrap()
+    Env::new(EnvConfig::from_text(json).unwrap()).unwrap()
 }
 
 fn refused(json: &str) -> String {
-    match EnvConfig::from_json(json).and_then(|c| Env::new(c, &[vehicle()]).map(|_| ())) {
+    match EnvConfig::from_text(json).and_then(|c| Env::new(c).map(|_| ())) {
         Ok(()) => panic!("{json} was taken"),
         Err(e) => e.to_string(),
     }
@@ -20,7 +20,7 @@ fn refused(json: &str) -> String {
 
 /// Actions that differ by world, drone and step but not by the batch.
 fn actions(env: &Env, first: usize, step: usize) -> Vec<f32> {
-    let (n, d, w) = (env.config().n_worlds, env.config().n_drones, env.action_width());
+    let (n, d, w) = (env.config().sim.options.n_worlds, env.config().sim.n_drones(), env.action_width());
     (0..n * d * w)
         .map(|i| {
             let (world, rest) = (first + i / (d * w), i % (d * w));
@@ -167,8 +167,8 @@ fn a_drone_that_flies_through_a_thin_wall_within_one_step_has_crashed() {
     ));
     let start = r#"{"rule": [{"parameter": "initial.vel.0", "draw": {"uniform": [8.0, 8.0]}}]}"#;
     let mut config = e.config().clone();
-    config.randomization = serde_json::from_str(start).unwrap();
-    e = Env::new(config, &[vehicle()]).unwrap();
+    config.sim.options.randomization = serde_json::from_str(start).unwrap();
+    e = Env::new(config).unwrap();
     e.reset(Some(0), None).unwrap();
     assert!((e.clearance()[0] - 0.75).abs() < 0.02, "{}", e.clearance()[0]);
     e.step(&[1.0, 0.0, 0.0, 0.0]).unwrap();
@@ -451,7 +451,7 @@ fn descriptions_that_make_no_sense_are_refused_by_name() {
         (r#"{"scene": {"files": []}}"#, "layouts: expected 1 to 4096 scenes, got 0"),
         (r#"{"action": {"kind": "force_torque"}}"#, "action max_torque_n_m: expected three torques"),
         (
-            r#"{"dynamics": "so_rpy", "action": {"kind": "rotor_vel"}}"#,
+            r#"{"drones": [{"dynamics": "so_rpy"}], "action": {"kind": "rotor_vel"}}"#,
             "action kind: expected one that flies",
         ),
         (r#"{"levels": {"action_delay_s": -1}}"#, "env.action_delay_s: expected 0 to 1"),
@@ -464,10 +464,10 @@ fn descriptions_that_make_no_sense_are_refused_by_name() {
         let message = refused(json);
         assert!(message.contains(words), "{json}: {message}");
     }
-    let toml = EnvConfig::from_toml("n_worlds = 2\nautoreset = \"same_step\"\n[task]\nkind = \"landing\"\n")
+    let toml = EnvConfig::from_text("n_worlds = 2\nautoreset = \"same_step\"\n[task]\nkind = \"landing\"\n")
         .unwrap();
-    assert_eq!((toml.n_worlds, toml.autoreset), (2, Autoreset::SameStep));
-    let error = EnvConfig::from_toml("n_worlds = 2\n[task]\nkind = \"lnding\"\n").unwrap_err().to_string();
+    assert_eq!((toml.sim.options.n_worlds, toml.autoreset), (2, Autoreset::SameStep));
+    let error = EnvConfig::from_text("n_worlds = 2\n[task]\nkind = \"lnding\"\n").unwrap_err().to_string();
     assert!(error.contains("line") && error.contains("lnding"), "{error}");
 }
 

@@ -183,7 +183,7 @@ fn a_folder_of_other_settings_is_refused_by_field() {
         ("--trajectory hover", "flight.trajectory.kind"),
         ("--obstacle-jitter 0.1", "flight.trajectory.obstacle_jitter_m"),
         ("--far 10", "cameras[0].far_m"),
-        ("--integrator euler", "flight.integrator"),
+        ("--integrator rk4", "flight.integrator"),
         ("--dynamics so_rpy", "vehicles[0].dynamics"),
     ] {
         let refused = run(&format!("{line} {more}"), &out);

@@ -186,7 +186,8 @@ fn lanes_feel_every_effect_as_the_equations_do() {
         effect.visit("", &mut |_, v| *v += 2e-4 * random.uniform(0.5, 1.0));
         let (mut drone, rates) = quad();
         drone.effects.push(effect);
-        let options = SimOptions { n_worlds: 19, seed: 4, ..SimOptions::default() };
+        let options =
+            SimOptions { n_worlds: 19, seed: 4, control: ControlMode::Attitude, ..SimOptions::default() };
         // A drone that is made of other parts falls far: what is compared is a short flight.
         compare(kind, &options, &[(drone.clone(), rates), (drone, rates)], 100, false);
         flown += 1;
@@ -339,7 +340,8 @@ fn kernels_give_the_same_bits_alone_and_among_many() {
 #[test]
 fn a_broken_world_is_set_aside_where_the_equations_set_it_aside_and_harms_no_other() {
     let fly = |engine: Engine, broken: bool| {
-        let options = SimOptions { n_worlds: 40, engine, ..SimOptions::default() };
+        let options =
+            SimOptions { n_worlds: 40, engine, control: ControlMode::Attitude, ..SimOptions::default() };
         let mut sim = sim::<f64>(&options, &[quad(), quad()]);
         if broken {
             let row = sim.data.row(11, 1);
@@ -367,7 +369,8 @@ fn a_broken_world_is_set_aside_where_the_equations_set_it_aside_and_harms_no_oth
 #[test]
 fn stages_of_users_run_between_lanes() {
     let run = |engine: Engine| {
-        let options = SimOptions { n_worlds: 5, engine, ..SimOptions::default() };
+        let options =
+            SimOptions { n_worlds: 5, engine, control: ControlMode::Attitude, ..SimOptions::default() };
         let mut sim = sim::<f64>(&options, &[quad()]);
         let slower: propwash::rollout::pipeline::StageFn =
             Box::new(|data| data.rotor_command.iter_mut().for_each(|v| *v *= 0.9));
@@ -377,13 +380,16 @@ fn stages_of_users_run_between_lanes() {
     };
     let (m, rad) = apart(&run(Engine::Reference), &run(Engine::Lanes));
     assert!(m < 1e-10 && rad < 1e-10, "{m} {rad}");
-    let plain = sim::<f64>(&SimOptions { n_worlds: 5, ..SimOptions::default() }, &[quad()]);
+    let plain = sim::<f64>(
+        &SimOptions { n_worlds: 5, control: ControlMode::Attitude, ..SimOptions::default() },
+        &[quad()],
+    );
     assert!(apart(&run(Engine::Lanes), &plain).0 > 0.01);
 }
 
 #[test]
 fn parameters_set_for_one_world_reach_its_lane() {
-    let options = SimOptions { n_worlds: 20, ..SimOptions::default() };
+    let options = SimOptions { n_worlds: 20, control: ControlMode::Attitude, ..SimOptions::default() };
     let run = |engine: Engine| {
         let mut sim = sim::<f64>(&SimOptions { engine, ..options.clone() }, &[quad()]);
         sim.step(10).unwrap();

@@ -2,7 +2,9 @@
 
 use crate::rollout::RolloutError;
 use crate::scene::SceneError;
+use crate::scene::generate::GenerateError;
 use crate::sense::SenseError;
+use crate::vehicle::VehicleError;
 
 /// Errors of an [`Arena`](super::Arena).
 #[derive(Debug, thiserror::Error)]
@@ -26,6 +28,20 @@ pub enum ArenaError {
         /// What was asked for.
         asked: &'static str,
     },
+    /// A description of a simulation cannot be read.
+    #[error("{place}: {reason}; docs/configuration.md lists all fields")]
+    Config {
+        /// The field, and where it stands.
+        place: String,
+        /// What was expected, and what was found.
+        reason: String,
+    },
+    /// The vehicle.
+    #[error(transparent)]
+    Vehicle(#[from] VehicleError),
+    /// A generated scene.
+    #[error(transparent)]
+    Generate(#[from] GenerateError),
     /// Flying.
     #[error(transparent)]
     Rollout(#[from] RolloutError),
@@ -38,6 +54,11 @@ pub enum ArenaError {
 }
 
 impl ArenaError {
+    /// A description that cannot be read.
+    pub(super) fn config(place: impl Into<String>, reason: impl ToString) -> Self {
+        Self::Config { place: place.into(), reason: reason.to_string() }
+    }
+
     /// Something that does not fit.
     pub(super) fn option(name: &'static str, expected: impl Into<String>, got: impl ToString) -> Self {
         Self::Option { name, expected: expected.into(), got: got.to_string() }

@@ -11,11 +11,17 @@
 //!   clearances, what was touched on the way ([`Arena::swept`]), or, through [`Arena::look`], anything that `sense` can say.
 //! - It keeps the whole state and puts it back, to the bit ([`Arena::save`]).
 //!
+//! A [`SimConfig`] says all of it in one table; [`Arena::from_config`] makes the arena.
+//!
 //! Without a scene the ground is what the arena is told ([`Arena::open`]): at one height everywhere, or whatever the caller writes
 //! into the arrays.
 
+mod camera;
+mod config;
 mod error;
+mod pattern;
 mod places;
+mod scenes;
 mod senses;
 mod state;
 
@@ -23,14 +29,21 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+pub use camera::CameraConfig;
+pub use config::{
+    DroneConfig, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text, read_value,
+};
 pub use error::ArenaError;
+pub use pattern::FlightPattern;
 pub use places::Look;
+pub use scenes::SceneConfig;
 pub use senses::Way;
 pub use state::ArenaState;
 
 use crate::physics::rigid_body::State;
 use crate::physics::surroundings::Reads;
 use crate::rollout::pipeline::Pipeline;
+use crate::rollout::trajectory::Trajectory;
 use crate::rollout::{RolloutError, Sim, SimData};
 use crate::scalar::lanes::Number;
 use crate::scene::{Lent, Scene, WorkerPool};
@@ -47,6 +60,8 @@ pub struct Arena<N: Number = f64> {
     open_ground_m: Option<f64>,
     /// What effects read, by drone.
     reads: Vec<Reads>,
+    /// The pattern that drones follow, (world, drone); empty without one.
+    trajectories: Vec<Trajectory>,
 }
 
 impl<N: Number> std::fmt::Debug for Arena<N> {
@@ -65,7 +80,7 @@ impl<N: Number> Arena<N> {
     /// the caller writes.
     pub fn open(sim: Sim<N>, ground_z_m: Option<f64>) -> Self {
         let reads = (0..sim.data.n_drones).map(|d| sim.drone(0, d).reads()).collect();
-        Self { places: Places::none(), open_ground_m: ground_z_m, reads, sim }
+        Self { places: Places::none(), open_ground_m: ground_z_m, reads, trajectories: Vec::new(), sim }
     }
 
     /// A simulation in scenes, of which `layout` names the one of each world by number; the drones of each scene are those of
@@ -144,6 +159,11 @@ impl<N: Number> Arena<N> {
     /// Orientations x y z w of obstacles, to be written: (world, obstacle, 4).
     pub fn obstacle_quat_mut(&mut self) -> &mut [f64] {
         &mut self.places.obstacle_quat
+    }
+
+    /// The trajectory of every drone in the pattern of its description, (world, drone); empty where it has none.
+    pub fn trajectories(&self) -> &[Trajectory] {
+        &self.trajectories
     }
 
     /// What effects of some drone read.

@@ -6,6 +6,12 @@ use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
+use crate::arena::CameraConfig;
+use crate::dataset::MAX_DISTANCE;
+use crate::physics::integrate::Integrator;
+use crate::sense::{Caster, DepthKind};
+use crate::{Error, Result};
+use clap::builder::PossibleValue;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -182,33 +188,34 @@ pub struct IdentifyArgs {
     pub json: bool,
 }
 
-/// What a depth number measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum KindArg {
-    /// Along the ray, from the camera's centre.
-    Range,
-    /// Along the optical axis, as depth cameras report.
-    Z,
+/// Words of the command line for values of the library, with their help.
+macro_rules! words {
+    ($($type:ty { $($value:path => $word:literal $help:literal,)* })*) => { $(
+        impl ValueEnum for $type {
+            fn value_variants<'a>() -> &'a [Self] {
+                &[$($value),*]
+            }
+            fn to_possible_value(&self) -> Option<PossibleValue> {
+                Some(match self { $($value => PossibleValue::new($word).help($help),)* })
+            }
+        }
+    )* };
 }
 
-/// Who casts the rays of depth images.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum CasterArg {
-    /// Propwash's own, sixteen rays at a time in f32.
-    Native,
-    /// MuJoCo's mj_multiRay in f64, the reference.
-    Mujoco,
-}
-
-/// How the world's equations are integrated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum IntegratorArg {
-    /// Explicit Euler.
-    Euler,
-    /// Semi-implicit Euler.
-    SemiImplicitEuler,
-    /// Runge–Kutta of fourth order.
-    Rk4,
+words! {
+    DepthKind {
+        DepthKind::Range => "range" "Along the ray, from the camera's centre",
+        DepthKind::ZDepth => "z" "Along the optical axis, as depth cameras report",
+    }
+    Caster {
+        Caster::Native => "native" "Propwash's own, sixteen rays at a time in f32",
+        Caster::MuJoCo => "mujoco" "MuJoCo's mj_multiRay in f64, the reference",
+    }
+    Integrator {
+        Integrator::Euler => "euler" "Explicit Euler",
+        Integrator::SemiImplicitEuler => "semi-implicit-euler" "Semi-implicit Euler",
+        Integrator::Rk4 => "rk4" "Runge–Kutta of fourth order",
+    }
 }
 
 /// Width × height in pixels.
@@ -272,40 +279,74 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Camera settings that `fly` and `depth` share.
-#[derive(Clone, Debug, ClapArgs)]
+/// Camera settings that `fly`, `depth` and `bench` share. What is not given stays as the configuration has it.
+#[derive(Clone, Debug, Default, ClapArgs)]
 pub struct CameraArgs {
-    /// Image size in pixels.
-    #[arg(long, value_name = "WxH", default_value = "64x64", value_parser = size)]
-    pub size: Size,
+    /// Image size in pixels. Default: 64x64.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub size: Option<Size>,
     /// Vertical angle of view, degrees. Default: the camera's own; 60 for --pos and --look.
     #[arg(long, value_name = "DEG", value_parser = positive)]
     pub fovy: Option<f64>,
-    /// What a depth number measures.
-    #[arg(long, value_enum, default_value_t = KindArg::Z)]
-    pub depth: KindArg,
-    /// Nearest depth that counts, m.
-    #[arg(long, value_name = "M", default_value_t = 0.01, value_parser = positive)]
-    pub near: f64,
-    /// Farthest depth that counts, m.
-    #[arg(long, value_name = "M", default_value_t = 20.0, value_parser = positive)]
-    pub far: f64,
-    /// MuJoCo geom groups that the camera sees.
-    #[arg(long, value_name = "LIST", default_value = "0,1,2", value_delimiter = ',', value_parser = group)]
-    pub groups: Vec<u8>,
-    /// Who casts the rays.
-    #[arg(long, value_enum, default_value_t = CasterArg::Native)]
-    pub caster: CasterArg,
+    /// What a depth number measures. Default: z.
+    #[arg(long, value_enum)]
+    pub depth: Option<DepthKind>,
+    /// Nearest depth that counts, m. Default: 0.01.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub near: Option<f64>,
+    /// Farthest depth that counts, m. Default: 20.
+    #[arg(long, value_name = "M", value_parser = positive)]
+    pub far: Option<f64>,
+    /// MuJoCo geom groups that the camera sees. Default: 0,1,2.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = group)]
+    pub groups: Option<Vec<u8>>,
+    /// Who casts the rays. Default: native.
+    #[arg(long, value_enum)]
+    pub caster: Option<Caster>,
 }
 
-/// `propwash fly`.
+impl CameraArgs {
+    /// What the flags change in a camera, whose range has to fit 16 bits of millimetres.
+    pub fn change(&self, camera: &mut CameraConfig) -> Result<()> {
+        if let Some(Size { width, height }) = self.size {
+            (camera.width, camera.height) = (Some(width), Some(height));
+        }
+        camera.fovy_deg = self.fovy.or(camera.fovy_deg);
+        camera.kind = self.depth.or(camera.kind);
+        if let Some(groups) = &self.groups {
+            camera.groups.clone_from(groups);
+        }
+        camera.caster = self.caster.unwrap_or(camera.caster);
+        let [near, far] = camera.range()?;
+        let (near, far) = (self.near.unwrap_or(near), self.far.unwrap_or(far));
+        let farthest = f64::from(MAX_DISTANCE) * 0.001;
+        if near < 0.001 || near >= far || far > farthest {
+            return Err(Error::Usage {
+                flag: "--near, --far",
+                expected: format!(
+                    "0.001 m <= near < far <= {farthest} m, which is what 16-bit images of millimetres hold"
+                ),
+                got: format!("{near} m, {far} m"),
+            });
+        }
+        if self.near.or(self.far).is_some() {
+            camera.range_m = Some([near, far]);
+        }
+        Ok(())
+    }
+}
+
+/// `propwash fly`. What is not given stays as --config has it, or at its default.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct FlyArgs {
+    /// Description of the flight (TOML or JSON), or manifest.json of a data set, which is flown again; flags change it.
+    #[arg(long, value_name = "FILE", required_unless_present_all = ["scene", "drone"])]
+    pub config: Option<PathBuf>,
     /// MJCF scene.
     #[arg(long, value_name = "FILE")]
-    pub scene: PathBuf,
+    pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file. Repeat it for mixed vehicles in one world.
-    #[arg(long, value_name = "NAME|FILE", required = true)]
+    #[arg(long, value_name = "NAME|FILE")]
     pub drone: Vec<String>,
     /// Drones per world; the --drone list is used in turn. Default: as many as --drone names.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
@@ -313,45 +354,45 @@ pub struct FlyArgs {
     /// Shell (MJCF with a body named "drone") in place of the one that the vehicle file names.
     #[arg(long, value_name = "FILE")]
     pub shell: Option<PathBuf>,
-    /// Equations of motion: first_principles, so_rpy, so_rpy_rotor or so_rpy_rotor_drag.
-    #[arg(long, value_name = "NAME", default_value = "first_principles")]
-    pub dynamics: String,
-    /// Number of worlds, each with draws of its own.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = whole::<usize>)]
-    pub worlds: usize,
-    /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z[,yaw]).
-    #[arg(long, value_name = "KIND [FILE]", num_args = 1..=2, default_value = "lissajous")]
-    pub trajectory: Vec<String>,
-    /// Length of the flight, s.
-    #[arg(long, value_name = "S", default_value_t = 4.0, value_parser = positive)]
-    pub seconds: f64,
-    /// Camera of the vehicle's shell, or of the scene.
-    #[arg(long, value_name = "NAME", default_value = "fpv")]
-    pub camera: String,
+    /// Equations of motion: first_principles, so_rpy, so_rpy_rotor or so_rpy_rotor_drag. Default: first_principles.
+    #[arg(long, value_name = "NAME")]
+    pub dynamics: Option<String>,
+    /// Number of worlds, each with draws of its own. Default: 1.
+    #[arg(long, value_name = "N", value_parser = whole::<usize>)]
+    pub worlds: Option<usize>,
+    /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z[,yaw]). Default: lissajous.
+    #[arg(long, value_name = "KIND [FILE]", num_args = 1..=2)]
+    pub trajectory: Option<Vec<String>>,
+    /// Length of the flight, s. Default: 4.
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub seconds: Option<f64>,
+    /// Camera of the vehicle's shell, or of the scene. Default: fpv.
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
     /// Camera settings.
     #[command(flatten)]
     pub view: CameraArgs,
-    /// Depth frames per second.
-    #[arg(long, value_name = "HZ", default_value_t = 20, value_parser = whole::<u32>)]
-    pub fps: u32,
-    /// Rows of states per second.
-    #[arg(long, value_name = "HZ", default_value_t = 100, value_parser = whole::<u32>)]
-    pub log_hz: u32,
-    /// Simulation steps per second.
-    #[arg(long, value_name = "HZ", default_value_t = 500, value_parser = whole::<u32>)]
-    pub sim_hz: u32,
-    /// Integration scheme.
-    #[arg(long, value_enum, default_value_t = IntegratorArg::Rk4)]
-    pub integrator: IntegratorArg,
-    /// Seed of all random numbers.
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u64>)]
-    pub seed: u64,
+    /// Depth frames per second. Default: 20.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub fps: Option<u32>,
+    /// Rows of states per second. Default: 100.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub log_hz: Option<u32>,
+    /// Simulation steps per second. Default: 500.
+    #[arg(long, value_name = "HZ", value_parser = whole::<u32>)]
+    pub sim_hz: Option<u32>,
+    /// Integration scheme. Default: euler.
+    #[arg(long, value_enum)]
+    pub integrator: Option<Integrator>,
+    /// Seed of all random numbers. Default: 0.
+    #[arg(long, value_name = "N", value_parser = whole::<u64>)]
+    pub seed: Option<u64>,
     /// Randomisation rules (TOML, [[rule]] tables) drawn anew for every world.
     #[arg(long, value_name = "FILE")]
     pub randomize: Option<PathBuf>,
-    /// Shift every movable obstacle of the scene by up to this much in x and y, anew for every world, m.
-    #[arg(long, value_name = "M", default_value_t = 0.0, value_parser = not_negative)]
-    pub obstacle_jitter: f64,
+    /// Shift every movable obstacle of the scene by up to this much in x and y, anew for every world, m. Default: 0.
+    #[arg(long, value_name = "M", value_parser = not_negative)]
+    pub obstacle_jitter: Option<f64>,
     /// Noise model of the depth camera (TOML); the clean depth is kept beside it.
     #[arg(long, value_name = "FILE")]
     pub noise: Option<PathBuf>,

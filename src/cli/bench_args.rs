@@ -49,7 +49,7 @@ pub struct BenchArgs {
     #[arg(long, value_name = "NAME", default_value = "first_principles")]
     pub dynamics: String,
     /// What commands mean: state, attitude, body_rate, force_torque or rotor_vel.
-    #[arg(long, value_name = "MODE", default_value = "attitude")]
+    #[arg(long, value_name = "MODE", default_value = "state")]
     pub control: String,
     /// Numbers of worlds that steps are measured with.
     #[arg(long, value_name = "N[,N..]", value_delimiter = ',', default_value = "1,64,1024,65536", value_parser = whole::<usize>)]

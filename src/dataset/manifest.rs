@@ -8,8 +8,10 @@ use serde_json::Value;
 
 use super::depth_png;
 use super::error::{DatasetError, Result};
+use super::recorder::FlightConfig;
 use super::table::{Column, clearance_columns, contact_columns, state_columns};
-use crate::sense::{Caster, Collider};
+use crate::arena::{ArenaError, read_value};
+use crate::sense::{Caster, Collider, DepthKind};
 
 /// Name of the format, `format` in the manifest.
 pub const FORMAT: &str = "propwash-dataset";
@@ -40,6 +42,10 @@ pub struct Manifest {
     pub vehicles: Vec<VehicleRecord>,
     /// How they fly.
     pub flight: FlightRecord,
+    /// The whole description of the flight, a [`FlightConfig`], from which it can be flown again; none in data sets of versions that did
+    /// not keep it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub config: Option<Value>,
     /// The camera of each drone, shape `(drone,)`, all of one size; empty for a data set without images.
     pub cameras: Vec<CameraRecord>,
     /// Scale of the 16-bit depth images.
@@ -109,16 +115,6 @@ pub struct FlightRecord {
     pub trajectory: Value,
 }
 
-/// What a depth value measures.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum DepthMeaning {
-    /// Distance along the pixel's ray, m.
-    Range,
-    /// Distance along the camera's axis, m.
-    ZDepth,
-}
-
 /// One drone's camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -130,7 +126,7 @@ pub struct CameraRecord {
     /// Rows.
     pub height: usize,
     /// What a depth value measures.
-    pub kind: DepthMeaning,
+    pub kind: DepthKind,
     /// Hits nearer than this have the status too near, m.
     pub near_m: f64,
     /// Hits farther than this have the status too far, m.
@@ -288,6 +284,14 @@ impl Manifest {
         if !(self.flight.clearance_max_m.is_finite() && self.flight.clearance_max_m >= 0.0) {
             let found = self.flight.clearance_max_m.to_string();
             return bad("flight.clearance_max_m", "a finite distance, m", found, "set a limit");
+        }
+        if let Some(config) = &self.config {
+            let again = read_value::<FlightConfig>(config.clone()).map(|c| serde_json::json!(c));
+            if !again.as_ref().is_ok_and(|again| again == config) {
+                let found = again.map_or_else(|e| e.to_string(), |_| "one that reads back otherwise".into());
+                let remedy = "use finite numbers, and the version that made the data set";
+                return bad("config", "the description of a flight", found, remedy);
+            }
         }
         self.check_cameras()?;
         for (i, geom) in self.geoms.iter().enumerate() {
@@ -504,10 +508,33 @@ impl Manifest {
     }
 }
 
-/// Dotted name of the first `null` in `value`; the top-level `noise` may be null.
+/// The description of the flight in a manifest.
+///
+/// # Errors
+/// [`DatasetError::Manifest`] for a manifest that holds none, or one that cannot be read.
+pub(super) fn config_of(manifest: &Value) -> Result<FlightConfig> {
+    let bad = |expected: &str, found: String, remedy| {
+        Err(DatasetError::Manifest { field: "config".into(), expected: expected.into(), found, remedy })
+    };
+    let format = (&manifest["format"], manifest["format_version"].as_u64());
+    if format != (&Value::from(FORMAT), Some(u64::from(FORMAT_VERSION))) {
+        let expected = format!("the manifest of a {FORMAT} of version {FORMAT_VERSION}");
+        return bad(&expected, format!("format {}, version {:?}", format.0, format.1), "check the file");
+    }
+    let Some(config) = manifest.get("config") else {
+        let found = format!("nothing: version {} of Propwash did not keep it", manifest["propwash_version"]);
+        return bad("the whole description of the flight", found, "describe the simulation yourself");
+    };
+    read_value(config.clone()).or_else(|e: ArenaError| {
+        bad("fields that this version knows", e.to_string(), "use the version that made the data set")
+    })
+}
+
+/// Dotted name of the first `null` in `value`; the top-level `noise` may be null, and options of `config`, which is checked apart.
 fn first_null(value: &Value, at: &str) -> Option<String> {
     match value {
         Value::Null => (at != "noise").then(|| at.to_owned()),
+        _ if at == "config" => None,
         Value::Array(items) => {
             items.iter().enumerate().find_map(|(i, item)| first_null(item, &format!("{at}[{i}]")))
         }
@@ -522,7 +549,13 @@ fn first_null(value: &Value, at: &str) -> Option<String> {
 pub(super) fn differences(have: &str, asked: &str) -> String {
     let parse = |text| serde_json::from_str::<Value>(text).unwrap_or(Value::Null);
     let mut lines = Vec::new();
-    compare(&parse(have), &parse(asked), "", &mut lines);
+    let (mut have, mut asked) = (parse(have), parse(asked));
+    // The description says the same once more: it is looked at where nothing else differs.
+    let configs = [&mut have, &mut asked].map(|v| v.as_object_mut().and_then(|m| m.remove("config")));
+    compare(&have, &asked, "", &mut lines);
+    if let ([Some(have), Some(asked)], true) = (configs, lines.is_empty()) {
+        compare(&have, &asked, "config", &mut lines);
+    }
     if lines.is_empty() {
         lines.push("  (the text of manifest.json: order of fields or spelling of numbers)".to_owned());
     }

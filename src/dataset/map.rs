@@ -17,8 +17,8 @@ const MAP_MARGIN_M: f64 = 4.0;
 /// Heights of the scene (at its model poses, without the drones) on a grid seen from above, cut at 2.5 m, by vertical
 /// rays. The map spans all geoms of limited size, at least ±3 m and at most 4 m more than the drones' reach.
 pub fn height_map(flight: &Flight) -> Result<HeightMap> {
-    let scene = &flight.scene;
-    let most = flight.course.reach_m(scene.n_drones()) + MAP_MARGIN_M;
+    let scene = flight.scene();
+    let most = flight.config().pattern().reach_m(scene.n_drones()) + MAP_MARGIN_M;
     let mut worker = scene.worker()?;
     // Drones out of the way.
     for d in 0..scene.n_drones() {

@@ -21,8 +21,8 @@ pub use depth_png::{MAX_DISTANCE, MISS, TOO_FAR, TOO_NEAR, decode, encode, read 
 pub use error::DatasetError;
 pub use files::FileRecord;
 pub use manifest::{
-    BodyRecord, CameraRecord, DepthMeaning, DepthPng, FORMAT, FORMAT_VERSION, FlightRecord, GeomRecord,
-    Manifest, SceneRecord, VehicleRecord,
+    BodyRecord, CameraRecord, DepthPng, FORMAT, FORMAT_VERSION, FlightRecord, GeomRecord, Manifest,
+    SceneRecord, VehicleRecord,
 };
 pub use overview::{HeightMap, OVERVIEW_SIZE, Overview, PathLine, Picture, SheetFrame};
 pub use reader::{Dataset, Frames, WorldReader};

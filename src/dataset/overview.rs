@@ -10,8 +10,8 @@ use super::canvas::{Align, CHAR_W, Canvas, Rgb, TEXT_H, oklch, text_width, tick_
 use super::depth_png::status;
 use super::error::{DatasetError, Result};
 use super::files;
-use super::manifest::DepthMeaning;
 use super::reader::{Dataset, WorldReader};
+use crate::sense::DepthKind;
 
 /// Size of the picture, pixels.
 pub const OVERVIEW_SIZE: (usize, usize) = (1600, 1100);
@@ -253,8 +253,8 @@ impl Overview {
         );
         let camera = m.cameras.first().map_or("no camera".to_owned(), |c| {
             let kind = match c.kind {
-                DepthMeaning::Range => "range",
-                DepthMeaning::ZDepth => "z-depth",
+                DepthKind::Range => "range",
+                DepthKind::ZDepth => "z-depth",
             };
             format!(
                 "camera {} {}×{} at {} Hz, {kind} {} to {} m",

@@ -1,135 +1,58 @@
 //! The main job: worlds of drones fly through a scene, are sensed, and become a data set.
 
 use super::{
-    BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DepthMeaning, DepthPng, FlightRecord,
-    FrameInput, GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary,
-    VehicleRecord, View, WorldWriter, create_or_resume,
+    BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DepthPng, FlightRecord, FrameInput,
+    GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary, VehicleRecord,
+    View, WorldWriter, create_or_resume,
 };
-use crate::arena::Arena;
+use crate::arena::{Arena, ArenaError, CameraConfig, FlightPattern, Precision, Setup, SimConfig, read_text};
 use crate::error::Result;
 use crate::math::{quat, vec3};
 use crate::physics::controllers::{ControlMode, ticks};
-use crate::physics::drone::{Drone, Dynamics};
-use crate::physics::integrate::Integrator;
+use crate::physics::drone::Dynamics;
 use crate::physics::measure;
-use crate::physics::rigid_body::State;
-use crate::random::{Key, purpose};
-use crate::rollout::randomize::Randomization;
-use crate::rollout::trajectory::{Spline, Trajectory};
-use crate::rollout::{RolloutError, RotorStart, Sim, SimOptions};
-use crate::scene::{MAX_COORDINATE_M, ObstacleInfo, Pose, Scene, Worker, WorkerPool};
+use crate::scene::{MAX_COORDINATE_M, Pose, Scene, Worker};
 use crate::sense::contact::MAX_PER_PAIR;
-use crate::sense::{self, Camera, Collider, Contact, DepthFrame, DepthKind, DepthNoise, NoiseKey, SweptHit};
-use crate::vehicle::Vehicle;
+use crate::sense::{self, Camera, Collider, Contact, DepthFrame, DepthNoise, NoiseKey, SweptHit};
 use rayon::prelude::*;
-use serde_json::json;
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::path::Path;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Which way the drones fly.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Course {
-    /// [`Trajectory::lissajous`], drawn for each world and drone.
-    Lissajous,
-    /// [`Trajectory::circle`], drawn for each world; several drones share it evenly.
-    Circle,
-    /// Stay 1 m above the origin; several drones in a grid.
-    Hover,
-    /// Through given points; several drones in a grid around them.
-    Waypoints(Spline),
-}
-
-/// Distance between the drones of a grid, m.
-const GRID_M: f64 = 0.6;
-
-impl Course {
-    /// The trajectory of one drone.
-    fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize, attempt: u64) -> Trajectory {
-        // A square grid around the centre.
-        let side = (n_drones as f64).sqrt().ceil().max(1.0);
-        let place = |i: f64| (i - 0.5 * (side - 1.0)) * GRID_M;
-        let offset = match n_drones {
-            1 => [0.0; 3],
-            _ => [place((drone as f64 / side).floor()), place(drone as f64 % side), 0.0],
-        };
-        match self {
-            Self::Lissajous => Trajectory::lissajous(seed, world, drone as u32, attempt),
-            Self::Circle => match Trajectory::circle(seed, world, 0, attempt) {
-                Trajectory::Circle { center_m, radius_m, phase_rad, rate_rad_s } => Trajectory::Circle {
-                    center_m,
-                    radius_m,
-                    phase_rad: phase_rad + core::f64::consts::TAU * drone as f64 / n_drones as f64,
-                    rate_rad_s,
-                },
-                other => other,
-            },
-            Self::Hover => Trajectory::Hover { at_m: vec3::add([0.0, 0.0, 1.0], offset) },
-            Self::Waypoints(spline) => Trajectory::Waypoints(spline.shifted(offset)),
-        }
-    }
-
-    /// How far from the origin the drones fly, m, seen from above.
-    pub(super) fn reach_m(&self, n_drones: usize) -> f64 {
-        let grid = (n_drones as f64).sqrt() * GRID_M;
-        match self {
-            Self::Lissajous => 2.3,
-            Self::Circle => 1.0,
-            Self::Hover => grid,
-            Self::Waypoints(spline) => {
-                let far = |most: f64, (_, p, _): &(f64, [f64; 3], f64)| most.max(p[0].abs()).max(p[1].abs());
-                spline.points().iter().fold(0.0, far) + grid
-            }
-        }
-    }
-
-    fn record(&self) -> serde_json::Value {
-        match self {
-            Self::Lissajous => json!({ "kind": "lissajous" }),
-            Self::Circle => json!({ "kind": "circle" }),
-            Self::Hover => json!({ "kind": "hover" }),
-            Self::Waypoints(spline) => json!({ "kind": "waypoints", "points": spline.points() }),
-        }
-    }
-}
-
-/// Everything that decides what a data set holds.
-#[derive(Clone, Debug)]
-pub struct Flight {
-    /// The compiled scene, drones attached.
-    pub scene: Scene,
-    /// Vehicle of each drone.
-    pub vehicles: Vec<Vehicle>,
-    /// Name of the dynamics; see [`crate::vehicle::DYNAMICS`].
-    pub dynamics: String,
-    /// Number of worlds.
-    pub n_worlds: usize,
+/// A flight to be recorded: the simulation, and what is written of it. In files both lie in one table.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct FlightConfig {
+    /// What flies, where and how. Data sets are flown in f64 under state commands, on a pattern, with a camera on every drone.
+    #[serde(flatten)]
+    pub sim: SimConfig,
     /// Length, s.
     pub seconds: f64,
-    /// Simulation steps per second.
-    pub sim_hz: u32,
     /// Depth frames per second.
     pub fps: u32,
     /// Rows of states, contacts and clearances per second; must divide `sim_hz`.
     pub log_hz: u32,
-    /// Integration scheme.
-    pub integrator: Integrator,
-    /// Seed of all random numbers.
-    pub seed: u64,
-    /// Which way the drones fly.
-    pub course: Course,
-    /// Camera of each drone.
-    pub cameras: Vec<Camera>,
-    /// What is drawn anew for every world.
-    pub randomization: Randomization,
-    /// Movable obstacles are shifted by up to this much in x and y, anew for every world, m.
-    pub obstacle_jitter_m: f64,
-    /// Noise of the depth cameras.
-    pub noise: Option<DepthNoise>,
     /// Whether surface normals are stored.
     pub normals: bool,
     /// Largest clearance that is looked for, m.
     pub clearance_max_m: f64,
+}
+
+impl Default for FlightConfig {
+    /// 4 s with 20 frames and 100 rows of states a second.
+    fn default() -> Self {
+        let sim = SimConfig::default();
+        Self { sim, seconds: 4.0, fps: 20, log_hz: 100, normals: false, clearance_max_m: 5.0 }
+    }
+}
+
+/// Everything that decides what a data set holds, read and compiled.
+#[derive(Debug)]
+pub struct Flight {
+    config: FlightConfig,
+    setup: Setup,
+    cameras: Vec<Camera>,
 }
 
 /// What a run gave.
@@ -148,32 +71,30 @@ pub struct Recorded {
 ///
 /// The bytes written depend on `flight` alone, not on threads, interruptions or order.
 pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
-    flight.check()?;
-    let drones = flight.drones()?;
+    let n_worlds = flight.config.sim.options.n_worlds;
     // What a simulation refuses is refused before there is a folder.
-    flight.sim(&drones, 0)?;
-    let manifest = flight.manifest(&drones);
+    flight.setup.worlds::<f64>(0, 1)?;
+    let manifest = flight.manifest()?;
     let (writer, done) = create_or_resume(out, &manifest)?;
-    let mut warnings = flight.scene.warnings().to_vec();
+    let mut warnings = flight.scene().warnings().to_vec();
     warnings.extend(writer.warnings().iter().cloned());
-    for vehicle in &flight.vehicles {
+    for vehicle in flight.setup.vehicles() {
         for warning in vehicle.warnings() {
             if !warnings.contains(warning) {
                 warnings.push(warning.clone());
             }
         }
     }
-    if flight.scene.geoms().iter().all(|g| g.drone.is_some()) {
-        let name = flight.scene.name();
+    if flight.scene().geoms().iter().all(|g| g.drone.is_some()) {
+        let name = flight.scene().name();
         warnings.push(format!("{name} has no geoms: nothing but drones can be seen or touched in it"));
     }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
-    progress(n_resumed, flight.n_worlds);
-    let pool = Arc::new(WorkerPool::new(&flight.scene));
-    (0..flight.n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        World::new(flight, &drones, &pool, w)?.fly(writer.world(w)?)?;
-        progress(finished.fetch_add(1, Ordering::SeqCst) + 1, flight.n_worlds);
+    progress(n_resumed, n_worlds);
+    (0..n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
+        World::new(flight, w)?.fly(writer.world(w)?)?;
+        progress(finished.fetch_add(1, Ordering::SeqCst) + 1, n_worlds);
         Ok(())
     })?;
     let summary = writer.finish()?;
@@ -200,158 +121,135 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     Ok(Recorded { summary, n_resumed, warnings })
 }
 
-/// Most steps per second of a flight.
-const MAX_SIM_HZ: u32 = 1_000_000;
+impl FlightConfig {
+    /// Reads a description in JSON or TOML: one of a flight, or the manifest of a data set, which holds one.
+    ///
+    /// # Errors
+    /// [`DatasetError`](super::DatasetError) for a manifest without one, [`ArenaError`] saying which field is wrong and why.
+    pub fn from_text(text: &str) -> Result<Self> {
+        match serde_json::from_str::<Value>(text) {
+            Ok(value) if value.get("format").is_some() => Ok(super::manifest::config_of(&value)?),
+            _ => Ok(read_text(text)?),
+        }
+    }
 
-impl Flight {
-    fn check(&self) -> Result<()> {
-        let n = self.scene.n_drones();
-        let option = |name, expected: String, got: String| {
-            Err(crate::Error::from(RolloutError::Option { name, expected, got }))
+    /// The pattern that is flown.
+    pub fn pattern(&self) -> &FlightPattern {
+        self.sim.pattern.as_ref().unwrap_or(&FlightPattern::Lissajous)
+    }
+
+    /// Reads vehicles, compiles the scene and builds cameras.
+    ///
+    /// # Errors
+    /// [`Error`](crate::Error) for numbers that make no sense, naming them, and for vehicles, scenes and cameras that cannot be used.
+    pub fn load(mut self) -> Result<Flight> {
+        self.sim.precision = match self.sim.precision {
+            Precision::F32 => return refuse("precision", "f64, in which data sets are flown", "f32"),
+            _ => Precision::F64,
         };
-        if self.vehicles.len() != n || self.cameras.len() != n {
-            let got = format!("{} vehicles, {} cameras", self.vehicles.len(), self.cameras.len());
-            return option(
-                "drones",
-                format!("one vehicle and one camera for each of the scene's {n} drones"),
-                got,
-            );
+        if self.sim.options.control != ControlMode::State {
+            let got = self.sim.options.control.name();
+            return refuse("control", "state: data sets are flown along a pattern", got);
         }
-        if !(1..=MAX_SIM_HZ).contains(&self.sim_hz) {
-            return option("sim_hz", format!("1 to {MAX_SIM_HZ} Hz"), self.sim_hz.to_string());
+        self.sim.pattern = Some(self.pattern().clone());
+        self.sim.camera = Some(self.sim.camera.unwrap_or_default());
+        let setup = self.sim.load()?;
+        if setup.scenes().len() != 1 {
+            return refuse("scene", "one scene", setup.scenes().len());
         }
-        for vehicle in &self.vehicles {
-            let r = vehicle.rates;
+        self.sim = setup.config().clone();
+        self.check(&setup)?;
+        let cameras = setup.cameras()[0].iter().map(|c| c.clone().with_normals(self.normals)).collect();
+        Ok(Flight { config: self, setup, cameras })
+    }
+
+    fn check(&self, setup: &Setup) -> Result<()> {
+        let sim_hz = self.sim.options.sim_hz;
+        for (vehicle, (_, r)) in setup.vehicles().iter().zip(setup.drones()) {
             let fastest = r.state_hz.max(r.attitude_hz).max(r.force_torque_hz);
-            if self.sim_hz < fastest {
+            if sim_hz < fastest {
                 let expected =
                     format!("at least {fastest} Hz, the fastest control stage of {}", vehicle.name);
-                return option("sim_hz", expected, self.sim_hz.to_string());
+                return refuse("sim_hz", expected, sim_hz);
             }
         }
-        if self.fps == 0 || self.fps > self.sim_hz {
-            return option(
-                "fps",
-                format!("1 to {} Hz, at most one frame per step of the simulation", self.sim_hz),
-                self.fps.to_string(),
-            );
+        if self.fps == 0 || self.fps > sim_hz {
+            let expected = format!("1 to {sim_hz} Hz, at most one frame per step of the simulation");
+            return refuse("fps", expected, self.fps);
         }
-        if self.log_hz == 0 || !self.sim_hz.is_multiple_of(self.log_hz) {
-            let expected = format!("a divisor of the simulation's {} Hz (sim_hz)", self.sim_hz);
-            return option("log_hz", expected, self.log_hz.to_string());
+        if self.log_hz == 0 || !sim_hz.is_multiple_of(self.log_hz) {
+            let expected = format!("a divisor of the simulation's {sim_hz} Hz (sim_hz)");
+            return refuse("log_hz", expected, self.log_hz);
         }
-        let steps = self.seconds * f64::from(self.sim_hz);
+        let steps = self.seconds * f64::from(sim_hz);
         if !(self.seconds.is_finite() && (1.0..=1e9).contains(&steps)) {
-            return option(
-                "seconds",
-                "at least one step and at most 1e9 steps".into(),
-                self.seconds.to_string(),
-            );
+            return refuse("seconds", "at least one step and at most 1e9 steps", self.seconds);
         }
         Ok(())
     }
+}
 
-    fn drones(&self) -> Result<Vec<Drone<f64>>> {
-        for v in &self.vehicles {
-            if !v.modes(&self.dynamics)?.contains(&ControlMode::State) {
-                return Err(crate::Error::from(RolloutError::Option {
-                    name: "drone",
-                    expected:
-                        "a vehicle with an on-board controller that follows states ([controller.mellinger])"
-                            .into(),
-                    got: format!("{}, which has none", v.name),
-                }));
-            }
-        }
-        self.vehicles.iter().map(|v| Ok(v.drone(&self.dynamics)?)).collect()
+/// An option that makes no sense.
+fn refuse<T>(name: &'static str, expected: impl Into<String>, got: impl ToString) -> Result<T> {
+    Err(ArenaError::Option { name, expected: expected.into(), got: got.to_string() }.into())
+}
+
+impl Flight {
+    /// The description, complete.
+    pub fn config(&self) -> &FlightConfig {
+        &self.config
     }
 
-    /// Where the movable obstacles of one world are.
-    fn obstacle_poses(&self, world: u64) -> Vec<Pose> {
-        let j = self.obstacle_jitter_m;
-        let shifted = |(i, o): (usize, &ObstacleInfo)| {
-            let key = Key { seed: self.seed, world, drone: i as u32, step: 0, purpose: purpose("obstacle") };
-            let mut stream = key.stream();
-            let shift = [stream.uniform(-j, j), stream.uniform(-j, j), 0.0];
-            Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
-        };
-        self.scene.obstacles().iter().enumerate().map(shifted).collect()
+    /// The compiled scene, drones attached.
+    pub fn scene(&self) -> &Scene {
+        &self.setup.scenes()[0]
     }
 
-    /// The simulation of one world.
-    fn sim(&self, drones: &[Drone<f64>], world: usize) -> Result<Sim> {
-        let slots = drones.iter().zip(&self.vehicles).map(|(d, v)| (d.clone(), v.rates)).collect();
-        let options = SimOptions {
-            n_worlds: 1,
-            first_world: world as u64,
-            seed: self.seed,
-            sim_hz: self.sim_hz,
-            integrator: self.integrator,
-            control: ControlMode::State,
-            rotor_start: RotorStart::Hover,
-            randomization: self.randomization.clone(),
-            engine: Default::default(),
-        };
-        Ok(Sim::new(options, slots)?)
+    /// Noise of the depth cameras.
+    fn noise(&self) -> Result<Option<DepthNoise>> {
+        Ok(self.config.sim.camera.as_ref().map_or(Ok(None), CameraConfig::errors)?)
     }
 
-    fn manifest(&self, drones: &[Drone<f64>]) -> Manifest {
-        let scene = &self.scene;
-        let log_every = self.sim_hz / self.log_hz;
-        Manifest {
+    fn manifest(&self) -> Result<Manifest> {
+        let (config, scene) = (&self.config, self.scene());
+        let (sim, options) = (&config.sim, &config.sim.options);
+        let log_every = options.sim_hz / config.log_hz;
+        Ok(Manifest {
             mujoco_version: crate::scene::mujoco_version(),
-            seed: self.seed,
-            n_worlds: self.n_worlds,
+            seed: options.seed,
+            n_worlds: options.n_worlds,
             n_drones: scene.n_drones(),
-            seconds: self.seconds,
-            fps: f64::from(self.fps),
+            seconds: config.seconds,
+            fps: f64::from(config.fps),
             scene: SceneRecord { name: scene.name().into(), sha256: scene.hash() },
-            vehicles: self
-                .vehicles
-                .iter()
-                .zip(drones)
-                .zip(scene.shells())
-                .map(|((v, d), shell)| VehicleRecord {
-                    name: v.name.clone(),
-                    dynamics: self.dynamics.clone(),
-                    shell: shell.clone(),
-                    sha256: v.sha256(),
-                    n_rotors: d.airframe.n_rotors,
-                    rates_hz: [
-                        ("state", v.rates.state_hz),
-                        ("attitude", v.rates.attitude_hz),
-                        ("force_torque", v.rates.force_torque_hz),
-                    ]
-                    .map(|(name, hz)| (name.to_string(), hz))
-                    .into(),
-                })
-                .collect(),
+            vehicles: (0..scene.n_drones()).map(|d| self.vehicle_record(d)).collect(),
             flight: FlightRecord {
-                control_mode: ControlMode::State.name().into(),
-                integrator: match self.integrator {
-                    Integrator::Euler => "euler",
-                    Integrator::SemiImplicitEuler => "semi_implicit_euler",
-                    Integrator::Rk4 => "rk4",
-                }
-                .into(),
-                sim_hz: self.sim_hz,
+                control_mode: options.control.name().into(),
+                integrator: options.integrator.name().into(),
+                sim_hz: options.sim_hz,
                 state_every_steps: log_every,
                 clearance_every_steps: log_every,
-                clearance_max_m: self.clearance_max_m,
+                clearance_max_m: config.clearance_max_m,
                 contact_every_steps: 1,
                 swept: true,
                 collider: Some(Collider::default()),
                 trajectory: {
-                    let mut record = self.course.record();
-                    record["randomization"] = json!(self.randomization);
-                    record["obstacle_jitter_m"] = json!(self.obstacle_jitter_m);
+                    let mut record = match config.pattern() {
+                        FlightPattern::Waypoints(spline) => {
+                            json!({ "kind": "waypoints", "points": spline.points() })
+                        }
+                        drawn => json!({ "kind": drawn }),
+                    };
+                    record["randomization"] = json!(options.randomization);
+                    record["obstacle_jitter_m"] = json!(sim.obstacle_jitter_m);
                     record
                 },
             },
+            config: Some(json!(config)),
             cameras: self.cameras.iter().map(camera_record).collect(),
             depth_png: DepthPng::default(),
-            normals: self.normals,
-            noise: self.noise.as_ref().map(|n| json!(n)),
+            normals: config.normals,
+            noise: self.noise()?.map(|n| json!(n)),
             geoms: scene
                 .geoms()
                 .iter()
@@ -371,6 +269,23 @@ impl Flight {
                     drone: b.drone.map_or(-1, |d| d as i32),
                 })
                 .collect(),
+        })
+    }
+
+    fn vehicle_record(&self, d: usize) -> VehicleRecord {
+        let (vehicle, (drone, rates)) = (&self.setup.vehicles()[d], &self.setup.drones()[d]);
+        let rates = [
+            ("state", rates.state_hz),
+            ("attitude", rates.attitude_hz),
+            ("force_torque", rates.force_torque_hz),
+        ];
+        VehicleRecord {
+            name: vehicle.name.clone(),
+            dynamics: self.config.sim.drone(d).dynamics.clone(),
+            shell: self.scene().shells()[d].clone(),
+            sha256: vehicle.sha256(),
+            n_rotors: drone.airframe.n_rotors,
+            rates_hz: rates.map(|(name, hz)| (name.to_string(), hz)).into(),
         }
     }
 }
@@ -379,9 +294,8 @@ impl Flight {
 struct World<'a> {
     flight: &'a Flight,
     arena: Arena,
-    world: usize,
-    trajectories: Vec<Trajectory>,
-    obstacles: Vec<Pose>,
+    world: u64,
+    noise: Option<DepthNoise>,
     start_clearance_m: f64,
     frames: Vec<DepthFrame>,
     noisy: Vec<DepthFrame>,
@@ -399,57 +313,45 @@ struct World<'a> {
 }
 
 impl<'a> World<'a> {
-    fn new(flight: &'a Flight, drones: &[Drone<f64>], pool: &Arc<WorkerPool>, world: usize) -> Result<Self> {
-        let n = drones.len();
-        let mut arena = Arena::sharing(flight.sim(drones, world)?, std::slice::from_ref(pool), &[0])?;
-        let obstacles = flight.obstacle_poses(world as u64);
-        for (i, obstacle) in obstacles.iter().enumerate() {
-            arena.obstacle_pos_mut()[3 * i..3 * i + 3].copy_from_slice(&obstacle.pos_m);
-            arena.obstacle_quat_mut()[4 * i..4 * i + 4].copy_from_slice(&obstacle.quat_xyzw);
-        }
-        let (trajectories, mut start_clearance_m) =
-            free_start(flight, &mut *arena.look().surroundings(0)?, world as u64, n)?;
-        for (d, trajectory) in trajectories.iter().enumerate() {
-            let start = start_pose(trajectory);
-            arena.set_initial(0, d, State { pos: start.pos_m, quat: start.quat_xyzw, ..State::rest() })?;
-        }
-        arena.reset(None)?;
+    fn new(flight: &'a Flight, world: usize) -> Result<Self> {
+        let arena: Arena = flight.setup.worlds(world, 1)?;
+        let (config, n) = (&flight.config, arena.sim().data.n_drones);
         let frames: Vec<DepthFrame> = flight.cameras.iter().map(|_| DepthFrame::new()).collect();
         let last: Vec<Pose> = arena.poses();
         let inside = |p: &Pose| p.pos_m.iter().all(|x| x.abs() <= MAX_COORDINATE_M);
-        // Where starts are drawn anew, what counts is where they came to lie.
-        if flight.randomization.rules.iter().any(|r| r.parameter.starts_with("initial."))
-            && last.iter().all(inside)
-        {
+        let mut start_clearance_m = f64::INFINITY;
+        if last.iter().all(inside) {
             let mut clear = Vec::new();
-            arena.clearances(None, flight.clearance_max_m, &mut clear)?;
+            arena.clearances(None, config.clearance_max_m, &mut clear)?;
             start_clearance_m = clear.iter().map(|c| c.distance_m).fold(f64::INFINITY, f64::min);
         }
+        let noise = flight.noise()?;
         Ok(Self {
             flight,
             arena,
-            world,
-            trajectories,
-            obstacles,
+            // Keys of random numbers are those of the world over the whole run.
+            world: config.sim.options.first_world + world as u64,
             start_clearance_m,
-            noisy: if flight.noise.is_some() { frames.clone() } else { Vec::new() },
+            noisy: if noise.is_some() { frames.clone() } else { Vec::new() },
+            noise,
             frames,
             contacts: Vec::new(),
             last,
             slack: vec![0.0; n],
             touching: Vec::new(),
             crowded_steps: 0,
-            has_flexes: flight.scene.n_flex() > 0,
+            has_flexes: flight.scene().n_flex() > 0,
         })
     }
 
     /// From the first step to the last, everything written.
     fn fly(mut self, mut out: WorldWriter) -> Result<()> {
-        let steps = (self.flight.seconds * f64::from(self.flight.sim_hz)).round() as u64;
+        let (config, sim_hz) = (&self.flight.config, self.flight.config.sim.options.sim_hz);
+        let steps = (config.seconds * f64::from(sim_hz)).round() as u64;
         for step in 0..=steps {
-            let t = step as f64 / f64::from(self.flight.sim_hz);
-            let log = ticks(step, self.flight.log_hz, self.flight.sim_hz);
-            let frame = ticks(step, self.flight.fps, self.flight.sim_hz);
+            let t = step as f64 / f64::from(sim_hz);
+            let log = ticks(step, config.log_hz, sim_hz);
+            let frame = ticks(step, config.fps, sim_hz);
             if let Some((drone, reason)) = self.out_of_bounds() {
                 out.quarantine(Quarantine { step: step.saturating_sub(1), drone, reason });
                 break;
@@ -461,7 +363,8 @@ impl<'a> World<'a> {
             if frame {
                 self.see(t, step, &mut out)?;
             }
-            let command: Vec<f64> = self.trajectories.iter().flat_map(|tr| tr.at(t).command()).collect();
+            let command: Vec<f64> =
+                self.arena.trajectories().iter().flat_map(|tr| tr.at(t).command()).collect();
             self.arena.set_command(&command)?;
             self.arena.run_controllers()?;
             if log {
@@ -479,7 +382,7 @@ impl<'a> World<'a> {
                 }
             }
         }
-        let places: Vec<_> = self.obstacles.iter().map(|p| p.pos_m).collect();
+        let places: Vec<_> = self.arena.obstacle_pos_mut().chunks_exact(3).map(<[f64]>::to_vec).collect();
         out.set_info(json!({
             "obstacles_m": places,
             "masses_kg": self.masses(),
@@ -514,7 +417,7 @@ impl<'a> World<'a> {
             let (from, to) = (self.last[d], self.pose(d));
             let turn = quat::mul(quat::conjugate(from.quat_xyzw), to.quat_xyzw);
             let angle = 2.0 * vec3::norm([turn[0], turn[1], turn[2]]).atan2(turn[3].abs());
-            let radius = self.flight.scene.drone_radius_m(d)?;
+            let radius = self.flight.scene().drone_radius_m(d)?;
             moved.push(vec3::norm(vec3::sub(to.pos_m, from.pos_m)) + angle * radius);
         }
         let mut near = Vec::new();
@@ -544,7 +447,7 @@ impl<'a> World<'a> {
             if step > 0 {
                 self.find_jumped(&mut worker, (t, step), d, &mut met, out)?;
             }
-            let clear = sense::clearance(&mut worker, d, self.flight.clearance_max_m)?;
+            let clear = sense::clearance(&mut worker, d, self.flight.config.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
         }
         self.touching = now;
@@ -561,7 +464,7 @@ impl<'a> World<'a> {
         seen: &mut Vec<[usize; 2]>,
         out: &mut WorldWriter,
     ) -> Result<()> {
-        let scene = &self.flight.scene;
+        let scene = self.flight.scene();
         let drone_of =
             |g: i32| usize::try_from(g).ok().and_then(|g| scene.geoms().get(g)).and_then(|g| g.drone);
         let geoms_of =
@@ -602,7 +505,7 @@ impl<'a> World<'a> {
     fn log_clearance(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
         let mut worker = self.arena.look().world(0)?;
         for d in 0..self.last.len() {
-            let clear = sense::clearance(&mut worker, d, self.flight.clearance_max_m)?;
+            let clear = sense::clearance(&mut worker, d, self.flight.config.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
             let nearest = clear.found.then_some(Nearest {
                 distance_m: clear.distance_m,
@@ -625,11 +528,11 @@ impl<'a> World<'a> {
         for (camera, frame) in self.flight.cameras.iter().zip(&mut self.frames) {
             camera.render(&mut worker, frame)?;
         }
-        if let Some(noise) = &self.flight.noise {
+        if let Some(noise) = &self.noise {
             for (d, (clean, noisy)) in self.frames.iter().zip(&mut self.noisy).enumerate() {
                 let key = NoiseKey {
-                    seed: self.flight.seed,
-                    world: self.world as u64,
+                    seed: self.flight.config.sim.options.seed,
+                    world: self.world,
                     drone: d as u32,
                     step,
                     camera: 0,
@@ -659,7 +562,7 @@ impl<'a> World<'a> {
     /// State, command and reference of every drone.
     fn log_states(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
         let sim = self.arena.sim();
-        for (d, trajectory) in self.trajectories.iter().enumerate() {
+        for (d, trajectory) in self.arena.trajectories().iter().enumerate() {
             let drone = sim.drone(0, d);
             let n = drone.airframe.n_rotors;
             let rotors = matches!(drone.dynamics, Dynamics::Rotors);
@@ -690,45 +593,6 @@ impl<'a> World<'a> {
         }
         Ok(())
     }
-}
-
-/// Clearance that drawn trajectories leave at the start, m.
-const START_CLEARANCE_M: f64 = 0.15;
-
-/// Draws of a trajectory before the best of them is taken as it is.
-const START_ATTEMPTS: u64 = 64;
-
-/// Pose at the start of a trajectory.
-fn start_pose(trajectory: &Trajectory) -> Pose {
-    let start = trajectory.at(0.0);
-    Pose::new(start.pos_m, quat::exp([0.0, 0.0, start.yaw_rad]))
-}
-
-/// Trajectories of all drones of a world: the first draw that starts with [`START_CLEARANCE_M`] around every drone, and
-/// the least clearance of its drones. Where no draw does, and for courses that are not drawn, what comes nearest to it.
-fn free_start(flight: &Flight, worker: &mut Worker, world: u64, n: usize) -> Result<(Vec<Trajectory>, f64)> {
-    let drawn = matches!(flight.course, Course::Lissajous | Course::Circle);
-    let mut best = (Vec::new(), f64::NEG_INFINITY);
-    for attempt in 0..if drawn { START_ATTEMPTS } else { 1 } {
-        let trajectories: Vec<Trajectory> =
-            (0..n).map(|d| flight.course.trajectory(flight.seed, world, d, n, attempt)).collect();
-        for (d, trajectory) in trajectories.iter().enumerate() {
-            let start = start_pose(trajectory);
-            worker.set_drone(d, start.pos_m, start.quat_xyzw)?;
-        }
-        worker.update()?;
-        let mut least = f64::INFINITY;
-        for d in 0..n {
-            least = least.min(sense::clearance(worker, d, flight.clearance_max_m)?.distance_m);
-        }
-        if least > best.1 {
-            best = (trajectories, least);
-        }
-        if best.1 >= START_CLEARANCE_M {
-            break;
-        }
-    }
-    Ok(best)
 }
 
 /// A contact as a row; normals of the table point from the drone to what it touches.
@@ -787,10 +651,7 @@ fn camera_record(camera: &Camera) -> CameraRecord {
         name: camera.name().into(),
         width: camera.width(),
         height: camera.height(),
-        kind: match camera.kind() {
-            DepthKind::Range => DepthMeaning::Range,
-            DepthKind::ZDepth => DepthMeaning::ZDepth,
-        },
+        kind: camera.kind(),
         near_m,
         far_m,
         caster: Some(camera.caster()),

@@ -4,20 +4,19 @@ use rayon::prelude::*;
 
 use super::EnvError;
 use super::action::{ActionKind, Limits, SetPoint};
-use super::config::{Autoreset, CameraConfig, EnvConfig, SceneConfig};
+use super::config::{Autoreset, EnvConfig};
 use super::layouts::{Course, Layout};
 use super::randomize::{LevelRules, Levels};
 use super::sensing::{Flown, NoisySensor, feel, look};
 use super::tasks::{Beginning, Channel, Images, Outcome, STATE, STATE_WIDTH, Seen, Start, View, store, yaw};
-use crate::arena::{Arena, Look};
+use crate::arena::{Arena, Look, Precision, SceneConfig};
 use crate::math::{quat, vec3};
-use crate::physics::controllers::Rates;
+use crate::physics::controllers::{ControlMode, Rates};
 use crate::physics::drone::Drone;
 use crate::random::{Key, purpose};
-use crate::rollout::{Engine, RotorStart, Sim, SimData, SimOptions};
-use crate::scene::{Pose, Scene, Shell};
+use crate::rollout::{Sim, SimData};
+use crate::scene::{Pose, Scene};
 use crate::sense::NoiseKey;
-use crate::vehicle::Vehicle;
 
 /// Why an episode has ended, if it has.
 #[repr(u8)]
@@ -148,92 +147,41 @@ const STATE_NOISE: u32 = purpose("env.state");
 const SERIAL: [usize; 2] = [256, 2];
 
 impl Env {
-    /// A batch as `config` says, of `vehicles`: one for each drone of a world, or one for all. Not yet reset.
+    /// A batch as `config` says. Not yet reset.
     ///
     /// # Errors
     /// [`EnvError`] for options that make no sense, naming them, and for vehicles and scenes that cannot be used.
-    pub fn new(mut config: EnvConfig, vehicles: &[Vehicle]) -> Result<Self, EnvError> {
+    pub fn new(mut config: EnvConfig) -> Result<Self, EnvError> {
         config.check()?;
         config.action.check()?;
         config.task.task().check(&config)?;
-        if vehicles.len() != 1 && vehicles.len() != config.n_drones {
-            let expected = format!("1, or one for each of {} drones", config.n_drones);
-            return Err(EnvError::option("vehicles", expected, vehicles.len()));
-        }
-        let vehicle = |d: usize| &vehicles[d % vehicles.len()];
-        let mode = config.action.kind.mode();
-        let mut drones: Vec<(Drone<f64>, Rates)> = Vec::new();
-        for d in 0..config.n_drones {
-            let modes = vehicle(d).modes(&config.dynamics)?;
-            if !modes.contains(&mode) {
-                let names: Vec<&str> = modes.iter().map(|m| m.name()).collect();
-                let expected =
-                    format!("one that flies by a control mode of {} ({})", config.dynamics, names.join(", "));
-                return Err(EnvError::option("action kind", expected, mode.name()));
-            }
-            drones.push((vehicle(d).drone(&config.dynamics)?, vehicle(d).rates));
-        }
-        let (rest, rules) = LevelRules::part(&config.randomization, &config.levels)?;
-        let options = SimOptions {
-            n_worlds: config.n_worlds,
-            first_world: config.first_world,
-            seed: config.seed,
-            sim_hz: config.sim_hz,
-            control: mode,
-            rotor_start: RotorStart::Hover,
-            randomization: rest,
-            engine: Engine::Lanes,
-            ..SimOptions::default()
-        };
-        let flight: Sim<f32> = Sim::storing(options, drones.clone())?;
-        let n_rotors = flight.data.n_rotors;
-        let limits: Vec<Limits> = drones.iter().map(|(d, _)| config.action.limits(d, n_rotors)).collect();
-
+        complete(&mut config)?;
         let task = config.task.task();
-        let (scene, layouts) = match &config.scene {
-            Some(scene) => (scene.clone(), config.layouts),
-            None => {
-                let (scene, layouts) = task.scene();
-                let own = if scene == SceneConfig::None { None } else { Some(layouts) };
-                (scene, config.layouts.or(own))
-            }
-        };
-        let sources = scene.sources(layouts)?;
-        let shells: Vec<Shell> = (0..config.n_drones)
-            .map(|d| match vehicle(d).shell_path() {
-                Some(path) => Shell::load(&path),
-                None => Shell::builtin(&vehicle(d).shell),
-            })
-            .collect::<Result<_, _>>()?;
-        let own = task.camera().filter(|_| !sources.is_empty());
-        let camera: Option<CameraConfig> = config.camera.clone().or(own).filter(|_| config.with_camera);
-        if camera.is_some() && sources.is_empty() {
-            return Err(EnvError::option(
-                "camera",
-                "none without a scene, in which there is nothing to see",
-                "a camera",
-            ));
-        }
-        let layouts = Layout::build_all(&sources, &shells, camera.as_ref())?;
+        let (rest, rules) = LevelRules::part(&config.sim.options.randomization, &config.levels)?;
+        let mut flown = config.sim.clone();
+        flown.options.randomization = rest;
+        let setup = flown.load()?;
+        let drones = setup.drones();
+        let arena: Arena<f32> = setup.arena()?;
+        config.sim.drones = setup.config().drones.clone();
+        let n_rotors = arena.sim().data.n_rotors;
+        let limits: Vec<Limits> = drones.iter().map(|(d, _)| config.action.limits(d, n_rotors)).collect();
+        let layouts = Layout::all(&setup)?;
         for layout in &layouts {
             task.check_course(&layout.course, layout.scene.name())?;
         }
         if layouts.is_empty() {
             task.check_course(&Course::default(), "none")?;
         }
-        let (size, range_m, noise) = match &camera {
+        let camera = &config.sim.camera;
+        let (size, range_m, noise) = match camera {
             Some(c) => (c.size()?, c.range()?, c.errors()?),
             None => ([0; 2], [0.0; 2], None),
         };
         let pixels = size[0] * size[1];
 
-        let (n, d) = (config.n_worlds, config.n_drones);
-        let command_width = flight.data.command_width;
-        let scenes: Vec<Scene> = layouts.iter().map(|l| l.scene.clone()).collect();
-        let arena = match scenes.is_empty() {
-            true => Arena::open(flight, Some(OPEN_GROUND_M)),
-            false => Arena::within(flight, &scenes, &vec![0; n])?,
-        };
+        let (n, d) = (config.sim.options.n_worlds, drones.len());
+        let command_width = arena.sim().data.command_width;
         let own: usize = task.channels().iter().map(|c| c.width).sum();
         let width = STATE_WIDTH + own;
         let action_width = config.action.kind.width(n_rotors);
@@ -243,7 +191,7 @@ impl Env {
         let depth_ring =
             if pixels == 0 { 1 } else { late("env.depth_delay_s", config.levels.depth_delay_s) + 1 };
         let apart = pixels > 0 && (noise.is_some() || depth_ring > 1);
-        let neutral = neutral_commands(config.action.kind, &drones, command_width, n_rotors);
+        let neutral = neutral_commands(config.action.kind, drones, command_width, n_rotors);
         let memory_len = task.memory_len(d);
         let rest = Seen {
             pos_m: [0.0; 3],
@@ -275,8 +223,6 @@ impl Env {
             clipped: false,
         };
         let kept = if config.autoreset == Autoreset::SameStep { n } else { 0 };
-        config.scene = Some(scene);
-        config.camera = camera;
         let image = (d * pixels).max(1);
         Ok(Self {
             mask: vec![false; n],
@@ -332,7 +278,7 @@ impl Env {
     /// Least and greatest numbers of actions, (drone, action).
     pub fn action_limits(&self) -> (Vec<f32>, Vec<f32>) {
         if self.plan.config.action.normalized {
-            let n = self.plan.config.n_drones * self.plan.action_width;
+            let n = self.plan.config.sim.n_drones() * self.plan.action_width;
             return (vec![-1.0; n], vec![1.0; n]);
         }
         let of = |pick: fn(&Limits) -> &Vec<f64>| {
@@ -458,12 +404,12 @@ impl Env {
             if mask.is_some_and(|m| m.iter().any(|v| !v)) {
                 return Err(EnvError::option("seed", "none with a mask: a seed is that of all worlds", seed));
             }
-            self.plan.config.seed = seed;
+            self.plan.config.sim.options.seed = seed;
             self.arena.reseed(seed);
         }
         if seed.is_none() && !self.begun {
             // The first episodes are those that the seed of the description gives.
-            self.arena.reseed(self.plan.config.seed);
+            self.arena.reseed(self.plan.config.sim.options.seed);
         }
         if !self.reset_done && mask.is_some_and(|m| m.iter().any(|v| !v)) {
             return Err(EnvError::option(
@@ -484,7 +430,7 @@ impl Env {
                 self.terminated[w] = false;
                 self.truncated[w] = false;
                 self.ending[w] = 0;
-                let d = self.plan.config.n_drones;
+                let d = self.plan.config.sim.n_drones();
                 self.reward[w * d..(w + 1) * d].fill(0.0);
             }
             self.settle(Some(&own), false)
@@ -499,7 +445,7 @@ impl Env {
     /// # Errors
     /// [`EnvError::Length`] and [`EnvError::Action`] for actions that cannot be flown, [`EnvError::Ended`]; nothing is changed then.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), EnvError> {
-        let (n, d, width) = (self.worlds.len(), self.plan.config.n_drones, self.plan.action_width);
+        let (n, d, width) = (self.worlds.len(), self.plan.config.sim.n_drones(), self.plan.action_width);
         if actions.len() != n * d * width {
             let shape = format!("{n} worlds x {d} drones x {width}");
             return Err(EnvError::Length {
@@ -563,7 +509,7 @@ impl Env {
     /// Flies one step of the environment; commands become those of the controllers when they are due.
     fn fly(&mut self) -> Result<(), EnvError> {
         let plan = &self.plan;
-        let each = plan.config.n_drones * plan.command_width;
+        let each = plan.config.sim.n_drones() * plan.command_width;
         let substeps = u64::from(plan.config.substeps());
         self.dues.clear();
         for world in &self.worlds {
@@ -620,7 +566,7 @@ impl Env {
         let disturbed = !plan.rules.is_empty() || plan.config.levels.disturb();
         let data = self.arena.data_mut();
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
-            for d in 0..plan.config.n_drones {
+            for d in 0..plan.config.sim.n_drones() {
                 // Rules for `initial.…` have moved it from rest at the origin.
                 let (mut s, start) = (data.state(w, d), world.starts[d]);
                 s.pos = vec3::add(start.pos_m, s.pos);
@@ -644,7 +590,7 @@ impl Env {
     /// Looks at worlds (those of a mask, or all), judges them where they have flown, and observes.
     fn settle(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
         let (plan, layouts, look) = (&self.plan, &self.layouts, self.arena.look());
-        let d = plan.config.n_drones;
+        let d = plan.config.sim.n_drones();
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
         let one = |w: usize, world: &mut World, out: Out| {
             if mask.is_some_and(|m| !m[w]) {
@@ -696,6 +642,52 @@ impl Env {
     }
 }
 
+/// Fills in what the action and the task decide, and refuses what an environment has no use for.
+fn complete(config: &mut EnvConfig) -> Result<(), EnvError> {
+    let task = config.task.task();
+    let sim = &mut config.sim;
+    let (mode, wanted) = (config.action.kind.mode(), sim.options.control);
+    if wanted != mode && wanted != ControlMode::default() {
+        let expected = format!("{}, which the action commands, or nothing", mode.name());
+        return Err(EnvError::option("control", expected, wanted.name()));
+    }
+    sim.options.control = mode;
+    for d in 0..sim.n_drones() {
+        let drone = sim.drone(d);
+        let modes = drone.vehicle.load()?.modes(&drone.dynamics)?;
+        if !modes.contains(&mode) {
+            let names: Vec<&str> = modes.iter().map(|m| m.name()).collect();
+            let (dynamics, names) = (&drone.dynamics, names.join(", "));
+            let expected = format!("one that flies by a control mode of {dynamics} ({names})");
+            return Err(EnvError::option("action kind", expected, mode.name()));
+        }
+    }
+    if sim.precision == Precision::F64 {
+        return Err(EnvError::option("precision", "f32: environments fly in single precision", "f64"));
+    }
+    for (name, given) in [
+        ("pattern", sim.pattern.is_some()),
+        ("layout", sim.layout.is_some()),
+        ("obstacle_jitter_m", sim.obstacle_jitter_m != 0.0),
+        ("open_ground_z_m", sim.open_ground_z_m.is_some_and(|z| z != OPEN_GROUND_M)),
+    ] {
+        if given {
+            let expected = "nothing: in an environment the task says where drones, scenes and the ground are";
+            return Err(EnvError::option(name, expected, "one"));
+        }
+    }
+    sim.precision = Precision::F32;
+    sim.open_ground_z_m = Some(OPEN_GROUND_M);
+    if sim.scene.is_none() {
+        let (scene, layouts) = task.scene();
+        sim.layouts = sim.layouts.or((scene != SceneConfig::None).then_some(layouts));
+        sim.scene = Some(scene);
+    }
+    let own = task.camera().filter(|_| sim.scene != Some(SceneConfig::None));
+    sim.camera = sim.camera.take().or(own).filter(|_| config.with_camera);
+    Ok(())
+}
+
 /// Commands under which a drone at rest stays about where it is, (drone, command); those of set-points are written at the reset.
 fn neutral_commands(
     kind: ActionKind,
@@ -720,8 +712,8 @@ impl Plan {
     /// Which random numbers a world takes.
     fn key(&self, w: usize, world: &World, purpose: u32) -> Key {
         Key {
-            seed: self.config.seed,
-            world: self.config.first_world + w as u64,
+            seed: self.config.sim.options.seed,
+            world: self.config.sim.options.first_world + w as u64,
             drone: 0,
             // Episodes count from the top bits down, so that steps of two episodes never share a number.
             step: world.episode.rotate_left(40) ^ world.step,
@@ -731,13 +723,13 @@ impl Plan {
 
     /// Steps of the simulation that a command takes to a world's drones.
     fn delay(&self, world: &World) -> u64 {
-        let steps = world.levels.action_delay_s * f64::from(self.config.sim_hz);
-        steps.round().clamp(0.0, f64::from(self.config.sim_hz)) as u64
+        let steps = world.levels.action_delay_s * f64::from(self.config.sim.options.sim_hz);
+        steps.round().clamp(0.0, f64::from(self.config.sim.options.sim_hz)) as u64
     }
 
     /// Turns the action of a world into its next command.
     fn act(&self, w: usize, world: &mut World, data: &SimData<f32>, action: &[f32]) {
-        let each = self.config.n_drones * self.command_width;
+        let each = self.config.sim.n_drones() * self.command_width;
         let slot = world.step as usize % self.command_ring * each;
         let normalized = self.config.action.normalized;
         world.clipped = false;
@@ -773,7 +765,7 @@ impl Plan {
 
     /// Every kept command becomes the neutral one.
     fn fill_neutral(&self, world: &mut World) {
-        let each = self.config.n_drones * self.command_width;
+        let each = self.config.sim.n_drones() * self.command_width;
         for commands in world.commands.chunks_exact_mut(each) {
             commands.copy_from_slice(&self.neutral);
             if self.config.action.kind == ActionKind::Velocity {
@@ -845,7 +837,7 @@ impl Plan {
         // A world that has just begun, also within a step, has flown nothing.
         let fresh = data.steps[w] == 0;
         let quarantined = data.quarantine[w].is_some();
-        for d in 0..self.config.n_drones {
+        for d in 0..self.config.sim.n_drones() {
             let s = data.state(w, d);
             let drone = &mut world.drones[d];
             drone.before = if fresh { Pose::new(s.pos, s.quat) } else { drone.now };

@@ -89,6 +89,8 @@ pub enum EnvError {
 impl From<ArenaError> for EnvError {
     fn from(e: ArenaError) -> Self {
         match e {
+            ArenaError::Vehicle(e) => e.into(),
+            ArenaError::Generate(e) => e.into(),
             ArenaError::Rollout(e) => e.into(),
             ArenaError::Scene(e) => e.into(),
             ArenaError::Sense(e) => e.into(),

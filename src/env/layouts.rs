@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 
 use super::EnvError;
-use super::config::CameraConfig;
+use crate::arena::Setup;
 use crate::math::{quat, vec3};
-use crate::scene::{GeomType, Scene, SceneSource, Shell};
-use crate::sense::{Camera, DepthDevice, DepthNoise, Lens};
+use crate::scene::{GeomType, Scene};
+use crate::sense::Camera;
 
 /// A gate to fly through.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -94,84 +94,29 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    fn build(
-        source: &SceneSource,
-        shells: &[Shell],
-        camera: Option<&CameraConfig>,
-    ) -> Result<Self, EnvError> {
-        let scene = Scene::build(source, shells)?;
+    /// A scene with the camera of each drone, or none.
+    fn new(scene: &Scene, cameras: &[Camera]) -> Result<Self, EnvError> {
         let drones = 0..scene.n_drones();
-        let cameras = match camera {
-            None => Vec::new(),
-            Some(c) => drones.clone().map(|d| c.build(&scene, d)).collect::<Result<_, _>>()?,
-        };
         let others = drones
             .map(|d| {
                 let others = scene.geoms().iter().filter(|g| g.drone.is_some_and(|other| other != d));
                 others.map(|g| g.id as i32).collect()
             })
             .collect();
-        Ok(Self { course: Course::of(&scene)?, cameras, others, scene })
+        Ok(Self { course: Course::of(scene)?, cameras: cameras.to_vec(), others, scene: scene.clone() })
     }
 
-    /// All layouts, compiled in parallel.
-    pub fn build_all(
-        sources: &[SceneSource],
-        shells: &[Shell],
-        camera: Option<&CameraConfig>,
-    ) -> Result<Vec<Self>, EnvError> {
-        sources.par_iter().map(|source| Self::build(source, shells, camera)).collect()
-    }
-}
-
-/// Depth beyond which a camera without other orders sees nothing, m.
-const FAR_M: f64 = 10.0;
-/// Depth below which it sees nothing, m.
-const NEAR_M: f64 = 0.02;
-/// Pixels of a camera without other orders.
-const SIZE: [usize; 2] = [64, 64];
-
-impl CameraConfig {
-    fn device(&self) -> Result<Option<&'static DepthDevice>, EnvError> {
-        let Some(name) = &self.device else { return Ok(None) };
-        let device = DepthDevice::named(name);
-        device.map(Some).map_err(|known| EnvError::option("camera device", format!("one of {known}"), name))
-    }
-
-    /// Width and height, pixels.
-    pub(super) fn size(&self) -> Result<[usize; 2], EnvError> {
-        let [w, h] = self.device()?.map_or(SIZE, |d| d.size);
-        Ok([self.width.unwrap_or(w), self.height.unwrap_or(h)])
-    }
-
-    /// Least and greatest depth, m.
-    pub(super) fn range(&self) -> Result<[f64; 2], EnvError> {
-        Ok(self.range_m.unwrap_or(self.device()?.map_or([NEAR_M, FAR_M], |d| d.range_m)))
-    }
-
-    /// Errors of the sensor; none where it has none.
-    pub(super) fn errors(&self) -> Result<Option<DepthNoise>, EnvError> {
-        let noise = self.noise.unwrap_or(self.device()?.map_or(DepthNoise::default(), |d| d.noise));
-        noise.check()?;
-        Ok((noise != DepthNoise::default()).then_some(noise))
-    }
-
-    fn build(&self, scene: &Scene, drone: usize) -> Result<Camera, EnvError> {
-        let mut camera = Camera::on_drone(scene, drone, &self.name)?;
-        let device = self.device()?;
-        if let Some(fovy_deg) = self.fovy_deg.or(device.map(|d| d.fovy_deg)) {
-            camera = camera.with_lens(Lens::Fovy { fovy_deg })?;
-        }
-        let [width, height] = self.size()?;
-        let [near, far] = self.range()?;
-        let kind = device.map_or(self.kind, |d| d.kind);
-        Ok(camera.with_size(width, height)?.with_range(near, far)?.with_kind(kind))
+    /// All layouts of a description.
+    pub fn all(setup: &Setup) -> Result<Vec<Self>, EnvError> {
+        let each = setup.scenes().par_iter().zip(setup.cameras());
+        each.map(|(scene, cameras)| Self::new(scene, cameras)).collect()
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scene::SceneSource;
 
     #[test]
     fn a_gate_is_passed_through_its_opening_in_its_direction_only() {
@@ -191,7 +136,8 @@ mod tests {
             <body pos=\"1 0 0\" quat=\"0.70710678 0 0 0.70710678\"><site name=\"gate_1\" type=\"box\" size=\"0.1 0.5 0.6\" pos=\"2 0 1\"/>\
             <geom type=\"box\" size=\"1 2 3\"/></body><site name=\"gate_0\" type=\"box\" size=\"0.1 0.5 0.6\"/>\
             <site name=\"start_a\" type=\"box\" size=\"1 1 1\" pos=\"-3 0 2\"/><site name=\"other\"/></worldbody></mujoco>";
-        let layout = Layout::build(&SceneSource::text("course", xml), &[], None).unwrap();
+        let scene = Scene::build(&SceneSource::text("course", xml), &[]).unwrap();
+        let layout = Layout::new(&scene, &[]).unwrap();
         let c = &layout.course;
         assert_eq!((c.gates.len(), c.starts.len(), c.goals.len()), (2, 1, 0));
         let gate = c.gates[1];

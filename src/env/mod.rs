@@ -18,7 +18,7 @@ mod tasks;
 
 pub use action::{ActionConfig, ActionKind};
 pub use batch::{Ending, Env};
-pub use config::{Autoreset, CameraConfig, EnvConfig, SceneConfig};
+pub use config::{Autoreset, EnvConfig};
 pub use error::EnvError;
 pub use layouts::Course;
 pub use randomize::{LEVELS, Levels};

@@ -5,10 +5,11 @@ use crate::math::{quat, vec3};
 use crate::scalar::Real;
 
 /// Integration scheme.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Integrator {
     /// Explicit Euler: first order.
+    #[default]
     Euler,
     /// Velocities first, then poses with the new velocities: first order, keeps the energy of oscillations bounded.
     SemiImplicitEuler,
@@ -17,6 +18,15 @@ pub enum Integrator {
 }
 
 impl Integrator {
+    /// Name as in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Euler => "euler",
+            Self::SemiImplicitEuler => "semi_implicit_euler",
+            Self::Rk4 => "rk4",
+        }
+    }
+
     /// Advances `state` by `dt` seconds; `rate` gives the time derivative of a state.
     #[inline(always)]
     pub fn step<S: Real>(

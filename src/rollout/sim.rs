@@ -21,12 +21,13 @@ use crate::scalar::lanes::Number;
 use crate::vehicle::effects::out_of_range;
 
 /// How rotors start after a reset.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RotorStart {
     /// Standing still.
     Off,
     /// At the speed that carries the weight.
+    #[default]
     Hover,
 }
 
@@ -44,8 +45,11 @@ pub enum Engine {
     Lanes,
 }
 
-/// What a simulation is made of, beside its drones.
-#[derive(Clone, Debug, PartialEq)]
+/// How a simulation runs, whatever flies in it and wherever.
+///
+/// Its defaults are those of everything that flies: [`SimConfig`](crate::arena::SimConfig) contains it.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct SimOptions {
     /// Number of worlds.
     pub n_worlds: usize,
@@ -68,18 +72,18 @@ pub struct SimOptions {
 }
 
 impl Default for SimOptions {
-    /// One world, 500 Hz, explicit Euler, attitude commands, rotors at hover speed.
+    /// One world, 500 Hz, explicit Euler, state commands, rotors at hover speed.
     fn default() -> Self {
         Self {
             n_worlds: 1,
             first_world: 0,
             seed: 0,
             sim_hz: 500,
-            integrator: Integrator::Euler,
-            control: ControlMode::Attitude,
-            rotor_start: RotorStart::Hover,
+            integrator: Integrator::default(),
+            control: ControlMode::default(),
+            rotor_start: RotorStart::default(),
             randomization: Randomization::default(),
-            engine: Engine::Auto,
+            engine: Engine::default(),
         }
     }
 }

@@ -190,8 +190,13 @@ fn along(path: impl Fn(f64) -> ([f64; 3], [f64; 3], [f64; 3]), t: f64) -> Refere
     out
 }
 
-/// A clamped cubic spline through points in space, with headings turning the shorter way in between.
-#[derive(Clone, Debug, PartialEq)]
+/// Time (s), position (m, world) and heading (rad) of a waypoint.
+pub type Waypoint = (f64, [f64; 3], f64);
+
+/// A clamped cubic spline through points in space, with headings turning the shorter way in between. In files it is the list of
+/// its waypoints.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Vec<Waypoint>", into = "Vec<Waypoint>")]
 pub struct Spline {
     t_s: Vec<f64>,
     pos_m: Vec<[f64; 3]>,
@@ -201,7 +206,7 @@ pub struct Spline {
 
 impl Spline {
     /// Through `points` of (time s, position m, heading rad); times must rise.
-    pub fn new(points: &[(f64, [f64; 3], f64)]) -> Result<Self, RolloutError> {
+    pub fn new(points: &[Waypoint]) -> Result<Self, RolloutError> {
         let fault = |reason: String| Err(RolloutError::Trajectory { name: "waypoints".into(), reason });
         if points.len() < 2 {
             return fault(format!("expected at least 2 waypoints, got {}", points.len()));
@@ -273,7 +278,7 @@ impl Spline {
     }
 
     /// The waypoints: time (s), position (m), heading (rad; unwrapped).
-    pub fn points(&self) -> Vec<(f64, [f64; 3], f64)> {
+    pub fn points(&self) -> Vec<Waypoint> {
         (0..self.t_s.len()).map(|i| (self.t_s[i], self.pos_m[i], self.yaw_rad[i])).collect()
     }
 
@@ -323,6 +328,25 @@ impl Spline {
         let smooth = x * x * (3.0 - 2.0 * x);
         out.yaw_rad += (self.yaw_rad[i + 1] - self.yaw_rad[i]) * smooth;
         out
+    }
+}
+
+impl From<Spline> for Vec<Waypoint> {
+    fn from(spline: Spline) -> Self {
+        spline.points()
+    }
+}
+
+impl TryFrom<Vec<Waypoint>> for Spline {
+    type Error = RolloutError;
+
+    /// As [`Spline::new`]. Headings of [`Spline::points`] stay as they are, also where they turn by exactly half a turn.
+    fn try_from(points: Vec<Waypoint>) -> Result<Self, RolloutError> {
+        let mut spline = Self::new(&points)?;
+        if points.windows(2).all(|pair| (pair[1].2 - pair[0].2).abs() <= PI) {
+            spline.yaw_rad = points.iter().map(|p| p.2).collect();
+        }
+        Ok(spline)
     }
 }
 

@@ -16,12 +16,13 @@ use crate::math::quat;
 use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker};
 
 /// What a pixel of a depth image states, m.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthKind {
     /// Distance from the camera to the surface along the ray.
     Range,
-    /// Distance along the camera's axis: range times the cosine of the ray's angle to the axis.
+    /// Distance along the camera's axis, as depth cameras report it: range times the cosine of the ray's angle to the axis.
+    #[default]
     ZDepth,
 }
 
@@ -265,7 +266,7 @@ impl Camera {
             height: 0,
             near_m: 0.0,
             far_m: f64::INFINITY,
-            kind: DepthKind::Range,
+            kind: DepthKind::default(),
             normals: false,
             caster: Caster::Native,
             query,
@@ -636,7 +637,7 @@ impl Default for DepthFrame {
         Self {
             width: 0,
             height: 0,
-            kind: DepthKind::Range,
+            kind: DepthKind::default(),
             depth_m: Vec::new(),
             status: Vec::new(),
             geom_id: Vec::new(),

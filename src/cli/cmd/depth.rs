@@ -1,6 +1,7 @@
 //! `propwash depth`: one image from one pose.
 
-use super::{adjust, print, print_json};
+use super::{print, print_json};
+use crate::arena::CameraConfig;
 use crate::cli::args::DepthArgs;
 use crate::cli::exit::Outcome;
 use crate::dataset::{Picture, depth_png};
@@ -25,7 +26,9 @@ pub fn run(args: &DepthArgs) -> Result<Outcome> {
             Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: FOVY_DEG })?
         }
     };
-    let camera = adjust(camera, &args.view)?;
+    let mut view = CameraConfig::default();
+    args.view.change(&mut view)?;
+    let camera = view.apply(camera)?;
     let scale = 0.001;
     let mut worker = scene.worker()?;
     worker.update()?;
@@ -67,9 +70,9 @@ pub fn run(args: &DepthArgs) -> Result<Outcome> {
         count(0),
         count(1),
         count(2),
-        args.view.far,
+        camera.range_m().1,
         count(3),
-        args.view.near
+        camera.range_m().0
     ))?;
     if count(0) > 0 {
         print(format_args!("depth from {nearest:.3} m to {farthest:.3} m; seen, by pixels:"))?;

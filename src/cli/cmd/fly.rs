@@ -1,26 +1,21 @@
 //! `propwash fly`: the main job.
 
-use super::drones::find;
-use super::{adjust, io_error, print, print_json};
-use crate::cli::args::{CameraArgs, FlyArgs, IntegratorArg};
+use super::{io_error, print, print_json};
+use crate::arena::{DroneConfig, FlightPattern, SceneConfig, SimConfig, VehicleSource};
+use crate::cli::args::FlyArgs;
 use crate::cli::exit::Outcome;
-use crate::dataset::recorder::{Course, Flight, Recorded, record};
+use crate::dataset::recorder::{Flight, FlightConfig, Recorded, record};
 use crate::dataset::{Dataset, Overview, map};
-use crate::physics::integrate::Integrator;
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::Spline;
-use crate::scene::{Scene, SceneSource, Shell};
-use crate::sense::{Camera, DepthNoise};
-use crate::vehicle::Vehicle;
+use crate::sense::DepthNoise;
 use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use serde_json::json;
 use std::path::Path;
 use std::time::Duration;
 
-/// Clearances beyond this are not looked for, m.
-const CLEARANCE_MAX_M: f64 = 5.0;
 /// Most worlds of a data set.
 const MAX_WORLDS: usize = 10_000_000;
 /// Most threads that can be asked for; more than any machine has use for.
@@ -28,7 +23,7 @@ const MAX_THREADS: usize = 1024;
 
 /// Runs the command.
 pub fn run(args: &FlyArgs) -> Result<Outcome> {
-    let flight = flight(args)?;
+    let flight = config(args)?.load()?;
     let recorded = match args.threads {
         None => fly(args, &flight)?,
         Some(n) => rayon::ThreadPoolBuilder::new()
@@ -53,7 +48,11 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
     };
     let style = ProgressStyle::with_template("{bar:40} {pos}/{len} worlds, {elapsed} elapsed{left}")
         .map(|style| style.with_key("left", left));
-    let bar = if args.json { ProgressBar::hidden() } else { ProgressBar::new(args.worlds as u64) };
+    let bar = if args.json {
+        ProgressBar::hidden()
+    } else {
+        ProgressBar::new(flight.config().sim.options.n_worlds as u64)
+    };
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(200));
     let recorded = record(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
@@ -63,20 +62,21 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
     Ok(recorded)
 }
 
-/// What the arguments ask for, everything loaded and checked.
-fn flight(args: &FlyArgs) -> Result<Flight> {
+/// What the arguments ask for: a configuration with what the flags change.
+pub fn config(args: &FlyArgs) -> Result<FlightConfig> {
+    let mut config = match &args.config {
+        None => FlightConfig::default(),
+        Some(path) => FlightConfig::from_text(&read(path)?)?,
+    };
+    change_drones(args, &mut config.sim)?;
     let usage =
         |flag, expected: &str, got: String| Err(Error::Usage { flag, expected: expected.into(), got });
-    let n = args.drones_per_world.unwrap_or(args.drone.len());
-    if n == 0 || n > 1024 {
-        return usage("--drones-per-world", "1 to 1024 drones in one world", n.to_string());
-    }
-    if n < args.drone.len() {
-        let expected = format!("at least {}, one for each --drone", args.drone.len());
-        return usage("--drones-per-world", &expected, n.to_string());
-    }
-    if !(1..=MAX_WORLDS).contains(&args.worlds) {
-        return usage("--worlds", &format!("1 to {MAX_WORLDS}"), args.worlds.to_string());
+    let sim = &mut config.sim;
+    if let Some(worlds) = args.worlds {
+        if !(1..=MAX_WORLDS).contains(&worlds) {
+            return usage("--worlds", &format!("1 to {MAX_WORLDS}"), worlds.to_string());
+        }
+        sim.options.n_worlds = worlds;
     }
     if let Some(threads) = args.threads
         && !(1..=MAX_THREADS).contains(&threads)
@@ -87,42 +87,63 @@ fn flight(args: &FlyArgs) -> Result<Flight> {
         let found = format!("{}, which is a file", args.out.display());
         return usage("--out", "a folder, there already or to be made", found);
     }
-    let vehicles: Vec<Vehicle> =
-        (0..n).map(|i| find(&args.drone[i % args.drone.len()])).collect::<Result<_>>()?;
-    let shells: Vec<Shell> =
-        vehicles.iter().map(|v| shell(args.shell.as_deref(), v)).collect::<Result<_>>()?;
-    let scene = Scene::build(&SceneSource::file(&args.scene), &shells)?;
-    let cameras = (0..n).map(|d| Ok(camera(&args.camera, &args.view, &scene, d)?.with_normals(args.normals)));
-    let cameras = cameras.collect::<Result<_>>()?;
-    Ok(Flight {
-        vehicles,
-        dynamics: args.dynamics.clone(),
-        n_worlds: args.worlds,
-        seconds: args.seconds,
-        sim_hz: args.sim_hz,
-        fps: args.fps,
-        log_hz: args.log_hz,
-        integrator: match args.integrator {
-            IntegratorArg::Euler => Integrator::Euler,
-            IntegratorArg::SemiImplicitEuler => Integrator::SemiImplicitEuler,
-            IntegratorArg::Rk4 => Integrator::Rk4,
-        },
-        seed: args.seed,
-        course: course(&args.trajectory)?,
-        cameras,
-        randomization: match &args.randomize {
-            None => Randomization::default(),
-            Some(path) => rules(path)?,
-        },
-        obstacle_jitter_m: args.obstacle_jitter,
-        noise: match &args.noise {
-            None => None,
-            Some(path) => Some(noise(path)?),
-        },
-        normals: args.normals,
-        clearance_max_m: CLEARANCE_MAX_M,
-        scene,
-    })
+    if let Some(scene) = &args.scene {
+        (sim.scene, sim.layouts, sim.layout) = (Some(SceneConfig::Files(vec![scene.clone()])), None, None);
+    }
+    if let Some(words) = &args.trajectory {
+        sim.pattern = Some(pattern(words)?);
+    }
+    if let Some(path) = &args.randomize {
+        sim.options.randomization = rules(path)?;
+    }
+    set(&mut sim.options.sim_hz, args.sim_hz);
+    set(&mut sim.options.integrator, args.integrator);
+    set(&mut sim.options.seed, args.seed);
+    set(&mut sim.obstacle_jitter_m, args.obstacle_jitter);
+    let camera = sim.camera.get_or_insert_default();
+    set(&mut camera.name, args.camera.clone());
+    if let Some(path) = &args.noise {
+        camera.noise = Some(noise(path)?);
+    }
+    args.view.change(camera)?;
+    set(&mut config.seconds, args.seconds);
+    set(&mut config.fps, args.fps);
+    set(&mut config.log_hz, args.log_hz);
+    config.normals |= args.normals;
+    Ok(config)
+}
+
+/// A value that a flag gives.
+fn set<T>(to: &mut T, given: Option<T>) {
+    if let Some(given) = given {
+        *to = given;
+    }
+}
+
+/// What flags change in the drones.
+fn change_drones(args: &FlyArgs, sim: &mut SimConfig) -> Result<()> {
+    if !args.drone.is_empty() {
+        let named = |name: &String| DroneConfig {
+            vehicle: VehicleSource::Named(name.clone()),
+            ..DroneConfig::default()
+        };
+        (sim.drones, sim.n_drones) = (args.drone.iter().map(named).collect(), None);
+    }
+    for drone in &mut sim.drones {
+        set(&mut drone.dynamics, args.dynamics.clone());
+        drone.shell = args.shell.clone().or(drone.shell.take());
+    }
+    let Some(n) = args.drones_per_world else { return Ok(()) };
+    let usage =
+        |expected: String| Err(Error::Usage { flag: "--drones-per-world", expected, got: n.to_string() });
+    if n == 0 || n > 1024 {
+        return usage("1 to 1024 drones in one world".into());
+    }
+    if n < args.drone.len() {
+        return usage(format!("at least {}, one for each --drone", args.drone.len()));
+    }
+    sim.n_drones = Some(n);
+    Ok(())
 }
 
 fn read(path: &Path) -> Result<String> {
@@ -153,29 +174,13 @@ fn noise(path: &Path) -> Result<DepthNoise> {
     Ok(model)
 }
 
-/// Shell of a vehicle: the one of the command line, else the one that the vehicle file names.
-pub fn shell(given: Option<&Path>, vehicle: &Vehicle) -> Result<Shell> {
-    Ok(match (given, vehicle.shell_path()) {
-        (Some(path), _) => Shell::load(path)?,
-        (None, Some(path)) => Shell::load(&path)?,
-        (None, None) => Shell::builtin(&vehicle.shell)?,
-    })
-}
-
-/// The camera of drone `d`: one of its shell's, else one of the scene's.
-pub fn camera(name: &str, view: &CameraArgs, scene: &Scene, d: usize) -> Result<Camera> {
-    let on_drone = format!("drone{d}/{name}");
-    let name = if scene.cameras().iter().any(|c| c.name == on_drone) { &on_drone } else { name };
-    adjust(Camera::from_scene(scene, name)?, view)
-}
-
 /// `lissajous`, `circle`, `hover` or `waypoints FILE`.
-fn course(words: &[String]) -> Result<Course> {
+fn pattern(words: &[String]) -> Result<FlightPattern> {
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
     match words[..] {
-        ["lissajous"] => Ok(Course::Lissajous),
-        ["circle"] => Ok(Course::Circle),
-        ["hover"] => Ok(Course::Hover),
+        ["lissajous"] => Ok(FlightPattern::Lissajous),
+        ["circle"] => Ok(FlightPattern::Circle),
+        ["hover"] => Ok(FlightPattern::Hover),
         ["waypoints", file] => {
             // Read here first, so that the flag is named when there is no such file.
             std::fs::File::open(file).map_err(|e| Error::Usage {
@@ -183,7 +188,7 @@ fn course(words: &[String]) -> Result<Course> {
                 expected: "waypoints and a CSV file with the columns t,x,y,z[,yaw] (s, m, rad)".into(),
                 got: format!("{file}: {e}"),
             })?;
-            Ok(Course::Waypoints(Spline::from_csv(Path::new(file))?))
+            Ok(FlightPattern::Waypoints(Spline::from_csv(Path::new(file))?))
         }
         _ => Err(Error::Usage {
             flag: "--trajectory",

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_order, in_range, is_within, load3, one_drone, store,
+    Weights, distance, in_order, in_range, is_within, load3, one_drone, store, task_camera,
 };
 use crate::math::vec3;
 use crate::scene::generate::ForestOptions;
@@ -113,7 +113,7 @@ impl Task for ForestDepth {
     }
 
     fn camera(&self) -> Option<CameraConfig> {
-        Some(CameraConfig::default())
+        Some(task_camera())
     }
 
     fn channels(&self) -> Vec<Channel> {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_order, in_range, is_within, one_drone, store,
+    Weights, distance, in_order, in_range, is_within, one_drone, store, task_camera,
 };
 use crate::env::layouts::Gate;
 use crate::math::vec3;
@@ -89,7 +89,7 @@ impl Task for GateRace {
     }
 
     fn camera(&self) -> Option<CameraConfig> {
-        Some(CameraConfig::default())
+        Some(task_camera())
     }
 
     fn channels(&self) -> Vec<Channel> {

@@ -21,8 +21,9 @@ pub use swarm_cross::SwarmCross;
 pub use trajectory::Trajectory;
 
 use super::EnvError;
-use super::config::{CameraConfig, EnvConfig, SceneConfig};
+use super::config::EnvConfig;
 use super::layouts::Course;
+use crate::arena::{CameraConfig, SceneConfig};
 use crate::math::{quat, vec3};
 use crate::random::Stream;
 use crate::scene::{Pose, Worker};
@@ -304,13 +305,18 @@ pub(super) fn in_order(name: &str, [low, high]: [[f64; 3]; 2]) -> Result<(), Env
     ))
 }
 
+/// The camera of tasks that are done by seeing: policies read depths up to 10 m.
+pub(super) fn task_camera() -> CameraConfig {
+    CameraConfig { range_m: Some([0.02, 10.0]), ..CameraConfig::default() }
+}
+
 /// Refuses more than one drone.
 pub(super) fn one_drone(task: &str, config: &EnvConfig) -> Result<(), EnvError> {
-    if config.n_drones == 1 {
+    if config.sim.n_drones() == 1 {
         return Ok(());
     }
     let expected = format!("1: in the task {task} every world has one drone; swarm_cross has many");
-    Err(EnvError::option("n_drones", expected, config.n_drones))
+    Err(EnvError::option("n_drones", expected, config.sim.n_drones()))
 }
 
 /// Three numbers of the memory.

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, in_order, in_range, is_within, one_drone, store, yaw,
+    Weights, in_order, in_range, is_within, one_drone, store, task_camera, yaw,
 };
 use crate::env::tasks::forest_depth::one_of;
 use crate::math::quat;
@@ -171,7 +171,7 @@ impl Task for RoomExplore {
     }
 
     fn camera(&self) -> Option<CameraConfig> {
-        Some(CameraConfig::default())
+        Some(task_camera())
     }
 
     fn channels(&self) -> Vec<Channel> {

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_range, load3, store,
+    Weights, distance, in_range, load3, store, task_camera,
 };
 use crate::math::vec3;
 use crate::scene::generate::BoxesOptions;
@@ -53,8 +53,12 @@ const EACH: usize = 5;
 
 impl Task for SwarmCross {
     fn check(&self, config: &EnvConfig) -> Result<(), EnvError> {
-        if config.n_drones < 2 {
-            return Err(EnvError::option("n_drones", "2 or more for the task swarm_cross", config.n_drones));
+        if config.sim.n_drones() < 2 {
+            return Err(EnvError::option(
+                "n_drones",
+                "2 or more for the task swarm_cross",
+                config.sim.n_drones(),
+            ));
         }
         in_range("radius_m", self.radius_m, 0.1, 1e4)?;
         in_range("height_m", self.height_m[0], 0.0, self.height_m[1])?;
@@ -86,7 +90,7 @@ impl Task for SwarmCross {
     }
 
     fn camera(&self) -> Option<CameraConfig> {
-        Some(CameraConfig::default())
+        Some(task_camera())
     }
 
     fn channels(&self) -> Vec<Channel> {

@@ -6,11 +6,12 @@ pub mod mellinger;
 pub mod mixer;
 
 /// What a command means.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ControlMode {
     /// 16 numbers: position (m), velocity (m/s), acceleration (m/s²), attitude xyzw of which yaw is used, body rates
     /// (rad/s); world frame but for the rates.
+    #[default]
     State,
     /// Roll, pitch, yaw (rad), collective thrust (N).
     Attitude,

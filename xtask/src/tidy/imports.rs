@@ -23,7 +23,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("rollout", &["physics", "kernels", "vehicle", "scalar", "math", "random", "error"]),
     ("scene", &["math", "random", "error"]),
     ("sense", &["scene", "physics::measure", "math", "random", "error"]),
-    ("arena", &["rollout", "scene", "sense", "physics", "scalar", "math", "error"]),
+    ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
     (
         "dataset",
         &["arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "math", "random", "error"],

@@ -1,18 +1,16 @@
 //! What is measured: worlds in flight, and what their drones see and touch.
 
 use super::measure::seconds;
-use crate::arena::Arena;
+use crate::arena::{Arena, CameraConfig, DroneConfig, SceneConfig, Setup, SimConfig, VehicleSource};
 use crate::cli::args::BenchArgs;
 use crate::cli::cmd::drones::find;
-use crate::cli::cmd::fly::{camera, shell};
 use crate::math::quat;
-use crate::physics::controllers::{ControlMode, Rates};
-use crate::physics::drone::Drone;
+use crate::physics::controllers::ControlMode;
 use crate::physics::rigid_body::State;
-use crate::rollout::{Engine, Sim, SimOptions};
+use crate::rollout::{Engine, SimOptions};
 use crate::scalar::lanes::Number;
-use crate::scene::generate::{self, ForestOptions};
-use crate::scene::{Scene, SceneSource};
+use crate::scene::Scene;
+use crate::scene::generate::ForestOptions;
 use crate::sense::{Camera, Clearance, Contact, DepthBatch};
 use crate::{Error, Result};
 
@@ -27,21 +25,15 @@ const CLEARANCE_MAX_M: f64 = 5.0;
 
 /// What the arguments name, loaded and checked.
 pub struct Job {
-    drone: Drone<f64>,
-    rates: Rates,
-    control: ControlMode,
+    setup: Setup,
     spawn: [f64; 3],
     spawn_radius: f64,
-    /// The scene with one drone.
-    pub scene: Scene,
-    camera: Camera,
 }
 
 impl Job {
     /// Loads the vehicle and the scene.
     pub fn load(args: &BenchArgs) -> Result<Self> {
         let vehicle = find(&args.drone)?;
-        let drone = vehicle.drone(&args.dynamics)?;
         let modes = vehicle.modes(&args.dynamics)?;
         let Some(control) = modes.iter().find(|mode| mode.name() == args.control) else {
             let names: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
@@ -51,21 +43,41 @@ impl Job {
                 got: args.control.clone(),
             });
         };
-        let source = match &args.scene {
-            Some(path) => SceneSource::file(path),
-            None => SceneSource::text("forest", generate::forest(&ForestOptions::default())?),
+        let mut camera = CameraConfig { name: args.camera.clone(), ..CameraConfig::default() };
+        args.view.change(&mut camera)?;
+        let n_worlds = args.worlds.iter().copied().max().unwrap_or(1).max(args.sensing_worlds);
+        let config = SimConfig {
+            options: SimOptions {
+                n_worlds,
+                control: *control,
+                engine: Engine::Lanes,
+                ..SimOptions::default()
+            },
+            drones: vec![DroneConfig {
+                vehicle: VehicleSource::Named(args.drone.clone()),
+                dynamics: args.dynamics.clone(),
+                shell: args.shell.clone(),
+            }],
+            scene: Some(match &args.scene {
+                Some(path) => SceneConfig::Files(vec![path.clone()]),
+                None => SceneConfig::Forest(ForestOptions::default()),
+            }),
+            camera: Some(camera),
+            ..SimConfig::default()
         };
-        let scene = Scene::build(&source, &[shell(args.shell.as_deref(), &vehicle)?])?;
-        let camera = camera(&args.camera, &args.view, &scene, 0)?;
-        Ok(Self {
-            drone,
-            rates: vehicle.rates,
-            control: *control,
-            spawn: args.spawn,
-            spawn_radius: args.spawn_radius,
-            scene,
-            camera,
-        })
+        let setup = config.load()?;
+        Ok(Self { setup, spawn: args.spawn, spawn_radius: args.spawn_radius })
+    }
+
+    /// The scene with one drone.
+    pub fn scene(&self) -> &Scene {
+        &self.setup.scenes()[0]
+    }
+
+    /// Width and height of images, pixels.
+    pub fn size(&self) -> [usize; 2] {
+        let camera = &self.setup.cameras()[0][0];
+        [camera.width(), camera.height()]
     }
 
     /// Start and command of a world: no two alike.
@@ -79,8 +91,9 @@ impl Job {
             quat: quat::exp([0.0, 0.0, yaw]),
             ..State::rest()
         };
-        let thrust = self.drone.hover_thrust() * (1.0 + 0.01 * d);
-        let command = match self.control {
+        let drone = &self.setup.drones()[0].0;
+        let thrust = drone.hover_thrust() * (1.0 + 0.01 * d);
+        let command = match self.setup.config().options.control {
             ControlMode::State => {
                 [&[x + 2.0 * a, y + 2.0 * b, z + 0.3 * c][..], &[0.0; 6], &state.quat, &[0.0; 3]].concat()
             }
@@ -92,8 +105,8 @@ impl Job {
                 [&[thrust][..], &torque].concat()
             }
             ControlMode::RotorVel => {
-                let n = self.drone.airframe.n_rotors;
-                let hover = self.drone.hover_rotor_vel();
+                let n = drone.airframe.n_rotors;
+                let hover = drone.hover_rotor_vel();
                 (0..n).map(|k| hover[k] * (1.0 + 2e-4 * wave(12.9898 + k as f64))).collect()
             }
         };
@@ -117,14 +130,7 @@ pub struct Fleet<N: Number> {
 impl<N: Number> Fleet<N> {
     /// Worlds at their starts.
     pub fn new(job: &Job, worlds: usize) -> Result<Self> {
-        let options = SimOptions {
-            n_worlds: worlds,
-            control: job.control,
-            engine: Engine::Lanes,
-            ..SimOptions::default()
-        };
-        let sim = Sim::<N>::storing(options, vec![(job.drone.clone(), job.rates)])?;
-        let mut arena = Arena::within(sim, std::slice::from_ref(&job.scene), &vec![0; worlds])?;
+        let mut arena: Arena<N> = job.setup.worlds(0, worlds)?;
         let mut commands = Vec::with_capacity(worlds * arena.sim().command_width());
         for world in 0..worlds {
             let (start, command) = job.world(world);
@@ -133,7 +139,7 @@ impl<N: Number> Fleet<N> {
         }
         let mut fleet = Self {
             arena,
-            camera: job.camera.clone(),
+            camera: job.setup.cameras()[0][0].clone(),
             commands,
             flown: 0,
             depth: DepthBatch::default(),

@@ -59,7 +59,7 @@ fn run_as<N: Number>(args: &BenchArgs) -> Result<Outcome> {
         pool.install(|| steps::<N>(args, &job, n, &mut report))?;
         pool.install(|| sensing::<N>(args, &job, n, &mut report))?;
     }
-    start(args, &mut report)?;
+    start(&job, &mut report)?;
     memory(args, &mut report)?;
     report.end()?;
     Ok(Outcome::Fine)
@@ -101,7 +101,7 @@ fn sensing<N: Number>(args: &BenchArgs, job: &Job, threads: usize, report: &mut 
     let n = worlds as f64;
     let depth = rate(args.seconds, n, || seconds(|| fleet.see()))?;
     report.row("depth", worlds, threads, depth, "frames/s", None)?;
-    let pixels = (args.view.size.width * args.view.size.height) as f64;
+    let pixels = job.size().iter().product::<usize>() as f64;
     let scaled = |v: f64| v * pixels;
     let rays = Rate {
         median: scaled(depth.median),
@@ -176,7 +176,7 @@ fn ask(part: &str) -> Result<(f64, Value)> {
     answer().map_err(failed)
 }
 
-fn start(args: &BenchArgs, report: &mut Report) -> Result<()> {
+fn start(job: &Job, report: &mut Report) -> Result<()> {
     let mut all = Vec::new();
     let mut peaks = Vec::new();
     for _ in 0..STARTS {
@@ -186,10 +186,10 @@ fn start(args: &BenchArgs, report: &mut Report) -> Result<()> {
     }
     all.sort_by(f64::total_cmp);
     peaks.sort_by(f64::total_cmp);
-    let size = args.view.size;
+    let [width, height] = job.size();
     report.single("start to first depth image", all[STARTS / 2], "s", [all[0], all[STARTS - 1]])?;
     if let Some(peak) = peaks.get(peaks.len() / 2) {
-        let what = format!("memory to first image of {}x{}", size.width, size.height);
+        let what = format!("memory to first image of {width}x{height}");
         report.single(&what, *peak, "MiB", [peaks[0], peaks[peaks.len() - 1]])?;
     }
     Ok(())
@@ -230,7 +230,7 @@ impl<'a> Report<'a> {
             PrecisionArg::F32 => "f32",
             PrecisionArg::F64 => "f64",
         };
-        let size = args.view.size;
+        let [width, height] = job.size();
         let load = load();
         print(format_args!(
             "propwash {}, MuJoCo {}; {}, {cores} cores, lanes {}; load of the machine at the start {}",
@@ -245,21 +245,21 @@ impl<'a> Report<'a> {
             args.drone,
             args.dynamics,
             args.control,
-            job.scene.name(),
-            job.scene.geoms().len(),
-            size.width,
-            size.height
+            job.scene().name(),
+            job.scene().geoms().len(),
+            width,
+            height
         ))?;
         let cells = ["worlds", "threads", "median", "5 %", "95 %", "", "× real time"];
         print_row("", &cells)?;
         let head = json!({
             "propwash": env!("CARGO_PKG_VERSION"), "mujoco": mujoco_version(), "processor": processor(),
             "cores": cores, "lanes": level_name(), "load": load, "drone": args.drone, "dynamics": args.dynamics,
-            "control": args.control, "precision": precision, "scene": job.scene.name(),
-            "geoms": job.scene.geoms().len(), "width": size.width, "height": size.height,
+            "control": args.control, "precision": precision, "scene": job.scene().name(),
+            "geoms": job.scene().geoms().len(), "width": width, "height": height,
             "steps_per_call": STEPS, "sim_hz": SIM_HZ, "steps_per_frame": STEPS_PER_FRAME,
         });
-        Ok(Self { file, head, rows: Vec::new(), warnings: job.scene.warnings().to_vec() })
+        Ok(Self { file, head, rows: Vec::new(), warnings: job.scene().warnings().to_vec() })
     }
 
     /// A rate of something; `seconds` of flight that one of it stands for.

@@ -1,0 +1,502 @@
+//! One description of a simulation, by whatever door it is flown: `propwash fly`, learning environments, `propwash bench`, Python.
+//!
+//! Every field has a default, and defaults stand here, in [`SimOptions`] and in [`CameraConfig`] only. In files a description is a
+//! flat table in JSON or TOML; unknown fields are refused. What a door needs beside it (how long to record, what to reward) is a
+//! struct that contains a [`SimConfig`] and lies in the same table.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::camera::CameraConfig;
+use super::pattern::{FlightPattern, free_start, obstacle_poses};
+use super::scenes::SceneConfig;
+use super::{Arena, ArenaError};
+use crate::math::quat;
+use crate::physics::controllers::Rates;
+use crate::physics::drone::Drone;
+use crate::physics::rigid_body::State;
+use crate::rollout::{Sim, SimOptions};
+use crate::scalar::lanes::Number;
+use crate::scene::{Scene, Shell, WorkerPool};
+use crate::sense::Camera;
+use crate::vehicle::{BUILTIN, DYNAMICS, Vehicle};
+
+/// The number in which states are kept and advanced.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Precision {
+    /// f64 for data sets, which are flown by the reference; f32 for all that flies many worlds at once.
+    #[default]
+    Auto,
+    /// Single precision.
+    F32,
+    /// Double precision.
+    F64,
+}
+
+/// Where a vehicle comes from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected the name of a built-in vehicle, the path of a vehicle file, or a table of name and toml, the text of a \
+                 vehicle file"
+)]
+pub enum VehicleSource {
+    /// A built-in vehicle by name, or a vehicle file by path, from the current folder.
+    Named(String),
+    /// The text of a vehicle file.
+    Text {
+        /// Name of the vehicle.
+        name: String,
+        /// The text.
+        toml: String,
+    },
+}
+
+impl VehicleSource {
+    /// Reads the vehicle. A file goes before a name.
+    ///
+    /// # Errors
+    /// [`ArenaError::Vehicle`] for a name that is not known and for a file that is wrong.
+    pub fn load(&self) -> Result<Vehicle, ArenaError> {
+        Ok(match self {
+            Self::Named(name) if is_path(name) => Vehicle::load(name)?,
+            Self::Named(name) => Vehicle::builtin(name)?,
+            Self::Text { name, toml } => Vehicle::from_toml(name, toml)?,
+        })
+    }
+}
+
+/// Whether the name of a vehicle is a path.
+fn is_path(name: &str) -> bool {
+    let path = std::path::Path::new(name);
+    path.is_file() || path.extension().is_some() || path.components().count() > 1
+}
+
+impl From<&Vehicle> for VehicleSource {
+    /// A description that needs no other file: the name of a built-in vehicle that is as it was built in, else the whole text.
+    fn from(vehicle: &Vehicle) -> Self {
+        let name = vehicle.name.clone();
+        let known = BUILTIN.contains(&name.as_str());
+        if known && Vehicle::builtin(&name).is_ok_and(|own| own.to_toml() == vehicle.to_toml()) {
+            return Self::Named(name);
+        }
+        Self::Text { name, toml: vehicle.to_toml().into() }
+    }
+}
+
+/// One drone.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DroneConfig {
+    /// Its vehicle.
+    pub vehicle: VehicleSource,
+    /// Model of motion: one of [`DYNAMICS`].
+    pub dynamics: String,
+    /// Path of another shell (MJCF) than the vehicle's, from the current folder.
+    pub shell: Option<PathBuf>,
+}
+
+impl Default for DroneConfig {
+    /// The built-in vehicle `cf2x_L250` by first principles.
+    fn default() -> Self {
+        Self { vehicle: VehicleSource::Named(BUILTIN[0].into()), dynamics: DYNAMICS[0].into(), shell: None }
+    }
+}
+
+impl From<&Vehicle> for DroneConfig {
+    /// A vehicle by first principles, by a description that needs no vehicle file.
+    fn from(vehicle: &Vehicle) -> Self {
+        let shell = vehicle.shell_path();
+        Self { vehicle: vehicle.into(), shell, ..Self::default() }
+    }
+}
+
+/// Rates of the on-board controllers' stages, Hz, for all drones; those of the vehicle where there is none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RatesConfig {
+    /// State stage.
+    pub state_hz: Option<u32>,
+    /// Attitude stage.
+    pub attitude_hz: Option<u32>,
+    /// Body-rate stage.
+    pub body_rate_hz: Option<u32>,
+    /// Mixer.
+    pub force_torque_hz: Option<u32>,
+}
+
+impl RatesConfig {
+    /// Rates of a drone whose vehicle has those of `own`.
+    fn of(&self, own: Rates) -> Rates {
+        Rates {
+            state_hz: self.state_hz.unwrap_or(own.state_hz),
+            attitude_hz: self.attitude_hz.unwrap_or(own.attitude_hz),
+            body_rate_hz: self.body_rate_hz.unwrap_or(own.body_rate_hz),
+            force_torque_hz: self.force_torque_hz.unwrap_or(own.force_torque_hz),
+        }
+    }
+}
+
+/// A simulation, complete: who flies, where, how it is computed, what is drawn at random and what cameras see.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SimConfig {
+    /// Worlds, seed, rate, integrator, control mode, rotors at the start, randomisation, engine.
+    #[serde(flatten)]
+    pub options: SimOptions,
+    /// The number that is stored and computed with.
+    pub precision: Precision,
+    /// Drones in each world; as many as `drones` lists where there is none.
+    pub n_drones: Option<usize>,
+    /// The drones, used in turn where there are more of them.
+    pub drones: Vec<DroneConfig>,
+    /// Rates of on-board controllers.
+    pub rates: RatesConfig,
+    /// Where they fly. None is no scene, or the choice of the task of an environment.
+    pub scene: Option<SceneConfig>,
+    /// How many scenes to generate, which differ in their seeds; none is 1, or the choice of the task of an environment.
+    pub layouts: Option<usize>,
+    /// Which scene each world is in, (world); by turns where there is none.
+    pub layout: Option<Vec<usize>>,
+    /// Height of the ground for effects where there is no scene, m; none is no ground.
+    pub open_ground_z_m: Option<f64>,
+    /// Movable obstacles are shifted by up to this much in x and y, anew for every world, m.
+    pub obstacle_jitter_m: f64,
+    /// The pattern that drones start on, and that recordings fly; at the origin, level, where there is none.
+    pub pattern: Option<FlightPattern>,
+    /// The depth camera of every drone.
+    pub camera: Option<CameraConfig>,
+}
+
+impl Default for SimConfig {
+    /// One world of one `cf2x_L250`, without a scene.
+    fn default() -> Self {
+        Self {
+            options: SimOptions::default(),
+            precision: Precision::default(),
+            n_drones: None,
+            drones: vec![DroneConfig::default()],
+            rates: RatesConfig::default(),
+            scene: None,
+            layouts: None,
+            layout: None,
+            open_ground_z_m: None,
+            obstacle_jitter_m: 0.0,
+            pattern: None,
+            camera: None,
+        }
+    }
+}
+
+/// Most worlds.
+const MOST_WORLDS: usize = 1 << 24;
+/// Most drones in a world.
+const MOST_DRONES: usize = 1 << 12;
+/// Most steps per second.
+const MOST_HZ: u32 = 1_000_000;
+
+impl SimConfig {
+    /// Reads a description in JSON or TOML.
+    ///
+    /// # Errors
+    /// [`ArenaError::Config`], saying where, what was expected and what was found.
+    pub fn from_text(text: &str) -> Result<Self, ArenaError> {
+        read_text(text)
+    }
+
+    /// Drones in each world.
+    pub fn n_drones(&self) -> usize {
+        self.n_drones.unwrap_or(self.drones.len())
+    }
+
+    /// The description of one drone.
+    pub fn drone(&self, drone: usize) -> &DroneConfig {
+        &self.drones[drone % self.drones.len()]
+    }
+
+    /// Refuses numbers that make no sense; files are looked at by [`SimConfig::load`].
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`], naming the field.
+    pub fn check(&self) -> Result<(), ArenaError> {
+        let whole = |name, got: usize, most: usize| match (1..=most).contains(&got) {
+            true => Ok(()),
+            false => Err(ArenaError::option(name, format!("1 to {most}"), got)),
+        };
+        whole("n_worlds", self.options.n_worlds, MOST_WORLDS)?;
+        whole("sim_hz", self.options.sim_hz as usize, MOST_HZ as usize)?;
+        if self.drones.is_empty() {
+            return Err(ArenaError::option("drones", "at least one", "an empty list"));
+        }
+        whole("n_drones", self.n_drones(), MOST_DRONES)?;
+        if self.drones.len() > self.n_drones() {
+            let expected = format!("at most {}, the number of drones (n_drones)", self.n_drones());
+            return Err(ArenaError::option("drones", expected, self.drones.len()));
+        }
+        let jitter = self.obstacle_jitter_m;
+        if !(jitter.is_finite() && jitter >= 0.0) {
+            return Err(ArenaError::option("obstacle_jitter_m", "a finite number of at least 0", jitter));
+        }
+        match self.open_ground_z_m {
+            Some(z) if !z.is_finite() => {
+                Err(ArenaError::option("open_ground_z_m", "a finite number, or none", z))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Reads vehicles and compiles scenes, in parallel.
+    ///
+    /// # Errors
+    /// [`ArenaError`] for numbers that make no sense, naming them, and for vehicles, scenes and cameras that cannot be used.
+    pub fn load(&self) -> Result<Setup, ArenaError> {
+        self.check()?;
+        let mut config = self.clone();
+        let n = self.n_drones();
+        let listed = self.drones.iter().map(|d| d.vehicle.load()).collect::<Result<Vec<_>, _>>()?;
+        for (drone, vehicle) in config.drones.iter_mut().zip(&listed) {
+            drone.shell = drone.shell.take().or(vehicle.shell_path());
+            drone.vehicle = vehicle.into();
+        }
+        config.n_drones = Some(n);
+        let vehicles: Vec<Vehicle> = (0..n).map(|d| listed[d % listed.len()].clone()).collect();
+        let drones = drones(&config, &vehicles)?;
+        let shell = |d: usize| match &config.drone(d).shell {
+            Some(path) => Shell::load(path),
+            None => Shell::builtin(&vehicles[d].shell),
+        };
+        let sources = config.scene.as_ref().map_or(Ok(Vec::new()), |scene| scene.sources(self.layouts))?;
+        let mut scenes = Vec::new();
+        if !sources.is_empty() {
+            let shells = (0..n).map(shell).collect::<Result<Vec<_>, _>>()?;
+            let built: Result<_, _> =
+                sources.par_iter().map(|source| Scene::build(source, &shells)).collect();
+            scenes = built?;
+        }
+        let cameras = match &config.camera {
+            Some(_) if scenes.is_empty() => {
+                let expected = "none without a scene, in which there is nothing to see";
+                return Err(ArenaError::option("camera", expected, "a camera"));
+            }
+            Some(camera) => {
+                let of = |scene: &Scene| (0..n).map(|d| camera.build(scene, d)).collect();
+                scenes.iter().map(of).collect::<Result<_, _>>()?
+            }
+            None => vec![Vec::new(); scenes.len()],
+        };
+        let layout = match &self.layout {
+            Some(layout) => layout.clone(),
+            None if scenes.is_empty() => Vec::new(),
+            None => (0..config.options.n_worlds).map(|w| w % scenes.len()).collect(),
+        };
+        if layout.len() != if scenes.is_empty() { 0 } else { config.options.n_worlds }
+            || layout.iter().any(|i| *i >= scenes.len())
+        {
+            let (worlds, scenes) = (config.options.n_worlds, scenes.len());
+            let expected =
+                format!("one number below {scenes}, the number of scenes, for each of {worlds} worlds");
+            return Err(ArenaError::option("layout", expected, format!("{layout:?}")));
+        }
+        let pools = scenes.iter().map(|scene| Arc::new(WorkerPool::new(scene))).collect();
+        Ok(Setup { config, vehicles, drones, scenes, pools, cameras, layout })
+    }
+}
+
+/// Parameters and rates of the drones, which have to know the control mode.
+fn drones(config: &SimConfig, vehicles: &[Vehicle]) -> Result<Vec<(Drone<f64>, Rates)>, ArenaError> {
+    let mode = config.options.control;
+    let each = |(d, vehicle): (usize, &Vehicle)| {
+        let dynamics = &config.drone(d).dynamics;
+        let modes = vehicle.modes(dynamics)?;
+        if !modes.contains(&mode) {
+            let names: Vec<_> = modes.iter().map(|m| m.name()).collect();
+            let (names, name) = (names.join(", "), &vehicle.name);
+            let expected = format!("one of {names} for drone {d} ({name} with dynamics {dynamics})");
+            return Err(ArenaError::option("control", expected, mode.name()));
+        }
+        Ok((vehicle.drone(dynamics)?, config.rates.of(vehicle.rates)))
+    };
+    vehicles.iter().enumerate().map(each).collect()
+}
+
+/// What a [`SimConfig`] names, read and compiled: arenas are made of it, as many as are wanted.
+pub struct Setup {
+    config: SimConfig,
+    vehicles: Vec<Vehicle>,
+    drones: Vec<(Drone<f64>, Rates)>,
+    scenes: Vec<Scene>,
+    pools: Vec<Arc<WorkerPool>>,
+    cameras: Vec<Vec<Camera>>,
+    layout: Vec<usize>,
+}
+
+impl std::fmt::Debug for Setup {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Setup").field("config", &self.config).finish_non_exhaustive()
+    }
+}
+
+impl Setup {
+    /// The description, complete: it needs no vehicle file, since vehicles that are not built in stand in it as text.
+    pub fn config(&self) -> &SimConfig {
+        &self.config
+    }
+
+    /// The vehicle of each drone.
+    pub fn vehicles(&self) -> &[Vehicle] {
+        &self.vehicles
+    }
+
+    /// Parameters of each drone, and the rates of its controller.
+    pub fn drones(&self) -> &[(Drone<f64>, Rates)] {
+        &self.drones
+    }
+
+    /// The scenes.
+    pub fn scenes(&self) -> &[Scene] {
+        &self.scenes
+    }
+
+    /// The camera of each drone in each scene, (scene, drone); no drones without a camera.
+    pub fn cameras(&self) -> &[Vec<Camera>] {
+        &self.cameras
+    }
+
+    /// All worlds, at their starts.
+    ///
+    /// # Errors
+    /// [`ArenaError::Rollout`] for options that the simulation refuses, [`ArenaError::Sense`] and [`ArenaError::Scene`] where a start
+    /// of the pattern cannot be looked at.
+    pub fn arena<N: Number>(&self) -> Result<Arena<N>, ArenaError> {
+        self.worlds(0, self.config.options.n_worlds)
+    }
+
+    /// Some consecutive worlds, which fly as they do among the others.
+    ///
+    /// # Errors
+    /// As [`Setup::arena`], and [`ArenaError::Option`] for worlds that there are not.
+    pub fn worlds<N: Number>(&self, first: usize, n_worlds: usize) -> Result<Arena<N>, ArenaError> {
+        let all = self.config.options.n_worlds;
+        if first + n_worlds > all {
+            let got = format!("{first} to {}", first + n_worlds);
+            return Err(ArenaError::option("worlds", format!("numbers below {all}"), got));
+        }
+        let first_world = self.config.options.first_world + first as u64;
+        let options = SimOptions { n_worlds, first_world, ..self.config.options.clone() };
+        let sim = Sim::<N>::storing(options, self.drones.clone())?;
+        let mut arena = match self.scenes.is_empty() {
+            true => Arena::open(sim, self.config.open_ground_z_m),
+            false => Arena::sharing(sim, &self.pools, &self.layout[first..first + n_worlds])?,
+        };
+        self.place_obstacles(&mut arena)?;
+        if let Some(pattern) = &self.config.pattern {
+            self.start(&mut arena, pattern)?;
+        }
+        Ok(arena)
+    }
+
+    /// Shifts obstacles, anew for every world.
+    fn place_obstacles<N: Number>(&self, arena: &mut Arena<N>) -> Result<(), ArenaError> {
+        if self.config.obstacle_jitter_m == 0.0 {
+            return Ok(());
+        }
+        let (n, options) = (arena.n_obstacles(), arena.sim().options().clone());
+        for world in 0..options.n_worlds {
+            let Some(scene) = arena.scene(world).cloned() else { break };
+            let number = options.first_world + world as u64;
+            let poses = obstacle_poses(&scene, options.seed, number, self.config.obstacle_jitter_m);
+            for (i, pose) in poses.iter().enumerate() {
+                let at = 3 * (world * n + i);
+                arena.obstacle_pos_mut()[at..at + 3].copy_from_slice(&pose.pos_m);
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts drones where their pattern begins.
+    fn start<N: Number>(&self, arena: &mut Arena<N>, pattern: &FlightPattern) -> Result<(), ArenaError> {
+        let (n_worlds, n) = (arena.sim().data.n_worlds, self.drones.len());
+        let (look, options) = (arena.look(), arena.sim().options());
+        let found: Result<Vec<_>, ArenaError> =
+            (0..n_worlds).into_par_iter().map(|w| free_start(pattern, &look, options, w, n)).collect();
+        let trajectories = found?.concat();
+        for (row, trajectory) in trajectories.iter().enumerate() {
+            let start = trajectory.at(0.0);
+            let quat = quat::exp([0.0, 0.0, start.yaw_rad]);
+            arena.set_initial(row / n, row % n, State { pos: start.pos_m, quat, ..State::rest() })?;
+        }
+        arena.trajectories = trajectories;
+        arena.reset(None)?;
+        Ok(())
+    }
+}
+
+impl<N: Number> Arena<N> {
+    /// The arena that a description asks for. [`SimConfig::load`] gives vehicles and cameras too.
+    ///
+    /// # Errors
+    /// As [`SimConfig::load`] and [`Setup::arena`].
+    pub fn from_config(config: &SimConfig) -> Result<Self, ArenaError> {
+        config.load()?.arena()
+    }
+}
+
+/// Reads a description in JSON, which begins with `{`, or TOML.
+///
+/// # Errors
+/// [`ArenaError::Config`] for text that is neither, and as [`read_value`].
+pub fn read_text<T: Serialize + DeserializeOwned + Default>(text: &str) -> Result<T, ArenaError> {
+    let is_json = text.trim_start().starts_with('{');
+    let line =
+        |e: &toml::de::Error| e.span().map(|at| 1 + text[..at.start.min(text.len())].matches('\n').count());
+    let value: Value = if is_json {
+        serde_json::from_str(text).map_err(|e| ArenaError::config("JSON", e))?
+    } else {
+        toml::from_str(text).map_err(|e| {
+            ArenaError::config(format!("TOML, line {}", line(&e).unwrap_or(1)), e.message().trim())
+        })?
+    };
+    read_value(value).map_err(|e| match (e, toml::from_str::<T>(text).map_err(|e| line(&e))) {
+        (ArenaError::Config { place, reason }, Err(Some(line))) if !is_json => {
+            ArenaError::Config { place: format!("{place}, line {line}"), reason }
+        }
+        (e, _) => e,
+    })
+}
+
+/// Reads a description from a table, of which every field has a default.
+///
+/// # Errors
+/// [`ArenaError::Config`], naming the field that is not known, or that cannot have its value.
+pub fn read_value<T: Serialize + DeserializeOwned + Default>(value: Value) -> Result<T, ArenaError> {
+    let Value::Object(fields) = value else {
+        return Err(ArenaError::config("all of it", format!("expected a table of options, got {value}")));
+    };
+    let known = serde_json::to_value(T::default()).map_err(|e| ArenaError::config("defaults", e))?;
+    // A field alone can be read, since all others have defaults: so the one that is wrong is named.
+    let alone = |key: &str, value: Value| {
+        serde_json::from_value::<T>(Value::Object(Map::from_iter([(key.to_string(), value)])))
+    };
+    for (key, value) in &fields {
+        if known.get(key).is_none() {
+            let names: Vec<&str> = known.as_object().into_iter().flatten().map(|(k, _)| k.as_str()).collect();
+            let reason = format!("unknown field `{key}`, expected one of {}", names.join(", "));
+            return Err(ArenaError::config(key, reason));
+        }
+        if let Err(e) = alone(key, value.clone()) {
+            let entries = value.as_array().into_iter().flatten();
+            let odd = entries
+                .enumerate()
+                .find(|(_, entry)| alone(key, Value::Array(vec![(*entry).clone()])).is_err());
+            let place = odd.map_or(key.clone(), |(i, _)| format!("{key}[{i}]"));
+            return Err(ArenaError::config(place, e));
+        }
+    }
+    serde_json::from_value(Value::Object(fields)).map_err(|e| ArenaError::config("all of it", e))
+}

@@ -1,0 +1,127 @@
+//! Which way drones fly that follow a pattern, where they start, and where obstacles are moved to.
+
+use serde::{Deserialize, Serialize};
+
+use super::{ArenaError, Look};
+use crate::math::{quat, vec3};
+use crate::random::{Key, purpose};
+use crate::rollout::SimOptions;
+use crate::rollout::trajectory::{Spline, Trajectory};
+use crate::scalar::lanes::Number;
+use crate::scene::{Pose, Scene};
+use crate::sense;
+
+/// Which way the drones fly.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlightPattern {
+    /// [`Trajectory::lissajous`], drawn for each world and drone.
+    Lissajous,
+    /// [`Trajectory::circle`], drawn for each world; several drones share it evenly.
+    Circle,
+    /// Stay 1 m above the origin; several drones in a grid.
+    Hover,
+    /// Through given points (time s, position m, heading rad); several drones in a grid around them.
+    Waypoints(Spline),
+}
+
+/// Distance between the drones of a grid, m.
+const GRID_M: f64 = 0.6;
+
+impl FlightPattern {
+    /// The trajectory of one drone.
+    fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize, attempt: u64) -> Trajectory {
+        // A square grid around the centre.
+        let side = (n_drones as f64).sqrt().ceil().max(1.0);
+        let place = |i: f64| (i - 0.5 * (side - 1.0)) * GRID_M;
+        let offset = match n_drones {
+            1 => [0.0; 3],
+            _ => [place((drone as f64 / side).floor()), place(drone as f64 % side), 0.0],
+        };
+        match self {
+            Self::Lissajous => Trajectory::lissajous(seed, world, drone as u32, attempt),
+            Self::Circle => match Trajectory::circle(seed, world, 0, attempt) {
+                Trajectory::Circle { center_m, radius_m, phase_rad, rate_rad_s } => Trajectory::Circle {
+                    center_m,
+                    radius_m,
+                    phase_rad: phase_rad + core::f64::consts::TAU * drone as f64 / n_drones as f64,
+                    rate_rad_s,
+                },
+                other => other,
+            },
+            Self::Hover => Trajectory::Hover { at_m: vec3::add([0.0, 0.0, 1.0], offset) },
+            Self::Waypoints(spline) => Trajectory::Waypoints(spline.shifted(offset)),
+        }
+    }
+
+    /// How far from the origin the drones fly, m, seen from above.
+    pub fn reach_m(&self, n_drones: usize) -> f64 {
+        let grid = (n_drones as f64).sqrt() * GRID_M;
+        match self {
+            Self::Lissajous => 2.3,
+            Self::Circle => 1.0,
+            Self::Hover => grid,
+            Self::Waypoints(spline) => {
+                let far = |most: f64, (_, p, _): &(f64, [f64; 3], f64)| most.max(p[0].abs()).max(p[1].abs());
+                spline.points().iter().fold(0.0, far) + grid
+            }
+        }
+    }
+}
+
+/// Clearance that drawn trajectories leave at the start, m.
+const START_CLEARANCE_M: f64 = 0.15;
+
+/// Draws of a trajectory before the best of them is taken as it is.
+const START_ATTEMPTS: u64 = 64;
+
+/// Trajectories of all drones of a world: the first draw that starts with [`START_CLEARANCE_M`] around every drone. Where no draw
+/// does, what comes nearest to it; where nothing is drawn or there is no scene, the first.
+pub(super) fn free_start<N: Number>(
+    pattern: &FlightPattern,
+    look: &Look<'_, N>,
+    options: &SimOptions,
+    world: usize,
+    n: usize,
+) -> Result<Vec<Trajectory>, ArenaError> {
+    let number = options.first_world + world as u64;
+    let draw = |attempt| -> Vec<Trajectory> {
+        (0..n).map(|d| pattern.trajectory(options.seed, number, d, n, attempt)).collect()
+    };
+    let drawn = matches!(pattern, FlightPattern::Lissajous | FlightPattern::Circle);
+    if !drawn || look.layout(world).is_none() {
+        return Ok(draw(0));
+    }
+    let mut worker = look.surroundings(world)?;
+    let mut best = (Vec::new(), f64::NEG_INFINITY);
+    for attempt in 0..START_ATTEMPTS {
+        let trajectories = draw(attempt);
+        for (d, trajectory) in trajectories.iter().enumerate() {
+            let start = trajectory.at(0.0);
+            worker.set_drone(d, start.pos_m, quat::exp([0.0, 0.0, start.yaw_rad]))?;
+        }
+        worker.update()?;
+        let mut least = f64::INFINITY;
+        for d in 0..n {
+            least = least.min(sense::clearance(&mut worker, d, START_CLEARANCE_M)?.distance_m);
+        }
+        if least > best.1 {
+            best = (trajectories, least);
+        }
+        if best.1 >= START_CLEARANCE_M {
+            break;
+        }
+    }
+    Ok(best.0)
+}
+
+/// Where the movable obstacles of one world are: up to `jitter_m` from their place in the scene, in x and in y.
+pub(super) fn obstacle_poses(scene: &Scene, seed: u64, world: u64, jitter_m: f64) -> Vec<Pose> {
+    let shifted = |(i, o): (usize, &crate::scene::ObstacleInfo)| {
+        let key = Key { seed, world, drone: i as u32, step: 0, purpose: purpose("obstacle") };
+        let mut stream = key.stream();
+        let shift = [stream.uniform(-jitter_m, jitter_m), stream.uniform(-jitter_m, jitter_m), 0.0];
+        Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
+    };
+    scene.obstacles().iter().enumerate().map(shifted).collect()
+}
