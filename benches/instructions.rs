@@ -18,7 +18,7 @@ use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::{Number, level_name};
 use propwash::scene::{Pose, Scene, SceneSource, Shell, WorkerPool};
 use propwash::sense::{
-    Camera, Clearance, Contact, DepthFrame, Lens, WorldPoses, clearance_batch, contacts_batch,
+    Camera, Clearance, Contact, DepthFrame, DepthKind, Lens, WorldPoses, clearance_batch, contacts_batch,
 };
 use propwash::vehicle::Vehicle;
 use serde::{Deserialize, Serialize};
@@ -286,7 +286,8 @@ fn depth(times: usize) -> Fallible<()> {
         let (yaw, ahead) = (s.uniform(-3.1, 3.1), propwash::sense::depth::LOOKING_FORWARD_XYZW);
         let turn = [0.0, 0.0, f64::sin(0.5 * yaw), f64::cos(0.5 * yaw)];
         let pose = Pose::new(pos, propwash::math::quat::mul(turn, ahead));
-        cameras.push(Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: 45.0 })?.with_size(64, 64)?);
+        let camera = Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: 45.0 })?.with_size(64, 64)?;
+        cameras.push(camera.with_kind(DepthKind::Range));
     }
     let mut frame = DepthFrame::new();
     for _ in 0..times {

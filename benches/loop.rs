@@ -19,7 +19,7 @@ use propwash::physics::rigid_body::State;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::level_name;
 use propwash::scene::{Scene, SceneSource, Shell, mujoco_version};
-use propwash::sense::{Camera, Contact, DepthBatch, Lens};
+use propwash::sense::{Camera, Contact, DepthBatch, DepthKind, Lens};
 use propwash::vehicle::Vehicle;
 use serde_json::{Map, Value, json};
 
@@ -282,7 +282,8 @@ impl Flight {
         let scene = Scene::build(&SceneSource::text("forest", xml), &[Shell::builtin(&vehicle.shell)?])?;
         let camera = Camera::on_drone(&scene, 0, "fpv")?
             .with_size(side, side)?
-            .with_lens(Lens::Fovy { fovy_deg: 45.0 })?;
+            .with_lens(Lens::Fovy { fovy_deg: 45.0 })?
+            .with_kind(DepthKind::Range);
         let bytes = std::fs::read(folder.join("starts.f64"))?;
         let numbers: Vec<f64> = bytes
             .chunks_exact(8)

@@ -3,13 +3,11 @@
 //! Steps a simulation under a state command, writes the pose into the scene, renders a depth image and asks for
 //! contacts and the nearest obstacle. Run it from the folder of the project: `cargo run --example fly_and_see`.
 
-use propwash::physics::controllers::ControlMode;
-use propwash::physics::integrate::Integrator;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::trajectory::Trajectory;
 use propwash::rollout::{Sim, SimOptions};
 use propwash::scene::{Scene, SceneSource, Shell};
-use propwash::sense::{Camera, DepthFrame, DepthKind, PixelStatus, clearance, contacts};
+use propwash::sense::{Camera, DepthFrame, PixelStatus, clearance, contacts};
 use propwash::vehicle::Vehicle;
 
 fn main() -> propwash::Result<()> {
@@ -18,15 +16,10 @@ fn main() -> propwash::Result<()> {
     let shell = Shell::builtin(&vehicle.shell)?;
     let scene = Scene::build(&SceneSource::file("xml/forest.xml"), &[shell])?;
     let mut worker = scene.worker()?;
-    let camera = Camera::on_drone(&scene, 0, "fpv")?
-        .with_size(64, 48)?
-        .with_kind(DepthKind::ZDepth)
-        .with_range(0.05, 20.0)?;
+    let camera = Camera::on_drone(&scene, 0, "fpv")?.with_size(64, 48)?.with_range(0.05, 20.0)?;
 
     // One world, one drone, commands of position, velocity, acceleration and heading.
-    let options =
-        SimOptions { control: ControlMode::State, integrator: Integrator::Rk4, ..SimOptions::default() };
-    let mut sim = Sim::new(options, vec![(vehicle.drone("first_principles")?, vehicle.rates)])?;
+    let mut sim = Sim::new(SimOptions::default(), vec![(vehicle.drone("first_principles")?, vehicle.rates)])?;
     let path =
         Trajectory::Circle { center_m: [0.0, 0.0, 1.0], radius_m: 0.8, phase_rad: 0.0, rate_rad_s: 1.0 };
     sim.set_initial(0, 0, State { pos: path.at(0.0).pos_m, ..State::rest() })?;

@@ -43,7 +43,8 @@ fn every_door_has_the_same_defaults() {
     // propwash fly, by what it writes into the manifest.
     let dir = tempfile::tempdir().unwrap();
     let manifest = fly("--scene xml/room.xml --drone cf2x_L250 --seconds 0.01", &dir.path().join("out"));
-    let flown = FlightConfig::from_text(&manifest).unwrap();
+    let mut flown = FlightConfig::from_text(&manifest).unwrap();
+    assert_eq!(std::mem::take(&mut flown.sim.scene_sha256).len(), 1);
     let expected = FlightConfig {
         sim: SimConfig {
             precision: Precision::F64,
@@ -149,9 +150,13 @@ fn errors_say_where_what_was_expected_and_what_was_found() {
         ),
         (r#"{"obstacle_jitter_m": -1}"#, "obstacle_jitter_m: expected a finite number of at least 0"),
         (r#"{"camera": {}}"#, "camera: expected none without a scene"),
-        (r#"{"layout": [0]}"#, "layout: expected one number below 0, the number of scenes"),
+        (r#"{"layout": [0]}"#, "layout: expected numbers below 0, the number of scenes"),
         (r#"{"drones": [{"vehicle": "cf2x"}]}"#, "cf2x_L250"),
         (r#"{"scene": {"files": ["nowhere.xml"]}}"#, "nowhere.xml"),
+        (
+            r#"{"scene": {"files": ["xml/room.xml"]}, "scene_sha256": ["ab"]}"#,
+            "scene_sha256: expected ab, of the scene and the shells that were flown in",
+        ),
     ] {
         let message = SimConfig::from_text(text).unwrap().load().unwrap_err().to_string();
         assert!(message.contains(words), "{text}: {message}");

@@ -248,7 +248,8 @@ fn what_moves_and_what_is_hidden_is_as_with_mujocos_rays() {
             worker.set_obstacle(obstacle, pos, random_quat(&mut s)).unwrap();
         }
         worker.update().unwrap();
-        let mut camera = Camera::on_drone(&scene, trial % 2, "fpv").unwrap().with_size(30, 20).unwrap();
+        let camera = Camera::on_drone(&scene, trial % 2, "fpv").unwrap().with_size(30, 20).unwrap();
+        let mut camera = camera.with_kind(DepthKind::Range);
         if trial % 3 == 1 {
             camera = camera.with_groups([true; 6]);
         }
@@ -470,7 +471,8 @@ fn a_scene_far_from_the_origin_of_the_world_is_seen_as_well() {
             [8000.0 + s.uniform(-4.0, 4.0), -6000.0 + s.uniform(-4.0, 4.0), 302.0 + s.uniform(-1.0, 4.0)];
         let camera =
             Camera::in_world(&scene, Pose::new(pos, random_quat(&mut s)), Lens::Fovy { fovy_deg: 120.0 })
-                .unwrap();
+                .unwrap()
+                .with_kind(DepthKind::Range);
         camera.render(&mut worker, &mut ours).unwrap();
         let oracle = camera.with_caster(Caster::MuJoCo);
         oracle.render(&mut worker, &mut theirs).unwrap();
@@ -496,6 +498,7 @@ fn large_images_and_narrow_lenses_work() {
     let pose = Pose::new([-7.0, 0.0, 0.0], LOOKING_FORWARD_XYZW);
     let wide =
         Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: 70.0 }).unwrap().with_size(1920, 1080).unwrap();
+    let wide = wide.with_kind(DepthKind::Range);
     wide.render(&mut worker, &mut frame).unwrap();
     let seen = frame.geom_id.iter().filter(|g| **g >= 0).count();
     assert!(seen > 50_000);

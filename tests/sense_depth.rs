@@ -100,6 +100,7 @@ fn every_pixel_is_what_a_single_ray_of_mujoco_says_for_every_geom_type() {
                 .with_size(SIZE.0, SIZE.1)
                 .unwrap()
                 .with_normals(true)
+                .with_kind(DepthKind::Range)
                 .with_caster(Caster::MuJoCo);
             camera.render(&mut worker, &mut frame).unwrap();
             let pose = camera.pose(&worker).unwrap();
@@ -166,7 +167,8 @@ fn depth_agrees_with_closed_forms() {
         Camera::in_world(&scene, Pose::new(eye, LOOKING_FORWARD_XYZW), Lens::Fovy { fovy_deg: 80.0 })
             .unwrap()
             .with_size(97, 71)
-            .unwrap();
+            .unwrap()
+            .with_kind(DepthKind::Range);
     let mut frame = DepthFrame::new();
     camera.render(&mut worker, &mut frame).unwrap();
     let f = 0.5 * 71.0 / 40f64.to_radians().tan();
@@ -329,7 +331,8 @@ fn z_depth_of_a_wall_is_constant_and_range_is_z_depth_over_the_cosine() {
     let range = Camera::in_world(&scene, Pose::new([0.0; 3], LOOKING_FORWARD_XYZW), lens)
         .unwrap()
         .with_size(48, 32)
-        .unwrap();
+        .unwrap()
+        .with_kind(DepthKind::Range);
     let z = range.clone().with_kind(DepthKind::ZDepth);
     let (mut a, mut b) = (DepthFrame::new(), DepthFrame::new());
     range.render(&mut worker, &mut a).unwrap();
@@ -647,7 +650,8 @@ fn noise_has_the_stated_spread_keeps_the_clean_frame_and_repeats() {
         Camera::in_world(&scene, Pose::new([0.0; 3], LOOKING_FORWARD_XYZW), Lens::Fovy { fovy_deg: 90.0 })
             .unwrap()
             .with_size(120, 100)
-            .unwrap();
+            .unwrap()
+            .with_kind(DepthKind::Range);
     let mut clean = DepthFrame::new();
     camera.render(&mut worker, &mut clean).unwrap();
     let kept = clean.clone();

@@ -5,8 +5,8 @@ use std::time::Instant;
 use propwash::math::quat;
 use propwash::scene::{Pose, Scene, SceneSource, Shell, Worker, WorkerPool};
 use propwash::sense::{
-    Camera, Caster, DepthBatch, DepthFrame, Lens, RayPattern, RayPlanes, RayQuery, WorldPoses, cast_pattern,
-    render_batch,
+    Camera, Caster, DepthBatch, DepthFrame, DepthKind, Lens, RayPattern, RayPlanes, RayQuery, WorldPoses,
+    cast_pattern, render_batch,
 };
 use serde_json::json;
 
@@ -157,7 +157,8 @@ fn image(scene: &Scene, poses: &[Pose], view: &View, normals: bool) -> Fallible<
     let &View::Image(width, height) = view else { return Err("a pattern is no image".into()) };
     let lens = Lens::Fovy { fovy_deg: 45.0 };
     let make = |pose: &Pose| {
-        Ok(Camera::in_world(scene, *pose, lens)?.with_size(width, height)?.with_normals(normals))
+        let camera = Camera::in_world(scene, *pose, lens)?.with_size(width, height)?;
+        Ok(camera.with_kind(DepthKind::Range).with_normals(normals))
     };
     poses.iter().map(make).collect()
 }
@@ -240,7 +241,8 @@ impl Worlds {
             dir: None,
         };
         let scene = Scene::build(&SceneSource::text("forest", xml), &[shell])?;
-        let camera = Camera::on_drone(&scene, 0, "fpv")?.with_size(width, height)?.with_caster(caster);
+        let camera = Camera::on_drone(&scene, 0, "fpv")?.with_size(width, height)?;
+        let camera = camera.with_kind(DepthKind::Range).with_caster(caster);
         Ok(Self {
             pool: WorkerPool::new(&scene),
             camera,

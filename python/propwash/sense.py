@@ -56,8 +56,8 @@ class Camera:
     """fx, fy, cx, cy in pixels of ``resolution``, in place of ``fovy_deg``."""
     range: tuple[float, float] = (0.0, float("inf"))
     """Near and far limit, m."""
-    kind: str = "range"
-    """``"range"``: distance along the ray; ``"z_depth"``: distance along the camera's axis."""
+    kind: str = "z_depth"
+    """``"z_depth"``: distance along the camera's axis, as depth cameras report it; ``"range"``: distance along the ray."""
     groups: tuple[int, ...] = (0, 1, 2)
     """Geom groups that it sees."""
     sees_itself: bool = False

@@ -19,6 +19,7 @@ from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
 
 DroneLike = Union[str, "os.PathLike[str]", Vehicle]
 Stage = Union[Callable[["Data"], None], RestOnGround]
+SceneLike = Union[str, "os.PathLike[str]", Mapping[str, Any], Sequence[Union[str, "os.PathLike[str]"]], None]
 Floats = NDArray[Any]
 
 
@@ -165,6 +166,8 @@ class Pipeline:
 class Sim:
     """Worlds x drones, advanced together.
 
+    ``Sim.from_config`` makes one of a configuration or of a data set's manifest.
+
     Args:
         n_worlds: Number of worlds.
         n_drones: Drones in each world; the length of ``drone`` where that is a list, else 1.
@@ -173,7 +176,8 @@ class Sim:
         dynamics: ``"first_principles"``, ``"so_rpy"``, ``"so_rpy_rotor"`` or ``"so_rpy_rotor_drag"``; or a list, one for each drone.
         control: What commands mean: ``"state"``, ``"attitude"``, ``"body_rate"``, ``"force_torque"`` or ``"rotor_vel"``.
         freq: Steps per second.
-        scene: Path of an MJCF (or URDF) file, or MJCF text, or a list of them; without one drones fly, and neither see nor touch.
+        scene: Path of an MJCF (or URDF) file, or MJCF text, or a list of them, or one that is generated, such as
+            ``{"forest": {"trees": 40}}``; without one drones fly, and neither see nor touch.
         layout: Which scene of a list each world flies in, (n_worlds,); by turns where it is None. ``Sim.layout`` changes it.
         integrator: ``"euler"``, ``"semi_implicit_euler"`` or ``"rk4"``.
         precision: ``"f32"``, or ``"f64"`` for comparisons: the number that is stored and, in lanes, computed with.
@@ -211,6 +215,8 @@ class Sim:
     does not have. (n_worlds, n_obstacles, 3)"""
     obstacle_quat: NDArray[np.float64]
     """Their orientations x y z w; writable. (n_worlds, n_obstacles, 4)"""
+    camera: Camera | None
+    """The depth camera of its configuration; ``render_depth`` and ``depth_frame`` see by it unless told otherwise."""
 
     def __init__(
         self,
@@ -220,7 +226,7 @@ class Sim:
         dynamics: str | Sequence[str] = "first_principles",
         control: str = "state",
         freq: int = 500,
-        scene: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | None = None,
+        scene: SceneLike = None,
         *,
         layout: ArrayLike | None = None,
         integrator: str = "euler",
@@ -239,57 +245,107 @@ class Sim:
     ) -> None:
         if n_drones is None:
             n_drones = len(drone) if isinstance(drone, (list, tuple)) else 1
-        self.n_worlds = _whole("n_worlds", n_worlds, 1, 2**40)
-        self.n_drones = _whole("n_drones", n_drones, 1, 2**20)
-        self.freq = _whole("freq", freq, 1, 1_000_000)
-        self.vehicles = tuple(_vehicle(d) for d in _each("drone", drone, self.n_drones))
-        names = [_text("dynamics", d) for d in _each("dynamics", dynamics, self.n_drones)]
-        self.dynamics = names[0] if isinstance(dynamics, str) else tuple(names)
-        self.control = _text("control", control)
-        self.integrator = _text("integrator", integrator)
-        self.precision = _text("precision", precision)
-        self.seed = _whole("seed", seed, 0, 2**64 - 1)
-        self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
-
-        sources = _scenes(scene)
-        worlds_in = _layout(layout, self.n_worlds, len(sources or []))
-
-        def rate(name: str, hz: int | None) -> int | None:
-            return None if hz is None else _whole(name, hz, 1, 1_000_000)
-
-        wanted = {
-            "n_worlds": self.n_worlds,
-            "dynamics": names,
-            "control": self.control,
-            "freq": self.freq,
-            "integrator": self.integrator,
-            "precision": self.precision,
-            "engine": _text("engine", engine),
-            "seed": self.seed,
+        n = _whole("n_drones", n_drones, 1, 2**20)
+        # One entry stands for all drones where nothing is given as a list.
+        listed = n if any(isinstance(v, (list, tuple)) for v in (drone, dynamics, shell)) else 1
+        vehicles = [_vehicle(d) for d in _each("drone", drone, n)[:listed]]
+        drones = [
+            {"dynamics": _text("dynamics", d), "shell": None if s is None else _path("shell", s)}
+            for d, s in zip(_each("dynamics", dynamics, n)[:listed], _each("shell", shell, n))
+        ]
+        rates = {"state": state_freq, "attitude": attitude_freq, "body_rate": body_rate_freq, "force_torque": force_torque_freq}
+        count = _whole("n_worlds", n_worlds, 1, 2**40)
+        config = {
+            "n_worlds": count,
             "first_world": _whole("first_world", first_world, 0, 2**63),
+            "seed": _whole("seed", seed, 0, 2**64 - 1),
+            "sim_hz": _whole("freq", freq, 1, 1_000_000),
+            "integrator": _text("integrator", integrator),
+            "control": _text("control", control),
             "rotor_start": _text("rotor_start", rotor_start),
+            "engine": _text("engine", engine),
+            "precision": _text("precision", precision),
+            "n_drones": n,
+            "drones": drones,
+            "rates": {
+                f"{name}_hz": None if hz is None else _whole(f"{name}_freq", hz, 1, 1_000_000) for name, hz in rates.items()
+            },
             "randomization": _rules(randomization),
-            "threads": self.threads,
-            "state_freq": rate("state_freq", state_freq),
-            "attitude_freq": rate("attitude_freq", attitude_freq),
-            "body_rate_freq": rate("body_rate_freq", body_rate_freq),
-            "force_torque_freq": rate("force_torque_freq", force_torque_freq),
-            "scene": sources,
-            "layout": [int(i) for i in worlds_in],
-            "shells": [None if s is None else _path("shell", s) for s in _each("shell", shell, self.n_drones)],
+            "scene": None if scene is None else _scene(scene),
+            "layout": None if layout is None else _layout(layout, count).tolist(),
         }
-        self._native = _native.Sim(list(self.vehicles), wanted)
+        self._begin(config, vehicles, threads)
+
+    @classmethod
+    def from_config(
+        cls, source: str | os.PathLike[str] | Mapping[str, Any], *, threads: int | None = None, **changes: Any
+    ) -> Sim:
+        """Makes the simulation that a configuration describes (docs/configuration.md lists all fields).
+
+        Args:
+            source: Path of a configuration (TOML or JSON), of a data set or of its ``manifest.json``; or a dict: of a configuration,
+                as ``Sim.config`` gives it, or a whole manifest, as ``propwash.datasets.open(path).manifest``.
+            threads: As in ``Sim``.
+            changes: Fields of the configuration that are to be others, such as ``n_worlds=1, first_world=3, precision="f32"``.
+
+        Of a data set it is the simulation that was recorded: vehicles, dynamics, rates, integrator, scene, obstacles, randomisation,
+        seed, starts and camera. Under ``pattern_command`` it flies the recorded motion again, to the bit.
+
+        Raises:
+            ValueError: for a field that is not known or has no such value, and for vehicles or scenes that are others now than when the
+                data set was recorded.
+            OSError: for a file that cannot be read.
+        """
+        config = {**_read_config(source), **changes}
+        if changes.keys() & {"scene", "drones", "n_drones"} and "scene_sha256" not in changes:
+            config["scene_sha256"] = []
+        sim = cls.__new__(cls)
+        sim._begin(config, None, threads)
+        return sim
+
+    def _begin(self, config: dict[str, Any], vehicles: list[Vehicle] | None, threads: int | None) -> None:
+        """Everything of a description; ``vehicles`` are those of its list of drones, where it does not say."""
+        _finite("", config)
+        self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
+        self._native = _native.Sim(json.dumps(config), vehicles, self.threads)
+        made = self.config
+        self.n_worlds, self.n_drones, self.freq = self._native.n_worlds, self._native.n_drones, made["sim_hz"]
+        self.control, self.integrator, self.precision = made["control"], made["integrator"], made["precision"]
+        self.seed = made["seed"]
+        self.vehicles = tuple(vehicles * (self.n_drones // len(vehicles)) if vehicles else self._native.vehicles())
+        names = [made["drones"][d % len(made["drones"])]["dynamics"] for d in range(self.n_drones)]
+        self.dynamics = names[0] if len(set(names)) == 1 else tuple(names)
         self.data = Data(self._native)
         self.pipeline = Pipeline(self._native)
         self.obstacle_pos = self._native.array("obstacle_pos")
         self.obstacle_quat = self._native.array("obstacle_quat")
-        self.scenes = tuple(scene_info(self._native.scene_json(i)) for i in range(len(sources or [])))
+        self.scenes = tuple(scene_info(self._native.scene_json(i)) for i in range(self._native.n_scenes))
         self.scene = self.scenes[0] if self.scenes else None
         for text in dict.fromkeys(text for info in self.scenes for text in info.warnings):
-            warnings.warn(text, SceneWarning, stacklevel=2)
+            warnings.warn(text, SceneWarning, stacklevel=3)
+        camera = self._native.camera_json()
+        self.camera = None if camera is None else Camera(**_tuples(json.loads(camera)))
         self._cameras: dict[tuple[Camera, bool], list[_native.Cameras]] = {}
 
+    @property
+    def config(self) -> dict[str, Any]:
+        """What it was made of, complete, to be stored as JSON and given to ``Sim.from_config``: every field with its value. Vehicles
+        that are not built in stand in it as text, so that it needs no vehicle file; scenes stand in it by their paths."""
+        out: dict[str, Any] = json.loads(self._native.config_json())
+        return out
+
     # ---- flying
+
+    def pattern_command(self, time: float | None = None) -> NDArray[np.float64]:
+        """State commands of the pattern that the configuration names, a new array: those for ``time`` seconds after the reset, or for the
+        present time of each world. (n_worlds, n_drones, 16)
+
+        ``sim.state_control(sim.pattern_command())`` before every step flies as ``propwash fly`` does.
+
+        Raises:
+            Error: for a configuration without a pattern.
+        """
+        return self._native.pattern_command(None if time is None else _floats("time", [time], 1)[0])
 
     def state_control(self, command: ArrayLike) -> None:
         """Sets all commands: position (m), velocity (m/s), acceleration (m/s^2), attitude x y z w of which yaw is used, body
@@ -467,7 +523,7 @@ class Sim:
 
     def render_depth(
         self,
-        camera: str | Camera = "fpv",
+        camera: str | Camera | None = None,
         resolution: tuple[int, int] | None = None,
         *,
         worlds: ArrayLike | None = None,
@@ -476,7 +532,8 @@ class Sim:
         """Depth images, m; +inf where nothing was seen or it was beyond range, 0 where it was nearer than the range begins.
 
         Args:
-            camera: Name of a camera of the drones' shells or of the scene, or a ``Camera``.
+            camera: Name of a camera of the drones' shells or of the scene, or a ``Camera``; that of the configuration, else
+                ``"fpv"``, where it is None.
             resolution: Width and height, pixels; those of the camera where it is None.
             worlds: Numbers of the worlds to render; all where it is None.
             out: Array to write into, in place of a new one.
@@ -492,7 +549,7 @@ class Sim:
 
     def depth_frame(
         self,
-        camera: str | Camera = "fpv",
+        camera: str | Camera | None = None,
         resolution: tuple[int, int] | None = None,
         *,
         normals: bool = False,
@@ -546,7 +603,7 @@ class Sim:
 
     @layout.setter
     def layout(self, value: ArrayLike) -> None:
-        self._native.set_layout([int(i) for i in _layout(value, self.n_worlds, len(self.scenes))])
+        self._native.set_layout([int(i) for i in _layout(value, self.n_worlds)])
 
     def _labels(self, chosen: list[int] | None) -> dict[str, Any]:
         """What ids of a result stand for."""
@@ -562,8 +619,10 @@ class Sim:
         return chosen, len(chosen)
 
     def _camera(
-        self, camera: str | Camera, resolution: tuple[int, int] | None, normals: bool
+        self, camera: str | Camera | None, resolution: tuple[int, int] | None, normals: bool
     ) -> tuple[list[_native.Cameras], Camera]:
+        if camera is None:
+            camera = self.camera or "fpv"
         if isinstance(camera, str):
             camera = Camera(camera)
         elif not isinstance(camera, Camera):
@@ -640,48 +699,85 @@ def _vehicle(value: DroneLike) -> Vehicle:
     )
 
 
-def _scene(value: str | os.PathLike[str] | None) -> tuple[str, str] | None:
-    if value is None:
-        return None
-    if isinstance(value, str) and value.lstrip().startswith("<"):
-        return "xml", value
-    return "path", _path("scene", value)
+#: Kinds of scenes that are generated.
+_GENERATED = ("forest", "corridor", "boxes", "track", "rooms")
 
 
-def _scenes(value: Any) -> list[tuple[str, str]] | None:
-    if value is None:
-        return None
-    if isinstance(value, (list, tuple)):
-        if not value:
+def _scene(scene: SceneLike) -> Any:
+    """The scene as the description wants it."""
+    if isinstance(scene, Mapping):
+        if len(scene) != 1 or next(iter(scene)) not in _GENERATED:
+            expected = ", ".join(_GENERATED)
+            raise ValueError(
+                f'scene: expected one entry such as {{"forest": {{"trees": 40}}}}, by one of {expected}, got {dict(scene)!r}'
+            )
+        return {kind: dict(options) for kind, options in scene.items()}
+    if isinstance(scene, (str, os.PathLike)):
+        text = os.fspath(scene)
+        if text == "none":
+            return "none"
+        if text in _GENERATED:
+            return {text: {}}
+        return {"xml": text} if text.lstrip().startswith("<") else {"files": [text]}
+    if isinstance(scene, Sequence):
+        if not scene:
             raise ValueError("scene: expected at least one, got an empty list")
-        return [one for one in map(_scene, value) if one is not None]
-    one = _scene(value)
-    return None if one is None else [one]
+        each = [_scene(os.fspath(one)) for one in scene]
+        files = [one["files"][0] for one in each if "files" in one]
+        return {"files": files} if len(files) == len(each) else {"each": each}
+    raise TypeError(f"scene: expected a path, MJCF text, a list of paths or a dict, got {type(scene).__name__}")
 
 
-def _layout(value: ArrayLike | None, n_worlds: int, n_scenes: int) -> NDArray[np.int64]:
-    if value is None:
-        return np.arange(n_worlds if n_scenes else 0) % max(n_scenes, 1)
+def _layout(value: ArrayLike, n_worlds: int) -> NDArray[np.int64]:
     array = np.asarray(value)
-    if array.dtype.kind not in "iu" or array.shape != (n_worlds,):
+    if array.dtype.kind not in "iu" or array.shape != (n_worlds,) or array.min() < 0:
         raise ValueError(
-            f"layout: expected whole numbers of shape ({n_worlds},) = (n_worlds,), got {array.dtype} of shape {array.shape}"
+            f"layout: expected whole numbers of at least 0, of shape ({n_worlds},) = (n_worlds,), got {array.dtype} of shape "
+            f"{array.shape}"
         )
-    if n_scenes == 0 or array.min() < 0 or array.max() >= n_scenes:
-        raise ValueError(f"layout: expected numbers below {n_scenes}, the number of scenes, got {array.min()} to {array.max()}")
     return array.astype(np.int64)
 
 
-def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -> str:
-    """Rules as TOML or JSON text."""
+def _read_config(source: str | os.PathLike[str] | Mapping[str, Any]) -> dict[str, Any]:
+    """A description, or that in a manifest, complete."""
+    if isinstance(source, Mapping):
+        _finite("", source)
+        text = json.dumps(dict(source))
+    else:
+        path = Path(_path("source", source))
+        text = (path / "manifest.json" if path.is_dir() else path).read_text(encoding="utf-8")
+    out: dict[str, Any] = json.loads(_native.read_config(text))
+    return out
+
+
+def _tuples(options: dict[str, Any]) -> dict[str, Any]:
+    """Options with tuples in place of lists."""
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in options.items()}
+
+
+def _finite(name: str, value: Any) -> None:
+    """Refuses numbers that JSON does not know, by their place."""
+    if isinstance(value, Mapping):
+        for key, one in value.items():
+            _finite(f"{name}.{key}" if name else str(key), one)
+    elif isinstance(value, (list, tuple)):
+        for one in value:
+            _finite(name, one)
+    elif isinstance(value, float) and not np.isfinite(value):
+        raise ValueError(f"{name}: expected a finite number, got {value}")
+
+
+def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -> dict[str, Any]:
+    """Rules as the description wants them."""
     if value is None:
-        return ""
-    if isinstance(value, str) and "\n" in value:
-        return value
+        return {}
     if isinstance(value, (str, os.PathLike)):
-        return Path(value).read_text(encoding="utf-8")
+        is_text = isinstance(value, str) and "\n" in value
+        text = str(value) if is_text else Path(value).read_text(encoding="utf-8")
+        rules: dict[str, Any] = json.loads(_native.rules_json(text))
+        return rules
     try:
-        return json.dumps({"rule": [dict(rule) for rule in value]})
+        return {"rule": json.loads(json.dumps([dict(rule) for rule in value]))}
     except (TypeError, ValueError) as e:
         raise TypeError(f"randomization: expected TOML text, a path or a list of rules, got {value!r} ({e})") from None
 

@@ -14,6 +14,7 @@ use rayon::ThreadPool;
 use crate::arrays;
 use crate::camera::CameraSpec;
 use crate::errors::{Error, OrRaise};
+use crate::sim::describe;
 use crate::threads;
 use crate::vehicle::PyVehicle;
 
@@ -77,11 +78,11 @@ impl PyEnv {
         vehicles: Vec<Py<PyVehicle>>,
         threads: Option<usize>,
     ) -> PyResult<Self> {
-        let config = EnvConfig::from_json(config).or_raise()?;
+        let mut config = EnvConfig::from_text(config).or_raise()?;
+        describe(&mut config.sim, &vehicles);
         let pool = threads::pool(threads)?;
-        let vehicles: Vec<_> = vehicles.iter().map(|v| v.get().vehicle.clone()).collect();
-        let env = py.detach(|| pool.install(|| Env::new(config, &vehicles))).or_raise()?;
-        let action = [env.config().n_worlds, env.config().n_drones, env.action_width()];
+        let env = py.detach(|| pool.install(|| Env::new(config))).or_raise()?;
+        let action = [env.config().sim.options.n_worlds, env.config().sim.n_drones(), env.action_width()];
         let parallel = env.is_parallel();
         let env = Arc::new(Mutex::new(env));
         let owner = Py::new(py, EnvOwner { _env: env.clone() })?;
@@ -272,12 +273,8 @@ pub fn depth_devices() -> Vec<&'static str> {
 /// A description in TOML or JSON, completed, as JSON.
 #[pyfunction]
 pub fn env_config(text: &str) -> PyResult<String> {
-    let config = if text.trim_start().starts_with('{') {
-        EnvConfig::from_json(text)
-    } else {
-        EnvConfig::from_toml(text)
-    };
-    serde_json::to_string(&config.or_raise()?).map_err(|e| PyValueError::new_err(e.to_string()))
+    serde_json::to_string(&EnvConfig::from_text(text).or_raise()?)
+        .map_err(|e| PyValueError::new_err(e.to_string()))
 }
 
 /// Rules of randomisation in TOML as JSON.

@@ -78,7 +78,10 @@ impl IntoPython for ArenaError {
             ArenaError::Rollout(e) => e.into_python(),
             ArenaError::Scene(e) => e.into_python(),
             ArenaError::Sense(e) => e.into_python(),
-            ArenaError::Option { .. } => PyValueError::new_err(self.to_string()),
+            ArenaError::Vehicle(e) => e.into_python(),
+            ArenaError::Option { .. } | ArenaError::Config { .. } | ArenaError::Generate(_) => {
+                PyValueError::new_err(self.to_string())
+            }
             _ => Error::new_err(self.to_string()),
         }
     }

@@ -160,11 +160,14 @@ impl IntoPython for propwash::Error {
             E::Rollout(e) => e.into_python(),
             E::Scene(e) => e.into_python(),
             E::Sense(e) => e.into_python(),
+            E::Arena(e) => e.into_python(),
             E::Gap(e) => e.into_python(),
             E::Io { .. } | E::Flight(propwash::flight::FlightError::Read { .. }) => {
                 pyo3::exceptions::PyOSError::new_err(words)
             }
-            E::Usage { .. } | E::Flight(_) | E::Accept(_) | E::Generate(_) => PyValueError::new_err(words),
+            E::Usage { .. } | E::Flight(_) | E::Accept(_) | E::Generate(_) | E::Dataset(_) => {
+                PyValueError::new_err(words)
+            }
             _ => Error::new_err(words),
         }
     }

@@ -42,6 +42,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(env::depth_devices, m)?)?;
     m.add_function(wrap_pyfunction!(env::env_config, m)?)?;
     m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;
+    m.add_function(wrap_pyfunction!(sim::read_config, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;

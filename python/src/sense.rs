@@ -1,12 +1,9 @@
 //! What drones of a simulation see, touch and come near to in its scene.
 
-use std::path::Path;
-
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use propwash::arena::ArenaError;
-use propwash::scene::{Pose, Scene, SceneSource, Shell};
+use propwash::scene::{Pose, Scene};
 use propwash::sense::{Camera, Clearance, Contact, DepthPlanes, SenseError};
-use propwash::vehicle::Vehicle;
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -24,28 +21,6 @@ pub struct Sensed {
     limited: Vec<usize>,
     clearance: Vec<Clearance>,
     camera_poses: Vec<Pose>,
-}
-
-/// Compiles scenes. Of each its kind, `path`, or `xml` where its text is the MJCF itself; shells of the drones, or paths of other
-/// ones.
-pub fn scenes(sources: &[(String, String)], drones: &[(&Vehicle, Option<&str>)]) -> PyResult<Vec<Scene>> {
-    let shells: Vec<Shell> = drones
-        .iter()
-        .map(|(vehicle, path)| match (path, vehicle.shell_path()) {
-            (Some(path), _) => Shell::load(Path::new(path)),
-            (None, Some(path)) => Shell::load(&path),
-            (None, None) => Shell::builtin(&vehicle.shell),
-        })
-        .collect::<Result<_, _>>()
-        .or_raise()?;
-    let build = |(kind, text): &(String, String)| {
-        let source = match kind.as_str() {
-            "xml" => SceneSource::text("given as text", text),
-            _ => SceneSource::file(text),
-        };
-        Scene::build(&source, &shells).or_raise()
-    };
-    sources.iter().map(build).collect()
 }
 
 impl Core {

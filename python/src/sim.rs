@@ -3,26 +3,22 @@
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::PyArrayDyn;
-use propwash::arena::Arena;
+use propwash::arena::{Arena, ArenaError, Precision, Setup, SimConfig};
+use propwash::dataset::recorder::FlightConfig;
 use propwash::math::quat;
-use propwash::physics::controllers::{ControlMode, Rates};
-use propwash::physics::drone::Drone;
-use propwash::physics::integrate::Integrator;
+use propwash::physics::controllers::ControlMode;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::quarantine::Quarantine;
-use propwash::rollout::randomize::Randomization;
-use propwash::rollout::{Engine, RotorStart, Sim, SimOptions};
 use propwash::scalar::lanes::Number;
-use propwash::vehicle::Vehicle;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use rayon::ThreadPool;
-use serde::de::DeserializeOwned;
+use serde_json::json;
 
 use crate::arrays;
 use crate::errors::{Error, OrRaise};
-use crate::sense::{Sensed, scenes};
+use crate::sense::Sensed;
 use crate::stages::{Call, Place, RestOnGround, Slot, lock};
 use crate::threads;
 use crate::vehicle::PyVehicle;
@@ -86,11 +82,14 @@ pub struct PySim {
     pub n_obstacles: usize,
     n_rotors: usize,
     mode: ControlMode,
+    setup: Setup,
 }
 
-fn parse<T: DeserializeOwned>(name: &str, expected: &str, got: &str) -> PyResult<T> {
-    serde_json::from_value(serde_json::Value::String(got.into()))
-        .map_err(|_| PyValueError::new_err(format!("{name}: expected one of {expected}, got {got:?}")))
+/// Reads a description in JSON or TOML, or the manifest of a data set, and gives that of the simulation, complete, as JSON.
+#[pyfunction]
+pub fn read_config(text: &str) -> PyResult<String> {
+    let config = FlightConfig::from_text(text).or_raise()?.sim;
+    serde_json::to_string(&config).map_err(|e| Error::new_err(e.to_string()))
 }
 
 impl PySim {
@@ -132,114 +131,41 @@ impl PySim {
     }
 }
 
-/// What Python says about one simulation, by name.
-#[derive(FromPyObject)]
-#[pyo3(from_item_all)]
-struct Wanted {
-    n_worlds: usize,
-    dynamics: Vec<String>,
-    control: String,
-    freq: u32,
-    integrator: String,
-    precision: String,
-    engine: String,
-    seed: u64,
-    first_world: u64,
-    rotor_start: String,
-    randomization: String,
-    threads: Option<usize>,
-    state_freq: Option<u32>,
-    attitude_freq: Option<u32>,
-    body_rate_freq: Option<u32>,
-    force_torque_freq: Option<u32>,
-    scene: Option<Vec<(String, String)>>,
-    layout: Vec<usize>,
-    shells: Vec<Option<String>>,
-}
-
-impl Wanted {
-    fn options(&self) -> PyResult<SimOptions> {
-        let rules: Randomization = match self.randomization.trim_start().starts_with('{') {
-            true => serde_json::from_str(&self.randomization).map_err(|e| {
-                PyValueError::new_err(format!(
-                    "randomization: {e}; see docs/python.md for how rules are written"
-                ))
-            })?,
-            false => Randomization::from_toml(&self.randomization).or_raise()?,
-        };
-        Ok(SimOptions {
-            n_worlds: self.n_worlds,
-            first_world: self.first_world,
-            seed: self.seed,
-            sim_hz: self.freq,
-            integrator: parse::<Integrator>(
-                "integrator",
-                "euler, semi_implicit_euler, rk4",
-                &self.integrator,
-            )?,
-            control: parse("control", "state, attitude, body_rate, force_torque, rotor_vel", &self.control)?,
-            rotor_start: parse::<RotorStart>("rotor_start", "off, hover", &self.rotor_start)?,
-            randomization: rules,
-            engine: parse::<Engine>("engine", "auto, reference, lanes", &self.engine)?,
-        })
-    }
-
-    fn rates(&self, of_vehicle: Rates) -> Rates {
-        Rates {
-            state_hz: self.state_freq.unwrap_or(of_vehicle.state_hz),
-            attitude_hz: self.attitude_freq.unwrap_or(of_vehicle.attitude_hz),
-            body_rate_hz: self.body_rate_freq.unwrap_or(of_vehicle.body_rate_hz),
-            force_torque_hz: self.force_torque_freq.unwrap_or(of_vehicle.force_torque_hz),
-        }
-    }
-}
-
-/// A simulation in the scenes that are wanted, or in none.
-fn arena<N: Number>(
-    wanted: &Wanted,
-    options: SimOptions,
-    drones: Vec<(Drone<f64>, Rates)>,
-    shells: &[(&Vehicle, Option<&str>)],
-) -> PyResult<Arena<N>> {
-    let sim = Sim::storing(options, drones).or_raise()?;
-    match &wanted.scene {
-        None => Ok(Arena::open(sim, None)),
-        Some(sources) => Arena::within(sim, &scenes(sources, shells)?, &wanted.layout).or_raise(),
+/// Puts vehicles that Python holds into a description, one for each entry of its drones.
+pub fn describe(config: &mut SimConfig, vehicles: &[Py<PyVehicle>]) {
+    for (drone, vehicle) in config.drones.iter_mut().zip(vehicles) {
+        let vehicle = &vehicle.get().vehicle;
+        drone.vehicle = vehicle.into();
+        drone.shell = drone.shell.take().or(vehicle.shell_path());
     }
 }
 
 #[pymethods]
 impl PySim {
-    /// `wanted`: the arguments of `propwash.Sim`, checked and completed there.
+    /// `config`: a description in JSON; `vehicles`: those of its drones, where they are not the ones that it names.
     #[new]
-    fn new(py: Python<'_>, vehicles: Vec<Py<PyVehicle>>, wanted: Wanted) -> PyResult<Self> {
-        let options = wanted.options()?;
-        let mode = options.control;
-        let mut drones = Vec::new();
-        for ((slot, vehicle), dynamics) in vehicles.iter().enumerate().zip(&wanted.dynamics) {
-            let vehicle = &vehicle.get().vehicle;
-            let modes = vehicle.modes(dynamics).or_raise()?;
-            if !modes.contains(&mode) {
-                let names: Vec<_> = modes.iter().map(|m| m.name()).collect();
-                return Err(PyValueError::new_err(format!(
-                    "control: expected one of {} for drone {slot} ({} with dynamics {dynamics}), got {}",
-                    names.join(", "),
-                    vehicle.name,
-                    mode.name()
-                )));
-            }
-            drones.push((vehicle.drone(dynamics).or_raise()?, wanted.rates(vehicle.rates)));
+    #[pyo3(signature = (config, vehicles = None, threads = None))]
+    fn new(
+        py: Python<'_>,
+        config: &str,
+        vehicles: Option<Vec<Py<PyVehicle>>>,
+        threads: Option<usize>,
+    ) -> PyResult<Self> {
+        let mut config = SimConfig::from_text(config).or_raise()?;
+        describe(&mut config, &vehicles.unwrap_or_default());
+        if config.precision == Precision::Auto {
+            config.precision = Precision::F32;
         }
-        let pool = threads::pool(wanted.threads)?;
-        let flight = py.detach(|| {
-            let shells: Vec<_> =
-                vehicles.iter().zip(&wanted.shells).map(|(v, s)| (&v.get().vehicle, s.as_deref())).collect();
-            match wanted.precision.as_str() {
-                "f32" => Ok(Flight::F32(Box::new(arena(&wanted, options, drones, &shells)?))),
-                "f64" => Ok(Flight::F64(Box::new(arena(&wanted, options, drones, &shells)?))),
-                got => Err(PyValueError::new_err(format!("precision: expected f32 or f64, got {got:?}"))),
-            }
-        })?;
+        let pool = threads::pool(threads)?;
+        let made = py.detach(|| {
+            let setup = config.load()?;
+            let flight = match config.precision {
+                Precision::F64 => Flight::F64(Box::new(setup.arena()?)),
+                _ => Flight::F32(Box::new(setup.arena()?)),
+            };
+            Ok::<_, ArenaError>((setup, flight))
+        });
+        let (setup, flight) = made.or_raise()?;
         let (n_rotors, n_obstacles) =
             either!(&flight, arena => (arena.sim().data.n_rotors, arena.n_obstacles()));
         let core = Core { flight, sensed: Sensed::default(), numbers: Vec::new(), told: 0 };
@@ -252,12 +178,71 @@ impl PySim {
             call: Arc::default(),
             pool,
             process: std::process::id(),
-            n_worlds: wanted.n_worlds,
-            n_drones: vehicles.len(),
+            n_worlds: config.options.n_worlds,
+            n_drones: setup.vehicles().len(),
             n_obstacles,
             n_rotors,
-            mode,
+            mode: config.options.control,
+            setup,
         })
+    }
+
+    /// What it was made of, complete, as JSON.
+    fn config_json(&self) -> PyResult<String> {
+        serde_json::to_string(self.setup.config()).map_err(|e| Error::new_err(e.to_string()))
+    }
+
+    /// The vehicle of each drone.
+    fn vehicles(&self) -> Vec<PyVehicle> {
+        self.setup.vehicles().iter().cloned().map(PyVehicle::from).collect()
+    }
+
+    /// The camera of the description, as arguments of `propwash.Camera` in JSON; none without one.
+    fn camera_json(&self) -> PyResult<Option<String>> {
+        let Some(c) = &self.setup.config().camera else { return Ok(None) };
+        let json = json!({
+            "name": c.name, "resolution": c.size().or_raise()?, "fovy_deg": c.fovy_deg().or_raise()?,
+            "range": c.range().or_raise()?, "kind": c.kind().or_raise()?, "groups": c.groups, "caster": c.caster,
+        });
+        Ok(Some(json.to_string()))
+    }
+
+    /// Commands of the pattern, (n_worlds, n_drones, 16), at a time since the last reset, or at the present one of each world.
+    #[pyo3(signature = (time = None))]
+    fn pattern_command<'py>(
+        &self,
+        py: Python<'py>,
+        time: Option<f64>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        let core = self.core()?;
+        let commands: Vec<f64> = either!(&core.flight, arena => {
+            let at = |row: usize| time.unwrap_or_else(|| arena.sim().time_s(row / self.n_drones));
+            arena.trajectories().iter().enumerate().flat_map(|(row, path)| path.at(at(row)).command()).collect()
+        });
+        if commands.is_empty() {
+            return Err(Error::new_err(
+                "this Sim flies no pattern: make it of a configuration with one, such as {\"pattern\": \"lissajous\"}",
+            ));
+        }
+        arrays::owned(py, commands, &self.shape(&[16]))
+    }
+
+    /// Number of worlds.
+    #[getter]
+    fn n_worlds(&self) -> usize {
+        self.n_worlds
+    }
+
+    /// Drones in each world.
+    #[getter]
+    fn n_drones(&self) -> usize {
+        self.n_drones
+    }
+
+    /// Number of scenes.
+    #[getter]
+    fn n_scenes(&self) -> usize {
+        self.setup.scenes().len()
     }
 
     /// Numbers of one drone's command.

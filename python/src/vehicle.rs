@@ -22,6 +22,15 @@ pub struct PyVehicle {
     pub text: String,
 }
 
+impl From<Vehicle> for PyVehicle {
+    fn from(vehicle: Vehicle) -> Self {
+        let own = Vehicle::builtin(&vehicle.name).is_ok_and(|own| own == vehicle);
+        let text =
+            Vehicle::builtin_file(&vehicle.name).ok().filter(|_| own).unwrap_or(vehicle.to_toml()).into();
+        Self { vehicle, text }
+    }
+}
+
 #[pymethods]
 impl PyVehicle {
     #[new]

@@ -171,7 +171,7 @@ def test_depth_is_what_the_simulator_renders():
     obs, _ = env.reset(seed=5)
     sim = propwash.Sim(scene="xml/forest.xml", control="attitude")
     sim.data.pos[0, 0], sim.data.quat[0, 0] = obs["pos"][0], obs["quat"][0]
-    camera = propwash.Camera("fpv", resolution=(16, 12), kind="z_depth", range=(0.02, 10.0))
+    camera = propwash.Camera("fpv", resolution=(16, 12), range=(0.02, 10.0))
     frame = sim.render_depth(camera)
     frame = getattr(frame, "depth", frame)[0, 0]
     expected = np.where(frame < 10.0, frame, 10.0)

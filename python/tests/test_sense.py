@@ -28,7 +28,7 @@ def test_frames_say_what_each_pixel_saw(wall):
     shape = (2, 1, 48, 64)
     assert frame.depth.shape == frame.status.shape == frame.geom_id.shape == frame.body_id.shape == shape
     assert frame.normal.shape == (*shape, 3) and frame.quat.shape == (2, 1, 4) and frame.k.shape == (1, 3, 3)
-    assert (frame.kind, frame.range) == ("range", (0.5, 4.0)) and np.all(frame.worlds == [0, 1])
+    assert (frame.kind, frame.range) == ("z_depth", (0.5, 4.0)) and np.all(frame.worlds == [0, 1])
     middle = (0, 0, 23, 32)
     assert frame.geom_name(frame.geom_id[middle]) == "wall" and frame.status[middle] == PixelStatus.HIT
     assert np.allclose(frame.normal[middle], [-1, 0, 0])
@@ -231,7 +231,7 @@ def mixed_alone():
 
 
 def test_scenes_and_layouts_that_do_not_fit_are_refused():
-    for layout, words in [([0, 1], r"shape \(3,\)"), ([0, 1, 2], "below 2"), ([0, -1, 1], "below 2"), ([0.0, 1.0, 0.0], "whole")]:
+    for layout, words in [([0, 1], r"shape \(3,\)"), ([0, 1, 2], "below 2"), ([0, -1, 1], "at least 0"), ([0.0, 1.0, 0.0], "whole")]:
         with pytest.raises(ValueError, match=words):
             propwash.Sim(3, scene=WALLS, layout=layout)
     with pytest.raises(ValueError, match="below 0"):

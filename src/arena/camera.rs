@@ -89,6 +89,14 @@ impl CameraConfig {
         Ok(self.kind.or(self.of_device(|d| d.kind)?).unwrap_or_default())
     }
 
+    /// Vertical field of view, degrees; none where it is that of the camera in the scene.
+    ///
+    /// # Errors
+    /// As [`CameraConfig::size`].
+    pub fn fovy_deg(&self) -> Result<Option<f64>, ArenaError> {
+        Ok(self.fovy_deg.or(self.of_device(|d| d.fovy_deg)?))
+    }
+
     /// Errors of the sensor; none where it has none.
     ///
     /// # Errors
@@ -116,7 +124,7 @@ impl CameraConfig {
     /// # Errors
     /// As [`CameraConfig::build`].
     pub fn apply(&self, mut camera: Camera) -> Result<Camera, ArenaError> {
-        if let Some(fovy_deg) = self.fovy_deg.or(self.of_device(|d| d.fovy_deg)?) {
+        if let Some(fovy_deg) = self.fovy_deg()? {
             camera = camera.with_lens(Lens::Fovy { fovy_deg })?;
         }
         let mut groups = [false; 6];

@@ -160,6 +160,8 @@ pub struct SimConfig {
     pub rates: RatesConfig,
     /// Where they fly. None is no scene, or the choice of the task of an environment.
     pub scene: Option<SceneConfig>,
+    /// Hash of each compiled scene, where it has to be the one that a data set was recorded in; empty: it may be any.
+    pub scene_sha256: Vec<String>,
     /// How many scenes to generate, which differ in their seeds; none is 1, or the choice of the task of an environment.
     pub layouts: Option<usize>,
     /// Which scene each world is in, (world); by turns where there is none.
@@ -184,6 +186,7 @@ impl Default for SimConfig {
             drones: vec![DroneConfig::default()],
             rates: RatesConfig::default(),
             scene: None,
+            scene_sha256: Vec::new(),
             layouts: None,
             layout: None,
             open_ground_z_m: None,
@@ -194,10 +197,10 @@ impl Default for SimConfig {
     }
 }
 
-/// Most worlds.
-const MOST_WORLDS: usize = 1 << 24;
+/// Most worlds; what fits into memory is less.
+const MOST_WORLDS: usize = 1 << 40;
 /// Most drones in a world.
-const MOST_DRONES: usize = 1 << 12;
+const MOST_DRONES: usize = 1 << 20;
 /// Most steps per second.
 const MOST_HZ: u32 = 1_000_000;
 
@@ -279,6 +282,7 @@ impl SimConfig {
                 sources.par_iter().map(|source| Scene::build(source, &shells)).collect();
             scenes = built?;
         }
+        check_hashes(&config.scene_sha256, &scenes)?;
         let cameras = match &config.camera {
             Some(_) if scenes.is_empty() => {
                 let expected = "none without a scene, in which there is nothing to see";
@@ -290,22 +294,36 @@ impl SimConfig {
             }
             None => vec![Vec::new(); scenes.len()],
         };
-        let layout = match &self.layout {
-            Some(layout) => layout.clone(),
-            None if scenes.is_empty() => Vec::new(),
-            None => (0..config.options.n_worlds).map(|w| w % scenes.len()).collect(),
-        };
-        if layout.len() != if scenes.is_empty() { 0 } else { config.options.n_worlds }
-            || layout.iter().any(|i| *i >= scenes.len())
-        {
-            let (worlds, scenes) = (config.options.n_worlds, scenes.len());
-            let expected =
-                format!("one number below {scenes}, the number of scenes, for each of {worlds} worlds");
-            return Err(ArenaError::option("layout", expected, format!("{layout:?}")));
-        }
+        check_layout(self.layout.as_deref(), config.options.n_worlds, scenes.len())?;
         let pools = scenes.iter().map(|scene| Arc::new(WorkerPool::new(scene))).collect();
-        Ok(Setup { config, vehicles, drones, scenes, pools, cameras, layout })
+        Ok(Setup { config, vehicles, drones, scenes, pools, cameras })
     }
+}
+
+/// Refuses lists of scenes that are not one of those there are for each world.
+fn check_layout(layout: Option<&[usize]>, n_worlds: usize, n_scenes: usize) -> Result<(), ArenaError> {
+    match layout {
+        Some(list) if list.len() != n_worlds || list.iter().any(|i| *i >= n_scenes) => {
+            let expected =
+                format!("numbers below {n_scenes}, the number of scenes, one for each of {n_worlds} worlds");
+            Err(ArenaError::option("layout", expected, format!("{list:?}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses scenes that are not those of the description.
+fn check_hashes(wanted: &[String], scenes: &[Scene]) -> Result<(), ArenaError> {
+    let found: Vec<String> = scenes.iter().map(Scene::hash).collect();
+    if wanted.is_empty() || wanted == found {
+        return Ok(());
+    }
+    let expected = format!(
+        "{}, of the scene and the shells that were flown in; restore their files, or empty scene_sha256 to fly in what is \
+         there now",
+        wanted.join(", ")
+    );
+    Err(ArenaError::option("scene_sha256", expected, found.join(", ")))
 }
 
 /// Parameters and rates of the drones, which have to know the control mode.
@@ -333,7 +351,6 @@ pub struct Setup {
     scenes: Vec<Scene>,
     pools: Vec<Arc<WorkerPool>>,
     cameras: Vec<Vec<Camera>>,
-    layout: Vec<usize>,
 }
 
 impl std::fmt::Debug for Setup {
@@ -383,8 +400,8 @@ impl Setup {
     /// As [`Setup::arena`], and [`ArenaError::Option`] for worlds that there are not.
     pub fn worlds<N: Number>(&self, first: usize, n_worlds: usize) -> Result<Arena<N>, ArenaError> {
         let all = self.config.options.n_worlds;
-        if first + n_worlds > all {
-            let got = format!("{first} to {}", first + n_worlds);
+        if n_worlds > all || first > all - n_worlds {
+            let got = format!("{n_worlds} from {first} on");
             return Err(ArenaError::option("worlds", format!("numbers below {all}"), got));
         }
         let first_world = self.config.options.first_world + first as u64;
@@ -392,7 +409,14 @@ impl Setup {
         let sim = Sim::<N>::storing(options, self.drones.clone())?;
         let mut arena = match self.scenes.is_empty() {
             true => Arena::open(sim, self.config.open_ground_z_m),
-            false => Arena::sharing(sim, &self.pools, &self.layout[first..first + n_worlds])?,
+            false => {
+                let worlds = first..first + n_worlds;
+                let layout: Vec<usize> = match &self.config.layout {
+                    Some(layout) => layout[worlds].to_vec(),
+                    None => worlds.map(|w| w % self.scenes.len()).collect(),
+                };
+                Arena::sharing(sim, &self.pools, &layout)?
+            }
         };
         self.place_obstacles(&mut arena)?;
         if let Some(pattern) = &self.config.pattern {

@@ -51,6 +51,7 @@ Examples:
   propwash fly --scene xml/forest.xml --drone cf2x_L250 --worlds 16 --out data/forest
   propwash fly --scene xml/room.xml --drone cf2x_L250 --drone hb_x500 --trajectory circle --out data/two
   propwash fly --scene xml/room.xml --drone cf2x_L250 --trajectory waypoints path.csv --out data/path
+  propwash fly --config data/forest/manifest.json --worlds 64 --out data/more
 
 The folder gets a manifest, one folder per world (states, contacts and clearances as Parquet, depth as
 16-bit PNG of millimetres and as exact numbers in frames.npz) and overview.png to look at.
@@ -340,13 +341,13 @@ impl CameraArgs {
 #[derive(Clone, Debug, ClapArgs)]
 pub struct FlyArgs {
     /// Description of the flight (TOML or JSON), or manifest.json of a data set, which is flown again; flags change it.
-    #[arg(long, value_name = "FILE", required_unless_present_all = ["scene", "drone"])]
+    #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// MJCF scene.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", required_unless_present = "config")]
     pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file. Repeat it for mixed vehicles in one world.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "config")]
     pub drone: Vec<String>,
     /// Drones per world; the --drone list is used in turn. Default: as many as --drone names.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]

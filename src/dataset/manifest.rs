@@ -10,7 +10,7 @@ use super::depth_png;
 use super::error::{DatasetError, Result};
 use super::recorder::FlightConfig;
 use super::table::{Column, clearance_columns, contact_columns, state_columns};
-use crate::arena::{ArenaError, read_value};
+use crate::arena::read_value;
 use crate::sense::{Caster, Collider, DepthKind};
 
 /// Name of the format, `format` in the manifest.
@@ -525,9 +525,22 @@ pub(super) fn config_of(manifest: &Value) -> Result<FlightConfig> {
         let found = format!("nothing: version {} of Propwash did not keep it", manifest["propwash_version"]);
         return bad("the whole description of the flight", found, "describe the simulation yourself");
     };
-    read_value(config.clone()).or_else(|e: ArenaError| {
-        bad("fields that this version knows", e.to_string(), "use the version that made the data set")
-    })
+    let remedy = "use the version that made the data set";
+    let config: FlightConfig = match read_value(config.clone()) {
+        Ok(config) => config,
+        Err(e) => return bad("fields that this version knows", e.to_string(), remedy),
+    };
+    // Vehicles that are not built in are in the description; those that are may have changed.
+    for (d, record) in manifest["vehicles"].as_array().into_iter().flatten().enumerate() {
+        let own = config.sim.drones.get(d % config.sim.drones.len().max(1)).map(|drone| drone.vehicle.load());
+        let known = matches!(&own, Some(Ok(vehicle)) if record["sha256"] == vehicle.sha256());
+        if !known {
+            let expected =
+                format!("the vehicle {} as it was, of SHA-256 {}", record["name"], record["sha256"]);
+            return bad(&expected, "another one in this version".into(), remedy);
+        }
+    }
+    Ok(config)
 }
 
 /// Dotted name of the first `null` in `value`; the top-level `noise` may be null, and options of `config`, which is checked apart.

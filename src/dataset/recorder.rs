@@ -158,6 +158,7 @@ impl FlightConfig {
             return refuse("scene", "one scene", setup.scenes().len());
         }
         self.sim = setup.config().clone();
+        self.sim.scene_sha256 = vec![setup.scenes()[0].hash()];
         self.check(&setup)?;
         let cameras = setup.cameras()[0].iter().map(|c| c.clone().with_normals(self.normals)).collect();
         Ok(Flight { config: self, setup, cameras })

@@ -67,6 +67,42 @@ struct World {
     clipped: bool,
 }
 
+impl World {
+    /// A world of `d` drones before its first episode.
+    fn at_rest(plan: &Plan, d: usize) -> Self {
+        let apart = plan.pixels > 0 && (plan.sensor.is_some() || plan.depth_ring > 1);
+        let rest = Seen {
+            pos_m: [0.0; 3],
+            quat_xyzw: quat::identity(),
+            vel_m_s: [0.0; 3],
+            ang_vel_rad_s: [0.0; 3],
+            before_m: [0.0; 3],
+            clearance_m: plan.config.look_m,
+            crashed: false,
+        };
+        World {
+            layout: 0,
+            levels: plan.config.levels,
+            memory: vec![0.0; plan.config.task.task().memory_len(d)],
+            starts: vec![Start::at([0.0; 3]); d],
+            drones: vec![Flown { clearance_m: plan.config.look_m, ..Flown::default() }; d],
+            seen: vec![rest; d],
+            observed: vec![rest; d],
+            last_action: vec![0.0; d * plan.action_width],
+            jerk: vec![0.0; d],
+            set_points: vec![SetPoint::default(); d],
+            commands: vec![0.0; plan.command_ring * d * plan.command_width],
+            camera_poses: vec![Pose::default(); if plan.pixels == 0 { 0 } else { d }],
+            clean: vec![0.0; if apart { d * plan.pixels } else { 0 }],
+            ring: vec![0.0; if plan.depth_ring > 1 { plan.depth_ring * d * plan.pixels } else { 0 }],
+            step: 0,
+            episode: 0,
+            ended: false,
+            clipped: false,
+        }
+    }
+}
+
 /// Where the results of one world go.
 struct Out<'a> {
     observation: &'a mut [f32],
@@ -190,43 +226,27 @@ impl Env {
         let command_ring = late("env.action_delay_s", config.levels.action_delay_s) + 2;
         let depth_ring =
             if pixels == 0 { 1 } else { late("env.depth_delay_s", config.levels.depth_delay_s) + 1 };
-        let apart = pixels > 0 && (noise.is_some() || depth_ring > 1);
         let neutral = neutral_commands(config.action.kind, drones, command_width, n_rotors);
-        let memory_len = task.memory_len(d);
-        let rest = Seen {
-            pos_m: [0.0; 3],
-            quat_xyzw: quat::identity(),
-            vel_m_s: [0.0; 3],
-            ang_vel_rad_s: [0.0; 3],
-            before_m: [0.0; 3],
-            clearance_m: config.look_m,
-            crashed: false,
+        let plan = Plan {
+            limits,
+            action_width,
+            command_width,
+            width,
+            rules,
+            command_ring,
+            depth_ring,
+            pixels,
+            sensor: noise.map(NoisySensor::new),
+            neutral,
+            config,
         };
-        let world = World {
-            layout: 0,
-            levels: config.levels,
-            memory: vec![0.0; memory_len],
-            starts: vec![Start::at([0.0; 3]); d],
-            drones: vec![Flown { clearance_m: config.look_m, ..Flown::default() }; d],
-            seen: vec![rest; d],
-            observed: vec![rest; d],
-            last_action: vec![0.0; d * action_width],
-            jerk: vec![0.0; d],
-            set_points: vec![SetPoint::default(); d],
-            commands: vec![0.0; command_ring * d * command_width],
-            camera_poses: vec![Pose::default(); if pixels == 0 { 0 } else { d }],
-            clean: vec![0.0; if apart { d * pixels } else { 0 }],
-            ring: vec![0.0; if depth_ring > 1 { depth_ring * d * pixels } else { 0 }],
-            step: 0,
-            episode: 0,
-            ended: false,
-            clipped: false,
-        };
-        let kept = if config.autoreset == Autoreset::SameStep { n } else { 0 };
+        let world = World::at_rest(&plan, d);
+        let substeps = plan.config.substeps() as usize;
+        let kept = if plan.config.autoreset == Autoreset::SameStep { n } else { 0 };
         let image = (d * pixels).max(1);
         Ok(Self {
             mask: vec![false; n],
-            dues: Vec::with_capacity(config.substeps() as usize),
+            dues: Vec::with_capacity(substeps),
             reset_done: false,
             begun: false,
             size,
@@ -243,19 +263,7 @@ impl Env {
             worlds: vec![world; n],
             layouts,
             arena,
-            plan: Plan {
-                config,
-                limits,
-                action_width,
-                command_width,
-                width,
-                rules,
-                command_ring,
-                depth_ring,
-                pixels,
-                sensor: noise.map(NoisySensor::new),
-                neutral,
-            },
+            plan,
         })
     }
 
@@ -684,6 +692,12 @@ fn complete(config: &mut EnvConfig) -> Result<(), EnvError> {
         sim.scene = Some(scene);
     }
     let own = task.camera().filter(|_| sim.scene != Some(SceneConfig::None));
+    if let (Some(camera), Some(own)) = (&mut sim.camera, &own)
+        && camera.device.is_none()
+    {
+        // Policies of a task see as far as it is made for, whatever else the camera is.
+        camera.range_m = camera.range_m.or(own.range_m);
+    }
     sim.camera = sim.camera.take().or(own).filter(|_| config.with_camera);
     Ok(())
 }

@@ -85,6 +85,13 @@ impl EnvConfig {
     /// Refuses numbers that make no sense.
     pub(super) fn check(&self) -> Result<(), EnvError> {
         self.sim.check()?;
+        for (name, got, most) in
+            [("n_worlds", self.sim.options.n_worlds, 1 << 24), ("n_drones", self.sim.n_drones(), 1 << 12)]
+        {
+            if got > most {
+                return Err(EnvError::option(name, format!("1 to {most}"), got));
+            }
+        }
         let sim_hz = self.sim.options.sim_hz;
         if self.step_hz == 0 || !sim_hz.is_multiple_of(self.step_hz) {
             let expected = format!("a divisor of sim_hz ({sim_hz} Hz)");

@@ -16,11 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
 from ..sense import Camera, _whole
-from ..sim import DroneLike, _each, _rules, _vehicle
+from ..sim import DroneLike, SceneLike, _each, _finite, _rules, _scene, _vehicle
 
 Obs = dict[str, NDArray[np.float32]]
 Info = dict[str, Any]
-SceneLike = str | os.PathLike[str] | Mapping[str, Any] | Sequence[str | os.PathLike[str]] | None
 
 #: Why an episode ended, by the number in ``info["ending"]``.
 ENDINGS = ("", "crashed", "left", "done", "time_up", "quarantined")
@@ -33,42 +32,6 @@ _MODES = {
     AutoresetMode.SAME_STEP: "same_step",
     AutoresetMode.DISABLED: "disabled",
 }
-_GENERATED = ("forest", "corridor", "boxes", "track", "rooms")
-
-
-def _scene(scene: SceneLike) -> Any:
-    """The scene as the description wants it."""
-    if isinstance(scene, Mapping):
-        if len(scene) != 1 or next(iter(scene)) not in _GENERATED:
-            expected = ", ".join(_GENERATED)
-            raise ValueError(
-                f'scene: expected one entry such as {{"forest": {{"trees": 40}}}}, by one of {expected}, got {dict(scene)!r}'
-            )
-        return {kind: dict(options) for kind, options in scene.items()}
-    if isinstance(scene, (str, os.PathLike)):
-        text = os.fspath(scene)
-        if text == "none":
-            return "none"
-        if text in _GENERATED:
-            return {text: {}}
-        if text.lstrip().startswith("<"):
-            return {"xml": text}
-        return {"files": [text]}
-    if isinstance(scene, Sequence):
-        return {"files": [os.fspath(path) for path in scene]}
-    raise TypeError(f"scene: expected a path, MJCF text, a list of paths or a dict, got {type(scene).__name__}")
-
-
-def _finite(name: str, value: Any) -> None:
-    """Refuses numbers that JSON does not know, by their place."""
-    if isinstance(value, Mapping):
-        for key, one in value.items():
-            _finite(f"{name}.{key}" if name else str(key), one)
-    elif isinstance(value, (list, tuple)):
-        for one in value:
-            _finite(name, one)
-    elif isinstance(value, float) and not np.isfinite(value):
-        raise ValueError(f"{name}: expected a finite number, got {value}")
 
 
 def _camera(camera: str | Mapping[str, Any]) -> dict[str, Any]:
@@ -170,13 +133,15 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         self.render_mode = render_mode
         if camera is True:
             raise ValueError("camera: expected the name of a device, a dict, None or False, got True")
+        listed = self.n_drones if isinstance(drone, (list, tuple)) else 1
+        vehicles = [_vehicle(d) for d in _each("drone", drone, self.n_drones)[:listed]]
         wanted: dict[str, Any] = {
             "task": {"kind": task, **(task_options or {})},
             "n_worlds": self.num_envs,
             "n_drones": self.n_drones,
             "first_world": _whole("first_world", first_world, 0, 2**62),
             "seed": 0 if seed is None else _whole("seed", seed, 0, 2**64 - 1),
-            "dynamics": dynamics,
+            "drones": [{"dynamics": dynamics}] * len(vehicles),
             "sim_hz": _whole("sim_freq", sim_freq, 1, 1_000_000),
             "step_hz": _whole("freq", freq, 1, 1_000_000),
             "max_episode_s": float(max_episode_time),
@@ -188,13 +153,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "autoreset": _MODES[mode],
             "look_m": float(look),
             "levels": dict(levels or {}),
+            "randomization": _rules(randomization),
         }
-        rules = _rules(randomization)
-        if rules:
-            text = rules if rules.lstrip().startswith("{") else _native.rules_json(rules)
-            wanted["randomization"] = json.loads(text)
         _finite("", wanted)
-        vehicles = [_vehicle(d) for d in _each("drone", drone, self.n_drones)]
         threads = None if threads is None else _whole("threads", threads, 1, 1024)
         self._native = _native.Env(json.dumps(wanted), vehicles, threads)
         self._seeded = seed is not None

@@ -89,6 +89,7 @@ pub fn config(args: &FlyArgs) -> Result<FlightConfig> {
     }
     if let Some(scene) = &args.scene {
         (sim.scene, sim.layouts, sim.layout) = (Some(SceneConfig::Files(vec![scene.clone()])), None, None);
+        sim.scene_sha256.clear();
     }
     if let Some(words) = &args.trajectory {
         sim.pattern = Some(pattern(words)?);
@@ -132,6 +133,10 @@ fn change_drones(args: &FlyArgs, sim: &mut SimConfig) -> Result<()> {
     for drone in &mut sim.drones {
         set(&mut drone.dynamics, args.dynamics.clone());
         drone.shell = args.shell.clone().or(drone.shell.take());
+    }
+    if !args.drone.is_empty() || args.shell.is_some() || args.drones_per_world.is_some() {
+        // Other drones make another scene of the same file.
+        sim.scene_sha256.clear();
     }
     let Some(n) = args.drones_per_world else { return Ok(()) };
     let usage =
