@@ -130,9 +130,10 @@ def unpack(out: Path, packed: bytes, worlds: list[int]) -> None:
 
 def manifest_for(text: str, worlds: int) -> str:
     """The manifest of a flight of one world as that of a flight of `worlds`: they differ in this number alone."""
-    changed, n = re.subn(r'^(  "n_worlds": )1,$', rf"\g<1>{worlds},", text, flags=re.MULTILINE)
-    if n != 1:
-        raise RuntimeError("expected one line \"n_worlds\": 1 in manifest.json; use a version of propwash that fits this example")
+    # Once for the data set, once in the description of the flight.
+    changed, n = re.subn(r'^( +"n_worlds": )1,$', rf"\g<1>{worlds},", text, flags=re.MULTILINE)
+    if n != 2:
+        raise RuntimeError("expected two lines \"n_worlds\": 1 in manifest.json; use a version of propwash that fits this example")
     return changed
 
 

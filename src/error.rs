@@ -53,7 +53,7 @@ pub enum Error {
     Sense(#[from] crate::sense::SenseError),
     /// Worlds in scenes.
     #[error(transparent)]
-    Arena(crate::arena::ArenaError),
+    Arena(Box<crate::arena::ArenaError>),
     /// Learning environments.
     #[error(transparent)]
     Env(Box<crate::env::EnvError>),
@@ -80,7 +80,7 @@ impl From<crate::arena::ArenaError> for Error {
             ArenaError::Rollout(e) => e.into(),
             ArenaError::Scene(e) => e.into(),
             ArenaError::Sense(e) => e.into(),
-            e => Self::Arena(e),
+            e => Self::Arena(Box::new(e)),
         }
     }
 }

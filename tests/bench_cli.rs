@@ -81,9 +81,12 @@ fn every_row_is_there_for_one_thread_and_for_several() {
     if Path::new("/proc/self/status").exists() {
         assert_eq!(singles[1..], ["memory to first image of 16x8", "memory of 17 worlds of dynamics"]);
     }
-    for (name, value) in
-        [("drone", "cf2x_L250"), ("control", "attitude"), ("precision", "f32"), ("scene", "scene 'forest'")]
-    {
+    for (name, value) in [
+        ("drone", "cf2x_L250"),
+        ("control", "state"),
+        ("precision", "f32"),
+        ("scene", "scene 'forest of seed 0'"),
+    ] {
         assert_eq!(told[name], value);
     }
     assert_eq!(told["propwash"], env!("CARGO_PKG_VERSION"));

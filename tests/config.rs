@@ -136,6 +136,8 @@ fn errors_say_where_what_was_expected_and_what_was_found() {
         (r#"{"n_worlds": 1"#, "JSON: EOF"),
         ("n_worlds = 1\nsim_hz = 1 2", "TOML, line 2"),
         ("n_worlds = 1\n[camera]\nfov = 3", "camera, line 3: unknown field `fov`"),
+        ("n_worlds = 1\nsim_hs = 3", "sim_hs, line 2: unknown field `sim_hs`"),
+        ("n_worlds = 1\nsim_hz = \"fast\"", "sim_hz, line 2: invalid type"),
     ] {
         let message = SimConfig::from_text(text).unwrap_err().to_string();
         assert!(message.contains(words), "{text}: {message}");

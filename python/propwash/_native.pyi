@@ -19,6 +19,7 @@ __all__ = [
     "gap_diagnose",
     "load_plugin_library",
     "mujoco_version",
+    "read_config",
     "rules_json",
     "vehicles",
 ]

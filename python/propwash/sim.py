@@ -725,7 +725,9 @@ def _scene(scene: SceneLike) -> Any:
         each = [_scene(os.fspath(one)) for one in scene]
         files = [one["files"][0] for one in each if "files" in one]
         return {"files": files} if len(files) == len(each) else {"each": each}
-    raise TypeError(f"scene: expected a path, MJCF text, a list of paths or a dict, got {type(scene).__name__}")
+    raise TypeError(
+        f"scene: expected a path, MJCF text, a list of paths or a dict, got {scene!r} ({type(scene).__name__})"
+    )
 
 
 def _layout(value: ArrayLike, n_worlds: int) -> NDArray[np.int64]:

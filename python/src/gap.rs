@@ -160,7 +160,7 @@ impl IntoPython for propwash::Error {
             E::Rollout(e) => e.into_python(),
             E::Scene(e) => e.into_python(),
             E::Sense(e) => e.into_python(),
-            E::Arena(e) => e.into_python(),
+            E::Arena(e) => (*e).into_python(),
             E::Gap(e) => e.into_python(),
             E::Io { .. } | E::Flight(propwash::flight::FlightError::Read { .. }) => {
                 pyo3::exceptions::PyOSError::new_err(words)

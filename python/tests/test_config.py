@@ -74,13 +74,13 @@ def test_every_door_has_the_same_defaults():
 def test_a_config_gives_the_same_simulation():
     vehicle = propwash.Vehicle("cf2x_L250").with_effects('[[effect]]\nkind = "payload"\nmass_kg = 0.005\n')
     made = propwash.Sim(
-        3, 2, [vehicle, "cf21B_500"], ["first_principles", "so_rpy"], "attitude", 400, ["xml/room.xml", "xml/forest.xml"],
+        3, 2, [vehicle, "cf21B_500"], ["first_principles", "so_rpy"], "attitude", 1000, ["xml/room.xml", "xml/forest.xml"],
         layout=[1, 0, 1], integrator="rk4", precision="f64", seed=9, rotor_start="off", state_freq=50,
         randomization=[{"parameter": "body.mass_kg", "draw": {"scale": [0.9, 1.1]}}],
     )  # fmt: skip
     again = propwash.Sim.from_config(json.loads(json.dumps(made.config)))
     assert again.config == made.config
-    assert (again.dynamics, again.freq, again.precision) == (("first_principles", "so_rpy"), 400, "f64")
+    assert (again.dynamics, again.freq, again.precision) == (("first_principles", "so_rpy"), 1000, "f64")
     assert [v.sha256 for v in again.vehicles] == [v.sha256 for v in made.vehicles] and list(again.layout) == [1, 0, 1]
     command = np.tile([0.05, -0.02, 0.0, 0.4], (3, 2, 1))
     for sim in (made, again):

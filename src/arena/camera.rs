@@ -115,7 +115,7 @@ impl CameraConfig {
     pub fn build(&self, scene: &Scene, drone: usize) -> Result<Camera, ArenaError> {
         let on_drone = format!("drone{drone}/{}", self.name);
         let known = |name: &str| scene.cameras().iter().any(|c| c.name == name);
-        let name = if known(&self.name) && !known(&on_drone) { &self.name } else { &on_drone };
+        let name = if known(&on_drone) { &on_drone } else { &self.name };
         self.apply(Camera::from_scene(scene, name)?)
     }
 

@@ -4,13 +4,15 @@
 //! flat table in JSON or TOML; unknown fields are refused. What a door needs beside it (how long to record, what to reward) is a
 //! struct that contains a [`SimConfig`] and lies in the same table.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use rayon::prelude::*;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use toml::Spanned;
 
 use super::camera::CameraConfig;
 use super::pattern::{FlightPattern, free_start, obstacle_poses};
@@ -476,21 +478,26 @@ impl<N: Number> Arena<N> {
 /// # Errors
 /// [`ArenaError::Config`] for text that is neither, and as [`read_value`].
 pub fn read_text<T: Serialize + DeserializeOwned + Default>(text: &str) -> Result<T, ArenaError> {
-    let is_json = text.trim_start().starts_with('{');
-    let line =
-        |e: &toml::de::Error| e.span().map(|at| 1 + text[..at.start.min(text.len())].matches('\n').count());
-    let value: Value = if is_json {
-        serde_json::from_str(text).map_err(|e| ArenaError::config("JSON", e))?
-    } else {
-        toml::from_str(text).map_err(|e| {
-            ArenaError::config(format!("TOML, line {}", line(&e).unwrap_or(1)), e.message().trim())
-        })?
-    };
-    read_value(value).map_err(|e| match (e, toml::from_str::<T>(text).map_err(|e| line(&e))) {
-        (ArenaError::Config { place, reason }, Err(Some(line))) if !is_json => {
-            ArenaError::Config { place: format!("{place}, line {line}"), reason }
+    if text.trim_start().starts_with('{') {
+        return read_value(serde_json::from_str(text).map_err(|e| ArenaError::config("JSON", e))?);
+    }
+    let line = |at: usize| 1 + text[..at.min(text.len())].matches('\n').count();
+    let span_of = |e: &toml::de::Error| e.span().map(|at| line(at.start));
+    let value = toml::from_str(text).map_err(|e| {
+        ArenaError::config(format!("TOML, line {}", span_of(&e).unwrap_or(1)), e.message().trim())
+    })?;
+    read_value(value).map_err(|e| match e {
+        ArenaError::Config { place, reason } => {
+            // The field, or what is wrong in it where that can be told: some errors are told of the whole text.
+            let fields: BTreeMap<Spanned<String>, IgnoredAny> = toml::from_str(text).unwrap_or_default();
+            let field = fields.keys().find(|name| place.split('[').next() == Some(name.get_ref()));
+            let value = toml::from_str::<T>(text).err().and_then(|e| span_of(&e));
+            match value.max(field.map(|name| line(name.span().start))) {
+                Some(line) => ArenaError::Config { place: format!("{place}, line {line}"), reason },
+                None => ArenaError::Config { place, reason },
+            }
         }
-        (e, _) => e,
+        e => e,
     })
 }
 

@@ -887,13 +887,17 @@ mod tests {
     use crate::rollout::randomize::Draw;
     use crate::rollout::trajectory::Trajectory;
 
+    fn attitude() -> SimOptions {
+        SimOptions { control: ControlMode::Attitude, ..SimOptions::default() }
+    }
+
     fn hover_command(sim: &Sim, at: [f64; 3]) -> Vec<f64> {
         let one = Trajectory::Hover { at_m: at }.at(0.0).command();
         one.repeat(sim.data.n_worlds * sim.data.n_drones)
     }
 
     fn state_sim(n_worlds: usize, drones: usize) -> Sim {
-        let options = SimOptions { n_worlds, control: ControlMode::State, seed: 5, ..SimOptions::default() };
+        let options = SimOptions { n_worlds, control: ControlMode::State, seed: 5, ..attitude() };
         Sim::new(options, vec![(quad(vec![]), RATES); drones]).unwrap()
     }
 
@@ -927,7 +931,7 @@ mod tests {
             control: ControlMode::State,
             integrator: Integrator::Rk4,
             randomization,
-            ..SimOptions::default()
+            ..attitude()
         };
         let mut sim = Sim::new(options, vec![(quad(vec![]), RATES); 2]).unwrap();
         let command = hover_command(&sim, [0.0, 0.0, 1.0]);
@@ -1073,7 +1077,7 @@ mod tests {
     #[test]
     fn arrays_and_counts_that_were_changed_from_outside_are_errors_and_no_panics() {
         let wash = AnyEffect::BatterySag(Default::default());
-        let mut sim = Sim::new(SimOptions::default(), vec![(quad(vec![wash]), RATES)]).unwrap();
+        let mut sim = Sim::new(attitude(), vec![(quad(vec![wash]), RATES)]).unwrap();
         sim.data.effect_memory.clear();
         let message = sim.step(1).unwrap_err().to_string();
         assert!(message.contains("effect_memory") && message.contains("expected 1 numbers"), "{message}");
@@ -1103,7 +1107,7 @@ mod tests {
     fn a_parameter_that_this_drone_has_not_is_refused_and_so_is_a_body_without_mass() {
         let wash = AnyEffect::Downwash(downwash::Params { drag_area_m2: 0.02, spread: 0.1 });
         let drones = vec![(quad(vec![wash]), RATES), (quad(vec![]), RATES)];
-        let mut sim = Sim::new(SimOptions::default(), drones).unwrap();
+        let mut sim = Sim::new(attitude(), drones).unwrap();
         sim.set_parameter(None, 0, "effect.downwash.spread", 0.2).unwrap();
         let message = sim.set_parameter(None, 1, "effect.downwash.spread", 0.2).unwrap_err().to_string();
         assert!(message.contains("drone 1 has no parameter") && message.contains("body.…"), "{message}");
@@ -1116,7 +1120,7 @@ mod tests {
         let rule =
             Rule { parameter: "body.mass_kg".into(), draw: Draw::Uniform([-2.0, -1.0]), shared: false };
         let randomization = Randomization { rules: vec![rule] };
-        let options = SimOptions { randomization, ..SimOptions::default() };
+        let options = SimOptions { randomization, ..attitude() };
         let message = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap_err().to_string();
         assert!(message.contains("body.mass_kg") && message.contains("above 0 kg"), "{message}");
     }
@@ -1136,11 +1140,8 @@ mod tests {
 
     #[test]
     fn motors_off_means_off_and_a_reset_can_start_at_hover_or_standing_still() {
-        let options = SimOptions {
-            control: ControlMode::RotorVel,
-            rotor_start: RotorStart::Off,
-            ..SimOptions::default()
-        };
+        let options =
+            SimOptions { control: ControlMode::RotorVel, rotor_start: RotorStart::Off, ..attitude() };
         let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
         sim.set_command(&[0.0; 4]).unwrap();
         sim.step(100).unwrap();
@@ -1153,11 +1154,8 @@ mod tests {
 
     #[test]
     fn drones_rest_on_the_ground_below_them_where_it_is() {
-        let options = SimOptions {
-            control: ControlMode::RotorVel,
-            rotor_start: RotorStart::Off,
-            ..SimOptions::default()
-        };
+        let options =
+            SimOptions { control: ControlMode::RotorVel, rotor_start: RotorStart::Off, ..attitude() };
         let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
         sim.data.ground_z[0] = -2.0;
         sim.pipeline.append("ground", rest_on_ground(0.05)).unwrap();
@@ -1170,7 +1168,7 @@ mod tests {
         let wash = AnyEffect::Downwash(downwash::Params { drag_area_m2: 0.02, spread: 0.1 });
         let mut heavy = quad(vec![]);
         heavy.body.mass_kg = 1.5;
-        let options = SimOptions { control: ControlMode::State, ..SimOptions::default() };
+        let options = SimOptions { control: ControlMode::State, ..attitude() };
         let mut sim = Sim::new(options, vec![(quad(vec![wash]), RATES), (heavy, RATES)]).unwrap();
         let up = State { pos: [0.0, 0.0, 1.0], ..State::rest() };
         sim.set_initial(0, 1, up).unwrap();
@@ -1188,7 +1186,7 @@ mod tests {
         let drag = linear_drag::Params { drag_n_s_per_m: [[0.0; 3]; 3] };
         let wind = constant_wind::Params { velocity_m_s: [4.0, 0.0, 0.0] };
         let drone = quad(vec![AnyEffect::LinearDrag(drag), AnyEffect::ConstantWind(wind)]);
-        let options = SimOptions { n_worlds: 2, ..SimOptions::default() };
+        let options = SimOptions { n_worlds: 2, ..attitude() };
         let mut sim = Sim::new(options, vec![(drone, RATES)]).unwrap();
         sim.set_command(&[0.0, 0.0, 0.0, 9.81, 0.0, 0.0, 0.0, 9.81]).unwrap();
         sim.set_parameter(Some(1), 0, "effect.linear_drag.drag_n_s_per_m.0.0", 0.3).unwrap();
@@ -1227,7 +1225,7 @@ mod tests {
                 AnyEffect::LinearDrag(linear_drag::Params { drag_n_s_per_m: drag }),
                 AnyEffect::Turbulence(turbulence::Params { sigma_m_s: [2.0; 3], length_m: [3.0; 3] }),
             ]);
-            let options = SimOptions { n_worlds, first_world, seed: 3, ..SimOptions::default() };
+            let options = SimOptions { n_worlds, first_world, seed: 3, ..attitude() };
             let mut sim = Sim::new(options, vec![(drone, RATES); 2]).unwrap();
             sim.set_command(&[0.0, 0.0, 0.0, 9.81].repeat(2 * n_worlds)).unwrap();
             sim
@@ -1267,7 +1265,7 @@ mod tests {
             let vehicle = crate::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
             let drone = vehicle.drone(dynamics).unwrap();
             let n_worlds = 45;
-            let options = SimOptions { n_worlds, control, engine: Engine::Lanes, ..SimOptions::default() };
+            let options = SimOptions { n_worlds, control, engine: Engine::Lanes, ..attitude() };
             let one: Vec<f64> = match control {
                 ControlMode::State => [&[0.3, -0.2, 0.5][..], &[0.0; 9], &[1.0, 0.0, 0.0, 0.0]].concat(),
                 ControlMode::RotorVel => drone.hover_rotor_vel()[..4].to_vec(),
@@ -1308,8 +1306,7 @@ mod tests {
         let drone = vehicle.drone("first_principles").unwrap();
         let rates = Rates { force_torque_hz: 250, ..vehicle.rates };
         let run = |engine: Engine, calls: &[usize]| {
-            let options =
-                SimOptions { n_worlds: 40, control: ControlMode::Attitude, engine, ..SimOptions::default() };
+            let options = SimOptions { n_worlds: 40, control: ControlMode::Attitude, engine, ..attitude() };
             let mut sim = Sim::new(options, vec![(drone.clone(), rates)]).unwrap();
             let command: Vec<f64> =
                 (0..40).flat_map(|w| [0.01 * f64::from(w), -0.1, 0.3, drone.hover_thrust()]).collect();
@@ -1332,7 +1329,7 @@ mod tests {
     fn data_of_another_control_mode_are_refused() {
         for engine in [Engine::Reference, Engine::Lanes] {
             let of = |control: ControlMode| {
-                let options = SimOptions { engine, control, ..SimOptions::default() };
+                let options = SimOptions { engine, control, ..attitude() };
                 Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap()
             };
             let (mut attitude, rates) = (of(ControlMode::Attitude), of(ControlMode::BodyRate));
@@ -1347,7 +1344,7 @@ mod tests {
     #[test]
     fn lanes_that_began_with_integration_alone_still_control() {
         let run = |engine: Engine| {
-            let options = SimOptions { engine, ..SimOptions::default() };
+            let options = SimOptions { engine, ..attitude() };
             let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
             sim.set_command(&[0.1, 0.0, 0.0, 9.81]).unwrap();
             sim.run_integration();
@@ -1362,7 +1359,7 @@ mod tests {
     #[test]
     fn attitudes_that_are_written_into_the_data_become_unit_or_set_their_world_aside() {
         for engine in [Engine::Reference, Engine::Lanes] {
-            let options = SimOptions { n_worlds: 3, engine, ..SimOptions::default() };
+            let options = SimOptions { n_worlds: 3, engine, ..attitude() };
             let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
             sim.data.quat[..4].copy_from_slice(&[0.0, 1.5, 0.0, 2.0]);
             sim.data.quat[4..8].copy_from_slice(&[0.0; 4]);
@@ -1379,7 +1376,7 @@ mod tests {
     #[test]
     fn a_delayed_drone_that_starts_in_hover_does_not_dip() {
         let late = AnyEffect::CommandDelay(command_delay::Params { delay_s: 0.05 });
-        let mut sim = Sim::new(SimOptions::default(), vec![(quad(vec![late]), RATES)]).unwrap();
+        let mut sim = Sim::new(attitude(), vec![(quad(vec![late]), RATES)]).unwrap();
         sim.set_command(&[0.0, 0.0, 0.0, 9.81]).unwrap();
         sim.step(20).unwrap();
         assert!(sim.data.vel[2].abs() < 1e-9, "{}", sim.data.vel[2]);
@@ -1399,11 +1396,11 @@ mod tests {
         let nan = sim.set_command(&command).unwrap_err().to_string();
         assert!(nan.contains("world 1, drone 0, entry 1"), "{nan}");
         assert!(sim.reset(Some(&[true])).is_err());
-        let none = SimOptions { n_worlds: 0, ..SimOptions::default() };
+        let none = SimOptions { n_worlds: 0, ..attitude() };
         assert!(Sim::new(none, vec![(quad(vec![]), RATES)]).unwrap_err().to_string().contains("at least 1"));
-        let absurd = SimOptions { n_worlds: usize::MAX / 2, ..SimOptions::default() };
+        let absurd = SimOptions { n_worlds: usize::MAX / 2, ..attitude() };
         assert!(Sim::new(absurd, vec![(quad(vec![]), RATES)]).unwrap_err().to_string().contains("1 TiB"));
-        let slow = SimOptions { sim_hz: 50, ..SimOptions::default() };
+        let slow = SimOptions { sim_hz: 50, ..attitude() };
         let message = Sim::new(slow, vec![(quad(vec![]), RATES)]).unwrap_err().to_string();
         assert!(message.contains("attitude_hz") && message.contains("1 to 50 Hz"), "{message}");
         let skewed = State { quat: [0.0, 0.0, 0.0, 2.0], ..State::rest() };
