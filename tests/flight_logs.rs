@@ -589,6 +589,20 @@ fn wrong_files_get_a_sentence_with_row_and_column() {
 }
 
 #[test]
+fn a_vehicle_file_of_the_logs_name_is_no_mapping_and_the_error_says_why_it_was_read() {
+    let folder = Folder::new();
+    let log = folder.write("quad.csv", "t,px,py,pz\n0,0,0,1\n0.1,0,0,1\n");
+    assert_eq!(FlightLog::load(&log, None).unwrap().mapping, None);
+    let vehicle = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
+    let beside = folder.write("quad.toml", vehicle.to_toml());
+    let error = FlightLog::load(&log, None).unwrap_err().to_string();
+    assert!(error.contains("read as its mapping") && error.contains("rename it"), "{error}");
+    // A mapping that was named is what the user means.
+    let error = FlightLog::load(&log, Some(&beside)).unwrap_err().to_string();
+    assert!(error.contains("mapping file") && !error.contains("rename it"), "{error}");
+}
+
+#[test]
 fn too_short_a_log_is_refused_and_says_so() {
     let mut rows = flight(20.0, 200.0);
     rows.cells.iter_mut().for_each(|c| c.truncate(3));

@@ -123,6 +123,21 @@ pub(crate) struct ClockFault {
     pub time_s: f64,
 }
 
+/// Says of a mapping that nobody has named why it is read at all: a vehicle file of the log's name is not meant as one.
+fn beside_the_log(e: FlightError) -> FlightError {
+    match e {
+        FlightError::Mapping { path, key, expected, found, .. } => FlightError::Mapping {
+            path,
+            key,
+            expected,
+            found,
+            remedy: "a file of the log's name that ends in .toml is read as its mapping: correct it, or rename it where it is \
+                     something else, such as a vehicle file",
+        },
+        e => e,
+    }
+}
+
 impl FlightLog {
     /// Reads a log. Its mapping is `mapping`, else the file of the same name with the ending `.toml` where there is
     /// one, else none. The format follows from the mapping, else from the ending (`.csv`, `.txt`, `.parquet`, `.ulg`).
@@ -134,7 +149,7 @@ impl FlightLog {
         let beside = path.with_extension("toml");
         let mapping = match mapping {
             Some(path) => Some(Mapping::load(path)?),
-            None if beside.is_file() => Some(Mapping::load(&beside)?),
+            None if beside.is_file() => Some(Mapping::load(&beside).map_err(beside_the_log)?),
             None => None,
         };
         Self::load_with(path, mapping.as_ref())
