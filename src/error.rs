@@ -51,6 +51,9 @@ pub enum Error {
     /// Cameras, contacts, clearances.
     #[error(transparent)]
     Sense(#[from] crate::sense::SenseError),
+    /// An effect of another crate.
+    #[error(transparent)]
+    Effect(#[from] crate::physics::effects::RegisterError),
     /// Worlds in scenes.
     #[error(transparent)]
     Arena(Box<crate::arena::ArenaError>),

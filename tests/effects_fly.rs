@@ -523,3 +523,33 @@ fn parameters_outside_their_range_are_refused() {
         assert!(message.contains(&format!("effect.0.{key}")), "{message}");
     }
 }
+
+/// What an accelerometer of a data set measures: without the memory of effects a load on a cable or a gust would not be in it.
+#[test]
+fn the_rate_between_two_steps_is_that_of_the_next_one_with_what_effects_remember() {
+    let mass = vehicle("").drone("first_principles").unwrap().body.mass_kg;
+    let load = entry("slung_payload", &format!("mass_kg = {}\ncable_length_m = 0.5", 0.2 * mass));
+    let drag = "drag_n_s_per_m = [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.02]]";
+    let air = entry("turbulence", "sigma_m_s = [6, 6, 6]\nlength_m = [500, 500, 500]")
+        + &entry("linear_drag", drag);
+    for (effects, least) in [(load, 1.5), (air, 0.5)] {
+        let drone = vehicle(&effects).drone("first_principles").unwrap();
+        let plain = vehicle("").drone("first_principles").unwrap();
+        let rates = vehicle("").rates;
+        let options = SimOptions { control: ControlMode::Attitude, seed: 3, ..SimOptions::default() };
+        let mut sim = Sim::<f64>::new(options, vec![(drone, rates)]).unwrap();
+        sim.set_command(&[0.0, 0.0, 0.0, plain.hover_thrust()]).unwrap();
+        sim.step(200).unwrap();
+        let (rate, before) = (sim.rate(0, 0).acc, sim.data.state(0, 0));
+        let wind = sim.wind_m_s(0, 0);
+        sim.step(1).unwrap();
+        let after = sim.data.state(0, 0);
+        for i in 0..3 {
+            let moved = 500.0 * (after.vel[i] - before.vel[i]);
+            assert!((rate[i] - moved).abs() < 0.15, "{effects}: {rate:?} and {moved} along {i}");
+        }
+        // What is remembered is a good part of it.
+        let size = if effects.contains("slung") { rate[2].abs() } else { wind[0].hypot(wind[1]) };
+        assert!(size > least, "{effects}: {size}");
+    }
+}

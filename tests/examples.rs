@@ -36,8 +36,23 @@ fn there_is_a_test_for_every_example() {
         .filter(|name| name.ends_with(".rs"))
         .collect();
     names.sort();
-    let tested = ["custom_stage.rs", "fly_and_see.rs", "hidden_flight.rs", "randomize.rs", "read_dataset.rs"];
+    let tested = [
+        "custom_stage.rs",
+        "fly_and_see.rs",
+        "hidden_flight.rs",
+        "own_effect.rs",
+        "randomize.rs",
+        "read_dataset.rs",
+    ];
     assert_eq!(names, tested);
+}
+
+#[test]
+fn own_effect() {
+    let said = example("own_effect", &[]);
+    assert!(number(&said, "the climb by up to") > 1.0, "{said}");
+    assert!(number(&said, "lanes in f32 agree to") < 1.0, "{said}");
+    assert!(said.contains("settling_s") && said.contains("a number above 0"), "{said}");
 }
 
 #[test]

@@ -68,7 +68,7 @@ fn a_value_that_physics_excludes_takes_its_partners_along() {
 
 #[test]
 fn parameters_are_told_by_groups() {
-    let of = |kind, area| group(kind, area);
+    let of = |kind, area| group(kind, area).name();
     assert_eq!(of("weak_rotor", Area::Drive), "rotors unequal");
     assert_eq!(of("wrong_inertia", Area::Mass), "inertia");
     assert_eq!(of("com_offset", Area::Mass), "mass and centre of mass");

@@ -3,7 +3,7 @@
 
 mod edit;
 
-use crate::physics::effects::{AnyEffect, KINDS};
+use crate::physics::effects::{AnyEffect, kinds};
 use crate::physics::params::Parameters;
 use crate::vehicle::effects::{named_parameters, out_of_range};
 use crate::vehicle::{DYNAMICS, Vehicle, VehicleError};
@@ -31,7 +31,7 @@ pub struct FittedParameter {
 /// An effect with its fitted parameters; the others keep the value in the file, or their defaults.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedEffect {
-    /// One of [`KINDS`].
+    /// One of [`kinds`].
     pub kind: String,
     /// Dynamics for which it was fitted ([`DYNAMICS`]); `None` for all.
     pub models: Option<Vec<String>>,
@@ -410,7 +410,7 @@ impl<'a> Fit<'a> {
         let Some(default) = AnyEffect::by_kind(&effect.kind) else {
             return wrong(
                 "kind",
-                format!("one of {}", KINDS.join(", ")),
+                format!("one of {}", kinds().join(", ")),
                 effect.kind.clone(),
                 "correct the name",
             );

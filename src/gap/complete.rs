@@ -5,12 +5,10 @@ use super::accept::{self, AcceptError, FittedEffect, FittedParameter, Source};
 use super::diagnose::Diagnosed;
 use super::policy::NO_INFLUENCE_SIGMAS;
 use super::verdict::{Calibration, Finding, ParameterFit};
-use crate::physics::effects::Area;
+use crate::physics::effects::{Area, Group, nature};
 use crate::vehicle::{DYNAMICS, Vehicle};
+use std::collections::BTreeSet;
 
-/// Kinds that describe the air or the limits of one flight; written into a vehicle file only as findings.
-const OF_THE_FLIGHT: [&str; 5] =
-    ["constant_wind", "gust", "turbulence", "disturbance", "actuator_saturation"];
 /// An effect is undetermined if the data narrow none of its parameters below this share of its plausible size.
 const UNDETERMINED: f64 = 0.7;
 
@@ -51,7 +49,7 @@ pub fn note(sensor: bool, kind: &str) -> Option<String> {
     if sensor {
         return Some("of the sensors that made the log".into());
     }
-    OF_THE_FLIGHT.contains(&kind).then(|| "of the flight that it was fitted to".into())
+    nature(kind).of_the_flight.then(|| "of the flight that it was fitted to".into())
 }
 
 /// Tolerance parameters that the log moves, by effect. Parameters fitted together are never split: an effect is included
@@ -59,7 +57,7 @@ pub fn note(sensor: bool, kind: &str) -> Option<String> {
 pub fn calibration(adjusted: &[Calibration]) -> Vec<Entry> {
     let mut out: Vec<Entry> = Vec::new();
     for c in adjusted {
-        if OF_THE_FLIGHT.contains(&c.kind.as_str()) || c.kind == "slung_payload" {
+        if nature(&c.kind).only_when_found {
             continue;
         }
         let p = &c.parameter;
@@ -100,32 +98,9 @@ fn has_influence(entry: &Entry) -> bool {
     square.sqrt() > NO_INFLUENCE_SIGMAS
 }
 
-/// Groups of parameters within tolerance, in a vehicle builder's words.
-pub const GROUPS: [&str; 7] = [
-    "rotors unequal",
-    "inertia",
-    "mass and centre of mass",
-    "thrust and torque curves",
-    "air",
-    "sensor offsets",
-    "clocks",
-];
-
-/// Groups that describe the instruments of a log: the next flight may have other ones, so they are only written on request.
-pub const OF_THE_LOG: [&str; 2] = ["sensor offsets", "clocks"];
-
-/// The group (of [`GROUPS`]) of an effect.
-pub fn group(kind: &str, area: Area) -> &'static str {
-    let index = match (kind, area) {
-        ("weak_rotor" | "rotor_tilt", _) => 0,
-        ("wrong_inertia" | "rotor_inertia", _) => 1,
-        ("clock_offset" | "command_delay", _) => 6,
-        (_, Area::Mass) => 2,
-        (_, Area::Drive) => 3,
-        (_, Area::Airframe) => 4,
-        (_, Area::Measurement) => 5,
-    };
-    GROUPS[index]
+/// The group of calibration to which an effect belongs.
+pub fn group(kind: &str, area: Area) -> Group {
+    nature(kind).group.unwrap_or(Group::of(area))
 }
 
 /// User-defined expressions are distinguished by their id.
@@ -262,9 +237,8 @@ impl Completion {
         if self.calibrate(&list)? == 0 {
             return Ok(None);
         }
-        let mut names: Vec<&str> = list.iter().map(|c| group(&c.kind, c.area)).collect();
-        names.sort_by_key(|name| GROUPS.iter().position(|g| g == name));
-        names.dedup();
+        let groups: BTreeSet<Group> = list.iter().map(|c| group(&c.kind, c.area)).collect();
+        let names: Vec<&str> = groups.into_iter().map(Group::name).collect();
         let names = names.join(", ");
         self.remarks.push(format!(
             "{names}: written with what was found, since they were fitted together and an error on unseen flight rises without"

@@ -16,7 +16,7 @@ use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{Diagnosis, Said};
 use super::wiring;
 use super::witness::Witness;
-use crate::physics::effects::Area;
+use crate::physics::effects::{Area, FromLog};
 use crate::vehicle::Vehicle;
 
 /// Settings of a diagnosis.
@@ -96,11 +96,13 @@ fn polish(
     progress: &dyn Fn(usize, usize),
 ) -> Result<Option<String>, GapError> {
     let (mut rehung, mut cables) = (false, None);
-    if solution.set.iter().any(|c| model.candidates[*c].kind == "slung_payload") {
+    if let Some((load, name)) = model.given(FromLog::CableLength)
+        && solution.set.contains(&load)
+    {
         let found = model.plain_at(&solution.posterior.mean, &solution.set);
         let lengths = reattach(logs, &found);
         if let Some(length_m) = lengths.first() {
-            model.set_preset("slung_payload", "cable_length_m", *length_m);
+            model.set_preset(load, name, *length_m);
             rehung = true;
         }
         cables = differing(&lengths);

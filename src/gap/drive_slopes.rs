@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 /// Drive parameters per pass of duals.
 const N_DRIVE: usize = 4;
+const _: () = assert!(N_DRIVE <= crate::physics::effects::custom::MAX_PARTIALS);
 type DriveDual = Dual<f64, N_DRIVE>;
 
 /// Inputs with their derivatives by the drive parameters at every node of a log.

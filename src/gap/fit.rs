@@ -30,6 +30,7 @@ use std::collections::HashMap;
 
 /// Directions per pass of duals.
 pub(super) const N: usize = 12;
+const _: () = assert!(N <= crate::physics::effects::custom::MAX_PARTIALS);
 pub(super) type Wide = Dual<f64, N>;
 
 /// Nuisance parameters of a window's initial state; six disturbances for every [`PUSH_STEPS`] follow.

@@ -9,6 +9,7 @@ use super::search::{Evidence, covariance, smallest};
 use super::solve::Solution;
 use super::track::Track;
 use super::verdict::{Advice, Limit};
+use crate::physics::effects::{Area, FromLog};
 use crate::vehicle::Vehicle;
 use nalgebra::DMatrix;
 
@@ -35,24 +36,35 @@ pub(super) fn poor(model: &Model, solution: &Solution) -> Result<bool, GapError>
     let all = Information::new(model, &solution.linear, &solution.linear.reduce(&calm), |_| true)?;
     let evidence = Evidence::new(model, &all.h, &all.g, &solution.linear.at, 1.0, 1.0)?;
     // Clocks are no physics: behind smoothed inputs they could be off by milliseconds in any flight.
-    let of_physics = |l: &&Limit| l.id != LIMIT && !l.id.starts_with("clock_offset");
+    let clocks: Vec<&str> = model
+        .timing()
+        .into_iter()
+        .map(|c| &model.candidates[c])
+        .filter(|c| c.area == Area::Measurement)
+        .map(|c| c.id.as_str())
+        .collect();
+    let limit = of_a_limit(model);
+    let of_physics = |l: &&Limit| limit != Some(l.id.as_str()) && !clocks.contains(&l.id.as_str());
     let hidden = limits(model, &evidence, solution).iter().filter(of_physics).filter(|l| !l.visible).count();
     Ok(hidden > FEW)
 }
 
-/// The candidate whose parameter is a limit: it only shows where it is reached.
-const LIMIT: &str = "actuator_saturation";
+/// Name of the candidate whose parameter is a limit: it only shows where it is reached.
+fn of_a_limit(model: &Model) -> Option<&str> {
+    model.given(FromLog::FastestCommand).map(|(c, _)| model.candidates[c].id.as_str())
+}
 
 /// Whether rotors were commanded far beyond hover.
 fn demanding(model: &Model) -> bool {
-    let limit = model.candidates.iter().find(|c| c.id == LIMIT);
-    let most = limit.and_then(|c| c.preset.iter().find(|(name, _)| name == "max_rotor_vel_rad_s"));
+    let limit = model.given(FromLog::FastestCommand);
+    let most = limit.and_then(|(c, given)| model.candidates[c].preset.iter().find(|(name, _)| name == given));
     most.is_some_and(|(_, v)| *v >= DEMANDING * model.drone.hover_rotor_vel()[0])
 }
 
 /// The limits of all candidates that were not found, the least visible first.
 pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) -> Vec<Limit> {
     let smallest = evidence.smallest(&solution.set, SURE).unwrap_or_default();
+    let limit = of_a_limit(model);
     let mut out: Vec<(f64, Limit)> = model
         .named()
         .filter(|c| model.may[*c] && !solution.set.contains(c))
@@ -60,15 +72,16 @@ pub(super) fn limits(model: &Model, evidence: &Evidence, solution: &Solution) ->
             let p = &model.parameters[model.of(c).next()?];
             let share = *smallest.get(c)?;
             let known = share < MOST;
-            let limit = Limit {
+            let hidden = Limit {
                 id: model.candidates[c].id.clone(),
                 parameter: p.name.clone(),
                 unit: p.unit.into(),
                 size: known.then_some(share * p.slab),
                 share: known.then_some(share),
-                visible: share <= VISIBLE && (model.candidates[c].id != LIMIT || demanding(model)),
+                visible: share <= VISIBLE
+                    && (limit != Some(model.candidates[c].id.as_str()) || demanding(model)),
             };
-            Some((share, limit))
+            Some((share, hidden))
         })
         .collect();
     out.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -131,7 +144,8 @@ pub(super) fn advice(
     };
     let sensors = excite::Sensors::of(track);
     // A rotor limit shows only where it is reached; no derivative tells how far away it is.
-    let hardest = hidden.contains(&LIMIT);
+    let limit = of_a_limit(model);
+    let hardest = limit.is_some_and(|id| hidden.contains(&id));
     let Some(plan) = excite::show(vehicle, track.drive, &sensors, &listed, &told, &far, hardest) else {
         return Ok(hidden.into_iter().map(own).collect());
     };
@@ -140,7 +154,7 @@ pub(super) fn advice(
         kept.map(|(c, _)| listed.candidates[*c].id.as_str()).collect()
     };
     let (aimed, hidden_still) = (names(&|f| f <= 0.0), names(&|f| f > (VISIBLE / AIM).ln()));
-    let left: Vec<&str> = hidden_still.into_iter().filter(|id| *id != LIMIT).collect();
+    let left: Vec<&str> = hidden_still.into_iter().filter(|id| Some(*id) != limit).collect();
     let mut text = format!("effects of usual size could hide in these logs: {}", hidden.join(", "));
     if !plan.manoeuvres.is_empty() {
         let what = match (aimed.is_empty(), left.is_empty()) {

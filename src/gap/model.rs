@@ -9,7 +9,9 @@ use super::track::{Drive, Track};
 use crate::flight::clean;
 use crate::physics::airframe;
 use crate::physics::drone::Drone;
-use crate::physics::effects::{AnyEffect, Area, Candidate, Freedom, Needs, Sign, candidates};
+use crate::physics::effects::{
+    Answer, AnyEffect, Area, Candidate, Effect, FromLog, Needs, Relative, Sign, candidates, nature,
+};
 use crate::physics::params::Parameters;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
@@ -50,6 +52,8 @@ pub(crate) struct Parameter {
     pub sign: Sign,
     /// Distance from the nominal value back to the value at which the effect is absent, slabs.
     pub back: f64,
+    /// Whether the model divides by it.
+    pub divides: bool,
     /// Where it enters.
     pub enters: Enters,
 }
@@ -71,8 +75,8 @@ pub(crate) struct Model {
     pub shapes: Vec<usize>,
     /// Candidates that these logs cannot decide, with the reason.
     pub not_tried: Vec<(String, String)>,
-    /// A pair of candidates that these logs can only determine one at a time.
-    pub never_both: Option<[usize; 2]>,
+    /// Candidates that these logs can only determine one at a time.
+    pub never_both: Vec<usize>,
 }
 
 /// Least share of its nominal value of a time constant, a mass or an inertia: a factor of ten is another vehicle.
@@ -91,7 +95,7 @@ impl Model {
             may: Vec::new(),
             shapes: Vec::new(),
             not_tried: Vec::new(),
-            never_both: None,
+            never_both: Vec::new(),
         };
         for candidate in candidates(drone) {
             let reason = reason_against(&candidate, tracks, arounds);
@@ -103,11 +107,8 @@ impl Model {
         // A lighter vehicle with weaker rotors hovers as well and turns less: where the turning response is unknown, never
         // choose both.
         if [0, 1].into_iter().all(|axis| torque_doubt(drone, tracks, axis, false) > UNKNOWN_ANSWER) {
-            let both =
-                ["wrong_mass", "thrust_scale"].map(|id| model.candidates.iter().position(|c| c.id == id));
-            if let [Some(a), Some(b)] = both {
-                model.never_both = Some([a, b]);
-            }
+            let hover = |c: &usize| nature(model.candidates[*c].kind).scales_hover;
+            model.never_both = (0..model.candidates.len()).filter(hover).collect();
         }
         Ok(model)
     }
@@ -117,7 +118,7 @@ impl Model {
         let unknown = |what: &str| GapError::Unknown {
             name: what.to_string(),
             what: "effect or parameter of a candidate",
-            known: crate::physics::effects::KINDS.join(", "),
+            known: crate::physics::effects::kinds().join(", "),
         };
         let of_kind = self.drone.effects.iter().position(|e| is(e, &candidate));
         let effect = match of_kind {
@@ -143,12 +144,8 @@ impl Model {
                 .iter()
                 .position(|(name, _)| *name == freedom.name)
                 .ok_or_else(|| unknown(&format!("{}.{}", candidate.kind, freedom.name)))?;
-            let enters = match (candidate.area, candidate.kind) {
-                (_, "clock_offset") => Enters::Clock(match freedom.name.as_str() {
-                    "gyro_s" => 1,
-                    "accel_s" => 2,
-                    _ => 0,
-                }),
+            let enters = match (candidate.area, clock_of(&self.drone.effects[effect], ordinal)) {
+                (_, Some(sensor)) => Enters::Clock(sensor),
                 (Area::Measurement, _) => Enters::Reading,
                 _ if candidate.needs == Needs::Commands => Enters::Drive,
                 _ => Enters::Dynamics,
@@ -169,6 +166,7 @@ impl Model {
                 slab,
                 sign: freedom.sign,
                 back: size / slab,
+                divides: freedom.divides,
                 enters,
             });
         }
@@ -181,9 +179,7 @@ impl Model {
     /// off; below, motors run away from their commands.
     pub fn least(&self, parameter: usize) -> Option<f64> {
         let p = &self.parameters[parameter];
-        let kind = self.candidates[p.candidate].kind;
-        let divides = matches!(kind, "motor_lag" | "wrong_mass" | "wrong_inertia") && p.unit == "1";
-        divides.then_some(LEAST_SHARE * p.filed)
+        p.divides.then_some(LEAST_SHARE * p.filed)
     }
 
     /// Nominal values: no missing effect.
@@ -192,7 +188,8 @@ impl Model {
     }
 
     /// Sets the trial value of a parameter of an effect that the file does not list; returns whether there is one.
-    pub fn preset_of(&mut self, kind: &str, name: &str, value: f64) -> bool {
+    pub fn preset_of(&mut self, candidate: usize, name: &str, value: f64) -> bool {
+        let kind = self.candidates[candidate].kind;
         let mut found = false;
         for p in &mut self.parameters {
             let effect = &mut self.drone.effects[p.effect];
@@ -212,7 +209,8 @@ impl Model {
     }
 
     /// Sets a parameter that a candidate sets but does not fit.
-    pub fn set_preset(&mut self, kind: &str, name: &str, value: f64) {
+    pub fn set_preset(&mut self, candidate: usize, name: &str, value: f64) {
+        let kind = self.candidates[candidate].kind;
         for c in self.candidates.iter_mut().filter(|c| c.kind == kind) {
             c.preset.iter_mut().filter(|(n, _)| n == name).for_each(|(_, v)| *v = value);
         }
@@ -254,17 +252,14 @@ impl Model {
             candidates: kept.iter().map(|c| self.candidates[*c].clone()).collect(),
             parameters,
             not_tried: self.not_tried.clone(),
-            never_both: self.never_both.and_then(|both| {
-                let kept = both.map(|c| kept.iter().position(|k| *k == c));
-                Some([kept[0]?, kept[1]?])
-            }),
+            never_both: (0..kept.len()).filter(|i| self.never_both.contains(&kept[*i])).collect(),
         }
     }
 
     /// Ids of effects that could not be tried and would look like one of `ids`.
     pub fn hidden_behind(&self, ids: &[&str]) -> Vec<String> {
         let kind = |id: &str| id.split('.').next().unwrap_or(id).to_string();
-        let behind = |id: &&String| looks_like(&kind(id)).iter().any(|other| ids.contains(other));
+        let behind = |id: &&String| nature(&kind(id)).alike_by_thrust.iter().any(|other| ids.contains(other));
         self.not_tried.iter().map(|(id, _)| id).filter(behind).cloned().collect()
     }
 
@@ -272,8 +267,13 @@ impl Model {
     /// approximation of the sensor outputs: the model is always relinearised at them, found or not.
     pub fn timing(&self) -> Vec<usize> {
         (0..self.candidates.len())
-            .filter(|c| matches!(self.candidates[*c].kind, "clock_offset" | "command_delay"))
+            .filter(|c| nature(self.candidates[*c].kind).relative == Some(Relative::Time))
             .collect()
+    }
+
+    /// The candidate with a parameter that a log gives in this way, and the parameter.
+    pub fn given(&self, value: FromLog) -> Option<(usize, &'static str)> {
+        self.candidates.iter().enumerate().find_map(|(c, of)| Some((c, of.given(value)?)))
     }
 
     /// Indices of a candidate's parameters.
@@ -326,21 +326,19 @@ impl Model {
 
 /// Why an effect is not tried that scales a response which the logs do not determine.
 fn unanswered(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> Option<String> {
-    let answers =
-        matches!(candidate.kind, "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve");
-    (answers && answer_doubt(drone, candidate, tracks) > UNKNOWN_ANSWER).then(|| {
+    let doubt = answer_doubt(drone, candidate.answer?, tracks);
+    (doubt > UNKNOWN_ANSWER).then(|| {
         "the rotors' speeds change by hardly more than their noise: roll, pitch, yaw and climb quickly".into()
     })
 }
 
 /// Relative uncertainty of the response that a candidate scales: a torque about an axis, the reaction to rotor
 /// acceleration, or the thrust's changes. Zero where the inputs are exact.
-fn answer_doubt(drone: &Drone<f64>, candidate: &Candidate, tracks: &[&Track]) -> f64 {
-    match candidate.id.as_str() {
-        "wrong_inertia.x" => torque_doubt(drone, tracks, 0, false),
-        "wrong_inertia.y" => torque_doubt(drone, tracks, 1, false),
-        "thrust_curve" => doubt_along(tracks, &vec![1.0; drone.airframe.n_rotors], false),
-        id => torque_doubt(drone, tracks, 2, id == "rotor_inertia"),
+fn answer_doubt(drone: &Drone<f64>, answer: Answer, tracks: &[&Track]) -> f64 {
+    match answer {
+        Answer::Torque(axis) => torque_doubt(drone, tracks, axis, false),
+        Answer::RotorAcceleration => torque_doubt(drone, tracks, 2, true),
+        Answer::Thrust => doubt_along(tracks, &vec![1.0; drone.airframe.n_rotors], false),
     }
 }
 
@@ -385,59 +383,72 @@ fn adapted(
     tracks: &[&Track],
     arounds: &[&Around],
 ) -> Candidate {
-    match candidate.kind {
-        // The motion of the load is known before the fit, from its track (`super::cable`).
-        "slung_payload" => {
-            candidate.freedoms.retain(|f| f.name == "mass_kg");
-            // The attachment of the cable is only observable in torques.
-            if tracks.iter().all(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds)) {
-                for axis in 0..3 {
-                    candidate.freedoms.push(Freedom::any(format!("attachment_m.{axis}"), "m", 0.0, 0.03));
-                }
-            }
-            if let Some(cable) = arounds.iter().find_map(|a| a.cable) {
-                candidate.preset = vec![
-                    ("cable_length_m".into(), cable.length_m),
-                    ("damping_per_s".into(), cable.damping_per_s),
-                ];
-            }
+    // What shows in torques alone is only observable where the rotors' speeds are known.
+    let torques = tracks.iter().all(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds));
+    candidate.freedoms.retain(|f| torques || !f.in_torques);
+    // The motion of a load is known before the fit, from its track (`super::cable`).
+    if let Some(cable) = arounds.iter().find_map(|a| a.cable) {
+        let known = [(FromLog::CableLength, cable.length_m), (FromLog::CableDamping, cable.damping_per_s)];
+        let of = known.map(|(from, value)| candidate.given(from).map(|name| (name.to_string(), value)));
+        if of.iter().any(Option::is_some) {
+            candidate.preset = of.into_iter().flatten().collect();
         }
-        // Smoothed inputs have a timing uncertainty of a share of the smoothing time.
-        "clock_offset" => {
-            let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
-            for f in &mut candidate.freedoms {
-                f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
-            }
+    }
+    // Clocks behind smoothed inputs are uncertain by a share of the smoothing time.
+    if candidate.area == Area::Measurement && nature(candidate.kind).relative == Some(Relative::Time) {
+        let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
+        for f in &mut candidate.freedoms {
+            f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
         }
-        // The response is known only as well as the smoothed inputs.
-        "wrong_inertia" | "torque_scale" | "rotor_inertia" | "thrust_curve" => {
-            let doubt = answer_doubt(drone, &candidate, tracks);
-            for f in &mut candidate.freedoms {
-                f.spike = f.spike.hypot(doubt);
-                f.slab = f.slab.hypot(doubt);
-            }
+    }
+    // The response is known only as well as the smoothed inputs.
+    if let Some(answer) = candidate.answer {
+        let doubt = answer_doubt(drone, answer, tracks);
+        for f in &mut candidate.freedoms {
+            f.spike = f.spike.hypot(doubt);
+            f.slab = f.slab.hypot(doubt);
         }
-        // The likelihood is flat above the fastest command: the search starts just there.
-        "actuator_saturation" => {
-            let speeds = || {
-                tracks
-                    .iter()
-                    .filter(|t| t.drive == Drive::RotorCommands)
-                    .flat_map(|t| t.inputs.rotors.iter().flat_map(|c| c.values.iter().map(|v| v[0])))
-            };
-            let all: Vec<f64> = speeds().step_by(7).collect();
-            let most = speeds().fold(0.0, f64::max);
-            if let Some(usual) = clean::quantile(&all, 0.75).filter(|u| *u < most) {
-                candidate.preset = vec![("max_rotor_vel_rad_s".into(), most)];
-                for f in &mut candidate.freedoms {
-                    f.slab = most - usual;
-                    f.spike = 1e-3 * f.slab;
-                }
-            }
+    }
+    // The likelihood is flat above the fastest command: the search for a limit starts just there.
+    if let Some(name) = candidate.given(FromLog::FastestCommand)
+        && let Some((most, usual)) = fastest_command(tracks)
+    {
+        candidate.preset = vec![(name.into(), most)];
+        for f in &mut candidate.freedoms {
+            f.slab = most - usual;
+            f.spike = 1e-3 * f.slab;
         }
-        _ => {}
     }
     candidate
+}
+
+/// The fastest rotor command of the logs and the upper quartile of all of them, rad/s, where they differ.
+fn fastest_command(tracks: &[&Track]) -> Option<(f64, f64)> {
+    let speeds = || {
+        tracks
+            .iter()
+            .filter(|t| t.drive == Drive::RotorCommands)
+            .flat_map(|t| t.inputs.rotors.iter().flat_map(|c| c.values.iter().map(|v| v[0])))
+    };
+    let all: Vec<f64> = speeds().step_by(7).collect();
+    let most = speeds().fold(0.0, f64::max);
+    clean::quantile(&all, 0.75).filter(|u| *u < most).map(|usual| (most, usual))
+}
+
+/// The sensor whose clock a parameter of an effect shifts: 0 pose, 1 gyroscope, 2 accelerometer.
+fn clock_of(effect: &AnyEffect<f64>, ordinal: usize) -> Option<usize> {
+    let late = |effect: &AnyEffect<f64>| {
+        let clock = effect.clock();
+        [clock.pose_s, clock.gyro_s, clock.accel_s]
+    };
+    let (before, mut moved, mut at) = (late(effect), *effect, 0);
+    moved.visit("", &mut |_, slot| {
+        if at == ordinal {
+            *slot += 1.0;
+        }
+        at += 1;
+    });
+    (0..3).find(|sensor| late(&moved)[*sensor] != before[*sensor])
 }
 
 /// Whether an effect of a drone is the one that a candidate frees.
@@ -453,6 +464,7 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
     let any = |f: &dyn Fn(&Track) -> bool| tracks.iter().any(|t| f(t));
     let drives = |list: &[Drive]| any(&|t| list.contains(&t.drive));
     let rotors = [Drive::RotorSpeeds, Drive::RotorCommands];
+    let nature = nature(candidate.kind);
     let reason = match candidate.needs {
         Needs::Commands if !drives(&[Drive::RotorCommands, Drive::AttitudeCommands]) => {
             "needs motor commands to drive the model"
@@ -466,31 +478,21 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
         Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
         Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
         Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",
-        _ if !drives(&rotors) && !looks_like(candidate.kind).is_empty() => {
+        _ if !drives(&rotors) && !nature.alike_by_thrust.is_empty() => {
             return Some(format!(
                 "needs rotor speeds: with a collective thrust alone it looks like {}",
-                looks_like(candidate.kind).join(" or ")
+                nature.alike_by_thrust.join(" or ")
             ));
         }
-        _ if candidate.kind == "thrust_curve" && !any(&|t| t.drive == Drive::AttitudeCommands || revs(t)) => {
+        _ if candidate.answer == Some(Answer::Thrust)
+            && !any(&|t| t.drive == Drive::AttitudeCommands || revs(t)) =>
+        {
             "the rotors turn at one speed, on average: climb and descend"
         }
-        _ if torque_only(candidate.kind) && !drives(&rotors) => "needs rotor speeds: torques are unknown",
+        _ if nature.torques_only && !drives(&rotors) => "needs rotor speeds: torques are unknown",
         _ => return None,
     };
     Some(reason.to_string())
-}
-
-/// Look-alikes of a rotor effect where only a collective thrust is known of the rotors, if it is observable at all: drag of
-/// rotors at nearly constant speed is that of the body, one weak rotor is less thrust, and a thrust tilted in the body is a
-/// body tilted under all sensors.
-pub(crate) fn looks_like(kind: &str) -> &'static [&'static str] {
-    match kind {
-        "rotor_drag" => &["linear_drag"],
-        "weak_rotor" => &["thrust_scale"],
-        "rotor_tilt" => &["mount", "mount.pose"],
-        _ => &[],
-    }
 }
 
 /// Share of its median by which the rotors' mean speed must vary for the shape of a curve to be observable.
@@ -510,18 +512,4 @@ fn revs(track: &Track) -> bool {
         (Some(low), Some(usual), Some(high)) => high - low > LEAST_SPREAD * usual,
         _ => false,
     }
-}
-
-/// Effects that act on torques only.
-fn torque_only(kind: &str) -> bool {
-    matches!(
-        kind,
-        "blade_flapping"
-            | "com_offset"
-            | "weak_rotor"
-            | "torque_scale"
-            | "wrong_inertia"
-            | "rotor_inertia"
-            | "rotor_tilt"
-    )
 }

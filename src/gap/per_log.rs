@@ -12,18 +12,8 @@ use super::model::{Model, Parameter};
 use super::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS};
 use super::solve::Solution;
 use super::verdict::OfOneLog;
+use crate::physics::effects::nature;
 use nalgebra::{Cholesky, DMatrix, DVector};
-
-/// Kinds of effects that describe the instruments, the weather and the battery of one flight.
-const MAY_DIFFER: [&str; 7] = [
-    "clock_offset",
-    "gyro_bias",
-    "accel_bias",
-    "sensor_offset",
-    "world_tilt",
-    "constant_wind",
-    "thrust_fade",
-];
 
 /// Prior precision of the mean of all deviations over that of a single one: holds the mean at zero.
 const HELD: f64 = 1e6;
@@ -59,7 +49,8 @@ pub(super) fn of_log(shared: &[f64], apart: &[Vec<f64>], log: usize) -> Vec<f64>
 impl Model {
     /// Parameters that may differ when there are so many logs.
     pub fn per_log(&self, logs: usize) -> Vec<usize> {
-        let differs = |k: &usize| MAY_DIFFER.contains(&self.candidates[self.parameters[*k].candidate].kind);
+        let differs =
+            |k: &usize| nature(self.candidates[self.parameters[*k].candidate].kind).differs_between_logs;
         (0..self.parameters.len()).filter(|k| logs > 1 && differs(k)).collect()
     }
 }

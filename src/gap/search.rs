@@ -8,7 +8,7 @@
 
 use super::GapError;
 use super::model::Model;
-use crate::physics::effects::Sign;
+use crate::physics::effects::{Relative, Sign, nature};
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Evidence required to add an effect, nats.
@@ -161,7 +161,7 @@ impl<'a> Evidence<'a> {
 
     fn scored(&self, mut set: Vec<usize>) -> Scored {
         set.sort_unstable();
-        let never = self.model.never_both.is_some_and(|both| both.iter().all(|c| set.contains(c)));
+        let never = set.iter().filter(|c| self.model.never_both.contains(c)).count() > 1;
         Scored { evidence: if never { f64::NEG_INFINITY } else { self.of(&set) }, set }
     }
 
@@ -323,17 +323,17 @@ impl<'a> Evidence<'a> {
     /// commands, so one set of them can replace another though no single exchange shows it. Each with its evidence deficit,
     /// within `margin` nats.
     pub fn in_place_of_all(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
-        RELATIVE.iter().flat_map(|kinds| self.in_place_of_kinds(kinds, set, of, margin)).collect()
+        Relative::ALL.iter().flat_map(|by| self.in_place_of_relatives(*by, set, of, margin)).collect()
     }
 
-    fn in_place_of_kinds(
+    fn in_place_of_relatives(
         &self,
-        kinds: &[&str],
+        by: Relative,
         set: &[usize],
         of: usize,
         margin: f64,
     ) -> Vec<(Vec<usize>, f64)> {
-        let relative = |c: &usize| kinds.contains(&self.model.candidates[*c].kind);
+        let relative = |c: &usize| nature(self.model.candidates[*c].kind).relative == Some(by);
         let own: Vec<usize> = set.iter().copied().filter(relative).collect();
         if own.len() < 2 || !own.contains(&of) {
             return Vec::new();
@@ -392,10 +392,6 @@ impl<'a> Evidence<'a> {
 
 /// Most alternatives reported for candidates that are determined only relative to each other.
 const MOST_TOGETHER: usize = 3;
-/// Kinds that a flight determines only relative to each other: mass, thrust, inertia and torque by their ratios, commands
-/// and sensors by their time differences.
-const RELATIVE: [&[&str]; 2] =
-    [&["wrong_mass", "thrust_scale", "wrong_inertia", "torque_scale"], &["command_delay", "clock_offset"]];
 
 /// Posterior covariance of all parameters from their information and prior precision.
 pub(crate) fn covariance(a: &DMatrix<f64>, prior: &[f64]) -> Option<DMatrix<f64>> {

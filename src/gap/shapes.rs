@@ -8,7 +8,7 @@ use super::model::Model;
 use super::search::Evidence;
 use crate::physics::effects::candidate::{Bounds, Freedom, Scale};
 use crate::physics::effects::expression::{Formula, Params};
-use crate::physics::effects::{AnyEffect, Area, Candidate, Needs};
+use crate::physics::effects::{AnyEffect, Area, Candidate};
 use crate::vehicle::expression::{intern, parse};
 
 /// Evidence by which a shape must beat the finding, nats.
@@ -59,24 +59,15 @@ impl Model {
                     .iter()
                     .map(|f| crate::physics::effects::expression::Declared {
                         freedom: f.clone(),
-                        bounds: Bounds { least: f64::NEG_INFINITY, most: f64::INFINITY },
+                        bounds: Bounds::from(f64::NEG_INFINITY),
                     })
                     .collect(),
             };
             let params = Params { formula: intern(formula), ..Params::default() };
             self.drone.effects.push(AnyEffect::Expression(params));
             self.listed.push(false);
-            self.admit(Candidate {
-                id: (*name).into(),
-                kind: "expression",
-                title: (*words).into(),
-                area: Area::Airframe,
-                needs: Needs::Nothing,
-                freedoms,
-                preset: vec![],
-                manoeuvre: "fly at many speeds",
-                most_slabs: f64::INFINITY,
-            })?;
+            let shape = Candidate::new("expression", words, Area::Airframe, freedoms, "fly at many speeds");
+            self.admit(shape.called(name))?;
             self.shapes.push(self.candidates.len() - 1);
         }
         for c in &self.shapes {

@@ -8,6 +8,7 @@ use super::search::{MOST, THRESHOLD};
 use super::solve::Solution;
 use super::track::Noise;
 use super::witness::Witness;
+use crate::physics::effects::Area;
 
 /// Starting point of a search.
 pub(super) struct Start {
@@ -61,11 +62,10 @@ impl Start {
 
 /// The same time differences between commands and sensors by fewer or likelier causes than in a solution, if there are any.
 pub(super) fn fewer_clocks(model: &Model, found: &Solution) -> Option<Start> {
-    let of_kind = |kind: &str| -> Vec<usize> {
-        (0..model.candidates.len()).filter(|c| model.candidates[*c].kind == kind).collect()
-    };
-    let delay = *of_kind("command_delay").first()?;
-    let timing: Vec<usize> = [vec![delay], of_kind("clock_offset")].concat();
+    let (clocks, delays): (Vec<usize>, Vec<usize>) =
+        model.timing().into_iter().partition(|c| model.candidates[*c].area == Area::Measurement);
+    let delay = *delays.first()?;
+    let timing: Vec<usize> = [vec![delay], clocks].concat();
     // One parameter each.
     let place: Vec<usize> = timing.iter().filter_map(|c| model.of(*c).next()).collect();
     let off: Vec<f64> = place.iter().map(|k| found.posterior.mean[*k] - model.parameters[*k].filed).collect();

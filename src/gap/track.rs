@@ -11,6 +11,7 @@ use crate::flight::resample::Cursor;
 use crate::flight::usable::Unusable;
 use crate::flight::{Channel, Excluded, FlightLog, resample};
 use crate::math::quat;
+use crate::physics::effects::{AnyEffect, Effect};
 use crate::physics::surroundings::NO_GROUND_M;
 use crate::vehicle::Vehicle;
 use drive::{choose_drive, plausible_thrust};
@@ -165,6 +166,19 @@ pub(crate) const SETTLE_S: f64 = 0.25;
 /// Shortest usable flight, s.
 pub const SHORTEST_S: f64 = 2.0;
 
+/// What a comparison leaves out of effects whose forces go with what they remember.
+fn forgetful(vehicle: &Vehicle, dynamics: &str) -> Option<String> {
+    let drone = vehicle.drone(dynamics).ok()?;
+    let moved: Vec<String> =
+        drone.effects.iter().filter(|e| e.nature().moved_by_memory).map(AnyEffect::label).collect();
+    (!moved.is_empty()).then(|| {
+        format!(
+            "{}: acts as at its start: comparisons with logs do not follow what it remembers",
+            moved.join(", ")
+        )
+    })
+}
+
 impl Track {
     /// Prepares a log for a vehicle.
     ///
@@ -182,6 +196,7 @@ impl Track {
         };
         sensors::has_pose(&log, &fault)?;
         let (drive, dynamics, mut inputs) = choose_drive(&log, vehicle, options, &name, &mut warnings)?;
+        warnings.extend(forgetful(vehicle, dynamics));
         // From here on, no channel contains spans that no flight model explains.
         let cut = usable::look(&log, vehicle);
         warnings.extend(cut.words());

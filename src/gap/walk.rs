@@ -13,6 +13,7 @@ use super::solve::{LONGEST_STEP, Solution, chi2, corrected, difference, no_windo
 use super::starts::Start;
 use super::track::Noise;
 use crate::flight::clean;
+use crate::physics::effects::FromLog;
 
 /// Lengths of the windows, s: short ones first, since long ones are more sensitive but less linear.
 const HORIZONS_S: [f64; 2] = [0.1, 0.25];
@@ -115,7 +116,7 @@ impl<'a> Walk<'a> {
     ) -> Self {
         let from_file = start.is_none();
         let every: Vec<usize> = (0..model.candidates.len()).filter(|c| model.may[*c]).collect();
-        let is_gust = |c: &usize| model.candidates[*c].kind == "gust";
+        let is_gust = |c: &usize| model.candidates[*c].given(FromLog::LoudestFrequency).is_some();
         let may_gust = given.unwrap_or(&every).iter().any(is_gust);
         // A given set needs no short windows, which only provide a start for the long ones; except for the gust frequency.
         let mut start = start.unwrap_or_else(|| Start {
@@ -227,7 +228,10 @@ impl<'a> Walk<'a> {
             return false;
         }
         let hz = loudest_hz(self.logs, linear, &self.start.disturbance);
-        let tuned = hz.is_some_and(|hz| model.preset_of("gust", "frequency_hz", hz));
+        let tuned = match (model.given(FromLog::LoudestFrequency), hz) {
+            (Some((gust, name)), Some(hz)) => model.preset_of(gust, name, hz),
+            _ => false,
+        };
         if tuned {
             self.values = model.filed().into();
         }

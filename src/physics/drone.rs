@@ -186,19 +186,32 @@ impl<S: Real> Drone<S> {
     #[inline(always)]
     fn thrust_gain(&self, view: &View<S>, hub_m: [S; 3]) -> S {
         let mut gain = S::one();
-        for effect in &self.effects {
-            gain = gain * effect.thrust_gain(view, hub_m);
-        }
+        self.each(view, |effect, view| gain = gain * effect.thrust_gain(view, hub_m));
         gain
+    }
+
+    /// Every effect, with a view in which what it remembers stands.
+    #[inline(always)]
+    fn each(&self, view: &View<S>, mut act: impl FnMut(&AnyEffect<S>, &View<S>)) {
+        let mut rest = view.surroundings.memory.numbers;
+        for effect in &self.effects {
+            // Most vehicles remember nothing.
+            if rest.is_empty() {
+                act(effect, view);
+                continue;
+            }
+            let own = effect.memory_len(view.surroundings.memory.step_s).min(rest.len());
+            let (memory, others) = rest.split_at(own);
+            rest = others;
+            act(effect, &View { memory, ..*view });
+        }
     }
 
     /// Velocity of the air, m/s, world: that of the surroundings with what the effects add.
     #[inline(always)]
     fn air(&self, view: &View<S>) -> [S; 3] {
         let mut wind = view.surroundings.wind_m_s;
-        for effect in &self.effects {
-            wind = vec3::add(wind, effect.air(view));
-        }
+        self.each(view, |effect, view| wind = vec3::add(wind, effect.air(view)));
         wind
     }
 
@@ -221,7 +234,7 @@ impl<S: Real> Drone<S> {
         let (body, airframe) =
             built.as_ref().map_or((&self.body, &self.airframe), |parts| (&parts.body, &parts.airframe));
         let collective_n = self.collective_n(built.as_ref(), state, command);
-        self.air(&View { body, airframe, state, surroundings, collective_n })
+        self.air(&View { body, airframe, state, surroundings, collective_n, memory: &[] })
     }
 
     /// Voltage of the battery under the load of this step, V; `None` without a battery among the effects. Arguments as
@@ -239,12 +252,13 @@ impl<S: Real> Drone<S> {
         let (body, airframe) =
             built.as_ref().map_or((&self.body, &self.airframe), |parts| (&parts.body, &parts.airframe));
         let collective_n = self.collective_n(built.as_ref(), state, command);
-        let view = View { body, airframe, state, surroundings, collective_n };
+        let view = View { body, airframe, state, surroundings, collective_n, memory: &[] };
         let mut rest = memory;
         for effect in &self.effects {
             let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
-            if let AnyEffect::BatterySag(battery) = effect {
-                return Some(battery.voltage(&view, command, mine[0]));
+            let battery_v = effect.battery_v(&view, command, mine);
+            if battery_v.is_some() {
+                return battery_v;
             }
             effect.command(&view, dt_s.0, command, mine);
             rest = others;
@@ -348,17 +362,15 @@ impl<S: Real> Drone<S> {
         };
         let mut surroundings = *surroundings;
         surroundings.wind_m_s =
-            self.air(&View { body, airframe, state, surroundings: &surroundings, collective_n });
-        let view = View { body, airframe, state, surroundings: &surroundings, collective_n };
+            self.air(&View { body, airframe, state, surroundings: &surroundings, collective_n, memory: &[] });
+        let view = View { body, airframe, state, surroundings: &surroundings, collective_n, memory: &[] };
 
         let mut outer = Wrench {
             force: surroundings.disturbance_force_n,
             body_force: [S::zero(); 3],
             torque: quat::rotate_inverse(state.quat, surroundings.disturbance_torque_n_m),
         };
-        for effect in &self.effects {
-            effect.wrench(&view, &mut outer);
-        }
+        self.each(&view, |effect, view| effect.wrench(view, &mut outer));
 
         let zero = S::zero();
         let mut rotor_acc = [zero; MAX_ROTORS];
@@ -466,19 +478,26 @@ impl<S: Real> Drone<S> {
         let collective_n = self.collective_n(built, state, command);
         let mut windy = *surroundings;
         for effect in &self.effects {
-            let view = View { body, airframe, state, surroundings, collective_n };
+            let view = View { body, airframe, state, surroundings, collective_n, memory: &[] };
             windy.wind_m_s = vec3::add(windy.wind_m_s, effect.air(&view));
         }
-        let view = View { body, airframe, state, surroundings: &windy, collective_n };
+        let view = View { body, airframe, state, surroundings: &windy, collective_n, memory: &[] };
         let mut rest = &mut *memory;
         for effect in &self.effects {
             let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
             effect.command(&view, dt_s.0, command, mine);
             rest = others;
         }
-        let mut rest = &*memory;
+        self.recall(memory, dt_s.1, surroundings);
+    }
+
+    /// Lets every effect add to the surroundings what it remembers; `memory` has [`Drone::memory_len`] numbers of steps of
+    /// `dt_s` seconds.
+    #[inline(always)]
+    pub fn recall(&self, memory: &[S], dt_s: f64, surroundings: &mut Surroundings<S>) {
+        let mut rest = memory;
         for effect in &self.effects {
-            let (mine, others) = rest.split_at(effect.memory_len(dt_s.1));
+            let (mine, others) = rest.split_at(effect.memory_len(dt_s));
             effect.surround(mine, surroundings);
             rest = others;
         }

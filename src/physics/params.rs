@@ -41,6 +41,7 @@ impl<S: Real, P: Parameters<S>, const N: usize> Parameters<S> for [P; N] {
 
 /// Declares a parameter struct over a number type `S` with its [`Parameters`] implementation. Fields after `fixed:` are
 /// copied, not visited (counts and switches).
+#[macro_export]
 macro_rules! parameters {
     (
         $(#[$meta:meta])*
@@ -74,4 +75,4 @@ macro_rules! parameters {
         }
     };
 }
-pub(crate) use parameters;
+pub use parameters;

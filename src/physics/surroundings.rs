@@ -107,6 +107,17 @@ pub struct Surroundings<'a, S> {
     pub load: Load<S>,
     /// Standard normal numbers of this step, where an effect reads them ([`Reads::noise`]).
     pub normals: [S; 3],
+    /// What the vehicle's effects remember.
+    pub memory: Remembered<'a, S>,
+}
+
+/// What the effects of a vehicle remember, as they left it in this step.
+#[derive(Clone, Copy, Debug)]
+pub struct Remembered<'a, S> {
+    /// The numbers of all effects, in their order; empty where they are not known.
+    pub numbers: &'a [S],
+    /// Length of a step, s, with which their number goes.
+    pub step_s: f64,
 }
 
 /// Density of air at sea level, 15 °C: ISO 2533 standard atmosphere, kg/m³.
@@ -127,6 +138,7 @@ impl<S: Real> Surroundings<'_, S> {
             neighbours: &[],
             load: Load::absent(),
             normals: [zero; 3],
+            memory: Remembered { numbers: &[], step_s: 0.0 },
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::physics::effects::Command;
 use crate::physics::integrate::Integrator;
 use crate::physics::rigid_body::{MAX_ROTORS, Rate, State};
 use crate::physics::surroundings::{
-    AIR_DENSITY_KG_M3, Load, NO_CEILING_M, NO_GROUND_M, Neighbour, Surroundings,
+    AIR_DENSITY_KG_M3, Load, NO_CEILING_M, NO_GROUND_M, Neighbour, Remembered, Surroundings,
 };
 use crate::random::{Key, purpose};
 use crate::scalar::Real;
@@ -123,6 +123,7 @@ impl<S: Real> Slot<S> {
             neighbours,
             load: Load::absent(),
             normals,
+            memory: Remembered { numbers: &[], step_s: 0.0 },
         }
     }
 
@@ -145,6 +146,7 @@ impl<S: Real> Slot<S> {
         let mut command = self.command(drone);
         let mut surroundings = self.surroundings(time_s, normals, neighbours);
         drone.transmit(&self.state, &mut surroundings, dt_s, &mut command, &mut self.effect_memory);
+        surroundings.memory = Remembered { numbers: &self.effect_memory, step_s: dt_s.1 };
         integrator.step(&self.state, dt_s.0, |s| {
             surroundings.ground_distance_m = ground_distance(s, self.ground_z);
             surroundings.ceiling_distance_m = ceiling_distance(s, self.ceiling_z);
@@ -232,18 +234,27 @@ impl Block {
         self.slots[d].surroundings(self.time_s(plan), self.normals(plan, d), &self.neighbours)
     }
 
+    /// The same with what effects remember of the last step: gusts, a load on a cable.
+    fn surroundings_now<'a>(&'a self, plan: &Plan, drone: &Drone<f64>, d: usize) -> Surroundings<'a, f64> {
+        let (mut around, step_s) = (self.surroundings(plan, d), 1.0 / f64::from(plan.sim_hz));
+        let numbers = &self.slots[d].effect_memory[..];
+        drone.recall(numbers, step_s, &mut around);
+        around.memory = Remembered { numbers, step_s };
+        around
+    }
+
     /// Time derivative of slot `d` under the command in force.
     pub fn rate(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) -> Rate<f64> {
         self.fill_neighbours(plan, drones, d);
         let command = self.slots[d].command(drones[d]);
-        drones[d].rate(&self.slots[d].state, &command, &self.surroundings(plan, d))
+        drones[d].rate(&self.slots[d].state, &command, &self.surroundings_now(plan, drones[d], d))
     }
 
     /// Velocity of the air at slot `d`, m/s, world, with what effects add.
     pub fn wind_m_s(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize) -> [f64; 3] {
         self.fill_neighbours(plan, drones, d);
         let command = self.slots[d].command(drones[d]);
-        drones[d].wind_m_s(&self.slots[d].state, &command, &self.surroundings(plan, d))
+        drones[d].wind_m_s(&self.slots[d].state, &command, &self.surroundings_now(plan, drones[d], d))
     }
 
     /// Voltage of the battery of slot `d` in the step to come, V; `None` without one.

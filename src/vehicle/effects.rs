@@ -6,8 +6,7 @@ use super::error::VehicleError;
 use super::expression;
 use super::file::{Check, join, shape};
 use super::schema::EffectEntry;
-use crate::physics::effects::expression::Declared;
-use crate::physics::effects::{AnyEffect, KINDS, command_delay};
+use crate::physics::effects::{AnyEffect, Bounds, Effect, kinds};
 use crate::physics::params::Parameters;
 use std::collections::BTreeMap;
 
@@ -68,7 +67,7 @@ impl Check<'_> {
 
     fn effect(&self, key: &str, entry: &EffectEntry) -> Result<AnyEffect<f64>, VehicleError> {
         let Some(mut effect) = AnyEffect::by_kind(&entry.kind) else {
-            let expected = format!("one of {}", KINDS.join(", "));
+            let expected = format!("one of {}", kinds().join(", "));
             return Err(self.wrong(
                 format!("{key}.kind"),
                 &expected,
@@ -145,70 +144,29 @@ pub struct OutOfRange {
     pub found: f64,
 }
 
+impl OutOfRange {
+    fn new(parameter: &str, bounds: &Bounds, found: f64) -> Self {
+        Self { parameter: parameter.into(), expected: bounds.words(), found }
+    }
+}
+
 /// The first parameter of an effect outside the bounds within which its formula holds.
 pub fn out_of_range(effect: &mut AnyEffect<f64>) -> Option<OutOfRange> {
-    const MOST: f64 = f64::INFINITY;
-    // (effect, parameter, least, greatest, whether the least itself is allowed)
-    const RANGES: &[(&str, &str, f64, f64, bool)] = &[
-        ("command_delay", "delay_s", 0.0, command_delay::MAX_DELAY_S, true),
-        ("battery_sag", "full_v", 0.0, MOST, false),
-        ("battery_sag", "nominal_v", 0.0, MOST, false),
-        ("battery_sag", "resistance_ohm", 0.0, MOST, true),
-        ("battery_sag", "drop_v_per_a_s", 0.0, MOST, true),
-        ("battery_sag", "efficiency", 0.0, 1.0, false),
-        ("downwash", "drag_area_m2", 0.0, MOST, true),
-        ("downwash", "spread", 0.0, MOST, true),
-        ("ground_effect", "strength", 0.0, MOST, true),
-        ("quadratic_drag", "drag_n_s2_per_m2", 0.0, MOST, true),
-        ("rotor_drag", "drag_n_s2_per_rad_m", 0.0, MOST, true),
-        ("inflow", "loss_n_s2_per_rad_m", 0.0, MOST, true),
-        ("translational_lift", "lift_n_s2_per_m2", 0.0, MOST, true),
-        ("gust", "frequency_hz", 0.0, MOST, true),
-        ("payload", "mass_kg", 0.0, MOST, true),
-        ("slung_payload", "mass_kg", 0.0, MOST, true),
-        ("slung_payload", "cable_length_m", 0.0, MOST, false),
-        ("slung_payload", "damping_per_s", 0.0, MOST, true),
-        ("turbulence", "sigma_m_s", 0.0, MOST, true),
-        ("turbulence", "length_m", 0.0, MOST, false),
-        ("thrust_scale", "factor", 0.0, MOST, false),
-        ("thrust_fade", "rate_per_s", 0.0, MOST, true),
-        ("weak_rotor", "factor", 0.0, MOST, false),
-        ("torque_scale", "factor", 0.0, MOST, true),
-        ("motor_lag", "spin_up_factor", 0.0, MOST, false),
-        ("motor_lag", "spin_down_factor", 0.0, MOST, false),
-        ("wrong_mass", "factor", 0.0, MOST, false),
-        ("wrong_inertia", "factor", 0.0, MOST, false),
-        ("rotor_inertia", "factor", 0.0, MOST, true),
-        ("thrust_curve", "shape", -1.0, 0.9, true),
-        ("thrust_curve", "hover_rad_s", 0.0, MOST, false),
-        ("ceiling_effect", "strength", 0.0, MOST, true),
-        ("gyro_scale", "factor", 0.0, MOST, false),
-        ("actuator_saturation", "max_rotor_vel_rad_s", 0.0, MOST, false),
-    ];
-    let kind = effect.kind();
+    let ranges = effect.ranges();
     let mut found = None;
     if let AnyEffect::Expression(p) = effect {
         let faults = p.formula.parameters.iter().zip(p.value).filter(|(d, v)| !d.bounds.holds(*v));
-        found = faults.map(|(d, v)| out_of_bounds(d, v)).next();
+        found = faults.map(|(d, v)| OutOfRange::new(&d.freedom.name, &d.bounds, v)).next();
     }
     effect.visit("", &mut |name, value| {
         let name = name.trim_start_matches('.');
-        for (of, param, least, most, closed) in RANGES {
-            let inside = *value <= *most && (*value > *least || (*closed && *value == *least));
-            // A range of an array holds for each of its numbers.
-            if *of == kind && index_of(name, param).is_some() && !inside {
-                let from = if *closed { "from" } else { "above" };
-                let to = if most.is_finite() { format!(" to {most}") } else { String::new() };
-                let expected = format!("a number {from} {least}{to}");
-                found.get_or_insert(OutOfRange { parameter: name.into(), expected, found: *value });
+        for (param, bounds) in ranges {
+            if index_of(name, param).is_some() && !bounds.holds(*value) {
+                found.get_or_insert(OutOfRange::new(name, bounds, *value));
             }
         }
     });
     found
-}
-
-fn out_of_bounds(declared: &Declared, found: f64) -> OutOfRange {
-    OutOfRange { parameter: declared.freedom.name.clone(), expected: declared.bounds.words(), found }
 }
 
 /// The indices of the visited `name` within parameter `param`, if it belongs to it.

@@ -78,7 +78,7 @@ fn an_added_effect_flies_and_the_rest_of_the_file_stays_byte_for_byte() {
 
 #[test]
 fn every_kind_of_effect_can_be_added_updated_and_removed() {
-    for kind in KINDS {
+    for kind in crate::physics::effects::KINDS {
         let names = named_parameters(&AnyEffect::by_kind(kind).unwrap());
         for (name, default) in &names {
             let value = default + 0.01 * default.abs().max(0.1);

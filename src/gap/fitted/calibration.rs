@@ -2,10 +2,11 @@
 
 use super::Writer;
 use crate::Result;
-use crate::gap::complete::{Completion, GROUPS, calibration, group};
+use crate::gap::complete::{Completion, calibration, group};
 use crate::gap::judge::Judge;
 use crate::gap::policy::{GROUPS_SHOWN, WORSE};
 use crate::gap::verdict::Calibration;
+use crate::physics::effects::Group;
 use crate::vehicle::Vehicle;
 use rayon::prelude::*;
 
@@ -32,43 +33,43 @@ pub(super) fn judged(
     found: &Completion,
     adjusted: &mut [Calibration],
 ) -> Result<Vec<Shown>> {
-    let of = |list: &[Calibration], name: &str| -> Vec<Calibration> {
-        list.iter().filter(|c| !c.partner && group(&c.kind, c.area) == name).cloned().collect()
+    let of = |list: &[Calibration], one: Group| -> Vec<Calibration> {
+        list.iter().filter(|c| !c.partner && group(&c.kind, c.area) == one).cloned().collect()
     };
     let Ok(base) = judge.look(&found.vehicle(writer.filed.vehicle)?) else { return Ok(Vec::new()) };
     // The gain of each group alone determines the order.
-    let alone = |name: &&'static str| -> Result<Option<(f64, &'static str)>> {
+    let alone = |of_group: &Group| -> Result<Option<(f64, Group)>> {
         let mut one = found.clone();
-        if one.calibrate(&of(adjusted, name))? == 0 {
+        if one.calibrate(&of(adjusted, *of_group))? == 0 {
             return Ok(None);
         }
         let ratio = judge.look(&one.vehicle(writer.filed.vehicle)?).map_or(f64::INFINITY, |s| s.over(&base));
-        Ok(Some((ratio, *name)))
+        Ok(Some((ratio, *of_group)))
     };
-    let tried: Vec<Option<(f64, &'static str)>> = GROUPS.par_iter().map(alone).collect::<Result<_>>()?;
-    let mut order: Vec<(f64, &'static str)> = tried.into_iter().flatten().collect();
+    let tried: Vec<Option<(f64, Group)>> = Group::ALL.par_iter().map(alone).collect::<Result<_>>()?;
+    let mut order: Vec<(f64, Group)> = tried.into_iter().flatten().collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
 
     let (mut with, mut seen) = (found.clone(), base);
-    let (mut out, mut left): (Vec<Shown>, Vec<&'static str>) = (Vec::new(), Vec::new());
+    let (mut out, mut left): (Vec<Shown>, Vec<Group>) = (Vec::new(), Vec::new());
     let (mut small, mut small_entries) = (false, 0);
-    for (_, name) in order {
+    for (_, tried) in order {
         let mut next = with.clone();
-        let list = of(adjusted, name);
+        let list = of(adjusted, tried);
         next.calibrate(&list)?;
         let vehicle = next.vehicle(writer.filed.vehicle)?;
         match judge.look(&vehicle) {
             Ok(then) if then.over(&seen) < WORSE => {
                 (with, seen) = (next, then);
-                adjusted.iter_mut().filter(|c| group(&c.kind, c.area) == name).for_each(|c| c.helps = true);
+                adjusted.iter_mut().filter(|c| group(&c.kind, c.area) == tried).for_each(|c| c.helps = true);
                 if out.len() < GROUPS_SHOWN {
-                    out.push(Shown { label: format!("+ {name}"), vehicle, helps: true });
+                    out.push(Shown { label: format!("+ {}", tried.name()), vehicle, helps: true });
                 } else {
                     small = true;
                     small_entries += parameters(&list);
                 }
             }
-            _ => left.push(name),
+            _ => left.push(tried),
         }
     }
     if small {
@@ -77,8 +78,8 @@ pub(super) fn judged(
     }
     if !left.is_empty() {
         let mut rest = 0;
-        for name in left {
-            let list = of(adjusted, name);
+        for one in left {
+            let list = of(adjusted, one);
             with.calibrate(&list)?;
             rest += parameters(&list);
         }

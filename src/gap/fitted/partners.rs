@@ -9,12 +9,13 @@
 
 use super::{Writer, findings};
 use crate::Result;
-use crate::gap::complete::{GROUPS, OF_THE_LOG, group};
+use crate::gap::complete::group;
 use crate::gap::headline::pair;
 use crate::gap::judge::{Judge, Seen};
 use crate::gap::policy::{MOST_PARTNERS, RISES, WELL_BELOW, WORSE};
 use crate::gap::report::significant;
 use crate::gap::verdict::{Calibration, Finding, HeldOut};
+use crate::physics::effects::Group;
 use rayon::prelude::*;
 
 /// Judges the findings `writable`, by index: returns those to write, and marks the groups written with them.
@@ -127,31 +128,31 @@ fn partners(
     kept: &[usize],
     adjusted: &[Calibration],
     filed: &Seen,
-) -> Result<(f64, Vec<&'static str>)> {
-    let mut chosen: Vec<&'static str> = Vec::new();
+) -> Result<(f64, Vec<Group>)> {
+    let mut chosen: Vec<Group> = Vec::new();
     let mut best = [f64::INFINITY; 2];
     while chosen.len() < MOST_PARTNERS {
-        let with = |name: &&'static str| -> Result<([f64; 2], &'static str)> {
+        let with = |one: &Group| -> Result<([f64; 2], Group)> {
             let mut completion = writer.completed(findings, kept)?;
             let mine = |c: &&Calibration| {
                 let of = group(&c.kind, c.area);
-                of == *name || chosen.contains(&of)
+                of == *one || chosen.contains(&of)
             };
             completion.calibrate(&adjusted.iter().filter(mine).cloned().collect::<Vec<_>>())?;
             let seen = judge.look(&completion.vehicle(writer.filed.vehicle)?);
             let errors = |s: Seen| [s.most_risen(filed).ratio.max(WORSE), s.over(filed)];
-            Ok((seen.map_or([f64::INFINITY; 2], errors), *name))
+            Ok((seen.map_or([f64::INFINITY; 2], errors), *one))
         };
-        let of_the_vehicle = |g: &&str| !OF_THE_LOG.contains(g) && !chosen.contains(g);
-        let open: Vec<&'static str> = GROUPS.iter().copied().filter(of_the_vehicle).collect();
-        let tried: Vec<([f64; 2], &'static str)> = open.par_iter().map(with).collect::<Result<_>>()?;
+        let of_the_vehicle = |g: &Group| !g.of_the_log() && !chosen.contains(g);
+        let open: Vec<Group> = Group::ALL.into_iter().filter(of_the_vehicle).collect();
+        let tried: Vec<([f64; 2], Group)> = open.par_iter().map(with).collect::<Result<_>>()?;
         let lower = |a: &[f64; 2], b: &[f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1]));
-        let Some((errors, name)) = tried.into_iter().min_by(|a, b| lower(&a.0, &b.0)) else { break };
+        let Some((errors, group)) = tried.into_iter().min_by(|a, b| lower(&a.0, &b.0)) else { break };
         if !(errors[0] < best[0] || (errors[0] <= best[0] && errors[1] < WELL_BELOW * best[1])) {
             break;
         }
         best = errors;
-        chosen.push(name);
+        chosen.push(group);
     }
     Ok((best[0], chosen))
 }

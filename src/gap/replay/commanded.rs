@@ -4,7 +4,7 @@ use super::{Around, Plain, Raw, TICK_S, Tick};
 use crate::gap::track::Drive;
 use crate::physics::attitude_response;
 use crate::physics::drone::Drone;
-use crate::physics::effects::{AnyEffect, Command, Effect, Parts};
+use crate::physics::effects::{Command, Effect, Parts};
 use crate::physics::rigid_body::{MAX_ROTORS, State};
 use crate::physics::rotor;
 use crate::physics::surroundings::Surroundings;
@@ -95,12 +95,12 @@ struct Stretch<S> {
 impl<'a, S: Plain> Commanded<'a, S> {
     fn new(around: &Around, raw: &'a Raw, drone: &Drone<S>, (kind, mut late): (Drive, S)) -> Self {
         let mut drone = drone.clone();
-        drone.effects.retain(|e| match e {
-            AnyEffect::CommandDelay(p) => {
-                late = late + p.delay_s;
+        drone.effects.retain(|e| match e.delay_s() {
+            Some(delay_s) => {
+                late = late + delay_s;
                 false
             }
-            _ => true,
+            None => true,
         });
         let parts = drone.parts();
         let sent_before = around.from_s - late.plain();

@@ -5,7 +5,7 @@
 
 use super::{Command, Effect, View};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs, Scale};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Nature, Needs, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rotor;
 use crate::scalar::Real;
@@ -28,6 +28,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { of_the_flight: true, only_when_found: true, ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("max_rotor_vel_rad_s", Bounds::above(0.0))] }
+    }
+
     #[inline(always)]
     fn command(&self, view: &View<S>, _: S, command: &mut Command<S>, _: &mut [S]) {
         let limit = self.max_rotor_vel_rad_s;
@@ -61,7 +69,8 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             vec![Freedom::down("max_rotor_vel_rad_s", "rad/s", 0.0, slab)],
             "climb as hard as possible, and roll and pitch at full thrust",
         )
-        .needing(Needs::Commands),
+        .needing(Needs::Commands)
+        .given_by("max_rotor_vel_rad_s", FromLog::FastestCommand),
     ]
 }
 

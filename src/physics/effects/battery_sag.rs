@@ -7,7 +7,7 @@
 use super::{Command, Effect, View};
 use crate::physics::airframe;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::Candidate;
+use crate::physics::effects::candidate::{Bounds, Candidate};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -76,6 +76,22 @@ impl<S: Real> Params<S> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const {
+            &[
+                ("full_v", Bounds::above(0.0)),
+                ("nominal_v", Bounds::above(0.0)),
+                ("resistance_ohm", Bounds::from(0.0)),
+                ("drop_v_per_a_s", Bounds::from(0.0)),
+                ("efficiency", Bounds::above_to(0.0, 1.0)),
+            ]
+        }
+    }
+
+    fn battery_v(&self, view: &View<S>, command: &Command<S>, memory: &[S]) -> Option<S> {
+        Some(self.voltage(view, command, memory[0]))
+    }
+
     /// Charge drawn so far, A·s.
     fn memory_len(&self, _: f64) -> usize {
         1

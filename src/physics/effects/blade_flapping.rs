@@ -11,7 +11,7 @@
 use super::{Effect, View};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Nature, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::physics::surroundings::Reads;
@@ -35,6 +35,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { torques_only: true, ..Nature::default() }
+    }
+
     fn reads(&self) -> Reads {
         Reads::WIND
     }

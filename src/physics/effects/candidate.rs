@@ -33,22 +33,44 @@ pub struct Freedom {
     pub slab: f64,
     /// Which way it can go.
     pub sign: Sign,
+    /// Whether the model divides by it: at zero a motor responds instantly and an empty mass flies off.
+    pub divides: bool,
+    /// Whether it shows in torques alone: it is only free where the rotors' speeds are known.
+    pub in_torques: bool,
 }
 
 impl Freedom {
+    fn new(name: String, unit: &'static str, (spike, slab): (f64, f64), sign: Sign) -> Self {
+        Self { name, unit, spike, slab, sign, divides: false, in_torques: false }
+    }
+
     /// A parameter that can be off either way.
     pub fn any(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
-        Self { name: name.into(), unit, spike, slab, sign: Sign::Any }
+        Self::new(name.into(), unit, (spike, slab), Sign::Any)
     }
 
     /// A parameter that can only be larger than filed.
     pub fn up(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
-        Self { name: name.into(), unit, spike, slab, sign: Sign::Up }
+        Self::new(name.into(), unit, (spike, slab), Sign::Up)
     }
 
     /// A parameter that can only be smaller than filed.
     pub fn down(name: impl Into<String>, unit: &'static str, spike: f64, slab: f64) -> Self {
-        Self { name: name.into(), unit, spike, slab, sign: Sign::Down }
+        Self::new(name.into(), unit, (spike, slab), Sign::Down)
+    }
+
+    /// The same, by which the model divides.
+    #[must_use]
+    pub fn dividing(mut self) -> Self {
+        self.divides = true;
+        self
+    }
+
+    /// The same, which shows in torques alone.
+    #[must_use]
+    pub fn in_torques(mut self) -> Self {
+        self.in_torques = true;
+        self
     }
 }
 
@@ -59,17 +81,40 @@ pub struct Bounds {
     pub least: f64,
     /// Greatest value allowed; ∞ for none.
     pub most: f64,
+    /// Whether the least value itself is refused.
+    pub open: bool,
 }
 
 impl Bounds {
-    /// Whether a value is allowed.
-    pub fn holds(&self, value: f64) -> bool {
-        (self.least..=self.most).contains(&value)
+    /// Any number of at least `least`.
+    pub const fn from(least: f64) -> Self {
+        Self::within(least, f64::INFINITY)
     }
 
-    /// The bounds in words: `a number from 0 to 1`.
+    /// Any number above `least`.
+    pub const fn above(least: f64) -> Self {
+        Self { open: true, ..Self::from(least) }
+    }
+
+    /// Any number from `least` to `most`.
+    pub const fn within(least: f64, most: f64) -> Self {
+        Self { least, most, open: false }
+    }
+
+    /// Any number above `least`, up to `most`.
+    pub const fn above_to(least: f64, most: f64) -> Self {
+        Self { least, most, open: true }
+    }
+
+    /// Whether a value is allowed.
+    pub fn holds(&self, value: f64) -> bool {
+        (self.least..=self.most).contains(&value) && !(self.open && value == self.least)
+    }
+
+    /// The bounds in words: `a number from 0 to 1`, `a number above 0`.
     pub fn words(&self) -> String {
-        let from = Some(self.least).filter(|v| v.is_finite()).map(|v| format!(" from {v}"));
+        let word = if self.open { "above" } else { "from" };
+        let from = Some(self.least).filter(|v| v.is_finite()).map(|v| format!(" {word} {v}"));
         let to = Some(self.most).filter(|v| v.is_finite()).map(|v| format!(" to {v}"));
         format!("a number{}{}", from.unwrap_or_default(), to.unwrap_or_default())
     }
@@ -113,6 +158,122 @@ pub enum Needs {
     Voltage,
 }
 
+/// What flights determine of several effects only beside each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Relative {
+    /// Their ratios: mass, thrust, inertia, torque.
+    Ratio,
+    /// Times between them: commands, clocks of sensors.
+    Time,
+}
+
+impl Relative {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Ratio, Self::Time];
+}
+
+/// Groups of parameters within tolerance, in a vehicle builder's words.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Group {
+    /// One rotor otherwise than the next.
+    Rotors,
+    /// Moments of inertia.
+    Inertia,
+    /// Mass, and where its centre is.
+    Mass,
+    /// Thrust and torque over rotor speed.
+    Curves,
+    /// Air on the airframe.
+    Air,
+    /// Offsets and scales of sensors.
+    Sensors,
+    /// Times.
+    Clocks,
+}
+
+impl Group {
+    /// All of them, in the order in which they are shown.
+    pub const ALL: [Self; 7] =
+        [Self::Rotors, Self::Inertia, Self::Mass, Self::Curves, Self::Air, Self::Sensors, Self::Clocks];
+
+    /// The group of effects that act here, unless they say otherwise.
+    pub fn of(area: Area) -> Self {
+        match area {
+            Area::Mass => Self::Mass,
+            Area::Drive => Self::Curves,
+            Area::Airframe => Self::Air,
+            Area::Measurement => Self::Sensors,
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Rotors => "rotors unequal",
+            Self::Inertia => "inertia",
+            Self::Mass => "mass and centre of mass",
+            Self::Curves => "thrust and torque curves",
+            Self::Air => "air",
+            Self::Sensors => "sensor offsets",
+            Self::Clocks => "clocks",
+        }
+    }
+
+    /// Whether it describes the instruments of a log: the next flight may have other ones.
+    pub fn of_the_log(self) -> bool {
+        matches!(self, Self::Sensors | Self::Clocks)
+    }
+}
+
+/// What a comparison of flights with a model must know of an effect beside its formula and its parameters.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Nature {
+    /// It describes the air or the limits of one flight, and no vehicle.
+    pub of_the_flight: bool,
+    /// Its parameters may differ between logs of one vehicle: instruments, weather, battery.
+    pub differs_between_logs: bool,
+    /// It is there or not: never written as a small correction of a vehicle.
+    pub only_when_found: bool,
+    /// It acts on torques alone, which are unknown where only a collective thrust is known.
+    pub torques_only: bool,
+    /// It scales weight, or the thrust against it: two such effects hover as well as none.
+    pub scales_hover: bool,
+    /// Its forces go with what it remembers ([`super::View::memory`]), which a comparison with logs does not follow.
+    pub moved_by_memory: bool,
+    /// What it is only known beside.
+    pub relative: Option<Relative>,
+    /// Group of its calibration; none: that of the area on which it acts.
+    pub group: Option<Group>,
+    /// Effects, by their names in verdicts, that it looks like where only a collective thrust is known.
+    pub alike_by_thrust: &'static [&'static str],
+}
+
+/// A response of the vehicle that a candidate scales: it is known only as well as the rotors' speeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Answer {
+    /// Angular acceleration about a body axis.
+    Torque(usize),
+    /// Torque about body z while the rotors speed up.
+    RotorAcceleration,
+    /// Changes of the thrust with rotor speed.
+    Thrust,
+}
+
+/// A value that a log gives before anything is fitted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FromLog {
+    /// Length of the cable of a tracked load, m.
+    CableLength,
+    /// Damping of its swing, 1/s.
+    CableDamping,
+    /// Fastest rotor command, rad/s: a limit shows where it is reached.
+    FastestCommand,
+    /// Frequency at which the disturbances are loudest, Hz.
+    LoudestFrequency,
+}
+
 /// An effect that may be missing, with what is free in it.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Candidate {
@@ -135,6 +296,10 @@ pub struct Candidate {
     /// Multiple of its parameters' slabs beyond which such an effect is not believed on the fit alone; ∞ where any size is
     /// possible.
     pub most_slabs: f64,
+    /// The response that it scales.
+    pub answer: Option<Answer>,
+    /// Parameters that a log gives.
+    pub from_log: Vec<(&'static str, FromLog)>,
 }
 
 impl Candidate {
@@ -156,7 +321,16 @@ impl Candidate {
             preset: Vec::new(),
             manoeuvre,
             most_slabs: f64::INFINITY,
+            answer: None,
+            from_log: Vec::new(),
         }
+    }
+
+    /// The same under a name of its own.
+    #[must_use]
+    pub fn called(mut self, id: &str) -> Self {
+        self.id = id.into();
+        self
     }
 
     /// The same with `.suffix` behind its name.
@@ -178,6 +352,25 @@ impl Candidate {
     pub fn at_most(mut self, slabs: f64) -> Self {
         self.most_slabs = slabs;
         self
+    }
+
+    /// The same, which scales a response of the vehicle.
+    #[must_use]
+    pub fn answering(mut self, answer: Answer) -> Self {
+        self.answer = Some(answer);
+        self
+    }
+
+    /// The same with a parameter whose value a log gives.
+    #[must_use]
+    pub fn given_by(mut self, name: &'static str, value: FromLog) -> Self {
+        self.from_log.push((name, value));
+        self
+    }
+
+    /// The parameter that a log gives in this way.
+    pub fn given(&self, value: FromLog) -> Option<&'static str> {
+        self.from_log.iter().find(|(_, v)| *v == value).map(|(name, _)| *name)
     }
 
     /// The same with a parameter that takes `value` while the effect is tried.

@@ -6,7 +6,7 @@
 use super::{Effect, View};
 use crate::math::quat;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::physics::surroundings::Reads;
 use crate::scalar::Real;
@@ -26,6 +26,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("strength", Bounds::from(0.0))] }
+    }
+
     fn reads(&self) -> Reads {
         Reads::CEILING
     }

@@ -4,7 +4,7 @@
 
 use super::Effect;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Group, Nature, Needs, Relative};
 use crate::physics::measure::Clock;
 use crate::physics::params::parameters;
 use crate::scalar::Real;
@@ -28,6 +28,15 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature {
+            differs_between_logs: true,
+            relative: Some(Relative::Time),
+            group: Some(Group::Clocks),
+            ..Nature::default()
+        }
+    }
+
     #[inline(always)]
     fn clock(&self) -> Clock<S> {
         Clock { pose_s: self.pose_s, gyro_s: self.gyro_s, accel_s: self.accel_s }

@@ -6,7 +6,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Scale, along};
+use crate::physics::effects::candidate::{Area, Candidate, Nature, Scale, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -25,6 +25,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { torques_only: true, ..Nature::default() }
+    }
+
     fn builds(&self) -> bool {
         true
     }

@@ -6,7 +6,7 @@
 
 use super::{Command, Effect, View};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Group, Nature, Needs, Relative};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -36,6 +36,18 @@ fn history(dt_s: f64) -> usize {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { relative: Some(Relative::Time), group: Some(Group::Clocks), ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("delay_s", Bounds::within(0.0, MAX_DELAY_S))] }
+    }
+
+    fn delay_s(&self) -> Option<S> {
+        Some(self.delay_s)
+    }
+
     /// Past commands, newest first. Before the first command stands what was in force at the start.
     fn memory_len(&self, dt_s: f64) -> usize {
         history(dt_s) * WIDTH

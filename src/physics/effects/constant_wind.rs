@@ -2,7 +2,7 @@
 
 use super::{Effect, View};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, along};
+use crate::physics::effects::candidate::{Area, Candidate, Nature, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -21,6 +21,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { of_the_flight: true, differs_between_logs: true, only_when_found: true, ..Nature::default() }
+    }
+
     #[inline(always)]
     fn air(&self, _: &View<S>) -> [S; 3] {
         self.velocity_m_s

@@ -3,7 +3,7 @@
 use super::{Effect, View};
 use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::Candidate;
+use crate::physics::effects::candidate::{Candidate, Nature};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::scalar::Real;
@@ -25,6 +25,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { of_the_flight: true, only_when_found: true, ..Nature::default() }
+    }
+
     #[inline(always)]
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
         out.force = vec3::add(out.force, self.force_n);

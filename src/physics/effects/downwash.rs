@@ -8,7 +8,7 @@
 
 use super::{Effect, View};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::physics::surroundings::Reads;
@@ -31,6 +31,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("drag_area_m2", Bounds::from(0.0)), ("spread", Bounds::from(0.0))] }
+    }
+
     fn reads(&self) -> Reads {
         Reads::NEIGHBOURS
     }

@@ -274,21 +274,19 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             continue;
         }
         let pushes = formula.force_body_n.is_some() || formula.force_world_n.is_some();
-        out.push(Candidate {
-            id: formula.name.clone(),
-            kind: "expression",
-            title: format!("the expression {} of the vehicle file", formula.name),
-            area: if pushes || formula.thrust_factor.is_none() { Area::Airframe } else { Area::Drive },
-            needs: match Effect::<f64>::reads(effect) {
-                reads if reads.ground => Needs::Ground,
-                reads if reads.ceiling => Needs::Ceiling,
-                _ => Needs::Nothing,
-            },
+        let needs = match Effect::<f64>::reads(effect) {
+            reads if reads.ground => Needs::Ground,
+            reads if reads.ceiling => Needs::Ceiling,
+            _ => Needs::Nothing,
+        };
+        let candidate = Candidate::new(
+            "expression",
+            &format!("the expression {} of the vehicle file", formula.name),
+            if pushes || formula.thrust_factor.is_none() { Area::Airframe } else { Area::Drive },
             freedoms,
-            preset: vec![],
-            manoeuvre: "fly so that the variables of the expression vary widely, and not all together",
-            most_slabs: f64::INFINITY,
-        });
+            "fly so that the variables of the expression vary widely, and not all together",
+        );
+        out.push(candidate.called(&formula.name).needing(needs));
     }
     out
 }

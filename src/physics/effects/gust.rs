@@ -5,7 +5,7 @@
 use super::{Effect, View};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, along};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Nature, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -28,6 +28,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { of_the_flight: true, only_when_found: true, ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("frequency_hz", Bounds::from(0.0))] }
+    }
+
     #[inline(always)]
     fn air(&self, view: &View<S>) -> [S; 3] {
         let turns = self.frequency_hz * view.surroundings.time_s;
@@ -50,7 +58,8 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
             freedoms,
             "hover for many seconds, then fly level legs, in the same wind",
         )
-        .preset("frequency_hz", 0.5),
+        .preset("frequency_hz", 0.5)
+        .given_by("frequency_hz", FromLog::LoudestFrequency),
     ]
 }
 

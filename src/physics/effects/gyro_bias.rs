@@ -5,7 +5,7 @@
 use super::Effect;
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Needs, along};
+use crate::physics::effects::candidate::{Area, Candidate, Nature, Needs, along};
 use crate::physics::measure::Reading;
 use crate::physics::params::parameters;
 use crate::scalar::Real;
@@ -25,6 +25,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { differs_between_logs: true, ..Nature::default() }
+    }
+
     #[inline(always)]
     fn measure(&self, reading: &mut Reading<S>) {
         reading.gyro = vec3::add(reading.gyro, self.bias_rad_s);

@@ -6,7 +6,7 @@
 use super::Effect;
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Needs, along};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Needs, along};
 use crate::physics::measure::Reading;
 use crate::physics::params::parameters;
 use crate::scalar::Real;
@@ -26,6 +26,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::above(0.0))] }
+    }
+
     #[inline(always)]
     fn measure(&self, reading: &mut Reading<S>) {
         reading.gyro = vec3::mul(reading.gyro, self.factor);

@@ -3,7 +3,7 @@
 use super::{Effect, View};
 use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Candidate, Freedom};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::physics::surroundings::Reads;
@@ -43,17 +43,13 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
     let mass = drone.body.mass_kg;
     let freedom =
         |i: usize| Freedom::up(format!("drag_n_s_per_m.{i}.{i}"), "N·s/m", 0.03 * mass, 0.35 * mass);
-    vec![Candidate {
-        id: "linear_drag".into(),
-        kind: "linear_drag",
-        title: "drag in proportion to speed".into(),
-        area: Area::Airframe,
-        needs: Needs::Nothing,
-        freedoms: (0..3).map(freedom).collect(),
-        preset: vec![],
-        manoeuvre: "fly level legs at several speeds along every body axis",
-        most_slabs: f64::INFINITY,
-    }]
+    vec![Candidate::new(
+        "linear_drag",
+        "drag in proportion to speed",
+        Area::Airframe,
+        (0..3).map(freedom).collect(),
+        "fly level legs at several speeds along every body axis",
+    )]
 }
 
 #[cfg(test)]

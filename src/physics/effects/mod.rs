@@ -7,8 +7,10 @@
 //! its way to the motors ([`Effect::command`]) and what surrounds the vehicle ([`Effect::surround`]). What sensors make of
 //! the motion is an effect too ([`Effect::measure`], [`Effect::clock`]).
 //!
-//! Every file also says how far its parameters may be off on a carefully built vehicle and how far where the effect is
-//! really there (`candidates`): what [`Candidate`]s a search for missing physics has.
+//! Every file also says within which bounds its formula holds ([`Effect::ranges`]), what it reads of the world around
+//! ([`Effect::reads`]), what a comparison with flights must know of it ([`Effect::nature`]), and how far its parameters may be off
+//! on a carefully built vehicle and how far where the effect is really there (`candidates`): what [`Candidate`]s a search for
+//! missing physics has. No other file of the library needs its name.
 
 use super::drone::Drone;
 use super::measure::{Clock, Reading};
@@ -29,6 +31,7 @@ pub mod clock_offset;
 pub mod com_offset;
 pub mod command_delay;
 pub mod constant_wind;
+pub mod custom;
 pub mod disturbance;
 pub mod downwash;
 pub mod expression;
@@ -58,7 +61,10 @@ pub mod world_tilt;
 pub mod wrong_inertia;
 pub mod wrong_mass;
 
-pub use candidate::{Area, Candidate, Freedom, Needs, Scale, Sign};
+pub use candidate::{
+    Answer, Area, Bounds, Candidate, Freedom, FromLog, Group, Nature, Needs, Relative, Scale, Sign,
+};
+pub use custom::{RegisterError, kinds, register};
 
 /// What an effect may read.
 #[derive(Clone, Copy, Debug)]
@@ -73,9 +79,19 @@ pub struct View<'a, S> {
     pub surroundings: &'a Surroundings<'a, S>,
     /// Collective thrust of the abstracted model, N; `None` for a vehicle whose state has rotor speeds.
     pub collective_n: Option<S>,
+    /// What the effect that looks remembers, as [`Effect::command`] left it in this step: [`Effect::memory_len`] numbers. Empty
+    /// where nothing is remembered: in `command` itself, whose memory is its argument, and in comparisons with logs; see
+    /// [`View::remembered`].
+    pub memory: &'a [S],
 }
 
 impl<S: Real> View<'_, S> {
+    /// Number `i` of what the effect remembers; zero where there is none.
+    #[inline(always)]
+    pub fn remembered(&self, i: usize) -> S {
+        self.memory.get(i).copied().unwrap_or(S::zero())
+    }
+
     /// Rotor speeds, rad/s. In the abstracted model: those at which every rotor has an equal share of the thrust, which
     /// is held above 1 µN so that the slope stays finite.
     #[inline(always)]
@@ -165,6 +181,15 @@ pub enum Command<S> {
 
 /// One physical effect. Every hook does nothing unless the effect says otherwise.
 pub trait Effect<S: Real> {
+    /// What a comparison of flights with a model must know of it.
+    fn nature(&self) -> Nature {
+        Nature::default()
+    }
+    /// Bounds within which the formula holds, by parameter; bounds of an array hold for each of its numbers. Parameters that
+    /// are not named may be any finite number.
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        &[]
+    }
     /// Whether [`Effect::build`] does anything.
     fn builds(&self) -> bool {
         false
@@ -209,6 +234,17 @@ pub trait Effect<S: Real> {
     fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
         let _ = (view, dt_s, command, memory);
     }
+    /// Voltage of a battery under the load of this step, V, with `command` as it reaches it and `memory` as it is before
+    /// [`Effect::command`].
+    fn battery_v(&self, view: &View<S>, command: &Command<S>, memory: &[S]) -> Option<S> {
+        let _ = (view, command, memory);
+        None
+    }
+    /// How late commands arrive, s, where that is all that [`Effect::command`] does: who knows when commands were sent then needs no
+    /// memory of them.
+    fn delay_s(&self) -> Option<S> {
+        None
+    }
     /// Adds to the surroundings what the effect's memory holds (a load on a cable), once per step after
     /// [`Effect::command`].
     fn surround(&self, memory: &[S], surroundings: &mut Surroundings<S>) {
@@ -230,9 +266,11 @@ macro_rules! effects {
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub enum AnyEffect<S> {
             $($(#[$meta])* $variant($module::Params<S>),)*
+            /// Of another crate.
+            Custom(custom::Params<S>),
         }
 
-        /// Names of all effects, as vehicle files spell them.
+        /// Names of the effects of this library, as vehicle files spell them.
         pub const KINDS: &[&str] = &[$(stringify!($module)),*];
 
         impl AnyEffect<f64> {
@@ -240,7 +278,7 @@ macro_rules! effects {
             pub fn by_kind(kind: &str) -> Option<Self> {
                 match kind {
                     $(stringify!($module) => Some(Self::$variant($module::Params::default())),)*
-                    _ => None,
+                    _ => custom::find(kind).map(|found| Self::Custom(custom::Params::new(found))),
                 }
             }
         }
@@ -249,74 +287,93 @@ macro_rules! effects {
         pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             let mut out = Vec::new();
             $(out.extend($module::candidates(drone));)*
+            out.extend(custom::candidates(drone));
             out
         }
 
         impl<S: Real> AnyEffect<S> {
             /// Name of the effect, as vehicle files spell it.
             pub fn kind(&self) -> &'static str {
-                match self { $(Self::$variant(_) => stringify!($module),)* }
+                match self {
+                    $(Self::$variant(_) => stringify!($module),)*
+                    Self::Custom(p) => p.kind(),
+                }
             }
         }
 
         impl<S: Real> Effect<S> for AnyEffect<S> {
+            fn nature(&self) -> Nature {
+                match self { $(Self::$variant(p) => Effect::<S>::nature(p),)* Self::Custom(p) => Effect::<S>::nature(p) }
+            }
+            fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+                match self { $(Self::$variant(p) => Effect::<S>::ranges(p),)* Self::Custom(p) => Effect::<S>::ranges(p) }
+            }
             fn builds(&self) -> bool {
-                match self { $(Self::$variant(p) => Effect::<S>::builds(p),)* }
+                match self { $(Self::$variant(p) => Effect::<S>::builds(p),)* Self::Custom(p) => Effect::<S>::builds(p) }
             }
             #[inline(always)]
             fn build(&self, parts: &mut Parts<S>) {
-                match self { $(Self::$variant(p) => p.build(parts),)* }
+                match self { $(Self::$variant(p) => p.build(parts),)* Self::Custom(p) => p.build(parts) }
             }
             fn reads(&self) -> Reads {
-                match self { $(Self::$variant(p) => Effect::<S>::reads(p),)* }
+                match self { $(Self::$variant(p) => Effect::<S>::reads(p),)* Self::Custom(p) => Effect::<S>::reads(p) }
             }
             fn carried_kg(&self) -> S {
-                match self { $(Self::$variant(p) => p.carried_kg(),)* }
+                match self { $(Self::$variant(p) => p.carried_kg(),)* Self::Custom(p) => p.carried_kg() }
             }
             fn memory_len(&self, dt_s: f64) -> usize {
-                match self { $(Self::$variant(p) => p.memory_len(dt_s),)* }
+                match self { $(Self::$variant(p) => p.memory_len(dt_s),)* Self::Custom(p) => p.memory_len(dt_s) }
             }
             #[inline(always)]
             fn air(&self, view: &View<S>) -> [S; 3] {
-                match self { $(Self::$variant(p) => p.air(view),)* }
+                match self { $(Self::$variant(p) => p.air(view),)* Self::Custom(p) => p.air(view) }
             }
             #[inline(always)]
             fn thrust_gain(&self, view: &View<S>, hub_m: [S; 3]) -> S {
-                match self { $(Self::$variant(p) => p.thrust_gain(view, hub_m),)* }
+                match self { $(Self::$variant(p) => p.thrust_gain(view, hub_m),)* Self::Custom(p) => p.thrust_gain(view, hub_m) }
             }
             #[inline(always)]
             fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
-                match self { $(Self::$variant(p) => p.wrench(view, out),)* }
+                match self { $(Self::$variant(p) => p.wrench(view, out),)* Self::Custom(p) => p.wrench(view, out) }
             }
             #[inline(always)]
             fn start(&self, command: &Command<S>, memory: &mut [S]) {
-                match self { $(Self::$variant(p) => p.start(command, memory),)* }
+                match self { $(Self::$variant(p) => p.start(command, memory),)* Self::Custom(p) => p.start(command, memory) }
             }
             #[inline(always)]
             fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
-                match self { $(Self::$variant(p) => p.command(view, dt_s, command, memory),)* }
+                match self { $(Self::$variant(p) => p.command(view, dt_s, command, memory),)* Self::Custom(p) => p.command(view, dt_s, command, memory) }
+            }
+            fn battery_v(&self, view: &View<S>, command: &Command<S>, memory: &[S]) -> Option<S> {
+                match self {
+                    $(Self::$variant(p) => p.battery_v(view, command, memory),)*
+                    Self::Custom(p) => p.battery_v(view, command, memory),
+                }
+            }
+            fn delay_s(&self) -> Option<S> {
+                match self { $(Self::$variant(p) => Effect::<S>::delay_s(p),)* Self::Custom(p) => Effect::<S>::delay_s(p) }
             }
             #[inline(always)]
             fn surround(&self, memory: &[S], surroundings: &mut Surroundings<S>) {
-                match self { $(Self::$variant(p) => p.surround(memory, surroundings),)* }
+                match self { $(Self::$variant(p) => p.surround(memory, surroundings),)* Self::Custom(p) => p.surround(memory, surroundings) }
             }
             #[inline(always)]
             fn measure(&self, reading: &mut Reading<S>) {
-                match self { $(Self::$variant(p) => p.measure(reading),)* }
+                match self { $(Self::$variant(p) => p.measure(reading),)* Self::Custom(p) => p.measure(reading) }
             }
             #[inline(always)]
             fn clock(&self) -> Clock<S> {
-                match self { $(Self::$variant(p) => p.clock(),)* }
+                match self { $(Self::$variant(p) => p.clock(),)* Self::Custom(p) => p.clock() }
             }
         }
 
         impl<S: Real> Parameters<S> for AnyEffect<S> {
             type Over<T: Real> = AnyEffect<T>;
             fn map<T: Real>(&self, f: &mut dyn FnMut(S) -> T) -> AnyEffect<T> {
-                match self { $(Self::$variant(p) => AnyEffect::$variant(p.map(f)),)* }
+                match self { $(Self::$variant(p) => AnyEffect::$variant(p.map(f)),)* Self::Custom(p) => AnyEffect::Custom(p.map(f)) }
             }
             fn visit(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S)) {
-                match self { $(Self::$variant(p) => p.visit(prefix, f),)* }
+                match self { $(Self::$variant(p) => p.visit(prefix, f),)* Self::Custom(p) => p.visit(prefix, f) }
             }
         }
     };
@@ -397,6 +454,11 @@ effects! {
     clock_offset => ClockOffset,
     /// What a user wrote as expressions in the vehicle file.
     expression => Expression,
+}
+
+/// The nature of the effect called `kind`; the ordinary one for names that are not known.
+pub fn nature(kind: &str) -> Nature {
+    AnyEffect::by_kind(kind).map(|e| e.nature()).unwrap_or_default()
 }
 
 impl<S: Real> AnyEffect<S> {

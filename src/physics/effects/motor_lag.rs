@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -26,6 +26,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("spin_up_factor", Bounds::above(0.0)), ("spin_down_factor", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -49,7 +53,7 @@ impl<S: Real> Effect<S> for Params<S> {
 
 /// What a search for missing physics may free; see [`Candidate`].
 pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
-    let freedom = |name: &str| Freedom::any(name, "1", 0.05, 0.4);
+    let freedom = |name: &str| Freedom::any(name, "1", 0.05, 0.4).dividing();
     vec![
         Candidate::new(
             "motor_lag",

@@ -6,7 +6,7 @@
 use super::{Effect, Parts};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale, along};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Scale, along};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -27,6 +27,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("mass_kg", Bounds::from(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }

@@ -7,7 +7,7 @@
 use super::{Effect, View, add_hub_force};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::physics::surroundings::Reads;
@@ -28,6 +28,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { alike_by_thrust: &["linear_drag"], ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("drag_n_s2_per_rad_m", Bounds::from(0.0))] }
+    }
+
     fn reads(&self) -> Reads {
         Reads::WIND
     }

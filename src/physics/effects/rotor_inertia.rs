@@ -4,7 +4,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Group, Nature};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -23,6 +23,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { torques_only: true, group: Some(Group::Inertia), ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::from(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -42,13 +50,16 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
     if drone.airframe.rotors[..drone.airframe.n_rotors].iter().all(|r| r.inertia_kg_m2 == 0.0) {
         return Vec::new();
     }
-    vec![Candidate::new(
-        "rotor_inertia",
-        "rotors with more or less inertia than filed",
-        Area::Mass,
-        vec![Freedom::any("factor", "1", 0.1, 1.5)],
-        "yaw in sharp steps, and roll and pitch quickly while yawing",
-    )]
+    vec![
+        Candidate::new(
+            "rotor_inertia",
+            "rotors with more or less inertia than filed",
+            Area::Mass,
+            vec![Freedom::any("factor", "1", 0.1, 1.5)],
+            "yaw in sharp steps, and roll and pitch quickly while yawing",
+        )
+        .answering(Answer::RotorAcceleration),
+    ]
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 use super::{Effect, Parts};
 use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Area, Candidate, Freedom, Group, Nature};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -28,6 +28,15 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature {
+            torques_only: true,
+            group: Some(Group::Rotors),
+            alike_by_thrust: &["mount", "mount.pose"],
+            ..Nature::default()
+        }
+    }
+
     fn builds(&self) -> bool {
         true
     }

@@ -15,7 +15,7 @@
 use super::{Command, Effect, View};
 use crate::math::{quat, vec3};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Nature, Needs, along};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::{self, State, Wrench};
 use crate::physics::surroundings::{Load, Surroundings};
@@ -215,6 +215,20 @@ fn choose<S: Real>(mask: S::Mask, yes: [S; 3], no: [S; 3]) -> [S; 3] {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { only_when_found: true, ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const {
+            &[
+                ("mass_kg", Bounds::from(0.0)),
+                ("cable_length_m", Bounds::above(0.0)),
+                ("damping_per_s", Bounds::from(0.0)),
+            ]
+        }
+    }
+
     fn carried_kg(&self) -> S {
         self.mass_kg
     }
@@ -287,19 +301,24 @@ impl<S: Real> Effect<S> for Params<S> {
 
 /// What a search for missing physics may free; see [`Candidate`].
 pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
-    vec![Candidate {
-        id: "slung_payload".into(),
-        kind: "slung_payload",
-        title: "a load that swings below the vehicle on a cable".into(),
-        area: Area::Mass,
+    // Loads of 5 to 20 % of the mass are what small vehicles carry.
+    let mut freedoms = vec![Freedom::up("mass_kg", "kg", 0.0, 0.08 * drone.body.mass_kg)];
+    // Where the cable is attached shows in torques alone.
+    freedoms.extend(along("attachment_m", 0..3, "m", (0.0, 0.03)).into_iter().map(Freedom::in_torques));
+    vec![
+        Candidate::new(
+            "slung_payload",
+            "a load that swings below the vehicle on a cable",
+            Area::Mass,
+            freedoms,
+            "hover, then fly fast back and forth with stops of a few seconds, so that the load swings",
+        )
         // How the load moves is known before a fit: a load that nobody saw swings as it likes.
-        needs: Needs::Load,
-        // Loads of 5 to 20 % of the mass are what small vehicles carry.
-        freedoms: vec![Freedom::up("mass_kg", "kg", 0.0, 0.08 * drone.body.mass_kg)],
-        preset: vec![("cable_length_m".into(), 0.5)],
-        manoeuvre: "hover, then fly fast back and forth with stops of a few seconds, so that the load swings",
-        most_slabs: f64::INFINITY,
-    }]
+        .needing(Needs::Load)
+        .preset("cable_length_m", 0.5)
+        .given_by("cable_length_m", FromLog::CableLength)
+        .given_by("damping_per_s", FromLog::CableDamping),
+    ]
 }
 
 #[cfg(test)]

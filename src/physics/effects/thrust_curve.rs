@@ -8,7 +8,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
+use crate::physics::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rotor;
 use crate::scalar::Real;
@@ -30,6 +30,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("shape", Bounds::within(-1.0, 0.9)), ("hover_rad_s", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -60,7 +64,8 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             vec![Freedom::any("shape", "1", 0.02, 0.25)],
             "climb and sink hard, from little to full thrust",
         )
-        .preset("hover_rad_s", Scale::of(drone).hover_rad_s),
+        .preset("hover_rad_s", Scale::of(drone).hover_rad_s)
+        .answering(Answer::Thrust),
     ]
 }
 

@@ -7,7 +7,7 @@
 
 use super::{Command, Effect, View};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Needs};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Needs};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -26,6 +26,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { differs_between_logs: true, ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("rate_per_s", Bounds::from(0.0))] }
+    }
+
     /// Thrust and torque go with the square of the speed. A rotor that has nothing left keeps a thousandth, so that the
     /// derivative stays finite.
     #[inline(always)]

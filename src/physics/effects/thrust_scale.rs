@@ -6,7 +6,7 @@
 use super::{Effect, Parts};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Relative};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -25,6 +25,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { scales_hover: true, relative: Some(Relative::Ratio), ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }

@@ -6,7 +6,7 @@
 use super::{Effect, Parts};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Nature, Relative};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -25,6 +25,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { torques_only: true, relative: Some(Relative::Ratio), ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::from(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -40,13 +48,16 @@ impl<S: Real> Effect<S> for Params<S> {
 
 /// What a search for missing physics may free; see [`Candidate`].
 pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
-    vec![Candidate::new(
-        "torque_scale",
-        "all rotors meet more or less torque than filed",
-        Area::Drive,
-        vec![Freedom::any("factor", "1", 0.03, 0.3)],
-        "yaw to and fro, slowly and quickly, at low and at high thrust",
-    )]
+    vec![
+        Candidate::new(
+            "torque_scale",
+            "all rotors meet more or less torque than filed",
+            Area::Drive,
+            vec![Freedom::any("factor", "1", 0.03, 0.3)],
+            "yaw to and fro, slowly and quickly, at low and at high thrust",
+        )
+        .answering(Answer::Torque(2)),
+    ]
 }
 
 #[cfg(test)]

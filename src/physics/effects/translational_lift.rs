@@ -8,7 +8,7 @@
 use super::{Effect, View, add_hub_force};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom, Scale};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Scale};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::Wrench;
 use crate::physics::surroundings::Reads;
@@ -29,6 +29,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("lift_n_s2_per_m2", Bounds::from(0.0))] }
+    }
+
     fn reads(&self) -> Reads {
         Reads::WIND
     }

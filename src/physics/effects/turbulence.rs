@@ -17,7 +17,7 @@
 use super::{Command, Effect, View};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::Candidate;
+use crate::physics::effects::candidate::{Bounds, Candidate, Nature};
 use crate::physics::params::parameters;
 use crate::physics::surroundings::{Reads, Surroundings};
 use crate::scalar::Real;
@@ -42,6 +42,14 @@ impl Default for Params<f64> {
 const MIN_SPEED2_M2_S2: f64 = 1e-12;
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { of_the_flight: true, only_when_found: true, ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("sigma_m_s", Bounds::from(0.0)), ("length_m", Bounds::above(0.0))] }
+    }
+
     fn reads(&self) -> Reads {
         Reads { wind: true, noise: true, ..Reads::NOTHING }
     }

@@ -6,7 +6,7 @@
 use super::{Effect, Parts};
 use crate::math::vec3;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Group, Nature};
 use crate::physics::params::parameters;
 use crate::physics::rigid_body::MAX_ROTORS;
 use crate::scalar::Real;
@@ -26,6 +26,19 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature {
+            torques_only: true,
+            group: Some(Group::Rotors),
+            alike_by_thrust: &["thrust_scale"],
+            ..Nature::default()
+        }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }

@@ -6,7 +6,7 @@
 use super::Effect;
 use crate::math::quat;
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, along};
+use crate::physics::effects::candidate::{Area, Candidate, Nature, along};
 use crate::physics::measure::Reading;
 use crate::physics::params::parameters;
 use crate::scalar::Real;
@@ -26,6 +26,10 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { differs_between_logs: true, ..Nature::default() }
+    }
+
     #[inline(always)]
     fn measure(&self, reading: &mut Reading<S>) {
         let turn = quat::exp([self.tilt_rad[0], self.tilt_rad[1], S::zero()]);

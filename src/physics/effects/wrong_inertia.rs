@@ -6,7 +6,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Group, Nature, Relative};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -25,6 +25,19 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature {
+            torques_only: true,
+            relative: Some(Relative::Ratio),
+            group: Some(Group::Inertia),
+            ..Nature::default()
+        }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -50,8 +63,10 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         ("z", "inertia about the upward axis other than filed", "yaw to and fro quickly"),
     ];
     let candidate = |(i, (axis, title, manoeuvre))| {
-        let freedom = Freedom::any(format!("factor.{i}"), "1", 0.03, 0.2);
-        Candidate::new("wrong_inertia", title, Area::Mass, vec![freedom], manoeuvre).part(axis)
+        let freedom = Freedom::any(format!("factor.{i}"), "1", 0.03, 0.2).dividing();
+        Candidate::new("wrong_inertia", title, Area::Mass, vec![freedom], manoeuvre)
+            .part(axis)
+            .answering(Answer::Torque(i))
     };
     axes.into_iter().enumerate().map(candidate).collect()
 }

@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::physics::drone::Drone;
-use crate::physics::effects::candidate::{Area, Candidate, Freedom};
+use crate::physics::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Relative};
 use crate::physics::params::parameters;
 use crate::scalar::Real;
 
@@ -24,6 +24,14 @@ impl Default for Params<f64> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { scales_hover: true, relative: Some(Relative::Ratio), ..Nature::default() }
+    }
+
+    fn ranges(&self) -> &'static [(&'static str, Bounds)] {
+        const { &[("factor", Bounds::above(0.0))] }
+    }
+
     fn builds(&self) -> bool {
         true
     }
@@ -40,7 +48,7 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         "wrong_mass",
         "vehicle heavier or lighter than filed",
         Area::Mass,
-        vec![Freedom::any("factor", "1", 0.005, 0.15)],
+        vec![Freedom::any("factor", "1", 0.005, 0.15).dividing()],
         "climb and sink hard, roll and pitch quickly, and drop for a moment with little thrust",
     )]
 }

@@ -12,7 +12,7 @@ use super::provenance::META;
 use super::schema::EffectEntry;
 use crate::physics::effects::candidate::{Bounds, Freedom, Sign};
 use crate::physics::effects::expression::{Declared, Formula, MAX_PARAMETERS, Params, Program, VARIABLES};
-use crate::physics::effects::{AnyEffect, KINDS};
+use crate::physics::effects::{AnyEffect, kinds};
 use parser::{FUNCTIONS, is_name};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
@@ -156,7 +156,7 @@ impl Check<'_> {
             let expected = "a name of letters, digits and underscores that begins with a letter";
             return Err(self.wrong(place, expected, name, remedy));
         };
-        if KINDS.contains(&name) {
+        if kinds().contains(&name) {
             return Err(self.wrong(
                 place,
                 "a name that no built-in effect has",
@@ -323,7 +323,7 @@ impl Check<'_> {
                 ));
             }
         };
-        let bounds = Bounds { least: number("min", f64::NEG_INFINITY), most: number("max", f64::INFINITY) };
+        let bounds = Bounds::within(number("min", f64::NEG_INFINITY), number("max", f64::INFINITY));
         if bounds.least > bounds.most {
             return Err(self.wrong(
                 join(place, "min"),
@@ -340,7 +340,7 @@ impl Check<'_> {
                 "write a value in this range",
             ));
         }
-        let freedom = Freedom { name: name.into(), unit: intern_text(unit), spike, slab, sign };
+        let freedom = Freedom { sign, ..Freedom::any(name, intern_text(unit), spike, slab) };
         Ok((Declared { freedom, bounds }, value))
     }
 }

@@ -236,6 +236,7 @@ fn every_variable_reads_what_its_name_says() {
             state: &state,
             surroundings: &around,
             collective_n: None,
+            memory: &[],
         };
         let mut out = crate::physics::rigid_body::Wrench::zero();
         effect.wrench(&view, &mut out);

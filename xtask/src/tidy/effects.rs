@@ -1,4 +1,4 @@
-//! One effect = one file = one page with fixed headings, named in the one list.
+//! One effect = one file = one page with fixed headings, named in the one list and nowhere else in the library.
 
 use super::source::{code_only, item_end, tokens};
 use super::{File, Finding};
@@ -14,7 +14,21 @@ const HEADINGS: &[&str] =
 const FREE: &[&str] = &["expression"];
 
 /// Files of the folder that are no effects.
-const HELPERS: &[&str] = &["mod", "README", "candidate"];
+const HELPERS: &[&str] = &["mod", "README", "candidate", "custom"];
+
+/// Where the library may name an effect all the same, and why.
+const MAY_NAME: &[(&str, &[&str], &str)] = &[
+    (
+        "src/gap/attitude_model/",
+        &["linear_drag", "command_delay", "battery_sag", "actuator_saturation"],
+        "what an identified answer to attitude commands is written as",
+    ),
+    ("src/gap/attitude_model/", &["thrust_scale"], "a parameter of the answer has the same name"),
+    ("src/gap/cable.rs", &["slung_payload"], "the pendulum that is laid through the track of a load"),
+    ("src/gap/decide/", &["turbulence", "linear_drag"], "weather without a pattern, and the shape of a drag"),
+    ("src/vehicle/diff.rs", &["thrust_curve"], "a key of rotors has the same name"),
+    ("src/vehicle/file.rs", &["thrust_scale", "thrust_curve"], "keys of vehicle files have the same name"),
+];
 
 /// Checks that code, list and pages name the same effects, and that every page is whole.
 pub fn check(files: &[File]) -> Vec<Finding> {
@@ -41,12 +55,56 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             }
         }
     }
+    for file in files {
+        for (line, name) in named_in(file, &effects) {
+            let message = format!(
+                "the effect `{name}` is named outside its file: let `Effect::nature` or `Candidate` say what is special about it"
+            );
+            let (rule, text) = ("effects", String::new());
+            out.push(Finding { rule, file: file.path.clone(), line, message, text });
+        }
+    }
+    let mut add = |file: String, message: String| {
+        out.push(Finding { rule: "effects", file, line: 0, message, text: String::new() });
+    };
     for (name, _) in &pages {
         if !effects.iter().any(|(n, _)| n == name) {
             add(format!("{PAGES}{name}.md"), format!("there is no effect {CODE}{name}.rs"));
         }
     }
     out
+}
+
+/// Lines of a file of the library, outside its tests, that name an effect without leave: as a text, a module or a variant.
+fn named_in(file: &File, effects: &[(&str, &str)]) -> Vec<(usize, String)> {
+    let library = file.path.starts_with("src/") && file.path.ends_with(".rs") && !file.path.starts_with(CODE);
+    let tests = file.path.contains("/tests/") || file.path.ends_with("/tests.rs");
+    let Some(text) = file.text().filter(|_| library && !tests) else { return Vec::new() };
+    let text = text.split("#[cfg(test)]").next().unwrap_or_default();
+    let mut out = Vec::new();
+    for (i, line) in text.lines().enumerate().filter(|(_, l)| !l.trim_start().starts_with("//")) {
+        for (name, _) in effects.iter().filter(|(name, _)| !FREE.contains(name)) {
+            let variant: String = name.split('_').map(capital).collect();
+            let forms = [
+                format!("\"{name}\""),
+                format!("\"{name}."),
+                format!("effects::{name}::"),
+                format!("AnyEffect::{variant}("),
+            ];
+            let may =
+                MAY_NAME.iter().any(|(path, names, _)| file.path.starts_with(path) && names.contains(name));
+            if !may && forms.iter().any(|form| line.contains(form)) {
+                out.push((i + 1, (*name).to_string()));
+            }
+        }
+    }
+    out
+}
+
+/// A word with its first letter in upper case.
+fn capital(word: &str) -> String {
+    let mut letters = word.chars();
+    letters.next().map(|c| c.to_ascii_uppercase()).into_iter().chain(letters).collect()
 }
 
 /// Names and texts of the files directly in `folder` that end in `ending`, but for `mod.rs`, `candidate.rs` and
@@ -176,6 +234,19 @@ mod tests {
     fn an_effect_without_page_or_list_entry_is_found() {
         assert!(found(LIST, None)[0].contains("is missing"));
         assert!(found("pub mod push;", Some(&page()))[0].contains("not in the list"));
+    }
+
+    #[test]
+    fn an_effect_that_is_named_elsewhere_is_found() {
+        let text = "// push may stand in words\nfn f() { g(\"push\"); }\nfn h(e: E) { if let AnyEffect::Push(p) = e {} }\n#[cfg(test)]\nmod tests { fn t() { g(\"push\") } }";
+        let files = [
+            file("src/physics/effects/mod.rs", LIST),
+            file("src/physics/effects/push.rs", EFFECT),
+            file("docs/effects/push.md", &page()),
+            file("src/gap/model.rs", text),
+        ];
+        let lines: Vec<usize> = check(&files).iter().map(|f| f.line).collect();
+        assert_eq!(lines, [2, 3], "{:?}", check(&files).iter().map(|f| &f.message).collect::<Vec<_>>());
     }
 
     #[test]

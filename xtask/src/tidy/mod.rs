@@ -114,6 +114,18 @@ const EXCEPTIONS: &[Exception] = &[
         line: "dt_s: (S, f64)",
         reason: "the step as a number of physics and as the argument of `memory_len`",
     },
+    Exception {
+        rule: "one number type",
+        file: "src/physics/drone.rs",
+        line: "pub fn recall(",
+        reason: "an argument of `memory_len`",
+    },
+    Exception {
+        rule: "one number type",
+        file: "src/physics/surroundings.rs",
+        line: "pub step_s: f64",
+        reason: "an argument of `memory_len`",
+    },
 ];
 
 /// Checks every rule.
