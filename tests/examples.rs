@@ -41,6 +41,7 @@ fn there_is_a_test_for_every_example() {
         "fly_and_see.rs",
         "hidden_flight.rs",
         "own_effect.rs",
+        "own_task.rs",
         "randomize.rs",
         "read_dataset.rs",
     ];
@@ -81,6 +82,13 @@ fn custom_stage() {
     assert_eq!(aside.len(), 4, "{said}");
     assert!(aside.windows(2).all(|w| w[0] > w[1]), "the heavier, the less: {said}");
     assert!(aside.iter().all(|cm| (1.0..200.0).contains(cm)), "{said}");
+}
+
+#[test]
+fn own_task() {
+    let said = example("own_task", &[]);
+    let [holds, gives] = ["holds its place: hit in", "gives way: hit in"].map(|policy| number(&said, policy));
+    assert!(holds > 90.0 && gives < 10.0, "{said}");
 }
 
 #[test]

@@ -15,6 +15,7 @@ use crate::arrays;
 use crate::camera::CameraSpec;
 use crate::errors::{Error, OrRaise};
 use crate::sim::describe;
+use crate::task::{PyTask, TaskDraws};
 use crate::threads;
 use crate::vehicle::PyVehicle;
 
@@ -65,23 +66,88 @@ impl PyEnv {
         }
         Err(PyIndexError::new_err(format!("world: expected less than {}, got {world}", self.action[0])))
     }
+
+    /// A view of an array of a task written in Python.
+    fn task_array<'py>(&self, py: Python<'py>, env: &mut Env, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        let owner = || self.owner.bind(py).clone().into_any();
+        let [n, d, width] = self.action;
+        let [w, h] = env.image_size();
+        let unknown = || PyKeyError::new_err(format!("no array is called {name:?}"));
+        macro_rules! view {
+            ($numbers:expr, $shape:expr) => {
+                // SAFETY: as in `array`; the arrays of a task and of the arena's obstacles are never replaced or resized either.
+                unsafe { arrays::view($numbers, $shape, owner())? }.into_any()
+            };
+        }
+        if matches!(name, "obstacle_pos" | "obstacle_quat") {
+            let obstacles = env.obstacles();
+            let m = obstacles.n_obstacles;
+            return Ok(match name {
+                "obstacle_pos" => view!(obstacles.pos_m, &[n, m, 3]),
+                _ => view!(obstacles.quat_xyzw, &[n, m, 4]),
+            });
+        }
+        let batch = env.batch().ok_or_else(unknown)?;
+        let noisy = !batch.observed_pos.is_empty();
+        let own = batch.channels.len() / (n * d);
+        Ok(match name {
+            "pos" => view!(&mut batch.pos, &[n, d, 3]),
+            "quat" => view!(&mut batch.quat, &[n, d, 4]),
+            "vel" => view!(&mut batch.vel, &[n, d, 3]),
+            "ang_vel" => view!(&mut batch.ang_vel, &[n, d, 3]),
+            "previous_pos" => view!(&mut batch.previous_pos, &[n, d, 3]),
+            "observed_pos" if noisy => view!(&mut batch.observed_pos, &[n, d, 3]),
+            "observed_quat" if noisy => view!(&mut batch.observed_quat, &[n, d, 4]),
+            "observed_vel" if noisy => view!(&mut batch.observed_vel, &[n, d, 3]),
+            "observed_ang_vel" if noisy => view!(&mut batch.observed_ang_vel, &[n, d, 3]),
+            "task_clearance" => view!(&mut batch.clearance, &[n, d]),
+            "crashed" => view!(&mut batch.crashed, &[n, d]),
+            "true_depth" if w > 0 => view!(&mut batch.depth, &[n, d, h, w]),
+            "action" => view!(&mut batch.action, &[n, d, width]),
+            "action_change" => view!(&mut batch.action_change, &[n, d]),
+            "time" => view!(&mut batch.time, &[n]),
+            "step" => view!(&mut batch.step, &[n]),
+            "episode" => view!(&mut batch.episode, &[n]),
+            "layout" => view!(&mut batch.layout, &[n]),
+            "begins" => view!(&mut batch.begins, &[n]),
+            "goal_given" => view!(&mut batch.goal_given, &[n]),
+            "start_pos" => view!(&mut batch.start_pos, &[n, d, 3]),
+            "start_vel" => view!(&mut batch.start_vel, &[n, d, 3]),
+            "start_yaw" => view!(&mut batch.start_yaw, &[n, d]),
+            "goal_pos" if !batch.goal_pos.is_empty() => view!(&mut batch.goal_pos, &[n, d, 3]),
+            "task_reward" => view!(&mut batch.reward, &[n, d]),
+            "task_ending" => view!(&mut batch.ending, &[n]),
+            "channels" => view!(&mut batch.channels, &[n, d, own]),
+            _ => return Err(unknown()),
+        })
+    }
 }
 
 #[pymethods]
 impl PyEnv {
-    /// `config`: a description in JSON.
+    /// `config`: a description in JSON. `task`: that of a task written in Python, also in JSON, what calls its methods, and its random
+    /// numbers.
     #[new]
-    #[pyo3(signature = (config, vehicles, threads = None))]
+    #[pyo3(signature = (config, vehicles, threads = None, task = None))]
     fn new(
         py: Python<'_>,
         config: &str,
         vehicles: Vec<Py<PyVehicle>>,
         threads: Option<usize>,
+        task: Option<(String, Py<PyAny>, Py<TaskDraws>)>,
     ) -> PyResult<Self> {
         let mut config = EnvConfig::from_text(config).or_raise()?;
         describe(&mut config.sim, &vehicles);
         let pool = threads::pool(threads)?;
-        let env = py.detach(|| pool.install(|| Env::new(config))).or_raise()?;
+        let task = match task {
+            None => None,
+            Some((described, calls, draws)) => Some(PyTask::new(&described, calls.bind(py), draws.get())?),
+        };
+        let make = || match task {
+            None => Env::new(config),
+            Some(task) => Env::with_batch_task(config, Box::new(task)),
+        };
+        let env = py.detach(|| pool.install(make)).or_raise()?;
         let action = [env.config().sim.options.n_worlds, env.config().sim.n_drones(), env.action_width()];
         let parallel = env.is_parallel();
         let env = Arc::new(Mutex::new(env));
@@ -97,8 +163,8 @@ impl PyEnv {
     }
 
     /// Names and widths of what is observed.
-    fn channels(&self) -> PyResult<Vec<(&'static str, usize)>> {
-        Ok(self.env()?.channels().iter().map(|c| (c.name, c.width)).collect())
+    fn channels(&self) -> PyResult<Vec<(String, usize)>> {
+        Ok(self.env()?.channels().into_iter().map(|c| (c.name.into_owned(), c.width)).collect())
     }
 
     /// Least and greatest actions, (n_drones, action).
@@ -131,7 +197,8 @@ impl PyEnv {
         let [w, h] = env.image_size();
         let width: usize = env.channels().iter().map(|c| c.width).sum();
         // The owner holds the environment, whose arrays are made with it and never replaced or
-        // resized; only calls on this object write to them, and those do not run Python code meanwhile.
+        // resized; only calls on this object write to them. Those run Python code only within the methods of a task, during which
+        // no reference to the numbers of these arrays is in use.
         macro_rules! view {
             ($numbers:expr, $shape:expr) => {
                 // SAFETY: by what stands above.
@@ -148,19 +215,36 @@ impl PyEnv {
             "clearance" => view!(env.clearance(), &[n, d]),
             "final_observation" => view!(env.final_observation(), &[n, d, width]),
             "final_depth" if w > 0 => view!(env.final_depth(), &[n, d, h, w]),
-            _ => return Err(PyKeyError::new_err(format!("no array is called {name:?}"))),
+            _ => return self.task_array(py, &mut env, name),
         })
     }
 
-    /// Begins new episodes in all worlds, or in those of the mask.
-    #[pyo3(signature = (seed = None, mask = None))]
-    fn reset(&self, py: Python<'_>, seed: Option<u64>, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
-        let mask = arrays::mask("reset_mask", mask, self.action[0])?;
+    /// Whether goals may be given at a reset.
+    fn has_goal(&self) -> PyResult<bool> {
+        Ok(self.env()?.has_goal())
+    }
+
+    /// Begins new episodes in all worlds, or in those of the mask, with goals, (n_worlds, n_drones, 3), if there are some.
+    #[pyo3(signature = (seed = None, mask = None, goal = None))]
+    fn reset(
+        &self,
+        py: Python<'_>,
+        seed: Option<u64>,
+        mask: Option<&Bound<'_, PyAny>>,
+        goal: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let [n, d, _] = self.action;
+        let mask = arrays::mask("reset_mask", mask, n)?;
+        let mut goals = Vec::new();
+        if let Some(goal) = goal {
+            arrays::numbers("goal", "(n_worlds, n_drones, 3)", goal, &[n, d, 3], &mut goals)?;
+        }
+        let goals = goal.is_some().then(|| goals.as_chunks::<3>().0);
         let mut env = self.env()?;
         let env = &mut *env;
         py.detach(|| match self.parallel {
-            true => self.pool.install(|| env.reset(seed, mask.as_deref())),
-            false => env.reset(seed, mask.as_deref()),
+            true => self.pool.install(|| env.reset_to(seed, mask.as_deref(), goals)),
+            false => env.reset_to(seed, mask.as_deref(), goals),
         })
         .or_raise()
     }

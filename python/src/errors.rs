@@ -94,6 +94,11 @@ impl IntoPython for EnvError {
             EnvError::Rollout(e) => e.into_python(),
             EnvError::Scene(e) => e.into_python(),
             EnvError::Sense(e) => e.into_python(),
+            // What the user's own code raised goes on as it was.
+            EnvError::Failed(e) => match e.downcast::<PyErr>() {
+                Ok(raised) => *raised,
+                Err(e) => Error::new_err(e.to_string()),
+            },
             EnvError::Place { .. } | EnvError::Ended { .. } => Error::new_err(self.to_string()),
             _ => PyValueError::new_err(self.to_string()),
         }

@@ -10,6 +10,7 @@ mod sense;
 mod sim;
 mod stages;
 mod state;
+mod task;
 mod threads;
 mod vehicle;
 
@@ -39,6 +40,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<state::PyState>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<env::PyEnv>()?;
+    m.add_class::<task::TaskDraws>()?;
+    m.add_function(wrap_pyfunction!(task::built_in_tasks, m)?)?;
     m.add_function(wrap_pyfunction!(env::depth_devices, m)?)?;
     m.add_function(wrap_pyfunction!(env::env_config, m)?)?;
     m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;

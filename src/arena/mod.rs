@@ -4,7 +4,7 @@
 //! motion meets geometry:
 //!
 //! - Before every simulation step it measures what effects of some drone declare that they read of the scene
-//!   ([`Reads`](crate::physics::surroundings::Reads)): the height of the ground below each drone, and of the ceiling above. So no
+//!   ([`Reads`]): the height of the ground below each drone, and of the ceiling above. So no
 //!   effect flies without what it needs, whether in a data set, a learning environment or a loop of the user. Where no effect
 //!   reads any of it, steps cost what they cost without a scene.
 //! - It puts the poses of drones and obstacles into workers of the scene and asks them: depth ([`Arena::render`]), contacts,
@@ -164,6 +164,16 @@ impl<N: Number> Arena<N> {
     /// The trajectory of every drone in the pattern of its description, (world, drone); empty where it has none.
     pub fn trajectories(&self) -> &[Trajectory] {
         &self.trajectories
+    }
+
+    /// As [`Arena::obstacle_pos_mut`] and [`Arena::obstacle_quat_mut`], both.
+    pub fn obstacles_mut(&mut self) -> (&mut [f64], &mut [f64]) {
+        (&mut self.places.obstacle_pos, &mut self.places.obstacle_quat)
+    }
+
+    /// Puts the obstacles of worlds whose entry is true back to where their scenes place them; worlds without an entry are left alone.
+    pub fn reset_obstacles(&mut self, worlds: &[bool]) {
+        self.places.reset_obstacles(worlds);
     }
 
     /// What effects of some drone read.

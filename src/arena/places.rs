@@ -99,6 +99,14 @@ impl Places {
         }
     }
 
+    /// Puts the obstacles of worlds whose entry is true where their scenes have them.
+    pub fn reset_obstacles(&mut self, worlds: &[bool]) {
+        if self.n_obstacles > 0 {
+            let n_worlds = self.layout.len();
+            (0..n_worlds).filter(|w| worlds.get(*w) == Some(&true)).for_each(|w| self.place_obstacles(w));
+        }
+    }
+
     /// The scene of a world.
     pub fn scene(&self, world: usize) -> Option<&Scene> {
         self.layout.get(world).map(|i| self.pools[*i].scene())

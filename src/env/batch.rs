@@ -1,22 +1,26 @@
 //! Worlds that are reset, flown, seen and judged together.
 
+mod batched;
+mod build;
+mod world;
+
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
+use self::batched::Batched;
+use self::world::{FREE_PLACES, Out, Plan, World};
 use super::EnvError;
-use super::action::{ActionKind, Limits, SetPoint};
+use super::action::{Limits, SetPoint};
+use super::batch_task::{BEGIN, BatchObstacles};
 use super::config::{Autoreset, EnvConfig};
 use super::layouts::{Course, Layout};
-use super::randomize::{LevelRules, Levels};
-use super::sensing::{Flown, NoisySensor, feel, look};
-use super::tasks::{Beginning, Channel, Images, Outcome, STATE, STATE_WIDTH, Seen, Start, View, store, yaw};
-use crate::arena::{Arena, Look, Precision, SceneConfig};
+use super::randomize::Levels;
+use super::task::{Channel, Obstacles, Outcome, STATE, Task, store, yaw};
+use crate::arena::{Arena, CameraConfig, Look, SceneConfig};
 use crate::math::{quat, vec3};
-use crate::physics::controllers::{ControlMode, Rates};
-use crate::physics::drone::Drone;
-use crate::random::{Key, purpose};
-use crate::rollout::{Sim, SimData};
-use crate::scene::{Pose, Scene};
-use crate::sense::NoiseKey;
+use crate::rollout::Sim;
+use crate::scene::Scene;
 
 /// Why an episode has ended, if it has.
 #[repr(u8)]
@@ -37,106 +41,91 @@ pub enum Ending {
     Quarantined = 5,
 }
 
-/// Everything about one world between steps.
-#[derive(Clone, Debug)]
-struct World {
-    layout: usize,
-    levels: Levels,
-    memory: Vec<f32>,
-    starts: Vec<Start>,
-    drones: Vec<Flown>,
-    /// True states, and as observed.
-    seen: Vec<Seen>,
-    observed: Vec<Seen>,
-    /// (drone, action)
-    last_action: Vec<f32>,
-    jerk: Vec<f32>,
-    set_points: Vec<SetPoint>,
-    /// Commands of the last steps, (age, drone, command).
-    commands: Vec<f32>,
-    camera_poses: Vec<Pose>,
-    /// Images without noise, where those observed differ. (drone, height, width)
-    clean: Vec<f32>,
-    /// Images of the last steps, where they are observed late. (age, drone, height, width)
-    ring: Vec<f32>,
-    /// Steps of the environment since the reset.
-    step: u64,
-    /// Episodes before this one.
-    episode: u64,
-    ended: bool,
-    clipped: bool,
-}
-
-impl World {
-    /// A world of `d` drones before its first episode.
-    fn at_rest(plan: &Plan, d: usize) -> Self {
-        let apart = plan.pixels > 0 && (plan.sensor.is_some() || plan.depth_ring > 1);
-        let rest = Seen {
-            pos_m: [0.0; 3],
-            quat_xyzw: quat::identity(),
-            vel_m_s: [0.0; 3],
-            ang_vel_rad_s: [0.0; 3],
-            before_m: [0.0; 3],
-            clearance_m: plan.config.look_m,
-            crashed: false,
-        };
-        World {
-            layout: 0,
-            levels: plan.config.levels,
-            memory: vec![0.0; plan.config.task.task().memory_len(d)],
-            starts: vec![Start::at([0.0; 3]); d],
-            drones: vec![Flown { clearance_m: plan.config.look_m, ..Flown::default() }; d],
-            seen: vec![rest; d],
-            observed: vec![rest; d],
-            last_action: vec![0.0; d * plan.action_width],
-            jerk: vec![0.0; d],
-            set_points: vec![SetPoint::default(); d],
-            commands: vec![0.0; plan.command_ring * d * plan.command_width],
-            camera_poses: vec![Pose::default(); if plan.pixels == 0 { 0 } else { d }],
-            clean: vec![0.0; if apart { d * plan.pixels } else { 0 }],
-            ring: vec![0.0; if plan.depth_ring > 1 { plan.depth_ring * d * plan.pixels } else { 0 }],
-            step: 0,
-            episode: 0,
-            ended: false,
-            clipped: false,
+impl From<Outcome> for Ending {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Continue => Self::None,
+            Outcome::Crashed => Self::Crashed,
+            Outcome::Left => Self::Left,
+            Outcome::Done => Self::Done,
         }
     }
 }
 
-/// Where the results of one world go.
-struct Out<'a> {
-    observation: &'a mut [f32],
-    depth: &'a mut [f32],
-    reward: &'a mut [f32],
-    terminated: &'a mut bool,
-    truncated: &'a mut bool,
-    ending: &'a mut u8,
-    clearance: &'a mut [f32],
+/// What is asked of the drones.
+enum Asked {
+    /// A task that sees one world at a time.
+    World(Arc<dyn Task>),
+    /// One that sees all at once.
+    Batch(Box<Batched>),
 }
 
-/// What is the same for all worlds.
-#[derive(Debug)]
-struct Plan {
-    config: EnvConfig,
-    limits: Vec<Limits>,
-    action_width: usize,
-    command_width: usize,
-    /// Numbers observed of one drone.
-    width: usize,
-    rules: LevelRules,
-    /// Commands that are kept.
-    command_ring: usize,
-    /// Images that are kept; 1: none is late.
-    depth_ring: usize,
-    /// Pixels of one image; 0 without a camera.
-    pixels: usize,
-    sensor: Option<NoisySensor>,
-    neutral: Vec<f32>,
+/// Answers of either kind of task.
+macro_rules! either {
+    ($asked:expr, $task:ident => $answer:expr) => {
+        match $asked {
+            Asked::World($task) => $answer,
+            Asked::Batch(batched) => {
+                let $task = &batched.task;
+                $answer
+            }
+        }
+    };
+}
+
+impl Asked {
+    fn name(&self) -> String {
+        either!(self, task => task.name().to_string())
+    }
+
+    fn check(&self, config: &EnvConfig) -> Result<(), EnvError> {
+        either!(self, task => task.check(config))
+    }
+
+    fn check_course(&self, course: &Course, scene: &str) -> Result<(), EnvError> {
+        either!(self, task => task.check_course(course, scene))
+    }
+
+    fn scene(&self) -> (SceneConfig, Option<usize>) {
+        either!(self, task => task.scene())
+    }
+
+    fn camera(&self) -> Option<CameraConfig> {
+        either!(self, task => task.camera())
+    }
+
+    fn channels(&self) -> Vec<Channel> {
+        either!(self, task => task.channels())
+    }
+
+    fn memory_len(&self, n_drones: usize) -> usize {
+        match self {
+            Self::World(task) => task.memory_len(n_drones),
+            Self::Batch(batched) => batched.places.memory_len(n_drones),
+        }
+    }
+
+    /// What places drones at the beginning of an episode, and by which random numbers.
+    fn places(&self) -> (&dyn Task, u32) {
+        match self {
+            Self::World(task) => (&**task, BEGIN),
+            Self::Batch(batched) => (&batched.places, FREE_PLACES),
+        }
+    }
+
+    /// The task that judges and observes one world at a time.
+    fn of_worlds(&self) -> Option<&dyn Task> {
+        match self {
+            Self::World(task) => Some(&**task),
+            Self::Batch(_) => None,
+        }
+    }
 }
 
 /// A batch of worlds.
 pub struct Env {
     plan: Plan,
+    asked: Asked,
     layouts: Vec<Layout>,
     arena: Arena<f32>,
     worlds: Vec<World>,
@@ -147,8 +136,6 @@ pub struct Env {
     reset_done: bool,
     /// A first reset was tried.
     begun: bool,
-    size: [usize; 2],
-    range_m: [f64; 2],
     observation: Vec<f32>,
     depth: Vec<f32>,
     reward: Vec<f32>,
@@ -156,6 +143,9 @@ pub struct Env {
     truncated: Vec<bool>,
     ending: Vec<u8>,
     clearance: Vec<f32>,
+    crashed: Vec<bool>,
+    /// How much actions changed since the step before, 0 to 1. (world, drone)
+    action_change: Vec<f32>,
     final_observation: Vec<f32>,
     final_depth: Vec<f32>,
 }
@@ -169,104 +159,10 @@ impl std::fmt::Debug for Env {
     }
 }
 
-/// Height of the ground where there is no scene, m: what drones crash into and what their effects read.
-const OPEN_GROUND_M: f64 = 0.0;
-
-/// What random numbers are for.
-const BEGIN: u32 = purpose("env.begin");
-const LEVELS_OF: u32 = purpose("env.levels");
-const LAYOUT: u32 = purpose("env.layout");
-const DEPTH: u32 = purpose("env.depth");
-const STATE_NOISE: u32 = purpose("env.state");
-
 /// Worlds below which one thread does all, without and with a scene.
 const SERIAL: [usize; 2] = [256, 2];
 
 impl Env {
-    /// A batch as `config` says. Not yet reset.
-    ///
-    /// # Errors
-    /// [`EnvError`] for options that make no sense, naming them, and for vehicles and scenes that cannot be used.
-    pub fn new(mut config: EnvConfig) -> Result<Self, EnvError> {
-        config.check()?;
-        config.action.check()?;
-        config.task.task().check(&config)?;
-        complete(&mut config)?;
-        let task = config.task.task();
-        let (rest, rules) = LevelRules::part(&config.sim.options.randomization, &config.levels)?;
-        let mut flown = config.sim.clone();
-        flown.options.randomization = rest;
-        let setup = flown.load()?;
-        let drones = setup.drones();
-        let arena: Arena<f32> = setup.arena()?;
-        config.sim.drones = setup.config().drones.clone();
-        let n_rotors = arena.sim().data.n_rotors;
-        let limits: Vec<Limits> = drones.iter().map(|(d, _)| config.action.limits(d, n_rotors)).collect();
-        let layouts = Layout::all(&setup)?;
-        for layout in &layouts {
-            task.check_course(&layout.course, layout.scene.name())?;
-        }
-        if layouts.is_empty() {
-            task.check_course(&Course::default(), "none")?;
-        }
-        let camera = &config.sim.camera;
-        let (size, range_m, noise) = match camera {
-            Some(c) => (c.size()?, c.range()?, c.errors()?),
-            None => ([0; 2], [0.0; 2], None),
-        };
-        let pixels = size[0] * size[1];
-
-        let (n, d) = (config.sim.options.n_worlds, drones.len());
-        let command_width = arena.sim().data.command_width;
-        let own: usize = task.channels().iter().map(|c| c.width).sum();
-        let width = STATE_WIDTH + own;
-        let action_width = config.action.kind.width(n_rotors);
-        let step_s = config.step_s();
-        let late = |name: &str, level: f64| (rules.most(name, level).min(1.0) / step_s).round() as usize;
-        let command_ring = late("env.action_delay_s", config.levels.action_delay_s) + 2;
-        let depth_ring =
-            if pixels == 0 { 1 } else { late("env.depth_delay_s", config.levels.depth_delay_s) + 1 };
-        let neutral = neutral_commands(config.action.kind, drones, command_width, n_rotors);
-        let plan = Plan {
-            limits,
-            action_width,
-            command_width,
-            width,
-            rules,
-            command_ring,
-            depth_ring,
-            pixels,
-            sensor: noise.map(NoisySensor::new),
-            neutral,
-            config,
-        };
-        let world = World::at_rest(&plan, d);
-        let substeps = plan.config.substeps() as usize;
-        let kept = if plan.config.autoreset == Autoreset::SameStep { n } else { 0 };
-        let image = (d * pixels).max(1);
-        Ok(Self {
-            mask: vec![false; n],
-            dues: Vec::with_capacity(substeps),
-            reset_done: false,
-            begun: false,
-            size,
-            range_m,
-            observation: vec![0.0; n * d * width],
-            depth: vec![0.0; n * image],
-            reward: vec![0.0; n * d],
-            terminated: vec![false; n],
-            truncated: vec![false; n],
-            ending: vec![0; n],
-            clearance: vec![0.0; n * d],
-            final_observation: vec![0.0; kept * d * width],
-            final_depth: vec![0.0; kept * image],
-            worlds: vec![world; n],
-            layouts,
-            arena,
-            plan,
-        })
-    }
-
     /// What it was made of, with the scene and the camera that the task chose.
     pub fn config(&self) -> &EnvConfig {
         &self.plan.config
@@ -274,7 +170,7 @@ impl Env {
 
     /// What is observed of every drone, in the order of columns of [`Env::observation`].
     pub fn channels(&self) -> Vec<Channel> {
-        let own = self.plan.config.task.task().channels();
+        let own = self.asked.channels();
         STATE.into_iter().chain(own).collect()
     }
 
@@ -297,12 +193,12 @@ impl Env {
 
     /// Width and height of images, zero without a camera.
     pub fn image_size(&self) -> [usize; 2] {
-        self.size
+        self.plan.size
     }
 
     /// Least and greatest depth of images, m.
     pub fn depth_range_m(&self) -> [f64; 2] {
-        self.range_m
+        self.plan.range_m
     }
 
     /// What was observed, (world, drone, channels): [`Env::channels`] side by side.
@@ -401,7 +297,28 @@ impl Env {
     /// [`EnvError::Length`] for a mask of another length, [`EnvError::Option`] for a seed with a mask, [`EnvError::Place`] where a task
     /// finds no place to start from; then no world can be stepped before a reset that succeeds.
     pub fn reset(&mut self, seed: Option<u64>, mask: Option<&[bool]>) -> Result<(), EnvError> {
+        self.reset_to(seed, mask, None)
+    }
+
+    /// Whether [`Env::reset_to`] takes goals.
+    pub fn has_goal(&self) -> bool {
+        self.asked.places().0.has_goal()
+    }
+
+    /// As [`Env::reset`]; the episodes that it begins have these goals, (world, drone), in the units of the task (m or m/s, world
+    /// frame). Later ones have drawn goals again.
+    ///
+    /// # Errors
+    /// As [`Env::reset`], [`EnvError::Option`] for goals that are not finite and for a task that has none to be given,
+    /// [`EnvError::Length`], and [`EnvError::Place`] for goals outside of the space of a task that drones must not leave.
+    pub fn reset_to(
+        &mut self,
+        seed: Option<u64>,
+        mask: Option<&[bool]>,
+        goal: Option<&[[f64; 3]]>,
+    ) -> Result<(), EnvError> {
         let n = self.worlds.len();
+        self.check_goal(goal, mask)?;
         if let Some(mask) = mask
             && mask.len() != n
         {
@@ -432,7 +349,7 @@ impl Env {
             Some(mask) => own.copy_from_slice(mask),
             None => own.fill(true),
         }
-        let outcome = self.begin(&own);
+        let outcome = self.begin(&own, goal);
         let outcome = outcome.and_then(|()| {
             for (w, _) in own.iter().enumerate().filter(|(_, m)| **m) {
                 self.terminated[w] = false;
@@ -441,18 +358,54 @@ impl Env {
                 let d = self.plan.config.sim.n_drones();
                 self.reward[w * d..(w + 1) * d].fill(0.0);
             }
-            self.settle(Some(&own), false)
+            self.observe_and_judge(Some(&own), false)
         });
         self.mask = own;
         self.reset_done = outcome.is_ok();
         outcome
     }
 
+    /// Refuses goals that cannot be given.
+    fn check_goal(&self, goal: Option<&[[f64; 3]]>, mask: Option<&[bool]>) -> Result<(), EnvError> {
+        let Some(goal) = goal else { return Ok(()) };
+        if !self.has_goal() {
+            let expected = format!("none: the task {} takes no goals", self.plan.config.task.name());
+            return Err(EnvError::option("goal", expected, "some"));
+        }
+        let (n, d) = (self.worlds.len(), self.plan.config.sim.n_drones());
+        if goal.len() != n * d {
+            let shape = format!("{n} worlds x {d} drones x 3");
+            return Err(EnvError::Length { name: "goal", expected: 3 * n * d, shape, got: 3 * goal.len() });
+        }
+        // Beyond this f32 has no fractions of a metre left.
+        let odd = |v: &f64| !(v.abs() < 1e6);
+        let is_used = |row: usize| mask.is_none_or(|m| m.get(row / d) == Some(&true));
+        let found = goal.iter().enumerate().position(|(row, goal)| is_used(row) && goal.iter().any(odd));
+        if let Some(row) = found {
+            let name = format!("goal of world {}, drone {}", row / d, row % d);
+            return Err(EnvError::option(
+                name,
+                "three numbers between -1e6 and 1e6",
+                format!("{:?}", goal[row]),
+            ));
+        }
+        Ok(())
+    }
+
     /// Flies one step of the environment with `actions`, (world, drone, action), judges and observes.
     ///
     /// # Errors
     /// [`EnvError::Length`] and [`EnvError::Action`] for actions that cannot be flown, [`EnvError::Ended`]; nothing is changed then.
+    /// After any other error, such as [`EnvError::NotFinite`] of a task, all worlds must be reset before the next step.
     pub fn step(&mut self, actions: &[f32]) -> Result<(), EnvError> {
+        self.check_step(actions)?;
+        let outcome = self.fly_and_judge(actions);
+        self.reset_done = outcome.is_ok();
+        outcome
+    }
+
+    /// Refuses actions that cannot be flown, or not now.
+    fn check_step(&self, actions: &[f32]) -> Result<(), EnvError> {
         let (n, d, width) = (self.worlds.len(), self.plan.config.sim.n_drones(), self.plan.action_width);
         if actions.len() != n * d * width {
             let shape = format!("{n} worlds x {d} drones x {width}");
@@ -476,14 +429,32 @@ impl Env {
         {
             return Err(EnvError::Ended { world });
         }
-        let each = d * width;
+        Ok(())
+    }
+
+    /// A step whose actions have been checked.
+    fn fly_and_judge(&mut self, actions: &[f32]) -> Result<(), EnvError> {
+        let (d, autoreset) = (self.plan.config.sim.n_drones(), self.plan.config.autoreset);
+        let each = d * self.plan.action_width;
         let (plan, data) = (&self.plan, &self.arena.sim().data);
         let parallel = self.worlds.len() >= SERIAL[0];
-        let act = |(w, (world, action)): (usize, (&mut World, &[f32]))| plan.act(w, world, data, action);
+        let act = |w: usize, world: &mut World, action: &[f32], change: &mut [f32]| {
+            plan.act(w, world, data, action, change);
+        };
         if parallel {
-            self.worlds.par_iter_mut().zip(actions.par_chunks(each)).enumerate().for_each(act);
+            let each = self.worlds.par_iter_mut().zip(actions.par_chunks(each));
+            let each = each.zip(self.action_change.par_chunks_mut(d)).enumerate();
+            each.for_each(|(w, ((world, action), change))| act(w, world, action, change));
         } else {
-            self.worlds.iter_mut().zip(actions.chunks(each)).enumerate().for_each(act);
+            let each = self.worlds.iter_mut().zip(actions.chunks(each));
+            let each = each.zip(self.action_change.chunks_mut(d)).enumerate();
+            each.for_each(|(w, ((world, action), change))| act(w, world, action, change));
+        }
+        if let Asked::Batch(batched) = &mut self.asked {
+            batched.batch.action.copy_from_slice(actions);
+        }
+        if self.arena.n_obstacles() > 0 {
+            self.move_obstacles()?;
         }
         self.fly()?;
         if autoreset == Autoreset::NextStep && self.worlds.iter().any(|w| w.ended) {
@@ -491,11 +462,11 @@ impl Env {
             for (m, world) in mask.iter_mut().zip(&self.worlds) {
                 *m = world.ended;
             }
-            let outcome = self.begin(&mask);
+            let outcome = self.begin(&mask, None);
             self.mask = mask;
-            outcome.inspect_err(|_| self.reset_done = false)?;
+            outcome?;
         }
-        self.settle(None, true)?;
+        self.observe_and_judge(None, true)?;
         if autoreset == Autoreset::SameStep && self.worlds.iter().any(|w| w.ended) {
             let mut mask = std::mem::take(&mut self.mask);
             let (row, image) = (d * self.plan.width, (d * self.plan.pixels).max(1));
@@ -507,9 +478,9 @@ impl Env {
                     self.final_depth[i.clone()].copy_from_slice(&self.depth[i]);
                 }
             }
-            let outcome = self.begin(&mask).and_then(|()| self.settle(Some(&mask), false));
+            let outcome = self.begin(&mask, None).and_then(|()| self.observe_and_judge(Some(&mask), false));
             self.mask = mask;
-            outcome.inspect_err(|_| self.reset_done = false)?;
+            outcome?;
         }
         Ok(())
     }
@@ -549,21 +520,51 @@ impl Env {
         Ok(())
     }
 
-    /// Begins episodes in the worlds of the mask.
-    fn begin(&mut self, mask: &[bool]) -> Result<(), EnvError> {
+    /// Moves obstacles before a step, if the task does.
+    fn move_obstacles(&mut self) -> Result<(), EnvError> {
+        let n = self.arena.n_obstacles();
+        let (pos_m, quat_xyzw) = self.arena.obstacles_mut();
+        match &mut self.asked {
+            Asked::World(task) => {
+                let rows = pos_m.chunks_exact_mut(3 * n).zip(quat_xyzw.chunks_exact_mut(4 * n));
+                for (world, (pos, quat)) in self.worlds.iter_mut().zip(rows) {
+                    let own = self.layouts[world.layout].scene.obstacles().len();
+                    let (pos, quat) = (pos.as_chunks_mut::<3>().0, quat.as_chunks_mut::<4>().0);
+                    let mut obstacles = Obstacles { pos_m: &mut pos[..own], quat_xyzw: &mut quat[..own] };
+                    let time_s = (world.step + 1) as f64 * self.plan.config.step_s();
+                    task.move_obstacles(&mut world.memory, time_s, &mut obstacles);
+                }
+                Ok(())
+            }
+            Asked::Batch(batched) => {
+                let mut obstacles = BatchObstacles { n_obstacles: n, pos_m, quat_xyzw };
+                batched.task.before_step(&mut batched.batch, &mut obstacles)
+            }
+        }
+    }
+
+    /// Begins episodes in the worlds of the mask, with goals if some are given.
+    fn begin(&mut self, mask: &[bool], goal: Option<&[[f64; 3]]>) -> Result<(), EnvError> {
         self.arena.reset(Some(mask))?;
         let (plan, layouts) = (&self.plan, &self.layouts);
         // Which scene a world is in comes first: tasks look for a start in it.
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
             plan.begin(w, world, layouts.len(), self.arena.sim().data.episodes[w] - 1);
+            let d = plan.config.sim.n_drones();
+            self.action_change[w * d..(w + 1) * d].fill(0.0);
         }
         if !layouts.is_empty() {
             let of_worlds: Vec<usize> = self.worlds.iter().map(|world| world.layout).collect();
             self.arena.set_layout(&of_worlds)?;
+            self.arena.reset_obstacles(mask);
         }
-        let look = self.arena.look();
+        let (look, places, d) = (self.arena.look(), self.asked.places(), plan.config.sim.n_drones());
         let begin = |(w, world): (usize, &mut World)| {
-            if mask[w] { plan.place(w, world, layouts, look) } else { Ok(()) }
+            if !mask[w] {
+                return Ok(());
+            }
+            let goal = goal.map(|goals| &goals[w * d..(w + 1) * d]);
+            plan.place(w, world, layouts, look, places, goal)
         };
         let many = mask.iter().filter(|m| **m).count();
         if many >= SERIAL[usize::from(!layouts.is_empty())] {
@@ -571,6 +572,14 @@ impl Env {
         } else {
             self.worlds.iter_mut().enumerate().try_for_each(begin)?;
         }
+        self.ask_batch_for_starts(mask, goal.is_some())?;
+        self.put_at_starts(mask);
+        Ok(())
+    }
+
+    /// Puts the drones of worlds that begin where they start.
+    fn put_at_starts(&mut self, mask: &[bool]) {
+        let plan = &self.plan;
         let disturbed = !plan.rules.is_empty() || plan.config.levels.disturb();
         let data = self.arena.data_mut();
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
@@ -592,11 +601,17 @@ impl Env {
             let each = world.commands.len() / plan.command_ring;
             data.command[w * each..(w + 1) * each].copy_from_slice(&world.commands[..each]);
         }
-        Ok(())
     }
 
     /// Looks at worlds (those of a mask, or all), judges them where they have flown, and observes.
-    fn settle(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
+    fn observe_and_judge(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
+        self.look_at_worlds(mask, judge)?;
+        self.ask_batch(mask, judge)
+    }
+
+    /// The part of it that is done world by world.
+    fn look_at_worlds(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
+        let task = self.asked.of_worlds();
         let (plan, layouts, look) = (&self.plan, &self.layouts, self.arena.look());
         let d = plan.config.sim.n_drones();
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
@@ -604,7 +619,7 @@ impl Env {
             if mask.is_some_and(|m| !m[w]) {
                 return Ok(());
             }
-            plan.settle(w, world, layouts.get(world.layout), look, judge, out)
+            plan.observe_and_judge(task, w, world, layouts.get(world.layout), look, judge, out)
         };
         if self.worlds.len() >= SERIAL[usize::from(!layouts.is_empty())] {
             self.worlds
@@ -614,21 +629,32 @@ impl Env {
                 .zip(self.reward.par_chunks_mut(d))
                 .zip(self.terminated.par_iter_mut().zip(&mut self.truncated))
                 .zip(self.ending.par_iter_mut())
-                .zip(self.clearance.par_chunks_mut(d))
+                .zip(self.clearance.par_chunks_mut(d).zip(self.crashed.par_chunks_mut(d)))
+                .zip(self.action_change.par_chunks(d))
                 .enumerate()
                 .map(
                     |(
                         w,
                         (
-                            (((((world, observation), depth), reward), (terminated, truncated)), ending),
-                            clearance,
+                            (
+                                (((((world, observation), depth), reward), (terminated, truncated)), ending),
+                                (clearance, crashed),
+                            ),
+                            action_change,
                         ),
                     )| {
-                        one(
-                            w,
-                            world,
-                            Out { observation, depth, reward, terminated, truncated, ending, clearance },
-                        )
+                        let out = Out {
+                            observation,
+                            depth,
+                            reward,
+                            terminated,
+                            truncated,
+                            ending,
+                            clearance,
+                            crashed,
+                            action_change,
+                        };
+                        one(w, world, out)
                     },
                 )
                 .collect::<Result<Vec<()>, _>>()?;
@@ -643,344 +669,11 @@ impl Env {
                 truncated: &mut self.truncated[w],
                 ending: &mut self.ending[w],
                 clearance: &mut self.clearance[w * d..(w + 1) * d],
+                crashed: &mut self.crashed[w * d..(w + 1) * d],
+                action_change: &self.action_change[w * d..(w + 1) * d],
             };
             one(w, world, out)?;
         }
         Ok(())
     }
-}
-
-/// Fills in what the action and the task decide, and refuses what an environment has no use for.
-fn complete(config: &mut EnvConfig) -> Result<(), EnvError> {
-    let task = config.task.task();
-    let sim = &mut config.sim;
-    let (mode, wanted) = (config.action.kind.mode(), sim.options.control);
-    if wanted != mode && wanted != ControlMode::default() {
-        let expected = format!("{}, which the action commands, or nothing", mode.name());
-        return Err(EnvError::option("control", expected, wanted.name()));
-    }
-    sim.options.control = mode;
-    for d in 0..sim.n_drones() {
-        let drone = sim.drone(d);
-        let modes = drone.vehicle.load()?.modes(&drone.dynamics)?;
-        if !modes.contains(&mode) {
-            let names: Vec<&str> = modes.iter().map(|m| m.name()).collect();
-            let (dynamics, names) = (&drone.dynamics, names.join(", "));
-            let expected = format!("one that flies by a control mode of {dynamics} ({names})");
-            return Err(EnvError::option("action kind", expected, mode.name()));
-        }
-    }
-    if sim.precision == Precision::F64 {
-        return Err(EnvError::option("precision", "f32: environments fly in single precision", "f64"));
-    }
-    for (name, given) in [
-        ("pattern", sim.pattern.is_some()),
-        ("layout", sim.layout.is_some()),
-        ("obstacle_jitter_m", sim.obstacle_jitter_m != 0.0),
-        ("open_ground_z_m", sim.open_ground_z_m.is_some_and(|z| z != OPEN_GROUND_M)),
-    ] {
-        if given {
-            let expected = "nothing: in an environment the task says where drones, scenes and the ground are";
-            return Err(EnvError::option(name, expected, "one"));
-        }
-    }
-    sim.precision = Precision::F32;
-    sim.open_ground_z_m = Some(OPEN_GROUND_M);
-    if sim.scene.is_none() {
-        let (scene, layouts) = task.scene();
-        sim.layouts = sim.layouts.or((scene != SceneConfig::None).then_some(layouts));
-        sim.scene = Some(scene);
-    }
-    let own = task.camera().filter(|_| sim.scene != Some(SceneConfig::None));
-    if let (Some(camera), Some(own)) = (&mut sim.camera, &own)
-        && camera.device.is_none()
-    {
-        // Policies of a task see as far as it is made for, whatever else the camera is.
-        camera.range_m = camera.range_m.or(own.range_m);
-    }
-    sim.camera = sim.camera.take().or(own).filter(|_| config.with_camera);
-    Ok(())
-}
-
-/// Commands under which a drone at rest stays about where it is, (drone, command); those of set-points are written at the reset.
-fn neutral_commands(
-    kind: ActionKind,
-    drones: &[(Drone<f64>, Rates)],
-    width: usize,
-    n_rotors: usize,
-) -> Vec<f32> {
-    let mut out = vec![0.0; drones.len() * width];
-    for ((drone, _), out) in drones.iter().zip(out.chunks_exact_mut(width)) {
-        let thrust = drone.hover_thrust();
-        match kind {
-            ActionKind::Attitude | ActionKind::BodyRate => store(out, &[0.0, 0.0, 0.0, thrust]),
-            ActionKind::ForceTorque => store(out, &[thrust, 0.0, 0.0, 0.0]),
-            ActionKind::RotorVel => store(out, &drone.hover_rotor_vel()[..n_rotors]),
-            ActionKind::Velocity => {}
-        }
-    }
-    out
-}
-
-impl Plan {
-    /// Which random numbers a world takes.
-    fn key(&self, w: usize, world: &World, purpose: u32) -> Key {
-        Key {
-            seed: self.config.sim.options.seed,
-            world: self.config.sim.options.first_world + w as u64,
-            drone: 0,
-            // Episodes count from the top bits down, so that steps of two episodes never share a number.
-            step: world.episode.rotate_left(40) ^ world.step,
-            purpose,
-        }
-    }
-
-    /// Steps of the simulation that a command takes to a world's drones.
-    fn delay(&self, world: &World) -> u64 {
-        let steps = world.levels.action_delay_s * f64::from(self.config.sim.options.sim_hz);
-        steps.round().clamp(0.0, f64::from(self.config.sim.options.sim_hz)) as u64
-    }
-
-    /// Turns the action of a world into its next command.
-    fn act(&self, w: usize, world: &mut World, data: &SimData<f32>, action: &[f32]) {
-        let each = self.config.sim.n_drones() * self.command_width;
-        let slot = world.step as usize % self.command_ring * each;
-        let normalized = self.config.action.normalized;
-        world.clipped = false;
-        for (d, action) in action.chunks_exact(self.action_width).enumerate() {
-            let limits = &self.limits[d];
-            let last = &mut world.last_action[d * self.action_width..(d + 1) * self.action_width];
-            let command =
-                &mut world.commands[slot + d * self.command_width..slot + (d + 1) * self.command_width];
-            let mut values = [0.0; crate::physics::rigid_body::MAX_ROTORS];
-            let mut jerk = 0.0;
-            for (i, a) in action.iter().enumerate() {
-                let (value, clipped) = limits.value(normalized, i, f64::from(*a));
-                values[i] = value;
-                world.clipped |= clipped;
-                let range =
-                    if normalized { 2.0 } else { (limits.high[i] - limits.low[i]).max(f64::MIN_POSITIVE) };
-                jerk += (f64::from(a - last[i]).abs() / range).min(1.0);
-            }
-            last.copy_from_slice(action);
-            world.jerk[d] = if world.step == 0 { 0.0 } else { (jerk / self.action_width as f64) as f32 };
-            if self.config.action.kind == ActionKind::Velocity {
-                let row = data.row(w, d);
-                let pos = core::array::from_fn(|k| f64::from(data.pos[3 * row + k]));
-                let quat = core::array::from_fn(|k| f64::from(data.quat[4 * row + k]));
-                let four = [values[0], values[1], values[2], values[3]];
-                let accel = self.config.action.max_accel_m_s2;
-                world.set_points[d].follow(four, (pos, yaw(quat)), accel, self.config.step_s(), command);
-            } else {
-                store(command, &values[..self.command_width]);
-            }
-        }
-    }
-
-    /// Every kept command becomes the neutral one.
-    fn fill_neutral(&self, world: &mut World) {
-        let each = self.config.sim.n_drones() * self.command_width;
-        for commands in world.commands.chunks_exact_mut(each) {
-            commands.copy_from_slice(&self.neutral);
-            if self.config.action.kind == ActionKind::Velocity {
-                for (point, command) in
-                    world.set_points.iter().zip(commands.chunks_exact_mut(self.command_width))
-                {
-                    let mut point = *point;
-                    let at = (point.pos_m, point.yaw_rad);
-                    point.follow([0.0; 4], at, 1.0, 0.0, command);
-                }
-            }
-        }
-    }
-
-    /// Draws an episode: everything but where drones start.
-    fn begin(&self, w: usize, world: &mut World, n_layouts: usize, episode: u64) {
-        world.episode = episode;
-        world.step = 0;
-        world.ended = false;
-        world.clipped = false;
-        world.memory.fill(0.0);
-        world.jerk.fill(0.0);
-        world.last_action.fill(0.0);
-        world.levels = self.rules.draw(&self.config.levels, self.key(w, world, LEVELS_OF));
-        if n_layouts > 0 {
-            world.layout = self.key(w, world, LAYOUT).stream().below(n_layouts as u64) as usize;
-        }
-    }
-
-    /// Lets the task place the drones of an episode that has begun.
-    fn place(
-        &self,
-        w: usize,
-        world: &mut World,
-        layouts: &[Layout],
-        look: Look<f32>,
-    ) -> Result<(), EnvError> {
-        let draw = self.key(w, world, BEGIN).stream();
-        let task = self.config.task.task();
-        if layouts.is_empty() {
-            let course = Course::default();
-            let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
-            return task.begin(&mut Beginning {
-                draw,
-                world: w,
-                course: &course,
-                worker: None,
-                starts,
-                memory,
-            });
-        }
-        let mut worker = look.surroundings(w)?;
-        let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
-        let course = &layouts[world.layout].course;
-        task.begin(&mut Beginning { draw, world: w, course, worker: Some(&mut *worker), starts, memory })
-    }
-
-    /// Looks at one world, judges it where it has flown, and observes.
-    fn settle(
-        &self,
-        w: usize,
-        world: &mut World,
-        layout: Option<&Layout>,
-        at: Look<f32>,
-        judge: bool,
-        out: Out,
-    ) -> Result<(), EnvError> {
-        let data = at.data();
-        // A world that has just begun, also within a step, has flown nothing.
-        let fresh = data.steps[w] == 0;
-        let quarantined = data.quarantine[w].is_some();
-        for d in 0..self.config.sim.n_drones() {
-            let s = data.state(w, d);
-            let drone = &mut world.drones[d];
-            drone.before = if fresh { Pose::new(s.pos, s.quat) } else { drone.now };
-            drone.now = Pose::new(s.pos, s.quat);
-            world.seen[d] = Seen {
-                pos_m: s.pos,
-                quat_xyzw: s.quat,
-                vel_m_s: s.vel,
-                ang_vel_rad_s: s.ang_vel,
-                before_m: drone.before.pos_m,
-                clearance_m: drone.clearance_m,
-                crashed: false,
-            };
-        }
-        if judge && !fresh {
-            world.step += 1;
-        }
-        let key = self.key(w, world, DEPTH);
-        if let Some(layout) = layout {
-            let mut worker = at.world(w)?;
-            feel(layout, &mut worker, &mut world.drones, self.config.look_m, fresh || quarantined)?;
-            if self.pixels > 0 {
-                let apart = !world.clean.is_empty();
-                let key = NoiseKey { seed: key.seed, world: key.world, drone: 0, step: key.step, camera: 0 };
-                let clean = if apart { &mut world.clean[..] } else { &mut out.depth[..] };
-                match &self.sensor {
-                    None => look(layout, &mut worker, &mut world.camera_poses, clean, None)?,
-                    Some(sensor) => {
-                        let noisy = Some((sensor, world.levels.depth_noise, key, &mut out.depth[..]));
-                        look(layout, &mut worker, &mut world.camera_poses, &mut world.clean, noisy)?;
-                    }
-                }
-            }
-            drop(worker);
-            if self.pixels > 0 && !world.clean.is_empty() {
-                if self.sensor.is_none() {
-                    out.depth.copy_from_slice(&world.clean);
-                }
-                self.keep_image(world, out.depth);
-            }
-        } else {
-            for drone in &mut world.drones {
-                drone.crashed = drone.now.pos_m[2] < OPEN_GROUND_M;
-            }
-        }
-        for (seen, drone) in world.seen.iter_mut().zip(&world.drones) {
-            seen.crashed = drone.crashed;
-            seen.clearance_m = drone.clearance_m;
-        }
-        for (to, drone) in out.clearance.iter_mut().zip(&world.drones) {
-            *to = drone.clearance_m as f32;
-        }
-        let none = Course::default();
-        let course = layout.map_or(&none, |l| &l.course);
-        let view = |drones, images| View {
-            time_s: world.step as f64 * self.config.step_s(),
-            step_s: self.config.step_s(),
-            drones,
-            images,
-            course,
-            jerk: &world.jerk,
-        };
-        let task = self.config.task.task();
-        if judge {
-            out.reward.fill(0.0);
-            let mut ending = Ending::None;
-            if quarantined {
-                ending = Ending::Quarantined;
-            } else if !fresh {
-                let images = layout.filter(|_| self.pixels > 0).map(|layout| Images {
-                    depth_m: if world.clean.is_empty() { &*out.depth } else { &world.clean },
-                    cameras: &layout.cameras,
-                    poses: &world.camera_poses,
-                });
-                ending = match task.judge(&view(&world.seen, images), &mut world.memory, out.reward) {
-                    Outcome::Goes => Ending::None,
-                    Outcome::Crashed => Ending::Crashed,
-                    Outcome::Left => Ending::Left,
-                    Outcome::Done => Ending::Done,
-                };
-            }
-            let time_up = world.step as f64 * self.config.step_s() >= self.config.max_episode_s - 1e-9;
-            *out.terminated = ending != Ending::None;
-            *out.truncated = ending == Ending::None && time_up;
-            *out.ending = if *out.truncated { Ending::TimeUp } else { ending } as u8;
-            world.ended = *out.terminated || *out.truncated;
-        }
-        let noisy = world.levels.is_noisy();
-        if noisy {
-            let key = self.key(w, world, STATE_NOISE);
-            world.observed.copy_from_slice(&world.seen);
-            for (d, seen) in world.observed.iter_mut().enumerate() {
-                blur(seen, &world.levels, Key { drone: d as u32, ..key });
-            }
-        }
-        let drones = if noisy { &world.observed } else { &world.seen };
-        let seen = view(drones, None);
-        for (d, (row, s)) in out.observation.chunks_exact_mut(self.width).zip(drones).enumerate() {
-            store(&mut row[0..], &s.pos_m);
-            store(&mut row[3..], &s.quat_xyzw);
-            store(&mut row[7..], &s.vel_m_s);
-            store(&mut row[10..], &s.ang_vel_rad_s);
-            task.observe(&seen, &world.memory, d, &mut row[STATE_WIDTH..]);
-        }
-        Ok(())
-    }
-
-    /// Keeps the newest image and puts the one that is observed now in its place.
-    fn keep_image(&self, world: &mut World, depth: &mut [f32]) {
-        if self.depth_ring == 1 {
-            return;
-        }
-        let n = depth.len();
-        let ring = self.depth_ring as u64;
-        let late = (world.levels.depth_delay_s / self.config.step_s()).round() as u64;
-        let newest = (world.step % ring) as usize;
-        world.ring[newest * n..(newest + 1) * n].copy_from_slice(depth);
-        let shown = (world.step.saturating_sub(late.min(ring - 1)) % ring) as usize;
-        depth.copy_from_slice(&world.ring[shown * n..(shown + 1) * n]);
-    }
-}
-
-/// Adds noise to an observed state.
-fn blur(seen: &mut Seen, levels: &Levels, key: Key) {
-    let mut draw = key.stream();
-    let mut add = |v: [f64; 3], sigma: f64| v.map(|v| v + sigma * draw.normal());
-    seen.pos_m = add(seen.pos_m, levels.pos_sigma_m);
-    seen.vel_m_s = add(seen.vel_m_s, levels.vel_sigma_m_s);
-    seen.ang_vel_rad_s = add(seen.ang_vel_rad_s, levels.ang_vel_sigma_rad_s);
-    let turn = add([0.0; 3], levels.attitude_sigma_rad);
-    seen.quat_xyzw = quat::normalize(quat::mul(seen.quat_xyzw, quat::exp(turn)));
 }

@@ -69,6 +69,29 @@ pub enum EnvError {
         /// What was looked for and not found, and what to do.
         what: String,
     },
+    /// A task gave a number that is none.
+    #[error(
+        "{what} of world {world}, drone {drone}: expected a finite number from the task, got {got}; reset all worlds before the next step"
+    )]
+    NotFinite {
+        /// What it is.
+        what: String,
+        /// World.
+        world: usize,
+        /// Drone.
+        drone: usize,
+        /// The number.
+        got: f32,
+    },
+    /// A task gave something else that cannot be used.
+    #[error("task: {what}")]
+    Task {
+        /// What was expected, what it gave and where.
+        what: String,
+    },
+    /// A task failed in a way of its own.
+    #[error(transparent)]
+    Failed(Box<dyn std::error::Error + Send + Sync>),
     /// The vehicle.
     #[error(transparent)]
     Vehicle(#[from] VehicleError),

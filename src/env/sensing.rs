@@ -22,7 +22,7 @@ pub(super) struct Flown {
 
 /// Looks at all drones of a world, which stand in `worker` where they are now: clearances, and whether they touched something on their
 /// way. `fresh`: they did not fly here, so that there is no way.
-pub(super) fn feel(
+pub(super) fn update_collisions(
     layout: &Layout,
     worker: &mut Worker,
     drones: &mut [Flown],
@@ -91,7 +91,7 @@ fn scaled(noise: DepthNoise, factor: f64) -> DepthNoise {
 
 /// Renders the cameras of a world, (drone, height, width): into `clean`, and with noise into `noisy` where there is a sensor that errs.
 /// Where nothing is seen stands the greatest depth of the camera.
-pub(super) fn look(
+pub(super) fn render_depth(
     layout: &Layout,
     worker: &mut Worker,
     poses: &mut [Pose],

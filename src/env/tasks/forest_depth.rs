@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_order, in_range, is_within, load3, one_drone, store, task_camera,
+    ActionKind, CameraConfig, Channel, Course, EnvConfig, EnvError, EpisodeStart, Outcome, SceneConfig,
+    Start, Task, TaskDefaults, Weights, WorldView, distance, in_order, in_range, is_within, load3, one_drone,
+    store, task_camera,
 };
 use crate::math::vec3;
 use crate::scene::generate::ForestOptions;
@@ -71,7 +72,7 @@ impl ForestDepth {
 }
 
 /// One of the places of a list, drawn; as corners.
-pub(super) fn one_of(b: &mut Beginning, places: &[([f64; 3], [f64; 3])]) -> Option<[[f64; 3]; 2]> {
+pub(super) fn one_of(b: &mut EpisodeStart, places: &[([f64; 3], [f64; 3])]) -> Option<[[f64; 3]; 2]> {
     if places.is_empty() {
         return None;
     }
@@ -100,7 +101,7 @@ impl Task for ForestDepth {
         Err(EnvError::option("scene", expected, scene))
     }
 
-    fn scene(&self) -> (SceneConfig, usize) {
+    fn scene(&self) -> (SceneConfig, Option<usize>) {
         let options = ForestOptions {
             trees: 36,
             rocks: 6,
@@ -109,28 +110,44 @@ impl Task for ForestDepth {
             size_m: 12.0,
             ..ForestOptions::default()
         };
-        (SceneConfig::Forest(options), 16)
+        (SceneConfig::Forest(options), Some(16))
     }
 
     fn camera(&self) -> Option<CameraConfig> {
         Some(task_camera())
     }
 
+    fn defaults(&self) -> TaskDefaults {
+        TaskDefaults {
+            n_drones: None,
+            action: Some(ActionKind::Velocity),
+            step_hz: Some(20),
+            max_episode_s: Some(12.0),
+        }
+    }
+
     fn channels(&self) -> Vec<Channel> {
-        vec![Channel { name: "goal", width: 3 }, Channel { name: "vel_heading", width: 3 }]
+        vec![Channel::new("goal", 3), Channel::new("vel_heading", 3)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
         4
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn has_goal(&self) -> bool {
+        true
+    }
+
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         let course = b.course;
         let start =
             self.start_m.or_else(|| one_of(b, &course.starts)).unwrap_or_else(|| self.end(course, false));
         let goal = self.goal_m.or_else(|| one_of(b, &course.goals)).unwrap_or_else(|| self.end(course, true));
         b.scatter()?;
-        let goal = b.free_place(0, "goal", goal, self.free_m)?;
+        let goal = match b.given_goal_within(0, self.space(course))? {
+            Some(given) => given,
+            None => b.free_place(0, "goal", goal, self.free_m)?,
+        };
         let pos = b.free_place(0, "start", start, self.free_m)?;
         let way = vec3::sub(goal, pos);
         b.starts[0] = Start { yaw_rad: way[1].atan2(way[0]), ..Start::at(pos) };
@@ -138,7 +155,7 @@ impl Task for ForestDepth {
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let (seen, w) = (&view.drones[0], &self.weights);
         let left = distance(seen.pos_m, load3(memory));
         let gained = f64::from(memory[3]) - left;
@@ -151,14 +168,14 @@ impl Task for ForestDepth {
         } else if left <= self.arrive_m {
             Outcome::Done
         } else {
-            Outcome::Goes
+            Outcome::Continue
         };
         value += w.end(outcome);
         reward[0] = value as f32;
         outcome
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         let seen = &view.drones[drone];
         store(out, &seen.along_heading(vec3::sub(load3(memory), seen.pos_m)));
         store(&mut out[3..], &seen.along_heading(seen.vel_m_s));

@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_order, in_range, is_within, one_drone, store, task_camera,
+    ActionKind, CameraConfig, Channel, Course, EnvConfig, EnvError, EpisodeStart, Outcome, SceneConfig,
+    Start, Task, TaskDefaults, Weights, WorldView, distance, in_order, in_range, is_within, one_drone, store,
+    task_camera,
 };
 use crate::env::layouts::Gate;
 use crate::math::vec3;
@@ -84,27 +85,32 @@ impl Task for GateRace {
         Ok(())
     }
 
-    fn scene(&self) -> (SceneConfig, usize) {
-        (SceneConfig::Track(TrackOptions::default()), 8)
+    fn scene(&self) -> (SceneConfig, Option<usize>) {
+        (SceneConfig::Track(TrackOptions::default()), Some(8))
     }
 
     fn camera(&self) -> Option<CameraConfig> {
         Some(task_camera())
     }
 
+    fn defaults(&self) -> TaskDefaults {
+        TaskDefaults {
+            n_drones: None,
+            action: Some(ActionKind::Velocity),
+            step_hz: Some(25),
+            max_episode_s: Some(30.0),
+        }
+    }
+
     fn channels(&self) -> Vec<Channel> {
-        vec![
-            Channel { name: "next_gate", width: 6 },
-            Channel { name: "gate_after", width: 6 },
-            Channel { name: "vel_heading", width: 3 },
-        ]
+        vec![Channel::new("next_gate", 6), Channel::new("gate_after", 6), Channel::new("vel_heading", 3)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
         3
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         let course = b.course;
         let first = if self.random_start { b.draw.below(course.gates.len() as u64) as usize } else { 0 };
         let gate = Self::gate(course, first);
@@ -120,7 +126,7 @@ impl Task for GateRace {
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let (seen, w) = (&view.drones[0], &self.weights);
         let next = memory[NEXT] as usize;
         let gate = Self::gate(view.course, next);
@@ -131,8 +137,8 @@ impl Task for GateRace {
             reward[0] = (value - w.crash) as f32;
             return if seen.crashed { Outcome::Crashed } else { Outcome::Left };
         }
-        let mut outcome = Outcome::Goes;
-        if gate.is_passed(seen.before_m, seen.pos_m) {
+        let mut outcome = Outcome::Continue;
+        if gate.is_passed(seen.previous_pos_m, seen.pos_m) {
             value += self.gate_reward;
             let after = (next + 1) % view.course.gates.len();
             memory[NEXT] = after as f32;
@@ -148,7 +154,7 @@ impl Task for GateRace {
         outcome
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         let seen = &view.drones[drone];
         let next = memory[NEXT] as usize;
         for (k, out) in out[..12].chunks_exact_mut(6).enumerate() {

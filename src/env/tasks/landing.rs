@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, one_drone,
-    store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
+    load3, one_drone, store,
 };
 use crate::math::vec3;
 
@@ -36,6 +36,13 @@ impl Default for Landing {
     }
 }
 
+impl Landing {
+    /// The place: that given at the reset, which the memory then holds behind a one, or that of the options.
+    fn goal(&self, memory: &[f32]) -> [f64; 3] {
+        if memory[0] == 0.0 { self.goal_m } else { load3(&memory[1..]) }
+    }
+}
+
 impl Task for Landing {
     fn check(&self, config: &EnvConfig) -> Result<(), EnvError> {
         one_drone("landing", config)?;
@@ -47,30 +54,37 @@ impl Task for Landing {
     }
 
     fn channels(&self) -> Vec<Channel> {
-        vec![Channel { name: "difference_to_goal", width: 3 }]
+        vec![Channel::new("difference_to_goal", 3)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
-        0
+        4
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn has_goal(&self) -> bool {
+        true
+    }
+
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         b.start_within(self.start_m, self.start_speed_m_s);
+        if let Some([x, y, z]) = b.given_goal(0) {
+            store(b.memory, &[1.0, x, y, z]);
+        }
         Ok(())
     }
 
-    fn judge(&self, view: &View, _: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let seen = &view.drones[0];
         if seen.crashed {
             reward[0] = -1.0;
             return Outcome::Crashed;
         }
-        let off = self.steepness_per_m * distance(seen.pos_m, self.goal_m);
+        let off = self.steepness_per_m * distance(seen.pos_m, self.goal(memory));
         reward[0] = (-off - self.steepness_s_per_m * vec3::norm(seen.vel_m_s)).exp() as f32;
-        Outcome::Goes
+        Outcome::Continue
     }
 
-    fn observe(&self, view: &View, _: &[f32], drone: usize, out: &mut [f32]) {
-        store(out, &vec3::sub(self.goal_m, view.drones[drone].pos_m));
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
+        store(out, &vec3::sub(self.goal(memory), view.drones[drone].pos_m));
     }
 }

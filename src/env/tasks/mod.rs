@@ -1,4 +1,7 @@
-//! What drones are asked to do, one file for each task.
+//! The built-in tasks, one file each.
+//!
+//! To add one, write its file here, whose type holds its options and implements [`Task`], and name it in the two lists
+//! below: `mod` and [`TaskConfig`]. Its name in descriptions, in Python and in Gymnasium follows from that.
 
 mod forest_depth;
 mod gate_race;
@@ -9,46 +12,93 @@ mod room_explore;
 mod swarm_cross;
 mod trajectory;
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
-pub use forest_depth::ForestDepth;
-pub use gate_race::GateRace;
-pub use landing::Landing;
-pub use reach_pos::ReachPos;
-pub use reach_vel::ReachVel;
-pub use room_explore::RoomExplore;
-pub use swarm_cross::SwarmCross;
-pub use trajectory::Trajectory;
-
 use super::EnvError;
+use super::action::ActionKind;
 use super::config::EnvConfig;
 use super::layouts::Course;
+use super::task::{Channel, EpisodeStart, Outcome, Start, Task, TaskDefaults, WorldView, store, yaw};
 use crate::arena::{CameraConfig, SceneConfig};
-use crate::math::{quat, vec3};
-use crate::random::Stream;
-use crate::scene::{Pose, Worker};
-use crate::sense::{Camera, clearance};
+use crate::math::vec3;
 
-/// A task and its options.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-pub enum TaskConfig {
+/// A task that is built in.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BuiltInTask {
+    /// Its name, the `kind` of a [`TaskConfig`].
+    pub name: &'static str,
+    /// Its name in camel case.
+    pub title: &'static str,
+    /// What it is made for.
+    pub defaults: TaskDefaults,
+}
+
+/// Makes [`TaskConfig`] of a list of types, each with the module that it stands in, which names it.
+macro_rules! built_in_tasks {
+    ($($(#[doc = $doc:literal])* $name:ident in $module:ident),* $(,)?) => {
+        $(pub use $module::$name;)*
+
+        /// A task and its options.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "kind", rename_all = "snake_case")]
+        pub enum TaskConfig {
+            $($(#[doc = $doc])* $name($name),)*
+            /// A task that is not built in: see [`Env::with_task`](crate::env::Env::with_task).
+            Own(OwnTask),
+        }
+
+        impl TaskConfig {
+            /// All built-in tasks.
+            pub fn built_in() -> Vec<BuiltInTask> {
+                vec![$(BuiltInTask {
+                    name: stringify!($module),
+                    title: stringify!($name),
+                    defaults: $name::default().defaults(),
+                }),*]
+            }
+
+            /// Its name: the `kind` of one that is built in.
+            pub fn name(&self) -> &str {
+                match self {
+                    $(Self::$name(_) => stringify!($module),)*
+                    Self::Own(task) => &task.name,
+                }
+            }
+
+            /// What does it.
+            pub(super) fn task(&self) -> Result<Arc<dyn Task>, EnvError> {
+                match self {
+                    $(Self::$name(task) => Ok(Arc::new(*task)),)*
+                    Self::Own(task) => {
+                        let names: Vec<_> = Self::built_in().iter().map(|task| task.name).collect();
+                        let expected = format!("one of {}, or the task itself by Env::with_task", names.join(", "));
+                        Err(EnvError::option("task", expected, format!("the task {:?}, which is not built in", task.name)))
+                    }
+                }
+            }
+        }
+    };
+}
+
+built_in_tasks! {
     /// Reach a position and stay there.
-    ReachPos(ReachPos),
+    ReachPos in reach_pos,
     /// Reach a velocity and keep it.
-    ReachVel(ReachVel),
+    ReachVel in reach_vel,
     /// Land at a place, slowly.
-    Landing(Landing),
+    Landing in landing,
     /// Follow a trajectory.
-    Trajectory(Trajectory),
+    Trajectory in trajectory,
     /// Cross a forest to a goal by a depth camera.
-    ForestDepth(ForestDepth),
+    ForestDepth in forest_depth,
     /// Fly through gates, one after the other.
-    GateRace(GateRace),
+    GateRace in gate_race,
     /// See as much of some rooms as there is time for.
-    RoomExplore(RoomExplore),
+    RoomExplore in room_explore,
     /// Change places with the drone on the other side, all at once.
-    SwarmCross(SwarmCross),
+    SwarmCross in swarm_cross,
 }
 
 impl Default for TaskConfig {
@@ -57,232 +107,12 @@ impl Default for TaskConfig {
     }
 }
 
-impl TaskConfig {
-    /// What it does.
-    pub(super) fn task(&self) -> &dyn Task {
-        match self {
-            Self::ReachPos(t) => t,
-            Self::ReachVel(t) => t,
-            Self::Landing(t) => t,
-            Self::Trajectory(t) => t,
-            Self::ForestDepth(t) => t,
-            Self::GateRace(t) => t,
-            Self::RoomExplore(t) => t,
-            Self::SwarmCross(t) => t,
-        }
-    }
-}
-
-/// Numbers that are observed together.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Channel {
-    /// Name.
-    pub name: &'static str,
-    /// How many numbers each drone has.
-    pub width: usize,
-}
-
-/// Observed of every drone in every task: position (m, world), attitude (x y z w, body to world), velocity (m/s, world), angular
-/// velocity (rad/s, body).
-pub(super) const STATE: [Channel; 4] = [
-    Channel { name: "pos", width: 3 },
-    Channel { name: "quat", width: 4 },
-    Channel { name: "vel", width: 3 },
-    Channel { name: "ang_vel", width: 3 },
-];
-
-/// Numbers of [`STATE`].
-pub(super) const STATE_WIDTH: usize = 13;
-
-/// How a world goes on after a step.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Outcome {
-    #[default]
-    Goes,
-    /// A drone touched something.
-    Crashed,
-    /// A drone left the space of the task.
-    Left,
-    /// The task is done.
-    Done,
-}
-
-/// Where a drone starts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Start {
-    pub pos_m: [f64; 3],
-    pub vel_m_s: [f64; 3],
-    pub yaw_rad: f64,
-}
-
-impl Start {
-    pub fn at(pos_m: [f64; 3]) -> Self {
-        Self { pos_m, vel_m_s: [0.0; 3], yaw_rad: 0.0 }
-    }
-}
-
-/// A new episode of one world.
-pub(super) struct Beginning<'a> {
-    /// Random numbers of this episode.
-    pub draw: Stream,
-    /// World, for messages.
-    pub world: usize,
-    /// Gates, places and extent of its scene.
-    pub course: &'a Course,
-    /// Poses in its scene, where it has one.
-    pub worker: Option<&'a mut Worker>,
-    /// Where the drones start, to be filled in.
-    pub starts: &'a mut [Start],
-    /// What the task remembers, zero.
-    pub memory: &'a mut [f32],
-}
-
-impl Beginning<'_> {
-    /// Uniform in a box.
-    pub fn within(&mut self, [low, high]: [[f64; 3]; 2]) -> [f64; 3] {
-        core::array::from_fn(|k| self.draw.uniform(low[k], high[k]))
-    }
-
-    /// The first drone starts in a box, m, with a velocity within ± `speed_m_s` along each axis.
-    pub fn start_within(&mut self, space: [[f64; 3]; 2], speed_m_s: f64) {
-        let pos_m = self.within(space);
-        let vel_m_s = self.within([[-speed_m_s; 3], [speed_m_s; 3]]);
-        self.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
-    }
-
-    /// Distance from drone `drone`, level at `pos_m`, to the nearest thing but other drones, m, at most `look_m`; `look_m`
-    /// without a scene. Drones that have a start stand there; the others are far away.
-    pub fn clearance(&mut self, drone: usize, pos_m: [f64; 3], look_m: f64) -> Result<f64, EnvError> {
-        let Some(worker) = self.worker.as_deref_mut() else { return Ok(look_m) };
-        worker.set_drone(drone, pos_m, [0.0, 0.0, 0.0, 1.0])?;
-        worker.update()?;
-        Ok(clearance(worker, drone, look_m)?.distance_m)
-    }
-
-    /// Puts all drones out of each other's way before places are looked for.
-    pub fn scatter(&mut self) -> Result<(), EnvError> {
-        let Some(worker) = self.worker.as_deref_mut() else { return Ok(()) };
-        for d in 0..self.starts.len() {
-            worker.set_drone(d, [0.0, 0.0, 1e4 + 10.0 * d as f64], [0.0, 0.0, 0.0, 1.0])?;
-        }
-        Ok(())
-    }
-
-    /// A random place in a box with at least `least_m` to everything, for drone `drone`, which stays there.
-    ///
-    /// # Errors
-    /// [`EnvError::Place`] when a hundred places were closer.
-    pub fn free_place(
-        &mut self,
-        drone: usize,
-        what: &str,
-        space: [[f64; 3]; 2],
-        least_m: f64,
-    ) -> Result<[f64; 3], EnvError> {
-        let mut best = f64::NEG_INFINITY;
-        for _ in 0..100 {
-            let pos = self.within(space);
-            let clear = self.clearance(drone, pos, least_m.max(1e-3) * 1.01)?;
-            if clear >= least_m {
-                return Ok(pos);
-            }
-            best = best.max(clear);
-        }
-        Err(EnvError::Place {
-            world: self.world,
-            what: format!(
-                "no {what} with {least_m} m to everything in {space:?} m after 100 tries, the best had {best:.3} m; ask for less \
-                 clearance or another space"
-            ),
-        })
-    }
-}
-
-/// One drone as a task sees it after a step.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
-    pub pos_m: [f64; 3],
-    pub quat_xyzw: [f64; 4],
-    pub vel_m_s: [f64; 3],
-    pub ang_vel_rad_s: [f64; 3],
-    /// Position a step ago.
-    pub before_m: [f64; 3],
-    /// Distance to the nearest thing, m, at most the environment's `look_m`; that without a scene.
-    pub clearance_m: f64,
-    /// Touched something in this step.
-    pub crashed: bool,
-}
-
-impl Seen {
-    /// A vector of the world as seen along the drone's heading: forward, left, up.
-    pub fn along_heading(&self, v: [f64; 3]) -> [f64; 3] {
-        let (sin, cos) = yaw(self.quat_xyzw).sin_cos();
-        [cos * v[0] + sin * v[1], -sin * v[0] + cos * v[1], v[2]]
-    }
-}
-
-/// Heading of the body's x axis, rad.
-pub(super) fn yaw(quat_xyzw: [f64; 4]) -> f64 {
-    let x = quat::rotate(quat_xyzw, [1.0, 0.0, 0.0]);
-    x[1].atan2(x[0])
-}
-
-/// Images of a world, without noise.
-pub(super) struct Images<'a> {
-    /// (drone, height, width), m.
-    pub depth_m: &'a [f32],
-    pub cameras: &'a [Camera],
-    /// (drone)
-    pub poses: &'a [Pose],
-}
-
-/// A world after a step.
-pub(super) struct View<'a> {
-    /// Seconds since the episode began.
-    pub time_s: f64,
-    /// Seconds of a step.
-    pub step_s: f64,
-    pub drones: &'a [Seen],
-    pub images: Option<Images<'a>>,
-    pub course: &'a Course,
-    /// How much the action changed, 0..=1, mean over entries. (drone)
-    pub jerk: &'a [f32],
-}
-
-/// A task: functions of what one world shows and of what it remembered about it.
-pub(super) trait Task: Send + Sync {
-    /// Refuses options that make no sense for this environment.
-    fn check(&self, config: &EnvConfig) -> Result<(), EnvError>;
-
-    /// Refuses scenes that lack what the task needs.
-    fn check_course(&self, _course: &Course, _scene: &str) -> Result<(), EnvError> {
-        Ok(())
-    }
-
-    /// Where it takes place unless the user says otherwise, and in how many layouts.
-    fn scene(&self) -> (SceneConfig, usize) {
-        (SceneConfig::None, 1)
-    }
-
-    /// The camera that it is made for.
-    fn camera(&self) -> Option<CameraConfig> {
-        None
-    }
-
-    /// What it observes beside [`STATE`].
-    fn channels(&self) -> Vec<Channel>;
-
-    /// Numbers that it remembers of each world with `n_drones`.
-    fn memory_len(&self, n_drones: usize) -> usize;
-
-    /// Begins an episode: fills in where drones start, and its memory.
-    fn begin(&self, beginning: &mut Beginning) -> Result<(), EnvError>;
-
-    /// Judges a step: a reward for each drone.
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome;
-
-    /// Writes its channels of drone `drone`, in order. `view` may be noisy.
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]);
+/// A task that is not built in, as the description of an environment names it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OwnTask {
+    /// Its name.
+    pub name: String,
 }
 
 /// Refuses options by name.
@@ -322,13 +152,6 @@ pub(super) fn one_drone(task: &str, config: &EnvConfig) -> Result<(), EnvError> 
 /// Three numbers of the memory.
 pub(super) fn load3(memory: &[f32]) -> [f64; 3] {
     core::array::from_fn(|k| f64::from(memory[k]))
-}
-
-/// Writes numbers as f32.
-pub(super) fn store(out: &mut [f32], values: &[f64]) {
-    for (to, v) in out.iter_mut().zip(values) {
-        *to = *v as f32;
-    }
 }
 
 /// Distance of two points, m.
@@ -384,13 +207,13 @@ impl Weights {
         match outcome {
             Outcome::Crashed | Outcome::Left => -self.crash,
             Outcome::Done => self.success,
-            Outcome::Goes => 0.0,
+            Outcome::Continue => 0.0,
         }
     }
 
     /// What nearness and a changing action cost in one step.
-    pub(super) fn cost(&self, view: &View, drone: usize) -> f64 {
+    pub(super) fn cost(&self, view: &WorldView, drone: usize) -> f64 {
         let near = (1.0 - view.drones[drone].clearance_m / self.safe_m).clamp(0.0, 1.0);
-        self.proximity * near * view.step_s + self.jerk * f64::from(view.jerk[drone])
+        self.proximity * near * view.step_s + self.jerk * f64::from(view.action_change[drone])
     }
 }

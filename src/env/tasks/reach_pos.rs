@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, load3,
-    one_drone, store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
+    load3, one_drone, store,
 };
 use crate::math::vec3;
 
@@ -43,31 +43,36 @@ impl Task for ReachPos {
     }
 
     fn channels(&self) -> Vec<Channel> {
-        vec![Channel { name: "difference_to_goal", width: 3 }]
+        vec![Channel::new("difference_to_goal", 3)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
         3
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn has_goal(&self) -> bool {
+        true
+    }
+
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         b.start_within(self.start_m, self.start_speed_m_s);
-        let goal = b.within(self.goal_m);
+        let drawn = b.within(self.goal_m);
+        let goal = b.given_goal(0).unwrap_or(drawn);
         store(b.memory, &goal);
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let seen = &view.drones[0];
         if seen.crashed {
             reward[0] = -1.0;
             return Outcome::Crashed;
         }
         reward[0] = (-self.steepness_per_m * distance(seen.pos_m, load3(memory))).exp() as f32;
-        Outcome::Goes
+        Outcome::Continue
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         store(out, &vec3::sub(load3(memory), view.drones[drone].pos_m));
     }
 }

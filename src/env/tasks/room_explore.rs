@@ -5,11 +5,12 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::forest_depth::one_of;
 use super::{
-    Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, in_order, in_range, is_within, one_drone, store, task_camera, yaw,
+    ActionKind, CameraConfig, Channel, Course, EnvConfig, EnvError, EpisodeStart, Outcome, SceneConfig,
+    Start, Task, TaskDefaults, Weights, WorldView, in_order, in_range, is_within, one_drone, store,
+    task_camera, yaw,
 };
-use crate::env::tasks::forest_depth::one_of;
 use crate::math::quat;
 use crate::scene::generate::RoomsOptions;
 use crate::sense::DepthKind;
@@ -89,7 +90,7 @@ impl RoomExplore {
     }
 
     /// Marks what the images show; returns how many cells were not seen before.
-    fn look(&self, view: &View, memory: &mut [f32]) -> usize {
+    fn look(&self, view: &WorldView, memory: &mut [f32]) -> usize {
         let Some(images) = &view.images else { return 0 };
         let space = self.space(view.course);
         let mut fresh = 0;
@@ -166,27 +167,32 @@ impl Task for RoomExplore {
         Ok(())
     }
 
-    fn scene(&self) -> (SceneConfig, usize) {
-        (SceneConfig::Rooms(RoomsOptions::default()), 8)
+    fn scene(&self) -> (SceneConfig, Option<usize>) {
+        (SceneConfig::Rooms(RoomsOptions::default()), Some(8))
     }
 
     fn camera(&self) -> Option<CameraConfig> {
         Some(task_camera())
     }
 
+    fn defaults(&self) -> TaskDefaults {
+        TaskDefaults {
+            n_drones: None,
+            action: Some(ActionKind::Velocity),
+            step_hz: Some(20),
+            max_episode_s: Some(40.0),
+        }
+    }
+
     fn channels(&self) -> Vec<Channel> {
-        vec![
-            Channel { name: "vel_heading", width: 3 },
-            Channel { name: "seen", width: 1 },
-            Channel { name: "near_map", width: NEAR * NEAR },
-        ]
+        vec![Channel::new("vel_heading", 3), Channel::new("seen", 1), Channel::new("near_map", NEAR * NEAR)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
         COUNT + 1
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         let course = b.course;
         let anywhere = || {
             let [low, high] = self.space(course);
@@ -203,7 +209,7 @@ impl Task for RoomExplore {
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let (seen, w) = (&view.drones[0], &self.weights);
         let space = self.space(view.course);
         let fresh = self.look(view, memory) as f64 * self.cell_m * self.cell_m;
@@ -216,14 +222,14 @@ impl Task for RoomExplore {
         } else if f64::from(memory[COUNT]) >= self.enough * (nx * ny) as f64 {
             Outcome::Done
         } else {
-            Outcome::Goes
+            Outcome::Continue
         };
         value += w.end(outcome);
         reward[0] = value as f32;
         outcome
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         let seen = &view.drones[drone];
         let space = self.space(view.course);
         store(out, &seen.along_heading(seen.vel_m_s));

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, CameraConfig, Channel, Course, EnvConfig, EnvError, Outcome, SceneConfig, Start, Task, View,
-    Weights, distance, in_range, load3, store, task_camera,
+    ActionKind, CameraConfig, Channel, Course, EnvConfig, EnvError, EpisodeStart, Outcome, SceneConfig,
+    Start, Task, TaskDefaults, Weights, WorldView, distance, in_range, load3, store, task_camera,
 };
 use crate::math::vec3;
 use crate::scene::generate::BoxesOptions;
@@ -83,21 +83,30 @@ impl Task for SwarmCross {
         Ok(())
     }
 
-    fn scene(&self) -> (SceneConfig, usize) {
+    fn scene(&self) -> (SceneConfig, Option<usize>) {
         let options =
             BoxesOptions { count: 8, moving: 0, size_m: 6.5, min_gap_m: 0.6, ..BoxesOptions::default() };
-        (SceneConfig::Boxes(options), 8)
+        (SceneConfig::Boxes(options), Some(8))
     }
 
     fn camera(&self) -> Option<CameraConfig> {
         Some(task_camera())
     }
 
+    fn defaults(&self) -> TaskDefaults {
+        TaskDefaults {
+            n_drones: Some(8),
+            action: Some(ActionKind::Velocity),
+            step_hz: Some(20),
+            max_episode_s: Some(12.0),
+        }
+    }
+
     fn channels(&self) -> Vec<Channel> {
         vec![
-            Channel { name: "goal", width: 3 },
-            Channel { name: "vel_heading", width: 3 },
-            Channel { name: "neighbours", width: 6 * self.neighbours },
+            Channel::new("goal", 3),
+            Channel::new("vel_heading", 3),
+            Channel::new("neighbours", 6 * self.neighbours),
         ]
     }
 
@@ -105,7 +114,11 @@ impl Task for SwarmCross {
         EACH * n_drones
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn has_goal(&self) -> bool {
+        true
+    }
+
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         let n = b.starts.len();
         b.scatter()?;
         let turn = b.draw.uniform(0.0, 2.0 * PI);
@@ -113,15 +126,16 @@ impl Task for SwarmCross {
             |x: f64, y: f64, z: [f64; 2], off: f64| [[x - off, y - off, z[0]], [x + off, y + off, z[1]]];
         // Goals first, while no drone is in the way.
         let mut goals = Vec::with_capacity(n);
+        let [reach, top] = self.space_m;
         for d in 0..n {
+            if let Some(given) = b.given_goal_within(d, [[-reach, -reach, 0.0], [reach, reach, top]])? {
+                goals.push(given);
+                continue;
+            }
             let (sin, cos) = (turn + 2.0 * PI * d as f64 / n as f64 + PI).sin_cos();
             let r = self.radius_m;
-            goals.push(b.free_place(
-                d,
-                "goal",
-                box_at(r * cos, r * sin, self.height_m, self.start_off_m),
-                self.free_m,
-            )?);
+            let space = box_at(r * cos, r * sin, self.height_m, self.start_off_m);
+            goals.push(b.free_place(d, "goal", space, self.free_m)?);
             b.scatter()?;
         }
         for d in 0..n {
@@ -141,9 +155,9 @@ impl Task for SwarmCross {
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let w = &self.weights;
-        let mut outcome = Outcome::Goes;
+        let mut outcome = Outcome::Continue;
         let mut all_there = true;
         for (d, seen) in view.drones.iter().enumerate() {
             let own = &mut memory[EACH * d..EACH * (d + 1)];
@@ -166,10 +180,10 @@ impl Task for SwarmCross {
             all_there &= there;
             reward[d] = value as f32;
         }
-        if outcome == Outcome::Goes && all_there { Outcome::Done } else { outcome }
+        if outcome == Outcome::Continue && all_there { Outcome::Done } else { outcome }
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         let seen = &view.drones[drone];
         store(out, &seen.along_heading(vec3::sub(load3(&memory[EACH * drone..]), seen.pos_m)));
         store(&mut out[3..], &seen.along_heading(seen.vel_m_s));

@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Beginning, Channel, EnvConfig, EnvError, Outcome, Task, View, distance, in_order, in_range, is_within,
-    load3, one_drone, store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
+    is_within, load3, one_drone, store,
 };
 use crate::math::vec3;
 
@@ -92,14 +92,14 @@ impl Task for Trajectory {
     }
 
     fn channels(&self) -> Vec<Channel> {
-        vec![Channel { name: "local_samples", width: 3 * self.n_samples }]
+        vec![Channel::new("local_samples", 3 * self.n_samples)]
     }
 
     fn memory_len(&self, _: usize) -> usize {
         9
     }
 
-    fn begin(&self, b: &mut Beginning) -> Result<(), EnvError> {
+    fn begin(&self, b: &mut EpisodeStart) -> Result<(), EnvError> {
         let r = self.radius_m;
         let numbers = match self.shape {
             Shape::FigureEight => [r, 0.0, 0.5 * r, 1.0, 0.0, 2.0, 0.0, 0.0, 0.0],
@@ -118,7 +118,7 @@ impl Task for Trajectory {
         Ok(())
     }
 
-    fn judge(&self, view: &View, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
         let seen = &view.drones[0];
         if seen.crashed || !is_within(seen.pos_m, self.space_m) {
             reward[0] = -1.0;
@@ -126,10 +126,10 @@ impl Task for Trajectory {
         }
         let off = distance(seen.pos_m, self.at(memory, view.time_s));
         reward[0] = (-self.steepness_per_m * off).exp() as f32;
-        Outcome::Goes
+        Outcome::Continue
     }
 
-    fn observe(&self, view: &View, memory: &[f32], drone: usize, out: &mut [f32]) {
+    fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
         for (k, out) in out.chunks_exact_mut(3).enumerate() {
             let point = self.at(memory, view.time_s + k as f64 * self.samples_dt_s);
             store(out, &vec3::sub(point, view.drones[drone].pos_m));
