@@ -44,3 +44,8 @@ pub use error::{Error, Result};
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 pub struct ReadmeDoctests;
+
+/// Compiles and runs the example in Rust of the page on learning environments.
+#[cfg(doctest)]
+#[doc = include_str!("../docs/environments.md")]
+pub struct EnvironmentsDoctests;

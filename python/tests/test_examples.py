@@ -10,7 +10,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-TESTED = {"ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
+TESTED = {"own_task.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
 
 
 def run(name, *args):
@@ -31,6 +31,12 @@ def test_examples_are_python(name):
     text = (ROOT / "examples" / name).read_text()
     compile(text, name, "exec")
     assert text.startswith('"""')
+
+
+def test_a_task_of_ones_own_is_flown():
+    said = run("own_task.py")
+    hits = dict(re.findall(r"(.+): hit in (\d+) %", said))
+    assert int(hits["holds its place"]) > 90 and int(hits["gives way"]) < 10, said
 
 
 def test_reaching_is_learnt(tmp_path):

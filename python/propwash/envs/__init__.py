@@ -10,40 +10,51 @@ Worlds are reset, flown, seen and judged in Rust, all at once; Python pays one c
 
 from __future__ import annotations
 
+import json
+import re
+from collections.abc import Callable
+
 try:
     import gymnasium
 except ImportError as _missing:
     raise ImportError("propwash.envs needs gymnasium: pip install 'propwash[envs]'") from _missing
 
+from .. import _native
 from .single import DroneEnv
-from .vector import ENDINGS, DroneVectorEnv
+from .task import ENDINGS, REGISTERED, Task, Worlds
+from .vector import TASKS, DroneVectorEnv
 from .wrappers import DepthFrameStack, FlattenState, NormalizeDepth, ToF8x8
 
 __all__ = [
     "ENDINGS",
     "IDS",
+    "TASKS",
     "DepthFrameStack",
     "DroneEnv",
     "DroneVectorEnv",
     "FlattenState",
     "NormalizeDepth",
+    "Task",
     "ToF8x8",
+    "Worlds",
     "register",
+    "register_task",
 ]
 
+_ARGUMENTS = {"n_drones": "n_drones", "action": "action", "step_hz": "freq", "max_episode_s": "max_episode_time"}
+
+
+def _built_in() -> dict[str, dict[str, object]]:
+    """Gymnasium's names of the built-in tasks, and what they are short for."""
+    out: dict[str, dict[str, object]] = {}
+    for name, title, defaults in _native.built_in_tasks():
+        given = {_ARGUMENTS[key]: value for key, value in json.loads(defaults).items() if value is not None}
+        out[f"Propwash/{title}-v0"] = {"task": name, **given}
+    return out
+
+
 #: Registered names and what they are short for.
-IDS: dict[str, dict[str, object]] = {
-    "Propwash/ReachPos-v0": {"task": "reach_pos"},
-    "Propwash/ReachVel-v0": {"task": "reach_vel"},
-    "Propwash/Landing-v0": {"task": "landing"},
-    "Propwash/Trajectory-v0": {"task": "trajectory"},
-    "Propwash/ForestDepth-v0": {"task": "forest_depth", "action": "velocity", "freq": 20, "max_episode_time": 12.0},
-    "Propwash/GateRace-v0": {"task": "gate_race", "action": "velocity", "freq": 25, "max_episode_time": 30.0},
-    "Propwash/RoomExplore-v0": {"task": "room_explore", "action": "velocity", "freq": 20, "max_episode_time": 40.0},
-    "Propwash/SwarmCross-v0": {
-        "task": "swarm_cross", "n_drones": 8, "action": "velocity", "freq": 20, "max_episode_time": 12.0,
-    },
-}  # fmt: skip
+IDS: dict[str, dict[str, object]] = _built_in()
 
 
 def register() -> None:
@@ -58,6 +69,33 @@ def register() -> None:
                 disable_env_checker=True,
                 order_enforce=False,
             )
+
+
+def register_task(name: str, task: Callable[..., Task], **kwargs: object) -> str:
+    """Gives a task of your own a name, by which ``gymnasium.make_vec``, ``gymnasium.make`` and ``DroneVectorEnv(task=…)`` find it.
+
+    Args:
+        name: As ``"my_task"``: small letters, digits and underscores. A name that is registered is given to the new task.
+        task: The class, or a function that returns an object of it; ``task_options`` are its arguments.
+        kwargs: Arguments of ``DroneVectorEnv`` that Gymnasium makes it with.
+
+    Returns:
+        Its name in Gymnasium: ``"Propwash/MyTask-v0"``.
+    """
+    if not re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", name):
+        raise ValueError(f'name: expected small letters, digits and underscores, as in "my_task", got {name!r}')
+    if name in TASKS or name == "own":
+        raise ValueError(f"name: expected another than those of the built-in tasks ({', '.join(TASKS)}), got {name!r}")
+    if not callable(task):
+        raise TypeError(f"task: expected a class derived from propwash.envs.Task, got {type(task).__name__}")
+    if isinstance(task, type) and not issubclass(task, Task):
+        raise TypeError(f"task: expected a class derived from propwash.envs.Task, got {task.__name__}")
+    REGISTERED[name] = task
+    known = f"Propwash/{''.join(part.capitalize() for part in name.split('_'))}-v0"
+    IDS[known] = {"task": name, **kwargs}
+    gymnasium.registry.pop(known, None)
+    register()
+    return known
 
 
 register()

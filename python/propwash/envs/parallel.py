@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ except ImportError as _missing:
 
 from gymnasium import spaces
 
-from .vector import ENDINGS, DroneVectorEnv, Obs
+from .task import ENDINGS, Task
+from .vector import TASKS, DroneVectorEnv, Obs
 
 Agents = dict[str, Any]
 
@@ -29,16 +31,24 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
 
     metadata: dict[str, Any] = {"name": "propwash_swarm_v0", "render_modes": ["rgb_array"], "is_parallelizable": True}
 
-    def __init__(self, task: str = "swarm_cross", n_drones: int = 8, **kwargs: Any) -> None:
+    def __init__(
+        self, task: str | Task | Callable[..., Task] = "swarm_cross", n_drones: int | None = None, **kwargs: Any
+    ) -> None:
         for name in ("num_envs", "autoreset_mode"):
             if name in kwargs:
                 raise TypeError(f"{name}: this is one world; use gymnasium.make_vec for a batch")
-        if n_drones < 2:
+        defaults: dict[str, Any] = {}
+        if task in TASKS:
+            n_drones = 8 if n_drones is None else n_drones
+            defaults = {"action": "velocity", "freq": 20, "max_episode_time": 12.0}
+        if n_drones is not None and n_drones < 2:
             raise ValueError(f"n_drones: expected 2 or more agents, got {n_drones}")
-        defaults: dict[str, Any] = {"action": "velocity", "freq": 20, "max_episode_time": 12.0}
         self.batch = DroneVectorEnv(
             1, task=task, n_drones=n_drones, autoreset_mode=AutoresetMode.DISABLED, **{**defaults, **kwargs}
         )
+        n_drones = self.batch.n_drones
+        if n_drones < 2:
+            raise ValueError(f"n_drones: expected 2 or more agents, got {n_drones}, the task's own")
         self.render_mode = self.batch.render_mode
         self.possible_agents = [f"drone_{d}" for d in range(n_drones)]
         self.agents: list[str] = []
@@ -72,10 +82,21 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
         }
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Agents, Agents]:
-        """Begins a new episode; a seed starts the random numbers anew."""
+        """Begins a new episode; a seed starts the random numbers anew.
+
+        ``options["goal"]``, (3,) by agent, gives it its goals, for tasks that have some.
+        """
+        options = dict(options or {})
+        goal = options.pop("goal", None)
         if options:
-            warnings.warn(f"options: there are none, {sorted(options)} is ignored", stacklevel=2)
-        obs, _ = self.batch.reset(seed=seed)
+            warnings.warn(f'options: there is "goal" only, {sorted(options)} is ignored', stacklevel=2)
+        given = None
+        if goal is not None:
+            missing = [name for name in self.possible_agents if name not in goal]
+            if missing:
+                raise ValueError(f"goal: expected one for each agent, missing {missing}")
+            given = {"goal": np.stack([np.asarray(goal[name], np.float64) for name in self.possible_agents])[None]}
+        obs, _ = self.batch.reset(seed=seed, options=given)
         self.agents = list(self.possible_agents)
         return self._each(obs), {name: {} for name in self.agents}
 

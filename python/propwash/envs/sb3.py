@@ -14,7 +14,7 @@ try:
 except ImportError as _missing:
     raise ImportError("propwash.envs.sb3 needs stable-baselines3: pip install 'propwash[sb3]'") from _missing
 
-from .vector import ENDINGS
+from .task import ENDINGS
 
 
 class SB3VecEnv(VecEnv):  # type: ignore[misc,unused-ignore]

@@ -9,7 +9,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from .vector import ENDINGS, DroneVectorEnv, Info, Obs, shade
+from .task import ENDINGS
+from .vector import DroneVectorEnv, Info, Obs, shade
 
 
 class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
@@ -33,12 +34,17 @@ class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
         self._ready = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Obs, Info]:
-        """Begins a new episode; a seed starts the random numbers anew."""
+        """Begins a new episode; a seed starts the random numbers anew.
+
+        ``options["goal"]``, (3,) or (n_drones, 3), gives it its goal, for tasks that have one.
+        """
         if seed is not None:
             super().reset(seed=seed)
-        if options:
-            raise ValueError(f"options: expected none, got {sorted(options)}")
-        obs, _ = self.batch.reset(seed=seed)
+        options = options or {}
+        if set(options) - {"goal"}:
+            raise ValueError(f'options: expected "goal" or none, got {sorted(options)}')
+        goal = options.get("goal")
+        obs, _ = self.batch.reset(seed=seed, options=None if goal is None else {"goal": np.asarray(goal)[None]})
         self._ready = True
         return {name: value[0] for name, value in obs.items()}, {}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from .. import _native
 from ..sense import Camera, _whole
 from ..sim import DroneLike, SceneLike, _each, _finite, _rules, _scene, _vehicle
+from .task import ENDINGS, Task, TaskCalls, own_task
 
 Obs = dict[str, NDArray[np.float32]]
 Info = dict[str, Any]
 
-#: Why an episode ended, by the number in ``info["ending"]``.
-ENDINGS = ("", "crashed", "left", "done", "time_up", "quarantined")
+#: Names of the built-in tasks.
+TASKS = tuple(name for name, _, _ in _native.built_in_tasks())
 
-_TASKS = (
-    "reach_pos", "reach_vel", "landing", "trajectory", "forest_depth", "gate_race", "room_explore", "swarm_cross",
-)  # fmt: skip
 _MODES = {
     AutoresetMode.NEXT_STEP: "next_step",
     AutoresetMode.SAME_STEP: "same_step",
@@ -52,18 +50,19 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
 
     Args:
         num_envs: Number of worlds.
-        task: ``"reach_pos"``, ``"reach_vel"``, ``"landing"``, ``"trajectory"``, ``"forest_depth"``, ``"gate_race"``,
-            ``"room_explore"`` or ``"swarm_cross"``.
-        task_options: Options of the task, by name.
-        n_drones: Drones in each world.
+        task: Name of a built-in task (``propwash.envs.TASKS``) or of one by ``register_task``, or a ``propwash.envs.Task``, the class
+            or an object.
+        task_options: Options of the task, by name; of a class, the arguments that make an object.
+        n_drones: Drones in each world. None, here and below: one; a ``propwash.envs.Task`` may say otherwise.
         drone: As in ``propwash.Sim``: a name, a path or a ``Vehicle``, or a list of them, one for each drone.
         dynamics: As in ``propwash.Sim``.
-        action: ``"attitude"``, ``"body_rate"``, ``"force_torque"``, ``"rotor_vel"`` or ``"velocity"``.
+        action: ``"attitude"``, ``"body_rate"``, ``"force_torque"``, ``"rotor_vel"`` or ``"velocity"``; None is
+            ``"attitude"``.
         action_options: ``max_tilt_rad``, ``max_speed_m_s`` and other limits.
         normalize_actions: Actions run from -1 to 1 and 0 hovers; else they are in SI units.
         sim_freq: Steps of the simulation per second.
-        freq: Steps of the environment per second; divides ``sim_freq``.
-        max_episode_time: Episodes are truncated after so many seconds.
+        freq: Steps of the environment per second; divides ``sim_freq``. None is 50.
+        max_episode_time: Episodes are truncated after so many seconds. None is 10.
         scene: Path of an MJCF file or MJCF text, a list of paths (each a layout), ``{"forest": {"trees": 40}}`` (also
             ``corridor``, ``boxes``, ``track``, ``rooms``) or ``"none"``; None is the task's own choice.
         layouts: Number of generated scenes, which differ in their seeds; every world flies in one, drawn anew at every reset.
@@ -94,17 +93,17 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         self,
         num_envs: int = 1,
         *,
-        task: str = "reach_pos",
+        task: str | Task | Callable[..., Task] = "reach_pos",
         task_options: Mapping[str, Any] | None = None,
-        n_drones: int = 1,
+        n_drones: int | None = None,
         drone: DroneLike | Sequence[DroneLike] = "cf2x_L250",
         dynamics: str = "first_principles",
-        action: str = "attitude",
+        action: str | None = None,
         action_options: Mapping[str, Any] | None = None,
         normalize_actions: bool = True,
         sim_freq: int = 500,
-        freq: int = 50,
-        max_episode_time: float = 10.0,
+        freq: int | None = None,
+        max_episode_time: float | None = None,
         scene: SceneLike = None,
         layouts: int | None = None,
         camera: str | Mapping[str, Any] | bool | None = None,
@@ -119,9 +118,15 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         render_mode: str | None = None,
     ) -> None:
         self.num_envs = _whole("num_envs", num_envs, 1, 2**24)
+        own = own_task(task, task_options, TASKS)
+        self.task: Task | None = own
+        """The task, where it is not built in."""
+        by = Task if own is None else own
+        n_drones = by.n_drones if n_drones is None else n_drones
+        action = by.action if action is None else action
+        freq = by.freq if freq is None else freq
+        max_episode_time = by.max_episode_time if max_episode_time is None else max_episode_time
         self.n_drones = _whole("n_drones", n_drones, 1, 4096)
-        if task not in _TASKS:
-            raise ValueError(f"task: expected one of {', '.join(_TASKS)}, got {task!r}")
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f'render_mode: expected None or "rgb_array", got {render_mode!r}')
         if autoreset_mode not in (*_MODES, *_MODES.values(), *(m.value for m in _MODES)):
@@ -136,7 +141,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         listed = self.n_drones if isinstance(drone, (list, tuple)) else 1
         vehicles = [_vehicle(d) for d in _each("drone", drone, self.n_drones)[:listed]]
         wanted: dict[str, Any] = {
-            "task": {"kind": task, **(task_options or {})},
+            "task": {"kind": "own"} if own is not None else {"kind": task, **(task_options or {})},
             "n_worlds": self.num_envs,
             "n_drones": self.n_drones,
             "first_world": _whole("first_world", first_world, 0, 2**62),
@@ -157,7 +162,12 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         }
         _finite("", wanted)
         threads = None if threads is None else _whole("threads", threads, 1, 1024)
-        self._native = _native.Env(json.dumps(wanted), vehicles, threads)
+        calls = None if own is None else TaskCalls(own)
+        self._calls = calls
+        given = None if calls is None else (calls.described(), calls, calls.draws)
+        self._native = _native.Env(json.dumps(wanted), vehicles, threads, given)
+        if calls is not None:
+            calls.attach(self._native, wanted)
         self._seeded = seed is not None
         self._copy = bool(copy)
         self._closed = False
@@ -214,14 +224,17 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
     ) -> tuple[Obs, Info]:
         """Begins new episodes: in all worlds, or in those where ``options["reset_mask"]`` (num_envs,) is true.
 
+        ``options["goal"]``, (num_envs, 3) or (num_envs, n_drones, 3), gives these episodes their goals, for tasks that have some (m, or
+        m/s, in the world frame); later episodes have drawn ones again.
+
         ``seed`` is one number for the whole batch; every world has random numbers of its own by it. The same seed gives the same
         episodes, bit for bit.
         """
         self._check_open()
         options = options or {}
-        unknown = set(options) - {"reset_mask"}
+        unknown = set(options) - {"reset_mask", "goal"}
         if unknown:
-            raise ValueError(f'options: expected "reset_mask" or nothing, got {sorted(unknown)}')
+            raise ValueError(f'options: expected "reset_mask", "goal" or nothing, got {sorted(unknown)}')
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise TypeError(
                 f"seed: expected one whole number for the whole batch, by which every world has its own, got {type(seed).__name__}"
@@ -235,11 +248,20 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             # Gymnasium's own generator, which the system seeds.
             seed = int(self.np_random.integers(2**63))
             self._seeded = True
-        self._native.reset(seed, mask)
+        self._native.reset(seed, mask, self._goal(options.get("goal")))
         info: Info = {}
         if mask is not None:
             info["reset_mask"] = np.asarray(mask)
         return self._observe(self._numbers, self._depth), info
+
+    def _goal(self, goal: ArrayLike | None) -> Any:
+        """Goals of worlds with one drone, with its axis."""
+        if goal is None or self._many:
+            return goal
+        array = np.asarray(goal)
+        if array.shape != (self.num_envs, 3):
+            raise ValueError(f"goal: expected shape ({self.num_envs}, 3) = (num_envs, 3), got {array.shape}")
+        return array[:, None]
 
     def step(
         self, actions: ArrayLike
