@@ -12,8 +12,8 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
         1 => format!("{} (or {})", f.id, f.look_alikes[0].ids.join(" + ")),
         n => format!("{} (or {n} others)", f.id),
     };
-    // Either the finding or one of its look-alikes is missing.
-    let open = |f: &&Finding| f.doubt().is_some() || (!f.certain && f.look_alikes.is_empty());
+    // In doubt unless the finding or one of its look-alikes is missing for certain.
+    let open = |f: &&Finding| f.doubt().is_some() || !(f.certain || f.one_of_several());
     let sure: Vec<String> = findings.iter().filter(|f| !open(f)).map(name).collect();
     let doubtful: Vec<String> = findings.iter().filter(open).map(|f| f.id.clone()).collect();
     if findings.is_empty() {
@@ -130,7 +130,8 @@ pub(crate) fn number(value: f64, unit: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gap::verdict::{HeldOut, LookAlike};
+
+    use crate::gap::verdict::{HeldOut, LookAlike, Said};
     use crate::physics::effects::Area;
 
     fn finding(id: &str, alike: usize, doubt: bool) -> Finding {
@@ -181,6 +182,12 @@ mod tests {
         );
         assert_eq!(of(&[finding("linear_drag", 0, true)], false), "in doubt: linear_drag");
         // Doubted by the second estimator only.
+        // What looks like another effect is missing only where one of them is for certain.
+        let mut unsure = finding("thrust_curve", 1, false);
+        unsure.second.said = Said::Answer;
+        assert_eq!(of(std::slice::from_ref(&unsure), false), "in doubt: thrust_curve");
+        unsure.second.said = Said::Agrees;
+        assert_eq!(of(&[unsure], false), "missing: thrust_curve (or com_offset + torque_scale)");
         let doubted = Finding { certain: false, ..finding("wrong_mass", 0, false) };
         assert_eq!(of(std::slice::from_ref(&doubted), false), "in doubt: wrong_mass");
         assert_eq!(

@@ -1,6 +1,7 @@
 //! Result of a diagnosis: plain data for text, JSON and pages.
 
 use super::decide::rules::Why;
+use super::opinion;
 use super::track::Noise;
 use crate::physics::effects::Area;
 use serde::{Deserialize, Serialize};
@@ -158,6 +159,12 @@ impl Finding {
     /// Why it is in doubt and not written, if so.
     pub fn doubt(&self) -> Option<&str> {
         self.held_out.as_ref().filter(|h| !h.little).and_then(|h| h.doubt.as_deref())
+    }
+
+    /// Whether it or one of its look-alikes is missing for certain: the second estimator agrees, or cannot see it and there is much
+    /// evidence.
+    pub fn one_of_several(&self) -> bool {
+        !self.look_alikes.is_empty() && opinion::certain(self.second.said, self.evidence_nats)
     }
 
     /// Why it is not written, if so: it is in doubt, or lowers the errors too little.

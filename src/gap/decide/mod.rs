@@ -233,7 +233,11 @@ fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hid
                 format!("{} (not certain: the second estimator {})", f.id, f.second.said.words())
             } else {
                 let others: Vec<String> = f.look_alikes.iter().map(|l| l.ids.join(" + ")).collect();
-                format!("{} (or {})", f.id, others.join(", or "))
+                let doubt = match f.one_of_several() {
+                    true => String::new(),
+                    false => format!("; not certain: the second estimator {}", f.second.said.words()),
+                };
+                format!("{} (or {}{doubt})", f.id, others.join(", or "))
             }
         })
         .collect();
