@@ -38,17 +38,14 @@ def fly(vehicle, seconds, seed, turn=1.2):
     sim.set_initial(pos=[0.0, 0.0, 5.0])
     sim.reset()
     rng = np.random.default_rng(seed)
-    command = np.zeros((1, 1, 16))
-    command[..., 12] = 1.0
     rows = []
     for step in range(500 * seconds):
         t = step / 500.0
         grown = min(t / 2.0, 1.0) ** 2 * (3.0 - 2.0 * min(t / 2.0, 1.0))
         angle = turn * t
         place = [1.5 * np.sin(angle), 0.9 * np.sin(1.7 * angle), 0.3 * np.sin(0.7 * angle)]
-        command[0, 0, :3] = grown * np.array(place) + [0.0, 0.0, 5.0]
-        command[0, 0, 3:5] = [1.5 * grown * turn * np.cos(angle), 1.53 * grown * turn * np.cos(1.7 * angle)]
-        sim.state_control(command)
+        vel = [1.5 * grown * turn * np.cos(angle), 1.53 * grown * turn * np.cos(1.7 * angle), 0.0]
+        sim.state_control(propwash.Command.state([[grown * np.array(place) + [0.0, 0.0, 5.0]]], [[vel]]))
         d = sim.data
         measured = np.concatenate([d.pos[0, 0], d.quat[0, 0], d.vel[0, 0], d.ang_vel[0, 0]])
         sim.step()

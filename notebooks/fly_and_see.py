@@ -18,22 +18,19 @@ sim
 # ## Flying
 #
 # Every world starts at another y and flies along x with 1.5 m/s, straight through whatever stands there. Arrays are
-# (worlds, drones, …); a command of the `state` mode has 16 numbers: position, velocity, acceleration, attitude, body rates.
+# (worlds, drones, …); `Command.state` makes commands of the `state` mode: position, velocity, acceleration and heading.
 
 # %%
 start = np.array([[-6.0, y, 1.2] for y in (-3.0, -1.0, 1.0, 3.0)])[:, None]  # (4, 1, 3)
 sim.set_initial(pos=start)
 sim.reset()
-command = np.zeros((4, 1, 16))
-command[..., 12] = 1.0  # level
 path, near, touched = [], [], []
 names_touched = set()
 for tick in range(400):  # 8 s; senses at 50 Hz, the equations at 500 Hz
     t = tick / 50.0
     travelled = 1.5 * (t - np.tanh(t))  # a soft start
-    command[..., :3] = start + [travelled, 0.0, 0.0]
-    command[..., 3] = 1.5 * np.tanh(t) ** 2
-    sim.state_control(command)
+    vel = [1.5 * np.tanh(t) ** 2, 0.0, 0.0]
+    sim.state_control(propwash.Command.state(start + [travelled, 0.0, 0.0], vel))
     sim.step(10)
     clearance, contacts = sim.clearance(max_distance=3.0), sim.contacts()
     path.append(sim.data.pos[:, 0].copy())

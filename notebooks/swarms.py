@@ -28,9 +28,7 @@ sim = propwash.Sim(n_worlds=200, control="state", randomization=rules, seed=7)
 sim.reset()
 mass = sim.parameter("body.mass_kg")[:, 0]
 start = sim.data.pos.copy()
-command = np.zeros((200, 1, 16))
-command[..., :3], command[..., 12] = start, 1.0  # level
-sim.state_control(command)
+sim.state_control(propwash.Command.hover(start))
 height = []
 for _ in range(100):
     sim.step(20)
@@ -67,14 +65,12 @@ sim = propwash.Sim(n_worlds=2, drone=["cf21B_500", plain.with_effects(JET)], con
 sim.set_parameter("effect.downwash.drag_area_m2", [0.0, 0.005], drone=1)  # none in the first world
 sim.set_initial(pos=[[-1.5, 0.0, 1.6], [0.0, 0.0, 1.0]])
 sim.reset()
-command = np.zeros((2, 2, 16))
-command[..., 12] = 1.0
-command[:, 1, 2] = 1.0
+pos, vel = np.zeros((2, 2, 3)), np.zeros((2, 2, 3))
+pos[:, 1, 2], vel[:, 0, 0] = 1.0, 0.5
 below = []
 for tick in range(300):
-    command[:, 0, :3] = [-1.5 + 0.01 * tick, 0.0, 1.6]  # the other passes above with 0.5 m/s
-    command[:, 0, 3] = 0.5
-    sim.state_control(command)
+    pos[:, 0] = [-1.5 + 0.01 * tick, 0.0, 1.6]  # the other passes above with 0.5 m/s
+    sim.state_control(propwash.Command.state(pos, vel))
     sim.step(10)
     below.append(sim.data.pos[:, 1, 2].copy())
 below = np.array(below)
@@ -126,14 +122,11 @@ def places(t):
 
 sim.set_initial(pos=places(0.0))
 sim.reset()
-command = np.zeros((N_WORLDS, N_DRONES, 16))
-command[..., 12] = 1.0
 paths, least, met = [], [], np.zeros((N_WORLDS, N_DRONES), bool)
 for tick in range(400):
     t = tick / 50.0
-    command[..., :3] = places(t)
-    command[..., 3:6] = (places(t + 0.01) - places(t - 0.01)) / 0.02
-    sim.state_control(command)
+    command = propwash.Command.state(places(t), (places(t + 0.01) - places(t - 0.01)) / 0.02)
+    sim.state_control(np.broadcast_to(command, (N_WORLDS, N_DRONES, 16)))
     sim.step(10)
     near, contacts = sim.clearance(max_distance=1.0), sim.contacts()
     paths.append(sim.data.pos.copy())
