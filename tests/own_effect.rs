@@ -15,8 +15,10 @@ use propwash::physics::effects::{
     self, AnyEffect, Area, Bounds, Candidate, Command, Effect, Freedom, Nature, RegisterError, View,
 };
 use propwash::physics::rigid_body::{State, Wrench};
+use propwash::physics::surroundings::Surroundings;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::Real;
+use propwash::scalar::dual::Dual;
 use propwash::scalar::lanes::Number;
 use propwash::vehicle::Vehicle;
 
@@ -152,6 +154,31 @@ fn own_effects_fly_alike_in_the_reference_and_in_lanes() {
         assert!(apart(&reference, &wide) < 1e-9, "{entry}: {}", apart(&reference, &wide));
         assert!(apart(&reference, &narrow) < 1e-3, "{entry}: {}", apart(&reference, &narrow));
     }
+}
+
+/// Acceleration of the vehicle at 3 m/s along x, over another number type.
+fn acceleration<S: Real>(vehicle: &Vehicle) -> S {
+    let drone = vehicle.drone("first_principles").unwrap().map(&mut S::lit);
+    let state = State { vel: [S::lit(3.0), S::zero(), S::zero()], ..State::rest() };
+    drone.rate(&state, &Command::Rotors([S::zero(); 8]), &Surroundings::calm()).acc[0]
+}
+
+#[test]
+fn an_own_effect_acts_over_every_number_type_or_shows_that_it_cannot() {
+    register();
+    let (drag, plain) =
+        (with("kind = \"cubic_drag\"\ndrag_n_s3_per_m3 = 0.001"), Vehicle::builtin("cf2x_L250").unwrap());
+    let mass = plain.drone("first_principles").unwrap().body.mass_kg;
+    let expected = -0.001 * 27.0 / mass;
+    let wide: f64 = acceleration::<f64>(&drag) - acceleration::<f64>(&plain);
+    assert!((wide - expected).abs() < 1e-9, "{wide} {expected}");
+    let narrow = acceleration::<f32>(&drag) - acceleration::<f32>(&plain);
+    assert!((f64::from(narrow) - expected).abs() < 1e-4, "{narrow} {expected}");
+    let most: Dual<f64, { effects::custom::MAX_PARTIALS }> = acceleration(&drag);
+    assert!((most.value - acceleration::<f64>(&drag)).abs() < 1e-9);
+    // Beyond what is made of an effect, forces are no numbers: it is never left out in silence.
+    let more: Dual<f64, { effects::custom::MAX_PARTIALS + 1 }> = acceleration(&drag);
+    assert!(more.value.is_nan());
 }
 
 #[test]

@@ -10,7 +10,6 @@ Worlds are reset, flown, seen and judged in Rust, all at once; Python pays one c
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 
@@ -19,10 +18,9 @@ try:
 except ImportError as _missing:
     raise ImportError("propwash.envs needs gymnasium: pip install 'propwash[envs]'") from _missing
 
-from .. import _native
 from .single import DroneEnv
 from .task import ENDINGS, REGISTERED, Task, Worlds
-from .vector import TASKS, DroneVectorEnv
+from .vector import BUILT_IN, TASKS, DroneVectorEnv
 from .wrappers import DepthFrameStack, FlattenState, NormalizeDepth, ToF8x8
 
 __all__ = [
@@ -41,20 +39,10 @@ __all__ = [
     "register_task",
 ]
 
-_ARGUMENTS = {"n_drones": "n_drones", "action": "action", "step_hz": "freq", "max_episode_s": "max_episode_time"}
-
-
-def _built_in() -> dict[str, dict[str, object]]:
-    """Gymnasium's names of the built-in tasks, and what they are short for."""
-    out: dict[str, dict[str, object]] = {}
-    for name, title, defaults in _native.built_in_tasks():
-        given = {_ARGUMENTS[key]: value for key, value in json.loads(defaults).items() if value is not None}
-        out[f"Propwash/{title}-v0"] = {"task": name, **given}
-    return out
-
-
 #: Registered names and what they are short for.
-IDS: dict[str, dict[str, object]] = _built_in()
+IDS: dict[str, dict[str, object]] = {
+    f"Propwash/{title}-v0": {"task": name, **arguments} for name, title, arguments in BUILT_IN
+}
 
 
 def register() -> None:

@@ -18,7 +18,7 @@ except ImportError as _missing:
 from gymnasium import spaces
 
 from .task import ENDINGS, Task
-from .vector import TASKS, DroneVectorEnv, Obs
+from .vector import BUILT_IN, DroneVectorEnv, Obs
 
 Agents = dict[str, Any]
 
@@ -37,15 +37,11 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
         for name in ("num_envs", "autoreset_mode"):
             if name in kwargs:
                 raise TypeError(f"{name}: this is one world; use gymnasium.make_vec for a batch")
-        defaults: dict[str, Any] = {}
-        if task in TASKS:
-            n_drones = 8 if n_drones is None else n_drones
-            defaults = {"action": "velocity", "freq": 20, "max_episode_time": 12.0}
         if n_drones is not None and n_drones < 2:
             raise ValueError(f"n_drones: expected 2 or more agents, got {n_drones}")
-        self.batch = DroneVectorEnv(
-            1, task=task, n_drones=n_drones, autoreset_mode=AutoresetMode.DISABLED, **{**defaults, **kwargs}
-        )
+        given = kwargs if n_drones is None else {"n_drones": n_drones, **kwargs}
+        made_for: dict[str, Any] = next((arguments for name, _, arguments in BUILT_IN if name == task), {})
+        self.batch = DroneVectorEnv(1, task=task, autoreset_mode=AutoresetMode.DISABLED, **{**made_for, **given})
         n_drones = self.batch.n_drones
         if n_drones < 2:
             raise ValueError(f"n_drones: expected 2 or more agents, got {n_drones}, the task's own")

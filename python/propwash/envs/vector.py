@@ -22,8 +22,16 @@ from .task import ENDINGS, Task, TaskCalls, own_task
 Obs = dict[str, NDArray[np.float32]]
 Info = dict[str, Any]
 
+_ARGUMENTS = {"n_drones": "n_drones", "action": "action", "step_hz": "freq", "max_episode_s": "max_episode_time"}
+
+#: The built-in tasks: name, name in camel case, and the arguments that they are made for.
+BUILT_IN = tuple(
+    (name, title, {_ARGUMENTS[key]: value for key, value in json.loads(defaults).items() if value is not None})
+    for name, title, defaults in _native.built_in_tasks()
+)
+
 #: Names of the built-in tasks.
-TASKS = tuple(name for name, _, _ in _native.built_in_tasks())
+TASKS = tuple(name for name, _, _ in BUILT_IN)
 
 _MODES = {
     AutoresetMode.NEXT_STEP: "next_step",

@@ -4,7 +4,6 @@
 //! `examples/own_effect.rs` is a whole one.
 
 use core::any::{Any, TypeId};
-use core::marker::PhantomData;
 use std::sync::{PoisonError, RwLock};
 
 use super::{Bounds, Candidate, Clock, Command, Effect, KINDS, Nature, Parts, Reading, Reads, View};
@@ -76,26 +75,22 @@ impl PartialEq for Custom {
     }
 }
 
-/// The effect over one number type.
-struct Over<S: Real>(&'static dyn Hooks<S>);
+/// What is done with an effect.
+type Act<'a, S> = &'a mut dyn FnMut(&dyn Effect<S>);
 
-/// [`Effect`], by the values of the parameters in their order.
-trait Hooks<S: Real>: Send + Sync {
-    fn of(&self, value: &[S; MAX_PARAMETERS], act: &mut dyn FnMut(&dyn Effect<S>));
-}
+/// The effect over one number type: makes it of the values of its parameters, in their order, and hands it on.
+struct Over<S: Real>(fn(&[S; MAX_PARAMETERS], Act<S>));
 
-struct Typed<P>(PhantomData<P>);
-
-impl<S, P> Hooks<S> for Typed<P>
-where
-    S: Real,
-    P: Parameters<f64> + Default + Send + Sync,
-    P::Over<S>: Effect<S>,
-{
-    fn of(&self, value: &[S; MAX_PARAMETERS], act: &mut dyn FnMut(&dyn Effect<S>)) {
-        let mut values = value.iter();
-        let own = P::default().map(&mut |default| values.next().copied().unwrap_or(S::lit(default)));
-        act(&own);
+impl<S: Real> Over<S> {
+    fn of<P>() -> Self
+    where
+        P: Parameters<f64> + Default,
+        P::Over<S>: Effect<S>,
+    {
+        Self(|value, act| {
+            let mut values = value.iter();
+            act(&P::default().map(&mut |default| values.next().copied().unwrap_or(S::lit(default))));
+        })
     }
 }
 
@@ -126,7 +121,8 @@ macro_rules! register {
         /// its parameters ([`parameters!`](crate::parameters)), over f64, with the defaults at which the effect does nothing;
         /// `candidates` says what of it may be missing in a model, by the same `kind`, or gives nothing.
         ///
-        /// Registering the same `P` under the same name again changes nothing.
+        /// It acts on numbers of the types f32 and f64, on traces, and on duals of f64 with at most [`MAX_PARTIALS`] derivatives. Registering the
+        /// same `P` under the same name again changes nothing.
         ///
         /// # Errors
         /// [`RegisterError`].
@@ -135,7 +131,8 @@ macro_rules! register {
             candidates: fn(&Drone<f64>) -> Vec<Candidate>,
         ) -> Result<(), RegisterError>
         where
-            P: Parameters<f64> + Default + Send + Sync + 'static,
+            P: Parameters<f64> + Default + 'static,
+            P::Over<f32>: Effect<f32>,
             P::Over<f64>: Effect<f64>,
             P::Over<Sym>: Effect<Sym>,
             $(P::Over<Dual<f64, $n>>: Effect<Dual<f64, $n>>,)*
@@ -143,9 +140,10 @@ macro_rules! register {
             let plain = P::default().map(&mut |v| v);
             let custom = checked::<P>(kind, candidates, plain.ranges())?;
             let over: Vec<Box<dyn Any + Send + Sync>> = vec![
-                Box::new(Over::<f64>(&Typed::<P>(PhantomData))),
-                Box::new(Over::<Sym>(&Typed::<P>(PhantomData))),
-                $(Box::new(Over::<Dual<f64, $n>>(&Typed::<P>(PhantomData))),)*
+                Box::new(Over::<f32>::of::<P>()),
+                Box::new(Over::<f64>::of::<P>()),
+                Box::new(Over::<Sym>::of::<P>()),
+                $(Box::new(Over::<Dual<f64, $n>>::of::<P>()),)*
             ];
             keep(Custom { over, ..custom })
         }
@@ -222,26 +220,25 @@ impl<S> Params<S> {
 }
 
 impl<S: Real> Params<S> {
-    fn act<R>(&self, act: impl FnOnce(&dyn Effect<S>) -> R) -> R {
-        let over = self.custom.over.iter().find_map(|o| o.downcast_ref::<Over<S>>());
-        let (mut act, mut out) = (Some(act), None);
-        if let Some(Over(hooks)) = over {
-            hooks.of(&self.value, &mut |effect| out = act.take().map(|act| act(effect)));
+    /// Does something with the effect over this number type.
+    fn act<R>(&self, mut act: impl FnMut(&dyn Effect<S>) -> R) -> R {
+        let mut out = None;
+        if let Some(Over(with)) = self.custom.over.iter().find_map(|o| o.downcast_ref::<Over<S>>()) {
+            with(&self.value, &mut |effect| out = Some(act(effect)));
         }
-        match (out, act) {
-            (Some(out), _) => out,
-            // Number types that `register` does not know; the library has none (see the assertion on MAX_PARTIALS where it
-            // takes derivatives).
-            (None, Some(act)) => act(&Nothing),
-            (None, None) => unreachable!("an effect acts once"),
-        }
+        out.unwrap_or_else(|| act(&Unknown))
     }
 }
 
-/// An effect that does nothing.
-struct Nothing;
+/// The effect over a number type that [`register`] does not make, of which the library has none: where it takes derivatives it
+/// asserts that they are at most [`MAX_PARTIALS`]. Forces that are no numbers show it; none at all would hide it.
+struct Unknown;
 
-impl<S: Real> Effect<S> for Nothing {}
+impl<S: Real> Effect<S> for Unknown {
+    fn wrench(&self, _: &View<S>, out: &mut Wrench<S>) {
+        out.force = [S::lit(f64::NAN); 3];
+    }
+}
 
 impl<S: Real> Parameters<S> for Params<S> {
     type Over<T: Real> = Params<T>;
