@@ -817,6 +817,27 @@ fn channels_that_the_drive_feeds_in_are_left_out() {
     keep("ladder_fed_in.png", &ladder_png(&d).expect("the picture can be drawn"));
 }
 
+/// The card says what the headline says: one of several only where one of them is missing for certain.
+#[test]
+fn what_may_be_one_of_several_or_nothing_is_shown_as_not_certain() {
+    let shown = |said: Said| {
+        let mut d = sample();
+        d.findings[1].second.said = said;
+        let (markup, _) = take_apart(&Report::of(d.clone()).html());
+        ["one of several", "not certain"].map(|word| {
+            let tag = format!("<span class=\"tag doubt\">{word}</span>");
+            assert_eq!(
+                markup.contains(&tag),
+                unwrapped(&text(&d)).contains(&format!("(drive, {word})")),
+                "{word}"
+            );
+            markup.contains(&tag)
+        })
+    };
+    assert_eq!(shown(Said::Agrees), [true, false]);
+    assert_eq!(shown(Said::Answer), [false, true]);
+}
+
 #[test]
 fn what_harms_on_unseen_flight_is_shown_as_doubtful() {
     let mut d = sample();

@@ -142,8 +142,8 @@ impl Page {
                 (Some(_), _) => ("doubt", "in doubt, not written"),
                 (None, true) if f.unwritten().is_some() => ("sure", "certain, small, not written"),
                 (None, true) => ("sure", "certain"),
-                (None, false) if f.look_alikes.is_empty() => ("doubt", "not certain"),
-                (None, false) => ("doubt", "one of several"),
+                (None, false) if f.one_of_several() => ("doubt", "one of several"),
+                (None, false) => ("doubt", "not certain"),
             };
             put!(
                 self,

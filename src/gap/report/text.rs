@@ -132,6 +132,7 @@ impl Out {
             (Some(_), _) => ", in doubt, not written",
             (None, true) if f.unwritten().is_some() => ", small, not written",
             (None, true) => "",
+            (None, false) if f.one_of_several() => ", one of several",
             (None, false) => ", not certain",
         };
         self.heading(&format!("{number}. {}", f.id));
