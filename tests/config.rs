@@ -121,6 +121,17 @@ fn a_description_reads_back_equal_in_json_and_in_toml() {
 }
 
 #[test]
+fn errors_of_a_file_name_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("mine.toml");
+    std::fs::write(&path, "seconds = 1\nn_world = 3\n").unwrap();
+    let message = FlightConfig::from_file(&path).unwrap_err().to_string();
+    assert!(message.contains("mine.toml, n_world, line 2: unknown field `n_world`"), "{message}");
+    let message = FlightConfig::from_file(&folder.path().join("none.toml")).unwrap_err().to_string();
+    assert!(message.contains("none.toml") && message.contains("check the path"), "{message}");
+}
+
+#[test]
 fn errors_say_where_what_was_expected_and_what_was_found() {
     for (text, words) in [
         (r#"{"sim_hs": 500}"#, "sim_hs: unknown field `sim_hs`, expected one of camera, control,"),

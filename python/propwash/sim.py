@@ -747,9 +747,14 @@ def _read_config(source: str | os.PathLike[str] | Mapping[str, Any]) -> dict[str
         text = json.dumps(dict(source))
     else:
         path = Path(_path("source", source))
-        text = (path / "manifest.json" if path.is_dir() else path).read_text(encoding="utf-8")
-    out: dict[str, Any] = json.loads(_native.read_config(text))
-    return out
+        path = path / "manifest.json" if path.is_dir() else path
+        try:
+            out: dict[str, Any] = json.loads(_native.read_config(path.read_text(encoding="utf-8")))
+        except ValueError as e:
+            raise ValueError(f"{path}, {e}") from None
+        return out
+    read: dict[str, Any] = json.loads(_native.read_config(text))
+    return read
 
 
 def _tuples(options: dict[str, Any]) -> dict[str, Any]:

@@ -160,6 +160,12 @@ def test_errors_name_the_field(flown, tmp_path):
     assert propwash.Sim.from_config(manifest, scene_sha256=[]).scene is not None
 
 
+def test_errors_of_a_file_name_it(tmp_path):
+    (tmp_path / "mine.toml").write_text("n_worlds = 1\nn_drone = 3\n")
+    with pytest.raises(ValueError, match=r"mine\.toml, n_drone, line 2: unknown field `n_drone`"):
+        propwash.Sim.from_config(tmp_path / "mine.toml")
+
+
 def test_a_toml_file_is_read(tmp_path):
     (tmp_path / "mine.toml").write_text('n_worlds = 3\npattern = "hover"\n[[drones]]\nvehicle = "hb_x500"\n')
     sim = propwash.Sim.from_config(tmp_path / "mine.toml")

@@ -59,6 +59,17 @@ impl ArenaError {
         Self::Config { place: place.into(), reason: reason.to_string() }
     }
 
+    /// The same, naming the file that cannot be read.
+    #[must_use]
+    pub fn in_file(self, path: &std::path::Path) -> Self {
+        match self {
+            Self::Config { place, reason } => {
+                Self::Config { place: format!("{}, {place}", path.display()), reason }
+            }
+            e => e,
+        }
+    }
+
     /// Something that does not fit.
     pub(super) fn option(name: &'static str, expected: impl Into<String>, got: impl ToString) -> Self {
         Self::Option { name, expected: expected.into(), got: got.to_string() }

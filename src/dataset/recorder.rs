@@ -6,7 +6,7 @@ use super::{
     View, WorldWriter, create_or_resume,
 };
 use crate::arena::{Arena, ArenaError, CameraConfig, FlightPattern, Precision, Setup, SimConfig, read_text};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{quat, vec3};
 use crate::physics::controllers::{ControlMode, ticks};
 use crate::physics::drone::Dynamics;
@@ -131,6 +131,18 @@ impl FlightConfig {
             Ok(value) if value.get("format").is_some() => Ok(super::manifest::config_of(&value)?),
             _ => Ok(read_text(text)?),
         }
+    }
+
+    /// Reads such a file.
+    ///
+    /// # Errors
+    /// As [`FlightConfig::from_text`], naming the file, and [`Error::Io`] for one that cannot be read.
+    pub fn from_file(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.into(), source })?;
+        Self::from_text(&text).map_err(|e| match e {
+            Error::Arena(e) => Error::Arena(Box::new(e.in_file(path))),
+            e => e,
+        })
     }
 
     /// The pattern that is flown.

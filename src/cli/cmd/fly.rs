@@ -66,7 +66,7 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
 pub fn config(args: &FlyArgs) -> Result<FlightConfig> {
     let mut config = match &args.config {
         None => FlightConfig::default(),
-        Some(path) => FlightConfig::from_text(&read(path)?)?,
+        Some(path) => FlightConfig::from_file(path)?,
     };
     change_drones(args, &mut config.sim)?;
     let usage =
