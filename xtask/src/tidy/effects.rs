@@ -27,7 +27,7 @@ const MAY_NAME: &[(&str, &[&str], &str)] = &[
     ("src/gap/cable.rs", &["slung_payload"], "the pendulum that is laid through the track of a load"),
     ("src/gap/decide/", &["turbulence", "linear_drag"], "weather without a pattern, and the shape of a drag"),
     ("src/vehicle/diff.rs", &["thrust_curve"], "a key of rotors has the same name"),
-    ("src/vehicle/file.rs", &["thrust_scale", "thrust_curve"], "keys of vehicle files have the same name"),
+    ("src/vehicle/file.rs", &["thrust_scale"], "a key of vehicle files has the same name"),
 ];
 
 /// Checks that code, list and pages name the same effects, and that every page is whole.
@@ -55,28 +55,38 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             }
         }
     }
-    for file in files {
-        for (line, name) in named_in(file, &effects) {
-            let message = format!(
-                "the effect `{name}` is named outside its file: let `Effect::nature` or `Candidate` say what is special about it"
-            );
-            let (rule, text) = ("effects", String::new());
-            out.push(Finding { rule, file: file.path.clone(), line, message, text });
-        }
-    }
-    let mut add = |file: String, message: String| {
-        out.push(Finding { rule: "effects", file, line: 0, message, text: String::new() });
-    };
     for (name, _) in &pages {
         if !effects.iter().any(|(n, _)| n == name) {
             add(format!("{PAGES}{name}.md"), format!("there is no effect {CODE}{name}.rs"));
         }
     }
+    let named: Vec<(&str, usize, &str)> = files.iter().flat_map(|file| named_in(file, &effects)).collect();
+    let allows = |(path, names, _): &(&str, &[&str], &str), (file, _, name): &(&str, usize, &str)| {
+        file.starts_with(path) && names.contains(name)
+    };
+    for (path, names, _) in MAY_NAME {
+        let idle =
+            |name: &&&str| !named.iter().any(|(file, _, found)| file.starts_with(path) && found == *name);
+        let there = files.iter().any(|f| f.path.starts_with(path));
+        for name in names.iter().filter(|_| there).filter(idle) {
+            add(
+                (*path).into(),
+                format!("the leave to name the effect `{name}` here is needed no more: remove it"),
+            );
+        }
+    }
+    for found in named.iter().filter(|found| !MAY_NAME.iter().any(|may| allows(may, found))) {
+        let (file, line, name) = *found;
+        let message = format!(
+            "the effect `{name}` is named outside its file: let `Effect::nature` or `Candidate` say what is special about it"
+        );
+        out.push(Finding { rule: "effects", file: file.into(), line, message, text: String::new() });
+    }
     out
 }
 
-/// Lines of a file of the library, outside its tests, that name an effect without leave: as a text, a module or a variant.
-fn named_in(file: &File, effects: &[(&str, &str)]) -> Vec<(usize, String)> {
+/// Lines of a file of the library, outside its tests, that name an effect: as a text, a module or a variant.
+fn named_in<'a>(file: &'a File, effects: &[(&'a str, &str)]) -> Vec<(&'a str, usize, &'a str)> {
     let library = file.path.starts_with("src/") && file.path.ends_with(".rs") && !file.path.starts_with(CODE);
     let tests = file.path.contains("/tests/") || file.path.ends_with("/tests.rs");
     let Some(text) = file.text().filter(|_| library && !tests) else { return Vec::new() };
@@ -91,10 +101,8 @@ fn named_in(file: &File, effects: &[(&str, &str)]) -> Vec<(usize, String)> {
                 format!("effects::{name}::"),
                 format!("AnyEffect::{variant}("),
             ];
-            let may =
-                MAY_NAME.iter().any(|(path, names, _)| file.path.starts_with(path) && names.contains(name));
-            if !may && forms.iter().any(|form| line.contains(form)) {
-                out.push((i + 1, (*name).to_string()));
+            if forms.iter().any(|form| line.contains(form)) {
+                out.push((&*file.path, i + 1, *name));
             }
         }
     }
@@ -247,6 +255,13 @@ mod tests {
         ];
         let lines: Vec<usize> = check(&files).iter().map(|f| f.line).collect();
         assert_eq!(lines, [2, 3], "{:?}", check(&files).iter().map(|f| &f.message).collect::<Vec<_>>());
+        // Leave that nobody needs is found too.
+        let [a, b, c, _] = files;
+        let idle = check(&[a, b, c, file("src/gap/cable.rs", "fn f() {}")]);
+        assert!(
+            idle.len() == 1 && idle[0].message.contains("`slung_payload` here is needed no more"),
+            "{idle:?}"
+        );
     }
 
     #[test]
