@@ -9,11 +9,11 @@
 
 pub mod error;
 pub mod random;
-pub mod units;
 
-pub mod scalar;
-// Numbers first, then what is built of them.
-pub mod math;
+// What a number is, and what is built of numbers.
+pub use propwash_trace as scalar;
+pub use propwash_trace::{export, math, units};
+
 pub mod physics;
 
 pub mod vehicle;
@@ -33,8 +33,6 @@ pub mod gap;
 
 pub mod dataset;
 pub mod env;
-
-pub mod export;
 
 pub mod cli;
 

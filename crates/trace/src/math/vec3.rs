@@ -1,6 +1,6 @@
 //! Three-vectors and 3×3 matrices.
 
-use crate::scalar::Real;
+use crate::Real;
 
 /// `a + b`.
 #[inline(always)]
@@ -110,7 +110,7 @@ mod tests {
 
     #[test]
     fn norm_has_a_finite_slope_at_zero() {
-        use crate::scalar::dual::Dual;
+        use crate::dual::Dual;
         let v = [Dual::<f64, 3>::input(0.0, 0), Dual::input(0.0, 1), Dual::input(0.0, 2)];
         let n = norm(v);
         assert_eq!((n.value, n.partials), (0.0, [0.0; 3]));

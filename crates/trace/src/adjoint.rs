@@ -5,7 +5,7 @@
 //! of its own, which is scheduled, printed and run like any other.
 //!
 //! ```
-//! use propwash::scalar::{Real, adjoint::adjoint, trace::{Sym, trace}};
+//! use propwash_trace::{Real, adjoint::adjoint, trace::{Sym, trace}};
 //!
 //! fn area<S: Real>(v: &[S]) -> S {
 //!     v[0] * v[1]
@@ -180,8 +180,8 @@ pub fn adjoint(graph: &Graph) -> Graph {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scalar::dual::Dual;
-    use crate::scalar::trace::trace;
+    use crate::dual::Dual;
+    use crate::trace::trace;
 
     /// Uses every kind of node, with selects away from their switching points.
     fn formula<S: Real>(v: &[S]) -> Vec<S> {

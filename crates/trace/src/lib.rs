@@ -1,5 +1,9 @@
-//! The number trait [`Real`], which the reference (`f64`), throughput (`f32`, lanes), derivatives ([`dual::Dual`]) and
-//! traces all implement.
+//! Numbers of flight physics, and the compiler that traces formulas over them.
+//!
+//! A formula is written once over the number trait [`Real`], which the reference (`f64`), throughput (`f32`, [`lanes`]),
+//! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`stages`]
+//! schedules it, [`adjoint`] turns it into that of its derivatives, [`export`] prints it as Rust (a [`kernel::Kernel`]), and
+//! [`bytecode`] runs what has no kernel. [`math`] builds vectors and rotations of numbers, [`units`] converts those of files.
 //!
 //! Published scalar traits require `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot provide. Here a
 //! comparison returns a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real` contains no
@@ -10,11 +14,14 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 pub mod adjoint;
 pub mod bytecode;
 pub mod dual;
+pub mod export;
 pub mod kernel;
 pub mod lanes;
+pub mod math;
 pub mod program;
 pub mod stages;
 pub mod trace;
+pub mod units;
 
 /// A real number for flight physics.
 pub trait Real:

@@ -1,7 +1,7 @@
 //! Unit quaternions `[x, y, z, w]`, body to world.
 
 use super::vec3;
-use crate::scalar::Real;
+use crate::Real;
 
 /// No rotation.
 #[inline(always)]
@@ -83,7 +83,7 @@ pub fn exp<S: Real>(r: [S; 3]) -> [S; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scalar::dual::Dual;
+    use crate::dual::Dual;
     use proptest::prelude::*;
 
     fn vector() -> impl Strategy<Value = [f64; 3]> {

@@ -1,8 +1,8 @@
 //! Formulas as graphs: running the ordinary generic code once with [`Sym`] records its operations.
 //!
 //! ```
-//! use propwash::scalar::trace::{Sym, trace};
-//! use propwash::scalar::Real;
+//! use propwash_trace::trace::{Sym, trace};
+//! use propwash_trace::Real;
 //!
 //! fn length<S: Real>(v: &[S]) -> S {
 //!     (v[0] * v[0] + v[1] * v[1]).sqrt()

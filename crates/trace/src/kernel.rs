@@ -76,29 +76,35 @@ pub fn key(stages: &Stages) -> u128 {
     hash
 }
 
+// For the macros below, in crates that do not name it themselves.
+#[doc(hidden)]
+pub use fearless_simd;
+
 /// Evaluates an expression with the token of a level that [`has_level`], compiled for the features of that level.
+#[macro_export]
 macro_rules! at_level {
     ($level:expr, $simd:ident => $run:expr) => {{
         #[cfg(target_arch = "x86_64")]
         {
-            let level: fearless_simd::Level = $level;
+            let level: $crate::kernel::fearless_simd::Level = $level;
             if let Some($simd) = level.as_avx512() {
-                fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+                $crate::kernel::fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
             } else if let Some($simd) = level.as_avx2() {
-                fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+                $crate::kernel::fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
             }
         }
         #[cfg(not(target_arch = "x86_64"))]
-        fearless_simd::dispatch!($level, $simd => $run)
+        $crate::kernel::fearless_simd::dispatch!($level, $simd => $run)
     }};
 }
-pub(crate) use at_level;
+pub use at_level;
 
 /// Declares a [`Kernel`] from the functions `call`, `step` and `finish` in scope.
+#[macro_export]
 macro_rules! kernel {
     ($name:literal, $key:literal, $home:ident, $own:ident) => {{
-        use crate::scalar::lanes::{F32x16, F64x8};
-        use fearless_simd::{Level, Simd, f32x16, f64x8};
+        use $crate::lanes::{F32x16, F64x8};
+        use $crate::kernel::fearless_simd::{Level, Simd, f32x16, f64x8};
 
         macro_rules! entries {
             ($cell:ty, $arith:ty) => {{
@@ -116,17 +122,17 @@ macro_rules! kernel {
                 }
                 fn call_all(level: Level, own: &mut [$cell]) {
                     let Some(f) = own.first_chunk_mut() else { return };
-                    crate::scalar::kernel::at_level!(level, simd => call_at(simd, f));
+                    $crate::kernel::at_level!(level, simd => call_at(simd, f));
                 }
                 fn step_all(level: Level, home: &mut [$cell], own: &mut [$cell], times: usize) {
                     let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
-                    crate::scalar::kernel::at_level!(level, simd => step_at(simd, h, f, times));
+                    $crate::kernel::at_level!(level, simd => step_at(simd, h, f, times));
                 }
                 fn finish_all(level: Level, home: &mut [$cell], own: &mut [$cell]) {
                     let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
-                    crate::scalar::kernel::at_level!(level, simd => finish_at(simd, h, f));
+                    $crate::kernel::at_level!(level, simd => finish_at(simd, h, f));
                 }
-                crate::scalar::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
+                $crate::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
             }};
         }
         fn call_one(_: Level, own: &mut [f64]) {
@@ -144,10 +150,10 @@ macro_rules! kernel {
         Kernel {
             name: $name,
             key: $key,
-            scalar: crate::scalar::kernel::Entries { call: call_one, step: step_one, finish: finish_one },
+            scalar: $crate::kernel::Entries { call: call_one, step: step_one, finish: finish_one },
             f32: entries!(F32x16, f32x16<S>),
             f64: entries!(F64x8, f64x8<S>),
         }
     }};
 }
-pub(crate) use kernel;
+pub use kernel;

@@ -146,7 +146,7 @@ fn tanh<S: Real>(a: S) -> S {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scalar::dual::Dual;
+    use crate::dual::Dual;
 
     #[test]
     fn programs_compute_over_any_number_type() {

@@ -1,7 +1,7 @@
 //! Roll, pitch, yaw: R = Rz(yaw) · Ry(pitch) · Rx(roll), the aerospace convention with x forward, y left, z up.
 
 use super::quat;
-use crate::scalar::Real;
+use crate::Real;
 
 /// Cosine of pitch below which rates of roll and yaw are no longer followed exactly: |pitch| > 85°.
 ///
