@@ -8,19 +8,19 @@
 //! ```
 
 pub mod error;
-pub mod random;
 
 // What a number is, and what is built of numbers.
 pub use propwash_trace as scalar;
 pub use propwash_trace::{export, math, units};
 
-pub mod physics;
-
-pub mod vehicle;
-
+// The equations, and what they are given and move.
+pub use propwash_physics as physics;
+pub use propwash_physics::parameters;
+pub use propwash_vehicle as vehicle;
 // Generated straight-line code of the commonest steps.
-pub mod kernels;
-pub mod rollout;
+pub use propwash_kernels as kernels;
+pub use propwash_rollout as rollout;
+pub use propwash_rollout::random;
 
 pub mod scene;
 pub mod sense;

@@ -1,4 +1,4 @@
-//! The kernels in `src/kernels/` are what the equations give now, and no function in them was left uninlined.
+//! The kernels in `crates/kernels` are what the equations give now, and no function in them was left uninlined.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,15 +6,22 @@ use std::path::Path;
 use propwash::export::rust;
 use propwash::rollout::common_steps;
 
-/// Every file of the folder with its text.
+/// Folder of the crate of kernels.
+const KERNELS: &str = "crates/kernels/src";
+/// Folder of the kernels backwards, which are compiled for tests only.
+const FOR_TESTS: &str = "crates/rollout/src/traced";
+
+/// Every generated file by its path from the root, with its text.
 fn wanted() -> BTreeMap<String, String> {
     let steps = common_steps().unwrap();
-    let mut names: Vec<String> = steps.iter().map(|s| s.name.clone()).collect();
+    let for_tests = |name: &str| name.ends_with("_adjoint");
+    let mut names: Vec<String> = steps.iter().map(|s| s.name.clone()).filter(|n| !for_tests(n)).collect();
     names.sort();
-    let mut out = BTreeMap::from([("mod.rs".to_string(), rust::module(&names))]);
+    let mut out = BTreeMap::from([(format!("{KERNELS}/lib.rs"), rust::library(&names))]);
     for step in steps {
+        let folder = if for_tests(&step.name) { FOR_TESTS } else { KERNELS };
         let text = rust::kernel(&step.name, &step.about, &step.stages);
-        out.insert(format!("{}.rs", step.name), text);
+        out.insert(format!("{folder}/{}.rs", step.name), text);
     }
     out
 }
@@ -22,31 +29,30 @@ fn wanted() -> BTreeMap<String, String> {
 /// With `PROPWASH_WRITE_KERNELS=1` this writes the files (`cargo xtask gen`), else it compares them.
 #[test]
 fn kernels_are_what_the_equations_give() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/kernels");
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let wanted = wanted();
+    let there = [KERNELS, FOR_TESTS].into_iter().flat_map(|folder| {
+        std::fs::read_dir(root.join(folder)).unwrap().map(move |entry| {
+            let name = entry.unwrap().file_name();
+            format!("{folder}/{}", name.to_string_lossy())
+        })
+    });
+    let mut found: Vec<String> = there.collect();
+    found.sort();
     if std::env::var_os("PROPWASH_WRITE_KERNELS").is_some() {
-        for entry in std::fs::read_dir(&folder).unwrap() {
-            std::fs::remove_file(entry.unwrap().path()).unwrap();
+        for path in found {
+            std::fs::remove_file(root.join(path)).unwrap();
         }
-        for (name, text) in &wanted {
-            std::fs::write(folder.join(name), text).unwrap();
+        for (path, text) in &wanted {
+            std::fs::write(root.join(path), text).unwrap();
         }
         return;
     }
-    let found: BTreeMap<String, String> = std::fs::read_dir(&folder)
-        .unwrap()
-        .map(|entry| {
-            let path = entry.unwrap().path();
-            let name = path.file_name().unwrap().to_string_lossy().into_owned();
-            (name, std::fs::read_to_string(path).unwrap())
-        })
-        .collect();
-    let names = |files: &BTreeMap<String, String>| files.keys().cloned().collect::<Vec<_>>();
-    assert_eq!(names(&found), names(&wanted), "run `cargo xtask gen`");
-    for (name, text) in &wanted {
+    assert_eq!(found, wanted.keys().cloned().collect::<Vec<_>>(), "run `cargo xtask gen`");
+    for (path, text) in &wanted {
         assert!(
-            found[name] == *text,
-            "src/kernels/{name} is not what the equations give: run `cargo xtask gen`"
+            std::fs::read_to_string(root.join(path)).unwrap() == *text,
+            "{path} is not what the equations give: run `cargo xtask gen`"
         );
     }
 }

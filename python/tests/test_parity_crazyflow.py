@@ -22,7 +22,7 @@ SAME_PLACE_M = 1e-9
 RPM = 2.0 * np.pi / 60.0
 VEHICLE = "cf2x_L250"
 # Place of `attitude_ticked` in what the controllers remember: before force and torque, waiting and in force, and four rotor speeds
-# (src/physics/controllers/mod.rs).
+# (crates/physics/src/controllers/mod.rs).
 ATTITUDE_TICKED = -1 - 4 - 4 - 4
 
 

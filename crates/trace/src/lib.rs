@@ -3,11 +3,14 @@
 //! A formula is written once over the number trait [`Real`], which the reference (`f64`), throughput (`f32`, [`lanes`]),
 //! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`stages`]
 //! schedules it, [`adjoint`] turns it into that of its derivatives, [`export`] prints it as Rust (a [`kernel::Kernel`]), and
-//! [`bytecode`] runs what has no kernel. [`math`] builds vectors and rotations of numbers, [`units`] converts those of files.
+//! [`bytecode`] runs what has no kernel. [`math`] builds vectors and rotations of numbers, [`params`] makes
+//! structs of them that can be visited by name, [`units`] converts those of files.
 //!
 //! Published scalar traits require `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot provide. Here a
 //! comparison returns a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real` contains no
 //! branch.
+
+#![forbid(unsafe_code)]
 
 use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
@@ -18,6 +21,7 @@ pub mod export;
 pub mod kernel;
 pub mod lanes;
 pub mod math;
+pub mod params;
 pub mod program;
 pub mod stages;
 pub mod trace;

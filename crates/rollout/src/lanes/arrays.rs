@@ -1,0 +1,160 @@
+//! The public arrays of some worlds, and where in them each number of a drone stands.
+
+use super::super::SimData;
+use super::super::quarantine::Quarantine;
+use super::super::traced::place;
+use propwash_trace::lanes::Cell;
+
+/// Place of the memory of effects among the arrays that steps change, the last of them.
+pub(super) const EFFECT_MEMORY: usize = 9;
+
+/// A number of every drone in the public arrays.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Column {
+    pub(super) place: u32,
+    /// Of [`View::out`], or from the tenth on of [`Shared::read`].
+    pub(super) array: usize,
+    pub(super) width: usize,
+    pub(super) col: usize,
+}
+
+/// The arrays of some consecutive worlds.
+pub(super) struct View<'a, N> {
+    /// Index of the first world.
+    pub(super) first: usize,
+    pub(super) n_worlds: usize,
+    pub(super) n_drones: usize,
+    /// Numbers of effects per world.
+    pub(super) n_effects: usize,
+    /// What steps change, and its widths: see [`Arrays`].
+    pub(super) out: [&'a mut [N]; 10],
+    pub(super) written: [usize; 9],
+    pub(super) steps: &'a mut [u64],
+    pub(super) quarantine: &'a mut [Option<Box<Quarantine>>],
+}
+
+/// How the public arrays hold the numbers of a drone.
+#[derive(Debug, Default)]
+pub(super) struct Arrays {
+    /// Widths of the arrays that steps change: position, attitude, velocity, angular velocity, rotor speeds, thrust, memory of
+    /// the controllers, rotor command, attitude command. The tenth is the memory of effects.
+    pub(super) written: [usize; 9],
+    /// Array, width and column of every place before [`place::EFFECTS`]. Arrays from the tenth on are only read: command,
+    /// disturbing force and torque, wind, ground, ceiling.
+    pub(super) columns: Vec<Option<(usize, usize, usize)>>,
+}
+
+impl Arrays {
+    pub(super) fn of<N>(data: &SimData<N>) -> Self {
+        let (rotors, memory) = (data.n_rotors, data.memory_columns.len());
+        let written = [3, 4, 3, 3, rotors, 1, memory, rotors, 4];
+        let firsts = [
+            place::STATE,
+            place::QUAT,
+            place::VEL,
+            place::ANG_VEL,
+            place::ROTOR_VEL,
+            place::THRUST,
+            place::MEMORY,
+            place::ROTOR_COMMAND,
+            place::ATTITUDE_COMMAND,
+        ];
+        let read = [
+            (place::COMMAND, data.command_width),
+            (place::FORCE, 3),
+            (place::TORQUE, 3),
+            (place::WIND, 3),
+            (place::GROUND, 1),
+            (place::CEILING, 1),
+        ];
+        let mut columns = vec![None; place::EFFECTS as usize];
+        let all = firsts.into_iter().zip(written).chain(read);
+        for (i, (first, width)) in all.enumerate() {
+            // Written arrays are followed by the memory of effects.
+            let array = if i < written.len() { i } else { i + 1 };
+            for col in 0..width {
+                let within = if first == place::MEMORY { data.memory_columns[col] } else { col };
+                columns[first as usize + within] = Some((array, width, col));
+            }
+        }
+        Self { written, columns }
+    }
+}
+
+impl<'a, N> View<'a, N> {
+    /// The first worlds and the rest.
+    pub(super) fn split(self, worlds: usize) -> (Self, Self) {
+        let (mut low, mut high): ([&mut [N]; 10], [&mut [N]; 10]) = Default::default();
+        for (i, array) in self.out.into_iter().enumerate() {
+            let width = self.written.get(i).map_or(self.n_effects, |width| width * self.n_drones);
+            (low[i], high[i]) = array.split_at_mut(worlds * width);
+        }
+        let (steps, more_steps) = self.steps.split_at_mut(worlds);
+        let (quarantine, more_quarantine) = self.quarantine.split_at_mut(worlds);
+        let (n_drones, n_effects, written) = (self.n_drones, self.n_effects, self.written);
+        (
+            View {
+                first: self.first,
+                n_worlds: worlds,
+                n_drones,
+                n_effects,
+                out: low,
+                written,
+                steps,
+                quarantine,
+            },
+            View {
+                first: self.first + worlds,
+                n_worlds: self.n_worlds - worlds,
+                n_drones,
+                n_effects,
+                out: high,
+                written,
+                steps: more_steps,
+                quarantine: more_quarantine,
+            },
+        )
+    }
+}
+
+/// Where a place stands in the public arrays; nowhere for time, random numbers, neighbours and what the mode does not use.
+pub(super) fn column(arrays: &Arrays, p: u32, n_effects: usize) -> Option<Column> {
+    if p >= place::EFFECTS {
+        let col = (p - place::EFFECTS) as usize;
+        return (col < n_effects).then_some(Column { place: p, array: EFFECT_MEMORY, width: 0, col });
+    }
+    arrays.columns[p as usize].map(|(array, width, col)| Column { place: p, array, width, col })
+}
+
+/// Widths of the public arrays: the commonest as constants, since lanes are filled without a check for each then.
+macro_rules! of_width {
+    ($width:expr, $run:ident($($arg:expr),*)) => {
+        match $width {
+            1 => $run($($arg),*, 1),
+            3 => $run($($arg),*, 3),
+            4 => $run($($arg),*, 4),
+            16 => $run($($arg),*, 16),
+            width => $run($($arg),*, width),
+        }
+    };
+}
+
+/// Column `col` of the first rows of an array, one to each lane.
+pub(super) fn gather_line<C: Cell>(cell: &mut C, array: &[C::Number], width: usize, col: usize) {
+    #[inline(always)]
+    pub(super) fn run<C: Cell>(cell: &mut C, array: &[C::Number], col: usize, width: usize) {
+        let numbers = &array[col..][..(C::LANES - 1) * width + 1];
+        cell.fill(0, |lane| numbers[lane * width]);
+    }
+    of_width!(width, run(cell, array, col));
+}
+
+/// Every lane to column `col` of the first rows of an array.
+pub(super) fn scatter_line<C: Cell>(cell: &C, array: &mut [C::Number], width: usize, col: usize) {
+    #[inline(always)]
+    pub(super) fn run<C: Cell>(cell: &C, array: &mut [C::Number], col: usize, width: usize) {
+        let numbers = &mut array[col..][..(C::LANES - 1) * width + 1];
+        cell.drain(0, |lane, v| numbers[lane * width] = v);
+    }
+    of_width!(width, run(cell, array, col));
+}

@@ -1,0 +1,448 @@
+//! Many drones at once in the lanes of the processor.
+//!
+//! Drones of one kind (same parts, same rates) share a program: a generated kernel where there is one for their step, else byte
+//! code. Worlds are taken a few at a time; the drones of a kind in them fill lanes, all steps of a call run while they sit in
+//! cache, and only then their numbers go back to the public arrays. A lane depends on no other, so results do not depend on how
+//! worlds are grouped.
+
+mod arrays;
+mod pack;
+mod plan;
+
+use std::sync::Mutex;
+
+use fearless_simd::Level;
+
+use arrays::{Arrays, View};
+use pack::Pool;
+use plan::{Kind, Plan, kinds};
+
+use super::SimData;
+use super::blocks::Phase;
+use super::quarantine::Quarantine;
+use super::traced::{Shape, fixed, stages};
+use propwash_physics::controllers::{ControlMode, Rates};
+use propwash_physics::drone::Drone;
+use propwash_physics::integrate::Integrator;
+use propwash_trace::lanes::{Cell, Number, level};
+
+/// Drone-steps below which waking other threads costs more than it saves (about 10 µs against 5 ns a step).
+pub(super) const SERIAL_LIMIT: usize = 10_000;
+
+/// What is the same for all drones during one call.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Options {
+    pub mode: ControlMode,
+    pub integrator: Integrator,
+    pub sim_hz: u32,
+    pub seed: u64,
+    pub first_world: u64,
+    pub phase: Phase,
+    pub n_steps: usize,
+}
+
+/// Programs, tables and working memory of a simulation.
+#[derive(Debug)]
+pub(super) struct Lanes<N: Number> {
+    kinds: Vec<Kind<N>>,
+    arrays: Arrays,
+    /// Rows whose parameters changed since their tables were filled; `None` for all.
+    changed: Option<Vec<usize>>,
+    /// Counts fillings of tables.
+    stamp: u64,
+    /// One per thread, so that none waits.
+    scratch: Vec<Mutex<Scratch<N>>>,
+    /// The instructions that are used.
+    pub(super) level: Level,
+}
+
+impl<N: Number> Default for Lanes<N> {
+    fn default() -> Self {
+        Self {
+            kinds: Vec::new(),
+            arrays: Arrays::default(),
+            changed: None,
+            stamp: 0,
+            scratch: Vec::new(),
+            level: level(),
+        }
+    }
+}
+
+/// Working memory of one thread.
+#[derive(Debug)]
+struct Scratch<N: Number> {
+    one: Pool<N::Cell>,
+    two: Pool<N::Two>,
+    four: Pool<N::Four>,
+    /// Position and velocity of every drone at the start of a step, where effects read neighbours.
+    around: Vec<N>,
+    done: Vec<bool>,
+}
+
+impl<N: Number> Default for Scratch<N> {
+    fn default() -> Self {
+        Self {
+            one: Pool::default(),
+            two: Pool::default(),
+            four: Pool::default(),
+            around: Vec::new(),
+            done: Vec::new(),
+        }
+    }
+}
+
+/// What all threads read.
+struct Shared<'a, N: Number> {
+    options: Options,
+    kinds: &'a [Kind<N>],
+    scratch: &'a [Mutex<Scratch<N>>],
+    level: Level,
+    stamp: u64,
+    /// Whole arrays that are only read: see [`Arrays`].
+    read: [&'a [N]; 6],
+    episodes: &'a [u64],
+    nominal: &'a [Drone<f64>],
+    own: Option<&'a [Drone<f64>]>,
+    /// Where the memory of a slot's effects begins within that of its world.
+    effects_from: &'a [usize],
+    worlds_at_once: usize,
+    parallel: bool,
+}
+
+impl<N: Number> Lanes<N> {
+    /// Parameters of all drones may have changed.
+    pub fn forget_tables(&mut self) {
+        self.changed = None;
+    }
+
+    /// Parameters of one drone may have changed, by its row (world, drone).
+    pub fn forget_row(&mut self, row: usize) {
+        if let Some(rows) = &mut self.changed {
+            rows.push(row);
+        }
+    }
+
+    /// Advances every world that is not quarantined.
+    pub fn run(
+        &mut self,
+        options: &Options,
+        nominal: &[Drone<f64>],
+        own: Option<&[Drone<f64>]>,
+        rates: &[Rates],
+        data: &mut SimData<N>,
+    ) {
+        if options.n_steps == 0 {
+            return;
+        }
+        if self.arrays.columns.is_empty() {
+            self.arrays = Arrays::of(data);
+        }
+        self.prepare(options, nominal, own, rates, data.n_worlds);
+        let threads = rayon::current_num_threads();
+        while self.scratch.len() < threads + 1 {
+            self.scratch.push(Mutex::default());
+        }
+        let mut effects_from = [0usize; 64];
+        let many;
+        let dt = 1.0 / f64::from(options.sim_hz);
+        let mut n_effects = 0;
+        let from: &[usize] = if nominal.len() <= effects_from.len() {
+            for (slot, drone) in effects_from.iter_mut().zip(nominal) {
+                *slot = n_effects;
+                n_effects += drone.memory_len(dt);
+            }
+            &effects_from[..nominal.len()]
+        } else {
+            many = nominal
+                .iter()
+                .map(|drone| {
+                    n_effects += drone.memory_len(dt);
+                    n_effects - drone.memory_len(dt)
+                })
+                .collect::<Vec<_>>();
+            &many
+        };
+        let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
+        let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
+        let lanes = if compiled { N::Cell::LANES } else { N::Four::LANES };
+        let worlds_at_once = lanes.div_ceil(most).max(1);
+        let work = data.n_worlds * nominal.len() * options.n_steps;
+        let shared = Shared {
+            options: *options,
+            kinds: &self.kinds,
+            scratch: &self.scratch,
+            level: self.level,
+            stamp: self.stamp,
+            read: [
+                &data.command,
+                &data.disturbance_force,
+                &data.disturbance_torque,
+                &data.wind,
+                &data.ground_z,
+                &data.ceiling_z,
+            ],
+            episodes: &data.episodes,
+            nominal,
+            own,
+            effects_from: from,
+            worlds_at_once,
+            parallel: threads > 1 && work >= SERIAL_LIMIT,
+        };
+        let view = View {
+            first: 0,
+            n_worlds: data.n_worlds,
+            n_drones: nominal.len(),
+            n_effects,
+            out: [
+                &mut data.pos,
+                &mut data.quat,
+                &mut data.vel,
+                &mut data.ang_vel,
+                &mut data.rotor_vel,
+                &mut data.thrust,
+                &mut data.controller_memory,
+                &mut data.rotor_command,
+                &mut data.attitude_command,
+                &mut data.effect_memory,
+            ],
+            written: self.arrays.written,
+            steps: &mut data.steps,
+            quarantine: &mut data.quarantine,
+        };
+        shared.spread(view);
+    }
+
+    /// Finds kinds, programs and tables that are missing or out of date.
+    fn prepare(
+        &mut self,
+        options: &Options,
+        nominal: &[Drone<f64>],
+        own: Option<&[Drone<f64>]>,
+        rates: &[Rates],
+        n_worlds: usize,
+    ) {
+        let all = self.changed.is_none();
+        let changed = self.changed.get_or_insert_default();
+        let planned =
+            |k: &Kind<N>| k.plans.iter().filter(|p| p.phase == options.phase).count() == k.dues.len();
+        if !all && changed.is_empty() && self.kinds.iter().all(planned) {
+            return;
+        }
+        if all {
+            self.kinds = kinds(options, nominal, rates);
+        }
+        let drone = |row: usize| match own {
+            Some(own) => &own[row],
+            None => &nominal[row % nominal.len()],
+        };
+        let n_rows = n_worlds * nominal.len();
+        for kind in &mut self.kinds {
+            let rate = &rates[kind.slots[0]];
+            if all {
+                kind.typical = fixed(drone(kind.slots[0]), rate, options.sim_hz);
+                kind.varies = vec![false; kind.typical.len()];
+            }
+            // Which numbers of some drone of this kind are not those that the table was filled with.
+            let mut more = false;
+            let mut differ = |row: usize| {
+                let numbers = fixed(drone(row), rate, options.sim_hz);
+                for ((varies, a), b) in kind.varies.iter_mut().zip(&kind.typical).zip(&numbers) {
+                    if !*varies && a.to_bits() != b.to_bits() {
+                        (*varies, more) = (true, true);
+                    }
+                }
+            };
+            let mine = |row: &usize| kind.slots.contains(&(row % nominal.len()));
+            match own {
+                Some(_) if all => (0..n_rows).filter(mine).for_each(&mut differ),
+                Some(_) => changed.iter().copied().filter(mine).for_each(&mut differ),
+                None if all => kind.slots.iter().copied().for_each(&mut differ),
+                None => {}
+            }
+            if more {
+                kind.plans.clear();
+            }
+            let dues = kind.dues.clone();
+            for due in dues {
+                let known = |p: &Plan<N>| p.phase == options.phase && p.due == due;
+                if !kind.plans.iter().any(known) {
+                    let shape = Shape {
+                        mode: options.mode,
+                        integrator: options.integrator,
+                        phase: options.phase,
+                        due,
+                        sim_hz: options.sim_hz,
+                        neighbours: kind.neighbours,
+                    };
+                    let cut = stages(&nominal[kind.slots[0]], &shape, &|k| kind.varies[k]);
+                    let own = kind.n_home + kind.plans.iter().map(|p| p.program.len).sum::<usize>();
+                    kind.plans.push(Plan::new(&shape, cut, own));
+                    let plan = kind.plans.last_mut();
+                    if let Some(plan) = plan {
+                        plan.fill(&kind.typical, &kind.varies, kind.slots.len() * n_worlds);
+                        plan.fill_rows(kind.slots.as_slice(), nominal.len(), n_worlds, None, |row| {
+                            fixed(drone(row), rate, options.sim_hz)
+                        });
+                    }
+                    self.stamp += 1;
+                }
+            }
+            if !changed.is_empty() {
+                self.stamp += 1;
+                for plan in &mut kind.plans {
+                    plan.fill_rows(kind.slots.as_slice(), nominal.len(), n_worlds, Some(changed), |row| {
+                        fixed(drone(row), rate, options.sim_hz)
+                    });
+                }
+            }
+            kind.collect(&self.arrays);
+        }
+        changed.clear();
+    }
+}
+
+impl<N: Number> Shared<'_, N> {
+    /// Halves the worlds until few enough are left to be taken at once.
+    fn spread(&self, view: View<N>) {
+        if view.n_worlds <= self.worlds_at_once {
+            let thread = rayon::current_thread_index().unwrap_or(self.scratch.len() - 1);
+            let slot = &self.scratch[thread.min(self.scratch.len() - 1)];
+            // A panic in another thread leaves nothing behind that this one would read.
+            let mut scratch = slot.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            return self.advance(view, &mut scratch);
+        }
+        let parts = view.n_worlds.div_ceil(self.worlds_at_once);
+        let (low, high) = view.split(parts / 2 * self.worlds_at_once);
+        if self.parallel {
+            rayon::join(|| self.spread(low), || self.spread(high));
+        } else {
+            self.spread(low);
+            self.spread(high);
+        }
+    }
+
+    /// All steps of a few worlds.
+    fn advance(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
+        self.load(&view, scratch, false);
+        self.steps(&view, scratch, 0, self.options.n_steps);
+        if self.options.phase == Phase::Controllers || scratch.finite() {
+            scratch.one.store(self, &mut view, &[]);
+            scratch.two.store(self, &mut view, &[]);
+            scratch.four.store(self, &mut view, &[]);
+            if self.options.phase != Phase::Controllers {
+                for w in 0..view.n_worlds {
+                    if view.quarantine[w].is_none() {
+                        view.steps[w] += self.options.n_steps as u64;
+                    }
+                }
+            }
+            return;
+        }
+        self.one_by_one(view, scratch);
+    }
+
+    /// Fills lanes with the drones of all worlds that are not quarantined: with all their numbers, or with those that matter before
+    /// the first step.
+    fn load(&self, view: &View<N>, scratch: &mut Scratch<N>, all: bool) {
+        let Scratch { one, two, four, .. } = scratch;
+        (one.used, two.used, four.used) = (0, 0, 0);
+        for (index, kind) in self.kinds.iter().enumerate() {
+            let mut next = (0, 0);
+            let compiled = kind.is_compiled::<N::Cell>(self.level);
+            let mut left = view.quarantine.iter().filter(|q| q.is_none()).count() * kind.slots.len();
+            while left > 0 {
+                let taken = if !compiled && left > N::Two::LANES {
+                    four.fill(self, view, index, &mut next, all)
+                } else if !compiled && left > N::Cell::LANES {
+                    two.fill(self, view, index, &mut next, all)
+                } else {
+                    one.fill(self, view, index, &mut next, all)
+                };
+                left -= taken.min(left);
+            }
+        }
+    }
+
+    /// Takes `n` steps, the first of them `from` steps after the start of the call.
+    fn steps(&self, view: &View<N>, scratch: &mut Scratch<N>, from: usize, n: usize) {
+        let near = self.kinds.iter().any(|k| k.neighbours > 0);
+        let at_once = if near { 1 } else { n };
+        let mut done = 0;
+        while done < n {
+            if near {
+                scratch.look_around(view.n_worlds * view.n_drones);
+            }
+            let Scratch { one, two, four, around, .. } = scratch;
+            one.run(self, view, around, from + done, at_once);
+            two.run(self, view, around, from + done, at_once);
+            four.run(self, view, around, from + done, at_once);
+            done += at_once;
+        }
+    }
+
+    /// The same steps again, one at a time, to find the worlds that turn non-finite and the state before.
+    fn one_by_one(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
+        self.load(&view, scratch, true);
+        scratch.done.clear();
+        scratch.done.resize(view.n_worlds, false);
+        for s in 0..self.options.n_steps {
+            scratch.one.keep();
+            scratch.two.keep();
+            scratch.four.keep();
+            self.steps(&view, scratch, s, 1);
+            // The first drone of every world that has a number that is none.
+            for w in 0..view.n_worlds {
+                if scratch.done[w] || view.quarantine[w].is_some() {
+                    continue;
+                }
+                let fault = (0..view.n_drones).find_map(|d| {
+                    let row = (w * view.n_drones + d) as u32;
+                    let Scratch { one, two, four, .. } = &*scratch;
+                    one.fault(row).or_else(|| two.fault(row)).or_else(|| four.fault(row)).map(|q| (d, q))
+                });
+                let Some((drone, quantity)) = fault else { continue };
+                for d in 0..view.n_drones {
+                    let row = (w * view.n_drones + d) as u32;
+                    scratch.one.store_row(self, &mut view, row);
+                    scratch.two.store_row(self, &mut view, row);
+                    scratch.four.store_row(self, &mut view, row);
+                }
+                view.steps[w] += s as u64;
+                view.quarantine[w] = Some(Box::new(Quarantine {
+                    world: self.options.first_world + (view.first + w) as u64,
+                    drone,
+                    step: view.steps[w],
+                    quantity: quantity.into(),
+                    stage: None,
+                }));
+                scratch.done[w] = true;
+            }
+        }
+        let Scratch { one, two, four, done, .. } = scratch;
+        one.store(self, &mut view, done);
+        two.store(self, &mut view, done);
+        four.store(self, &mut view, done);
+        for w in 0..view.n_worlds {
+            if view.quarantine[w].is_none() {
+                view.steps[w] += self.options.n_steps as u64;
+            }
+        }
+    }
+}
+
+impl<N: Number> Scratch<N> {
+    /// Whether all states are finite.
+    fn finite(&self) -> bool {
+        self.one.finite() && self.two.finite() && self.four.finite()
+    }
+
+    /// Positions and velocities of all drones, by row.
+    fn look_around(&mut self, rows: usize) {
+        self.around.clear();
+        self.around.resize(6 * rows, N::zero());
+        self.one.show(&mut self.around);
+        self.two.show(&mut self.around);
+        self.four.show(&mut self.around);
+    }
+}

@@ -1,0 +1,509 @@
+//! Drones in the lanes of one cell type: filled from the arrays, advanced, written back.
+
+use super::super::blocks::Source as RandomSource;
+use super::super::traced::place;
+use super::Shared;
+use super::arrays::{EFFECT_MEMORY, View, gather_line, scatter_line};
+use super::plan::Kind;
+use propwash_physics::rigid_body::MAX_ROTORS;
+use propwash_trace::Real;
+use propwash_trace::bytecode::Interpret;
+use propwash_trace::lanes::Number;
+
+/// Which steps of a call a segment is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    /// Place of the plan that flies it.
+    pub(super) plan: usize,
+    /// Steps since the start of the call, and number of steps.
+    pub(super) from: usize,
+    pub(super) n: usize,
+    /// Whether the plan has not run yet with these drones, and whether nothing comes after.
+    pub(super) first: bool,
+    pub(super) last: bool,
+}
+
+#[derive(Debug)]
+pub(super) struct Pool<C> {
+    pub(super) packs: Vec<Pack<C>>,
+    pub(super) used: usize,
+}
+
+impl<C> Default for Pool<C> {
+    fn default() -> Self {
+        Self { packs: Vec::new(), used: 0 }
+    }
+}
+
+/// Drones in the lanes of one cell type.
+#[derive(Debug)]
+pub(super) struct Pack<C> {
+    pub(super) kind: usize,
+    /// Row of every lane within the view; lanes without a drone of their own repeat the last.
+    pub(super) rows: Vec<u32>,
+    pub(super) n: usize,
+    /// Their numbers by place, the home, and behind it what every plan keeps for itself.
+    pub(super) file: Vec<C>,
+    /// Kind and filling of tables that the file is made for.
+    pub(super) made_for: (usize, u64),
+    pub(super) n_home: usize,
+    /// The home before the step, where steps are taken one by one.
+    pub(super) before: Vec<C>,
+    /// The home before and after a step in which different stages tick in different lanes.
+    pub(super) mixed: Vec<C>,
+    pub(super) merged: Vec<C>,
+}
+
+impl<C: Interpret> Pool<C> {
+    /// Fills a pack with the next drones of a kind; `next` is (world, place among the kind's slots). Returns how many.
+    pub(super) fn fill(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        kind: usize,
+        next: &mut (usize, usize),
+        all: bool,
+    ) -> usize {
+        let of = &shared.kinds[kind];
+        if self.packs.len() == self.used {
+            self.packs.push(Pack {
+                kind,
+                rows: Vec::new(),
+                n: 0,
+                file: Vec::new(),
+                made_for: (usize::MAX, 0),
+                n_home: 0,
+                before: Vec::new(),
+                mixed: Vec::new(),
+                merged: Vec::new(),
+            });
+        }
+        let pack = &mut self.packs[self.used];
+        self.used += 1;
+        pack.kind = kind;
+        pack.rows.clear();
+        while pack.rows.len() < C::LANES && next.0 < view.n_worlds {
+            if view.quarantine[next.0].is_some() {
+                *next = (next.0 + 1, 0);
+                continue;
+            }
+            pack.rows.push((next.0 * view.n_drones + of.slots[next.1]) as u32);
+            next.1 += 1;
+            if next.1 == of.slots.len() {
+                *next = (next.0 + 1, 0);
+            }
+        }
+        pack.n = pack.rows.len();
+        let last = pack.rows.last().copied().unwrap_or(0);
+        pack.rows.resize(C::LANES, last);
+        pack.make(of, (kind, shared.stamp));
+        pack.load(shared, view, all);
+        pack.n
+    }
+
+    pub(super) fn run(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        from: usize,
+        n: usize,
+    ) {
+        for pack in &mut self.packs[..self.used] {
+            pack.run(shared, view, around, from, n);
+        }
+    }
+
+    pub(super) fn keep(&mut self) {
+        for pack in &mut self.packs[..self.used] {
+            pack.before.clear();
+            pack.before.extend_from_slice(&pack.file[..pack.n_home]);
+        }
+    }
+
+    pub(super) fn finite(&self) -> bool {
+        self.packs[..self.used].iter().all(Pack::finite)
+    }
+
+    pub(super) fn show(&self, around: &mut [C::Number]) {
+        for pack in &self.packs[..self.used] {
+            for lane in 0..pack.n {
+                let row = pack.rows[lane] as usize;
+                for i in 0..3 {
+                    around[6 * row + i] = pack.file[place::STATE as usize + i].get(lane);
+                    around[6 * row + 3 + i] = pack.file[place::VEL as usize + i].get(lane);
+                }
+            }
+        }
+    }
+
+    /// What is not finite of one drone.
+    pub(super) fn fault(&self, row: u32) -> Option<&'static str> {
+        let packs = &self.packs[..self.used];
+        let (pack, lane) = packs.iter().find_map(|p| Some((p, p.rows.iter().position(|r| *r == row)?)))?;
+        let bad = |from: u32, n: usize| (0..n).any(|i| !pack.file[from as usize + i].get(lane).finite());
+        [
+            ("position", bad(place::STATE, 3)),
+            ("attitude", bad(place::QUAT, 4)),
+            ("velocity", bad(place::VEL, 3)),
+            ("angular velocity", bad(place::ANG_VEL, 3)),
+            ("rotor speed", bad(place::ROTOR_VEL, MAX_ROTORS)),
+            ("thrust", bad(place::THRUST, 1)),
+        ]
+        .into_iter()
+        .find_map(|(name, is_bad)| is_bad.then_some(name))
+    }
+
+    /// Writes one drone back as it was before the step.
+    pub(super) fn store_row(&self, shared: &Shared<C::Number>, view: &mut View<C::Number>, row: u32) {
+        for pack in &self.packs[..self.used] {
+            if let Some(lane) = pack.rows.iter().position(|r| *r == row) {
+                pack.store_lane(shared, view, &pack.before, lane);
+                return;
+            }
+        }
+    }
+
+    /// Writes all drones back but those of worlds that are done.
+    pub(super) fn store(&self, shared: &Shared<C::Number>, view: &mut View<C::Number>, done: &[bool]) {
+        for pack in &self.packs[..self.used] {
+            if done.iter().any(|d| *d) {
+                for lane in 0..pack.n {
+                    if !done[pack.rows[lane] as usize / view.n_drones] {
+                        pack.store_lane(shared, view, &pack.file, lane);
+                    }
+                }
+            } else {
+                pack.store(shared, view);
+            }
+        }
+    }
+}
+
+impl<C: Interpret> Pack<C> {
+    /// Makes the file ready for a kind.
+    pub(super) fn make(&mut self, kind: &Kind<C::Number>, made_for: (usize, u64)) {
+        if self.made_for == made_for {
+            return;
+        }
+        (self.made_for, self.n_home) = (made_for, kind.n_home);
+        self.file.clear();
+        let own = kind.plans.iter().map(|p| p.program.len).sum::<usize>();
+        self.file.resize(kind.n_home + own, C::splat(C::Number::zero()));
+        for plan in &kind.plans {
+            for (cell, v) in self.file[plan.own..].iter_mut().zip(&plan.table) {
+                *cell = C::splat(*v);
+            }
+            for (cell, v) in self.file[plan.program.constants_at..].iter_mut().zip(&plan.program.constants) {
+                *cell = C::splat(C::Number::constant(*v));
+            }
+        }
+    }
+
+    /// Number of an effect's memory in its array.
+    pub(super) fn effect_at(
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        row: usize,
+        col: usize,
+    ) -> usize {
+        row / view.n_drones * view.n_effects + shared.effects_from[row % view.n_drones] + col
+    }
+
+    /// Whether lanes hold consecutive rows, all of them.
+    pub(super) fn in_line(&self) -> bool {
+        self.n == C::LANES && self.rows[C::LANES - 1] == self.rows[0] + (C::LANES - 1) as u32
+    }
+
+    pub(super) fn load(&mut self, shared: &Shared<C::Number>, view: &View<C::Number>, all: bool) {
+        let kind = &shared.kinds[self.kind];
+        let in_line = self.in_line();
+        for c in if all { &kind.all_loads } else { &kind.loads } {
+            let cell = &mut self.file[c.place as usize];
+            if c.array == EFFECT_MEMORY {
+                for (lane, row) in self.rows.iter().enumerate() {
+                    cell.set(
+                        lane,
+                        view.out[EFFECT_MEMORY][Self::effect_at(shared, view, *row as usize, c.col)],
+                    );
+                }
+                continue;
+            }
+            let (array, first) = match c.array {
+                0..EFFECT_MEMORY => (&*view.out[c.array], 0),
+                _ => (shared.read[c.array - 10], view.first * view.n_drones),
+            };
+            if in_line {
+                gather_line(cell, &array[(first + self.rows[0] as usize) * c.width..], c.width, c.col);
+            } else {
+                for (lane, row) in self.rows.iter().enumerate() {
+                    cell.set(lane, array[(first + *row as usize) * c.width + c.col]);
+                }
+            }
+        }
+        // Weight and radius of the others do not change during a call.
+        let others = kind.neighbours;
+        for j in 0..others {
+            let first = place::EFFECTS as usize + kind.effects + j * place::NEIGHBOUR as usize;
+            for lane in 0..C::LANES {
+                let row = self.rows[lane] as usize;
+                let (w, d) = (row / view.n_drones, row % view.n_drones);
+                let other = if j < d { j } else { j + 1 };
+                let drone = match shared.own {
+                    Some(own) => &own[(view.first + w) * view.n_drones + other],
+                    None => &shared.nominal[other],
+                };
+                self.file[first + 6].set(lane, C::Number::of(drone.hover_thrust()));
+                self.file[first + 7].set(lane, C::Number::of(drone.disc_radius_m()));
+            }
+        }
+    }
+
+    pub(super) fn store(&self, shared: &Shared<C::Number>, view: &mut View<C::Number>) {
+        let kind = &shared.kinds[self.kind];
+        let in_line = self.in_line();
+        for c in &kind.saves {
+            let cell = &self.file[c.place as usize];
+            match c.array {
+                EFFECT_MEMORY => {
+                    for (lane, row) in self.rows[..self.n].iter().enumerate() {
+                        let at = Self::effect_at(shared, view, *row as usize, c.col);
+                        view.out[EFFECT_MEMORY][at] = cell.get(lane);
+                    }
+                }
+                0..EFFECT_MEMORY if in_line => {
+                    scatter_line(
+                        cell,
+                        &mut view.out[c.array][self.rows[0] as usize * c.width..],
+                        c.width,
+                        c.col,
+                    );
+                }
+                0..EFFECT_MEMORY => {
+                    for (lane, row) in self.rows[..self.n].iter().enumerate() {
+                        view.out[c.array][*row as usize * c.width + c.col] = cell.get(lane);
+                    }
+                }
+                _ => {}
+            }
+        }
+    }
+
+    pub(super) fn store_lane(
+        &self,
+        shared: &Shared<C::Number>,
+        view: &mut View<C::Number>,
+        home: &[C],
+        lane: usize,
+    ) {
+        let kind = &shared.kinds[self.kind];
+        let row = self.rows[lane] as usize;
+        for c in &kind.saves {
+            let value = home[c.place as usize].get(lane);
+            match c.array {
+                EFFECT_MEMORY => {
+                    let at = Self::effect_at(shared, view, row, c.col);
+                    view.out[EFFECT_MEMORY][at] = value;
+                }
+                0..EFFECT_MEMORY => view.out[c.array][row * c.width + c.col] = value,
+                _ => {}
+            }
+        }
+    }
+
+    pub(super) fn finite(&self) -> bool {
+        let mut sum = C::splat(C::Number::zero());
+        for cell in &self.file[..place::MEMORY as usize] {
+            sum.poison(cell);
+        }
+        (0..C::LANES).all(|lane| sum.get(lane) == C::Number::zero())
+    }
+
+    /// Steps since the last reset of the world of a lane, after `done` steps of this call.
+    pub(super) fn step_of(&self, view: &View<C::Number>, lane: usize, done: usize) -> u64 {
+        view.steps[self.rows[lane] as usize / view.n_drones] + done as u64
+    }
+
+    /// Takes `n` steps, the first of them `from` steps after the start of the call.
+    pub(super) fn run(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        from: usize,
+        n: usize,
+    ) {
+        let kind = &shared.kinds[self.kind];
+        let phase = shared.options.phase;
+        if kind.dues.len() == 1 {
+            let span = Span { plan: kind.plan(phase, 0), from, n, first: true, last: true };
+            return self.segment(shared, view, around, span);
+        }
+        let first = self.step_of(view, 0, 0);
+        let alike = (1..self.n).all(|lane| self.step_of(view, lane, 0) == first);
+        // Plans that have run, by bit; more than there are bits count as not.
+        let mut ran = 0u64;
+        let mut done = 0;
+        while done < n {
+            let plan = kind.plan(phase, first + (from + done) as u64);
+            if alike {
+                let mut length = 1;
+                while done + length < n && kind.plan(phase, first + (from + done + length) as u64) == plan {
+                    length += 1;
+                }
+                let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
+                let span = Span {
+                    plan,
+                    from: from + done,
+                    n: length,
+                    first: ran & bit == 0,
+                    last: done + length == n,
+                };
+                ran |= bit;
+                self.segment(shared, view, around, span);
+                done += length;
+                continue;
+            }
+            self.mixed_step(shared, view, around, from + done);
+            done += 1;
+        }
+    }
+
+    /// One step of worlds in which different stages tick: every set of stages on all lanes, and each lane takes its own.
+    pub(super) fn mixed_step(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        from: usize,
+    ) {
+        let kind = &shared.kinds[self.kind];
+        let phase = shared.options.phase;
+        let (mut before, mut merged) = (std::mem::take(&mut self.mixed), std::mem::take(&mut self.merged));
+        for copy in [&mut before, &mut merged] {
+            copy.clear();
+            copy.extend_from_slice(&self.file[..self.n_home]);
+        }
+        for plan in 0..kind.plans.len() {
+            let mine = |lane: usize| {
+                kind.plan(phase, view.steps[self.rows[lane] as usize / view.n_drones] + from as u64) == plan
+            };
+            let lanes: u64 = (0..C::LANES).filter(|lane| mine(*lane)).map(|lane| 1 << lane).sum();
+            if lanes == 0 {
+                continue;
+            }
+            self.file[..self.n_home].copy_from_slice(&before);
+            self.segment(shared, view, around, Span { plan, from, n: 1, first: true, last: true });
+            for (to, new) in merged.iter_mut().zip(&self.file) {
+                for lane in (0..C::LANES).filter(|lane| lanes >> lane & 1 == 1) {
+                    to.set(lane, new.get(lane));
+                }
+            }
+        }
+        self.file[..self.n_home].copy_from_slice(&merged);
+        (self.mixed, self.merged) = (before, merged);
+    }
+
+    /// Steps in which the same stages tick.
+    pub(super) fn segment(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        span: Span,
+    ) {
+        let Span { from, n, .. } = span;
+        let kind = &shared.kinds[self.kind];
+        let plan = &kind.plans[span.plan];
+        for (j, entry) in plan.varying.iter().enumerate().filter(|_| span.first) {
+            for lane in 0..C::LANES {
+                let row = self.rows[lane] as usize;
+                let world = view.first + row / view.n_drones;
+                let slot = row % view.n_drones;
+                let i = if kind.slots.len() == view.n_drones {
+                    slot
+                } else {
+                    kind.slots.binary_search(&slot).unwrap_or(0)
+                };
+                let at = (world * kind.slots.len() + i) * plan.varying.len() + j;
+                self.file[plan.own + *entry as usize].set(lane, plan.rows[at]);
+            }
+        }
+        let entries = plan.entries::<C>(shared.level);
+        if span.first || !plan.enter.often.is_empty() {
+            for (from, to) in plan.enter.all_or_often(span.first) {
+                self.file[*to as usize] = self.file[*from as usize];
+            }
+            match &entries {
+                Some(kernel) => (kernel.call)(shared.level, &mut self.file[plan.own..]),
+                None => C::interpret(shared.level, &plan.program.call, &mut self.file, 1),
+            }
+        }
+        let once = plan.fresh.is_empty();
+        for s in 0..if once { 1 } else { n } {
+            for p in &plan.fresh {
+                let mut cell = self.file[*p as usize];
+                self.fresh(shared, view, around, *p, from + s, &mut cell);
+                self.file[*p as usize] = cell;
+            }
+            let times = if once { n } else { 1 };
+            match &entries {
+                Some(kernel) => {
+                    let (home, own) = self.file.split_at_mut(plan.own);
+                    (kernel.step)(shared.level, home, own, times);
+                }
+                None => C::interpret(shared.level, &plan.program.step, &mut self.file, times),
+            }
+        }
+        if span.last || plan.finishes {
+            match &entries {
+                Some(kernel) => {
+                    let (home, own) = self.file.split_at_mut(plan.own);
+                    (kernel.finish)(shared.level, home, own);
+                }
+                None => C::interpret(shared.level, &plan.program.finish, &mut self.file, 1),
+            }
+        }
+        for (cell, to) in plan.leave.all_or_often(span.last) {
+            self.file[*to as usize] = self.file[*cell as usize];
+        }
+        for (v, to) in plan.constants.all_or_often(span.last) {
+            self.file[*to as usize] = C::splat(*v);
+        }
+    }
+
+    /// A number that is another in every step: time, normal random numbers, where neighbours are.
+    pub(super) fn fresh(
+        &self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        p: u32,
+        done: usize,
+        cell: &mut C,
+    ) {
+        let kind = &shared.kinds[self.kind];
+        let o = &shared.options;
+        for lane in 0..C::LANES {
+            let row = self.rows[lane] as usize;
+            let (w, d) = (row / view.n_drones, row % view.n_drones);
+            let step = self.step_of(view, lane, done);
+            let value = match p {
+                place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
+                place::NORMALS..place::EFFECTS if kind.reads_noise => {
+                    let world = o.first_world + (view.first + w) as u64;
+                    let source = RandomSource { world, episodes: shared.episodes[view.first + w] };
+                    C::Number::of(source.normals(o.seed, d, step)[(p - place::NORMALS) as usize])
+                }
+                _ if p >= place::EFFECTS + kind.effects as u32 => {
+                    let q = (p - place::EFFECTS) as usize - kind.effects;
+                    let (j, i) = (q / place::NEIGHBOUR as usize, q % place::NEIGHBOUR as usize);
+                    let other = if j < d { j } else { j + 1 };
+                    around[6 * (w * view.n_drones + other) + i]
+                }
+                _ => C::Number::zero(),
+            };
+            cell.set(lane, value);
+        }
+    }
+}

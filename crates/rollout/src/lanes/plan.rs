@@ -1,0 +1,301 @@
+//! What drones of one kind fly by: a program for each set of stages that tick, and which numbers of the arrays it needs.
+
+use fearless_simd::Level;
+
+use super::super::blocks::Phase;
+use super::super::traced::{Shape, bare, place, told};
+use super::Options;
+use super::arrays::{Arrays, Column, column};
+use propwash_kernels as kernels;
+use propwash_physics::controllers::{Due, Rates};
+use propwash_physics::drone::Drone;
+use propwash_trace::bytecode::{Interpret, Program};
+use propwash_trace::kernel::{Entries, Kernel, key};
+use propwash_trace::lanes::Number;
+use propwash_trace::stages::{At, Input, Source, Stages};
+
+/// Drone slots that fly by one program.
+#[derive(Debug)]
+pub(super) struct Kind<N> {
+    pub(super) slots: Vec<usize>,
+    /// Which stages tick at a step, by the step within a second, as places in `dues`.
+    pub(super) ticks: Vec<u8>,
+    pub(super) dues: Vec<Due>,
+    pub(super) plans: Vec<Plan<N>>,
+    /// Cells of the home of a drone.
+    pub(super) n_home: usize,
+    /// Fixed numbers of the drone that the tables were filled with, and which of them are others in some row.
+    pub(super) typical: Vec<f64>,
+    pub(super) varies: Vec<bool>,
+    pub(super) neighbours: usize,
+    /// Places that some plan reads or leaves as they are, the same with those that every plan writes, and places that some plan
+    /// writes.
+    pub(super) loads: Vec<Column>,
+    pub(super) all_loads: Vec<Column>,
+    pub(super) saves: Vec<Column>,
+    pub(super) reads_noise: bool,
+    pub(super) effects: usize,
+}
+
+/// The program of a kind for one set of stages that tick.
+#[derive(Debug)]
+pub(super) struct Plan<N> {
+    pub(super) phase: Phase,
+    pub(super) due: Due,
+    pub(super) stages: Stages,
+    pub(super) kernel: Option<&'static Kernel>,
+    pub(super) program: Program,
+    /// First of its own cells in the file of a pack.
+    pub(super) own: usize,
+    /// Places that the call, the steps and `leave` read, and places that it leaves other than it found them.
+    pub(super) reads: Vec<u32>,
+    pub(super) writes: Vec<u32>,
+    /// (place, cell of the file) before the call: what is given. Often: what some plan writes.
+    pub(super) enter: Parted<(u32, u32)>,
+    /// (cell of the file, place) after the last step: results that stand elsewhere, and what stays as it came. Often: what a plan
+    /// may read later in the call.
+    pub(super) leave: Parted<(u32, u32)>,
+    /// (constant, place) after the last step, in the same way.
+    pub(super) constants: Parted<(N, u32)>,
+    /// Whether a plan may read later in the call what is computed after the last step.
+    pub(super) finishes: bool,
+    /// Places of numbers that are others in every step.
+    pub(super) fresh: Vec<u32>,
+    pub(super) table: Vec<N>,
+    /// Entries of the table that differ between rows, and their numbers: (row, entry).
+    pub(super) varying: Vec<u32>,
+    pub(super) rows: Vec<N>,
+}
+
+/// What is done whenever other stages begin to tick within a call, and what once per call is enough for.
+#[derive(Debug)]
+pub(super) struct Parted<T> {
+    pub(super) often: Vec<T>,
+    pub(super) once: Vec<T>,
+}
+
+impl<T: Copy> Parted<T> {
+    pub(super) fn new(often: Vec<T>) -> Self {
+        Self { often, once: Vec::new() }
+    }
+
+    pub(super) fn part(&mut self, is_often: impl Fn(&T) -> bool) {
+        self.often.append(&mut self.once);
+        (self.often, self.once) = self.often.iter().partition(|t| is_often(t));
+    }
+
+    pub(super) fn all_or_often(&self, all: bool) -> impl Iterator<Item = &T> {
+        self.often.iter().chain(if all { &self.once[..] } else { &[] })
+    }
+}
+
+/// Groups drone slots by what their programs are made of.
+pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates: &[Rates]) -> Vec<Kind<N>> {
+    let bare: Vec<Drone<f64>> = nominal.iter().map(bare).collect();
+    let mut kinds: Vec<Kind<N>> = Vec::new();
+    for d in 0..nominal.len() {
+        let same = |k: &&mut Kind<N>| bare[k.slots[0]] == bare[d] && rates[k.slots[0]] == rates[d];
+        if let Some(kind) = kinds.iter_mut().find(same) {
+            kind.slots.push(d);
+            continue;
+        }
+        let mut dues: Vec<Due> = Vec::new();
+        let mut ticks = Vec::new();
+        // Ticks repeat every second. Which of them matter depends on the control mode.
+        for step in 0..options.sim_hz {
+            let due = rates[d].due(options.mode, step.into(), options.sim_hz);
+            let due = told(options.mode, due);
+            let at = dues.iter().position(|known| *known == due).unwrap_or(dues.len());
+            if at == dues.len() {
+                dues.push(due);
+            }
+            ticks.push(at as u8);
+        }
+        let reads = nominal[d].reads();
+        let neighbours = if reads.neighbours { nominal.len() - 1 } else { 0 };
+        let effects = nominal[d].memory_len(1.0 / f64::from(options.sim_hz));
+        kinds.push(Kind {
+            slots: vec![d],
+            ticks,
+            dues,
+            plans: Vec::new(),
+            n_home: place::EFFECTS as usize + effects + neighbours * place::NEIGHBOUR as usize,
+            typical: Vec::new(),
+            varies: Vec::new(),
+            neighbours,
+            loads: Vec::new(),
+            all_loads: Vec::new(),
+            saves: Vec::new(),
+            reads_noise: reads.noise,
+            effects,
+        });
+    }
+    kinds
+}
+
+impl<N: Number> Plan<N> {
+    /// The plan of a step, whose own cells begin at `own` of the file.
+    pub(super) fn new(shape: &Shape, stages: Stages, own: usize) -> Self {
+        let wanted = key(&stages);
+        let kernel = kernels::ALL.iter().find(|k| k.key == wanted);
+        // Byte code too where there is a kernel: not all types of cells and levels have its functions.
+        let program = Program::new(&stages, own);
+        let (mut reads, mut writes, mut fresh) = (Vec::new(), Vec::new(), Vec::new());
+        let inputs = stages.given.iter().copied().chain(stages.state.iter().filter_map(|s| s.input));
+        for input in inputs {
+            match input {
+                Input::Given(p) | Input::Carried(p) => reads.push(p),
+                Input::Fresh(p) => fresh.push(p),
+                Input::Fixed(_) => {}
+            }
+        }
+        writes.extend(stages.state.iter().filter_map(|s| s.output).map(|o| o.place()));
+        let (mut leave, mut constants) = (Vec::new(), Vec::new());
+        let (table, state) = (stages.call_at(), stages.state_at());
+        let cell = |at: At| match at {
+            At::Home(p) => p,
+            At::Own(k) => own as u32 + k,
+        };
+        let given = stages.given.iter().zip(stages.given_at());
+        let enter = given.filter_map(|(input, at)| Some((input.place()?, cell(at)))).collect();
+        for (output, source) in &stages.finals {
+            let to = output.place();
+            writes.push(to);
+            match source {
+                Source::Call(k) => leave.push((cell(table[*k as usize]), to)),
+                Source::State(k) => leave.push((cell(state[*k as usize]), to)),
+                Source::Constant(v) => constants.push((N::of(*v), to)),
+                Source::Input(Input::Given(p) | Input::Carried(p)) => {
+                    reads.push(*p);
+                    leave.push((*p, to));
+                }
+                Source::Input(_) => {}
+            }
+        }
+        Self {
+            phase: shape.phase,
+            due: shape.due,
+            stages,
+            kernel,
+            program,
+            own,
+            reads,
+            writes,
+            enter: Parted::new(enter),
+            leave: Parted::new(leave),
+            constants: Parted::new(constants),
+            finishes: true,
+            fresh,
+            table: Vec::new(),
+            varying: Vec::new(),
+            rows: Vec::new(),
+        }
+    }
+
+    /// The kernel for cells of this type.
+    pub(super) fn entries<C: Interpret<Number = N>>(&self, level: Level) -> Option<Entries<C>> {
+        self.kernel.and_then(|k| C::entries(k, level))
+    }
+
+    /// The table of the first drone, and which of its entries differ between drones.
+    pub(super) fn fill(&mut self, first: &[f64], varies: &[bool], n_rows: usize) {
+        let once = &self.stages.once;
+        self.table = once.eval(first).into_iter().map(N::of).collect();
+        let mut depends: Vec<bool> = Vec::with_capacity(once.nodes.len());
+        for node in &once.nodes {
+            let own = matches!(node, propwash_trace::trace::Node::Input(k) if varies[*k as usize]);
+            let any = own || node.operands().any(|o| depends[o as usize]);
+            depends.push(any);
+        }
+        let entries = once.outputs.iter().enumerate().filter(|(_, o)| depends[**o as usize]);
+        self.varying = entries.map(|(i, _)| i as u32).collect();
+        self.rows = vec![N::zero(); n_rows * self.varying.len()];
+    }
+
+    /// The entries that differ, of all drones of a kind or of those whose parameters changed.
+    pub(super) fn fill_rows(
+        &mut self,
+        slots: &[usize],
+        n_drones: usize,
+        n_worlds: usize,
+        changed: Option<&[usize]>,
+        fixed: impl Fn(usize) -> Vec<f64>,
+    ) {
+        if self.varying.is_empty() {
+            return;
+        }
+        let width = self.varying.len();
+        let mut fill = |world: usize, i: usize| {
+            let values = self.stages.once.eval(&fixed(world * n_drones + slots[i]));
+            let row = (world * slots.len() + i) * width;
+            for (to, entry) in self.rows[row..row + width].iter_mut().zip(&self.varying) {
+                *to = N::of(values[*entry as usize]);
+            }
+        };
+        match changed {
+            None => (0..n_worlds).for_each(|w| (0..slots.len()).for_each(|i| fill(w, i))),
+            Some(rows) => {
+                for row in rows {
+                    if let Some(i) = slots.iter().position(|s| *s == row % n_drones) {
+                        fill(row / n_drones, i);
+                    }
+                }
+            }
+        }
+    }
+}
+
+impl<N: Number> Kind<N> {
+    /// What all plans together read and write.
+    pub(super) fn collect(&mut self, arrays: &Arrays) {
+        let n_plans = self.plans.len();
+        let (mut reads, mut writers) = (vec![false; self.n_home], vec![0; self.n_home]);
+        for plan in &self.plans {
+            plan.reads.iter().for_each(|p| reads[*p as usize] = true);
+            plan.writes.iter().for_each(|p| writers[*p as usize] += 1);
+        }
+        // What one plan writes and another does not keeps what it was.
+        let kept = |p: u32| reads[p as usize] || writers[p as usize] < n_plans;
+        for plan in &mut self.plans {
+            plan.enter.part(|(p, _)| writers[*p as usize] > 0);
+            plan.leave.part(|(_, p)| kept(*p));
+            plan.constants.part(|(_, p)| kept(*p));
+            let Stages { state, finish, finals, .. } = &plan.stages;
+            let finished = |slot: u32| finish.stores.iter().any(|(_, to)| *to == slot);
+            let own = finish.stores.iter().filter_map(|(_, slot)| state[*slot as usize].output);
+            let moved = finals.iter().filter_map(|(output, source)| match source {
+                Source::State(slot) if finished(*slot) => Some(*output),
+                _ => None,
+            });
+            plan.finishes = own.chain(moved).any(|output| kept(output.place()));
+        }
+        let places = 0..self.n_home as u32;
+        let saves: Vec<u32> = places.clone().filter(|p| writers[*p as usize] > 0).collect();
+        // The state is looked at even where it does not change.
+        let looked_at = |p: u32| (place::STATE..place::MEMORY).contains(&p);
+        let is_loaded = |p: &u32| {
+            reads[*p as usize]
+                || looked_at(*p)
+                || (writers[*p as usize] > 0 && writers[*p as usize] < n_plans)
+        };
+        let loads: Vec<u32> = places.clone().filter(is_loaded).collect();
+        let all_loads: Vec<u32> = places.filter(|p| is_loaded(p) || writers[*p as usize] > 0).collect();
+        let columns = |mut list: Vec<u32>| {
+            list.sort_unstable();
+            list.dedup();
+            list.into_iter().filter_map(|p| column(arrays, p, self.effects)).collect::<Vec<Column>>()
+        };
+        (self.loads, self.all_loads, self.saves) = (columns(loads), columns(all_loads), columns(saves));
+    }
+
+    /// Whether kernels fly this kind in cells of this type.
+    pub(super) fn is_compiled<C: Interpret<Number = N>>(&self, level: Level) -> bool {
+        self.plans.iter().all(|p| p.entries::<C>(level).is_some())
+    }
+
+    /// Place of the plan for a step.
+    pub(super) fn plan(&self, phase: Phase, step: u64) -> usize {
+        let due = self.dues[usize::from(self.ticks[(step % self.ticks.len() as u64) as usize])];
+        self.plans.iter().position(|p| p.phase == phase && p.due == due).unwrap_or(0)
+    }
+}

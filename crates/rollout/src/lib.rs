@@ -1,0 +1,28 @@
+//! Many worlds of many drones, advanced together.
+//!
+//! Public state is plain arrays in the order (world, drone, n). A step takes one block of worlds at a time through all
+//! steps of a call while it sits in cache; blocks run in parallel and share nothing, so results do not depend on the
+//! number of threads.
+
+#![forbid(unsafe_code)]
+
+mod blocks;
+mod data;
+mod error;
+mod lanes;
+pub mod pipeline;
+mod pool;
+pub mod quarantine;
+pub mod random;
+pub mod randomize;
+mod sim;
+mod state;
+mod traced;
+pub mod trajectory;
+mod views;
+
+pub use data::SimData;
+pub use error::RolloutError;
+pub use sim::{Engine, RotorStart, Sim, SimOptions};
+pub use state::SimState;
+pub use traced::{CommonStep, common_steps};

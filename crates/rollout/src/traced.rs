@@ -1,0 +1,684 @@
+//! A step of one drone as a graph, cut by how often its values change: what lanes fly.
+
+use std::sync::LazyLock;
+
+use super::blocks::{Phase, Slot, periods};
+use propwash_physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
+use propwash_physics::drone::Drone;
+use propwash_physics::integrate::Integrator;
+use propwash_physics::rigid_body::{MAX_ROTORS, State};
+use propwash_physics::surroundings::Neighbour;
+use propwash_trace::Real;
+use propwash_trace::adjoint::pull_back;
+use propwash_trace::kernel::key;
+use propwash_trace::stages::{Input, Output, Stages, cut};
+use propwash_trace::trace::{Graph, Sym, trace_finite};
+use propwash_vehicle::{BUILTIN, Vehicle, VehicleError};
+
+/// Numbers that a step reads or writes, in this order; effects' memory and neighbours follow.
+pub(super) mod place {
+    use super::{COMMAND_WIDTH, MAX_ROTORS, Memory};
+
+    /// Position, attitude, velocity, angular velocity, rotor speeds, thrust.
+    pub const STATE: u32 = 0;
+    pub const QUAT: u32 = STATE + 3;
+    pub const VEL: u32 = QUAT + 4;
+    pub const ANG_VEL: u32 = VEL + 3;
+    pub const ROTOR_VEL: u32 = ANG_VEL + 3;
+    pub const THRUST: u32 = ROTOR_VEL + MAX_ROTORS as u32;
+    /// Of the controllers.
+    pub const MEMORY: u32 = THRUST + 1;
+    pub const ROTOR_COMMAND: u32 = MEMORY + Memory::<f64>::LEN as u32;
+    pub const ATTITUDE_COMMAND: u32 = ROTOR_COMMAND + MAX_ROTORS as u32;
+    pub const COMMAND: u32 = ATTITUDE_COMMAND + 4;
+    pub const FORCE: u32 = COMMAND + COMMAND_WIDTH as u32;
+    pub const TORQUE: u32 = FORCE + 3;
+    pub const WIND: u32 = TORQUE + 3;
+    pub const GROUND: u32 = WIND + 3;
+    pub const CEILING: u32 = GROUND + 1;
+    pub const TIME: u32 = CEILING + 1;
+    pub const NORMALS: u32 = TIME + 1;
+    /// Of the effects.
+    pub const EFFECTS: u32 = NORMALS + 3;
+    /// Numbers of one neighbour: position, velocity, weight, radius.
+    pub const NEIGHBOUR: u32 = 8;
+}
+
+/// What a step is made of, beside the drone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Shape {
+    pub mode: ControlMode,
+    pub integrator: Integrator,
+    pub phase: Phase,
+    pub due: Due,
+    pub sim_hz: u32,
+    /// How many other drones an effect may read.
+    pub neighbours: usize,
+}
+
+/// Numbers that never change: parameters, and the lengths of steps and of the controllers' periods.
+pub(super) fn fixed(drone: &Drone<f64>, rates: &Rates, sim_hz: u32) -> Vec<f64> {
+    let mut out = Vec::new();
+    drone.map(&mut |v| {
+        out.push(v);
+        v
+    });
+    let p = periods(rates);
+    out.extend([1.0 / f64::from(sim_hz), p.state, p.attitude, p.body_rate]);
+    out
+}
+
+/// A parameter that stands in a graph as the constant that it is, or one that is read from a table.
+type Known = Vec<Option<f64>>;
+
+/// Parameters that all built-in vehicles share and that are 0, 1 or −1, for every model: with these as constants one kernel
+/// serves them all, and every other vehicle that shares them.
+static SHARED: LazyLock<Vec<(Drone<f64>, Known)>> = LazyLock::new(|| {
+    let mut out: Vec<(Drone<f64>, Known)> = Vec::new();
+    for name in BUILTIN {
+        let Ok(vehicle) = Vehicle::builtin(name) else { continue };
+        for dynamics in vehicle.available_dynamics() {
+            let Ok(drone) = vehicle.drone(dynamics) else { continue };
+            let (bare, own) = (bare(&drone), simple(&drone, &|_| false));
+            match out.iter_mut().find(|(other, _)| *other == bare) {
+                Some((_, known)) => {
+                    for (known, own) in known.iter_mut().zip(&own) {
+                        *known = known.filter(|_| *known == *own);
+                    }
+                }
+                None => out.push((bare, own)),
+            }
+        }
+    }
+    out
+});
+
+/// What a drone is made of, without its numbers.
+pub(super) fn bare(drone: &Drone<f64>) -> Drone<f64> {
+    drone.map(&mut |_| 0.0)
+}
+
+/// Parameters of 0, 1 or −1 that do not vary.
+fn simple(drone: &Drone<f64>, varies: &dyn Fn(usize) -> bool) -> Known {
+    let mut out: Known = Vec::new();
+    drone.map(&mut |v| {
+        let plain = (v == 0.0 || v.abs() == 1.0) && !varies(out.len());
+        out.push(plain.then_some(v));
+        v
+    });
+    out
+}
+
+/// Which parameters of a drone stand in its graph as constants: those that the built-in vehicles share where it has them too,
+/// else its own.
+fn known(drone: &Drone<f64>, varies: &dyn Fn(usize) -> bool) -> Known {
+    let own = simple(drone, varies);
+    let bare = bare(drone);
+    let fits = |shared: &Known| shared.iter().zip(&own).all(|(a, b)| a.is_none() || a == b);
+    match SHARED.iter().find(|(other, shared)| *other == bare && fits(shared)) {
+        Some((_, shared)) => shared.clone(),
+        None => own,
+    }
+}
+
+/// The slot of a drone whose numbers stand by place, `effects` of them the memory of its effects.
+fn slot<S: Real>(home: &[S], effects: usize) -> Slot<S> {
+    let at = |from: u32, i: usize| home[from as usize + i];
+    Slot {
+        state: State {
+            pos: core::array::from_fn(|i| at(place::STATE, i)),
+            quat: core::array::from_fn(|i| at(place::QUAT, i)),
+            vel: core::array::from_fn(|i| at(place::VEL, i)),
+            ang_vel: core::array::from_fn(|i| at(place::ANG_VEL, i)),
+            rotor_vel: core::array::from_fn(|i| at(place::ROTOR_VEL, i)),
+            thrust: at(place::THRUST, 0),
+        },
+        command: core::array::from_fn(|i| at(place::COMMAND, i)),
+        memory: Memory::load(|i| at(place::MEMORY, i)),
+        rotor_command: core::array::from_fn(|i| at(place::ROTOR_COMMAND, i)),
+        attitude_command: core::array::from_fn(|i| at(place::ATTITUDE_COMMAND, i)),
+        disturbance_force: core::array::from_fn(|i| at(place::FORCE, i)),
+        disturbance_torque: core::array::from_fn(|i| at(place::TORQUE, i)),
+        wind: core::array::from_fn(|i| at(place::WIND, i)),
+        ground_z: at(place::GROUND, 0),
+        ceiling_z: at(place::CEILING, 0),
+        effect_memory: (0..effects).map(|i| at(place::EFFECTS, i)).collect(),
+    }
+}
+
+/// The step of `drone` as a graph of its inputs, and what goes in and out. A parameter of exactly 0, 1 or −1 may stand in the
+/// graph as such, unless `varies` says that it differs between drones.
+pub(super) fn graph(
+    drone: &Drone<f64>,
+    shape: &Shape,
+    varies: &dyn Fn(usize) -> bool,
+) -> (Graph, Vec<Input>, Vec<Output>) {
+    let known = known(drone, varies);
+    let dt = 1.0 / f64::from(shape.sim_hz);
+    let effects = drone.memory_len(dt);
+    let mut n_fixed = 4;
+    drone.map(&mut |v| {
+        n_fixed += 1;
+        v
+    });
+    let controls = shape.phase != Phase::Integration;
+    let moves = shape.phase != Phase::Controllers;
+    let first_neighbour = place::EFFECTS + effects as u32;
+    let n_places = first_neighbour as usize + shape.neighbours * place::NEIGHBOUR as usize;
+
+    let mut inputs: Vec<Input> = (0..n_fixed).map(|k| Input::Fixed(k as u32)).collect();
+    for p in 0..n_places as u32 {
+        let in_neighbour = (p.wrapping_sub(first_neighbour)) % place::NEIGHBOUR;
+        inputs.push(match p {
+            _ if p >= first_neighbour && in_neighbour < 6 => Input::Fresh(p),
+            _ if p >= first_neighbour => Input::Given(p),
+            place::TIME..place::EFFECTS => Input::Fresh(p),
+            place::ROTOR_COMMAND..place::TIME => Input::Given(p),
+            _ => Input::Carried(p),
+        });
+    }
+    let mut outputs = Vec::new();
+    let graph = trace_finite(n_fixed + n_places, |x| {
+        let (parameters, x) = x.split_at(n_fixed);
+        let at = |from: u32, i: usize| x[from as usize + i];
+        let mut k = 0;
+        let drone: Drone<Sym> = drone.map(&mut |_| {
+            k += 1;
+            known[k - 1].map_or(parameters[k - 1], Sym::lit)
+        });
+        let [dt_s, state_s, attitude_s, body_rate_s] = core::array::from_fn(|i| parameters[n_fixed - 4 + i]);
+        let mut slot = slot(x, effects);
+        let neighbours: Vec<Neighbour<Sym>> = (0..shape.neighbours)
+            .map(|j| {
+                let first = first_neighbour + j as u32 * place::NEIGHBOUR;
+                Neighbour {
+                    pos: core::array::from_fn(|i| at(first, i)),
+                    vel: core::array::from_fn(|i| at(first + 3, i)),
+                    weight_n: at(first, 6),
+                    disc_radius_m: at(first, 7),
+                }
+            })
+            .collect();
+        if controls {
+            let periods = mellinger::Periods { state: state_s, attitude: attitude_s, body_rate: body_rate_s };
+            slot.control(&drone, shape.mode, shape.due, &periods);
+        }
+        if moves {
+            let normals = core::array::from_fn(|i| at(place::NORMALS, i));
+            let around = (at(place::TIME, 0), normals, &neighbours[..]);
+            slot.state = slot.moved(&drone, shape.integrator, (dt_s, dt), around);
+        }
+        let mut out = Vec::new();
+        let s = &slot.state;
+        let motion = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel, &s.rotor_vel, &[s.thrust]].concat();
+        for (i, v) in motion.into_iter().enumerate() {
+            outputs.push(Output::Carried(place::STATE + i as u32));
+            out.push(v);
+        }
+        slot.memory.store(|i, v| {
+            outputs.push(Output::Carried(place::MEMORY + i as u32));
+            out.push(v);
+        });
+        for (i, v) in slot.effect_memory.iter().enumerate() {
+            outputs.push(Output::Carried(place::EFFECTS + i as u32));
+            out.push(*v);
+        }
+        if controls {
+            for (i, v) in slot.rotor_command.iter().chain(&slot.attitude_command).enumerate() {
+                outputs.push(Output::Final(place::ROTOR_COMMAND + i as u32));
+                out.push(*v);
+            }
+        }
+        out
+    });
+    (graph, inputs, outputs)
+}
+
+/// The step of `drone`, cut.
+pub(super) fn stages(drone: &Drone<f64>, shape: &Shape, varies: &dyn Fn(usize) -> bool) -> Stages {
+    let (graph, inputs, outputs) = graph(drone, shape, varies);
+    cut(&graph, &inputs, &outputs)
+}
+
+/// Places of the derivatives of a loss: that by the number at place p stands at this plus p. Effects that remember have none.
+const BY: u32 = place::EFFECTS;
+
+/// The step of `drone` backwards, cut. Its state is what a loss gains by every carried number, before the step where it was after,
+/// and by the command and what disturbs, summed over the steps; the numbers themselves, as they were before the step, are fresh.
+pub(super) fn adjoint_stages(drone: &Drone<f64>, shape: &Shape) -> Stages {
+    let (forward, forward_inputs, forward_outputs) = graph(drone, shape, &|_| false);
+    let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+    let mut wanted = Vec::new();
+    for (i, input) in forward_inputs.iter().enumerate() {
+        inputs.push(match *input {
+            Input::Carried(p) | Input::Fresh(p) => Input::Fresh(p),
+            other => other,
+        });
+        match *input {
+            Input::Carried(p) => wanted.push((i, p, false)),
+            Input::Given(p) if (place::COMMAND..place::WIND).contains(&p) => wanted.push((i, p, true)),
+            _ => {}
+        }
+    }
+    let n = inputs.len();
+    // What the loss gains after the step by carried numbers, and so far by given ones; results of the last step have no part.
+    inputs.extend(wanted.iter().map(|(_, p, _)| Input::Carried(BY + p)));
+    let back = trace_finite(inputs.len(), |x| {
+        let by = |p: u32| wanted.iter().position(|(_, q, _)| *q == p).map_or(Sym::lit(0.0), |k| x[n + k]);
+        let seeds: Vec<Sym> = forward_outputs
+            .iter()
+            .map(|o| match o {
+                Output::Carried(p) => by(*p),
+                Output::Final(_) => Sym::lit(0.0),
+            })
+            .collect();
+        let gains = pull_back(&forward, &x[..n], &seeds);
+        let mut results = Vec::new();
+        for (i, p, sums) in &wanted {
+            outputs.push(Output::Carried(BY + p));
+            results.push(if *sums { by(*p) + gains[*i] } else { gains[*i] });
+        }
+        results
+    });
+    cut(&back, &inputs, &outputs)
+}
+
+/// A step that many fly: what a kernel is generated from.
+#[derive(Clone, Debug)]
+pub struct CommonStep {
+    /// Name of its kernel.
+    pub name: String,
+    /// What it computes, in a line.
+    pub about: String,
+    /// The step.
+    pub stages: Stages,
+}
+
+/// Steps per second that kernels are named after; the rate itself is a parameter, but which stages tick together depends on it.
+const USUAL_HZ: u32 = 500;
+
+/// What kernels are generated for: the models in all control modes, by the default integrator. Every other step runs as byte code.
+const COMMON: [(&str, ControlMode); 11] = [
+    ("first_principles", ControlMode::RotorVel),
+    ("first_principles", ControlMode::ForceTorque),
+    ("first_principles", ControlMode::BodyRate),
+    ("first_principles", ControlMode::Attitude),
+    ("first_principles", ControlMode::State),
+    ("so_rpy", ControlMode::Attitude),
+    ("so_rpy", ControlMode::State),
+    ("so_rpy_rotor", ControlMode::Attitude),
+    ("so_rpy_rotor", ControlMode::State),
+    ("so_rpy_rotor_drag", ControlMode::Attitude),
+    ("so_rpy_rotor_drag", ControlMode::State),
+];
+
+/// The same for a step backwards.
+const BACKWARDS: (&str, ControlMode) = ("first_principles", ControlMode::Attitude);
+
+/// The steps that kernels are generated for, each once: all built-in vehicles fly them, and every vehicle that is made of the
+/// same parts and has the same parameters of 0, 1 and −1.
+pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
+    let mut out: Vec<CommonStep> = Vec::new();
+    for (dynamics, mode) in COMMON {
+        for name in BUILTIN {
+            let vehicle = Vehicle::builtin(name)?;
+            let Ok(drone) = vehicle.drone(dynamics) else { continue };
+            let mut dues: Vec<Due> = Vec::new();
+            for step in 0..USUAL_HZ {
+                let due = told(mode, vehicle.rates.due(mode, step.into(), USUAL_HZ));
+                if !dues.contains(&due) {
+                    dues.push(due);
+                }
+            }
+            for due in dues {
+                let integrator = Integrator::Euler;
+                let shape =
+                    Shape { mode, integrator, phase: Phase::Both, due, sim_hz: USUAL_HZ, neighbours: 0 };
+                let stages = stages(&drone, &shape, &|_| false);
+                if out.iter().any(|s| key(&s.stages) == key(&stages)) {
+                    continue;
+                }
+                let plain = format!("{dynamics}_{}", mode.name());
+                let taken = out.iter().filter(|s| s.name.starts_with(&plain)).count();
+                let name = if taken == 0 { plain } else { format!("{plain}_{}", taken + 1) };
+                let about = format!("A step of `{dynamics}` under commands `{}`.", mode.name());
+                out.push(CommonStep { name, about, stages });
+            }
+        }
+    }
+    let (dynamics, mode) = BACKWARDS;
+    let drone = Vehicle::builtin(BUILTIN[0])?.drone(dynamics)?;
+    let all = Due { state: true, attitude: true, force_torque: true };
+    let shape = Shape {
+        mode,
+        integrator: Integrator::Euler,
+        phase: Phase::Both,
+        due: told(mode, all),
+        sim_hz: USUAL_HZ,
+        neighbours: 0,
+    };
+    out.push(CommonStep {
+        name: format!("{dynamics}_{}_adjoint", mode.name()),
+        about: format!("A step of `{dynamics}` under commands `{}`, backwards.", mode.name()),
+        stages: adjoint_stages(&drone, &shape),
+    });
+    Ok(out)
+}
+
+/// What ticks, without what does not matter in a control mode.
+pub(super) fn told(mode: ControlMode, due: Due) -> Due {
+    let attitude = matches!(mode, ControlMode::State | ControlMode::Attitude | ControlMode::BodyRate);
+    Due {
+        state: due.state && mode == ControlMode::State,
+        attitude: due.attitude && attitude,
+        force_torque: due.force_torque && mode != ControlMode::RotorVel,
+    }
+}
+
+// No public call runs it yet.
+#[cfg(test)]
+mod first_principles_attitude_adjoint;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Key, purpose};
+    use propwash_kernels as kernels;
+    use propwash_trace::bytecode::{Interpret, Program};
+    use propwash_trace::lanes::level;
+    use propwash_trace::stages::{At, Source};
+    use propwash_trace::trace::Node;
+
+    /// The numbers by place, after `steps` of the equations.
+    fn by_equations(
+        drone: &Drone<f64>,
+        rates: &Rates,
+        shape: &Shape,
+        home: &[f64],
+        steps: usize,
+    ) -> Vec<f64> {
+        let dt = 1.0 / f64::from(shape.sim_hz);
+        let mut slot = slot(home, 0);
+        for _ in 0..steps {
+            slot.control(drone, shape.mode, shape.due, &periods(rates));
+            slot.state = slot.moved(drone, shape.integrator, (dt, dt), (0.0, [0.0; 3], &[]));
+        }
+        let mut out = home.to_vec();
+        let s = &slot.state;
+        let motion = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel, &s.rotor_vel, &[s.thrust]].concat();
+        out[..motion.len()].copy_from_slice(&motion);
+        slot.memory.store(|i, v| out[place::MEMORY as usize + i] = v);
+        out[place::ROTOR_COMMAND as usize..][..MAX_ROTORS].copy_from_slice(&slot.rotor_command);
+        out[place::ATTITUDE_COMMAND as usize..][..4].copy_from_slice(&slot.attitude_command);
+        out
+    }
+
+    /// The same by a kernel, or by byte code where there is none.
+    fn by_code(stages: &Stages, fixed: &[f64], home: &[f64], steps: usize, compiled: bool) -> Vec<f64> {
+        let n = home.len();
+        let program = Program::new(stages, n);
+        let mut file = home.to_vec();
+        file.resize(n + program.len, 0.0);
+        file[n..][..stages.n_table].copy_from_slice(&stages.once.eval(fixed));
+        file[program.constants_at..][..program.constants.len()].copy_from_slice(&program.constants);
+        for (input, at) in stages.given.iter().zip(stages.given_at()) {
+            if let (Some(p), At::Own(k)) = (input.place(), at) {
+                file[n + k as usize] = home[p as usize];
+            }
+        }
+        if compiled {
+            let kernel = kernels::ALL.iter().find(|k| k.key == key(stages)).expect("a kernel");
+            let (home, own) = file.split_at_mut(n);
+            (kernel.scalar.call)(level(), own);
+            (kernel.scalar.step)(level(), home, own, steps);
+            (kernel.scalar.finish)(level(), home, own);
+        } else {
+            f64::interpret(level(), &program.call, &mut file, 1);
+            f64::interpret(level(), &program.step, &mut file, steps);
+            f64::interpret(level(), &program.finish, &mut file, 1);
+        }
+        let (table, state) = (stages.call_at(), stages.state_at());
+        let number = |at: At| match at {
+            At::Home(p) => file[p as usize],
+            At::Own(k) => file[n + k as usize],
+        };
+        let mut out = file[..n].to_vec();
+        for (output, source) in &stages.finals {
+            out[output.place() as usize] = match source {
+                Source::Call(k) => number(table[*k as usize]),
+                Source::State(k) => number(state[*k as usize]),
+                Source::Constant(v) => *v,
+                Source::Input(input) => input.place().map_or(0.0, |p| home[p as usize]),
+            };
+        }
+        out
+    }
+
+    /// A vehicle near hover, by place, that has begun to turn and is told to lean.
+    fn leaning(drone: &Drone<f64>) -> Vec<f64> {
+        let mut home = vec![0.0; place::EFFECTS as usize];
+        for (i, v) in [0.02, -0.03, 0.05].into_iter().enumerate() {
+            home[place::QUAT as usize + i] = v;
+            home[place::VEL as usize + i] = 3.0 * v;
+            home[place::ANG_VEL as usize + i] = -4.0 * v;
+        }
+        home[place::QUAT as usize + 3] = (1.0f64 - 0.0038).sqrt();
+        home[place::COMMAND as usize..][..4].copy_from_slice(&[
+            0.05,
+            -0.04,
+            0.1,
+            1.02 * drone.hover_thrust(),
+        ]);
+        home[place::ROTOR_VEL as usize..][..MAX_ROTORS].copy_from_slice(&drone.hover_rotor_vel());
+        home[place::CEILING as usize] = 1e6;
+        home
+    }
+
+    /// Height after `steps` steps and its derivatives by the command: by the adjoint kernel in f64 and in lanes, by duals, and by
+    /// central differences.
+    #[test]
+    fn the_adjoint_kernel_gives_the_gradient_of_duals_and_of_differences() {
+        const STEPS: usize = 10;
+        type Four = propwash_trace::dual::Dual<f64, 4>;
+        let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
+        let (dynamics, mode) = BACKWARDS;
+        let drone = vehicle.drone(dynamics).unwrap();
+        let due = told(mode, Due { state: true, attitude: true, force_torque: true });
+        let integrator = Integrator::Euler;
+        let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
+        // The loss weighs every part of the state.
+        let weigh = |p: u32| 1.0 + 0.3 * f64::from(p);
+        let seen = 0..place::ROTOR_VEL;
+        let loss = |home: &[f64]| seen.clone().map(|p| weigh(p) * home[p as usize]).sum::<f64>();
+        let start = leaning(&drone);
+        let states: Vec<Vec<f64>> =
+            (0..=STEPS).map(|n| by_equations(&drone, &vehicle.rates, &shape, &start, n)).collect();
+
+        let wide: Vec<Four> = start
+            .iter()
+            .enumerate()
+            .map(|(p, v)| match (p as u32).checked_sub(place::COMMAND) {
+                Some(k @ 0..4) => Four::input(*v, k as usize),
+                _ => Four::lit(*v),
+            })
+            .collect();
+        let (mut moved, dt) = (slot(&wide, 0), 1.0 / 500.0);
+        let dual_drone = drone.map(&mut Four::lit);
+        let p = periods(&vehicle.rates);
+        let of_dual = mellinger::Periods {
+            state: Four::lit(p.state),
+            attitude: Four::lit(p.attitude),
+            body_rate: Four::lit(p.body_rate),
+        };
+        for _ in 0..STEPS {
+            moved.control(&dual_drone, mode, due, &of_dual);
+            let around = (Four::lit(0.0), [Four::lit(0.0); 3], &[][..]);
+            moved.state = moved.moved(&dual_drone, integrator, (Four::lit(dt), dt), around);
+        }
+        let s = &moved.state;
+        let numbers = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
+        let by_duals: [f64; 4] = core::array::from_fn(|k| {
+            numbers.iter().enumerate().map(|(p, v)| weigh(p as u32) * v.partials[k]).sum()
+        });
+
+        let stages = adjoint_stages(&drone, &shape);
+        let kernel = first_principles_attitude_adjoint::KERNEL;
+        assert!(kernel.key == key(&stages), "run `cargo xtask gen`");
+        let table = stages.once.eval(&fixed(&drone, &vehicle.rates, 500));
+        /// The sweep in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
+        fn sweep<C: propwash_trace::lanes::Cell>(
+            entries: &propwash_trace::kernel::Entries<C>,
+            stages: &Stages,
+            table: &[f64],
+            states: &[Vec<f64>],
+            seed: impl Fn(u32) -> f64,
+        ) -> [f64; 4] {
+            use propwash_trace::lanes::Number;
+            let of = |v: f64| C::splat(C::Number::of(v));
+            let mut home = vec![of(0.0); 2 * BY as usize];
+            let mut own: Vec<C> = table.iter().map(|v| of(*v)).collect();
+            own.resize(stages.n_own(), of(0.0));
+            let inputs = stages.given.iter().copied().chain(stages.state.iter().filter_map(|s| s.input));
+            for input in inputs {
+                match input {
+                    Input::Given(p) => home[p as usize] = of(states[0][p as usize]),
+                    // What no step changes counts as given.
+                    Input::Carried(p) => home[p as usize] = of(seed(p - BY)),
+                    Input::Fixed(_) | Input::Fresh(_) => {}
+                }
+            }
+            for (input, at) in stages.given.iter().zip(stages.given_at()) {
+                if let (Some(p), At::Own(k)) = (input.place(), at) {
+                    own[k as usize] = home[p as usize];
+                }
+            }
+            (entries.call)(level(), &mut own);
+            for state in states[..states.len() - 1].iter().rev() {
+                for slot in &stages.state {
+                    if let Some(Input::Fresh(p)) = slot.input {
+                        home[p as usize] = of(state[p as usize]);
+                    }
+                }
+                (entries.step)(level(), &mut home, &mut own, 1);
+            }
+            core::array::from_fn(|k| {
+                let wanted = BY + place::COMMAND + k as u32;
+                assert!(stages.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
+                home[wanted as usize].get(C::LANES - 1).wide()
+            })
+        }
+        let seed = |p: u32| if seen.contains(&p) { weigh(p) } else { 0.0 };
+        let swept = sweep(&kernel.scalar, &stages, &table, &states, seed);
+        let lanes = sweep(&kernel.f64, &stages, &table, &states, seed);
+        let single = sweep(&kernel.f32, &stages, &table, &states, seed);
+        let scale = by_duals.iter().fold(0.0f64, |most, g| most.max(g.abs()));
+        assert!(scale > 1e-3, "{by_duals:?}");
+        for k in 0..4 {
+            let step = 1e-6;
+            let at = |by: f64| {
+                let mut home = start.clone();
+                home[place::COMMAND as usize + k] += by;
+                loss(&by_equations(&drone, &vehicle.rates, &shape, &home, STEPS))
+            };
+            let differences = (at(step) - at(-step)) / (2.0 * step);
+            let of = |name: &str, got: f64, want: f64, within: f64| {
+                assert!(
+                    (got - want).abs() < within * scale,
+                    "{name} {k}: {got:e}, not {want:e} (of {scale:e})"
+                );
+            };
+            of("kernel and duals", swept[k], by_duals[k], 1e-12);
+            of("kernel and differences", swept[k], differences, 1e-7);
+            if propwash_trace::kernel::has_level(level()) {
+                of("lanes and duals", lanes[k], by_duals[k], 1e-11);
+                of("f32 and duals", single[k], by_duals[k], 1e-4);
+            }
+        }
+    }
+
+    /// What the arrays do not keep stays zero.
+    #[test]
+    fn no_step_changes_numbers_of_the_controllers_that_its_mode_is_said_not_to_use() {
+        let mut changed = 0;
+        for dynamics in ["first_principles", "so_rpy_rotor_drag"] {
+            let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
+            let drone = vehicle.drone(dynamics).unwrap();
+            let rotors = drone.airframe.n_rotors;
+            // Rotors that the vehicle lacks are commanded what they were told, nothing.
+            let own = Memory::<f64>::LEN - MAX_ROTORS + rotors;
+            for mode in vehicle.modes(dynamics).unwrap() {
+                let used = Memory::<f64>::used(mode, rotors);
+                for k in 0..8 {
+                    let due = Due { state: k & 1 > 0, attitude: k & 2 > 0, force_torque: k & 4 > 0 };
+                    let due = told(mode, due);
+                    let integrator = Integrator::Euler;
+                    let shape =
+                        Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
+                    let (graph, inputs, outputs) = graph(&drone, &shape, &|_| false);
+                    for (node, output) in graph.outputs.iter().zip(&outputs) {
+                        let p = output.place();
+                        if !(place::MEMORY..place::MEMORY + own as u32).contains(&p) {
+                            continue;
+                        }
+                        let kept = matches!(graph.nodes[*node as usize], Node::Input(i)
+                            if inputs[i as usize] == Input::Carried(p));
+                        let i = (p - place::MEMORY) as usize;
+                        assert!(kept || used.contains(&i), "{dynamics} {mode:?} {due:?} changes number {i}");
+                        changed += usize::from(!kept);
+                    }
+                }
+            }
+        }
+        assert!(changed > 100, "{changed}");
+    }
+
+    #[test]
+    fn kernels_and_byte_code_give_the_numbers_of_the_equations_for_every_built_in_vehicle() {
+        let mut random =
+            Key { seed: 1, world: 0, drone: 0, step: 0, purpose: purpose("test.kernels") }.stream();
+        let (mut by_kernel, mut by_byte_code) = (0, 0);
+        for name in BUILTIN {
+            let vehicle = Vehicle::builtin(name).unwrap();
+            for dynamics in vehicle.available_dynamics() {
+                let drone = vehicle.drone(dynamics).unwrap();
+                for mode in vehicle.modes(dynamics).unwrap() {
+                    for all in [true, false] {
+                        let due = told(mode, Due { state: all, attitude: true, force_torque: true });
+                        let integrator = Integrator::Euler;
+                        let shape =
+                            Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
+                        let stages = stages(&drone, &shape, &|_| false);
+                        let known = kernels::ALL.iter().any(|k| k.key == key(&stages));
+                        let common = COMMON.contains(&(dynamics, mode));
+                        assert!(known || !common, "{name} {dynamics} {mode:?} flies without its kernel");
+                        let fixed = fixed(&drone, &vehicle.rates, 500);
+                        for steps in [1, 5] {
+                            let mut home: Vec<f64> =
+                                (0..place::EFFECTS).map(|_| 0.1 * random.normal()).collect();
+                            for i in 0..drone.airframe.n_rotors {
+                                let hover = drone.hover_rotor_vel()[i];
+                                home[place::ROTOR_VEL as usize + i] = hover * random.uniform(0.9, 1.1);
+                            }
+                            home[place::QUAT as usize + 3] = 1.0;
+                            home[place::COMMAND as usize + 3] = drone.hover_thrust();
+                            let wanted = by_equations(&drone, &vehicle.rates, &shape, &home, steps);
+                            let codes = if known { vec![true, false] } else { vec![false] };
+                            for compiled in codes {
+                                let got = by_code(&stages, &fixed, &home, steps, compiled);
+                                for (p, (a, b)) in got.iter().zip(&wanted).enumerate() {
+                                    // Equal but for the sign of a zero.
+                                    assert!(
+                                        a == b,
+                                        "{name} {dynamics} {mode:?} {compiled}: place {p} is {a:e}, not {b:e}"
+                                    );
+                                }
+                                *(if compiled { &mut by_kernel } else { &mut by_byte_code }) += 1;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert!(by_kernel >= 200 && by_byte_code >= by_kernel, "{by_kernel} {by_byte_code}");
+    }
+}

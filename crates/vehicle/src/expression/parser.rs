@@ -1,0 +1,300 @@
+//! From the text of an expression to its program.
+//!
+//! Grammar: sums of products of powers, with parentheses, a sign before a factor, integer powers (`x^2`, `x^-1`), functions.
+//! `-x^2` is −(x²). Every fault names its place by column, counted from 1.
+
+use propwash_physics::effects::expression::{MAX_DEPTH, Op, Program, ProgramError, VARIABLES};
+
+/// Functions with their number of arguments.
+pub(super) const FUNCTIONS: &[(&str, usize, Op)] = &[
+    ("abs", 1, Op::Abs),
+    ("sqrt", 1, Op::Sqrt),
+    ("exp", 1, Op::Exp),
+    ("sin", 1, Op::Sin),
+    ("cos", 1, Op::Cos),
+    ("tanh", 1, Op::Tanh),
+    ("min", 2, Op::Min),
+    ("max", 2, Op::Max),
+];
+
+/// Longest text of one expression, in characters.
+const MAX_LENGTH: usize = 1000;
+/// Greatest integer power.
+const MAX_POWER: i8 = 16;
+/// Most parentheses, signs and functions within one another.
+const MAX_NESTING: usize = 64;
+
+/// A fault in the text of an expression.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("column {column}: expected {expected}, found {found}")]
+pub struct ExpressionError {
+    /// Where, in characters from 1.
+    pub column: usize,
+    /// What would be right.
+    pub expected: String,
+    /// What stands there.
+    pub found: String,
+}
+
+/// The program of an expression whose parameters have these names, in this order.
+///
+/// # Errors
+/// [`ExpressionError`] where the text is no expression, or names what is neither variable nor parameter nor function.
+pub fn parse(text: &str, parameters: &[&str]) -> Result<Program, ExpressionError> {
+    let chars: Vec<char> = text.chars().collect();
+    let mut parser = Parser { chars: &chars, at: 0, parameters, ops: Vec::new(), nesting: 0 };
+    if chars.len() > MAX_LENGTH {
+        return Err(parser.fault(
+            MAX_LENGTH,
+            format!("at most {MAX_LENGTH} characters"),
+            format!("{} characters", chars.len()),
+        ));
+    }
+    parser.sum()?;
+    if parser.peek().is_some() {
+        return Err(parser.unexpected("an operator (+ - * / ^) or the end"));
+    }
+    Program::new(parser.ops).map_err(|error| ExpressionError {
+        column: 1,
+        expected: format!("an expression that needs at most {MAX_DEPTH} numbers at once"),
+        found: match error {
+            ProgramError::TooDeep(depth) => format!("one that needs {depth}"),
+            other => other.to_string(),
+        },
+    })
+}
+
+struct Parser<'a> {
+    chars: &'a [char],
+    at: usize,
+    parameters: &'a [&'a str],
+    ops: Vec<Op>,
+    nesting: usize,
+}
+
+impl Parser<'_> {
+    fn fault(&self, at: usize, expected: impl Into<String>, found: impl Into<String>) -> ExpressionError {
+        ExpressionError { column: at + 1, expected: expected.into(), found: found.into() }
+    }
+
+    /// The next character that is no blank.
+    fn peek(&mut self) -> Option<char> {
+        while self.chars.get(self.at).is_some_and(|c| c.is_whitespace()) {
+            self.at += 1;
+        }
+        self.chars.get(self.at).copied()
+    }
+
+    /// Whether `wanted` comes next; then it is taken.
+    fn take(&mut self, wanted: char) -> bool {
+        let there = self.peek() == Some(wanted);
+        self.at += usize::from(there);
+        there
+    }
+
+    fn unexpected(&mut self, expected: &str) -> ExpressionError {
+        let found = match self.peek() {
+            None => "the end".to_string(),
+            Some(c) if is_name(c) => format!("`{}`", self.word(self.at)),
+            Some('−' | '–') => "a dash that is no minus sign: write -".to_string(),
+            Some('×' | '·') => "a sign for products: write *".to_string(),
+            Some(c) => format!("`{c}`"),
+        };
+        self.fault(self.at, expected, found)
+    }
+
+    /// Letters, digits and underscores from `start` on.
+    fn word(&self, start: usize) -> String {
+        self.chars[start..].iter().take_while(|c| is_name(**c)).collect()
+    }
+
+    fn deeper(&mut self) -> Result<(), ExpressionError> {
+        self.nesting += 1;
+        if self.nesting > MAX_NESTING {
+            let expected = format!("at most {MAX_NESTING} parentheses and signs within one another");
+            return Err(self.fault(self.at, expected, "more"));
+        }
+        Ok(())
+    }
+
+    fn sum(&mut self) -> Result<(), ExpressionError> {
+        self.product()?;
+        loop {
+            let op = match self.peek() {
+                Some('+') => Op::Add,
+                Some('-') => Op::Subtract,
+                _ => return Ok(()),
+            };
+            self.at += 1;
+            self.product()?;
+            self.ops.push(op);
+        }
+    }
+
+    fn product(&mut self) -> Result<(), ExpressionError> {
+        self.signed()?;
+        loop {
+            let op = match self.peek() {
+                Some('*') => Op::Multiply,
+                Some('/') => Op::Divide,
+                _ => return Ok(()),
+            };
+            self.at += 1;
+            self.signed()?;
+            self.ops.push(op);
+        }
+    }
+
+    fn signed(&mut self) -> Result<(), ExpressionError> {
+        if !self.take('-') {
+            return self.power();
+        }
+        self.deeper()?;
+        self.signed()?;
+        self.nesting -= 1;
+        self.ops.push(Op::Negate);
+        Ok(())
+    }
+
+    fn power(&mut self) -> Result<(), ExpressionError> {
+        self.factor()?;
+        while self.take('^') {
+            self.peek();
+            let start = self.at;
+            let negative = self.take('-');
+            self.peek();
+            let digits = self.word(self.at);
+            self.at += digits.chars().count();
+            let expected = format!("an integer from -{MAX_POWER} to {MAX_POWER} as power");
+            let fraction = self.chars.get(self.at) == Some(&'.');
+            let size = digits.parse::<i8>().ok().filter(|n| *n <= MAX_POWER && !fraction);
+            let Some(size) = size else {
+                let found: String = self.chars[start..].iter().take(12).collect();
+                let found = if found.is_empty() { "the end".into() } else { format!("`{found}`") };
+                return Err(self.fault(start, expected, found));
+            };
+            self.ops.push(Op::Power(if negative { -size } else { size }));
+        }
+        Ok(())
+    }
+
+    fn factor(&mut self) -> Result<(), ExpressionError> {
+        match self.peek() {
+            Some('(') => {
+                self.at += 1;
+                self.deeper()?;
+                self.sum()?;
+                self.nesting -= 1;
+                if self.take(')') { Ok(()) } else { Err(self.unexpected("`)` or an operator")) }
+            }
+            Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
+            Some(c) if is_name(c) => self.named(),
+            _ => Err(self.unexpected("a number, a variable, a parameter, a function, `(` or `-`")),
+        }
+    }
+
+    fn number(&mut self) -> Result<(), ExpressionError> {
+        let start = self.at;
+        let mut end = start;
+        while let Some(c) = self.chars.get(end) {
+            let exponent_sign = matches!(c, '+' | '-') && matches!(self.chars[end - 1], 'e' | 'E');
+            if !(c.is_ascii_alphanumeric() || matches!(c, '.' | '_') || exponent_sign) {
+                break;
+            }
+            end += 1;
+        }
+        let text: String = self.chars[start..end].iter().collect();
+        match text.parse::<f64>().ok().filter(|v| v.is_finite()) {
+            Some(value) => {
+                self.at = end;
+                self.ops.push(Op::Literal(value));
+                Ok(())
+            }
+            None => Err(self.fault(start, "a finite number such as 2, 0.5 or 1.5e-3", format!("`{text}`"))),
+        }
+    }
+
+    fn named(&mut self) -> Result<(), ExpressionError> {
+        let start = self.at;
+        let name = self.word(start);
+        self.at += name.chars().count();
+        if self.peek() == Some('(') {
+            return self.call(&name, start);
+        }
+        let own = self.parameters.iter().position(|p| *p == name).map(|i| VARIABLES.len() + i);
+        match own.or_else(|| VARIABLES.iter().position(|v| v.name == name)) {
+            Some(index) => self.ops.push(Op::Input(index as u16)),
+            None => {
+                let expected = if FUNCTIONS.iter().any(|(f, ..)| *f == name) {
+                    format!("`(` after the function `{name}`")
+                } else {
+                    let known = VARIABLES.iter().map(|v| v.name).chain(self.parameters.iter().copied());
+                    format!("a variable or a declared parameter{}", suggestion(&name, known))
+                };
+                return Err(self.fault(start, expected, format!("`{name}`")));
+            }
+        }
+        Ok(())
+    }
+
+    fn call(&mut self, name: &str, start: usize) -> Result<(), ExpressionError> {
+        let Some((_, wanted, op)) = FUNCTIONS.iter().find(|(f, ..)| *f == name) else {
+            let known: Vec<&str> = FUNCTIONS.iter().map(|(f, ..)| *f).collect();
+            let close = suggestion(name, known.iter().copied());
+            let expected = format!("a function ({}){close}", known.join(", "));
+            return Err(self.fault(start, expected, format!("`{name}(`")));
+        };
+        self.at += 1;
+        self.deeper()?;
+        let mut given = 0;
+        if self.peek() != Some(')') {
+            loop {
+                self.sum()?;
+                given += 1;
+                if !self.take(',') {
+                    break;
+                }
+            }
+        }
+        if !self.take(')') {
+            return Err(self.unexpected("`,`, `)` or an operator"));
+        }
+        self.nesting -= 1;
+        if given != *wanted {
+            let plural = if *wanted == 1 { "" } else { "s" };
+            let expected = format!("{wanted} argument{plural} of {name}");
+            return Err(self.fault(start, expected, given.to_string()));
+        }
+        self.ops.push(*op);
+        Ok(())
+    }
+}
+
+pub(super) fn is_name(c: char) -> bool {
+    c.is_ascii_alphanumeric() || c == '_'
+}
+
+/// `; did you mean …?` where one of the names is close.
+fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
+    let best = known.map(|k| (distance(name, k), k)).min();
+    match best.filter(|(d, k)| *d <= 2 && *d < k.len()) {
+        Some((_, k)) => format!("; did you mean `{k}`?"),
+        None => String::new(),
+    }
+}
+
+/// Fewest insertions, deletions and replacements of letters that lead from one word to the other (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let next = (diagonal + usize::from(x != *y)).min(row[j] + 1).min(row[j + 1] + 1);
+            diagonal = row[j + 1];
+            row[j + 1] = next;
+        }
+    }
+    row[b.len()]
+}
