@@ -71,6 +71,18 @@ impl From<crate::env::EnvError> for Error {
     }
 }
 
+impl From<crate::gap::Error> for Error {
+    fn from(error: crate::gap::Error) -> Self {
+        use crate::gap::Error as Of;
+        match error {
+            Of::Vehicle(e) => e.into(),
+            Of::Flight(e) => e.into(),
+            Of::Gap(e) => e.into(),
+            Of::Accept(e) => e.into(),
+        }
+    }
+}
+
 /// Result with [`Error`].
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 

@@ -28,8 +28,9 @@ pub mod sense;
 // Flying, seeing and touching as one thing.
 pub mod arena;
 
-pub mod flight;
-pub mod gap;
+// Logs of real flights, and the gap finder that compares models with them.
+pub use propwash_flight as flight;
+pub use propwash_gap as gap;
 
 pub mod dataset;
 pub mod env;

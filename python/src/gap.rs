@@ -173,6 +173,12 @@ impl IntoPython for propwash::Error {
     }
 }
 
+impl IntoPython for propwash::gap::Error {
+    fn into_python(self) -> PyErr {
+        propwash::Error::from(self).into_python()
+    }
+}
+
 impl IntoPython for propwash::gap::GapError {
     fn into_python(self) -> PyErr {
         use propwash::gap::GapError as G;

@@ -124,5 +124,5 @@ pub fn fit(
     let filed = Filed { label: name, vehicle, text: text_of(name)? };
     let result = fitted::fit(filed, flights, &settings, &format!("propwash {command}"), calibrate);
     bar.finish_and_clear();
-    result
+    Ok(result?)
 }

@@ -1,0 +1,256 @@
+//! From flight logs and a vehicle to a verdict: which effects are missing, how certain that is, and what remains
+//! unexplained.
+
+use super::GapError;
+use super::cable::{differing, reattach};
+use super::decide::rules::{Rule, Why};
+use super::fit::{Prepared, forces_only};
+use super::model::Model;
+use super::opinion;
+use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
+use super::replay::drone_for;
+use super::solve::{Solution, left_out, polished, solve, with_scatter};
+use super::speak::{advice, speak};
+use super::track::Track;
+use super::unseen::{each_for_itself, removed_share};
+use super::verdict::{Diagnosis, Said};
+use super::wiring;
+use super::witness::Witness;
+use propwash_physics::effects::{Area, FromLog};
+use propwash_vehicle::Vehicle;
+
+/// Settings of a diagnosis.
+#[derive(Default)]
+pub struct Settings<'a> {
+    /// Fits exactly these candidates instead of searching.
+    pub given: Option<Vec<String>>,
+    /// Searches among these candidates only; the others stay free within their tolerance.
+    pub only: Option<Vec<String>>,
+    /// Leaves out the advice what to fly next, for which manoeuvres may have to be flown in simulation.
+    pub no_advice: bool,
+    /// Progress callback `(done, total)`.
+    pub progress: Option<&'a dyn Fn(usize, usize)>,
+}
+
+/// A diagnosis with the fit behind it.
+pub struct Diagnosed {
+    /// The verdict.
+    pub verdict: Diagnosis,
+    pub(crate) solution: Solution,
+    pub(crate) model: Model,
+}
+
+/// Diagnoses flights of one vehicle. `held_out` logs are not used in the fit.
+///
+/// # Errors
+/// [`GapError`] where the logs lack what the fit needs, belong to different vehicles or to another one than the file's, or
+/// a name is unknown.
+pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Result<Diagnosed, GapError> {
+    let first =
+        tracks.first().ok_or(GapError::Numbers { what: "a diagnosis", reason: "no log was given".into() })?;
+    let drone = drone_for(first, vehicle)?;
+    if let Some(other) = tracks.iter().find(|t| t.dynamics != first.dynamics) {
+        return Err(GapError::DifferentVehicles {
+            first: first.name.clone(),
+            second: other.name.clone(),
+            reason: format!("one is driven by {}, the other by {}", first.drive.title(), other.drive.title()),
+        });
+    }
+    let mut logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
+    wiring::check(&logs, &drone)?;
+    let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
+    let mut model = Model::new(&drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?;
+    let given = settings.given.as_ref().map(|ids| indices(&model, ids)).transpose()?;
+    if let Some(ids) = &settings.only {
+        let chosen = indices(&model, ids)?;
+        model.may = (0..model.candidates.len()).map(|c| chosen.contains(&c)).collect();
+    }
+    let quiet = |_: usize, _: usize| {};
+    let progress = settings.progress.unwrap_or(&quiet);
+    let mut less = LeftOut { progress, why: Vec::new() };
+    let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
+    if given.is_none() {
+        solution = less.without_little_gain(&logs, &mut model, solution)?;
+    }
+    let cables = polish(&mut logs, &mut model, &mut solution, progress)?;
+    if given.is_none() {
+        solution = less.without_lost(&logs, &mut model, solution)?;
+    }
+    let mut solution = with_scatter(&model, solution)?;
+    if given.is_none() {
+        solution = less.without_nothing(&logs, &mut model, solution)?;
+    }
+    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, less.why)?;
+    if !settings.no_advice {
+        verdict.advice = advice(tracks, vehicle, &model, &solution, &verdict)?;
+    }
+    verdict.warnings.extend(cables);
+    Ok(Diagnosed { verdict, solution, model })
+}
+
+/// Relinearises the model at all its estimates, with the cable of a load as tracked; returns notes on cables.
+fn polish(
+    logs: &mut [Prepared],
+    model: &mut Model,
+    solution: &mut Solution,
+    progress: &dyn Fn(usize, usize),
+) -> Result<Option<String>, GapError> {
+    let (mut rehung, mut cables) = (false, None);
+    if let Some((load, name)) = model.given(FromLog::CableLength)
+        && solution.set.contains(&load)
+    {
+        let found = model.plain_at(&solution.posterior.mean, &solution.set);
+        let lengths = reattach(logs, &found);
+        if let Some(length_m) = lengths.first() {
+            model.set_preset(load, name, *length_m);
+            rehung = true;
+        }
+        cables = differing(&lengths);
+    }
+    // Shapes to test findings against are only needed from here on.
+    let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
+    let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
+    if let Some(polished) = polished(logs, &mut shaped, solution, progress)? {
+        (*model, *solution) = (shaped, polished);
+    } else if rehung {
+        let set = solution.set.clone();
+        *solution = solve(logs, model, Some(&set), progress)?;
+    }
+    Ok(cables)
+}
+
+/// What was left out of a solution after the search, and why.
+struct LeftOut<'a> {
+    progress: &'a dyn Fn(usize, usize),
+    why: Vec<Why>,
+}
+
+impl LeftOut<'_> {
+    /// Leaves out effects that remove hardly any held-out error: they only fit the residual of another effect, or of none.
+    fn without_little_gain(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        while !forces_only(logs) && !solution.set.is_empty() {
+            let evidence = solution.evidence(model)?;
+            let whole = evidence.of(&solution.set);
+            let apart = each_for_itself(&solution);
+            let mut shares = Vec::new();
+            for c in &solution.set {
+                let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                let sure = rest.is_empty() && whole > WEAK_NATS;
+                let least = if rest.is_empty() { LEAST_SHARE_ALONE } else { LEAST_SHARE };
+                let share = removed_share(model, &solution, &apart, &[*c])?;
+                if !sure && share < least {
+                    shares.push((share, *c));
+                }
+            }
+            drop(evidence);
+            // Beside turbulence a small effect removes little; it stays if the second estimator sees it too.
+            let witness = (!shares.is_empty()).then(|| Witness::beside(model, logs, &solution));
+            shares.retain(|(_, c)| {
+                let own: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                let nats = solution.evidence(model).map_or(0.0, |e| e.of(&solution.set) - e.of(&own));
+                let said = witness.as_ref().map(|w| opinion::of(model, w, &solution, *c).said);
+                nats < BESIDE_WEATHER || said != Some(Said::Agrees)
+            });
+            let Some((share, least)) = shares.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                break;
+            };
+            let text =
+                format!("left out: takes {:.0} % of the excess error on unseen windows", 100.0 * share);
+            self.why.push(Why::new(&model.candidates[least].id, Rule::LittleGain, text));
+            let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
+            solution = solve(logs, model, Some(&rest), self.progress)?;
+        }
+        Ok(solution)
+    }
+
+    /// Leaves out effects that lose their evidence when the model is relinearised at all its estimates.
+    fn without_lost(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        loop {
+            let evidence = solution.evidence(model)?;
+            let whole = evidence.of(&solution.set);
+            let own = |c: &usize| {
+                let rest: Vec<usize> = solution.set.iter().copied().filter(|x| x != c).collect();
+                whole - evidence.of(&rest)
+            };
+            let weakest = solution.set.iter().map(|c| (own(c), *c)).min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((nats, lost)) = weakest.filter(|(nats, _)| *nats < LOST_NATS) else {
+                return Ok(solution);
+            };
+            drop(evidence);
+            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+                return Ok(solution);
+            };
+            let text = format!("left out: {nats:.1} nats in the last fit");
+            self.why.push(Why::new(&model.candidates[lost].id, Rule::EvidenceLost, text));
+            solution = rest;
+        }
+    }
+
+    /// Leaves out effects that may be zero, since the parts of the log disagree about them.
+    fn without_nothing(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        loop {
+            let nothing = |c: &&usize| {
+                model.of(**c).all(|k| {
+                    let off = (solution.posterior.mean[k] - model.parameters[k].filed).abs();
+                    off <= NAMED_SIGMAS * solution.posterior.sigma[k]
+                })
+            };
+            let Some(lost) = solution.set.iter().find(nothing).copied() else { return Ok(solution) };
+            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+                return Ok(solution);
+            };
+            let id = &model.candidates[lost].id;
+            self.why.push(Why::new(
+                id,
+                Rule::MayBeNothing,
+                "left out: the parts of the log do not agree on it",
+            ));
+            solution = with_scatter(model, rest)?;
+        }
+    }
+}
+
+/// Indices of candidates by their ids.
+fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
+    let mut out = Vec::new();
+    for id in ids {
+        let found = model.named().find(|c| model.candidates[*c].id == *id);
+        match found {
+            Some(index) => out.push(index),
+            None => {
+                if let Some((_, reason)) = model.not_tried.iter().find(|(of, _)| of == id) {
+                    return Err(GapError::Log {
+                        log: "the logs".into(),
+                        expected: format!("what {id} needs"),
+                        found: reason.clone(),
+                        remedy: "give a log that has it, or another effect".into(),
+                    });
+                }
+                let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
+                return Err(GapError::Unknown {
+                    name: id.clone(),
+                    what: "candidate",
+                    known: known.join(", "),
+                });
+            }
+        }
+    }
+    out.sort_unstable();
+    out.dedup();
+    Ok(out)
+}

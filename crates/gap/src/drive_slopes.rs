@@ -1,0 +1,113 @@
+//! The model's inputs along a log and their derivatives by every drive parameter: motors, delays, limits.
+
+use super::fit::{N, NODE, Prepared, Wide};
+use super::model::{Enters, Model};
+use super::replay::{STEP, Tick, drive_by_pose};
+use super::track::Drive;
+use propwash_trace::Real;
+use propwash_trace::dual::Dual;
+use rayon::prelude::*;
+
+/// Drive parameters per pass of duals.
+const N_DRIVE: usize = 4;
+const _: () = assert!(N_DRIVE <= propwash_physics::effects::custom::MAX_PARTIALS);
+type DriveDual = Dual<f64, N_DRIVE>;
+
+/// Inputs with their derivatives by the drive parameters at every node of a log.
+pub(super) struct DriveInputs {
+    pub ticks: Vec<Tick<f64>>,
+    /// For every drive parameter, per node: derivatives of rotor speeds and rates, thrust and commands.
+    slopes: Vec<(usize, Vec<Tick<f64>>)>,
+}
+
+impl DriveInputs {
+    /// A tick at a node with its derivatives by the parameters of one pass, one per dual direction.
+    pub fn by(&self, parameters: &[usize], tick: &Tick<f64>, node: usize) -> Tick<Wide> {
+        let mut out = tick.map(Wide::lit);
+        for (slot, k) in parameters.iter().enumerate().take(N) {
+            let list = self.slopes.iter().find(|(of, _)| of == k).map(|(_, list)| list);
+            let Some(slopes) = list.and_then(|list| list.get(node)) else { continue };
+            let seed = |numbers: &mut [Wide], slopes: &[f64]| {
+                numbers.iter_mut().zip(slopes).for_each(|(x, slope)| x.partials[slot] = *slope);
+            };
+            seed(&mut out.rotor_vel, &slopes.rotor_vel);
+            seed(&mut out.rotor_acc, &slopes.rotor_acc);
+            seed(&mut out.command, &slopes.command);
+            out.thrust.partials[slot] = slopes.thrust;
+        }
+        out
+    }
+}
+
+pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
+    let plain = model.plain_at(values, chosen);
+    let free: Vec<usize> = (0..values.len())
+        .filter(|k| matches!(model.parameters[*k].enters, Enters::Drive | Enters::Clock(0)))
+        .collect();
+    if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
+        let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);
+        return DriveInputs { ticks, slopes: Vec::new() };
+    }
+    // A limit that no command reaches has derivative zero: until it is in the set, its column is a secant over half a slab.
+    let (limits, free): (Vec<usize>, Vec<usize>) = free.into_iter().partition(|k| {
+        let p = &model.parameters[*k];
+        p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
+    });
+    let far = |k: usize| -0.5 * model.parameters[k].slab;
+    let limited = |k: &usize| {
+        let mut there = values.to_vec();
+        there[*k] += far(*k);
+        let mut keep = model.effects_of(chosen);
+        keep[model.parameters[*k].effect] = true;
+        drive_by_pose(log.track, &log.around, &log.raw, &model.drone_at(&there, &keep, |_, v| v))
+    };
+    let by_duals = |group: &[usize]| -> Vec<(usize, Vec<Tick<f64>>)> {
+        let mut keep = model.effects_of(chosen);
+        group.iter().for_each(|k| keep[model.parameters[*k].effect] = true);
+        let drone = model.drone_at(values, &keep, |k, v| match group.iter().position(|g| *g == k) {
+            Some(slot) => DriveDual::input(v, slot),
+            None => DriveDual::lit(v),
+        });
+        let all = drive_by_pose(log.track, &log.around, &log.raw, &drone);
+        let slope = |slot: usize| around_nodes(all.len(), |i| all[i].map(|d| d.partials[slot]));
+        group.iter().enumerate().map(|(slot, k)| (*k, slope(slot))).collect()
+    };
+    // A log is one serial chain of motor states, so the passes run in parallel instead.
+    let (smooth, (ticks, limited)): (Vec<_>, (_, Vec<_>)) = rayon::join(
+        || free.par_chunks(N_DRIVE).flat_map_iter(by_duals).collect(),
+        || {
+            rayon::join(
+                || drive_by_pose(log.track, &log.around, &log.raw, &plain),
+                || limits.par_iter().map(limited).collect(),
+            )
+        },
+    );
+    let mut slopes: Vec<(usize, Vec<Tick<f64>>)> = limits
+        .iter()
+        .zip(&limited)
+        .map(|(k, there)| {
+            let secant = |a: f64, b: f64| (b - a) / far(*k);
+            (*k, around_nodes(ticks.len(), |i| ticks[i].with(&there[i], secant)))
+        })
+        .collect();
+    slopes.extend(smooth);
+    DriveInputs { ticks, slopes }
+}
+
+/// Means around every node of `n` ticks under a hat function that is zero at the neighbouring nodes: jumps between ticks do
+/// not alias, and the sum over a window is preserved.
+fn around_nodes(n: usize, tick: impl Fn(usize) -> Tick<f64>) -> Vec<Tick<f64>> {
+    let apart = (STEP * NODE) as isize;
+    (0..n)
+        .step_by(STEP * NODE)
+        .map(|at| {
+            let mut out = Tick::zero();
+            for offset in 1 - apart..apart {
+                let weight = (apart - offset.abs()) as f64 / (apart * apart) as f64;
+                let place = (at as isize + offset).clamp(0, n as isize - 1) as usize;
+                out = out.with(&tick(place), |sum, x| sum + weight * x);
+            }
+            out
+        })
+        .collect()
+}

@@ -1,0 +1,357 @@
+//! From flights to a diagnosis and the vehicle completed by it: `diagnose` and `add` without a terminal.
+
+mod calibration;
+mod findings;
+mod partners;
+
+use super::accept::{AcceptError, Source, today_utc};
+use super::complete::{Completion, Entry};
+use super::decide::rules::{Rule, Why};
+use super::diagnose::{Diagnosed, Settings, diagnose};
+use super::headline::headline;
+use super::judge::{Judge, rung_over};
+use super::ladder::Flights;
+use super::policy::WORSE;
+use super::track::{Noise, Options, Track};
+use super::verdict::{Calibration, Diagnosis, Finding, Rung};
+use crate::error::Result;
+use propwash_flight::{CheckReport, Fault, FlightLog, Severity};
+use propwash_vehicle::Vehicle;
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+/// Prepares logs for a vehicle. Every log is checked first: an invalid one is refused, and the checker's other messages
+/// become warnings of its track.
+///
+/// # Errors
+/// Those of [`FlightLog::open`] and of [`Track::new`].
+pub fn read(
+    logs: &[PathBuf],
+    mapping: Option<&Path>,
+    vehicle: &Vehicle,
+    options: &Options,
+) -> Result<Vec<Track>> {
+    logs.par_iter()
+        .map(|path| {
+            let (log, report) = FlightLog::open(path, mapping)?;
+            let mut said: Vec<String> = log.warnings.clone();
+            for text in warnings(&report) {
+                if !said.contains(&text) {
+                    said.push(text);
+                }
+            }
+            let mut track = Track::new(log, vehicle, options)?;
+            said.append(&mut track.warnings);
+            track.warnings = said;
+            Ok(track)
+        })
+        .collect()
+}
+
+/// The checker's warnings, except about what a track leaves out and reports itself.
+fn warnings(report: &CheckReport) -> Vec<String> {
+    let own = |f: Fault| matches!(f, Fault::Gap | Fault::Glitch | Fault::RotorDead | Fault::Crash);
+    let found = report.findings.iter().filter(|f| f.severity == Severity::Warning && !own(f.fault));
+    found.map(|f| f.text.clone()).collect()
+}
+
+/// The vehicle as read from its file.
+pub struct Filed<'a> {
+    /// Name or path for messages.
+    pub label: &'a str,
+    /// The vehicle described by the file.
+    pub vehicle: &'a Vehicle,
+    /// The file's text, with comments.
+    pub text: String,
+}
+
+/// How to treat parameters within tolerance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Calibrate {
+    /// They stay nominal.
+    No,
+    /// The ladder shows their effect; they stay nominal.
+    Show,
+    /// Those of the groups that lower the held-out error are written.
+    Write,
+}
+
+/// A diagnosis with the resulting vehicle.
+pub struct Fitted {
+    /// The diagnosis with its ladder.
+    pub diagnosed: Diagnosed,
+    /// The vehicle with everything written; `None` where nothing is.
+    pub after: Option<Vehicle>,
+    /// The text of its file; the original text where nothing is written.
+    pub text: String,
+    /// Number of parameters within tolerance that were written.
+    pub calibrated: usize,
+    /// Findings that cannot be written into a vehicle file, by id, with the reason.
+    pub unwritable: Vec<(String, AcceptError)>,
+}
+
+impl Fitted {
+    /// The vehicle with everything written, if anything is.
+    pub fn after(&self) -> Option<&Vehicle> {
+        self.after.as_ref()
+    }
+
+    /// Why nothing is written, if nothing is.
+    pub fn nothing(&self) -> Option<String> {
+        if self.after.is_some() {
+            return None;
+        }
+        let findings = &self.diagnosed.verdict.findings;
+        let doubts: Vec<String> =
+            findings.iter().filter_map(|f| Some(format!("{}: {}", f.id, f.unwritten()?))).collect();
+        Some(if doubts.is_empty() {
+            "nothing is written: nothing was found that changes the vehicle".into()
+        } else {
+            format!("nothing is written; {}", doubts.join("; "))
+        })
+    }
+}
+
+/// Diagnoses flights, completes the vehicle by what does not raise the held-out error, and measures every step on all
+/// flights. `by` names the author in the file's sources.
+///
+/// # Errors
+/// Those of [`diagnose`], and where the text is no vehicle file.
+pub fn fit(
+    filed: Filed,
+    flights: &Flights,
+    settings: &Settings,
+    by: &str,
+    calibrate: Calibrate,
+) -> Result<Fitted> {
+    let mut diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
+    let verdict = &mut diagnosed.verdict;
+    // Simulate with the noise estimated by the fit.
+    let noise: Vec<Noise> = verdict.logs.iter().map(|l| l.noise).collect();
+    verdict.logs = flights.summaries();
+    for (log, noise) in verdict.logs.iter_mut().filter(|l| !l.held_out).zip(noise) {
+        log.noise = noise;
+    }
+    verdict.warnings.extend(flights.warnings.iter().cloned());
+    let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
+    let given = settings.given.is_some();
+    let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new(), given };
+    let judge = Judge::new(flights);
+    warn_of_judge(&judge, filed.vehicle, verdict);
+    let (writable, unwritable) = writer.writable(&verdict.findings)?;
+    for (id, error) in &unwritable {
+        verdict.warnings.push(format!("the ladder is without {id}: {error}"));
+    }
+    let kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
+    say_doubts(verdict);
+
+    let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];
+    let mut completion = writer.begin();
+    for index in kept {
+        let finding = &verdict.findings[index];
+        completion.add(&Entry::of(finding))?;
+        rungs.push((format!("+ {}", finding.id), completion.vehicle(filed.vehicle)?));
+    }
+    let partners = completion.partners(&verdict.adjusted)?;
+    if let (Some(words), Some((label, last))) = (&partners, rungs.last_mut()) {
+        // What was fitted together is one step of the ladder.
+        *label = format!("{label} with {words}");
+        *last = completion.vehicle(filed.vehicle)?;
+    }
+    let found = rungs.len();
+    let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
+    let mut calibrated = 0;
+    if calibrate != Calibrate::No {
+        let shown = calibration::judged(&writer, &judge, &completion, &mut verdict.adjusted)?;
+        let helping: Vec<Calibration> = verdict.adjusted.iter().filter(|c| c.helps).cloned().collect();
+        if calibrate == Calibrate::Write {
+            calibrated = completion.calibrate(&helping)?;
+            if calibrated > 0 {
+                after = Some(completion.vehicle(filed.vehicle)?);
+            }
+            rungs.extend(shown.into_iter().filter(|s| s.helps).map(|s| (s.label, s.vehicle)));
+        } else {
+            rungs.extend(shown.into_iter().map(|s| (s.label, s.vehicle)));
+        }
+    }
+    // Ladder steps whose roll-outs diverge are skipped.
+    match flights.ladder(&rungs) {
+        Ok(ladder) => verdict.ladder = unparted(ladder, found),
+        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+    }
+    completion.remarks.dedup();
+    verdict.warnings.append(&mut completion.remarks);
+    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
+}
+
+/// Warns where findings cannot be judged, or only on flight used in the fit.
+fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
+    if !verdict.findings.is_empty() && judge.blind(vehicle) {
+        let words = "is too short to judge what was found: it is written as it was fitted";
+        verdict.warnings.push(format!("{} {words}", judge.title()));
+    } else if !judge.unseen && !verdict.findings.is_empty() {
+        verdict.warnings.push(
+            "no flight was kept from the fit: what is written was judged on the flight of the fit alone"
+                .into(),
+        );
+    }
+}
+
+/// Says which findings are in doubt and not written, and why, also in the headline.
+fn say_doubts(verdict: &mut Diagnosis) {
+    let harmful = verdict.findings.iter().filter_map(|f| {
+        let doubt = if f.doubt().is_some() { "in doubt, not written: " } else { "" };
+        Some(Why::new(&f.id, Rule::NeverWorse, format!("{doubt}{}", f.unwritten()?)))
+    });
+    verdict.why.extend(harmful);
+    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+    let doubtful: Vec<&str> =
+        verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
+    if !doubtful.is_empty() {
+        verdict.verdict = format!("{}; in doubt and not written: {}", verdict.verdict, doubtful.join(", "));
+    }
+}
+
+/// Merges ladder steps of effects that only help together with the next one: what was fitted together is not split. The
+/// first `found` steps are those of the nominal vehicle and of the findings.
+fn unparted(ladder: Vec<Rung>, found: usize) -> Vec<Rung> {
+    let mut out: Vec<Rung> = Vec::new();
+    let mut held: Option<String> = None;
+    for (i, mut rung) in ladder.into_iter().enumerate() {
+        if let Some(before) = held.take() {
+            rung.label = format!("{before} {}", rung.label);
+        }
+        let worse = out.last().is_some_and(|below| rung_over(&rung, below) > WORSE);
+        if worse && i + 1 < found {
+            held = Some(rung.label);
+        } else {
+            out.push(rung);
+        }
+    }
+    out
+}
+
+/// Provenance of the values in a file.
+fn source(flights: &Flights, by: &str) -> Source {
+    let held: Vec<String> = flights
+        .whole
+        .iter()
+        .zip(&flights.cut_s)
+        .map(|(t, cut)| match cut {
+            Some(cut) => format!("{} to {cut:.1} s", t.name),
+            None => t.name.clone(),
+        })
+        .collect();
+    let mut log_sha256: Vec<String> = flights.whole.iter().map(|t| t.log.sha256.clone()).collect();
+    log_sha256.dedup();
+    Source {
+        log_sha256,
+        date: today_utc(),
+        text: format!(
+            "{by} on {}, driven by {}",
+            held.join(", "),
+            flights.whole.first().map_or("nothing", |t| t.drive.title())
+        ),
+    }
+}
+
+/// Findings that cannot be written into a vehicle file, by id, with the reason.
+type Unwritable = Vec<(String, AcceptError)>;
+
+/// Writes findings into the text of the nominal vehicle.
+#[derive(Clone)]
+struct Writer<'a> {
+    source: Source,
+    dynamics: String,
+    filed: &'a Filed<'a>,
+    /// Parameters within tolerance written together with the findings.
+    partners: Vec<Calibration>,
+    /// The user requested these effects; nothing was searched.
+    given: bool,
+}
+
+impl Writer<'_> {
+    fn begin(&self) -> Completion {
+        let Filed { label, vehicle, text } = self.filed;
+        Completion::new(vehicle, text.clone(), label, &self.dynamics, self.source.clone())
+    }
+
+    /// Indices of findings that can be written, and the others with the reason.
+    fn writable(&self, findings: &[Finding]) -> Result<(Vec<usize>, Unwritable)> {
+        let mut completion = self.begin();
+        let (mut can, mut cannot) = (Vec::new(), Vec::new());
+        for (index, f) in findings.iter().enumerate() {
+            match completion.add(&Entry::of(f)) {
+                Ok(()) => can.push(index),
+                Err(error @ (AcceptError::OutOfRange { .. } | AcceptError::Effect { .. })) => {
+                    cannot.push((f.id.clone(), error));
+                }
+                Err(other) => return Err(other.into()),
+            }
+        }
+        Ok((can, cannot))
+    }
+
+    /// The file with some of the findings.
+    fn completed(&self, findings: &[Finding], chosen: &[usize]) -> Result<Completion> {
+        let mut completion = self.begin();
+        for index in chosen {
+            completion.add(&Entry::of(&findings[*index]))?;
+        }
+        completion.calibrate(&self.partners)?;
+        Ok(completion)
+    }
+
+    /// The vehicle with some of the findings.
+    fn with(&self, findings: &[Finding], chosen: &[usize]) -> Result<Vehicle> {
+        Ok(self.completed(findings, chosen)?.vehicle(self.filed.vehicle)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verdict::{HorizonError, Lack};
+
+    fn rung(label: &str, error: f64) -> Rung {
+        let at = |horizon_s| HorizonError {
+            horizon_s,
+            position_m: error,
+            velocity_m_s: error,
+            attitude_rad: error,
+            rate_rad_s: error,
+            n: 9,
+        };
+        let lack = Lack {
+            force_n: error,
+            force_times_noise: error,
+            torque_n_m: Some(error),
+            torque_times_noise: Some(error),
+            n: 99,
+        };
+        let horizons = vec![at(0.5), at(1.0)];
+        Rung {
+            label: label.into(),
+            training: horizons.clone(),
+            held_out: horizons,
+            training_lack: Some(lack),
+            held_out_lack: Some(lack),
+        }
+    }
+
+    #[test]
+    fn what_only_helps_with_the_next_effect_shares_its_rung() {
+        let ladder = |errors: [f64; 4]| {
+            let labels = ["as filed", "+ wrong_mass", "+ thrust_scale", "+ air"];
+            labels.iter().zip(errors).map(|(label, e)| rung(label, e)).collect::<Vec<_>>()
+        };
+        let labels = |list: Vec<Rung>| list.into_iter().map(|r| r.label).collect::<Vec<_>>().join(", ");
+        let shown = labels(unparted(ladder([1.0, 8.0, 0.5, 0.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass + thrust_scale, + air");
+        let shown = labels(unparted(ladder([1.0, 0.8, 0.5, 0.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
+        // A rise by the last effect or by the calibration is not hidden.
+        let shown = labels(unparted(ladder([1.0, 0.8, 0.9, 1.4]), 3));
+        assert_eq!(shown, "as filed, + wrong_mass, + thrust_scale, + air");
+    }
+}

@@ -1,0 +1,63 @@
+//! The gap finder: compares a vehicle's model with measured flights, finds missing effects, and measures the completed
+//! model.
+
+#![forbid(unsafe_code)]
+
+pub mod accept;
+pub mod attitude_model;
+mod cable;
+mod causes;
+pub mod compare;
+pub mod complete;
+mod constants;
+mod cross_check;
+pub mod decide;
+pub mod diagnose;
+pub(crate) mod disturbance;
+mod drive_slopes;
+mod error;
+pub mod excite;
+mod first_look;
+mod fit;
+pub mod fitted;
+pub(crate) mod free_form;
+mod gust_line;
+pub mod headline;
+mod inputs;
+mod integration;
+mod judge;
+pub mod ladder;
+mod lean;
+mod limits;
+pub(crate) mod model;
+mod noise;
+mod opinion;
+pub mod overlay;
+mod per_log;
+pub mod policy;
+pub(crate) mod replay;
+pub mod report;
+pub(crate) mod residual;
+pub(crate) mod search;
+mod sensor_regression;
+pub(crate) mod shapes;
+mod slow_errors;
+mod solve;
+mod speak;
+mod starts;
+pub mod track;
+mod unseen;
+mod usable;
+pub mod verdict;
+mod walk;
+mod wiring;
+pub(crate) mod witness;
+
+pub use causes::{Cause, Response};
+pub use compare::{Comparison, compare};
+pub use error::{Error, GapError, Result};
+pub use track::{Drive, Options, StatedNoise, Track};
+pub use verdict::Diagnosis;
+
+#[cfg(test)]
+mod tests;

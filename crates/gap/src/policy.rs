@@ -1,0 +1,229 @@
+//! Thresholds of the gap finder: named constants, each with its meaning and the data that set it.
+//!
+//! Nothing is written into a vehicle file that makes it worse on held-out flight. A vehicle's errors are those of six
+//! channels: force and torque that the model lacks at the instants, position and attitude at the end of roll-outs of 0.5
+//! and 1 s. One vehicle is *worse* than another where the geometric mean of its errors over the other's is above one.
+
+/// Band, as a share of half the sample rate, in which a measured input contains only noise.
+///
+/// Rotors of small vehicles follow to 5 to 10 Hz; speeds are logged at 100 to 500 Hz. The uppermost part is left out: loggers
+/// that interpolate have less noise there (a Crazyflie's deck at 500 Hz: 2.4 rad/s up to 200 Hz, 0.7 at 250 Hz).
+pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
+
+/// Share of the smoothing time of an input by which sensors may appear delayed relative to it. A simulated flight with
+/// correct clocks, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to have inertial sensors 3 and 7 ms
+/// early.
+pub(crate) const SMOOTHED_TIMING: f64 = 0.5;
+
+/// Relative uncertainty of the vehicle's response to its measured rotors (or thrust) above which no effect is tried that
+/// scales this response; below, it widens their tolerance. Inertias of usual tolerance are told from 20 % on. In hovers by
+/// rotor speeds with 4 to 6 rad/s of noise it is 0.3 to 3, and inertias of twice the true ones, or half the mass with half
+/// the thrust, were fitted in place of rotor trims.
+pub(crate) const UNKNOWN_ANSWER: f64 = 0.25;
+
+/// Largest log ratio of a channel's noise in consecutive iterations that counts as converged.
+pub(crate) const NOISE_SETTLED: f64 = 0.15;
+
+/// Windows of a log used to estimate the noise of its channels: some 10,000 samples of each, which give the standard
+/// deviation to 1 %.
+pub(crate) const NOISE_WINDOWS: usize = 100;
+
+/// Longest lag, in samples, at which correlated errors of a channel are looked for. Windows of 0.25 s hold 60 poses at 240
+/// Hz; longer correlations are absorbed by a window's initial state.
+pub(crate) const SLOWEST_NOISE: usize = 40;
+
+/// Prior error of an attitude that drives the model, rad: estimators are off by one to two degrees in manoeuvres.
+pub(crate) const GIVEN_ATTITUDE_RAD: f64 = 0.02;
+
+/// Lengths of the roll-outs used to judge a vehicle, s: short enough for a flight of a few seconds, long enough to
+/// integrate the errors seen at the instants.
+pub(crate) const JUDGE_HORIZONS_S: [f64; 2] = [0.5, 1.0];
+
+/// Averaging time of the force and torque residuals at the instants, s. Means over 50 ms pass 3 Hz with a gain of 96 % and
+/// have their first zero at 20 Hz: they keep the motion of a multirotor and remove the vibration of its frame.
+pub(crate) const BAND_S: f64 = 0.05;
+
+/// Fewest of those means for a judgement: 1 s of flight.
+pub(crate) const FEWEST_INSTANTS: usize = 20;
+
+/// Ratio of errors above which a vehicle counts as worse. Exactly one, no tolerance: a finding without benefit is not
+/// missed in a file, and a slightly harmful one does harm.
+pub(crate) const WORSE: f64 = 1.0;
+
+/// Ratio above which a single error (force, torque, position after either horizon) counts as raised by what is written. Two
+/// flights of one vehicle differ by a tenth of that hundredth.
+pub(crate) const RISES: f64 = 1.01;
+
+/// Ratio of errors, of a finding's own channel and of all together, above which the gain of a searched finding is too small
+/// to write it: ratios on another flight of the same vehicle were up to 5 % larger, so a small gain here may be a loss
+/// there. A true flapping that took 2 % off the torque and 3 % off positions raised positions on the next flight by 1 to 3
+/// %.
+pub(crate) const LITTLE_GAIN: f64 = 0.95;
+
+/// Ratio of all errors together that one more such group must reach once no error rises, and that findings written with
+/// such groups must reach over the vehicle without them. On another flight of the same vehicle ratios were up to 5 %
+/// larger.
+pub(crate) const WELL_BELOW: f64 = 0.9;
+
+/// Most groups of parameters within tolerance written together with the findings: more would be a calibration.
+pub(crate) const MOST_PARTNERS: usize = 3;
+
+/// Share of an effect's squared change that one direction must hold for the effect to be reported by that direction alone
+/// ("force across the rotors").
+pub(crate) const ONE_DIRECTION: f64 = 0.8;
+
+/// Root mean square of an effect's change of force and torque, over the sensor noise in the same means, below which the
+/// effect counts as acting on neither and is reported by the attitude of roll-outs: a twentieth adds 0.1 % to an error that
+/// is all noise.
+pub(crate) const ACTS_NOWHERE: f64 = 0.05;
+
+/// An effect within tolerance is not written if its parameters differ from the file by no more than so many standard
+/// deviations (root mean square over them): at one, chance alone moves them as far.
+pub(crate) const NO_INFLUENCE_SIGMAS: f64 = 1.0;
+
+/// Factor by which the tolerances of a vehicle count as wider in the intervals of what was found: how well it was built is
+/// itself known to a factor of two only (rms of widths between half and twice the usual: 1.3). With 1.0, a vehicle of twice
+/// the usual tolerances whose thrust was 4 % off had 0.837 ± 0.017 of its filed mass where 0.865 was true.
+pub(crate) const INTERVAL_TOLERANCE: f64 = 1.4;
+
+/// Number of tolerances from which a calibrated parameter is no longer called within tolerance: one vehicle in four hundred
+/// is that far off in a parameter that its builder took care of.
+pub(crate) const FAR_TOLERANCES: f64 = 3.0;
+
+/// Groups of calibration that a ladder shows as steps of their own; the rest is one step. More make it unreadable.
+pub(crate) const GROUPS_SHOWN: usize = 3;
+
+/// Most characters of a headline: one line of 34 px on a page of 1400 px, or of a terminal.
+pub const HEADLINE_CHARS: usize = 90;
+
+/// Evidence, in nats, from which an effect that the second estimator cannot observe (sensors, clocks, constants) is certain
+/// nevertheless; from here on it is not tried to leave effects out, either. On real flights a tilt of the world of 0.4° (27
+/// nats) and a marker 23 mm up (18 nats) had less, and nothing confirms them; a misaligned motion capture body had 66.
+pub(crate) const CERTAIN_ALONE_NATS: f64 = WEAK_NATS;
+
+/// Standard deviations, by the scatter of the log's parts, by which at least one parameter of an effect must differ from
+/// the file for the effect to be named: otherwise all of its 95 % intervals contain zero. A wind of −0.25 ± 0.20 m/s was
+/// found beside a downwash with 13 nats.
+pub(crate) const NAMED_SIGMAS: f64 = 1.96;
+
+/// Evidence, in nats, below which an effect is tentatively left out with a new fit: it may exist only because the model was
+/// linearised with it.
+pub(crate) const WEAK_NATS: f64 = 40.0;
+
+/// Evidence, in nats, below which an effect is dropped after relinearising the model at all its estimates: half of what it
+/// takes to be added, a hysteresis against effects that come and go. On a real flight of a slung load a clock stayed with
+/// −1.
+pub(crate) const LOST_NATS: f64 = 0.5 * super::search::THRESHOLD;
+
+/// About how many of the short windows are used after a first pass over all of them: they only lead to the start of the
+/// long ones. 24 s of flight are all used; of 40 s every second window, by which the verdicts on twelve logs did not
+/// change.
+pub(crate) const SHORT_WINDOWS: usize = 240;
+
+/// Windows and rounds by which `compare` tells whether any effect is missing: 30 s of flight, and a second round with the
+/// noise estimated in the first. With these it exited as `diagnose` did on 43 of 43 logs.
+pub(crate) const GLANCE_WINDOWS: usize = 120;
+pub(crate) const GLANCE_ROUNDS: usize = 2;
+
+/// Largest remaining share of the roll-out errors for which a verdict of nothing missing mentions calibration.
+pub(crate) const WORTH_CORRECTING: f64 = 0.8;
+
+/// Attitude error of roll-outs, rad, below which the attitude is an input of the model, not a result: rounding makes 10⁻¹⁵,
+/// the best attitude sensor 10⁻⁴.
+pub(crate) const FED_IN_RAD: f64 = 1e-9;
+
+/// A mean force or torque is reported as a finding in words if it is at least so many times the noise of a sample: what
+/// agrees with a log by [`super::compare::AGREE`] is not reported.
+pub(crate) const CONSTANT_TIMES_NOISE: f64 = super::compare::AGREE;
+
+/// … and makes at least this share of the mean square in its axis: otherwise the varying part dominates, and the mean is a
+/// property of the path flown.
+pub(crate) const CONSTANT_SHARE: f64 = 0.5;
+
+/// Seconds at the beginning of a log driven by commands that are not judged: the initial motor speeds are unknown, and with
+/// a lag of 0.15 s a wrong start decays to a thousandth in 1 s. The built-in Crazyflies, flown from hover, were off by 0.7
+/// % of their weight 80 ms after the start, by 0.01 % after 0.9 s.
+pub(crate) const SETTLING_S: f64 = 1.0;
+
+/// A mean is attributed to a cause if at least this share of the variance depends on it, and at least this share of the
+/// mean vanishes where the cause is zero: rotor drag in a Lissajous figure flown nose ahead had 98 % of its variance
+/// explained by the velocity.
+pub(crate) const CONSTANT_CAUSE: f64 = 0.7;
+
+/// Time over which poses and inertial data are cross-checked, s: that of the windows by which disturbances are judged.
+pub(crate) const CROSS_CHECK_S: f64 = 0.25;
+
+/// Share of a line in the force spectrum that must remain after regression on velocity and acceleration, where the vehicle
+/// itself oscillates at that frequency, for the line to count as a gust.
+pub(crate) const GUST_BESIDE_MOTION: f64 = 0.5;
+
+/// Share of the measured torque's variance about an axis that the nominal rotors must leave for their order to be doubted:
+/// all of it, as if the file had none …
+pub(crate) const WIRED_FILED: f64 = 1.0;
+/// … and the share that another order or spin direction may leave there to be accepted; it may leave more about other axes.
+pub(crate) const WIRED_BEST: f64 = 0.5;
+pub(crate) const WIRED_WORSE: f64 = 0.1;
+
+/// Factor by which the rotors' lift must be off, up or down, for a file to be taken for another vehicle's: twice the weight
+/// would be a load that no vehicle of the field carries unnoticed, and speeds in turns per minute lift 91 times as much.
+pub(crate) const ANOTHER_LIFT: f64 = 2.0;
+
+/// Standard deviations by which a log must differ from the others in a clock, a bias or the wind to be reported: five logs
+/// have some ninety such parameters, of which at two standard deviations four would differ by chance.
+pub(crate) const DIFFERS_SIGMAS: f64 = 3.0;
+
+/// Best relative accuracy of such a difference, as a share of its tolerance. Clocks of two planted flights by measured
+/// rotor speeds were found to 0.5 to 0.6 ms with a tolerance of 7.7 ms, which is that of smoothed inputs, where the fit
+/// alone claimed 0.01 to 0.07 ms; by commands to 0.01 to 0.13 ms of 0.5 ms.
+pub(crate) const DIFFERS_KNOWN: f64 = 0.1;
+
+/// Standard deviations from which an attitude is reported to lean with the acceleration.
+pub(crate) const LEAN_SIGMAS: f64 = 3.0;
+
+/// Share of the variance explained along an axis, beside the tolerances of the air, above which an effect acts there.
+pub(crate) const OWN_SHARE: f64 = 0.25;
+
+/// Evidence with which a term must describe the residual of an effect, nats.
+pub(crate) const SHAPE_NATS: f64 = 25.0;
+
+/// Size above which a described term matters. Of 288 flights of the develop half in which everything was known, one left a
+/// regular torque of 0.03 rad/s² or more, and rightly so.
+pub(crate) const REGULAR_FORCE_M_S2: f64 = 0.03;
+pub(crate) const REGULAR_TORQUE_RAD_S2: f64 = 0.03;
+
+/// Agility ([`propwash_physics::drone::Drone::agility_rad_s2`]) below which the torque thresholds shrink in proportion. They were set on a
+/// quadrotor of 0.75 kg with this agility; a vehicle of 5 kg turns a third as quickly, and a regular torque of 0.04 to 0.06 rad/s² on
+/// vehicles of 1 and 2 kg, 94 % of what was left, went unnoticed.
+pub(crate) const USUAL_AGILITY_RAD_S2: f64 = 333.0;
+
+/// Share of the scatter above which a term indicates a regular missing effect.
+pub(crate) const REGULAR_SHARE: f64 = 0.2;
+
+/// Residual force over mass and torque over inertia that a well-known vehicle in calm air stays below.
+pub(crate) const LARGE_FORCE_M_S2: f64 = 0.06;
+pub(crate) const LARGE_TORQUE_RAD_S2: f64 = 0.8;
+
+/// Scatter of the worst two seconds over that of usual ones above which a disturbance is an event, not turbulence.
+pub(crate) const EVENT: f64 = 3.5;
+
+/// Share of the scatter that a term may describe by chance, where the wind itself moves the vehicle.
+pub(crate) const WEATHER_SHARE: f64 = 0.14;
+
+/// Reduced chi-square of the residuals, given disturbances and noise, above which an unexplained force is not attributed to
+/// turbulence. Flights in turbulence of the generator have 1.0 to 1.7, in effects that are in no list up to 20.
+pub(crate) const MOST_DISPERSION: f64 = 2.0;
+
+/// Share of the disturbances' variance that findings must explain if a regular or large remainder is left.
+pub(crate) const LEANING: f64 = 0.7;
+
+/// The same if the remainder is an event.
+pub(crate) const EVENTFUL: f64 = 0.9;
+
+/// Evidence from which an effect is kept beside turbulence, nats.
+pub(crate) const BESIDE_WEATHER: f64 = 20.0;
+
+/// Share of the held-out error that an effect must remove beside other effects.
+pub(crate) const LEAST_SHARE: f64 = 0.1;
+
+/// The same for an effect alone, on weak evidence.
+pub(crate) const LEAST_SHARE_ALONE: f64 = 0.3;
