@@ -1,4 +1,4 @@
-//! The kernels in `src/kernels/`, written from the equations.
+//! The kernels in `crates/kernels/src/`, written from the equations.
 
 use crate::run::{self, Result};
 use crate::setup;

@@ -41,7 +41,7 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask docs [--notebooks]
                                build the site of the documentation into target/site, with mkdocs in target/docs-venv; a link
                                that leads nowhere fails (--notebooks: first run all notebooks/ anew and write what they show)
-  cargo xtask gen [--check]    write the kernels in src/kernels/ from the equations; --check only compares
+  cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test
 

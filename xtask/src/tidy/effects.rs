@@ -3,7 +3,7 @@
 use super::source::{code_only, item_end, tokens};
 use super::{File, Finding};
 
-const CODE: &str = "src/physics/effects/";
+const CODE: &str = "crates/physics/src/effects/";
 const PAGES: &str = "docs/effects/";
 
 /// Headings of every page, in this order.
@@ -19,15 +19,19 @@ const HELPERS: &[&str] = &["mod", "README", "candidate", "custom"];
 /// Where the library may name an effect all the same, and why.
 const MAY_NAME: &[(&str, &[&str], &str)] = &[
     (
-        "src/gap/attitude_model/",
+        "crates/gap/src/attitude_model/",
         &["linear_drag", "command_delay", "battery_sag", "actuator_saturation"],
         "what an identified answer to attitude commands is written as",
     ),
-    ("src/gap/attitude_model/", &["thrust_scale"], "a parameter of the answer has the same name"),
-    ("src/gap/cable.rs", &["slung_payload"], "the pendulum that is laid through the track of a load"),
-    ("src/gap/decide/", &["turbulence", "linear_drag"], "weather without a pattern, and the shape of a drag"),
-    ("src/vehicle/diff.rs", &["thrust_curve"], "a key of rotors has the same name"),
-    ("src/vehicle/file.rs", &["thrust_scale"], "a key of vehicle files has the same name"),
+    ("crates/gap/src/attitude_model/", &["thrust_scale"], "a parameter of the answer has the same name"),
+    ("crates/gap/src/cable.rs", &["slung_payload"], "the pendulum that is laid through the track of a load"),
+    (
+        "crates/gap/src/decide/",
+        &["turbulence", "linear_drag"],
+        "weather without a pattern, and the shape of a drag",
+    ),
+    ("crates/vehicle/src/diff.rs", &["thrust_curve"], "a key of rotors has the same name"),
+    ("crates/vehicle/src/file.rs", &["thrust_scale"], "a key of vehicle files has the same name"),
 ];
 
 /// Checks that code, list and pages name the same effects, and that every page is whole.
@@ -87,7 +91,7 @@ pub fn check(files: &[File]) -> Vec<Finding> {
 
 /// Lines of a file of the library, outside its tests, that name an effect: as a text, a module or a variant.
 fn named_in<'a>(file: &'a File, effects: &[(&'a str, &str)]) -> Vec<(&'a str, usize, &'a str)> {
-    let library = file.path.starts_with("src/") && file.path.ends_with(".rs") && !file.path.starts_with(CODE);
+    let library = super::is_library(&file.path) && !file.path.starts_with(CODE);
     let tests = file.path.contains("/tests/") || file.path.ends_with("/tests.rs");
     let Some(text) = file.text().filter(|_| library && !tests) else { return Vec::new() };
     let text = text.split("#[cfg(test)]").next().unwrap_or_default();
@@ -222,8 +226,10 @@ mod tests {
     }
 
     fn found(list: &str, page: Option<&str>) -> Vec<String> {
-        let mut files =
-            vec![file("src/physics/effects/mod.rs", list), file("src/physics/effects/push.rs", EFFECT)];
+        let mut files = vec![
+            file("crates/physics/src/effects/mod.rs", list),
+            file("crates/physics/src/effects/push.rs", EFFECT),
+        ];
         files.extend(page.map(|text| file("docs/effects/push.md", text)));
         check(&files).into_iter().map(|f| f.message).collect()
     }
@@ -248,16 +254,16 @@ mod tests {
     fn an_effect_that_is_named_elsewhere_is_found() {
         let text = "// push may stand in words\nfn f() { g(\"push\"); }\nfn h(e: E) { if let AnyEffect::Push(p) = e {} }\n#[cfg(test)]\nmod tests { fn t() { g(\"push\") } }";
         let files = [
-            file("src/physics/effects/mod.rs", LIST),
-            file("src/physics/effects/push.rs", EFFECT),
+            file("crates/physics/src/effects/mod.rs", LIST),
+            file("crates/physics/src/effects/push.rs", EFFECT),
             file("docs/effects/push.md", &page()),
-            file("src/gap/model.rs", text),
+            file("crates/gap/src/model.rs", text),
         ];
         let lines: Vec<usize> = check(&files).iter().map(|f| f.line).collect();
         assert_eq!(lines, [2, 3], "{:?}", check(&files).iter().map(|f| &f.message).collect::<Vec<_>>());
         // Leave that nobody needs is found too.
         let [a, b, c, _] = files;
-        let idle = check(&[a, b, c, file("src/gap/cable.rs", "fn f() {}")]);
+        let idle = check(&[a, b, c, file("crates/gap/src/cable.rs", "fn f() {}")]);
         assert!(
             idle.len() == 1 && idle[0].message.contains("`slung_payload` here is needed no more"),
             "{idle:?}"

@@ -1,26 +1,22 @@
-//! Which module may import which: one table here, the same one in docs/architecture.md, both checked.
+//! Which module of the root package may import which: one table here, the same one in docs/architecture.md, both checked. Between
+//! crates cargo checks; their table in docs/architecture.md is compared with their manifests.
 
-use super::source::{code_only, line_text, named_paths, tokens};
+use super::source::{code_only, line_of, line_text, named_paths, tokens};
 use super::{File, Finding};
 
 const RULE: &str = "import table";
 
-/// Where people read the table.
+/// Where people read the tables.
 const DOCUMENT: &str = "docs/architecture.md";
+/// Heading of the table of crates in it.
+const CRATES: &str = "Crates";
+/// Heading of the table of modules.
+const MODULES: &str = "Modules of the root package";
 
-/// Module, and the modules that it may import: `physics::measure` allows that one file of `physics`; `*` allows all.
-/// Every module may import itself. Modules that are not written yet stand here too.
+/// Module, and the modules that it may import, with the crates that `src/lib.rs` exports under the names of modules:
+/// `physics::measure` allows that one file of `physics`; `*` allows all. Every module may import itself.
 const TABLE: &[(&str, &[&str])] = &[
-    ("units", &[]),
-    ("random", &[]),
     ("error", &["*"]),
-    ("scalar", &[]),
-    ("math", &["scalar"]),
-    ("physics", &["math", "scalar"]),
-    ("vehicle", &["physics", "units", "math", "scalar", "error"]),
-    ("flight", &["units", "math"]),
-    ("kernels", &["scalar"]),
-    ("rollout", &["physics", "kernels", "vehicle", "scalar", "math", "random", "error"]),
     ("scene", &["math", "random", "error"]),
     ("sense", &["scene", "physics::measure", "math", "random", "error"]),
     ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
@@ -29,15 +25,11 @@ const TABLE: &[(&str, &[&str])] = &[
         &["arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "math", "random", "error"],
     ),
     ("env", &["arena", "rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
-    ("gap", &["rollout", "flight", "vehicle", "physics", "math", "scalar", "random", "error"]),
-    ("export", &["scalar", "physics", "vehicle", "error"]),
     ("cli", &["*"]),
 ];
 
-/// Checks every source file against the table, and the table of the document too.
+/// Checks every source file of the root package against the table, and the tables of the document too.
 pub fn check(files: &[File]) -> Vec<Finding> {
-    let library = files.iter().find(|f| f.path == "src/lib.rs").and_then(File::text).unwrap_or_default();
-    let exported = re_exports(library);
     let mut out = Vec::new();
     for file in files {
         let (Some(module), Some(text)) = (module_path(&file.path), file.text()) else { continue };
@@ -49,16 +41,27 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             out.push(finding(&file.path, 0, message, text));
             continue;
         };
-        for named in named_paths(&code_only(text), &module) {
-            let path = origin(&named.path, &exported);
+        let code = code_only(text);
+        let words = tokens(&code);
+        let paths = words.windows(2).filter(|w| w[0].text.starts_with("propwash_") && w[1].text == "::");
+        for token in paths.map(|w| w[0]) {
+            let message = format!("name `{}` by what src/lib.rs exports it as, `crate::…`", token.text);
+            out.push(finding(&file.path, line_of(&code, token.at), message, text));
+        }
+        for named in named_paths(&code, &module) {
+            let mut path = named.path.clone();
+            // What the root exports of them.
+            if matches!(path.first().map(String::as_str), Some("Error" | "Result")) {
+                path.insert(0, "error".to_string());
+            }
             if path.first().is_none_or(|p| *p == module[0]) && !named.path.is_empty() {
                 continue;
             }
             if !allowed.iter().any(|a| allows(a, &path)) {
-                let list = if allowed.is_empty() { "nothing".to_string() } else { allowed.join(", ") };
                 let message = format!(
-                    "`{}` may import {list}, found `crate::{}`; the table stands in {DOCUMENT}",
+                    "`{}` may import {}, found `crate::{}`; the table stands in {DOCUMENT}",
                     module[0],
+                    allowed.join(", "),
                     named.path.join("::")
                 );
                 out.push(finding(&file.path, named.line, message, text));
@@ -67,7 +70,13 @@ pub fn check(files: &[File]) -> Vec<Finding> {
     }
     match files.iter().find(|f| f.path == DOCUMENT).and_then(File::text) {
         None => out.push(finding(DOCUMENT, 0, "the file with the import table is missing".to_string(), "")),
-        Some(text) => out.extend(compare(text)),
+        Some(text) => {
+            let modules = TABLE
+                .iter()
+                .map(|(name, allowed)| (name.to_string(), allowed.iter().map(|a| a.to_string()).collect()));
+            out.extend(compare(text, MODULES, &modules.collect::<Vec<_>>(), "xtask/src/tidy/imports.rs"));
+            out.extend(compare(text, CRATES, &crates(files), "Cargo.toml of that crate"));
+        }
     }
     out
 }
@@ -76,8 +85,8 @@ fn finding(file: &str, line: usize, message: String, text: &str) -> Finding {
     Finding { rule: RULE, file: file.to_string(), line, message, text: line_text(text, line) }
 }
 
-/// Module path of a file of the library: `src/physics/effects/mod.rs` is `[physics, effects]`. None for the crate's
-/// root, for programs and for files elsewhere.
+/// Module path of a file of the root package: `src/sense/caster/mod.rs` is `[sense, caster]`. None for the crate's root, for
+/// programs and for files elsewhere.
 fn module_path(path: &str) -> Option<Vec<String>> {
     let inner = path.strip_prefix("src/")?.strip_suffix(".rs")?;
     let inner = inner.strip_suffix("/mod").unwrap_or(inner);
@@ -87,55 +96,42 @@ fn module_path(path: &str) -> Option<Vec<String>> {
     Some(inner.split('/').map(str::to_string).collect())
 }
 
-/// Names that lib.rs exports at the root, with the path that each comes from: `Error` is `[error, Error]`.
-fn re_exports(library: &str) -> Vec<(String, Vec<String>)> {
-    let code = code_only(library);
-    let mut out = Vec::new();
-    let list = tokens(&code);
-    for (k, token) in list.iter().enumerate() {
-        if token.text != "use" || k == 0 || list[k - 1].text != "pub" {
-            continue;
-        }
-        let end = code[token.at..].find(';').map_or(code.len(), |e| token.at + e);
-        let tree = code[token.at + 3..end].trim().trim_start_matches("crate::");
-        for named in named_paths(&format!("crate::{tree};"), &[]) {
-            if let Some(last) = named.path.last() {
-                out.push((last.clone(), named.path));
-            }
-        }
-    }
-    out
-}
-
-/// The path with a name that the crate's root re-exports replaced by where it comes from.
-fn origin(path: &[String], exported: &[(String, Vec<String>)]) -> Vec<String> {
-    match exported.iter().find(|(name, from)| path.first() == Some(name) && from.len() > 1) {
-        Some((_, from)) => from.iter().chain(&path[1..]).cloned().collect(),
-        None => path.to_vec(),
-    }
-}
-
 /// Whether an entry of the table allows a path.
 fn allows(entry: &str, path: &[String]) -> bool {
     entry == "*" || entry.split("::").enumerate().all(|(k, part)| path.get(k).is_some_and(|p| p == part))
 }
 
-/// Findings where the table of the document differs from [`TABLE`].
-fn compare(document: &str) -> Vec<Finding> {
-    let written = parse(document);
+/// The folders of crates/ with the crates that each one depends on, tests left out, as its manifest says.
+fn crates(files: &[File]) -> Vec<(String, Vec<String>)> {
     let mut out = Vec::new();
-    for (module, allowed) in TABLE {
-        let ours: Vec<String> = allowed.iter().map(|a| a.to_string()).collect();
-        match written.iter().find(|(name, ..)| name == module) {
+    for file in files {
+        let name = file.path.strip_prefix("crates/").and_then(|p| p.strip_suffix("/Cargo.toml"));
+        let (Some(name), Some(text)) = (name, file.text()) else { continue };
+        let section = text.split("\n[").find_map(|s| s.strip_prefix("dependencies]")).unwrap_or_default();
+        let ours = |line: &str| {
+            let name = line.strip_prefix("propwash-")?.split(['.', ' ', '=']).next()?;
+            Some(name.to_string())
+        };
+        out.push((name.to_string(), section.lines().filter_map(ours).collect()));
+    }
+    out
+}
+
+/// Findings where a table of the document, below `heading`, differs from `known`, which stands in `place`.
+fn compare(document: &str, heading: &str, known: &[(String, Vec<String>)], place: &str) -> Vec<Finding> {
+    let written = parse(document, heading);
+    let mut out = Vec::new();
+    for (name, allowed) in known {
+        match written.iter().find(|(row, ..)| row == name) {
             None => {
-                let message = format!("the import table has no row for `{module}`");
+                let message = format!("the table \"{heading}\" has no row for `{name}`");
                 out.push(finding(DOCUMENT, 0, message, document));
             }
-            Some((_, theirs, line)) if sorted(theirs) != sorted(&ours) => {
+            Some((_, theirs, line)) if sorted(theirs) != sorted(allowed) => {
                 let message = format!(
-                    "the row of `{module}` says `{}`, xtask/src/tidy/imports.rs says `{}`",
+                    "the row of `{name}` says `{}`, {place} says `{}`",
                     theirs.join(", "),
-                    ours.join(", ")
+                    allowed.join(", ")
                 );
                 out.push(finding(DOCUMENT, *line, message, document));
             }
@@ -143,8 +139,8 @@ fn compare(document: &str) -> Vec<Finding> {
         }
     }
     for (name, _, line) in &written {
-        if !TABLE.iter().any(|(module, _)| module == name) {
-            let message = format!("`{name}` stands in this table and not in xtask/src/tidy/imports.rs");
+        if !known.iter().any(|(row, _)| row == name) {
+            let message = format!("`{name}` stands in this table and in no {place}");
             out.push(finding(DOCUMENT, *line, message, document));
         }
     }
@@ -157,13 +153,13 @@ fn sorted(list: &[String]) -> Vec<String> {
     list
 }
 
-/// Rows `| module | may import | … |` of the table below the heading "The import table": module, imports, line.
-fn parse(document: &str) -> Vec<(String, Vec<String>, usize)> {
+/// Rows `| name | may use | … |` of the table below a heading: name, what it may use, line.
+fn parse(document: &str, heading: &str) -> Vec<(String, Vec<String>, usize)> {
     let mut out = Vec::new();
     let mut inside = false;
     for (k, line) in document.lines().enumerate() {
         if line.starts_with('#') {
-            inside = line.trim_start_matches('#').trim() == "The import table";
+            inside = line.trim_start_matches('#').trim() == heading;
         }
         if !inside || !line.trim_start().starts_with("| `") {
             continue;
@@ -189,21 +185,30 @@ mod tests {
     use super::super::file;
     use super::*;
 
-    /// A document with the table as it is.
+    /// A document with the tables as they are: the crates `low` and `high`.
     fn document() -> String {
-        let mut text = "# The import table\n\n| module | may import |\n| --- | --- |\n".to_string();
+        let mut text = format!("# {MODULES}\n\n| module | may import |\n| --- | --- |\n");
         for (module, allowed) in TABLE {
             let list: Vec<String> = allowed.iter().map(|a| format!("`{a}`")).collect();
             let list = list.join(", ").replace("`*`", "everything");
             text += &format!("| `{module}` | {list} |\n");
         }
-        text
+        text + &format!("# {CRATES}\n| `low` | | \n| `high` | `low` |\n# Other\n| `zoo` | `math` |\n")
+    }
+
+    fn found_with(path: &str, code: &str, document: &str) -> Vec<String> {
+        let high = "[package]\nname = \"propwash-high\"\n[dependencies]\npropwash-low.workspace = true\nrayon = \"1\"\n\n[dev-dependencies]\npropwash-other.workspace = true\n";
+        let files = [
+            file("crates/high/Cargo.toml", high),
+            file("crates/low/Cargo.toml", "[package]\n"),
+            file(path, code),
+            file(DOCUMENT, document),
+        ];
+        check(&files).iter().map(|f| f.to_string()).collect()
     }
 
     fn found(path: &str, code: &str) -> Vec<String> {
-        let library = file("src/lib.rs", "pub use error::{Error, Result};\npub use physics::drone::Drone;");
-        let files = [library, file(path, code), file(DOCUMENT, &document())];
-        check(&files).iter().map(|f| f.to_string()).collect()
+        found_with(path, code, &document())
     }
 
     #[test]
@@ -221,8 +226,8 @@ mod tests {
     fn imports_of_the_table_and_of_the_module_itself_pass() {
         assert_eq!(
             found(
-                "src/physics/effects/x.rs",
-                "use super::View; use super::super::airframe; use crate::{math, scalar::Real};"
+                "src/sense/caster/x.rs",
+                "use super::View; use super::super::depth; use crate::{math, scene::Scene};"
             ),
             [""; 0]
         );
@@ -232,7 +237,7 @@ mod tests {
     #[test]
     fn test_modules_are_held_to_the_table_too() {
         assert_eq!(
-            found("src/math/quat.rs", "#[cfg(test)]\nmod tests {\n    use crate::physics::rotor;\n}").len(),
+            found("src/scene/x.rs", "#[cfg(test)]\nmod tests {\n    use crate::physics::rotor;\n}").len(),
             1
         );
     }
@@ -245,17 +250,21 @@ mod tests {
     }
 
     #[test]
-    fn a_name_exported_at_the_root_counts_as_what_it_is() {
-        assert_eq!(found("src/math/quat.rs", "use crate::Error;").len(), 1);
-        assert_eq!(found("src/scene/model.rs", "fn f() -> crate::Result<()> { todo() }"), [""; 0]);
-        assert_eq!(found("src/scene/model.rs", "use crate::Drone;").len(), 1);
+    fn a_crate_is_named_as_the_root_exports_it() {
+        let found = found("src/scene/x.rs", "// propwash_gap\nuse propwash_gap::Diagnosis;");
+        assert!(
+            found.len() == 1 && found[0].starts_with("src/scene/x.rs:2: name `propwash_gap`"),
+            "{found:?}"
+        );
+        assert_eq!(self::found("src/lib.rs", "pub use propwash_gap as gap;"), [""; 0]);
+        assert_eq!(self::found("crates/gap/src/lib.rs", "use propwash_trace::Real;"), [""; 0]);
     }
 
     #[test]
     fn reaching_the_root_by_super_is_seen() {
-        assert_eq!(found("src/math/quat.rs", "use super::super::physics;").len(), 1);
-        assert_eq!(found("src/math/quat.rs", "use super::super::scalar;"), [""; 0]);
-        assert_eq!(found("src/math/quat.rs", "use super::super::*;").len(), 1);
+        assert_eq!(found("src/scene/x.rs", "use super::super::physics;").len(), 1);
+        assert_eq!(found("src/scene/x.rs", "use super::super::math;"), [""; 0]);
+        assert_eq!(found("src/scene/x.rs", "use super::super::*;").len(), 1);
     }
 
     #[test]
@@ -265,13 +274,24 @@ mod tests {
 
     #[test]
     fn a_document_that_says_otherwise_is_found() {
-        assert_eq!(compare(&document()), []);
-        let wrong = document().replace("| `math` | `scalar` |", "| `math` | `scalar`, `units` |");
-        assert!(compare(&wrong)[0].message.contains("the row of `math` says `scalar, units`"));
-        let short = document().replace("| `units` |  |\n", "");
-        assert!(compare(&short)[0].message.contains("no row for `units`"));
-        let long = document() + "| `zoo` | `math` |\n";
-        assert!(compare(&long)[0].message.contains("`zoo` stands in this table"));
-        assert_eq!(compare(&(document() + "# Other\n| `zoo` | `math` |\n")), []);
+        let said = |from: &str, to: &str| {
+            let document = document();
+            assert!(document.contains(from));
+            found_with("src/lib.rs", "", &document.replace(from, to))
+        };
+        assert_eq!(said("zoo", "other"), [""; 0]);
+        assert!(
+            said("| `scene` | `math`, ", "| `scene` | ")[0]
+                .contains("the row of `scene` says `random, error`")
+        );
+        assert!(said("| `cli` | everything |\n", "")[0].contains("no row for `cli`"));
+        assert!(
+            said("| `cli` | everything |\n", "| `cli` | everything |\n| `zoo` | `math` |\n")[0]
+                .contains("`zoo` stands")
+        );
+        assert!(
+            said("| `high` | `low` |", "| `high` | |")[0].contains("Cargo.toml of that crate says `low`")
+        );
+        assert!(said("| `low` | | \n", "")[0].contains("has no row for `low`"));
     }
 }

@@ -1,4 +1,4 @@
-//! One number type in `physics/`: no `f64` beside literals, no branch on a number, no input or output.
+//! One number type in `crates/physics`: no `f64` beside literals, no branch on a number, no input or output.
 
 use super::source::{Token, code_only, item_end, line_of, line_text, test_ranges, tokens};
 use super::{File, Finding};
@@ -8,7 +8,8 @@ const BRANCH: &str = "no branch on a number";
 const PURE: &str = "no input or output";
 
 /// Sizes of parameters, which no formula reads, and the list of effects over each number type: no formulas.
-const DECLARATIONS: [&str; 2] = ["src/physics/effects/candidate.rs", "src/physics/effects/custom.rs"];
+const DECLARATIONS: [&str; 2] =
+    ["crates/physics/src/effects/candidate.rs", "crates/physics/src/effects/custom.rs"];
 
 /// Checks the files of physics, and the purity of what it stands on.
 pub fn check(files: &[File]) -> Vec<Finding> {
@@ -21,8 +22,8 @@ pub fn check(files: &[File]) -> Vec<Finding> {
             let message = message.to_string();
             out.push(Finding { rule, file: file.path.clone(), line, message, text: line_text(text, line) });
         };
-        let physics = file.path.starts_with("src/physics/") && !DECLARATIONS.contains(&file.path.as_str());
-        let pure = ["src/physics/", "src/math/", "src/scalar/"].iter().any(|f| file.path.starts_with(f));
+        let physics = file.path.starts_with("crates/physics/") && !DECLARATIONS.contains(&file.path.as_str());
+        let pure = ["crates/physics/", "crates/trace/"].iter().any(|f| file.path.starts_with(f));
         let list = tokens(&code);
         let mut exempt = test_ranges(&code);
         exempt.extend(priors(&code, &list));
@@ -165,7 +166,7 @@ mod tests {
     use super::*;
 
     fn found(code: &str) -> Vec<&'static str> {
-        check(&[file("src/physics/x.rs", code)]).iter().map(|f| f.rule).collect()
+        check(&[file("crates/physics/src/x.rs", code)]).iter().map(|f| f.rule).collect()
     }
 
     #[test]
@@ -226,6 +227,6 @@ mod tests {
     fn input_and_output_are_found_in_the_pure_modules_only() {
         assert_eq!(found("use std::fs; fn f() { println!() }"), [PURE; 2]);
         assert_eq!(check(&[file("src/dataset/x.rs", "use std::fs;")]), []);
-        assert_eq!(check(&[file("src/math/x.rs", "use std::io;")]).len(), 1);
+        assert_eq!(check(&[file("crates/trace/src/math/x.rs", "use std::io;")]).len(), 1);
     }
 }
