@@ -153,7 +153,7 @@ impl FlightConfig {
     /// Reads vehicles, compiles the scene and builds cameras.
     ///
     /// # Errors
-    /// [`Error`](crate::Error) for numbers that make no sense, naming them, and for vehicles, scenes and cameras that cannot be used.
+    /// [`Error`] for numbers that make no sense, naming them, and for vehicles, scenes and cameras that cannot be used.
     pub fn load(mut self) -> Result<Flight> {
         self.sim.precision = match self.sim.precision {
             Precision::F32 => return refuse("precision", "f64, in which data sets are flown", "f32"),
