@@ -20,7 +20,7 @@ fn wanted() -> BTreeMap<String, String> {
     let mut out = BTreeMap::from([(format!("{KERNELS}/lib.rs"), rust::library(&names))]);
     for step in steps {
         let folder = if for_tests(&step.name) { FOR_TESTS } else { KERNELS };
-        let text = rust::kernel(&step.name, &step.about, &step.stages);
+        let text = rust::kernel(&step.name, &step.about, &step.schedule);
         out.insert(format!("{folder}/{}.rs", step.name), text);
     }
     out

@@ -10,6 +10,7 @@ use propwash::physics::rigid_body::{MAX_ROTORS, State};
 use propwash::physics::surroundings::Surroundings;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scalar::Real;
+use propwash::scalar::adjoint::adjoint;
 use propwash::scalar::dual::Dual;
 use propwash::scalar::trace::{Graph, Sym, trace};
 use propwash::vehicle::Vehicle;
@@ -191,11 +192,11 @@ fn slopes_of_a_step_backwards_are_those_of_duals() {
         let due = Due { state: true, attitude: true, force_torque: true };
         let plan = Plan { mode: ControlMode::Attitude, due, integrator: Integrator::Rk4 };
         let (graph, parameters) = traced(&drone, plan);
-        let adjoint = graph.adjoint();
+        let back = adjoint(&graph);
         for _ in 0..5 {
             let x = drawn(&drone, plan.mode, &mut random);
             let weights: Vec<f64> = graph.outputs.iter().map(|_| random.normal()).collect();
-            let slopes = adjoint.eval(&[x.as_slice(), &parameters, &weights].concat());
+            let slopes = back.eval(&[x.as_slice(), &parameters, &weights].concat());
 
             // By the command and the velocities.
             let wrt: [usize; 10] = [STATE, STATE + 1, STATE + 2, STATE + 3, 7, 8, 9, 10, 11, 12];

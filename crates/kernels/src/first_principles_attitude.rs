@@ -5,25 +5,25 @@
 use propwash_trace::kernel::{Kernel, kernel};
 use propwash_trace::lanes::Arith;
 
-/// Places of a drone's home.
+/// Slots of the home that the kernel reaches.
 pub const HOME: usize = 74;
 
-/// Own cells: first table, what is given, second table, numbers for the end.
-pub const OWN: usize = 139;
+/// Cells of scratch: constant table, given inputs, per-call table, values for the epilogue.
+pub const SCRATCH: usize = 139;
 
-/// As the rest of the crate finds it.
+/// The kernel, as `ALL` lists it.
 #[rustfmt::skip]
 pub const KERNEL: Kernel = kernel!(
     "first_principles_attitude",
-    0xd332eded4c2820802297af602b4c91c0,
+    0x68a5b660bb2c1f035ee9ea742bcf2704,
     HOME,
-    OWN
+    SCRATCH
 );
 
-/// Computes the second table.
+/// Fills the per-call table.
 #[rustfmt::skip]
 #[inline(always)]
-fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
+fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::load(t, &f[100]);
     let v1 = A::load(t, &f[101]);
     let v2 = A::load(t, &f[102]);
@@ -100,7 +100,7 @@ fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
 /// Takes so many steps, one or more.
 #[rustfmt::skip]
 #[inline(always)]
-fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], times: usize) {
+fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH], times: usize) {
     let mut s0 = A::load(t, &h[0]);
     let mut s1 = A::load(t, &h[1]);
     let mut s2 = A::load(t, &h[2]);
@@ -695,10 +695,10 @@ fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], 
     s37.store(&mut f[138]);
 }
 
-/// Computes what is wanted after the last step only.
+/// Computes the results that no later step reads, after the last step.
 #[rustfmt::skip]
 #[inline(always)]
-fn finish<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN]) {
+fn epilogue<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::shared(t, &f[85]);
     let v1 = A::load(t, &f[135]);
     let v2 = A::shared(t, &f[86]);

@@ -5,25 +5,25 @@
 use propwash_trace::kernel::{Kernel, kernel};
 use propwash_trace::lanes::Arith;
 
-/// Places of a drone's home.
+/// Slots of the home that the kernel reaches.
 pub const HOME: usize = 74;
 
-/// Own cells: first table, what is given, second table, numbers for the end.
-pub const OWN: usize = 132;
+/// Cells of scratch: constant table, given inputs, per-call table, values for the epilogue.
+pub const SCRATCH: usize = 132;
 
-/// As the rest of the crate finds it.
+/// The kernel, as `ALL` lists it.
 #[rustfmt::skip]
 pub const KERNEL: Kernel = kernel!(
     "first_principles_body_rate",
-    0xfb327e36aa11155553d2f7c6625feb66,
+    0x60146bb468f3878217e0ccc73f43e472,
     HOME,
-    OWN
+    SCRATCH
 );
 
-/// Computes the second table.
+/// Fills the per-call table.
 #[rustfmt::skip]
 #[inline(always)]
-fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
+fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::load(t, &f[100]);
     let v1 = A::load(t, &f[101]);
     let v2 = A::load(t, &f[102]);
@@ -71,7 +71,7 @@ fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
 /// Takes so many steps, one or more.
 #[rustfmt::skip]
 #[inline(always)]
-fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], times: usize) {
+fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH], times: usize) {
     let mut s0 = A::load(t, &h[0]);
     let mut s1 = A::load(t, &h[1]);
     let mut s2 = A::load(t, &h[2]);
@@ -671,10 +671,10 @@ fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], 
     s38.store(&mut f[131]);
 }
 
-/// Computes what is wanted after the last step only.
+/// Computes the results that no later step reads, after the last step.
 #[rustfmt::skip]
 #[inline(always)]
-fn finish<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN]) {
+fn epilogue<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::shared(t, &f[85]);
     let v1 = A::load(t, &f[128]);
     let v2 = A::shared(t, &f[86]);

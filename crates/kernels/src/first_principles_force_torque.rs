@@ -5,25 +5,25 @@
 use propwash_trace::kernel::{Kernel, kernel};
 use propwash_trace::lanes::Arith;
 
-/// Places of a drone's home.
+/// Slots of the home that the kernel reaches.
 pub const HOME: usize = 17;
 
-/// Own cells: first table, what is given, second table, numbers for the end.
-pub const OWN: usize = 109;
+/// Cells of scratch: constant table, given inputs, per-call table, values for the epilogue.
+pub const SCRATCH: usize = 109;
 
-/// As the rest of the crate finds it.
+/// The kernel, as `ALL` lists it.
 #[rustfmt::skip]
 pub const KERNEL: Kernel = kernel!(
     "first_principles_force_torque",
-    0x5f41cbf819a598d9c658e8cd90dd6d8b,
+    0x669ceb89f13fda97435c036aa482fc81,
     HOME,
-    OWN
+    SCRATCH
 );
 
-/// Computes the second table.
+/// Fills the per-call table.
 #[rustfmt::skip]
 #[inline(always)]
-fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
+fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::load(t, &f[81]);
     let v1 = A::load(t, &f[82]);
     let v2 = A::load(t, &f[83]);
@@ -137,7 +137,7 @@ fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
 /// Takes so many steps, one or more.
 #[rustfmt::skip]
 #[inline(always)]
-fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], times: usize) {
+fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH], times: usize) {
     let mut s0 = A::load(t, &h[0]);
     let mut s1 = A::load(t, &h[1]);
     let mut s2 = A::load(t, &h[2]);
@@ -490,8 +490,8 @@ fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], 
     s16.store(&mut h[16]);
 }
 
-/// Computes what is wanted after the last step only.
+/// Computes the results that no later step reads, after the last step.
 #[rustfmt::skip]
 #[inline(always)]
-fn finish<A: Arith>(_t: A::Token, _h: &mut [A::Cell; HOME], _f: &mut [A::Cell; OWN]) {
+fn epilogue<A: Arith>(_t: A::Token, _h: &mut [A::Cell; HOME], _f: &mut [A::Cell; SCRATCH]) {
 }

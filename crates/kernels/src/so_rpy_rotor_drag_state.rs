@@ -5,25 +5,25 @@
 use propwash_trace::kernel::{Kernel, kernel};
 use propwash_trace::lanes::Arith;
 
-/// Places of a drone's home.
+/// Slots of the home that the kernel reaches.
 pub const HOME: usize = 90;
 
-/// Own cells: first table, what is given, second table, numbers for the end.
-pub const OWN: usize = 140;
+/// Cells of scratch: constant table, given inputs, per-call table, values for the epilogue.
+pub const SCRATCH: usize = 140;
 
-/// As the rest of the crate finds it.
+/// The kernel, as `ALL` lists it.
 #[rustfmt::skip]
 pub const KERNEL: Kernel = kernel!(
     "so_rpy_rotor_drag_state",
-    0xf8af52d909174c92d8a2713d7f5987c1,
+    0x4ef7cc72797f387f30b4fc0dee15651d,
     HOME,
-    OWN
+    SCRATCH
 );
 
-/// Computes the second table.
+/// Fills the per-call table.
 #[rustfmt::skip]
 #[inline(always)]
-fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
+fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::load(t, &f[82]);
     let v1 = A::load(t, &f[83]);
     let v2 = A::load(t, &f[84]);
@@ -122,7 +122,7 @@ fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
 /// Takes so many steps, one or more.
 #[rustfmt::skip]
 #[inline(always)]
-fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], times: usize) {
+fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH], times: usize) {
     let mut s0 = A::load(t, &h[0]);
     let mut s1 = A::load(t, &h[1]);
     let mut s2 = A::load(t, &h[2]);
@@ -665,10 +665,10 @@ fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], 
     s47.store(&mut f[139]);
 }
 
-/// Computes what is wanted after the last step only.
+/// Computes the results that no later step reads, after the last step.
 #[rustfmt::skip]
 #[inline(always)]
-fn finish<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN]) {
+fn epilogue<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::shared(t, &f[37]);
     let v1 = A::shared(t, &f[43]);
     let v2 = A::load(t, &h[44]);

@@ -11,7 +11,7 @@ use propwash_physics::surroundings::Neighbour;
 use propwash_trace::Real;
 use propwash_trace::adjoint::pull_back;
 use propwash_trace::kernel::key;
-use propwash_trace::stages::{Input, Output, Stages, cut};
+use propwash_trace::schedule::{Input, Output, Schedule, schedule};
 use propwash_trace::trace::{Graph, Sym, trace_finite};
 use propwash_vehicle::{BUILTIN, Vehicle, VehicleError};
 
@@ -234,18 +234,18 @@ pub(super) fn graph(
     (graph, inputs, outputs)
 }
 
-/// The step of `drone`, cut.
-pub(super) fn stages(drone: &Drone<f64>, shape: &Shape, varies: &dyn Fn(usize) -> bool) -> Stages {
+/// The step of `drone`, scheduled.
+pub(super) fn scheduled(drone: &Drone<f64>, shape: &Shape, varies: &dyn Fn(usize) -> bool) -> Schedule {
     let (graph, inputs, outputs) = graph(drone, shape, varies);
-    cut(&graph, &inputs, &outputs)
+    schedule(&graph, &inputs, &outputs)
 }
 
 /// Places of the derivatives of a loss: that by the number at place p stands at this plus p. Effects that remember have none.
 const BY: u32 = place::EFFECTS;
 
-/// The step of `drone` backwards, cut. Its state is what a loss gains by every carried number, before the step where it was after,
+/// The step of `drone` backwards, scheduled. Its state is what a loss gains by every carried number, before the step where it was after,
 /// and by the command and what disturbs, summed over the steps; the numbers themselves, as they were before the step, are fresh.
-pub(super) fn adjoint_stages(drone: &Drone<f64>, shape: &Shape) -> Stages {
+pub(super) fn adjoint_schedule(drone: &Drone<f64>, shape: &Shape) -> Schedule {
     let (forward, forward_inputs, forward_outputs) = graph(drone, shape, &|_| false);
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
     let mut wanted = Vec::new();
@@ -280,7 +280,7 @@ pub(super) fn adjoint_stages(drone: &Drone<f64>, shape: &Shape) -> Stages {
         }
         results
     });
-    cut(&back, &inputs, &outputs)
+    schedule(&back, &inputs, &outputs)
 }
 
 /// A step that many fly: what a kernel is generated from.
@@ -291,7 +291,7 @@ pub struct CommonStep {
     /// What it computes, in a line.
     pub about: String,
     /// The step.
-    pub stages: Stages,
+    pub schedule: Schedule,
 }
 
 /// Steps per second that kernels are named after; the rate itself is a parameter, but which stages tick together depends on it.
@@ -325,7 +325,7 @@ pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
             let Ok(drone) = vehicle.drone(dynamics) else { continue };
             let mut dues: Vec<Due> = Vec::new();
             for step in 0..USUAL_HZ {
-                let due = told(mode, vehicle.rates.due(mode, step.into(), USUAL_HZ));
+                let due = relevant(mode, vehicle.rates.due(mode, step.into(), USUAL_HZ));
                 if !dues.contains(&due) {
                     dues.push(due);
                 }
@@ -334,15 +334,15 @@ pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
                 let integrator = Integrator::Euler;
                 let shape =
                     Shape { mode, integrator, phase: Phase::Both, due, sim_hz: USUAL_HZ, neighbours: 0 };
-                let stages = stages(&drone, &shape, &|_| false);
-                if out.iter().any(|s| key(&s.stages) == key(&stages)) {
+                let schedule = scheduled(&drone, &shape, &|_| false);
+                if out.iter().any(|s| key(&s.schedule) == key(&schedule)) {
                     continue;
                 }
                 let plain = format!("{dynamics}_{}", mode.name());
                 let taken = out.iter().filter(|s| s.name.starts_with(&plain)).count();
                 let name = if taken == 0 { plain } else { format!("{plain}_{}", taken + 1) };
                 let about = format!("A step of `{dynamics}` under commands `{}`.", mode.name());
-                out.push(CommonStep { name, about, stages });
+                out.push(CommonStep { name, about, schedule });
             }
         }
     }
@@ -353,20 +353,20 @@ pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
         mode,
         integrator: Integrator::Euler,
         phase: Phase::Both,
-        due: told(mode, all),
+        due: relevant(mode, all),
         sim_hz: USUAL_HZ,
         neighbours: 0,
     };
     out.push(CommonStep {
         name: format!("{dynamics}_{}_adjoint", mode.name()),
         about: format!("A step of `{dynamics}` under commands `{}`, backwards.", mode.name()),
-        stages: adjoint_stages(&drone, &shape),
+        schedule: adjoint_schedule(&drone, &shape),
     });
     Ok(out)
 }
 
 /// What ticks, without what does not matter in a control mode.
-pub(super) fn told(mode: ControlMode, due: Due) -> Due {
+pub(super) fn relevant(mode: ControlMode, due: Due) -> Due {
     let attitude = matches!(mode, ControlMode::State | ControlMode::Attitude | ControlMode::BodyRate);
     Due {
         state: due.state && mode == ControlMode::State,
@@ -386,7 +386,7 @@ mod tests {
     use propwash_kernels as kernels;
     use propwash_trace::bytecode::{Interpret, Program};
     use propwash_trace::lanes::level;
-    use propwash_trace::stages::{At, Source};
+    use propwash_trace::schedule::{Location, Source};
     use propwash_trace::trace::Node;
 
     /// The numbers by place, after `steps` of the equations.
@@ -414,36 +414,36 @@ mod tests {
     }
 
     /// The same by a kernel, or by byte code where there is none.
-    fn by_code(stages: &Stages, fixed: &[f64], home: &[f64], steps: usize, compiled: bool) -> Vec<f64> {
+    fn by_code(schedule: &Schedule, fixed: &[f64], home: &[f64], steps: usize, compiled: bool) -> Vec<f64> {
         let n = home.len();
-        let program = Program::new(stages, n);
+        let program = Program::new(schedule, n);
         let mut file = home.to_vec();
         file.resize(n + program.len, 0.0);
-        file[n..][..stages.n_table].copy_from_slice(&stages.once.eval(fixed));
+        file[n..][..schedule.n_constants].copy_from_slice(&schedule.once.eval(fixed));
         file[program.constants_at..][..program.constants.len()].copy_from_slice(&program.constants);
-        for (input, at) in stages.given.iter().zip(stages.given_at()) {
-            if let (Some(p), At::Own(k)) = (input.place(), at) {
+        for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
+            if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
                 file[n + k as usize] = home[p as usize];
             }
         }
         if compiled {
-            let kernel = kernels::ALL.iter().find(|k| k.key == key(stages)).expect("a kernel");
-            let (home, own) = file.split_at_mut(n);
-            (kernel.scalar.call)(level(), own);
-            (kernel.scalar.step)(level(), home, own, steps);
-            (kernel.scalar.finish)(level(), home, own);
+            let kernel = kernels::ALL.iter().find(|k| k.key == key(schedule)).expect("a kernel");
+            let (home, scratch) = file.split_at_mut(n);
+            (kernel.scalar.call)(level(), scratch);
+            (kernel.scalar.step)(level(), home, scratch, steps);
+            (kernel.scalar.epilogue)(level(), home, scratch);
         } else {
             f64::interpret(level(), &program.call, &mut file, 1);
             f64::interpret(level(), &program.step, &mut file, steps);
-            f64::interpret(level(), &program.finish, &mut file, 1);
+            f64::interpret(level(), &program.epilogue, &mut file, 1);
         }
-        let (table, state) = (stages.call_at(), stages.state_at());
-        let number = |at: At| match at {
-            At::Home(p) => file[p as usize],
-            At::Own(k) => file[n + k as usize],
+        let (table, state) = (schedule.call_at(), schedule.state_at());
+        let number = |at: Location| match at {
+            Location::Home(p) => file[p as usize],
+            Location::Scratch(k) => file[n + k as usize],
         };
         let mut out = file[..n].to_vec();
-        for (output, source) in &stages.finals {
+        for (output, source) in &schedule.finals {
             out[output.place() as usize] = match source {
                 Source::Call(k) => number(table[*k as usize]),
                 Source::State(k) => number(state[*k as usize]),
@@ -483,7 +483,7 @@ mod tests {
         let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
         let (dynamics, mode) = BACKWARDS;
         let drone = vehicle.drone(dynamics).unwrap();
-        let due = told(mode, Due { state: true, attitude: true, force_torque: true });
+        let due = relevant(mode, Due { state: true, attitude: true, force_torque: true });
         let integrator = Integrator::Euler;
         let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
         // The loss weighs every part of the state.
@@ -521,14 +521,14 @@ mod tests {
             numbers.iter().enumerate().map(|(p, v)| weigh(p as u32) * v.partials[k]).sum()
         });
 
-        let stages = adjoint_stages(&drone, &shape);
+        let schedule = adjoint_schedule(&drone, &shape);
         let kernel = first_principles_attitude_adjoint::KERNEL;
-        assert!(kernel.key == key(&stages), "run `cargo xtask gen`");
-        let table = stages.once.eval(&fixed(&drone, &vehicle.rates, 500));
+        assert!(kernel.key == key(&schedule), "run `cargo xtask gen`");
+        let table = schedule.once.eval(&fixed(&drone, &vehicle.rates, 500));
         /// The sweep in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
         fn sweep<C: propwash_trace::lanes::Cell>(
             entries: &propwash_trace::kernel::Entries<C>,
-            stages: &Stages,
+            schedule: &Schedule,
             table: &[f64],
             states: &[Vec<f64>],
             seed: impl Fn(u32) -> f64,
@@ -536,9 +536,9 @@ mod tests {
             use propwash_trace::lanes::Number;
             let of = |v: f64| C::splat(C::Number::of(v));
             let mut home = vec![of(0.0); 2 * BY as usize];
-            let mut own: Vec<C> = table.iter().map(|v| of(*v)).collect();
-            own.resize(stages.n_own(), of(0.0));
-            let inputs = stages.given.iter().copied().chain(stages.state.iter().filter_map(|s| s.input));
+            let mut scratch: Vec<C> = table.iter().map(|v| of(*v)).collect();
+            scratch.resize(schedule.n_scratch(), of(0.0));
+            let inputs = schedule.given.iter().copied().chain(schedule.state.iter().filter_map(|s| s.input));
             for input in inputs {
                 match input {
                     Input::Given(p) => home[p as usize] = of(states[0][p as usize]),
@@ -547,30 +547,30 @@ mod tests {
                     Input::Fixed(_) | Input::Fresh(_) => {}
                 }
             }
-            for (input, at) in stages.given.iter().zip(stages.given_at()) {
-                if let (Some(p), At::Own(k)) = (input.place(), at) {
-                    own[k as usize] = home[p as usize];
+            for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
+                if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
+                    scratch[k as usize] = home[p as usize];
                 }
             }
-            (entries.call)(level(), &mut own);
+            (entries.call)(level(), &mut scratch);
             for state in states[..states.len() - 1].iter().rev() {
-                for slot in &stages.state {
+                for slot in &schedule.state {
                     if let Some(Input::Fresh(p)) = slot.input {
                         home[p as usize] = of(state[p as usize]);
                     }
                 }
-                (entries.step)(level(), &mut home, &mut own, 1);
+                (entries.step)(level(), &mut home, &mut scratch, 1);
             }
             core::array::from_fn(|k| {
                 let wanted = BY + place::COMMAND + k as u32;
-                assert!(stages.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
+                assert!(schedule.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
                 home[wanted as usize].get(C::LANES - 1).wide()
             })
         }
         let seed = |p: u32| if seen.contains(&p) { weigh(p) } else { 0.0 };
-        let swept = sweep(&kernel.scalar, &stages, &table, &states, seed);
-        let lanes = sweep(&kernel.f64, &stages, &table, &states, seed);
-        let single = sweep(&kernel.f32, &stages, &table, &states, seed);
+        let swept = sweep(&kernel.scalar, &schedule, &table, &states, seed);
+        let lanes = sweep(&kernel.f64, &schedule, &table, &states, seed);
+        let single = sweep(&kernel.f32, &schedule, &table, &states, seed);
         let scale = by_duals.iter().fold(0.0f64, |most, g| most.max(g.abs()));
         assert!(scale > 1e-3, "{by_duals:?}");
         for k in 0..4 {
@@ -610,7 +610,7 @@ mod tests {
                 let used = Memory::<f64>::used(mode, rotors);
                 for k in 0..8 {
                     let due = Due { state: k & 1 > 0, attitude: k & 2 > 0, force_torque: k & 4 > 0 };
-                    let due = told(mode, due);
+                    let due = relevant(mode, due);
                     let integrator = Integrator::Euler;
                     let shape =
                         Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
@@ -643,12 +643,12 @@ mod tests {
                 let drone = vehicle.drone(dynamics).unwrap();
                 for mode in vehicle.modes(dynamics).unwrap() {
                     for all in [true, false] {
-                        let due = told(mode, Due { state: all, attitude: true, force_torque: true });
+                        let due = relevant(mode, Due { state: all, attitude: true, force_torque: true });
                         let integrator = Integrator::Euler;
                         let shape =
                             Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
-                        let stages = stages(&drone, &shape, &|_| false);
-                        let known = kernels::ALL.iter().any(|k| k.key == key(&stages));
+                        let schedule = scheduled(&drone, &shape, &|_| false);
+                        let known = kernels::ALL.iter().any(|k| k.key == key(&schedule));
                         let common = COMMON.contains(&(dynamics, mode));
                         assert!(known || !common, "{name} {dynamics} {mode:?} flies without its kernel");
                         let fixed = fixed(&drone, &vehicle.rates, 500);
@@ -664,7 +664,7 @@ mod tests {
                             let wanted = by_equations(&drone, &vehicle.rates, &shape, &home, steps);
                             let codes = if known { vec![true, false] } else { vec![false] };
                             for compiled in codes {
-                                let got = by_code(&stages, &fixed, &home, steps, compiled);
+                                let got = by_code(&schedule, &fixed, &home, steps, compiled);
                                 for (p, (a, b)) in got.iter().zip(&wanted).enumerate() {
                                     // Equal but for the sign of a zero.
                                     assert!(

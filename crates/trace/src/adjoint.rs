@@ -16,7 +16,7 @@
 //! ```
 
 use super::Real;
-use super::trace::{Graph, Node, Place, Sym, trace_finite};
+use super::trace::{Graph, Node, NodeId, Sym, trace_finite};
 
 /// A value of a graph over the number type `S`.
 #[derive(Clone, Copy)]
@@ -45,8 +45,8 @@ impl<S: Real> Value<S> {
 fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
     let mut out: Vec<Value<S>> = Vec::with_capacity(graph.nodes.len());
     for node in &graph.nodes {
-        let n = |place: Place| out[place as usize].number();
-        let t = |place: Place| out[place as usize].truth();
+        let n = |place: NodeId| out[place as usize].number();
+        let t = |place: NodeId| out[place as usize].truth();
         let zero = S::zero();
         let value = match *node {
             Node::Literal(bits) => Value::Number(S::lit(f64::from_bits(bits))),
@@ -110,7 +110,7 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
     let mut gains: Vec<Option<S>> = vec![None; graph.nodes.len()];
     // A zero gradient stays zero even through an infinite slope.
     let by = |g: S, slope: S| S::select(g.abs().le(zero), zero, g * slope);
-    let add = |gains: &mut Vec<Option<S>>, place: Place, gain: S| {
+    let add = |gains: &mut Vec<Option<S>>, place: NodeId, gain: S| {
         let sum = &mut gains[place as usize];
         *sum = Some(sum.map_or(gain, |sum| sum + gain));
     };
@@ -120,7 +120,7 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
     let mut out = vec![zero; inputs.len()];
     for (place, node) in graph.nodes.iter().enumerate().rev() {
         let Some(g) = gains[place] else { continue };
-        let n = |place: Place| values[place as usize].number();
+        let n = |place: NodeId| values[place as usize].number();
         let own = values[place].number();
         match *node {
             Node::Input(i) => out[i as usize] = g,
@@ -181,6 +181,7 @@ pub fn adjoint(graph: &Graph) -> Graph {
 mod tests {
     use super::*;
     use crate::dual::Dual;
+    use crate::trace::tests::{POINTS, all};
     use crate::trace::trace;
 
     /// Uses every kind of node, with selects away from their switching points.
@@ -215,6 +216,31 @@ mod tests {
                     assert!((swept[i] - want).abs() < 1e-13 * (1.0 + want.abs()), "{at:?} {k} {i}");
                     assert!((traced[i] - want).abs() < 1e-13 * (1.0 + want.abs()), "{at:?} {k} {i}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn slopes_backwards_are_those_of_finite_differences() {
+        let graph = trace(3, all::<Sym>);
+        let back = adjoint(&graph);
+        assert!(back.len() < 5 * graph.len(), "{} after {}", back.len(), graph.len());
+        for x in POINTS {
+            let weights = [0.7, -1.3, 0.4];
+            let slopes = back.eval(&[x.as_slice(), &weights].concat());
+            let value = |x: &[f64]| -> f64 { all(x).iter().zip(&weights).map(|(v, w)| v * w).sum() };
+            for k in 0..3 {
+                let at = |h: f64| {
+                    let mut y = x;
+                    y[k] += h;
+                    value(&y)
+                };
+                let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
+                assert!(
+                    (slopes[k] - slope).abs() < 1e-7 * (1.0 + slope.abs()),
+                    "{x:?} {k}: {} {slope}",
+                    slopes[k]
+                );
             }
         }
     }

@@ -9,13 +9,13 @@ use fearless_simd::{Level, Simd, dispatch, f32x16, f64x8};
 
 use super::kernel::Compiled;
 use super::lanes::{Arith, F32x16, F64x8, Pair};
-use super::stages::{At, Code, Ins, Stages};
+use super::schedule::{Code, Instruction, Location, Schedule};
 
 /// An instruction whose operands and result are registers (cells of the register file).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Op {
     /// Operands are indices into the register file.
-    ins: Ins,
+    ins: Instruction,
     to: u32,
     /// Register of a second result.
     second: u32,
@@ -30,7 +30,7 @@ pub struct ByteCode {
     moves: Vec<(u32, u32)>,
 }
 
-/// The three codes of a [`Stages`] and the scratch that they need beside the home.
+/// The three codes of a [`Schedule`] and the scratch that they need beside the home.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Program {
     /// Runs once per call.
@@ -38,7 +38,7 @@ pub struct Program {
     /// Runs in every step.
     pub step: ByteCode,
     /// Epilogue: runs after the last step.
-    pub finish: ByteCode,
+    pub epilogue: ByteCode,
     /// Values of the constants.
     pub constants: Vec<f64>,
     /// Register of the first constant.
@@ -48,45 +48,45 @@ pub struct Program {
 }
 
 impl Program {
-    /// Allocates registers. The scratch of the codes begins at cell `own` of the register file.
-    pub fn new(stages: &Stages, own: usize) -> Self {
-        let Stages { call, step, finish, .. } = stages;
+    /// Allocates registers. The scratch of the codes begins at cell `scratch` of the register file.
+    pub fn new(schedule: &Schedule, scratch: usize) -> Self {
+        let Schedule { call, step, epilogue, .. } = schedule;
         let mut constants: Vec<f64> = Vec::new();
-        for code in [call, step, finish] {
+        for code in [call, step, epilogue] {
             for ins in &code.instructions {
-                if let Ins::Lit(bits) = ins
+                if let Instruction::Lit(bits) = ins
                     && !constants.iter().any(|c| c.to_bits() == *bits)
                 {
                     constants.push(f64::from_bits(*bits));
                 }
             }
         }
-        let constants_at = own + stages.n_own();
+        let constants_at = scratch + schedule.n_scratch();
         let first = (constants_at + constants.len()) as u32;
-        let cells = |list: Vec<At>| -> Vec<u32> {
+        let cells = |list: Vec<Location>| -> Vec<u32> {
             let cell = |at| match at {
-                At::Home(p) => p,
-                At::Own(k) => own as u32 + k,
+                Location::Home(p) => p,
+                Location::Scratch(k) => scratch as u32 + k,
             };
             list.into_iter().map(cell).collect()
         };
         let (given, table, state) =
-            (cells(stages.given_at()), cells(stages.call_at()), cells(stages.state_at()));
+            (cells(schedule.given_at()), cells(schedule.call_at()), cells(schedule.state_at()));
         let places =
-            Places { own: own as u32, table: &table, constants: &constants, at: constants_at as u32 };
+            Places { scratch: scratch as u32, table: &table, constants: &constants, at: constants_at as u32 };
         // Results of the call go to the per-call table, all others to the state.
         let (call, a) = assign(call, &places, first, &given, &table);
         let (step, b) = assign(step, &places, first, &state, &state);
-        let (finish, c) = assign(finish, &places, first, &state, &state);
-        let len = a.max(b).max(c) as usize - own;
-        Self { call, step, finish, constants, constants_at, len }
+        let (epilogue, c) = assign(epilogue, &places, first, &state, &state);
+        let len = a.max(b).max(c) as usize - scratch;
+        Self { call, step, epilogue, constants, constants_at, len }
     }
 }
 
 /// Cells known to all codes of a program.
 struct Places<'a> {
     /// First cell of the constant table.
-    own: u32,
+    scratch: u32,
     /// Cells of the per-call table.
     table: &'a [u32],
     constants: &'a [f64],
@@ -118,15 +118,15 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
     let mut seconds = vec![u32::MAX; n];
     for (i, ins) in code.instructions.iter().enumerate() {
         match *ins {
-            Ins::Lit(bits) => {
+            Instruction::Lit(bits) => {
                 let at = places.constants.iter().position(|c| c.to_bits() == bits).unwrap_or(0);
                 place[i] = places.at + at as u32;
                 continue;
             }
-            Ins::Table(k) => place[i] = places.own + k,
-            Ins::Call(k) => place[i] = places.table[k as usize],
-            Ins::State(k) => place[i] = reads[k as usize],
-            Ins::Second(of) => place[i] = seconds[of as usize],
+            Instruction::Constant(k) => place[i] = places.scratch + k,
+            Instruction::Call(k) => place[i] = places.table[k as usize],
+            Instruction::State(k) => place[i] = reads[k as usize],
+            Instruction::Second(of) => place[i] = seconds[of as usize],
             ins => {
                 let moved = with(ins, |o| place[o as usize]);
                 // Registers of operands whose last use is here are free for the result.
@@ -143,11 +143,11 @@ fn assign(code: &Code, places: &Places, first: u32, reads: &[u32], writes: &[u32
                 let to = take(&mut free);
                 place[i] = to;
                 let mut second = to;
-                if matches!(ins, Ins::SinCos(_) | Ins::HalfTurn(_)) {
+                if matches!(ins, Instruction::SinCos(_) | Instruction::HalfTurn(_)) {
                     second = take(&mut free);
                     seconds[i] = second;
                     // A second result that nothing reads gives its register back at once.
-                    let read = code.instructions[i..].contains(&Ins::Second(i as u32));
+                    let read = code.instructions[i..].contains(&Instruction::Second(i as u32));
                     if !read {
                         free.push(second);
                     }
@@ -212,34 +212,34 @@ fn ordered(moves: Vec<(u32, u32)>, mut next: u32) -> (Vec<(u32, u32)>, u32) {
     (out, next)
 }
 
-fn with(ins: Ins, at: impl Fn(u32) -> u32) -> Ins {
+fn with(ins: Instruction, at: impl Fn(u32) -> u32) -> Instruction {
     match ins {
-        Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) => ins,
-        Ins::Add(a, b) => Ins::Add(at(a), at(b)),
-        Ins::Sub(a, b) => Ins::Sub(at(a), at(b)),
-        Ins::Mul(a, b) => Ins::Mul(at(a), at(b)),
-        Ins::Div(a, b) => Ins::Div(at(a), at(b)),
-        Ins::Over(a, b, c) => Ins::Over(at(a), at(b), at(c)),
-        Ins::MulAdd(a, b, c) => Ins::MulAdd(at(a), at(b), at(c)),
-        Ins::MulSub(a, b, c) => Ins::MulSub(at(a), at(b), at(c)),
-        Ins::MulFrom(a, b, c) => Ins::MulFrom(at(a), at(b), at(c)),
-        Ins::Neg(a) => Ins::Neg(at(a)),
-        Ins::Sqrt(a) => Ins::Sqrt(at(a)),
-        Ins::Abs(a) => Ins::Abs(at(a)),
-        Ins::Min(a, b) => Ins::Min(at(a), at(b)),
-        Ins::Max(a, b) => Ins::Max(at(a), at(b)),
-        Ins::SinCos(a) => Ins::SinCos(at(a)),
-        Ins::HalfTurn(a) => Ins::HalfTurn(at(a)),
-        Ins::Second(a) => Ins::Second(at(a)),
-        Ins::Exp(a) => Ins::Exp(at(a)),
-        Ins::Atan2(a, b) => Ins::Atan2(at(a), at(b)),
-        Ins::Floor(a) => Ins::Floor(at(a)),
-        Ins::Lt(a, b) => Ins::Lt(at(a), at(b)),
-        Ins::Le(a, b) => Ins::Le(at(a), at(b)),
-        Ins::And(a, b) => Ins::And(at(a), at(b)),
-        Ins::Or(a, b) => Ins::Or(at(a), at(b)),
-        Ins::Not(a) => Ins::Not(at(a)),
-        Ins::Select(a, b, c) => Ins::Select(at(a), at(b), at(c)),
+        Instruction::Lit(_) | Instruction::Constant(_) | Instruction::Call(_) | Instruction::State(_) => ins,
+        Instruction::Add(a, b) => Instruction::Add(at(a), at(b)),
+        Instruction::Sub(a, b) => Instruction::Sub(at(a), at(b)),
+        Instruction::Mul(a, b) => Instruction::Mul(at(a), at(b)),
+        Instruction::Div(a, b) => Instruction::Div(at(a), at(b)),
+        Instruction::Over(a, b, c) => Instruction::Over(at(a), at(b), at(c)),
+        Instruction::MulAdd(a, b, c) => Instruction::MulAdd(at(a), at(b), at(c)),
+        Instruction::MulSub(a, b, c) => Instruction::MulSub(at(a), at(b), at(c)),
+        Instruction::MulFrom(a, b, c) => Instruction::MulFrom(at(a), at(b), at(c)),
+        Instruction::Neg(a) => Instruction::Neg(at(a)),
+        Instruction::Sqrt(a) => Instruction::Sqrt(at(a)),
+        Instruction::Abs(a) => Instruction::Abs(at(a)),
+        Instruction::Min(a, b) => Instruction::Min(at(a), at(b)),
+        Instruction::Max(a, b) => Instruction::Max(at(a), at(b)),
+        Instruction::SinCos(a) => Instruction::SinCos(at(a)),
+        Instruction::HalfTurn(a) => Instruction::HalfTurn(at(a)),
+        Instruction::Second(a) => Instruction::Second(at(a)),
+        Instruction::Exp(a) => Instruction::Exp(at(a)),
+        Instruction::Atan2(a, b) => Instruction::Atan2(at(a), at(b)),
+        Instruction::Floor(a) => Instruction::Floor(at(a)),
+        Instruction::Lt(a, b) => Instruction::Lt(at(a), at(b)),
+        Instruction::Le(a, b) => Instruction::Le(at(a), at(b)),
+        Instruction::And(a, b) => Instruction::And(at(a), at(b)),
+        Instruction::Or(a, b) => Instruction::Or(at(a), at(b)),
+        Instruction::Not(a) => Instruction::Not(at(a)),
+        Instruction::Select(a, b, c) => Instruction::Select(at(a), at(b), at(c)),
     }
 }
 
@@ -261,39 +261,43 @@ fn interpret<A: Arith>(t: A::Token, code: &ByteCode, file: &mut [A::Cell], times
                 };
             }
             let value = match op.ins {
-                Ins::Add(a, b) => get!(a) + get!(b),
-                Ins::Sub(a, b) => get!(a) - get!(b),
-                Ins::Mul(a, b) => get!(a) * get!(b),
-                Ins::Div(a, b) => get!(a) / get!(b),
-                Ins::Over(a, b, c) => get!(a).over(get!(b), get!(c)),
-                Ins::MulAdd(a, b, c) => get!(a).mul_add(get!(b), get!(c)),
-                Ins::MulSub(a, b, c) => get!(a).mul_sub(get!(b), get!(c)),
-                Ins::MulFrom(a, b, c) => get!(a).mul_from(get!(b), get!(c)),
-                Ins::Neg(a) => -get!(a),
-                Ins::Sqrt(a) => get!(a).sqrt(),
-                Ins::Abs(a) => get!(a).abs(),
-                Ins::Min(a, b) => get!(a).min(get!(b)),
-                Ins::Max(a, b) => get!(a).max(get!(b)),
-                Ins::SinCos(a) => {
+                Instruction::Add(a, b) => get!(a) + get!(b),
+                Instruction::Sub(a, b) => get!(a) - get!(b),
+                Instruction::Mul(a, b) => get!(a) * get!(b),
+                Instruction::Div(a, b) => get!(a) / get!(b),
+                Instruction::Over(a, b, c) => get!(a).over(get!(b), get!(c)),
+                Instruction::MulAdd(a, b, c) => get!(a).mul_add(get!(b), get!(c)),
+                Instruction::MulSub(a, b, c) => get!(a).mul_sub(get!(b), get!(c)),
+                Instruction::MulFrom(a, b, c) => get!(a).mul_from(get!(b), get!(c)),
+                Instruction::Neg(a) => -get!(a),
+                Instruction::Sqrt(a) => get!(a).sqrt(),
+                Instruction::Abs(a) => get!(a).abs(),
+                Instruction::Min(a, b) => get!(a).min(get!(b)),
+                Instruction::Max(a, b) => get!(a).max(get!(b)),
+                Instruction::SinCos(a) => {
                     let (first, second) = get!(a).sin_cos();
                     second.store(&mut file[op.second as usize]);
                     first
                 }
-                Ins::HalfTurn(a) => {
+                Instruction::HalfTurn(a) => {
                     let (first, second) = get!(a).half_turn();
                     second.store(&mut file[op.second as usize]);
                     first
                 }
-                Ins::Exp(a) => get!(a).exp(),
-                Ins::Atan2(a, b) => get!(a).atan2(get!(b)),
-                Ins::Floor(a) => get!(a).floor(),
-                Ins::Lt(a, b) => A::select(get!(a).lt(get!(b)), one, zero),
-                Ins::Le(a, b) => A::select(get!(a).le(get!(b)), one, zero),
-                Ins::And(a, b) => A::select(truth!(a) & truth!(b), one, zero),
-                Ins::Or(a, b) => A::select(truth!(a) | truth!(b), one, zero),
-                Ins::Not(a) => A::select(truth!(a), zero, one),
-                Ins::Select(a, b, c) => A::select(truth!(a), get!(b), get!(c)),
-                Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) | Ins::Second(_) => continue,
+                Instruction::Exp(a) => get!(a).exp(),
+                Instruction::Atan2(a, b) => get!(a).atan2(get!(b)),
+                Instruction::Floor(a) => get!(a).floor(),
+                Instruction::Lt(a, b) => A::select(get!(a).lt(get!(b)), one, zero),
+                Instruction::Le(a, b) => A::select(get!(a).le(get!(b)), one, zero),
+                Instruction::And(a, b) => A::select(truth!(a) & truth!(b), one, zero),
+                Instruction::Or(a, b) => A::select(truth!(a) | truth!(b), one, zero),
+                Instruction::Not(a) => A::select(truth!(a), zero, one),
+                Instruction::Select(a, b, c) => A::select(truth!(a), get!(b), get!(c)),
+                Instruction::Lit(_)
+                | Instruction::Constant(_)
+                | Instruction::Call(_)
+                | Instruction::State(_)
+                | Instruction::Second(_) => continue,
             };
             value.store(&mut file[op.to as usize]);
         }

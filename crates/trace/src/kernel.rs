@@ -3,10 +3,10 @@
 use fearless_simd::Level;
 
 use super::lanes::{Cell, F32x16, F64x8};
-use super::stages::Stages;
+use super::schedule::Schedule;
 
 /// Entry points of a kernel for one type of cell, over the drones' state slots (home) and the kernel's scratch, or the
-/// scratch alone ([`super::stages::At`]).
+/// scratch alone ([`super::schedule::Location`]).
 #[derive(Clone, Copy, Debug)]
 pub struct Entries<C> {
     /// Fills the per-call table.
@@ -14,7 +14,7 @@ pub struct Entries<C> {
     /// Takes the given number of steps, at least one.
     pub step: fn(Level, &mut [C], &mut [C], usize),
     /// Epilogue: computes what is only needed after the last step.
-    pub finish: fn(Level, &mut [C], &mut [C]),
+    pub epilogue: fn(Level, &mut [C], &mut [C]),
 }
 
 /// A scheduled step compiled for several types of cells.
@@ -65,10 +65,10 @@ compiled! {
     [[F64x8; 2]; 2]: _kernel, _level => None;
 }
 
-/// Identifies the code of all stages and the sizes of their tables: the 128-bit FNV-1a hash of a text of them.
-pub fn key(stages: &Stages) -> u128 {
-    let cells = (stages.n_table, stages.n_call, stages.given.len(), stages.state_at());
-    let text = format!("{cells:?} {:?} {:?} {:?}", stages.call, stages.step, stages.finish);
+/// Identifies the code of a schedule and the sizes of their tables: the 128-bit FNV-1a hash of a text of them.
+pub fn key(schedule: &Schedule) -> u128 {
+    let cells = (schedule.n_constants, schedule.n_call, schedule.given.len(), schedule.state_at());
+    let text = format!("{cells:?} {:?} {:?} {:?}", schedule.call, schedule.step, schedule.epilogue);
     let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
     for byte in text.bytes() {
         hash = (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
@@ -99,58 +99,58 @@ macro_rules! at_level {
 }
 pub use at_level;
 
-/// Declares a [`Kernel`] from the functions `call`, `step` and `finish` in scope.
+/// Declares a [`Kernel`] from the functions `call`, `step` and `epilogue` in scope.
 #[macro_export]
 macro_rules! kernel {
-    ($name:literal, $key:literal, $home:ident, $own:ident) => {{
+    ($name:literal, $key:literal, $home:ident, $scratch:ident) => {{
         use $crate::lanes::{F32x16, F64x8};
         use $crate::kernel::fearless_simd::{Level, Simd, f32x16, f64x8};
 
         macro_rules! entries {
             ($cell:ty, $arith:ty) => {{
                 #[inline(always)]
-                fn call_at<S: Simd>(simd: S, f: &mut [$cell; $own]) {
+                fn call_at<S: Simd>(simd: S, f: &mut [$cell; $scratch]) {
                     call::<$arith>(simd, f);
                 }
                 #[inline(always)]
-                fn step_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $own], times: usize) {
+                fn step_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $scratch], times: usize) {
                     step::<$arith>(simd, h, f, times);
                 }
                 #[inline(always)]
-                fn finish_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $own]) {
-                    finish::<$arith>(simd, h, f);
+                fn epilogue_at<S: Simd>(simd: S, h: &mut [$cell; $home], f: &mut [$cell; $scratch]) {
+                    epilogue::<$arith>(simd, h, f);
                 }
-                fn call_all(level: Level, own: &mut [$cell]) {
-                    let Some(f) = own.first_chunk_mut() else { return };
+                fn call_all(level: Level, scratch: &mut [$cell]) {
+                    let Some(f) = scratch.first_chunk_mut() else { return };
                     $crate::kernel::at_level!(level, simd => call_at(simd, f));
                 }
-                fn step_all(level: Level, home: &mut [$cell], own: &mut [$cell], times: usize) {
-                    let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+                fn step_all(level: Level, home: &mut [$cell], scratch: &mut [$cell], times: usize) {
+                    let (Some(h), Some(f)) = (home.first_chunk_mut(), scratch.first_chunk_mut()) else { return };
                     $crate::kernel::at_level!(level, simd => step_at(simd, h, f, times));
                 }
-                fn finish_all(level: Level, home: &mut [$cell], own: &mut [$cell]) {
-                    let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
-                    $crate::kernel::at_level!(level, simd => finish_at(simd, h, f));
+                fn epilogue_all(level: Level, home: &mut [$cell], scratch: &mut [$cell]) {
+                    let (Some(h), Some(f)) = (home.first_chunk_mut(), scratch.first_chunk_mut()) else { return };
+                    $crate::kernel::at_level!(level, simd => epilogue_at(simd, h, f));
                 }
-                $crate::kernel::Entries { call: call_all, step: step_all, finish: finish_all }
+                $crate::kernel::Entries { call: call_all, step: step_all, epilogue: epilogue_all }
             }};
         }
-        fn call_one(_: Level, own: &mut [f64]) {
-            let Some(f) = own.first_chunk_mut() else { return };
+        fn call_one(_: Level, scratch: &mut [f64]) {
+            let Some(f) = scratch.first_chunk_mut() else { return };
             call::<f64>((), f);
         }
-        fn step_one(_: Level, home: &mut [f64], own: &mut [f64], times: usize) {
-            let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
+        fn step_one(_: Level, home: &mut [f64], scratch: &mut [f64], times: usize) {
+            let (Some(h), Some(f)) = (home.first_chunk_mut(), scratch.first_chunk_mut()) else { return };
             step::<f64>((), h, f, times);
         }
-        fn finish_one(_: Level, home: &mut [f64], own: &mut [f64]) {
-            let (Some(h), Some(f)) = (home.first_chunk_mut(), own.first_chunk_mut()) else { return };
-            finish::<f64>((), h, f);
+        fn epilogue_one(_: Level, home: &mut [f64], scratch: &mut [f64]) {
+            let (Some(h), Some(f)) = (home.first_chunk_mut(), scratch.first_chunk_mut()) else { return };
+            epilogue::<f64>((), h, f);
         }
         Kernel {
             name: $name,
             key: $key,
-            scalar: $crate::kernel::Entries { call: call_one, step: step_one, finish: finish_one },
+            scalar: $crate::kernel::Entries { call: call_one, step: step_one, epilogue: epilogue_one },
             f32: entries!(F32x16, f32x16<S>),
             f64: entries!(F64x8, f64x8<S>),
         }

@@ -1,7 +1,7 @@
 //! Numbers of flight physics, and the compiler that traces formulas over them.
 //!
 //! A formula is written once over the number trait [`Real`], which the reference (`f64`), throughput (`f32`, [`lanes`]),
-//! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`stages`]
+//! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`schedule`]
 //! schedules it, [`adjoint`] turns it into that of its derivatives, [`export`] prints it as Rust (a [`kernel::Kernel`]), and
 //! [`bytecode`] runs what has no kernel. [`math`] builds vectors and rotations of numbers, [`params`] makes
 //! structs of them that can be visited by name, [`units`] converts those of files.
@@ -23,7 +23,7 @@ pub mod lanes;
 pub mod math;
 pub mod params;
 pub mod program;
-pub mod stages;
+pub mod schedule;
 pub mod trace;
 pub mod units;
 

@@ -24,7 +24,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 
 /// Index of a node in its graph.
-pub type Place = u32;
+pub type NodeId = u32;
 
 /// One value of a graph. Operands come before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,50 +34,50 @@ pub enum Node {
     /// An input, by its number.
     Input(u32),
     /// a + b.
-    Add(Place, Place),
+    Add(NodeId, NodeId),
     /// a − b.
-    Sub(Place, Place),
+    Sub(NodeId, NodeId),
     /// a b.
-    Mul(Place, Place),
+    Mul(NodeId, NodeId),
     /// a / b.
-    Div(Place, Place),
+    Div(NodeId, NodeId),
     /// −a.
-    Neg(Place),
+    Neg(NodeId),
     /// √a.
-    Sqrt(Place),
+    Sqrt(NodeId),
     /// Sine of a, rad.
-    Sin(Place),
+    Sin(NodeId),
     /// Cosine of a, rad.
-    Cos(Place),
+    Cos(NodeId),
     /// The first of [`Real::half_turn`] of a.
-    TurnSin(Place),
+    TurnSin(NodeId),
     /// The second of [`Real::half_turn`] of a.
-    TurnCos(Place),
+    TurnCos(NodeId),
     /// e to the power of a.
-    Exp(Place),
+    Exp(NodeId),
     /// Angle of the point (b, a), rad.
-    Atan2(Place, Place),
+    Atan2(NodeId, NodeId),
     /// Largest integer not above a.
-    Floor(Place),
+    Floor(NodeId),
     /// Whether a < b.
-    Lt(Place, Place),
+    Lt(NodeId, NodeId),
     /// Whether a ≤ b.
-    Le(Place, Place),
+    Le(NodeId, NodeId),
     /// A boolean constant.
     Truth(bool),
     /// Logical and.
-    And(Place, Place),
+    And(NodeId, NodeId),
     /// Logical or.
-    Or(Place, Place),
+    Or(NodeId, NodeId),
     /// Logical not.
-    Not(Place),
+    Not(NodeId),
     /// b where the boolean a holds, else c.
-    Select(Place, Place, Place),
+    Select(NodeId, NodeId, NodeId),
 }
 
 impl Node {
     /// Its operands, in order.
-    pub fn operands(self) -> impl Iterator<Item = Place> {
+    pub fn operands(self) -> impl Iterator<Item = NodeId> {
         let list = match self {
             Self::Literal(_) | Self::Input(_) | Self::Truth(_) => [None; 3],
             Self::Neg(a) | Self::Sqrt(a) | Self::Sin(a) | Self::Cos(a) => [Some(a), None, None],
@@ -108,13 +108,13 @@ pub struct Graph {
     /// Nodes, operands before their users; all are needed.
     pub nodes: Vec<Node>,
     /// Indices of the results.
-    pub outputs: Vec<Place>,
+    pub outputs: Vec<NodeId>,
 }
 
 #[derive(Default)]
 struct Recorder {
     nodes: Vec<Node>,
-    seen: HashMap<Node, Place>,
+    seen: HashMap<Node, NodeId>,
     /// Whether a trace is being recorded.
     running: bool,
     /// Whether all numbers may be assumed finite, and the sign of zeros ignored.
@@ -122,40 +122,40 @@ struct Recorder {
 }
 
 impl Recorder {
-    fn place(&mut self, node: Node) -> Place {
+    fn place(&mut self, node: Node) -> NodeId {
         if let Some(place) = self.seen.get(&node) {
             return *place;
         }
-        let place = Place::try_from(self.nodes.len()).expect("a trace has fewer than 2³² operations");
+        let place = NodeId::try_from(self.nodes.len()).expect("a trace has fewer than 2³² operations");
         self.nodes.push(node);
         self.seen.insert(node, place);
         place
     }
 
-    fn literal(&self, place: Place) -> Option<f64> {
+    fn literal(&self, place: NodeId) -> Option<f64> {
         match self.nodes[place as usize] {
             Node::Literal(bits) => Some(f64::from_bits(bits)),
             _ => None,
         }
     }
 
-    fn truth(&self, place: Place) -> Option<bool> {
+    fn truth(&self, place: NodeId) -> Option<bool> {
         match self.nodes[place as usize] {
             Node::Truth(truth) => Some(truth),
             _ => None,
         }
     }
 
-    fn number(&mut self, value: f64) -> Place {
+    fn number(&mut self, value: f64) -> NodeId {
         self.place(Node::Literal(value.to_bits()))
     }
 
     /// Index of a node's value; folds what is known instead of recording it.
-    fn record(&mut self, node: Node) -> Place {
+    fn record(&mut self, node: Node) -> NodeId {
         self.known(node).unwrap_or_else(|| self.place(node))
     }
 
-    fn known(&mut self, node: Node) -> Option<Place> {
+    fn known(&mut self, node: Node) -> Option<NodeId> {
         // Constant folding.
         if let Some(value) = self.folded(node) {
             return Some(match value {
@@ -163,7 +163,7 @@ impl Recorder {
                 Value::Truth(t) => self.place(Node::Truth(t)),
             });
         }
-        let is = |r: &Self, place: Place, value: f64| {
+        let is = |r: &Self, place: NodeId, value: f64| {
             r.literal(place).is_some_and(|v| v.to_bits() == value.to_bits())
         };
         if self.finite
@@ -216,9 +216,9 @@ impl Recorder {
 
     /// Further simplifications where all numbers are finite and zeros have no sign. Signs move outwards, until a sum or a
     /// difference absorbs them.
-    fn known_of_finite(&mut self, node: Node) -> Option<Place> {
-        let zero = |r: &Self, place: Place| r.literal(place) == Some(0.0);
-        let negated = |r: &Self, place: Place| match r.nodes[place as usize] {
+    fn known_of_finite(&mut self, node: Node) -> Option<NodeId> {
+        let zero = |r: &Self, place: NodeId| r.literal(place) == Some(0.0);
+        let negated = |r: &Self, place: NodeId| match r.nodes[place as usize] {
             Node::Neg(of) => Some(of),
             _ => None,
         };
@@ -279,7 +279,7 @@ thread_local! {
     static RECORDER: RefCell<Recorder> = RefCell::default();
 }
 
-fn record(node: Node) -> Place {
+fn record(node: Node) -> NodeId {
     RECORDER.with_borrow_mut(|r| {
         assert!(r.running, "symbols compute only within `trace`, on its thread");
         r.record(node)
@@ -288,11 +288,11 @@ fn record(node: Node) -> Place {
 
 /// A symbolic number that stands for a formula. Made by [`trace`] only.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sym(Place);
+pub struct Sym(NodeId);
 
 /// A symbolic boolean that stands for a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SymMask(Place);
+pub struct SymMask(NodeId);
 
 /// Records what `formula` computes from `n_inputs` numbers. Dead code is removed.
 ///
@@ -325,7 +325,7 @@ fn recorded(n_inputs: usize, finite: bool, formula: impl FnOnce(&[Sym]) -> Vec<S
         (0..n_inputs as u32).map(|i| Sym(r.place(Node::Input(i)))).collect()
     });
     let running = Running;
-    let outputs: Vec<Place> = formula(&inputs).iter().map(|s| s.0).collect();
+    let outputs: Vec<NodeId> = formula(&inputs).iter().map(|s| s.0).collect();
     let nodes = RECORDER.with_borrow_mut(|r| std::mem::take(&mut r.nodes));
     drop(running);
     Graph { n_inputs, nodes, outputs }.needed()
@@ -351,9 +351,9 @@ impl Value {
 }
 
 /// Value of a node; `of(place, i)` is its i-th operand.
-fn compute(node: Node, of: impl Fn(Place, usize) -> Value, inputs: &[f64]) -> Value {
-    let number = |place: Place, i: usize| of(place, i).number();
-    let truth = |place: Place, i: usize| of(place, i).truth();
+fn compute(node: Node, of: impl Fn(NodeId, usize) -> Value, inputs: &[f64]) -> Value {
+    let number = |place: NodeId, i: usize| of(place, i).number();
+    let truth = |place: NodeId, i: usize| of(place, i).truth();
     Value::Number(match node {
         Node::Literal(bits) => f64::from_bits(bits),
         Node::Input(i) => inputs[i as usize],
@@ -425,7 +425,7 @@ impl Graph {
         let mut moved = vec![0; self.nodes.len()];
         let mut nodes = Vec::new();
         for (i, node) in self.nodes.iter().enumerate().filter(|(i, _)| needed[*i]) {
-            moved[i] = nodes.len() as Place;
+            moved[i] = nodes.len() as NodeId;
             nodes.push(node.with(|o| moved[o as usize]));
         }
         let outputs = self.outputs.iter().map(|o| moved[*o as usize]).collect();
@@ -433,118 +433,9 @@ impl Graph {
     }
 }
 
-/// A value of a graph that is being re-recorded.
-#[derive(Clone, Copy)]
-enum Again {
-    Number(Sym),
-    Truth(SymMask),
-}
-
-impl Graph {
-    /// Re-records the graph within a trace on other inputs: every value.
-    fn again(&self, inputs: &[Sym]) -> Vec<Again> {
-        let mut values: Vec<Again> = Vec::with_capacity(self.nodes.len());
-        for node in &self.nodes {
-            let place = |p: Place| match values[p as usize] {
-                Again::Number(s) => s.0,
-                Again::Truth(m) => m.0,
-            };
-            values.push(match *node {
-                Node::Input(i) => Again::Number(inputs[i as usize]),
-                n if n.is_truth() => Again::Truth(SymMask(record(n.with(place)))),
-                n => Again::Number(Sym(record(n.with(place)))),
-            });
-        }
-        values
-    }
-
-    /// Reverse-mode gradient: from inputs and one weight per result, the sum over results of weight × d result / d input,
-    /// for every input. Floors and comparisons have no slope. A root or an angle has none at the origin: there the slope is
-    /// NaN, even where a select takes the other side.
-    ///
-    /// Source: Griewank & Walther, "Evaluating Derivatives", 2nd ed., SIAM 2008, § 3.2.
-    ///
-    /// # Panics
-    /// As [`trace`].
-    pub fn adjoint(&self) -> Self {
-        let n = self.n_inputs;
-        trace(n + self.outputs.len(), |x| {
-            let values = self.again(&x[..n]);
-            let number = |p: Place| match values[p as usize] {
-                Again::Number(s) => s,
-                Again::Truth(_) => Sym::lit(f64::NAN),
-            };
-            // `None` until a first contribution, so that nothing is added to zero.
-            let mut slopes: Vec<Option<Sym>> = vec![None; self.nodes.len()];
-            let give = |slopes: &mut Vec<Option<Sym>>, p: Place, by: Sym| {
-                let slot = &mut slopes[p as usize];
-                *slot = Some(slot.map_or(by, |s| s + by));
-            };
-            for (output, weight) in self.outputs.iter().zip(&x[n..]) {
-                give(&mut slopes, *output, *weight);
-            }
-            let mut out = vec![Sym::zero(); n];
-            for (i, node) in self.nodes.iter().enumerate().rev() {
-                let Some(slope) = slopes[i] else { continue };
-                let mut give = |p: Place, by: Sym| give(&mut slopes, p, by);
-                match *node {
-                    Node::Input(k) => out[k as usize] = slope,
-                    Node::Add(a, b) => {
-                        give(a, slope);
-                        give(b, slope);
-                    }
-                    Node::Sub(a, b) => {
-                        give(a, slope);
-                        give(b, -slope);
-                    }
-                    Node::Mul(a, b) => {
-                        give(a, slope * number(b));
-                        give(b, slope * number(a));
-                    }
-                    Node::Div(a, b) => {
-                        let by = slope / number(b);
-                        give(a, by);
-                        give(b, -(by * number(i as Place)));
-                    }
-                    Node::Neg(a) => give(a, -slope),
-                    Node::Sqrt(a) => give(a, Sym::lit(0.5) * slope / number(i as Place)),
-                    Node::Sin(a) => give(a, slope * number(a).sin_cos().1),
-                    Node::Cos(a) => give(a, -(slope * number(a).sin_cos().0)),
-                    Node::TurnSin(a) => {
-                        // (c/2 − k)/2θ² of k and c of the turn, and its series where that loses precision.
-                        let x = number(a);
-                        let (k, c) = x.half_turn();
-                        let near = x.lt(Sym::lit(1e-2));
-                        let far = Sym::select(near, Sym::one(), x);
-                        let whole = (Sym::lit(0.5) * c - k) / (Sym::lit(2.0) * far);
-                        let last = x * Sym::lit(4.0 / 185_794_560.0) - Sym::lit(3.0 / 645_120.0);
-                        let series = (last * x + Sym::lit(2.0 / 3840.0)) * x - Sym::lit(1.0 / 48.0);
-                        give(a, slope * Sym::select(near, series, whole));
-                    }
-                    Node::TurnCos(a) => give(a, -(slope * Sym::lit(0.25) * number(a).half_turn().0)),
-                    Node::Exp(a) => give(a, slope * number(i as Place)),
-                    Node::Atan2(a, b) => {
-                        let (y, x) = (number(a), number(b));
-                        let by = slope / (x * x + y * y);
-                        give(a, by * x);
-                        give(b, -(by * y));
-                    }
-                    Node::Select(a, b, c) => {
-                        let Again::Truth(mask) = values[a as usize] else { continue };
-                        give(b, Sym::select(mask, slope, Sym::zero()));
-                        give(c, Sym::select(mask, Sym::zero(), slope));
-                    }
-                    _ => {}
-                }
-            }
-            out
-        })
-    }
-}
-
 impl Node {
     /// The same node with its operand indices mapped.
-    pub fn with(self, place: impl Fn(Place) -> Place) -> Self {
+    pub fn with(self, place: impl Fn(NodeId) -> NodeId) -> Self {
         match self {
             Self::Literal(_) | Self::Input(_) | Self::Truth(_) => self,
             Self::Add(a, b) => Self::Add(place(a), place(b)),
@@ -652,11 +543,11 @@ impl Real for Sym {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// Every operation of [`Real`].
-    fn all<S: Real>(x: &[S]) -> Vec<S> {
+    pub fn all<S: Real>(x: &[S]) -> Vec<S> {
         let (s, c) = (x[0] * x[1]).sin_cos();
         let a = (x[0] * x[0] + x[1].square() + S::one()).sqrt();
         let b = (x[2] / a - x[1]).exp();
@@ -667,7 +558,8 @@ mod tests {
         vec![e.abs().min(d).max(-x[1]), e.clamp(S::lit(-0.5), S::lit(0.5)) * d, b * a / c]
     }
 
-    const POINTS: [[f64; 3]; 5] =
+    /// Where no choice switches.
+    pub const POINTS: [[f64; 3]; 5] =
         [[0.3, 0.7, 1.9], [-1.2, 0.4, 0.3], [2.0, -0.6, -0.7], [0.1, 1.7, -2.0], [-0.8, -0.9, 0.2]];
 
     #[test]
@@ -705,31 +597,6 @@ mod tests {
             let bits =
                 |v: &[f64]| v.iter().map(|v| if v.is_nan() { 0 } else { v.to_bits() }).collect::<Vec<_>>();
             assert_eq!(bits(&graph.eval(&[x])), bits(&direct), "{x}");
-        }
-    }
-
-    #[test]
-    fn slopes_backwards_are_those_of_finite_differences() {
-        let graph = trace(3, all::<Sym>);
-        let adjoint = graph.adjoint();
-        assert!(adjoint.len() < 5 * graph.len(), "{} after {}", adjoint.len(), graph.len());
-        for x in POINTS {
-            let weights = [0.7, -1.3, 0.4];
-            let slopes = adjoint.eval(&[x.as_slice(), &weights].concat());
-            let value = |x: &[f64]| -> f64 { all(x).iter().zip(&weights).map(|(v, w)| v * w).sum() };
-            for k in 0..3 {
-                let at = |h: f64| {
-                    let mut y = x;
-                    y[k] += h;
-                    value(&y)
-                };
-                let slope = (at(1e-6) - at(-1e-6)) / 2e-6;
-                assert!(
-                    (slopes[k] - slope).abs() < 1e-7 * (1.0 + slope.abs()),
-                    "{x:?} {k}: {} {slope}",
-                    slopes[k]
-                );
-            }
         }
     }
 

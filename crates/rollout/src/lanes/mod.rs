@@ -20,7 +20,7 @@ use plan::{Kind, Plan, kinds};
 use super::SimData;
 use super::blocks::Phase;
 use super::quarantine::Quarantine;
-use super::traced::{Shape, fixed, stages};
+use super::traced::{Shape, fixed, scheduled};
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::Drone;
 use propwash_physics::integrate::Integrator;
@@ -275,9 +275,9 @@ impl<N: Number> Lanes<N> {
                         sim_hz: options.sim_hz,
                         neighbours: kind.neighbours,
                     };
-                    let cut = stages(&nominal[kind.slots[0]], &shape, &|k| kind.varies[k]);
-                    let own = kind.n_home + kind.plans.iter().map(|p| p.program.len).sum::<usize>();
-                    kind.plans.push(Plan::new(&shape, cut, own));
+                    let schedule = scheduled(&nominal[kind.slots[0]], &shape, &|k| kind.varies[k]);
+                    let scratch = kind.n_home + kind.plans.iter().map(|p| p.program.len).sum::<usize>();
+                    kind.plans.push(Plan::new(&shape, schedule, scratch));
                     let plan = kind.plans.last_mut();
                     if let Some(plan) = plan {
                         plan.fill(&kind.typical, &kind.varies, kind.slots.len() * n_worlds);

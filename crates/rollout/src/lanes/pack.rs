@@ -188,10 +188,10 @@ impl<C: Interpret> Pack<C> {
         }
         (self.made_for, self.n_home) = (made_for, kind.n_home);
         self.file.clear();
-        let own = kind.plans.iter().map(|p| p.program.len).sum::<usize>();
-        self.file.resize(kind.n_home + own, C::splat(C::Number::zero()));
+        let scratch = kind.plans.iter().map(|p| p.program.len).sum::<usize>();
+        self.file.resize(kind.n_home + scratch, C::splat(C::Number::zero()));
         for plan in &kind.plans {
-            for (cell, v) in self.file[plan.own..].iter_mut().zip(&plan.table) {
+            for (cell, v) in self.file[plan.scratch..].iter_mut().zip(&plan.table) {
                 *cell = C::splat(*v);
             }
             for (cell, v) in self.file[plan.program.constants_at..].iter_mut().zip(&plan.program.constants) {
@@ -426,7 +426,7 @@ impl<C: Interpret> Pack<C> {
                     kind.slots.binary_search(&slot).unwrap_or(0)
                 };
                 let at = (world * kind.slots.len() + i) * plan.varying.len() + j;
-                self.file[plan.own + *entry as usize].set(lane, plan.rows[at]);
+                self.file[plan.scratch + *entry as usize].set(lane, plan.rows[at]);
             }
         }
         let entries = plan.entries::<C>(shared.level);
@@ -435,7 +435,7 @@ impl<C: Interpret> Pack<C> {
                 self.file[*to as usize] = self.file[*from as usize];
             }
             match &entries {
-                Some(kernel) => (kernel.call)(shared.level, &mut self.file[plan.own..]),
+                Some(kernel) => (kernel.call)(shared.level, &mut self.file[plan.scratch..]),
                 None => C::interpret(shared.level, &plan.program.call, &mut self.file, 1),
             }
         }
@@ -449,19 +449,19 @@ impl<C: Interpret> Pack<C> {
             let times = if once { n } else { 1 };
             match &entries {
                 Some(kernel) => {
-                    let (home, own) = self.file.split_at_mut(plan.own);
-                    (kernel.step)(shared.level, home, own, times);
+                    let (home, scratch) = self.file.split_at_mut(plan.scratch);
+                    (kernel.step)(shared.level, home, scratch, times);
                 }
                 None => C::interpret(shared.level, &plan.program.step, &mut self.file, times),
             }
         }
-        if span.last || plan.finishes {
+        if span.last || plan.needs_epilogue {
             match &entries {
                 Some(kernel) => {
-                    let (home, own) = self.file.split_at_mut(plan.own);
-                    (kernel.finish)(shared.level, home, own);
+                    let (home, scratch) = self.file.split_at_mut(plan.scratch);
+                    (kernel.epilogue)(shared.level, home, scratch);
                 }
-                None => C::interpret(shared.level, &plan.program.finish, &mut self.file, 1),
+                None => C::interpret(shared.level, &plan.program.epilogue, &mut self.file, 1),
             }
         }
         for (cell, to) in plan.leave.all_or_often(span.last) {

@@ -3,7 +3,7 @@
 use fearless_simd::Level;
 
 use super::super::blocks::Phase;
-use super::super::traced::{Shape, bare, place, told};
+use super::super::traced::{Shape, bare, place, relevant};
 use super::Options;
 use super::arrays::{Arrays, Column, column};
 use propwash_kernels as kernels;
@@ -12,7 +12,7 @@ use propwash_physics::drone::Drone;
 use propwash_trace::bytecode::{Interpret, Program};
 use propwash_trace::kernel::{Entries, Kernel, key};
 use propwash_trace::lanes::Number;
-use propwash_trace::stages::{At, Input, Source, Stages};
+use propwash_trace::schedule::{Input, Location, Schedule, Source};
 
 /// Drone slots that fly by one program.
 #[derive(Debug)]
@@ -42,11 +42,11 @@ pub(super) struct Kind<N> {
 pub(super) struct Plan<N> {
     pub(super) phase: Phase,
     pub(super) due: Due,
-    pub(super) stages: Stages,
+    pub(super) schedule: Schedule,
     pub(super) kernel: Option<&'static Kernel>,
     pub(super) program: Program,
-    /// First of its own cells in the file of a pack.
-    pub(super) own: usize,
+    /// First cell of its scratch in the file of a pack.
+    pub(super) scratch: usize,
     /// Places that the call, the steps and `leave` read, and places that it leaves other than it found them.
     pub(super) reads: Vec<u32>,
     pub(super) writes: Vec<u32>,
@@ -58,7 +58,7 @@ pub(super) struct Plan<N> {
     /// (constant, place) after the last step, in the same way.
     pub(super) constants: Parted<(N, u32)>,
     /// Whether a plan may read later in the call what is computed after the last step.
-    pub(super) finishes: bool,
+    pub(super) needs_epilogue: bool,
     /// Places of numbers that are others in every step.
     pub(super) fresh: Vec<u32>,
     pub(super) table: Vec<N>,
@@ -104,7 +104,7 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
         // Ticks repeat every second. Which of them matter depends on the control mode.
         for step in 0..options.sim_hz {
             let due = rates[d].due(options.mode, step.into(), options.sim_hz);
-            let due = told(options.mode, due);
+            let due = relevant(options.mode, due);
             let at = dues.iter().position(|known| *known == due).unwrap_or(dues.len());
             if at == dues.len() {
                 dues.push(due);
@@ -134,14 +134,14 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
 }
 
 impl<N: Number> Plan<N> {
-    /// The plan of a step, whose own cells begin at `own` of the file.
-    pub(super) fn new(shape: &Shape, stages: Stages, own: usize) -> Self {
-        let wanted = key(&stages);
+    /// The plan of a step, whose scratch begins at cell `scratch` of the file.
+    pub(super) fn new(shape: &Shape, schedule: Schedule, scratch: usize) -> Self {
+        let wanted = key(&schedule);
         let kernel = kernels::ALL.iter().find(|k| k.key == wanted);
         // Byte code too where there is a kernel: not all types of cells and levels have its functions.
-        let program = Program::new(&stages, own);
+        let program = Program::new(&schedule, scratch);
         let (mut reads, mut writes, mut fresh) = (Vec::new(), Vec::new(), Vec::new());
-        let inputs = stages.given.iter().copied().chain(stages.state.iter().filter_map(|s| s.input));
+        let inputs = schedule.given.iter().copied().chain(schedule.state.iter().filter_map(|s| s.input));
         for input in inputs {
             match input {
                 Input::Given(p) | Input::Carried(p) => reads.push(p),
@@ -149,16 +149,16 @@ impl<N: Number> Plan<N> {
                 Input::Fixed(_) => {}
             }
         }
-        writes.extend(stages.state.iter().filter_map(|s| s.output).map(|o| o.place()));
+        writes.extend(schedule.state.iter().filter_map(|s| s.output).map(|o| o.place()));
         let (mut leave, mut constants) = (Vec::new(), Vec::new());
-        let (table, state) = (stages.call_at(), stages.state_at());
-        let cell = |at: At| match at {
-            At::Home(p) => p,
-            At::Own(k) => own as u32 + k,
+        let (table, state) = (schedule.call_at(), schedule.state_at());
+        let cell = |at: Location| match at {
+            Location::Home(p) => p,
+            Location::Scratch(k) => scratch as u32 + k,
         };
-        let given = stages.given.iter().zip(stages.given_at());
+        let given = schedule.given.iter().zip(schedule.given_at());
         let enter = given.filter_map(|(input, at)| Some((input.place()?, cell(at)))).collect();
-        for (output, source) in &stages.finals {
+        for (output, source) in &schedule.finals {
             let to = output.place();
             writes.push(to);
             match source {
@@ -175,16 +175,16 @@ impl<N: Number> Plan<N> {
         Self {
             phase: shape.phase,
             due: shape.due,
-            stages,
+            schedule,
             kernel,
             program,
-            own,
+            scratch,
             reads,
             writes,
             enter: Parted::new(enter),
             leave: Parted::new(leave),
             constants: Parted::new(constants),
-            finishes: true,
+            needs_epilogue: true,
             fresh,
             table: Vec::new(),
             varying: Vec::new(),
@@ -199,7 +199,7 @@ impl<N: Number> Plan<N> {
 
     /// The table of the first drone, and which of its entries differ between drones.
     pub(super) fn fill(&mut self, first: &[f64], varies: &[bool], n_rows: usize) {
-        let once = &self.stages.once;
+        let once = &self.schedule.once;
         self.table = once.eval(first).into_iter().map(N::of).collect();
         let mut depends: Vec<bool> = Vec::with_capacity(once.nodes.len());
         for node in &once.nodes {
@@ -226,7 +226,7 @@ impl<N: Number> Plan<N> {
         }
         let width = self.varying.len();
         let mut fill = |world: usize, i: usize| {
-            let values = self.stages.once.eval(&fixed(world * n_drones + slots[i]));
+            let values = self.schedule.once.eval(&fixed(world * n_drones + slots[i]));
             let row = (world * slots.len() + i) * width;
             for (to, entry) in self.rows[row..row + width].iter_mut().zip(&self.varying) {
                 *to = N::of(values[*entry as usize]);
@@ -260,14 +260,14 @@ impl<N: Number> Kind<N> {
             plan.enter.part(|(p, _)| writers[*p as usize] > 0);
             plan.leave.part(|(_, p)| kept(*p));
             plan.constants.part(|(_, p)| kept(*p));
-            let Stages { state, finish, finals, .. } = &plan.stages;
-            let finished = |slot: u32| finish.stores.iter().any(|(_, to)| *to == slot);
-            let own = finish.stores.iter().filter_map(|(_, slot)| state[*slot as usize].output);
+            let Schedule { state, epilogue, finals, .. } = &plan.schedule;
+            let finished = |slot: u32| epilogue.stores.iter().any(|(_, to)| *to == slot);
+            let own = epilogue.stores.iter().filter_map(|(_, slot)| state[*slot as usize].output);
             let moved = finals.iter().filter_map(|(output, source)| match source {
                 Source::State(slot) if finished(*slot) => Some(*output),
                 _ => None,
             });
-            plan.finishes = own.chain(moved).any(|output| kept(output.place()));
+            plan.needs_epilogue = own.chain(moved).any(|output| kept(output.place()));
         }
         let places = 0..self.n_home as u32;
         let saves: Vec<u32> = places.clone().filter(|p| writers[*p as usize] > 0).collect();

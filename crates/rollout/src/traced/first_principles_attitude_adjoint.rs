@@ -5,25 +5,25 @@
 use propwash_trace::kernel::{Kernel, kernel};
 use propwash_trace::lanes::Arith;
 
-/// Places of a drone's home.
+/// Slots of the home that the kernel reaches.
 pub const HOME: usize = 233;
 
-/// Own cells: first table, what is given, second table, numbers for the end.
-pub const OWN: usize = 138;
+/// Cells of scratch: constant table, given inputs, per-call table, values for the epilogue.
+pub const SCRATCH: usize = 138;
 
-/// As the rest of the crate finds it.
+/// The kernel, as `ALL` lists it.
 #[rustfmt::skip]
 pub const KERNEL: Kernel = kernel!(
     "first_principles_attitude_adjoint",
-    0x865be62b3b56e11036bf38fcd2318356,
+    0x0289c71fcc5c349c398e57e25dfa022c,
     HOME,
-    OWN
+    SCRATCH
 );
 
-/// Computes the second table.
+/// Fills the per-call table.
 #[rustfmt::skip]
 #[inline(always)]
-fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
+fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; SCRATCH]) {
     let v0 = A::load(t, &f[100]);
     let v1 = A::load(t, &f[101]);
     let v2 = A::load(t, &f[102]);
@@ -100,7 +100,7 @@ fn call<A: Arith>(t: A::Token, f: &mut [A::Cell; OWN]) {
 /// Takes so many steps, one or more.
 #[rustfmt::skip]
 #[inline(always)]
-fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], times: usize) {
+fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; SCRATCH], times: usize) {
     let mut s0 = A::load(t, &h[124]);
     let mut s1 = A::load(t, &h[125]);
     let mut s2 = A::load(t, &h[126]);
@@ -1373,8 +1373,8 @@ fn step<A: Arith>(t: A::Token, h: &mut [A::Cell; HOME], f: &mut [A::Cell; OWN], 
     s55.store(&mut h[232]);
 }
 
-/// Computes what is wanted after the last step only.
+/// Computes the results that no later step reads, after the last step.
 #[rustfmt::skip]
 #[inline(always)]
-fn finish<A: Arith>(_t: A::Token, _h: &mut [A::Cell; HOME], _f: &mut [A::Cell; OWN]) {
+fn epilogue<A: Arith>(_t: A::Token, _h: &mut [A::Cell; HOME], _f: &mut [A::Cell; SCRATCH]) {
 }

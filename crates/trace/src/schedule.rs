@@ -9,7 +9,7 @@
 
 use std::collections::HashMap;
 
-use super::trace::{Graph, Node, Place};
+use super::trace::{Graph, Node, NodeId};
 
 /// Kind of a graph input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -55,22 +55,21 @@ impl Output {
 /// Where code finds a number. All programs that step a drone share its state slots (home), so switching between them copies
 /// nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum At {
+pub enum Location {
     /// In this state slot of the home.
     Home(u32),
-    /// In this cell of the program's scratch: `[constant table | given | per-call table | numbers for the epilogue]` (the first
-    /// and second table in generated kernels). Given inputs are copied there, so that one program serves commands from outside
-    /// and those handed on by another stage.
-    Own(u32),
+    /// In this cell of the program's scratch: `[constant table | given | per-call table | numbers for the epilogue]`.
+    /// Given inputs are copied there, so that one program serves commands from outside and those handed on by another stage.
+    Scratch(u32),
 }
 
 /// One instruction of straight-line code; operands are indices of earlier instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Ins {
+pub enum Instruction {
     /// A constant, by the bits of its f64.
     Lit(u64),
     /// An entry of the constant table.
-    Table(u32),
+    Constant(u32),
     /// An entry of the per-call table.
     Call(u32),
     /// A state slot.
@@ -127,11 +126,11 @@ pub enum Ins {
     Select(u32, u32, u32),
 }
 
-impl Ins {
+impl Instruction {
     /// Indices of its operands.
     pub fn operands(self) -> [Option<u32>; 3] {
         match self {
-            Self::Lit(_) | Self::Table(_) | Self::Call(_) | Self::State(_) => [None; 3],
+            Self::Lit(_) | Self::Constant(_) | Self::Call(_) | Self::State(_) => [None; 3],
             Self::Neg(a) | Self::Sqrt(a) | Self::Abs(a) | Self::SinCos(a) | Self::HalfTurn(a) => {
                 [Some(a), None, None]
             }
@@ -156,7 +155,7 @@ impl Ins {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub struct Code {
     /// Instructions, in an order in which operands come first.
-    pub instructions: Vec<Ins>,
+    pub instructions: Vec<Instruction>,
     /// (index of the value, slot it is stored to), after all instructions.
     pub stores: Vec<(u32, u32)>,
 }
@@ -164,8 +163,15 @@ pub struct Code {
 impl Code {
     /// Number of instructions that compute something.
     pub fn operations(&self) -> usize {
-        let idle = |i: &Ins| {
-            matches!(i, Ins::Lit(_) | Ins::Table(_) | Ins::Call(_) | Ins::State(_) | Ins::Second(_))
+        let idle = |i: &Instruction| {
+            matches!(
+                i,
+                Instruction::Lit(_)
+                    | Instruction::Constant(_)
+                    | Instruction::Call(_)
+                    | Instruction::State(_)
+                    | Instruction::Second(_)
+            )
         };
         self.instructions.iter().filter(|i| !idle(i)).count()
     }
@@ -173,7 +179,7 @@ impl Code {
 
 /// A step graph scheduled in four stages.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Stages {
+pub struct Schedule {
     /// Computed once: from fixed inputs to the entries of the constant table.
     pub once: Graph,
     /// Computed once per call: from given inputs to the entries of the per-call table.
@@ -181,9 +187,9 @@ pub struct Stages {
     /// Computed in every step.
     pub step: Code,
     /// Epilogue, computed after the last step, over the same state slots.
-    pub finish: Code,
+    pub epilogue: Code,
     /// Entries of the constant table.
-    pub n_table: usize,
+    pub n_constants: usize,
     /// Entries of the per-call table.
     pub n_call: usize,
     /// Input in each slot that the call reads.
@@ -194,43 +200,43 @@ pub struct Stages {
     pub finals: Vec<(Output, Source)>,
 }
 
-impl Stages {
+impl Schedule {
     /// Location of each given input that the call reads.
-    pub fn given_at(&self) -> Vec<At> {
-        (self.n_table..self.n_table + self.given.len()).map(|k| At::Own(k as u32)).collect()
+    pub fn given_at(&self) -> Vec<Location> {
+        (self.n_constants..self.n_constants + self.given.len()).map(|k| Location::Scratch(k as u32)).collect()
     }
 
     /// Location of each entry of the per-call table.
-    pub fn call_at(&self) -> Vec<At> {
-        let from = self.n_table + self.given.len();
-        (from..from + self.n_call).map(|k| At::Own(k as u32)).collect()
+    pub fn call_at(&self) -> Vec<Location> {
+        let from = self.n_constants + self.given.len();
+        (from..from + self.n_call).map(|k| Location::Scratch(k as u32)).collect()
     }
 
     /// Location of each state slot.
-    pub fn state_at(&self) -> Vec<At> {
-        let mut own = (self.n_table + self.given.len() + self.n_call) as u32;
+    pub fn state_at(&self) -> Vec<Location> {
+        let mut scratch = (self.n_constants + self.given.len() + self.n_call) as u32;
         let mut at = |slot: &Slot| {
             let place = slot.output.map(Output::place).or(slot.input.and_then(Input::place));
             place.map_or_else(
                 || {
-                    own += 1;
-                    At::Own(own - 1)
+                    scratch += 1;
+                    Location::Scratch(scratch - 1)
                 },
-                At::Home,
+                Location::Home,
             )
         };
         self.state.iter().map(&mut at).collect()
     }
 
     /// Scratch cells that the program needs.
-    pub fn n_own(&self) -> usize {
+    pub fn n_scratch(&self) -> usize {
         let kept = self.state.iter().filter(|s| s.input.is_none() && s.output.is_none()).count();
-        self.n_table + self.given.len() + self.n_call + kept
+        self.n_constants + self.given.len() + self.n_call + kept
     }
 
     /// One more than the highest state slot of the home that the program reads or writes.
     pub fn n_home(&self) -> usize {
-        let of = |at: At| if let At::Home(p) = at { p as usize + 1 } else { 0 };
+        let of = |at: Location| if let Location::Home(p) = at { p as usize + 1 } else { 0 };
         self.state_at().into_iter().map(of).max().unwrap_or(0)
     }
 }
@@ -263,15 +269,15 @@ enum Level {
     Once,
     Call,
     Step,
-    Finish,
+    Epilogue,
 }
 
 /// Schedules a graph, given the kinds of its inputs and the destinations of its results.
-pub fn cut(graph: &Graph, inputs: &[Input], outputs: &[Output]) -> Stages {
-    Cutter::new(graph, inputs, outputs).run()
+pub fn schedule(graph: &Graph, inputs: &[Input], outputs: &[Output]) -> Schedule {
+    Scheduler::new(graph, inputs, outputs).run()
 }
 
-struct Cutter<'a> {
+struct Scheduler<'a> {
     graph: &'a Graph,
     inputs: &'a [Input],
     outputs: &'a [Output],
@@ -280,7 +286,7 @@ struct Cutter<'a> {
     uses: Vec<u32>,
 }
 
-impl<'a> Cutter<'a> {
+impl<'a> Scheduler<'a> {
     fn new(graph: &'a Graph, inputs: &'a [Input], outputs: &'a [Output]) -> Self {
         let kept = |k: u32| {
             graph.outputs.iter().zip(outputs).any(|(place, out)| {
@@ -302,9 +308,9 @@ impl<'a> Cutter<'a> {
             let most = node.operands().map(|o| level[o as usize]).max().unwrap_or(Level::Literal);
             level.push(own.max(most));
         }
-        let finish = unread(graph, inputs, outputs, &level);
-        for place in finish {
-            level[place as usize] = Level::Finish;
+        let epilogue = unread(graph, inputs, outputs, &level);
+        for place in epilogue {
+            level[place as usize] = Level::Epilogue;
         }
         let mut uses = vec![0; graph.nodes.len()];
         for node in &graph.nodes {
@@ -314,20 +320,20 @@ impl<'a> Cutter<'a> {
         Self { graph, inputs, outputs, level, uses }
     }
 
-    fn node(&self, place: Place) -> Node {
+    fn node(&self, place: NodeId) -> Node {
         self.graph.nodes[place as usize]
     }
 
-    fn run(self) -> Stages {
+    fn run(self) -> Schedule {
         let graph = self.graph;
         // Results: those that the step computes or must pass on, and those that are available elsewhere already.
         let read = carried(graph, self.inputs, &self.level);
         let mut state: Vec<Slot> = Vec::new();
-        let mut stores: Vec<(Place, u32)> = Vec::new();
-        let mut last: Vec<(Place, u32)> = Vec::new();
-        let mut later: Vec<(Output, Place)> = Vec::new();
+        let mut stores: Vec<(NodeId, u32)> = Vec::new();
+        let mut last: Vec<(NodeId, u32)> = Vec::new();
+        let mut later: Vec<(Output, NodeId)> = Vec::new();
         let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
-        let mut slot_of_value: HashMap<Place, u32> = HashMap::new();
+        let mut slot_of_value: HashMap<NodeId, u32> = HashMap::new();
         for (place, output) in graph.outputs.iter().zip(self.outputs) {
             // A carried number that the step passes through needs no store.
             let unchanged = matches!((*output, self.node(*place)), (Output::Carried(k), Node::Input(i))
@@ -351,7 +357,7 @@ impl<'a> Cutter<'a> {
                 slot_of_input.insert(input, slot);
             }
             slot_of_value.entry(*place).or_insert(slot);
-            if level == Level::Finish { &mut last } else { &mut stores }.push((*place, slot));
+            if level == Level::Epilogue { &mut last } else { &mut stores }.push((*place, slot));
         }
         // Values of the last step that the epilogue reads get slots beside the results.
         for place in self.kept() {
@@ -369,16 +375,16 @@ impl<'a> Cutter<'a> {
             let at = step.value(*place);
             step.code.stores.push((at, *slot));
         }
-        let mut finish = Builder::new(&self, Level::Finish);
+        let mut epilogue = Builder::new(&self, Level::Epilogue);
         // The epilogue shares the table entries of the step.
-        finish.below_once = std::mem::take(&mut step.below_once);
-        finish.below_call = std::mem::take(&mut step.below_call);
-        finish.slot_of_value = slot_of_value.clone();
+        epilogue.below_once = std::mem::take(&mut step.below_once);
+        epilogue.below_call = std::mem::take(&mut step.below_call);
+        epilogue.slot_of_value = slot_of_value.clone();
         for (place, slot) in &last {
-            let at = finish.value(*place);
-            finish.code.stores.push((at, *slot));
+            let at = epilogue.value(*place);
+            epilogue.code.stores.push((at, *slot));
         }
-        let mut wanted_of_call = std::mem::take(&mut finish.below_call);
+        let mut wanted_of_call = std::mem::take(&mut epilogue.below_call);
         let mut finals = Vec::new();
         for (output, place) in later {
             let source = match self.node(place) {
@@ -397,8 +403,8 @@ impl<'a> Cutter<'a> {
             };
             finals.push((output, source));
         }
-        let mut table = std::mem::take(&mut finish.below_once);
-        let (step_code, finish_code, state) = (step.code, finish.code, step.slots);
+        let mut table = std::mem::take(&mut epilogue.below_once);
+        let (step_code, epilogue_code, state) = (step.code, epilogue.code, step.slots);
 
         let mut call = Builder::new(&self, Level::Call);
         call.below_once = std::mem::take(&mut table);
@@ -406,9 +412,9 @@ impl<'a> Cutter<'a> {
             let at = match *want {
                 Want::Value(place) => call.value(place),
                 Want::Reciprocal(place) => {
-                    let one = call.push(Ins::Lit(1f64.to_bits()));
+                    let one = call.push(Instruction::Lit(1f64.to_bits()));
                     let of = call.value(place);
-                    call.push(Ins::Div(one, of))
+                    call.push(Instruction::Div(one, of))
                 }
             };
             call.code.stores.push((at, slot as u32));
@@ -417,13 +423,13 @@ impl<'a> Cutter<'a> {
         let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
         let table = call.below_once;
         let once = self.once(&table);
-        Stages {
+        Schedule {
             once,
-            n_table: table.len(),
+            n_constants: table.len(),
             n_call: wanted_of_call.len(),
             call: call.code,
             step: step_code,
-            finish: finish_code,
+            epilogue: epilogue_code,
             given,
             state,
             finals,
@@ -431,10 +437,10 @@ impl<'a> Cutter<'a> {
     }
 
     /// Values of a step that the epilogue reads.
-    fn kept(&self) -> Vec<Place> {
+    fn kept(&self) -> Vec<NodeId> {
         let mut out = Vec::new();
-        let mut todo: Vec<Place> =
-            (0..self.level.len() as Place).filter(|p| self.level[*p as usize] == Level::Finish).collect();
+        let mut todo: Vec<NodeId> =
+            (0..self.level.len() as NodeId).filter(|p| self.level[*p as usize] == Level::Epilogue).collect();
         let mut next = 0;
         while let Some(place) = todo.get(next).copied() {
             next += 1;
@@ -457,7 +463,7 @@ impl<'a> Cutter<'a> {
     /// The graph that fills the constant table from fixed inputs.
     fn once(&self, table: &[Want]) -> Graph {
         let mut nodes: Vec<Node> = Vec::new();
-        let mut moved: HashMap<Place, Place> = HashMap::new();
+        let mut moved: HashMap<NodeId, NodeId> = HashMap::new();
         for (place, node) in self.graph.nodes.iter().enumerate() {
             if self.level[place] > Level::Once {
                 continue;
@@ -469,7 +475,7 @@ impl<'a> Cutter<'a> {
                 },
                 other => other.with(|o| moved[&o]),
             };
-            moved.insert(place as Place, nodes.len() as Place);
+            moved.insert(place as NodeId, nodes.len() as NodeId);
             nodes.push(node);
         }
         let mut outputs = Vec::new();
@@ -478,8 +484,8 @@ impl<'a> Cutter<'a> {
                 Want::Value(place) => moved[&place],
                 Want::Reciprocal(place) => {
                     nodes.push(Node::Literal(1f64.to_bits()));
-                    nodes.push(Node::Div(nodes.len() as Place - 1, moved[&place]));
-                    nodes.len() as Place - 1
+                    nodes.push(Node::Div(nodes.len() as NodeId - 1, moved[&place]));
+                    nodes.len() as NodeId - 1
                 }
             });
         }
@@ -503,7 +509,7 @@ fn carried(graph: &Graph, inputs: &[Input], level: &[Level]) -> Vec<u32> {
 }
 
 /// Per-step nodes that are only needed for results which no later step reads.
-fn unread(graph: &Graph, inputs: &[Input], outputs: &[Output], level: &[Level]) -> Vec<Place> {
+fn unread(graph: &Graph, inputs: &[Input], outputs: &[Output], level: &[Level]) -> Vec<NodeId> {
     let read = carried(graph, inputs, level);
     let (mut needed, mut wanted) = (vec![false; graph.nodes.len()], vec![false; graph.nodes.len()]);
     for (place, output) in graph.outputs.iter().zip(outputs) {
@@ -520,34 +526,34 @@ fn unread(graph: &Graph, inputs: &[Input], outputs: &[Output], level: &[Level]) 
         let input = matches!(graph.nodes[*p], Node::Input(_));
         level[*p] == Level::Step && wanted[*p] && !needed[*p] && !input
     };
-    (0..graph.nodes.len()).filter(is_unread).map(|p| p as Place).collect()
+    (0..graph.nodes.len()).filter(is_unread).map(|p| p as NodeId).collect()
 }
 
 /// An entry of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Want {
-    Value(Place),
-    Reciprocal(Place),
+    Value(NodeId),
+    Reciprocal(NodeId),
 }
 
 /// Emits the code of one stage.
 struct Builder<'a, 'b> {
-    of: &'b Cutter<'a>,
+    of: &'b Scheduler<'a>,
     level: Level,
     code: Code,
     /// Instruction that holds a node's value.
-    held: HashMap<Place, u32>,
-    shared: HashMap<Ins, u32>,
+    held: HashMap<NodeId, u32>,
+    shared: HashMap<Instruction, u32>,
     below_once: Vec<Want>,
     below_call: Vec<Want>,
     slot_of_input: HashMap<Input, u32>,
     /// Slots that hold values of a step for the epilogue.
-    slot_of_value: HashMap<Place, u32>,
+    slot_of_value: HashMap<NodeId, u32>,
     slots: Vec<Slot>,
 }
 
 impl<'a, 'b> Builder<'a, 'b> {
-    fn new(of: &'b Cutter<'a>, level: Level) -> Self {
+    fn new(of: &'b Scheduler<'a>, level: Level) -> Self {
         Self {
             of,
             level,
@@ -562,7 +568,7 @@ impl<'a, 'b> Builder<'a, 'b> {
         }
     }
 
-    fn push(&mut self, ins: Ins) -> u32 {
+    fn push(&mut self, ins: Instruction) -> u32 {
         if let Some(at) = self.shared.get(&ins) {
             return *at;
         }
@@ -581,7 +587,7 @@ impl<'a, 'b> Builder<'a, 'b> {
     }
 
     /// The instruction that holds a node's value: computed here, or loaded from where an earlier stage stored it.
-    fn value(&mut self, place: Place) -> u32 {
+    fn value(&mut self, place: NodeId) -> u32 {
         // Depth first without recursion, since graphs may be deep.
         let mut todo = vec![place];
         while let Some(next) = todo.last().copied() {
@@ -589,7 +595,7 @@ impl<'a, 'b> Builder<'a, 'b> {
                 todo.pop();
                 continue;
             }
-            let missing: Vec<Place> =
+            let missing: Vec<NodeId> =
                 self.needs(next).into_iter().filter(|p| !self.held.contains_key(p)).collect();
             if missing.is_empty() {
                 todo.pop();
@@ -603,14 +609,14 @@ impl<'a, 'b> Builder<'a, 'b> {
     }
 
     /// Whether a value is loaded, not computed here.
-    fn is_read(&self, place: Place) -> bool {
+    fn is_read(&self, place: NodeId) -> bool {
         let node = self.of.node(place);
         let level = self.of.level[place as usize];
         matches!(node, Node::Input(_)) || (level < self.level && level > Level::Literal && !node.is_truth())
     }
 
     /// Operands that `compute` needs.
-    fn needs(&self, place: Place) -> Vec<Place> {
+    fn needs(&self, place: NodeId) -> Vec<NodeId> {
         if self.is_read(place) {
             return vec![];
         }
@@ -628,8 +634,8 @@ impl<'a, 'b> Builder<'a, 'b> {
     }
 
     /// A product to fuse into a sum or difference: whether it is the first operand, and its factors.
-    fn product(&self, place: Place) -> Option<(bool, Place, Place)> {
-        let of = |p: Place| match self.of.node(p) {
+    fn product(&self, place: NodeId) -> Option<(bool, NodeId, NodeId)> {
+        let of = |p: NodeId| match self.of.node(p) {
             Node::Mul(x, y)
                 if self.of.uses[p as usize] == 1
                     && self.of.level[p as usize] == self.level
@@ -648,108 +654,108 @@ impl<'a, 'b> Builder<'a, 'b> {
     }
 
     /// A select that is a magnitude, a minimum or a maximum.
-    fn bound(&self, node: Node) -> Option<(Place, Place, Ins)> {
+    fn bound(&self, node: Node) -> Option<(NodeId, NodeId, Instruction)> {
         let Node::Select(m, yes, no) = node else { return None };
         let Node::Lt(a, b) = self.of.node(m) else { return None };
         if (yes, no) == (b, a) {
-            return Some((a, b, Ins::Max(0, 0)));
+            return Some((a, b, Instruction::Max(0, 0)));
         }
         if (yes, no) == (a, b) {
-            return Some((b, a, Ins::Min(0, 0)));
+            return Some((b, a, Instruction::Min(0, 0)));
         }
         let zero = matches!(self.of.node(b), Node::Literal(bits) if f64::from_bits(bits) == 0.0);
         let negated = matches!(self.of.node(yes), Node::Neg(x) if x == a);
-        (zero && negated && no == a).then_some((a, a, Ins::Abs(0)))
+        (zero && negated && no == a).then_some((a, a, Instruction::Abs(0)))
     }
 
-    fn compute(&mut self, place: Place) -> u32 {
+    fn compute(&mut self, place: NodeId) -> u32 {
         let node = self.of.node(place);
         if self.is_read(place) {
             return self.read(place, node);
         }
-        let h = |p: Place| self.held[&p];
+        let h = |p: NodeId| self.held[&p];
         let ins = match node {
-            Node::Literal(bits) => Ins::Lit(bits),
+            Node::Literal(bits) => Instruction::Lit(bits),
             Node::Input(_) => unreachable!("inputs are read"),
             Node::Add(a, b) => match self.product(place) {
-                Some((true, x, y)) => Ins::MulAdd(h(x), h(y), h(b)),
-                Some((false, x, y)) => Ins::MulAdd(h(x), h(y), h(a)),
-                None => Ins::Add(h(a), h(b)),
+                Some((true, x, y)) => Instruction::MulAdd(h(x), h(y), h(b)),
+                Some((false, x, y)) => Instruction::MulAdd(h(x), h(y), h(a)),
+                None => Instruction::Add(h(a), h(b)),
             },
             Node::Sub(a, b) => match self.product(place) {
-                Some((true, x, y)) => Ins::MulSub(h(x), h(y), h(b)),
-                Some((false, x, y)) => Ins::MulFrom(h(x), h(y), h(a)),
-                None => Ins::Sub(h(a), h(b)),
+                Some((true, x, y)) => Instruction::MulSub(h(x), h(y), h(b)),
+                Some((false, x, y)) => Instruction::MulFrom(h(x), h(y), h(a)),
+                None => Instruction::Sub(h(a), h(b)),
             },
-            Node::Mul(a, b) => Ins::Mul(h(a), h(b)),
+            Node::Mul(a, b) => Instruction::Mul(h(a), h(b)),
             // The reciprocal of a hoisted divisor is hoisted too: lanes multiply by it, scalar f64 code divides.
             Node::Div(a, b) => {
                 let (a_at, b_at) = (h(a), h(b));
                 match self.of.level[b as usize] {
                     Level::Once => {
                         let at = Self::entry(&mut self.below_once, Want::Reciprocal(b));
-                        let reciprocal = self.push(Ins::Table(at));
-                        Ins::Over(a_at, b_at, reciprocal)
+                        let reciprocal = self.push(Instruction::Constant(at));
+                        Instruction::Over(a_at, b_at, reciprocal)
                     }
                     Level::Call if self.level > Level::Call => {
                         let at = Self::entry(&mut self.below_call, Want::Reciprocal(b));
-                        let reciprocal = self.push(Ins::Call(at));
-                        Ins::Over(a_at, b_at, reciprocal)
+                        let reciprocal = self.push(Instruction::Call(at));
+                        Instruction::Over(a_at, b_at, reciprocal)
                     }
-                    _ => Ins::Div(a_at, b_at),
+                    _ => Instruction::Div(a_at, b_at),
                 }
             }
-            Node::Neg(a) => Ins::Neg(h(a)),
-            Node::Sqrt(a) => Ins::Sqrt(h(a)),
-            Node::Sin(a) => Ins::SinCos(h(a)),
+            Node::Neg(a) => Instruction::Neg(h(a)),
+            Node::Sqrt(a) => Instruction::Sqrt(h(a)),
+            Node::Sin(a) => Instruction::SinCos(h(a)),
             // Sine and cosine of an angle share one instruction (`push` merges equal ones).
             Node::Cos(a) => {
-                let both = Ins::SinCos(h(a));
+                let both = Instruction::SinCos(h(a));
                 let at = self.push(both);
-                Ins::Second(at)
+                Instruction::Second(at)
             }
-            Node::TurnSin(a) => Ins::HalfTurn(h(a)),
+            Node::TurnSin(a) => Instruction::HalfTurn(h(a)),
             Node::TurnCos(a) => {
-                let both = Ins::HalfTurn(h(a));
+                let both = Instruction::HalfTurn(h(a));
                 let at = self.push(both);
-                Ins::Second(at)
+                Instruction::Second(at)
             }
-            Node::Exp(a) => Ins::Exp(h(a)),
-            Node::Atan2(a, b) => Ins::Atan2(h(a), h(b)),
-            Node::Floor(a) => Ins::Floor(h(a)),
-            Node::Lt(a, b) => Ins::Lt(h(a), h(b)),
-            Node::Le(a, b) => Ins::Le(h(a), h(b)),
+            Node::Exp(a) => Instruction::Exp(h(a)),
+            Node::Atan2(a, b) => Instruction::Atan2(h(a), h(b)),
+            Node::Floor(a) => Instruction::Floor(h(a)),
+            Node::Lt(a, b) => Instruction::Lt(h(a), h(b)),
+            Node::Le(a, b) => Instruction::Le(h(a), h(b)),
             // There is no boolean literal: 0 ≤ 0 or 0 < 0.
             Node::Truth(truth) => {
-                let zero = self.push(Ins::Lit(0));
-                if truth { Ins::Le(zero, zero) } else { Ins::Lt(zero, zero) }
+                let zero = self.push(Instruction::Lit(0));
+                if truth { Instruction::Le(zero, zero) } else { Instruction::Lt(zero, zero) }
             }
-            Node::And(a, b) => Ins::And(h(a), h(b)),
-            Node::Or(a, b) => Ins::Or(h(a), h(b)),
-            Node::Not(a) => Ins::Not(h(a)),
+            Node::And(a, b) => Instruction::And(h(a), h(b)),
+            Node::Or(a, b) => Instruction::Or(h(a), h(b)),
+            Node::Not(a) => Instruction::Not(h(a)),
             // Selects that are minima, maxima or magnitudes have instructions of their own.
             Node::Select(a, b, c) => match self.bound(node) {
-                Some((x, y, Ins::Max(..))) => Ins::Max(h(x), h(y)),
-                Some((x, y, Ins::Min(..))) => Ins::Min(h(x), h(y)),
-                Some((x, _, _)) => Ins::Abs(h(x)),
-                None => Ins::Select(h(a), h(b), h(c)),
+                Some((x, y, Instruction::Max(..))) => Instruction::Max(h(x), h(y)),
+                Some((x, y, Instruction::Min(..))) => Instruction::Min(h(x), h(y)),
+                Some((x, _, _)) => Instruction::Abs(h(x)),
+                None => Instruction::Select(h(a), h(b), h(c)),
             },
         };
         self.push(ins)
     }
 
-    fn read(&mut self, place: Place, node: Node) -> u32 {
+    fn read(&mut self, place: NodeId, node: Node) -> u32 {
         match (self.of.level[place as usize], node) {
             (Level::Once, _) => {
                 let at = Self::entry(&mut self.below_once, Want::Value(place));
-                self.push(Ins::Table(at))
+                self.push(Instruction::Constant(at))
             }
             (Level::Call, _) if self.level > Level::Call => {
                 let at = Self::entry(&mut self.below_call, Want::Value(place));
-                self.push(Ins::Call(at))
+                self.push(Instruction::Call(at))
             }
-            (Level::Step, _) if self.level == Level::Finish => {
-                self.push(Ins::State(self.slot_of_value[&place]))
+            (Level::Step, _) if self.level == Level::Epilogue => {
+                self.push(Instruction::State(self.slot_of_value[&place]))
             }
             (_, Node::Input(i)) => {
                 let input = self.of.inputs[i as usize];
@@ -758,7 +764,7 @@ impl<'a, 'b> Builder<'a, 'b> {
                 if at == next {
                     self.slots.push(Slot { input: Some(input), output: None });
                 }
-                self.push(Ins::State(at))
+                self.push(Instruction::State(at))
             }
             _ => unreachable!("only what a lower level computed is read"),
         }
