@@ -99,6 +99,28 @@ fn first_block(page: &str) -> Option<&str> {
 mod tests {
     use super::*;
 
+    /// Crates with their features, as a build of `packages` compiles them.
+    fn compiled(packages: &[&str]) -> Vec<String> {
+        let mut cargo = run::cargo();
+        cargo.args(["tree", "--edges=no-dev", "--prefix=none", "--format={p} {f}"]);
+        for package in packages {
+            cargo.args(["-p", package]);
+        }
+        let text = run::output(&mut cargo).unwrap();
+        text.lines().map(|l| l.trim_end_matches(" (*)").to_string()).collect()
+    }
+
+    /// `cargo run` after the demo compiles nothing again.
+    #[test]
+    fn a_build_with_the_python_module_compiles_the_crates_of_one_without() {
+        let (alone, both) = (compiled(&["propwash"]), compiled(&["propwash", "propwash-python"]));
+        let other: Vec<&String> = alone.iter().filter(|l| !both.contains(l)).collect();
+        assert!(
+            other.is_empty(),
+            "name what the module's dependencies ask of these crates in Cargo.toml, as for syn: {other:?}"
+        );
+    }
+
     #[test]
     fn the_first_block_of_python_is_found() {
         let page = "# A\n```sh\nls\n```\n```python\nimport a\nprint(a)\n```\n```python\nb\n```\n";
