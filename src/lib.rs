@@ -1,6 +1,7 @@
 //! Propwash: a drone simulator that senses and collides in MuJoCo scenes, and that finds the physics it is missing.
 //!
-//! The modules in the order in which data flows; this list is the map of the crate.
+//! The modules in the order in which data flows; this list is the map of the library. Those that are exported from crates of
+//! their own need no MuJoCo; `docs/architecture.md` says which uses which.
 //!
 //! ```text
 //! vehicle + command → physics → rollout → scene → sense → arena → dataset | env
