@@ -15,7 +15,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
-/// Drone simulator that senses and collides in MuJoCo scenes.
+/// Drone simulator for any MuJoCo scene that finds the physics a vehicle's model lacks.
 #[derive(Debug, Parser)]
 #[command(name = "propwash", version, propagate_version = true, after_help = EXAMPLES)]
 pub struct Args {
@@ -49,19 +49,19 @@ forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
 const FLY_EXAMPLES: &str = "\
 Examples:
   propwash fly --scene xml/forest.xml --drone cf2x_L250 --worlds 16 --out data/forest
-  propwash fly --scene xml/room.xml --drone cf2x_L250 --drone hb_x500 --trajectory circle --out data/two
-  propwash fly --scene xml/room.xml --drone cf2x_L250 --trajectory waypoints path.csv --out data/path
+  propwash fly --scene xml/room.xml --drone cf2x_L250 --drone hb_x500 --out data/two
+  propwash fly --scene xml/room.xml --drone cf2x_L250 --trajectory waypoints p.csv --out data/path
   propwash fly --config data/forest/manifest.json --worlds 64 --out data/more
 
-The folder gets a manifest, one folder per world (states, contacts and clearances as Parquet, depth as
-16-bit PNG of millimetres and as exact numbers in frames.npz) and overview.png to look at.
+The folder gets a manifest, one folder per world (states, contacts and clearances as Parquet, depth
+as 16-bit PNG of millimetres and as exact numbers in frames.npz) and the picture overview.png.
 Units are SI: m, s, rad, Hz; angles of view are in degrees. World z is up.
 The same options give the same bytes, with any number of threads and after any interruption.";
 
 /// Ends the help of `propwash depth`.
 const DEPTH_EXAMPLES: &str = "\
 Examples:
-  propwash depth --scene xml/forest.xml --pos 0,0,1 --look 1,0,0 --out view.png --preview view_colours.png
+  propwash depth --scene xml/forest.xml --pos 0,0,1 --look 1,0,0 --out view.png --preview rgb.png
   propwash depth --scene xml/zoo.xml --camera overview --size 640x480 --out zoo.png --json
 
 Lengths are in m, angles in degrees. World z is up.";
@@ -81,8 +81,8 @@ Examples:
   propwash scene lint xml/zoo.xml
   propwash scene lint my_scene.xml --spawn 0,0,2 --spawn-radius 0.5 --json
 
-Lengths are in m. Exit codes: 0 depth and contacts perceive every geom and the start is free, 1 not so,
-2 the scene cannot be loaded.";
+Lengths are in m. Exit codes: 0 depth images and contacts see every geom and the start is free,
+1 they do not, or it is not, 2 the scene cannot be loaded.";
 
 /// Ends the help of `propwash scene` and `propwash scene new`.
 const NEW_EXAMPLES: &str = "\
@@ -107,7 +107,7 @@ pub enum Command {
     /// Fly drones through a scene and write a data set: states, depth, segmentation, contacts, clearances, overview.
     #[command(after_help = FLY_EXAMPLES, allow_negative_numbers = true)]
     Fly(FlyArgs),
-    /// One depth image of a scene from one pose.
+    /// Render one depth image of a scene.
     #[command(after_help = DEPTH_EXAMPLES, allow_negative_numbers = true)]
     Depth(DepthArgs),
     /// List the vehicles, or show one with all its values and sources.
@@ -124,25 +124,25 @@ pub enum Command {
     /// Take an effect out of a vehicle file.
     #[command(after_help = REMOVE_EXAMPLES)]
     Remove(RemoveArgs),
-    /// Say what differs between two vehicles.
+    /// Show what differs between two vehicles.
     #[command(after_help = VEHICLE_EXAMPLES)]
     Vehicle(VehicleArgs),
     /// Identify the parameters of a model from a flight log, with intervals.
     #[command(after_help = IDENTIFY_EXAMPLES)]
     Identify(IdentifyArgs),
-    /// Compare a vehicle's model with flights: where it fails, by how much, and with what that goes.
+    /// Compare a vehicle's model with flights: where it fails, by how much, and what the error depends on.
     #[command(after_help = COMPARE_EXAMPLES, allow_negative_numbers = true)]
     Compare(CompareArgs),
-    /// Say which effects a vehicle's model lacks, by its flights: with values, intervals, look-alikes and what to fly next.
+    /// Find the physical effects that a vehicle's model lacks, from flight logs: values, intervals, look-alikes, what to fly next.
     #[command(after_help = DIAGNOSE_EXAMPLES, allow_negative_numbers = true)]
     Diagnose(DiagnoseArgs),
     /// Fit effects to flights and write them into a vehicle file.
     #[command(after_help = ADD_EXAMPLES, allow_negative_numbers = true)]
     Add(AddArgs),
-    /// Plan a flight that makes wanted parameters visible, with the intervals to expect, as waypoints to fly.
+    /// Plan a flight that makes chosen parameters visible: waypoints, and the intervals to expect.
     #[command(after_help = EXCITE_EXAMPLES, allow_negative_numbers = true)]
     Excite(ExciteArgs),
-    /// Measure what this machine gives: steps, depth images, contacts, clearances and all of it in flight.
+    /// Measure the speed of this machine: steps, depth images, contacts, clearances, and all of them together.
     #[command(after_help = BENCH_EXAMPLES, allow_negative_numbers = true)]
     Bench(BenchArgs),
 }
@@ -151,10 +151,11 @@ pub enum Command {
 const IDENTIFY_EXAMPLES: &str = "\
 Examples:
   propwash identify flight.csv --model attitude --vehicle cf2x_L250
-  propwash identify flight.csv --model attitude --vehicle my.toml --dynamics so_rpy_rotor --out my2.toml
+  propwash identify flight.csv --model attitude --vehicle my.toml --out my2.toml
 
-The log needs position, attitude, cmd_roll cmd_pitch cmd_yaw (rad) and cmd_thrust (N). The mass is taken from
-the vehicle file: motion tells thrust and drag by mass only. docs/identify.md explains.";
+The log needs position, attitude, cmd_roll cmd_pitch cmd_yaw (rad) and cmd_thrust (N). The mass is
+taken from the vehicle file, since motion shows only thrust and drag divided by mass.
+docs/identify.md explains.";
 
 /// Which model to identify.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -309,7 +310,7 @@ pub struct CameraArgs {
     /// MuJoCo geom groups that the camera sees. Default: 0,1,2.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = group)]
     pub groups: Option<Vec<u8>>,
-    /// Who casts the rays. Default: native.
+    /// Ray caster. Default: native.
     #[arg(long, value_enum)]
     pub caster: Option<Caster>,
 }
@@ -440,7 +441,7 @@ pub struct DepthArgs {
     /// 16-bit PNG to write, 1 mm per step; 0 = nothing hit, 65535 = beyond --far, 65534 = nearer than --near.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Also write a coloured picture for eyes.
+    /// Also write a coloured picture to look at.
     #[arg(long, value_name = "FILE")]
     pub preview: Option<PathBuf>,
     /// Print a JSON summary.
@@ -661,7 +662,7 @@ pub struct LogArgs {
 /// Sub-commands of `propwash log`.
 #[derive(Clone, Debug, Subcommand)]
 pub enum LogCommand {
-    /// Say what is in a log and what in it cannot be right. Exit code 1 when something is found.
+    /// Check a flight log: what it holds, and what in it cannot be right. Exit code 1 when something is found.
     #[command(after_help = LOG_CHECK_EXAMPLES)]
     Check(LogCheckArgs),
     /// Write a log in the contract's columns and units, as CSV or Parquet.
@@ -704,7 +705,7 @@ pub struct FromDatasetArgs {
     /// Which drone of that world, from 0.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>)]
     pub drone: usize,
-    /// Where it goes: a name that ends in .csv or .parquet.
+    /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
@@ -717,7 +718,7 @@ pub struct LogConvertArgs {
     /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
-    /// Where it goes: a name that ends in .csv or .parquet.
+    /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
 }
@@ -728,12 +729,13 @@ Examples:
   propwash remove linear_drag --vehicle cf2x_L250 --out bare.toml
   propwash remove payload --vehicle mine.toml --out mine.toml --force
 
-Comments, order and layout of the file stay; its values are in the units that their keys name, SI for effects.";
+Comments, order and layout of the file are kept. Values are in the units that their keys name, SI
+for effects.";
 
 /// `propwash remove`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct RemoveArgs {
-    /// Kind of the effect, such as linear_drag; all its entries go.
+    /// Kind of the effect, such as linear_drag; all its entries are removed.
     pub effect: String,
     /// Vehicle to start from: a built-in name or a vehicle file.
     #[arg(long, value_name = "NAME|FILE")]
@@ -790,9 +792,9 @@ Examples:
   propwash excite --vehicle cf2x_L250 --want com_offset --box 4,4,2.5 --seconds 40
   propwash excite --vehicle quad.toml --want com_offset --from weak_rotor.2
 
-Every manoeuvre is flown in simulation by the vehicle's own controller; the intervals are those that the fit of
-propwash diagnose would give with the sensors named. docs/excite.md explains. Exit codes: 0 every parameter gets as
-narrow as wanted, 1 not so, 2 error.";
+Every manoeuvre is flown in simulation by the vehicle's own controller. The intervals are those that
+propwash diagnose would give with the sensors named. docs/excite.md explains. Exit codes: 0 every
+interval is as narrow as wanted, 1 at least one is not, 2 error.";
 
 /// `propwash excite`.
 #[derive(Clone, Debug, ClapArgs)]
@@ -800,7 +802,7 @@ pub struct ExciteArgs {
     /// Vehicle: a built-in name or a vehicle file.
     #[arg(long, value_name = "NAME|FILE")]
     pub vehicle: String,
-    /// Effect whose parameters are wanted, as linear_drag or weak_rotor.2; a kind stands for all of it. Repeat it, or
+    /// Effect to make visible, such as linear_drag or weak_rotor.2; weak_rotor alone means all rotors. Repeat it, or
     /// separate by commas.
     #[arg(
         long,
@@ -811,11 +813,10 @@ pub struct ExciteArgs {
         value_delimiter = ','
     )]
     pub want: Vec<String>,
-    /// Plan nothing, but write these manoeuvres of the library to --out in turn, as a diagnosis advises them: "low passes, yaw
-    /// spin".
+    /// Do not plan: write these manoeuvres to --out, one after the other, as a diagnosis advises: "low passes, yaw spin".
     #[arg(long, value_name = "MANOEUVRE", requires = "out", conflicts_with = "from", num_args = 1.., value_delimiter = ',')]
     pub fly: Vec<String>,
-    /// Plan nothing, but name the manoeuvres that tell the wanted effects from these.
+    /// Do not plan: name the manoeuvres that tell the wanted effects from these.
     #[arg(long, value_name = "EFFECT", num_args = 1.., value_delimiter = ',')]
     pub from: Vec<String>,
     /// Longest flight, s.
@@ -827,13 +828,13 @@ pub struct ExciteArgs {
     /// Length, width and height of the space, m: x and y from minus to plus half of theirs, z from 0 up.
     #[arg(long = "box", value_name = "X,Y,Z", default_value = "6,6,3")]
     pub room: String,
-    /// There is no ground at z = 0: nothing is flown low, no ground effect is reckoned with.
+    /// There is no ground at z = 0: no low passes, no ground effect.
     #[arg(long)]
     pub scene_free: bool,
     /// Height of a ceiling that can be flown under, m. Default: none.
     #[arg(long, value_name = "M", value_parser = positive)]
     pub ceiling_z: Option<f64>,
-    /// What of the log will drive the model. Default: rotor commands.
+    /// Which input of the log will drive the model. Default: rotor commands.
     #[arg(long, value_enum)]
     pub drive: Option<DriveArg>,
     /// Poses per second. Default: 240.
@@ -866,7 +867,7 @@ pub struct ExciteArgs {
     /// Where to write the waypoints (CSV with t,x,y,z,yaw).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
-    /// Print JSON, complete.
+    /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,
 }

@@ -11,9 +11,9 @@ Examples:
   propwash bench --scene my_scene.xml --drone my_quad.toml --control state --size 128x96
   propwash bench --worlds 1,1024 --threads 4 --precision f64 --seconds 3 --json speed.json
 
-Every world has its own start and command and begins a new episode every 4 s of flight at 500 Hz. Figures are
-medians; 90 % of the calls fall between the two beside them. Units are SI (m, s); angles of view are in degrees.
-Other programs that run at the same time make all of it slower.";
+Every world has its own start and command and begins a new episode every 4 s of flight at 500 Hz.
+Figures are medians; 90 % of the calls fall between the two values beside them. Units are SI (m, s);
+angles of view are in degrees. Other programs that run at the same time make everything slower.";
 
 /// The number that states are kept and advanced in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -51,7 +51,7 @@ pub struct BenchArgs {
     /// What commands mean: state, attitude, body_rate, force_torque or rotor_vel.
     #[arg(long, value_name = "MODE", default_value = "state")]
     pub control: String,
-    /// Numbers of worlds that steps are measured with.
+    /// Numbers of worlds for which steps are measured.
     #[arg(long, value_name = "N[,N..]", value_delimiter = ',', default_value = "1,64,1024,65536", value_parser = whole::<usize>)]
     pub worlds: Vec<usize>,
     /// Number of worlds for depth, contacts, clearances and the whole loop.
@@ -66,16 +66,16 @@ pub struct BenchArgs {
     /// Drones start near here, m.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,1", value_parser = triple)]
     pub spawn: [f64; 3],
-    /// How far from there at most, in x and in y, m.
+    /// Greatest distance from there in x and in y, m.
     #[arg(long, value_name = "M", default_value_t = 0.5, value_parser = not_negative)]
     pub spawn_radius: f64,
-    /// Threads of the rows that use several. Default: one per core.
+    /// Threads of the multi-threaded rows. Default: one per core.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub threads: Option<usize>,
-    /// Number that states are kept and advanced in.
+    /// Precision of states and arithmetic.
     #[arg(long, value_enum, default_value_t = PrecisionArg::F32)]
     pub precision: PrecisionArg,
-    /// Time of each row, s.
+    /// Measuring time of each row, s.
     #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = positive)]
     pub seconds: f64,
     /// Write the figures as JSON.

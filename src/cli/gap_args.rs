@@ -11,10 +11,10 @@ Examples:
   propwash compare flights/*.csv --vehicle cf2x_L250 --drive rotor-commands --json
   propwash compare usd01.csv --vehicle cf2x_L250 --mapping crazyflie.toml --ground-z 0.02
 
-Three ways: force and torque that the model lacks at every instant, errors of 0.1 to 1 s roll-outs from
-measured states, and a whole flight along the log's references. Exit codes: 0 nothing is missing (the
-model agrees to the noise of the sensors, or is off by numbers within tolerance alone), 1 a gap was
-found, 2 error.";
+It compares in three ways: force and torque that the model lacks at every instant; errors of 0.1 to
+1 s roll-outs from measured states; a whole flight along the log's references. Exit codes: 0 nothing
+is missing (the model agrees to the noise of the sensors, or is off within its tolerances only),
+1 something is missing, 2 error.";
 
 /// `propwash compare`.
 #[derive(Clone, Debug, ClapArgs)]
@@ -22,10 +22,10 @@ pub struct CompareArgs {
     /// The flights and how to read them.
     #[command(flatten)]
     pub logs: GapLogArgs,
-    /// Print JSON, complete.
+    /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Write one page for a browser: errors, overlays, residuals over time and against their causes.
+    /// Write a report page (HTML): errors, overlays, residuals over time and against their causes.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
 }
@@ -33,10 +33,10 @@ pub struct CompareArgs {
 /// Which part of the flights is held out of the fit.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct HeldOutArgs {
-    /// Flights that only check the result; the fit sees nothing of them. Default: the end of each log.
+    /// Flights that check the result and are not used by the fit. Default: the end of each log.
     #[arg(long, value_name = "LOG", num_args = 1..)]
     pub held_out: Vec<PathBuf>,
-    /// Share of each log, its end, that only checks the result; 0 for none, at most 0.5.
+    /// Share at the end of each log that checks the result and is not used by the fit; 0 for none, at most 0.5.
     #[arg(long, value_name = "SHARE", default_value_t = 0.2, value_parser = half, conflicts_with = "held_out")]
     pub hold_out: f64,
 }
@@ -54,7 +54,7 @@ pub const DIAGNOSE_EXAMPLES: &str = "\
 Examples:
   propwash diagnose flight.csv --vehicle my_quad.toml --report diagnosis.html
   propwash diagnose a.csv b.csv --held-out c.csv --vehicle my_quad.toml --out diagnosis.json
-  propwash diagnose flight.csv --vehicle my_quad.toml --candidates rotor_drag,linear_drag,quadratic_drag
+  propwash diagnose flight.csv --vehicle my_quad.toml --candidates rotor_drag,linear_drag
 
 All values are SI. Exit codes: 0 nothing is missing, 1 something is missing or unexplained, 2 error.";
 
@@ -67,19 +67,19 @@ pub struct DiagnoseArgs {
     /// Which flights are held out of the fit.
     #[command(flatten)]
     pub held_out: HeldOutArgs,
-    /// Search among these candidates only; all others stay free within their tolerance.
+    /// Search only these candidates; all others stay free within their tolerance.
     #[arg(long, value_name = "ID,ID", value_delimiter = ',')]
     pub candidates: Vec<String>,
     /// After the verdict, print which rule decided about each effect and what each rule states.
     #[arg(long, conflicts_with = "json")]
     pub why: bool,
-    /// Print JSON, complete.
+    /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,
     /// Write the diagnosis as JSON, for `propwash add --from-diagnosis`.
     #[arg(long, value_name = "FILE.json")]
     pub out: Option<PathBuf>,
-    /// Write one page for a browser: verdict, error ladder, overlays, residuals before and after.
+    /// Write a report page (HTML): verdict, error ladder, overlays, residuals before and after.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
     /// Write a picture of the error ladder.
@@ -91,12 +91,12 @@ pub struct DiagnoseArgs {
 pub const ADD_EXAMPLES: &str = "\
 Examples:
   propwash add rotor_drag --vehicle my_quad.toml --fit flight.csv --out better.toml
-  propwash add payload weak_rotor.2 --vehicle my_quad.toml --fit a.csv b.csv --held-out c.csv --out better.toml
+  propwash add payload weak_rotor.2 --vehicle my_quad.toml --fit a.csv b.csv --out better.toml
   propwash add --from-diagnosis diagnosis.json --vehicle my_quad.toml --out better.toml
 
-Values, standard deviations, the logs' SHA-256 and the date go into the file, in SI units. Nothing is written that
-raises the error on flight that the fit has not seen. Exit codes: 0 the file was written, 1 there is nothing that makes
-the vehicle better, and no file, 2 error.";
+The file gets values, standard deviations, the logs' SHA-256 and the date, in SI units. Nothing is
+written that raises the error on flight that the fit has not seen. Exit codes: 0 the file was
+written, 1 nothing makes the vehicle better and no file was written, 2 error.";
 
 /// `propwash add`.
 #[derive(Clone, Debug, ClapArgs)]
@@ -127,7 +127,7 @@ pub struct AddArgs {
     /// error.
     #[arg(long)]
     pub calibrate: bool,
-    /// Write one page for a browser: error ladder, overlays, residuals before and after.
+    /// Write a report page (HTML): error ladder, overlays, residuals before and after.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
     /// Print JSON.
