@@ -5,6 +5,7 @@ A block that cannot run says so in the source of its page, in the line before it
 """
 
 import ast
+import importlib.util
 import inspect
 import os
 import re
@@ -151,6 +152,79 @@ def test_both_programs_of_the_page_for_users_of_crazyflow_end_at_the_same_place(
     theirs, ours = [run(page, line, code)["sim"] for page, line, code, _ in PYTHON if page == "docs/migrate.md"][:2]
     there, here = np.asarray(theirs.data.states.pos), ours.data.pos
     assert there.shape == here.shape and np.abs(there - here).max() < 1e-3 and np.all(here[..., 2] > 0.4)
+
+
+def test_the_page_of_commands_is_the_help_of_the_program():
+    program = os.environ.get("PROPWASH_BIN")
+    if not program:
+        pytest.skip("PROPWASH_BIN names no program")
+    spec = importlib.util.spec_from_file_location("make_commands", ROOT / "docs/make_commands.py")
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    page = (ROOT / "docs/commands.md").read_text()
+    assert made.page(os.path.abspath(program)) == page, f"run `python3 docs/make_commands.py {os.path.relpath(program, ROOT)}`"
+
+
+def variants(path, name):
+    """Variants of an enum of Rust, with the lines of attributes before each."""
+    text = (ROOT / path).read_text()
+    body = re.search(rf"^pub enum {name} \{{\n(.*?)^\}}", text, re.S | re.M)[1]
+    found = re.finditer(r"((?:^    (?!pub |fn )[^A-Z\n][^\n]*\n)*?)^    ([A-Z]\w*)(?:,$| \{$|\()", body, re.M)
+    return [(match[2], match[1]) for match in found]
+
+
+def kebab(name):
+    return re.sub(r"(?<!^)([A-Z])", r"-\1", name).lower()
+
+
+def test_the_page_of_errors_has_every_error_of_the_library():
+    page = (ROOT / "docs/errors.md").read_text()
+    errors = []
+    for path in sorted((ROOT / "src").rglob("*.rs")):
+        for name in re.findall(r"^#\[derive\([^\n]*thiserror::Error\)\]\n(?:#[^\n]*\n)*pub enum (\w+)", path.read_text(), re.M):
+            # Of byte code that the library makes itself; no user meets it.
+            if name != "ProgramError":
+                rows = variants(path.relative_to(ROOT), name)
+                assert rows, f"{path}: no variant of {name} was read"
+                errors += [f"{name}::{variant}" for variant, before in rows if "#[error(transparent)]" not in before]
+    assert len(errors) >= 60
+    missing = [error for error in [*errors, "EnvError::Failed"] if f"`{error}`" not in page]
+    assert not missing, f"docs/errors.md has no row of {missing}"
+    gone = set(re.findall(r"`(\w+Error::\w+|Error::\w+)`", page)) - set(errors) - {"EnvError::Failed"}
+    assert not gone, f"docs/errors.md has rows of errors that are no more: {gone}"
+
+
+@pytest.mark.parametrize(
+    "heading, path, name, code",
+    [
+        ("Findings of the log checker", "src/flight/check/mod.rs", "Fault", kebab),
+        ("Parts of a log that are left out", "src/flight/usable.rs", "Reason", kebab),
+        ("Rules of a verdict", "src/gap/decide/rules.rs", "Rule", lambda name: kebab(name).replace("-", "_")),
+    ],
+)
+def test_the_page_of_errors_has_every_code(heading, path, name, code):
+    part = (ROOT / "docs/errors.md").read_text().split(f"## {heading}\n")[1].split("\n## ")[0]
+    assert set(re.findall(r"^\| `([\w-]+)` \|", part, re.M)) == {code(name) for name, _ in variants(path, name)}
+
+
+def test_the_page_of_errors_has_every_exception_and_warning_of_python():
+    page = (ROOT / "docs/errors.md").read_text()
+    for path in sorted((ROOT / "python/propwash").rglob("*.py")):
+        for name in re.findall(r"^class (\w+(?:Error|Warning))\(", path.read_text(), re.M):
+            assert re.search(rf"`(?:propwash\.datasets\.)?{name}`", page), f"{path.name}: docs/errors.md does not say what {name} is"
+
+
+def test_the_page_of_examples_has_every_example():
+    page = (ROOT / "docs/examples.md").read_text()
+    made = [*(ROOT / "examples").iterdir(), *(ROOT / "notebooks").glob("*.ipynb")]
+    missing = [path.name for path in made if path.suffix in (".rs", ".py", ".ipynb") and f"{path.name})" not in page]
+    assert not missing, f"docs/examples.md has no row of {missing}"
+
+
+def test_the_glossary_is_in_order():
+    terms = re.findall(r"^- \*\*(.+?)\*\*: ", (ROOT / "docs/glossary.md").read_text(), re.M)
+    words = [re.sub(r"[^\w ,-]", "", term).lower() for term in terms]
+    assert len(words) > 100 and words == sorted(words)
 
 
 def test_the_api_page_names_all_that_the_package_gives():
