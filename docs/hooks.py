@@ -4,7 +4,7 @@
   relative link works in the checkout and in the site. Links that are called by a file's name get the page's title.
 - ``effects/`` in the navigation becomes all pages of that folder, with a generated list as the first.
 - Notebooks of notebooks/ become pages, with their outputs as they are checked in.
-- Equations become MathML, which browsers draw without a script.
+- Equations become MathML, which browsers draw without a script; symbols in sentences of the effects' pages get real subscripts.
 """
 
 from __future__ import annotations
@@ -31,6 +31,12 @@ LINK = re.compile(r"(?<=\]\()(\.\.?/[^)\s#]*|[^)\s#:/]+/)(?=[)#])")
 
 TITLED = re.compile(r"\[([\w/.-]+\.md)\]\(([^)\s#]+\.md)(?=[)#])")
 """Links that are called by the name of their file."""
+
+SYMBOL = re.compile(r"(?<![\w`])([A-Za-zα-ωΑ-Ω])_([a-z]{1,7})(?![\w`])")
+"""A symbol with a subscript, as pages write it in sentences: `p_i`, `Ω_max`."""
+
+NOT_WORDS = re.compile(r"(^```.*?^```$|\$\$.*?\$\$|`[^`\n]*`)", re.S | re.M)
+"""Blocks, equations and code, in which underscores stay."""
 
 LANGUAGES = {".rs": "rust", ".py": "python", ".toml": "toml", ".xml": "xml", ".sh": "bash", ".txt": "text", ".rhai": "text"}
 
@@ -95,6 +101,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     markdown = re.sub(
         r"^```rust$.*?^```$", lambda block: re.sub(r"^#(?: .*)?\n", "", block.group(), flags=re.M), markdown, flags=re.S | re.M
     )
+    if here.startswith("effects/"):
+        parts = NOT_WORDS.split(markdown)
+        parts[::2] = [SYMBOL.sub(r"\1<sub>\2</sub>", words) for words in parts[::2]]
+        markdown = "".join(parts)
     return TITLED.sub(titled, LINK.sub(led, markdown))
 
 
@@ -113,6 +123,12 @@ def _effects() -> list[Path]:
 
 def _list_of_effects() -> str:
     rows = ["# Effects", "", "What a vehicle file may list, one page each.", ""]
+    rows += [
+        "The pictures of the pages are made by `docs/make_effect_pictures.py`. An independent simulator flies a vehicle with the effect; "
+        "orange is what a model without it lacks, blue what is left once `propwash add` has written the effect into the vehicle file. "
+        "That vehicle is also off by its manufacturing tolerances, so blue is not zero everywhere.",
+        "",
+    ]
     rows += ["| effect | key | what it models |", "| --- | --- | --- |"]
     for path in _effects():
         text = path.read_text(encoding="utf-8")

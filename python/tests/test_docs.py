@@ -221,6 +221,13 @@ def test_the_page_of_examples_has_every_example():
     assert not missing, f"docs/examples.md has no row of {missing}"
 
 
+def test_every_effect_has_its_picture():
+    for page in sorted((ROOT / "docs/effects").glob("*.md")):
+        if page.stem not in ("README", "expression", "disturbance"):
+            assert f"]({page.stem}.png)" in page.read_text(), f"{page.name}: run docs/make_effect_pictures.py {page.stem}"
+            assert 1000 < page.with_suffix(".png").stat().st_size < 60_000
+
+
 def test_the_glossary_is_in_order():
     terms = re.findall(r"^- \*\*(.+?)\*\*: ", (ROOT / "docs/glossary.md").read_text(), re.M)
     words = [re.sub(r"[^\w ,-]", "", term).lower() for term in terms]
