@@ -109,12 +109,18 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def on_page_content(content: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turns equations into MathML."""
+    """Turns equations into MathML. Columns without a name have no heading that is empty."""
+    content = re.sub(r"<th([^>]*)></th>", r"<td\1></td>", content)
 
     def drawn(match: re.Match[str]) -> str:
         return convert(html.unescape(match.group(1)), display="block")
 
     return re.sub(r'<div class="arithmatex">\s*\\\[(.*?)\\\]\s*</div>', drawn, content, flags=re.S)
+
+
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Gives the search of the theme a name."""
+    return output.replace('data-md-component="search" role="dialog"', 'data-md-component="search" role="dialog" aria-label="Search"')
 
 
 def _effects() -> list[Path]:
