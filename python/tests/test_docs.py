@@ -197,9 +197,9 @@ def test_the_page_of_errors_has_every_error_of_the_library():
 @pytest.mark.parametrize(
     "heading, path, name, code",
     [
-        ("Findings of the log checker", "src/flight/check/mod.rs", "Fault", kebab),
-        ("Parts of a log that are left out", "src/flight/usable.rs", "Reason", kebab),
-        ("Rules of a verdict", "src/gap/decide/rules.rs", "Rule", lambda name: kebab(name).replace("-", "_")),
+        ("Findings of the log checker", "crates/flight/src/check/mod.rs", "Fault", kebab),
+        ("Parts of a log that are left out", "crates/flight/src/usable.rs", "Reason", kebab),
+        ("Rules of a verdict", "crates/gap/src/decide/rules.rs", "Rule", lambda name: kebab(name).replace("-", "_")),
     ],
 )
 def test_the_page_of_errors_has_every_code(heading, path, name, code):
