@@ -41,11 +41,19 @@ fn there_is_a_test_for_every_example() {
         "fly_and_see.rs",
         "hidden_flight.rs",
         "own_effect.rs",
+        "own_sensor.rs",
         "own_task.rs",
         "randomize.rs",
         "read_dataset.rs",
     ];
     assert_eq!(names, tested);
+}
+
+#[test]
+fn own_sensor() {
+    let said = example("own_sensor", &[]);
+    let (fall, truth) = (number(&said, "falls by"), number(&said, "atmosphere"));
+    assert!((truth - 60.0).abs() < 2.0 && (fall - truth).abs() < 2.0, "{said}");
 }
 
 #[test]

@@ -23,6 +23,7 @@ mod pattern;
 mod places;
 mod scenes;
 mod senses;
+mod sensors;
 mod state;
 
 use std::sync::Arc;
@@ -38,6 +39,7 @@ pub use pattern::FlightPattern;
 pub use places::Look;
 pub use scenes::SceneConfig;
 pub use senses::Way;
+use sensors::Mounted;
 pub use state::ArenaState;
 
 use crate::physics::rigid_body::State;
@@ -62,6 +64,7 @@ pub struct Arena<N: Number = f64> {
     reads: Vec<Reads>,
     /// The pattern that drones follow, (world, drone); empty without one.
     trajectories: Vec<Trajectory>,
+    sensors: Vec<Mounted>,
 }
 
 impl<N: Number> std::fmt::Debug for Arena<N> {
@@ -80,7 +83,8 @@ impl<N: Number> Arena<N> {
     /// the caller writes.
     pub fn open(sim: Sim<N>, ground_z_m: Option<f64>) -> Self {
         let reads = (0..sim.data.n_drones).map(|d| sim.drone(0, d).reads()).collect();
-        Self { places: Places::none(), open_ground_m: ground_z_m, reads, trajectories: Vec::new(), sim }
+        let (trajectories, sensors) = (Vec::new(), Vec::new());
+        Self { places: Places::none(), open_ground_m: ground_z_m, reads, trajectories, sensors, sim }
     }
 
     /// A simulation in scenes, of which `layout` names the one of each world by number; the drones of each scene are those of

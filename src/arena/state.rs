@@ -1,16 +1,19 @@
 //! The whole state of an arena: kept, put back, and one world's copied into all.
 
+use super::sensors::SavedSensors;
 use super::{Arena, ArenaError};
 use crate::rollout::SimState;
 use crate::scalar::lanes::Number;
 
-/// Everything that an arena was when it was saved: the state of its simulation, the scene of each world and where obstacles were.
+/// Everything that an arena was when it was saved: the state of its simulation, the scene of each world, where obstacles were and what
+/// sensors remember.
 #[derive(Clone, Debug)]
 pub struct ArenaState<N: Number = f64> {
     sim: SimState<N>,
     layout: Vec<usize>,
     obstacle_pos: Vec<f64>,
     obstacle_quat: Vec<f64>,
+    sensors: SavedSensors,
 }
 
 impl<N: Number> ArenaState<N> {
@@ -26,13 +29,14 @@ impl<N: Number> ArenaState<N> {
 }
 
 impl<N: Number> Arena<N> {
-    /// Keeps the whole state: what [`SimState`] holds, layouts and obstacles.
+    /// Keeps the whole state: what [`SimState`] holds, layouts, obstacles and sensors.
     pub fn save(&self) -> ArenaState<N> {
         ArenaState {
             sim: self.sim.save(),
             layout: self.places.layout.clone(),
             obstacle_pos: self.places.obstacle_pos.clone(),
             obstacle_quat: self.places.obstacle_quat.clone(),
+            sensors: self.save_sensors(),
         }
     }
 
@@ -43,6 +47,7 @@ impl<N: Number> Arena<N> {
     /// [`ArenaError::Rollout`] as [`Sim::restore`](crate::rollout::Sim::restore), [`ArenaError::Option`] for other scenes; nothing is
     /// changed then.
     pub fn restore(&mut self, state: &ArenaState<N>) -> Result<(), ArenaError> {
+        self.check_sensors(&state.sensors)?;
         let places = &mut self.places;
         let scenes = places.pools.len();
         let known = state.layout.iter().all(|scene| *scene < scenes);
@@ -63,6 +68,7 @@ impl<N: Number> Arena<N> {
         places.layout.copy_from_slice(&state.layout);
         places.obstacle_pos.copy_from_slice(&state.obstacle_pos);
         places.obstacle_quat.copy_from_slice(&state.obstacle_quat);
+        self.restore_sensors(&state.sensors);
         Ok(())
     }
 
@@ -73,6 +79,7 @@ impl<N: Number> Arena<N> {
     /// [`ArenaError::Rollout`] for a world that there is not.
     pub fn fork(&mut self, world: usize) -> Result<(), ArenaError> {
         self.sim.fork(world)?;
+        self.fork_sensors(world);
         let places = &mut self.places;
         if let Some(scene) = places.layout.get(world).copied() {
             places.layout.fill(scene);

@@ -11,6 +11,8 @@ mod error;
 mod gjk;
 pub mod imu;
 pub mod noise;
+pub mod sensor;
+pub mod sensors;
 pub mod swept;
 
 pub use batch::{
@@ -26,4 +28,5 @@ pub use device::{DEVICES, DepthDevice};
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};
+pub use sensor::{Moment, Sensor, SensorChannel};
 pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by, swept_pair};

@@ -8,6 +8,7 @@
 
 mod blocks;
 mod data;
+mod equations;
 mod error;
 mod lanes;
 pub mod pipeline;
@@ -22,6 +23,7 @@ pub mod trajectory;
 mod views;
 
 pub use data::SimData;
+pub use equations::Equations;
 pub use error::RolloutError;
 pub use sim::{Engine, RotorStart, Sim, SimOptions};
 pub use state::SimState;

@@ -1,7 +1,7 @@
 //! The batched simulation.
 
-use super::blocks::{Block, Phase, Plan, Slot, Source, non_finite};
-use super::data::wide;
+use super::blocks::{Block, Phase, non_finite};
+use super::equations::Equations;
 use super::lanes::{Lanes, Options as LaneOptions};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::Quarantine;
@@ -182,10 +182,13 @@ impl<N: Number> Sim<N> {
 
     /// Vehicle of one drone as it flies in `world`.
     pub fn drone(&self, world: usize, drone: usize) -> &Drone<f64> {
-        match &self.own {
-            Some(own) => &own[world * self.nominal.len() + drone],
-            None => &self.nominal[drone],
-        }
+        self.equations().drone(world, drone)
+    }
+
+    /// The worlds as they are now, without the stages: what several threads can ask for derivatives.
+    pub fn equations(&self) -> Equations<'_, N> {
+        let (own, data, rates) = (self.own.as_deref(), &self.data, &self.rates);
+        Equations { options: &self.options, nominal: &self.nominal, own, rates, data }
     }
 
     /// Another seed, and counts of episodes that start anew: after the next [`Sim::reset`] of all worlds everything that is random
@@ -374,21 +377,6 @@ impl<N: Number> Sim<N> {
         outcome
     }
 
-    /// Where the memory of the effects of one drone stands.
-    fn effect_memory_of(&self, w: usize, d: usize) -> std::ops::Range<usize> {
-        let dt = 1.0 / f64::from(self.options.sim_hz);
-        let mut start = 0;
-        let (mut before, mut own) = (0, 0);
-        for (slot, drone) in self.nominal.iter().enumerate() {
-            let len = drone.memory_len(dt);
-            before += if slot < d { len } else { 0 };
-            own = if slot == d { len } else { own };
-            start += len;
-        }
-        let first = w * start + before;
-        first..first + own
-    }
-
     fn reset_drone(&mut self, w: usize, d: usize, rules: &[Rule]) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let key = Key {
@@ -440,7 +428,7 @@ impl<N: Number> Sim<N> {
         self.data.controller_memory[row * memory..(row + 1) * memory].fill(N::zero());
         self.data.rotor_command[row * rotors..(row + 1) * rotors].fill(N::zero());
         self.data.attitude_command[row * 4..(row + 1) * 4].fill(N::zero());
-        let at = self.effect_memory_of(w, d);
+        let at = self.equations().effect_memory_of(w, d);
         if at.is_empty() {
             return Ok(());
         }
@@ -611,22 +599,20 @@ impl<N: Number> Sim<N> {
     /// Time derivative of one drone's state under the commands in force, as integration would see it at the start of the
     /// next step, but before effects change the command on its way (delay, battery).
     pub fn rate(&self, world: usize, drone: usize) -> Rate<f64> {
-        let plan = self.plan();
-        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load(world).rate(&plan, &drones, drone)
+        self.equations().rate(world, drone)
     }
 
     /// Velocity of the air at one drone, m/s, world: `data.wind` with what its effects add (wind, gusts).
     pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
-        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load(world).wind_m_s(&self.plan(), &drones, drone)
+        let equations = self.equations();
+        equations.load(world).wind_m_s(&equations.plan(), &equations.drones(world), drone)
     }
 
     /// Voltage of one drone's battery under the load of the next step, V; `None` for a vehicle without one (effect
     /// `battery_sag`).
     pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
-        let drones: Vec<&Drone<f64>> = (0..self.nominal.len()).map(|d| self.drone(world, d)).collect();
-        self.load(world).battery_v(&self.plan(), &drones, drone)
+        let equations = self.equations();
+        equations.load(world).battery_v(&equations.plan(), &equations.drones(world), drone)
     }
 
     /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
@@ -643,29 +629,16 @@ impl<N: Number> Sim<N> {
         }
     }
 
-    fn plan(&self) -> Plan {
-        let reads: Vec<Reads> = self.nominal.iter().map(Drone::reads).collect();
-        Plan {
-            mode: self.options.control,
-            integrator: self.options.integrator,
-            sim_hz: self.options.sim_hz,
-            rates: self.rates.clone(),
-            reads_neighbours: reads.len() > 1 && reads.iter().any(|r| r.neighbours),
-            reads_noise: reads.iter().map(|r| r.noise).collect(),
-            seed: self.options.seed,
-        }
-    }
-
     /// Runs blocks of worlds, in parallel where it pays.
     fn run(&mut self, n_steps: usize, phase: Phase) {
         if self.lanes.is_some() {
             return self.run_lanes(n_steps, phase);
         }
         let n = self.nominal.len();
-        let plan = self.plan();
+        let plan = self.equations().plan();
         let mut blocks: Vec<(usize, Block, Option<Quarantine>)> = (0..self.data.n_worlds)
             .filter(|w| self.data.quarantine[*w].is_none())
-            .map(|w| (w, self.load(w), None))
+            .map(|w| (w, self.equations().load(w), None))
             .collect();
         let work = blocks.len() * n * n_steps;
         let (nominal, own) = (&self.nominal, &self.own);
@@ -698,38 +671,11 @@ impl<N: Number> Sim<N> {
         lanes.run(&options, &self.nominal, self.own.as_deref(), &self.rates, &mut self.data);
     }
 
-    /// World `w` as the equations see it.
-    fn load(&self, w: usize) -> Block {
-        let data = &self.data;
-        let slots = (0..self.nominal.len())
-            .map(|d| {
-                let row = w * self.nominal.len() + d;
-                let at = |a: &[N], n: usize, i: usize| a[row * n + i].wide();
-                let effects = &data.effect_memory[self.effect_memory_of(w, d)];
-                Slot {
-                    state: data.state(w, d),
-                    command: wide(&data.command, data.command_width, row),
-                    memory: data.memory(w, d),
-                    rotor_command: wide(&data.rotor_command, data.n_rotors, row),
-                    attitude_command: core::array::from_fn(|i| at(&data.attitude_command, 4, i)),
-                    disturbance_force: core::array::from_fn(|i| at(&data.disturbance_force, 3, i)),
-                    disturbance_torque: core::array::from_fn(|i| at(&data.disturbance_torque, 3, i)),
-                    wind: core::array::from_fn(|i| at(&data.wind, 3, i)),
-                    ground_z: at(&data.ground_z, 1, 0),
-                    ceiling_z: at(&data.ceiling_z, 1, 0),
-                    effect_memory: effects.iter().map(|v| v.wide()).collect(),
-                }
-            })
-            .collect();
-        let source = Source { world: self.options.first_world + w as u64, episodes: data.episodes[w] };
-        Block::new(data.steps[w], slots, source)
-    }
-
     /// Writes a world back.
     fn store(&mut self, w: usize, block: &Block) {
         self.data.steps[w] = block.step;
         for (d, slot) in block.slots.iter().enumerate() {
-            let effects = self.effect_memory_of(w, d);
+            let effects = self.equations().effect_memory_of(w, d);
             let data = &mut self.data;
             let row = w * self.nominal.len() + d;
             data.set_state(w, d, &slot.state);

@@ -1,0 +1,107 @@
+//! The worlds of a simulation as the equations see them, without its stages, so that several threads can ask at once.
+
+use super::blocks::{Block, Plan, Slot, Source};
+use super::data::wide;
+use super::{SimData, SimOptions};
+use propwash_physics::controllers::Rates;
+use propwash_physics::drone::Drone;
+use propwash_physics::measure::Reading;
+use propwash_physics::rigid_body::Rate;
+use propwash_physics::surroundings::Reads;
+use propwash_trace::lanes::Number;
+
+/// Vehicles, options and arrays of a simulation, to be read.
+#[derive(Clone, Copy)]
+pub struct Equations<'a, N: Number> {
+    pub(super) options: &'a SimOptions,
+    pub(super) nominal: &'a [Drone<f64>],
+    pub(super) own: Option<&'a [Drone<f64>]>,
+    pub(super) rates: &'a [Rates],
+    pub(super) data: &'a SimData<N>,
+}
+
+impl<'a, N: Number> Equations<'a, N> {
+    /// The options of the simulation.
+    pub fn options(&self) -> &'a SimOptions {
+        self.options
+    }
+
+    /// As [`Sim::drone`](super::Sim::drone).
+    pub fn drone(&self, world: usize, drone: usize) -> &'a Drone<f64> {
+        match self.own {
+            Some(own) => &own[world * self.nominal.len() + drone],
+            None => &self.nominal[drone],
+        }
+    }
+
+    /// All drones of a world.
+    pub(super) fn drones(&self, world: usize) -> Vec<&'a Drone<f64>> {
+        (0..self.nominal.len()).map(|d| self.drone(world, d)).collect()
+    }
+
+    /// As [`Sim::rate`](super::Sim::rate).
+    pub fn rate(&self, world: usize, drone: usize) -> Rate<f64> {
+        self.load(world).rate(&self.plan(), &self.drones(world), drone)
+    }
+
+    /// What the sensors of a drone read now, as its effects let them, without noise.
+    pub fn reading(&self, world: usize, drone: usize) -> Reading<f64> {
+        self.drone(world, drone).read(&self.data.state(world, drone), &self.rate(world, drone))
+    }
+
+    /// What is the same for all worlds.
+    pub(super) fn plan(&self) -> Plan {
+        let reads: Vec<Reads> = self.nominal.iter().map(Drone::reads).collect();
+        Plan {
+            mode: self.options.control,
+            integrator: self.options.integrator,
+            sim_hz: self.options.sim_hz,
+            rates: self.rates.to_vec(),
+            reads_neighbours: reads.len() > 1 && reads.iter().any(|r| r.neighbours),
+            reads_noise: reads.iter().map(|r| r.noise).collect(),
+            seed: self.options.seed,
+        }
+    }
+
+    /// Where the memory of the effects of one drone stands.
+    pub(super) fn effect_memory_of(&self, w: usize, d: usize) -> std::ops::Range<usize> {
+        let dt = 1.0 / f64::from(self.options.sim_hz);
+        let mut start = 0;
+        let (mut before, mut own) = (0, 0);
+        for (slot, drone) in self.nominal.iter().enumerate() {
+            let len = drone.memory_len(dt);
+            before += if slot < d { len } else { 0 };
+            own = if slot == d { len } else { own };
+            start += len;
+        }
+        let first = w * start + before;
+        first..first + own
+    }
+
+    /// World `w` as the equations see it.
+    pub(super) fn load(&self, w: usize) -> Block {
+        let data = self.data;
+        let slots = (0..self.nominal.len())
+            .map(|d| {
+                let row = w * self.nominal.len() + d;
+                let at = |a: &[N], n: usize, i: usize| a[row * n + i].wide();
+                let effects = &data.effect_memory[self.effect_memory_of(w, d)];
+                Slot {
+                    state: data.state(w, d),
+                    command: wide(&data.command, data.command_width, row),
+                    memory: data.memory(w, d),
+                    rotor_command: wide(&data.rotor_command, data.n_rotors, row),
+                    attitude_command: core::array::from_fn(|i| at(&data.attitude_command, 4, i)),
+                    disturbance_force: core::array::from_fn(|i| at(&data.disturbance_force, 3, i)),
+                    disturbance_torque: core::array::from_fn(|i| at(&data.disturbance_torque, 3, i)),
+                    wind: core::array::from_fn(|i| at(&data.wind, 3, i)),
+                    ground_z: at(&data.ground_z, 1, 0),
+                    ceiling_z: at(&data.ceiling_z, 1, 0),
+                    effect_memory: effects.iter().map(|v| v.wide()).collect(),
+                }
+            })
+            .collect();
+        let source = Source { world: self.options.first_world + w as u64, episodes: data.episodes[w] };
+        Block::new(data.steps[w], slots, source)
+    }
+}

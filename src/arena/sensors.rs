@@ -1,0 +1,266 @@
+//! Sensors on the drones of an arena, and what they have sampled.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::{Arena, ArenaError, Look};
+use crate::random::{Key, purpose};
+use crate::rollout::Equations;
+use crate::scalar::lanes::Number;
+use crate::sense::{Moment, SenseError, Sensor, SensorChannel};
+
+/// When a world was sampled: its episode and its step.
+type At = Option<(u64, u64)>;
+
+/// A sensor on every drone.
+#[derive(Clone)]
+pub(super) struct Mounted {
+    sensor: Arc<dyn Sensor>,
+    channels: Vec<SensorChannel>,
+    /// What it has sampled, by channel: (world, drone, shape of the channel).
+    values: Vec<Vec<f32>>,
+    /// (world, drone, number)
+    memory: Vec<f64>,
+    /// (world)
+    sampled: Vec<At>,
+}
+
+/// What sensors remember of an arena that was saved.
+#[derive(Clone, Debug, Default)]
+pub(super) struct SavedSensors(Vec<(Vec<f64>, Vec<At>, Vec<Vec<f32>>)>);
+
+impl<N: Number> Arena<N> {
+    /// Mounts a sensor on every drone, and gives its number. It samples when it is asked to ([`Arena::sample`]).
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a name that another sensor has, and for channels without a name of their own or without numbers.
+    pub fn add_sensor(&mut self, sensor: Arc<dyn Sensor>) -> Result<usize, ArenaError> {
+        let (name, channels) = (sensor.name(), sensor.channels());
+        if name.is_empty() || self.sensors.iter().any(|s| s.sensor.name() == name) {
+            let expected = "a name that no other sensor has";
+            return Err(ArenaError::option("sensor", expected, format!("{name:?}")));
+        }
+        for (i, channel) in channels.iter().enumerate() {
+            let known = channels[..i].iter().any(|c| c.name == channel.name);
+            if channel.name.is_empty() || known || channel.is_empty() {
+                let expected = "channels of at least one number, each with a name of its own";
+                return Err(ArenaError::option("sensor", expected, format!("{channel:?} of {name}")));
+            }
+        }
+        let data = &self.sim.data;
+        let rows = data.n_worlds * data.n_drones;
+        self.sensors.push(Mounted {
+            values: channels.iter().map(|c| vec![0.0; rows * c.len()]).collect(),
+            memory: vec![0.0; rows * sensor.memory_len()],
+            sampled: vec![None; data.n_worlds],
+            channels,
+            sensor,
+        });
+        Ok(self.sensors.len() - 1)
+    }
+
+    /// Number of sensors.
+    pub fn n_sensors(&self) -> usize {
+        self.sensors.len()
+    }
+
+    /// The channels of a sensor.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a sensor that there is not.
+    pub fn sensor_channels(&self, sensor: usize) -> Result<&[SensorChannel], ArenaError> {
+        Ok(&self.mounted(sensor)?.channels)
+    }
+
+    /// What a sensor sampled last, by channel: (world, drone, shape of the channel); zero before the first sample.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a sensor or a channel that there is not.
+    pub fn samples(&self, sensor: usize, channel: &str) -> Result<&[f32], ArenaError> {
+        let mounted = self.mounted(sensor)?;
+        let found = mounted.channels.iter().position(|c| c.name == channel);
+        found.map(|i| &mounted.values[i][..]).ok_or_else(|| {
+            let names: Vec<&str> = mounted.channels.iter().map(|c| &*c.name).collect();
+            ArenaError::option("channel", format!("one of {}", names.join(", ")), channel)
+        })
+    }
+
+    fn mounted(&self, sensor: usize) -> Result<&Mounted, ArenaError> {
+        self.sensors.get(sensor).ok_or_else(|| {
+            let expected = format!("less than {}, the number of sensors", self.sensors.len());
+            ArenaError::option("sensor", expected, sensor)
+        })
+    }
+
+    /// Lets a sensor sample all drones of all worlds that are not quarantined, in parallel. Quarantined worlds keep their last sample.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a sensor that there is not, [`ArenaError::Scene`] and [`ArenaError::Sense`] by worlds.
+    pub fn sample(&mut self, sensor: usize) -> Result<(), ArenaError> {
+        self.mounted(sensor)?;
+        self.sim.check_data()?;
+        // Out of the arena while it looks at the arena.
+        let mut mounted = self.sensors.swap_remove(sensor);
+        let outcome = mounted.sample(self.look(), self.sim.equations());
+        self.sensors.push(mounted);
+        let last = self.sensors.len() - 1;
+        self.sensors.swap(sensor, last);
+        outcome
+    }
+
+    pub(super) fn save_sensors(&self) -> SavedSensors {
+        let of = |m: &Mounted| (m.memory.clone(), m.sampled.clone(), m.values.clone());
+        SavedSensors(self.sensors.iter().map(of).collect())
+    }
+
+    /// Refuses what other sensors remember.
+    pub(super) fn check_sensors(&self, saved: &SavedSensors) -> Result<(), ArenaError> {
+        let shape = |memory: &[f64], values: &[Vec<f32>]| -> Vec<usize> {
+            core::iter::once(memory.len()).chain(values.iter().map(Vec::len)).collect()
+        };
+        let own: Vec<_> = self.sensors.iter().map(|m| shape(&m.memory, &m.values)).collect();
+        let found: Vec<_> = saved.0.iter().map(|(memory, _, values)| shape(memory, values)).collect();
+        if own == found {
+            return Ok(());
+        }
+        let words = |n: usize| format!("{n} sensors");
+        Err(ArenaError::option(
+            "saved state",
+            words(own.len()) + " like those of this arena",
+            words(found.len()),
+        ))
+    }
+
+    pub(super) fn restore_sensors(&mut self, saved: &SavedSensors) {
+        for (mounted, (memory, sampled, values)) in self.sensors.iter_mut().zip(&saved.0) {
+            mounted.memory.copy_from_slice(memory);
+            mounted.sampled.copy_from_slice(sampled);
+            mounted.values.iter_mut().zip(values).for_each(|(to, from)| to.copy_from_slice(from));
+        }
+    }
+
+    /// Copies what sensors remember of one world into all others.
+    pub(super) fn fork_sensors(&mut self, world: usize) {
+        let n_worlds = self.sim.data.n_worlds;
+        fn spread<T: Copy>(list: &mut [T], n_worlds: usize, world: usize) {
+            let each = list.len() / n_worlds;
+            for w in 0..n_worlds {
+                list.copy_within(world * each..(world + 1) * each, w * each);
+            }
+        }
+        for mounted in &mut self.sensors {
+            spread(&mut mounted.memory, n_worlds, world);
+            spread(&mut mounted.sampled, n_worlds, world);
+            mounted.values.iter_mut().for_each(|values| spread(values, n_worlds, world));
+        }
+    }
+}
+
+impl Mounted {
+    fn sample<N: Number>(&mut self, look: Look<N>, sim: Equations<N>) -> Result<(), ArenaError> {
+        let (n_worlds, n_drones) = (look.data().n_worlds, look.data().n_drones);
+        let (sensor, channels) = (&self.sensor, &self.channels);
+        let each = n_drones * sensor.memory_len();
+        let mut memory = &mut self.memory[..];
+        let mut values: Vec<_> = self
+            .values
+            .iter_mut()
+            .zip(channels)
+            .map(|(v, c)| v.chunks_exact_mut(n_drones * c.len()))
+            .collect();
+        let mut worlds: Vec<_> = self
+            .sampled
+            .iter_mut()
+            .enumerate()
+            .map(|(world, sampled)| {
+                let (own, rest) = std::mem::take(&mut memory).split_at_mut(each);
+                memory = rest;
+                let rows: Vec<&mut [f32]> = values.iter_mut().filter_map(Iterator::next).collect();
+                (world, sampled, own, rows)
+            })
+            .collect();
+        let found: Vec<Result<(), ArenaError>> = worlds
+            .par_iter_mut()
+            .map(|(world, sampled, memory, rows)| {
+                sample_world(&**sensor, channels, (look, sim), *world, (sampled, memory, rows))
+            })
+            .collect();
+        let mut failures = Vec::new();
+        for (world, outcome) in found.into_iter().enumerate() {
+            match outcome {
+                Ok(()) => {}
+                Err(ArenaError::Sense(e)) => failures.push((world, e)),
+                Err(ArenaError::Scene(e)) => failures.push((world, e.into())),
+                Err(e) => return Err(e),
+            }
+        }
+        match failures.is_empty() {
+            true => Ok(()),
+            false => Err(SenseError::Worlds { worlds: n_worlds, failures }.into()),
+        }
+    }
+}
+
+/// Where the sample of one world goes: when it was sampled last, what is remembered, and the rows of each channel.
+type Rows<'a, 'b> = (&'a mut At, &'a mut [f64], &'a mut [&'b mut [f32]]);
+
+fn sample_world<N: Number>(
+    sensor: &dyn Sensor,
+    channels: &[SensorChannel],
+    (look, sim): (Look<N>, Equations<N>),
+    world: usize,
+    (sampled, memory, rows): Rows,
+) -> Result<(), ArenaError> {
+    let data = look.data();
+    if data.quarantine[world].is_some() {
+        return Ok(());
+    }
+    let (n, options) = (data.n_drones, sim.options());
+    let now = (data.episodes[world], data.steps[world]);
+    // A sample of an episode before this one is none.
+    let before = sampled.filter(|(episode, step)| *episode == now.0 && *step <= now.1);
+    let first = before.is_none();
+    if first {
+        memory.fill(0.0);
+    }
+    let dt_s = 1.0 / f64::from(options.sim_hz);
+    let since_s = (now.1 - before.map_or(0, |(_, step)| step)) as f64 * dt_s;
+    let mut worker = match look.layout(world) {
+        Some(_) => Some(look.world(world)?),
+        None => None,
+    };
+    let each = sensor.memory_len();
+    for drone in 0..n {
+        let state = data.state(world, drone);
+        let read = || sim.reading(world, drone);
+        let key = Key {
+            seed: options.seed,
+            world: options.first_world + world as u64,
+            drone: drone as u32,
+            // Episodes count from the top bits down, so that steps of two episodes never share a number.
+            step: now.0.rotate_left(40) ^ now.1,
+            purpose: purpose(sensor.name()),
+        };
+        let mut at = Moment {
+            drone,
+            time_s: now.1 as f64 * dt_s,
+            since_s,
+            first,
+            pose: look.pose(world, drone),
+            vel_m_s: state.vel,
+            ang_vel_rad_s: state.ang_vel,
+            worker: worker.as_deref_mut(),
+            draw: key.stream(),
+            read: &read,
+        };
+        let mut out: Vec<&mut [f32]> = rows
+            .iter_mut()
+            .zip(channels)
+            .map(|(row, c)| &mut row[drone * c.len()..(drone + 1) * c.len()])
+            .collect();
+        sensor.sample(&mut at, &mut memory[drone * each..(drone + 1) * each], &mut out)?;
+    }
+    *sampled = Some(now);
+    Ok(())
+}
