@@ -50,12 +50,12 @@ fn main() -> propwash::Result<()> {
     config.options.n_worlds = 8;
     let mut arena = Arena::<f32>::from_config(&config)?;
     let sensor = arena.add_sensor(Arc::new(Barometer { noise_pa: 1.0, drift_pa_sqrt_s: 0.2 }))?;
-    arena.sample(sensor)?;
+    arena.sample(sensor, None)?;
     let before = arena.samples(sensor, "pressure")?.to_vec();
     arena.set_command(&Reference::hover([0.0, 0.0, 5.0], 0.0).command().repeat(8))?;
     for _ in 0..200 {
         arena.step(25)?;
-        arena.sample(sensor)?;
+        arena.sample(sensor, None)?;
     }
     let after = arena.samples(sensor, "pressure")?;
     let fall: f32 = before.iter().zip(after).map(|(b, a)| b - a).sum::<f32>() / 8.0;

@@ -63,6 +63,7 @@ fn manifest() -> Manifest {
         },
         config: None,
         cameras: vec![camera.clone(), camera],
+        sensors: Vec::new(),
         depth_png: DepthPng::default(),
         normals: true,
         noise: Some(serde_json::json!({"kind": "gaussian", "sigma_m": 0.01})),

@@ -13,7 +13,7 @@ from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
-from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, Sim  # noqa: E402
+from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 
 __all__ = [
     "Body",
@@ -41,6 +41,7 @@ __all__ = [
     "SceneCamera",
     "SceneInfo",
     "SceneWarning",
+    "SensorChannel",
     "Sim",
     "State",
     "Vehicle",

@@ -47,6 +47,18 @@ class Quarantine:
     """All of it in words."""
 
 
+@dataclass(frozen=True)
+class SensorChannel:
+    """What a sensor gives under one name."""
+
+    name: str
+    unit: str
+    """SI unit, ``"1"`` where it has none."""
+    shape: tuple[int, ...]
+    """Shape for one drone."""
+    dtype: str
+
+
 class Data:
     """The arrays of a simulation: views of what it computes with, no copies.
 
@@ -191,6 +203,8 @@ class Sim:
         state_freq, attitude_freq, body_rate_freq, force_torque_freq: Rates of the on-board controller's stages, Hz; those of the
             vehicle file where they are None.
         shell: Path of another shell (MJCF) than the vehicle's, or a list, one for each drone.
+        sensors: Sensors of every drone, which ``read`` samples: ``"imu"``, ``"lidar"``, ``"range_finder"``, ``"optical_flow"``,
+            ``"depth_camera"``, or dicts such as ``{"kind": "lidar", "rings": 4, "range_m": 20.0}`` (docs/sensors.md).
 
     Raises:
         TypeError, ValueError: for arguments that make no sense; messages name what was expected and what was given.
@@ -242,6 +256,7 @@ class Sim:
         body_rate_freq: int | None = None,
         force_torque_freq: int | None = None,
         shell: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None = None,
+        sensors: Sequence[str | Mapping[str, Any]] = (),
     ) -> None:
         if n_drones is None:
             n_drones = len(drone) if isinstance(drone, (list, tuple)) else 1
@@ -273,6 +288,7 @@ class Sim:
             "randomization": _rules(randomization),
             "scene": None if scene is None else _scene(scene),
             "layout": None if layout is None else _layout(layout, count).tolist(),
+            "sensors": _sensors(sensors),
         }
         self._begin(config, vehicles, threads)
 
@@ -504,6 +520,32 @@ class Sim:
                 raise
 
     # ---- sensing
+
+    @property
+    def sensors(self) -> dict[str, tuple[SensorChannel, ...]]:
+        """What each sensor of its configuration gives, by the name of the sensor."""
+        out: dict[str, tuple[SensorChannel, ...]] = {}
+        for sensor, name, unit, shape, dtype in self._native.sensor_channels():
+            out[sensor] = (*out.get(sensor, ()), SensorChannel(name, unit, tuple(shape), dtype))
+        return out
+
+    def read(self, sensor: str, mask: ArrayLike | None = None) -> dict[str, NDArray[Any]]:
+        """Samples a sensor now, on every drone, and gives what it reads by channel, new arrays. (n_worlds, n_drones, *shape)
+
+        Args:
+            sensor: Its name.
+            mask: Worlds to be sampled, (n_worlds,); the others, as those that are quarantined, keep their last sample (zero before
+                the first).
+
+        A sensor that remembers (the bias of an ``imu``) goes on from its last sample, and starts anew after a reset; its noise is the
+        same for the same seed, world, drone, episode and step.
+        """
+        channels = self.sensors.get(_text("sensor", sensor))
+        if channels is None:
+            known = ", ".join(self.sensors) or "none: give sensors=[…] to make some"
+            raise KeyError(f"no sensor is called {sensor!r}; there are {known}")
+        self._native.sample(sensor, mask)
+        return {c.name: self._native.samples(sensor, c.name).astype(c.dtype, copy=False) for c in channels}
 
     def contacts(self) -> Contacts:
         """All contacts of drones with the scene and with each other, at the present poses."""
@@ -772,6 +814,18 @@ def _finite(name: str, value: Any) -> None:
             _finite(name, one)
     elif isinstance(value, float) and not np.isfinite(value):
         raise ValueError(f"{name}: expected a finite number, got {value}")
+
+
+def _sensors(sensors: Any) -> list[dict[str, Any]]:
+    """Descriptions of sensors, of which a name is the kind."""
+    if isinstance(sensors, (str, Mapping)) or not isinstance(sensors, Sequence):
+        raise TypeError(f"sensors: expected a list of kinds or dicts, got {type(sensors).__name__}")
+    out = []
+    for i, sensor in enumerate(sensors):
+        if not isinstance(sensor, (str, Mapping)):
+            raise TypeError(f"sensors[{i}]: expected a kind or a dict, got {type(sensor).__name__}")
+        out.append({"kind": sensor} if isinstance(sensor, str) else dict(sensor))
+    return out
 
 
 def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -> dict[str, Any]:

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use propwash::arena::ArenaError;
-use propwash::env::{Env, EnvConfig};
+use propwash::env::{Env, EnvConfig, EnvSensorChannel};
 use propwash::sense::DepthFrame;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -14,6 +14,7 @@ use rayon::ThreadPool;
 use crate::arrays;
 use crate::camera::CameraSpec;
 use crate::errors::{Error, OrRaise};
+use crate::sense::{Described, describe as describe_channel};
 use crate::sim::describe;
 use crate::task::{PyTask, TaskDraws};
 use crate::threads;
@@ -165,6 +166,35 @@ impl PyEnv {
     /// Names and widths of what is observed.
     fn channels(&self) -> PyResult<Vec<(String, usize)>> {
         Ok(self.env()?.channels().into_iter().map(|c| (c.name.into_owned(), c.width)).collect())
+    }
+
+    /// What sensors give: name in observations, name of the sensor, of the channel, unit, shape and type.
+    fn sensor_channels(&self) -> PyResult<Vec<(String, Described)>> {
+        let env = self.env()?;
+        let of = |c: &EnvSensorChannel| (c.name.clone(), describe_channel(&c.sensor, &c.channel));
+        Ok(env.sensor_channels().iter().map(of).collect())
+    }
+
+    /// A view of what a sensor sampled last, (n_worlds, n_drones, shape of the channel); `ended`: what worlds that ended in the last step
+    /// had sampled.
+    #[pyo3(signature = (sensor, channel, ended = false))]
+    fn samples<'py>(
+        &self,
+        py: Python<'py>,
+        sensor: &str,
+        channel: &str,
+        ended: bool,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let mut env = self.env()?;
+        let known = env.sensor_channels().iter().find(|c| c.sensor == sensor && c.channel.name == channel);
+        let shape = known.map_or(Vec::new(), |c| c.channel.shape.clone());
+        let shape = [&self.action[..2], &shape[..]].concat();
+        let values = match ended {
+            true => env.final_samples(sensor, channel),
+            false => env.samples(sensor, channel),
+        };
+        // SAFETY: as in `array`: arrays of samples are made with the arena and keep their place and length.
+        unsafe { arrays::view(values.or_raise()?, &shape, self.owner.bind(py).clone().into_any()) }
     }
 
     /// Least and greatest actions, (n_drones, action).

@@ -3,7 +3,7 @@
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use propwash::arena::ArenaError;
 use propwash::scene::{Pose, Scene};
-use propwash::sense::{Camera, Clearance, Contact, DepthPlanes, SenseError};
+use propwash::sense::{Camera, ChannelType, Clearance, Contact, DepthPlanes, SenseError, SensorChannel};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -59,6 +59,19 @@ fn in_worlds(error: ArenaError, worlds: Option<&[usize]>) -> PyErr {
         }
         other => other.into_python(),
     }
+}
+
+/// A channel of a sensor: name of the sensor, of the channel, unit, shape and type.
+pub type Described = (String, String, String, Vec<usize>, &'static str);
+
+/// A channel as Python sees it.
+pub fn describe(sensor: &str, channel: &SensorChannel) -> Described {
+    let kind = match channel.kind {
+        ChannelType::F32 => "float32",
+        ChannelType::I32 => "int32",
+        ChannelType::U8 => "uint8",
+    };
+    (sensor.into(), channel.name.to_string(), channel.unit.to_string(), channel.shape.clone(), kind)
 }
 
 /// An array of the caller that a plane of images goes into.
@@ -260,6 +273,48 @@ impl PySim {
             py.detach(|| self.pool.install(|| arena.measure_ground(worlds.as_deref())))
         })
         .or_raise()
+    }
+
+    /// What the mounted sensors give: name of the sensor, of the channel, unit, shape and type.
+    fn sensor_channels(&self) -> PyResult<Vec<Described>> {
+        let core = self.core()?;
+        either!(&core.flight, arena => {
+            let names: Vec<String> = arena.sensor_names().map(str::to_owned).collect();
+            let mut out = Vec::new();
+            for (number, name) in names.into_iter().enumerate() {
+                out.extend(arena.sensor_channels(number).or_raise()?.iter().map(|c| describe(&name, c)));
+            }
+            Ok(out)
+        })
+    }
+
+    /// Lets a sensor sample all drones, in all worlds or in those of the mask.
+    #[pyo3(signature = (sensor, mask = None))]
+    fn sample(&self, py: Python<'_>, sensor: &str, mask: Option<&Bound<'_, PyAny>>) -> PyResult<()> {
+        let mask = arrays::mask("mask", mask, self.n_worlds)?;
+        let mut core = self.core()?;
+        either!(&mut core.flight, arena => {
+            let number = arena.sensor(sensor).or_raise()?;
+            py.detach(|| self.pool.install(|| arena.sample(number, mask.as_deref())))
+        })
+        .map_err(|e| in_worlds(e, None))
+    }
+
+    /// What a sensor sampled last, (n_worlds, n_drones, shape of the channel), a new array.
+    fn samples<'py>(
+        &self,
+        py: Python<'py>,
+        sensor: &str,
+        channel: &str,
+    ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let core = self.core()?;
+        let (values, shape) = either!(&core.flight, arena => {
+            let number = arena.sensor(sensor).or_raise()?;
+            let values = arena.samples(number, channel).or_raise()?.to_vec();
+            let channels = arena.sensor_channels(number).or_raise()?;
+            (values, channels.iter().find(|c| c.name == channel).map_or(Vec::new(), |c| c.shape.clone()))
+        });
+        arrays::owned(py, values, &[&[self.n_worlds, self.n_drones], &shape[..]].concat())
     }
 
     /// Number of the scene of each world; none without a scene.

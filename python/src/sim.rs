@@ -3,13 +3,14 @@
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use numpy::PyArrayDyn;
-use propwash::arena::{Arena, ArenaError, Precision, Setup, SimConfig};
+use propwash::arena::{Arena, ArenaError, CameraConfig, MountConfig, Precision, Setup, SimConfig};
 use propwash::dataset::recorder::FlightConfig;
 use propwash::math::quat;
 use propwash::physics::controllers::ControlMode;
 use propwash::physics::rigid_body::State;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::scalar::lanes::Number;
+use propwash::scene::Pose;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
@@ -131,6 +132,11 @@ impl PySim {
     }
 }
 
+/// A camera at the centre of mass that looks forward.
+fn forward() -> Pose {
+    CameraConfig::looking(&MountConfig::default())
+}
+
 /// Puts vehicles that Python holds into a description, one for each entry of its drones.
 pub fn describe(config: &mut SimConfig, vehicles: &[Py<PyVehicle>]) {
     for (drone, vehicle) in config.drones.iter_mut().zip(vehicles) {
@@ -200,9 +206,12 @@ impl PySim {
     /// The camera of the description, as arguments of `propwash.Camera` in JSON; none without one.
     fn camera_json(&self) -> PyResult<Option<String>> {
         let Some(c) = &self.setup.config().camera else { return Ok(None) };
+        let mount = c.mount.as_ref().map(CameraConfig::looking);
+        let fovy_deg = if c.pinhole_px.is_some() { None } else { c.fovy_deg().or_raise()? };
         let json = json!({
-            "name": c.name, "resolution": c.size().or_raise()?, "fovy_deg": c.fovy_deg().or_raise()?,
-            "range": c.range().or_raise()?, "kind": c.kind().or_raise()?, "groups": c.groups, "caster": c.caster,
+            "name": mount.is_none().then_some(&c.name), "mount": mount.map(|_| "drone"),
+            "pos": mount.map(|m| m.pos_m), "quat": mount.unwrap_or_else(forward).quat_xyzw,
+            "pinhole_px": c.pinhole_px, "resolution": c.size().or_raise()?, "fovy_deg": fovy_deg, "range": c.range().or_raise()?, "kind": c.kind().or_raise()?, "groups": c.groups, "caster": c.caster,
         });
         Ok(Some(json.to_string()))
     }

@@ -2,8 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::ArenaError;
-use crate::scene::Scene;
+use super::{ArenaError, MountConfig};
+use crate::math::quat;
+use crate::scene::{Pose, Scene};
+use crate::sense::depth::LOOKING_FORWARD_XYZW;
 use crate::sense::{Camera, Caster, DepthDevice, DepthKind, DepthNoise, Lens};
 
 /// A depth camera on every drone.
@@ -15,12 +17,17 @@ pub struct CameraConfig {
     pub device: Option<String>,
     /// Camera of the drones' shells, or else of the scene, that says where it sits and, without a device, its lens.
     pub name: String,
+    /// Where it sits on every drone, in place of the camera called `name`; it then looks with 90° from top to bottom, or as is said here.
+    pub mount: Option<MountConfig>,
     /// Pixels in a row.
     pub width: Option<usize>,
     /// Rows.
     pub height: Option<usize>,
     /// Vertical field of view, degrees.
     pub fovy_deg: Option<f64>,
+    /// Focal lengths in x and y and the principal point from the left and the top edge (fx, fy, cx, cy), pixels of an image of this size, in
+    /// place of a field of view.
+    pub pinhole_px: Option<[f64; 4]>,
     /// Least and greatest depth that is seen, m.
     pub range_m: Option<[f64; 2]>,
     /// Along the ray, or along the camera's axis.
@@ -39,9 +46,11 @@ impl Default for CameraConfig {
         Self {
             device: None,
             name: "fpv".into(),
+            mount: None,
             width: None,
             height: None,
             fovy_deg: None,
+            pinhole_px: None,
             range_m: None,
             kind: None,
             noise: None,
@@ -113,10 +122,31 @@ impl CameraConfig {
     /// [`ArenaError::Option`] for a device or a group that there is not, [`ArenaError::Sense`] for a camera that there is not and for
     /// a size, a lens or a range that cannot be.
     pub fn build(&self, scene: &Scene, drone: usize) -> Result<Camera, ArenaError> {
+        if let Some(mount) = &self.mount {
+            return self.apply(Camera::mounted(scene, drone, Self::looking(mount), Lens::Fovy { fovy_deg: 90.0 })?);
+        }
         let on_drone = format!("drone{drone}/{}", self.name);
         let known = |name: &str| scene.cameras().iter().any(|c| c.name == name);
         let name = if known(&on_drone) { &on_drone } else { &self.name };
         self.apply(Camera::from_scene(scene, name)?)
+    }
+
+    /// Camera to body, of a camera that looks along the x axis of its mount.
+    pub fn looking(mount: &MountConfig) -> Pose {
+        let turn = quat::normalize(mount.quat_xyzw);
+        Pose::new(mount.pos_m, quat::mul(turn, LOOKING_FORWARD_XYZW))
+    }
+
+    /// The lens, where it is not that of the camera in the scene.
+    fn lens(&self) -> Result<Option<Lens>, ArenaError> {
+        let Some([fx_px, fy_px, cx_px, cy_px]) = self.pinhole_px else {
+            return Ok(self.fovy_deg()?.map(|fovy_deg| Lens::Fovy { fovy_deg }));
+        };
+        if let Some(fovy_deg) = self.fovy_deg {
+            let expected = "either a field of view or intrinsics";
+            return Err(ArenaError::option("pinhole_px", expected, format!("both, fovy_deg is {fovy_deg}")));
+        }
+        Ok(Some(Lens::Pinhole { fx_px, fy_px, cx_px, cy_px, size: self.size()? }))
     }
 
     /// A camera with everything that is said here but its place.
@@ -124,8 +154,8 @@ impl CameraConfig {
     /// # Errors
     /// As [`CameraConfig::build`].
     pub fn apply(&self, mut camera: Camera) -> Result<Camera, ArenaError> {
-        if let Some(fovy_deg) = self.fovy_deg()? {
-            camera = camera.with_lens(Lens::Fovy { fovy_deg })?;
+        if let Some(lens) = self.lens()? {
+            camera = camera.with_lens(lens)?;
         }
         let mut groups = [false; 6];
         for group in &self.groups {

@@ -17,6 +17,7 @@ use toml::Spanned;
 use super::camera::CameraConfig;
 use super::pattern::{FlightPattern, free_start, obstacle_poses};
 use super::scenes::SceneConfig;
+use super::sensor_config::SensorConfig;
 use super::{Arena, ArenaError};
 use crate::math::quat;
 use crate::physics::controllers::Rates;
@@ -25,7 +26,7 @@ use crate::physics::rigid_body::State;
 use crate::rollout::{Sim, SimOptions};
 use crate::scalar::lanes::Number;
 use crate::scene::{Scene, Shell, WorkerPool};
-use crate::sense::Camera;
+use crate::sense::{Camera, Sensor};
 use crate::vehicle::{BUILTIN, DYNAMICS, Vehicle};
 
 /// The number in which states are kept and advanced.
@@ -176,6 +177,8 @@ pub struct SimConfig {
     pub pattern: Option<FlightPattern>,
     /// The depth camera of every drone.
     pub camera: Option<CameraConfig>,
+    /// Further sensors of every drone.
+    pub sensors: Vec<SensorConfig>,
 }
 
 impl Default for SimConfig {
@@ -195,6 +198,7 @@ impl Default for SimConfig {
             obstacle_jitter_m: 0.0,
             pattern: None,
             camera: None,
+            sensors: Vec::new(),
         }
     }
 }
@@ -298,7 +302,11 @@ impl SimConfig {
         };
         check_layout(self.layout.as_deref(), config.options.n_worlds, scenes.len())?;
         let pools = scenes.iter().map(|scene| Arc::new(WorkerPool::new(scene))).collect();
-        Ok(Setup { config, vehicles, drones, scenes, pools, cameras })
+        let mut setup = Setup { config, vehicles, drones, scenes, pools, cameras, sensors: Vec::new() };
+        for sensor in &self.sensors {
+            setup.mount(sensor.build(&setup.scenes)?, sensor.sample_hz())?;
+        }
+        Ok(setup)
     }
 }
 
@@ -353,6 +361,16 @@ pub struct Setup {
     scenes: Vec<Scene>,
     pools: Vec<Arc<WorkerPool>>,
     cameras: Vec<Vec<Camera>>,
+    sensors: Vec<MountedSensor>,
+}
+
+/// A sensor on every drone, and how often it samples.
+#[derive(Clone)]
+pub struct MountedSensor {
+    /// The sensor.
+    pub sensor: Arc<dyn Sensor>,
+    /// Samples per second; none: as [`SensorConfig::sample_hz`] says.
+    pub sample_hz: Option<u32>,
 }
 
 impl std::fmt::Debug for Setup {
@@ -385,6 +403,25 @@ impl Setup {
     /// The camera of each drone in each scene, (scene, drone); no drones without a camera.
     pub fn cameras(&self) -> &[Vec<Camera>] {
         &self.cameras
+    }
+
+    /// Mounts a sensor of the caller's on every drone of the arenas that are made from here on, beside those of the description.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a rate that the simulation has no steps for; what [`Arena::add_sensor`] refuses is refused with the arena.
+    pub fn mount(&mut self, sensor: Arc<dyn Sensor>, sample_hz: Option<u32>) -> Result<(), ArenaError> {
+        let sim_hz = self.config.options.sim_hz;
+        if let Some(hz) = sample_hz.filter(|hz| !(1..=sim_hz).contains(hz)) {
+            let expected = format!("1 to {sim_hz} Hz, at most one sample in each step of the simulation");
+            return Err(ArenaError::option("sample_hz of a sensor", expected, hz));
+        }
+        self.sensors.push(MountedSensor { sensor, sample_hz });
+        Ok(())
+    }
+
+    /// The sensors, by the numbers that they have in arenas.
+    pub fn sensors(&self) -> &[MountedSensor] {
+        &self.sensors
     }
 
     /// All worlds, at their starts.
@@ -420,6 +457,9 @@ impl Setup {
                 Arena::sharing(sim, &self.pools, &layout)?
             }
         };
+        for mounted in &self.sensors {
+            arena.add_sensor(mounted.sensor.clone())?;
+        }
         self.place_obstacles(&mut arena)?;
         if let Some(pattern) = &self.config.pattern {
             self.start(&mut arena, pattern)?;

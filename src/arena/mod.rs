@@ -23,6 +23,7 @@ mod pattern;
 mod places;
 mod scenes;
 mod senses;
+mod sensor_config;
 mod sensors;
 mod state;
 
@@ -32,13 +33,16 @@ use rayon::prelude::*;
 
 pub use camera::CameraConfig;
 pub use config::{
-    DroneConfig, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text, read_value,
+    DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text, read_value,
 };
 pub use error::ArenaError;
 pub use pattern::FlightPattern;
 pub use places::Look;
 pub use scenes::SceneConfig;
 pub use senses::Way;
+pub use sensor_config::{
+    DepthCameraConfig, ImuConfig, LidarConfig, MountConfig, OpticalFlowConfig, RangeFinderConfig, SensorConfig,
+};
 use sensors::Mounted;
 pub use state::ArenaState;
 
@@ -336,7 +340,7 @@ impl<N: Number> Arena<N> {
 
     /// The worlds as they are now, to be looked at; the result can be shared by threads.
     pub fn look(&self) -> Look<'_, N> {
-        Look { places: &self.places, data: &self.sim.data, worlds: None }
+        Look { places: &self.places, data: &self.sim.data, sensors: &self.sensors, worlds: None }
     }
 
     /// A worker of a scene, by its number, with whatever poses it was left with: set all that matter.

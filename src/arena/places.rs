@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::ArenaError;
+use super::sensors::Mounted;
 use crate::rollout::SimData;
 use crate::scalar::lanes::Number;
 use crate::scene::{Lent, Pose, Scene, SceneError, Worker, WorkerPool};
@@ -137,6 +138,7 @@ impl Places {
 pub struct Look<'a, N: Number> {
     pub(super) places: &'a Places,
     pub(super) data: &'a SimData<N>,
+    pub(super) sensors: &'a [Mounted],
     /// Which worlds, in the order in which they are looked at; none: all.
     pub(super) worlds: Option<&'a [usize]>,
 }
@@ -145,6 +147,11 @@ impl<'a, N: Number> Look<'a, N> {
     /// The arrays of the simulation.
     pub fn data(&self) -> &'a SimData<N> {
         self.data
+    }
+
+    /// What a sensor sampled last in a world, (drone, shape of the channel); none for a sensor or a channel that there is not.
+    pub fn samples(&self, world: usize, sensor: &str, channel: &str) -> Option<&'a [f32]> {
+        self.sensors.iter().find(|m| m.name() == sensor)?.of_world(world, channel)
     }
 
     /// Number of the scene that a world is in; none without a scene.

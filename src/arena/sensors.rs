@@ -28,7 +28,15 @@ pub(super) struct Mounted {
 
 /// What sensors remember of an arena that was saved.
 #[derive(Clone, Debug, Default)]
-pub(super) struct SavedSensors(Vec<(Vec<f64>, Vec<At>, Vec<Vec<f32>>)>);
+pub(super) struct SavedSensors(Vec<Saved>);
+
+/// What one of them remembers.
+#[derive(Clone, Debug)]
+struct Saved {
+    memory: Vec<f64>,
+    sampled: Vec<At>,
+    values: Vec<Vec<f32>>,
+}
 
 impl<N: Number> Arena<N> {
     /// Mounts a sensor on every drone, and gives its number. It samples when it is asked to ([`Arena::sample`]).
@@ -60,6 +68,21 @@ impl<N: Number> Arena<N> {
         Ok(self.sensors.len() - 1)
     }
 
+    /// Number of the sensor of this name.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a name that no sensor has, listing those that there are.
+    pub fn sensor(&self, name: &str) -> Result<usize, ArenaError> {
+        self.sensors.iter().position(|m| m.sensor.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = self.sensors.iter().map(|m| m.sensor.name()).collect();
+            let expected = match names.is_empty() {
+                true => "none, since no sensor is mounted".into(),
+                false => format!("one of {}", names.join(", ")),
+            };
+            ArenaError::option("sensor", expected, name)
+        })
+    }
+
     /// Number of sensors.
     pub fn n_sensors(&self) -> usize {
         self.sensors.len()
@@ -71,6 +94,22 @@ impl<N: Number> Arena<N> {
     /// [`ArenaError::Option`] for a sensor that there is not.
     pub fn sensor_channels(&self, sensor: usize) -> Result<&[SensorChannel], ArenaError> {
         Ok(&self.mounted(sensor)?.channels)
+    }
+
+    /// Names of the sensors, by number.
+    pub fn sensor_names(&self) -> impl ExactSizeIterator<Item = &str> {
+        self.sensors.iter().map(Mounted::name)
+    }
+
+    /// As [`Arena::samples`], to be written into by whoever owns the arena; the array keeps its place and length as long as the arena lives.
+    ///
+    /// # Errors
+    /// As [`Arena::samples`].
+    pub fn samples_mut(&mut self, sensor: usize, channel: &str) -> Result<&mut [f32], ArenaError> {
+        self.samples(sensor, channel)?;
+        let mounted = &mut self.sensors[sensor];
+        let i = mounted.channels.iter().position(|c| c.name == channel).unwrap_or_default();
+        Ok(&mut mounted.values[i])
     }
 
     /// What a sensor sampled last, by channel: (world, drone, shape of the channel); zero before the first sample.
@@ -93,16 +132,22 @@ impl<N: Number> Arena<N> {
         })
     }
 
-    /// Lets a sensor sample all drones of all worlds that are not quarantined, in parallel. Quarantined worlds keep their last sample.
+    /// Lets a sensor sample all drones of all worlds, or of those whose entry in `mask` is true, in parallel. Quarantined worlds keep
+    /// their last sample.
     ///
     /// # Errors
-    /// [`ArenaError::Option`] for a sensor that there is not, [`ArenaError::Scene`] and [`ArenaError::Sense`] by worlds.
-    pub fn sample(&mut self, sensor: usize) -> Result<(), ArenaError> {
+    /// [`ArenaError::Option`] for a sensor that there is not and for a mask of another length, [`ArenaError::Scene`] and
+    /// [`ArenaError::Sense`] by worlds.
+    pub fn sample(&mut self, sensor: usize, mask: Option<&[bool]>) -> Result<(), ArenaError> {
         self.mounted(sensor)?;
         self.sim.check_data()?;
+        let n_worlds = self.sim.data.n_worlds;
+        if let Some(mask) = mask.filter(|mask| mask.len() != n_worlds) {
+            return Err(ArenaError::option("mask", format!("one entry for each of {n_worlds} worlds"), mask.len()));
+        }
         // Out of the arena while it looks at the arena.
         let mut mounted = self.sensors.swap_remove(sensor);
-        let outcome = mounted.sample(self.look(), self.sim.equations());
+        let outcome = mounted.sample(self.look(), self.sim.equations(), mask);
         self.sensors.push(mounted);
         let last = self.sensors.len() - 1;
         self.sensors.swap(sensor, last);
@@ -110,7 +155,11 @@ impl<N: Number> Arena<N> {
     }
 
     pub(super) fn save_sensors(&self) -> SavedSensors {
-        let of = |m: &Mounted| (m.memory.clone(), m.sampled.clone(), m.values.clone());
+        let of = |m: &Mounted| Saved {
+            memory: m.memory.clone(),
+            sampled: m.sampled.clone(),
+            values: m.values.clone(),
+        };
         SavedSensors(self.sensors.iter().map(of).collect())
     }
 
@@ -120,7 +169,7 @@ impl<N: Number> Arena<N> {
             core::iter::once(memory.len()).chain(values.iter().map(Vec::len)).collect()
         };
         let own: Vec<_> = self.sensors.iter().map(|m| shape(&m.memory, &m.values)).collect();
-        let found: Vec<_> = saved.0.iter().map(|(memory, _, values)| shape(memory, values)).collect();
+        let found: Vec<_> = saved.0.iter().map(|s| shape(&s.memory, &s.values)).collect();
         if own == found {
             return Ok(());
         }
@@ -133,10 +182,10 @@ impl<N: Number> Arena<N> {
     }
 
     pub(super) fn restore_sensors(&mut self, saved: &SavedSensors) {
-        for (mounted, (memory, sampled, values)) in self.sensors.iter_mut().zip(&saved.0) {
-            mounted.memory.copy_from_slice(memory);
-            mounted.sampled.copy_from_slice(sampled);
-            mounted.values.iter_mut().zip(values).for_each(|(to, from)| to.copy_from_slice(from));
+        for (mounted, saved) in self.sensors.iter_mut().zip(&saved.0) {
+            mounted.memory.copy_from_slice(&saved.memory);
+            mounted.sampled.copy_from_slice(&saved.sampled);
+            mounted.values.iter_mut().zip(&saved.values).for_each(|(to, from)| to.copy_from_slice(from));
         }
     }
 
@@ -158,7 +207,23 @@ impl<N: Number> Arena<N> {
 }
 
 impl Mounted {
-    fn sample<N: Number>(&mut self, look: Look<N>, sim: Equations<N>) -> Result<(), ArenaError> {
+    pub(super) fn name(&self) -> &str {
+        self.sensor.name()
+    }
+
+    /// What it sampled last in a world, (drone, shape of the channel).
+    pub(super) fn of_world(&self, world: usize, channel: &str) -> Option<&[f32]> {
+        let values = &self.values[self.channels.iter().position(|c| c.name == channel)?];
+        let each = values.len() / self.sampled.len();
+        values.get(world * each..(world + 1) * each)
+    }
+
+    fn sample<N: Number>(
+        &mut self,
+        look: Look<N>,
+        sim: Equations<N>,
+        mask: Option<&[bool]>,
+    ) -> Result<(), ArenaError> {
         let (n_worlds, n_drones) = (look.data().n_worlds, look.data().n_drones);
         let (sensor, channels) = (&self.sensor, &self.channels);
         let each = n_drones * sensor.memory_len();
@@ -183,6 +248,9 @@ impl Mounted {
         let found: Vec<Result<(), ArenaError>> = worlds
             .par_iter_mut()
             .map(|(world, sampled, memory, rows)| {
+                if mask.is_some_and(|mask| !mask[*world]) {
+                    return Ok(());
+                }
                 sample_world(&**sensor, channels, (look, sim), *world, (sampled, memory, rows))
             })
             .collect();
@@ -244,6 +312,7 @@ fn sample_world<N: Number>(
         };
         let mut at = Moment {
             drone,
+            layout: look.layout(world),
             time_s: now.1 as f64 * dt_s,
             since_s,
             first,

@@ -6,7 +6,7 @@ use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
-use crate::arena::CameraConfig;
+use crate::arena::{CameraConfig, MountConfig, SensorConfig};
 use crate::dataset::MAX_DISTANCE;
 use crate::physics::integrate::Integrator;
 use crate::sense::{Caster, DepthKind};
@@ -260,6 +260,61 @@ pub fn triple(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
+/// `1,2,3,4` → numbers, finite.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let list: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
+    let list = list.filter(|list| list.iter().all(|v| v.is_finite()));
+    let found = list.and_then(|list| <[f64; N]>::try_from(list).ok());
+    found.ok_or_else(|| format!("expected {N} finite numbers with commas between them, got {text:?}"))
+}
+
+/// `X,Y,Z` or `X,Y,Z,ROLL,PITCH,YAW` → a mount.
+fn mount(text: &str) -> Result<MountConfig, String> {
+    let list = match text.split(',').count() {
+        3 => numbers::<3>(text).map(|[x, y, z]| [x, y, z, 0.0, 0.0, 0.0]),
+        6 => numbers::<6>(text),
+        _ => {
+            return Err(format!("expected X,Y,Z (m) or X,Y,Z,ROLL,PITCH,YAW (m and degrees), got {text:?}"));
+        }
+    };
+    let [x, y, z, roll, pitch, yaw] = list?;
+    let [roll, pitch, yaw] = [roll, pitch, yaw].map(f64::to_radians);
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+    Ok(MountConfig { pos_m: [x, y, z], quat_xyzw: turn.coords.into() })
+}
+
+/// `KIND` or `KIND:KEY=VALUE,…` → a sensor; values are those of TOML, and words without quotes are text.
+fn sensor(text: &str) -> Result<SensorConfig, String> {
+    let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
+    let mut table = toml::Table::from_iter([("kind".to_string(), toml::Value::from(kind.trim()))]);
+    // Commas within brackets and quotes belong to a value.
+    let (mut depth, mut quoted, mut parts) = (0, false, vec![String::new()]);
+    for c in rest.chars() {
+        match c {
+            '"' => quoted = !quoted,
+            '[' | '{' if !quoted => depth += 1,
+            ']' | '}' if !quoted => depth -= 1,
+            ',' if !quoted && depth == 0 => {
+                parts.push(String::new());
+                continue;
+            }
+            _ => {}
+        }
+        if let Some(part) = parts.last_mut() {
+            part.push(c);
+        }
+    }
+    for part in parts.iter().map(|part| part.trim()).filter(|_| !rest.trim().is_empty()) {
+        let Some((key, value)) = part.split_once('=') else {
+            return Err(format!("expected KEY=VALUE after {kind}:, got {part:?}"));
+        };
+        let read = toml::from_str::<toml::Table>(&format!("value = {value}"));
+        let read = read.ok().and_then(|mut one| one.remove("value"));
+        table.insert(key.trim().into(), read.unwrap_or_else(|| value.trim().into()));
+    }
+    table.try_into::<SensorConfig>().map_err(|e| e.message().trim().to_string())
+}
+
 /// A whole number of at least zero.
 pub fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| format!("expected a whole number of at least 0, got {text:?}"))
@@ -298,6 +353,9 @@ pub struct CameraArgs {
     /// Vertical angle of view, degrees. Default: the camera's own; 60 for --pos and --look.
     #[arg(long, value_name = "DEG", value_parser = positive)]
     pub fovy: Option<f64>,
+    /// Focal lengths and principal point (from the left and the top edge) in pixels of --size, in place of an angle of view.
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, conflicts_with = "fovy")]
+    pub intrinsics: Option<[f64; 4]>,
     /// What a depth number measures. Default: z.
     #[arg(long, value_enum)]
     pub depth: Option<DepthKind>,
@@ -321,7 +379,12 @@ impl CameraArgs {
         if let Some(Size { width, height }) = self.size {
             (camera.width, camera.height) = (Some(width), Some(height));
         }
-        camera.fovy_deg = self.fovy.or(camera.fovy_deg);
+        if self.fovy.is_some() {
+            (camera.fovy_deg, camera.pinhole_px) = (self.fovy, None);
+        }
+        if self.intrinsics.is_some() {
+            (camera.fovy_deg, camera.pinhole_px) = (None, self.intrinsics);
+        }
         camera.kind = self.depth.or(camera.kind);
         if let Some(groups) = &self.groups {
             camera.groups.clone_from(groups);
@@ -379,6 +442,14 @@ pub struct FlyArgs {
     /// Camera of the vehicle's shell, or of the scene. Default: fpv.
     #[arg(long, value_name = "NAME")]
     pub camera: Option<String>,
+    /// Where the camera sits on every drone, in place of one of the shell: m in the body (x forward, y left, z up), and how it is turned,
+    /// degrees; it looks forward without a turn, down with a pitch of 90.
+    #[arg(long, value_name = "X,Y,Z[,ROLL,PITCH,YAW]", value_parser = mount, allow_hyphen_values = true, conflicts_with = "camera")]
+    pub camera_mount: Option<MountConfig>,
+    /// A further sensor of every drone: imu, lidar, range_finder, optical_flow or depth_camera, and its fields (docs/sensors.md), such as
+    /// lidar:rings=4,columns=90,sample_hz=10. Repeat it for more.
+    #[arg(long, value_name = "KIND[:KEY=VALUE,...]", value_parser = sensor)]
+    pub sensor: Vec<SensorConfig>,
     /// Camera settings.
     #[command(flatten)]
     pub view: CameraArgs,

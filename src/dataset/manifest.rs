@@ -11,7 +11,7 @@ use super::error::{DatasetError, Result};
 use super::recorder::FlightConfig;
 use super::table::{Column, clearance_columns, contact_columns, state_columns};
 use crate::arena::read_value;
-use crate::sense::{Caster, Collider, DepthKind};
+use crate::sense::{Caster, Collider, DepthKind, SensorChannel};
 
 /// Name of the format, `format` in the manifest.
 pub const FORMAT: &str = "propwash-dataset";
@@ -48,6 +48,9 @@ pub struct Manifest {
     pub config: Option<Value>,
     /// The camera of each drone, shape `(drone,)`, all of one size; empty for a data set without images.
     pub cameras: Vec<CameraRecord>,
+    /// Further sensors of every drone; none in data sets of versions that did not have them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sensors: Vec<SensorRecord>,
     /// Scale of the 16-bit depth images.
     pub depth_png: DepthPng,
     /// Surface normals in `frames.npz`.
@@ -136,6 +139,25 @@ pub struct CameraRecord {
     pub caster: Option<Caster>,
     /// Pin-hole matrix K, pixels: `[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]`; x right, y down, pixel centres at n + 0.5.
     pub k: [[f64; 3]; 3],
+}
+
+/// One sensor of every drone, whose samples lie in `sensor_NAME.npz` of each world.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorRecord {
+    /// Name, letters, digits and underscores.
+    pub name: String,
+    /// Samples per second.
+    pub sample_hz: u32,
+    /// What it gives: arrays of its file, beside `time_s` (s) and `step`, with the axes sample, drone and those of the channel.
+    pub channels: Vec<SensorChannel>,
+}
+
+impl SensorRecord {
+    /// Name of its file in the folder of a world.
+    pub fn file(&self) -> String {
+        format!("sensor_{}.npz", self.name)
+    }
 }
 
 /// Scale and codes of the 16-bit depth images.
@@ -286,14 +308,17 @@ impl Manifest {
             return bad("flight.clearance_max_m", "a finite distance, m", found, "set a limit");
         }
         if let Some(config) = &self.config {
-            let again = read_value::<FlightConfig>(config.clone()).map(|c| serde_json::json!(c));
-            if !again.as_ref().is_ok_and(|again| again == config) {
+            // Fields that later versions have added are filled in by the first reading.
+            let read = |config: &Value| read_value::<FlightConfig>(config.clone());
+            let again = read(config).and_then(|c| Ok((read(&serde_json::json!(c))?, c)));
+            if !again.as_ref().is_ok_and(|(again, once)| again == once) {
                 let found = again.map_or_else(|e| e.to_string(), |_| "one that reads back otherwise".into());
                 let remedy = "use finite numbers, and the version that made the data set";
                 return bad("config", "the description of a flight", found, remedy);
             }
         }
         self.check_cameras()?;
+        self.check_sensors()?;
         for (i, geom) in self.geoms.iter().enumerate() {
             if geom.id != i as i32 {
                 return bad(
@@ -312,6 +337,36 @@ impl Manifest {
                     body.id.to_string(),
                     "list all in order",
                 );
+            }
+        }
+        Ok(())
+    }
+
+    fn check_sensors(&self) -> Result<()> {
+        let plain = |name: &str| {
+            !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+        };
+        for (i, sensor) in self.sensors.iter().enumerate() {
+            let bad = |part: &str, expected: &str, found: String, remedy| {
+                let field = format!("sensors[{i}].{part}");
+                Err(DatasetError::Manifest { field, expected: expected.into(), found, remedy })
+            };
+            let twice = self.sensors[..i].iter().any(|s| s.name == sensor.name);
+            if twice || !plain(&sensor.name) {
+                let expected = "letters, digits and underscores, and no name twice";
+                return bad("name", expected, format!("{:?}", sensor.name), "rename the sensor");
+            }
+            if sensor.sample_hz == 0 || sensor.sample_hz > self.flight.sim_hz {
+                let expected = format!("1 to {} Hz", self.flight.sim_hz);
+                return bad("sample_hz", &expected, sensor.sample_hz.to_string(), "change the rate");
+            }
+            for (k, channel) in sensor.channels.iter().enumerate() {
+                let twice = sensor.channels[..k].iter().any(|c| c.name == channel.name);
+                let taken = matches!(&*channel.name, "time_s" | "step");
+                if twice || taken || channel.is_empty() || !plain(&channel.name) {
+                    let expected = "channels with numbers, each with a plain name of its own";
+                    return bad("channels", expected, format!("{channel:?}"), "rename the channel");
+                }
             }
         }
         Ok(())

@@ -22,10 +22,10 @@ pub use error::DatasetError;
 pub use files::FileRecord;
 pub use manifest::{
     BodyRecord, CameraRecord, DepthPng, FORMAT, FORMAT_VERSION, FlightRecord, GeomRecord, Manifest,
-    SceneRecord, VehicleRecord,
+    SceneRecord, SensorRecord, VehicleRecord,
 };
 pub use overview::{HeightMap, OVERVIEW_SIZE, Overview, PathLine, Picture, SheetFrame};
-pub use reader::{Dataset, Frames, WorldReader};
+pub use reader::{Dataset, Frames, SensorSamples, WorldReader};
 pub use table::{Column, Dtype, Table, clearance_columns, contact_columns, state_columns};
 pub use writer::{
     ClearanceRow, CompleteRecord, ContactRow, FrameInput, Nearest, NoisyDepth, Quarantine, Reference,

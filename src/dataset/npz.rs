@@ -14,7 +14,7 @@ use super::error::{DatasetError, Result};
 
 /// One array whose first axis grows.
 pub(super) struct Spool {
-    name: &'static str,
+    name: String,
     /// Type in numpy's spelling, e.g. `<f4`.
     descr: &'static str,
     /// Shape without the first axis.
@@ -24,10 +24,18 @@ pub(super) struct Spool {
 }
 
 impl Spool {
-    pub fn create(folder: &Path, name: &'static str, descr: &'static str, tail: &[usize]) -> Result<Self> {
-        let path = folder.join(format!("spool_{name}"));
+    /// `group` keeps apart the files of arrays that have one name in several npz files.
+    pub fn create(
+        folder: &Path,
+        group: &str,
+        name: &str,
+        descr: &'static str,
+        tail: &[usize],
+    ) -> Result<Self> {
+        let path = folder.join(format!("spool_{group}_{name}"));
         let file = File::create(&path).map_err(DatasetError::io(&path))?;
-        Ok(Self { name, descr, tail: tail.to_vec(), path, file: BufWriter::with_capacity(1 << 16, file) })
+        let (name, tail) = (name.to_owned(), tail.to_vec());
+        Ok(Self { name, descr, tail, path, file: BufWriter::with_capacity(1 << 16, file) })
     }
 
     /// Appends little-endian numbers.

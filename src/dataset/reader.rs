@@ -1,10 +1,11 @@
 //! Reads a data set.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
-use ndarray::{Array1, Array3, Array4, Array5, Dimension};
+use ndarray::{Array1, Array3, Array4, Array5, ArrayD, Dimension};
 use ndarray_npy::{NpzReader, ReadableElement};
 use rayon::prelude::*;
 
@@ -17,6 +18,7 @@ use super::writer::{
     CLEARANCE, COMPLETE, CONTACTS, CompleteRecord, FRAMES, MANIFEST, STATES, WORLD, WorldRecord, Writer,
     create_or_resume, read_world_record, world_dir_name,
 };
+use crate::sense::ChannelType;
 
 /// An opened data set.
 #[derive(Clone, Debug)]
@@ -250,6 +252,35 @@ impl WorldReader<'_> {
         })
     }
 
+    /// Samples of the sensor of this name, with shapes checked against the manifest.
+    pub fn sensor(&self, name: &str) -> Result<SensorSamples> {
+        let Some(sensor) = self.manifest.sensors.iter().find(|s| s.name == name) else {
+            let names: Vec<&str> = self.manifest.sensors.iter().map(|s| s.name.as_str()).collect();
+            let expected = format!("one of the sensors {names:?}");
+            return Err(DatasetError::damaged(&self.folder, expected, format!("{name:?}")));
+        };
+        let path = self.folder.join(sensor.file());
+        let file = File::open(&path).map_err(DatasetError::io(&path))?;
+        let mut npz = NpzReader::new(BufReader::new(file))
+            .map_err(|e| DatasetError::damaged(&path, "a whole npz file", e))?;
+        let step: Array1<i64> = npz
+            .by_name("step")
+            .map_err(|e| DatasetError::damaged(&path, "array step of the manifest's type", e))?;
+        let n = step.len();
+        let mut channels = BTreeMap::new();
+        for channel in &sensor.channels {
+            let shape = [&[n, self.manifest.n_drones], &channel.shape[..]].concat();
+            let name = &*channel.name;
+            let values: ArrayD<f32> = match channel.kind {
+                ChannelType::F32 => array(&mut npz, &path, name, &shape)?,
+                ChannelType::I32 => array::<i32, _>(&mut npz, &path, name, &shape)?.mapv(|v| v as f32),
+                ChannelType::U8 => array::<u8, _>(&mut npz, &path, name, &shape)?.mapv(f32::from),
+            };
+            channels.insert(name.to_owned(), values);
+        }
+        Ok(SensorSamples { time_s: array(&mut npz, &path, "time_s", &[n])?, step, channels })
+    }
+
     /// Values of a 16-bit depth image, shape `(row, column)`; `noisy` for the image with sensor noise.
     pub fn image(&self, drone: usize, frame: usize, noisy: bool) -> Result<Vec<u16>> {
         let folder = if noisy { "depth_noisy" } else { "depth" };
@@ -262,6 +293,17 @@ impl WorldReader<'_> {
         }
         Ok(values)
     }
+}
+
+/// All samples of one sensor in one world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorSamples {
+    /// Seconds since the start, shape `(sample,)`.
+    pub time_s: Array1<f64>,
+    /// Simulation steps, shape `(sample,)`.
+    pub step: Array1<i64>,
+    /// By channel, shape `(sample, drone, …)`; whole numbers as f32.
+    pub channels: BTreeMap<String, ArrayD<f32>>,
 }
 
 /// An array of an npz file with the wanted shape.

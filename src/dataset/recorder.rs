@@ -2,10 +2,12 @@
 
 use super::{
     BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DepthPng, FlightRecord, FrameInput,
-    GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, StateRow, Summary, VehicleRecord,
-    View, WorldWriter, create_or_resume,
+    GeomRecord, Manifest, Nearest, NoisyDepth, Quarantine, SceneRecord, SensorRecord, StateRow, Summary,
+    VehicleRecord, View, WorldWriter, create_or_resume,
 };
-use crate::arena::{Arena, ArenaError, CameraConfig, FlightPattern, Precision, Setup, SimConfig, read_text};
+use crate::arena::{
+    Arena, ArenaError, CameraConfig, FlightPattern, MountedSensor, Precision, Setup, SimConfig, read_text,
+};
 use crate::error::{Error, Result};
 use crate::math::{quat, vec3};
 use crate::physics::controllers::{ControlMode, ticks};
@@ -13,11 +15,12 @@ use crate::physics::drone::Dynamics;
 use crate::physics::measure;
 use crate::scene::{MAX_COORDINATE_M, Pose, Scene, Worker};
 use crate::sense::contact::MAX_PER_PAIR;
-use crate::sense::{self, Camera, Collider, Contact, DepthFrame, DepthNoise, NoiseKey, SweptHit};
+use crate::sense::{self, Camera, Collider, Contact, DepthFrame, DepthNoise, NoiseKey, Sensor, SweptHit};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A flight to be recorded: the simulation, and what is written of it. In files both lie in one table.
@@ -260,6 +263,7 @@ impl Flight {
             },
             config: Some(json!(config)),
             cameras: self.cameras.iter().map(camera_record).collect(),
+            sensors: self.sensor_records(),
             depth_png: DepthPng::default(),
             normals: config.normals,
             noise: self.noise()?.map(|n| json!(n)),
@@ -285,6 +289,29 @@ impl Flight {
         })
     }
 
+    /// Sensors with their rates: where none is said, that of frames for images and that of states for all else.
+    fn sensor_records(&self) -> Vec<SensorRecord> {
+        let record = |mounted: &MountedSensor| {
+            let channels = mounted.sensor.channels();
+            let is_image = channels.iter().any(|c| c.name == "depth" && c.shape.len() == 2);
+            let default = if is_image { self.config.fps } else { self.config.log_hz };
+            let sample_hz = mounted.sample_hz.unwrap_or(default);
+            SensorRecord { name: mounted.sensor.name().into(), sample_hz, channels }
+        };
+        self.setup.sensors().iter().map(record).collect()
+    }
+
+    /// Mounts a sensor of the caller's on every drone, beside those of the description. Where it has no rate it samples with the rows of
+    /// states.
+    ///
+    /// A data set with such a sensor cannot be flown again from its manifest alone.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for a rate that the simulation has no steps for.
+    pub fn mount(&mut self, sensor: Arc<dyn Sensor>, sample_hz: Option<u32>) -> Result<()> {
+        Ok(self.setup.mount(sensor, sample_hz)?)
+    }
+
     fn vehicle_record(&self, d: usize) -> VehicleRecord {
         let (vehicle, (drone, rates)) = (&self.setup.vehicles()[d], &self.setup.drones()[d]);
         let rates = [
@@ -307,6 +334,7 @@ impl Flight {
 struct World<'a> {
     flight: &'a Flight,
     arena: Arena,
+    sensors: Vec<SensorRecord>,
     world: u64,
     noise: Option<DepthNoise>,
     start_clearance_m: f64,
@@ -342,6 +370,7 @@ impl<'a> World<'a> {
         Ok(Self {
             flight,
             arena,
+            sensors: flight.sensor_records(),
             // Keys of random numbers are those of the world over the whole run.
             world: config.sim.options.first_world + world as u64,
             start_clearance_m,
@@ -383,6 +412,7 @@ impl<'a> World<'a> {
             if log {
                 self.log_states(t, step, &mut out)?;
             }
+            self.sample_sensors(t, step, &mut out)?;
             if step < steps {
                 for d in 0..self.last.len() {
                     self.last[d] = self.pose(d);
@@ -570,6 +600,21 @@ impl<'a> World<'a> {
             })
             .collect();
         Ok(out.frame(&FrameInput { t_s: t, step, views: &views })?)
+    }
+
+    /// Samples of the sensors for which this is the time; commands are those of the coming step, as in the rows of states.
+    fn sample_sensors(&mut self, t: f64, step: u64, out: &mut WorldWriter) -> Result<()> {
+        let sim_hz = self.flight.config.sim.options.sim_hz;
+        for (i, sensor) in self.sensors.iter().enumerate() {
+            if !ticks(step, sensor.sample_hz, sim_hz) {
+                continue;
+            }
+            self.arena.sample(i, None)?;
+            let values = sensor.channels.iter().map(|c| self.arena.samples(i, &c.name));
+            let values = values.collect::<std::result::Result<Vec<_>, _>>()?;
+            out.sample(i, t, step, &values)?;
+        }
+        Ok(())
     }
 
     /// State, command and reference of every drone.

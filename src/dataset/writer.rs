@@ -12,10 +12,11 @@ use serde_json::Value;
 use super::depth_png;
 use super::error::{DatasetError, Result};
 use super::files::{self, FileRecord, PARTIAL};
-use super::manifest::{FORMAT, FORMAT_VERSION, Manifest, differences};
+use super::manifest::{FORMAT, FORMAT_VERSION, Manifest, SensorRecord, differences};
 use super::npz::{self, Spool};
 use super::table::{TableWriter, clearance_columns, contact_columns, extra_command_names, state_columns};
 pub use crate::rollout::trajectory::Reference;
+use crate::sense::{ChannelType, SensorChannel};
 
 /// File names inside a data set.
 pub(super) const MANIFEST: &str = "manifest.json";
@@ -534,7 +535,7 @@ struct FrameSpools {
 impl FrameSpools {
     fn create(folder: &Path, manifest: &Manifest) -> Result<Self> {
         let (d, h, w) = (manifest.n_drones, manifest.cameras[0].height, manifest.cameras[0].width);
-        let make = |name, descr, tail: &[usize]| Spool::create(folder, name, descr, tail);
+        let make = |name, descr, tail: &[usize]| Spool::create(folder, "frames", name, descr, tail);
         let noisy = manifest.noise.is_some();
         Ok(Self {
             time_s: make("time_s", "<f8", &[])?,
@@ -567,6 +568,42 @@ impl FrameSpools {
     }
 }
 
+/// The growing arrays of `sensor_….npz`.
+struct SensorSpools {
+    time_s: Spool,
+    step: Spool,
+    /// By channel.
+    channels: Vec<Spool>,
+    n_samples: usize,
+    last_s: f64,
+}
+
+impl SensorSpools {
+    fn create(folder: &Path, n_drones: usize, sensor: &SensorRecord) -> Result<Self> {
+        let make = |name: &str, descr, tail: &[usize]| Spool::create(folder, &sensor.name, name, descr, tail);
+        let channel = |c: &SensorChannel| {
+            let tail = [&[n_drones], &c.shape[..]].concat();
+            make(&c.name, dtype(c.kind), &tail)
+        };
+        Ok(Self {
+            time_s: make("time_s", "<f8", &[])?,
+            step: make("step", "<i8", &[])?,
+            channels: sensor.channels.iter().map(channel).collect::<Result<_>>()?,
+            n_samples: 0,
+            last_s: f64::NEG_INFINITY,
+        })
+    }
+}
+
+/// Type of a channel's numbers in numpy's spelling.
+fn dtype(kind: ChannelType) -> &'static str {
+    match kind {
+        ChannelType::F32 => "<f4",
+        ChannelType::I32 => "<i4",
+        ChannelType::U8 => "|u1",
+    }
+}
+
 /// Writes one world. Dropped without [`WorldWriter::finish`] it leaves nothing behind, and the world can be started again.
 pub struct WorldWriter {
     shared: Arc<Shared>,
@@ -576,6 +613,7 @@ pub struct WorldWriter {
     contacts: TableWriter,
     clearances: Option<TableWriter>,
     frames: Option<FrameSpools>,
+    sensors: Vec<SensorSpools>,
     n_frames: u64,
     images: Vec<String>,
     last_frame_s: f64,
@@ -623,6 +661,11 @@ impl WorldWriter {
             }
             frames = Some(FrameSpools::create(&partial, manifest)?);
         }
+        let sensors = manifest
+            .sensors
+            .iter()
+            .map(|sensor| SensorSpools::create(&partial, manifest.n_drones, sensor))
+            .collect::<Result<_>>()?;
         let clearances = (manifest.flight.clearance_every_steps > 0)
             .then(|| TableWriter::create(partial.join(CLEARANCE), clearance_columns()))
             .transpose()?;
@@ -631,6 +674,7 @@ impl WorldWriter {
             contacts: TableWriter::create(partial.join(CONTACTS), contact_columns())?,
             clearances,
             frames,
+            sensors,
             n_frames: 0,
             images: Vec::new(),
             last_frame_s: f64::NEG_INFINITY,
@@ -981,6 +1025,60 @@ impl WorldWriter {
         Ok(())
     }
 
+    /// Writes a sample of a sensor of the manifest, by its number: the numbers of each channel, (drone, shape of the channel).
+    pub fn sample(&mut self, sensor: usize, t_s: f64, step: u64, values: &[&[f32]]) -> Result<()> {
+        let manifest = &self.shared.manifest;
+        let Some(record) = manifest.sensors.get(sensor) else {
+            let expected = format!("less than {}, the sensors of the manifest", manifest.sensors.len());
+            return self.input_error("sensor", expected, sensor.to_string(), "list sensors in the manifest");
+        };
+        let item = |part: &str| format!("sensor {} at step {step}, {part}", record.name);
+        if values.len() != record.channels.len() {
+            let (expected, found) = (record.channels.len().to_string(), values.len().to_string());
+            return self.input_error(item("channels"), expected, found, "give every channel");
+        }
+        for (channel, values) in record.channels.iter().zip(values) {
+            let n = manifest.n_drones * channel.len();
+            if values.len() != n {
+                let found = format!("{} numbers", values.len());
+                let remedy = "give the numbers of all drones";
+                return self.input_error(item(&channel.name), format!("{n} numbers"), found, remedy);
+            }
+            let is_whole = |v: &f32| match channel.kind {
+                ChannelType::F32 => true,
+                ChannelType::I32 => v.fract() == 0.0 && v.abs() <= 16_777_216.0,
+                ChannelType::U8 => v.fract() == 0.0 && (0.0..=255.0).contains(v),
+            };
+            if let Some(odd) = values.iter().find(|v| !is_whole(v)) {
+                let expected = format!("whole numbers that {:?} holds", channel.kind);
+                return self.input_error(item(&channel.name), expected, odd.to_string(), "correct its type");
+            }
+        }
+        let spools = &self.sensors[sensor];
+        if !(t_s > spools.last_s && t_s.is_finite() && i64::try_from(step).is_ok()) {
+            let expected = format!("a time after {} s", spools.last_s);
+            let found = format!("{t_s} s, step {step}");
+            return self.input_error(item("time"), expected, found, "write samples in the order of time");
+        }
+        let kinds: Vec<ChannelType> = record.channels.iter().map(|c| c.kind).collect();
+        // All is sound; from here only the disk can fail.
+        self.failed = true;
+        let spools = &mut self.sensors[sensor];
+        spools.time_s.push(std::iter::once(t_s.to_le_bytes()))?;
+        spools.step.push(std::iter::once((step as i64).to_le_bytes()))?;
+        for ((spool, values), kind) in spools.channels.iter_mut().zip(values).zip(kinds) {
+            match kind {
+                ChannelType::F32 => spool.push(values.iter().map(|v| v.to_le_bytes()))?,
+                ChannelType::I32 => spool.push(values.iter().map(|v| (*v as i32).to_le_bytes()))?,
+                ChannelType::U8 => spool.push(values.iter().map(|v| [*v as u8]))?,
+            }
+        }
+        spools.n_samples += 1;
+        spools.last_s = t_s;
+        self.failed = false;
+        Ok(())
+    }
+
     /// Marks the world as taken out; it then may end early. The first mark stays.
     pub fn quarantine(&mut self, quarantine: Quarantine) {
         self.quarantine.get_or_insert(quarantine);
@@ -998,8 +1096,9 @@ impl WorldWriter {
             let problem = "an earlier write failed; free the disk and write the world again".to_owned();
             return Err(DatasetError::World { world: self.world, problem });
         }
-        let Self { shared, world, partial, states, contacts, clearances, frames, n_frames, images, .. } =
-            self;
+        let Self {
+            shared, world, partial, states, contacts, clearances, frames, sensors, n_frames, images, ..
+        } = self;
         let mut guard = self.guard;
         let mut names = images;
         let n_states = states.finish()?;
@@ -1014,6 +1113,12 @@ impl WorldWriter {
             let n = usize::try_from(n_frames).unwrap_or(usize::MAX);
             npz::pack(&partial.join(FRAMES), n, frames.into_list())?;
             names.push(FRAMES.to_owned());
+        }
+        for (spools, sensor) in sensors.into_iter().zip(&shared.manifest.sensors) {
+            let mut list = vec![spools.time_s, spools.step];
+            list.extend(spools.channels);
+            npz::pack(&partial.join(sensor.file()), spools.n_samples, list)?;
+            names.push(sensor.file());
         }
         names.sort();
         let mut records = Vec::with_capacity(names.len());

@@ -2,6 +2,7 @@
 
 mod batched;
 mod build;
+mod sensors;
 mod world;
 
 use std::sync::Arc;
@@ -9,6 +10,8 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use self::batched::Batched;
+pub use self::sensors::EnvSensorChannel;
+use self::sensors::Sensors;
 use self::world::{FREE_PLACES, Out, Plan, World};
 use super::EnvError;
 use super::action::{Limits, SetPoint};
@@ -148,6 +151,7 @@ pub struct Env {
     action_change: Vec<f32>,
     final_observation: Vec<f32>,
     final_depth: Vec<f32>,
+    sensors: Sensors,
 }
 
 impl std::fmt::Debug for Env {
@@ -247,6 +251,30 @@ impl Env {
     pub fn final_depth(&mut self) -> &mut [f32] {
         let n = if self.plan.pixels == 0 { 0 } else { self.final_depth.len() };
         &mut self.final_depth[..n]
+    }
+
+    /// What sensors of the description give, in the order of sensors and channels.
+    pub fn sensor_channels(&self) -> &[EnvSensorChannel] {
+        &self.sensors.channels
+    }
+
+    /// What a sensor sampled last, (world, drone, shape of the channel).
+    ///
+    /// # Errors
+    /// [`EnvError::Arena`] for a sensor or a channel that there is not.
+    pub fn samples(&mut self, sensor: &str, channel: &str) -> Result<&mut [f32], EnvError> {
+        let number = self.arena.sensor(sensor)?;
+        Ok(self.arena.samples_mut(number, channel)?)
+    }
+
+    /// As [`Env::final_observation`], what a sensor had sampled.
+    ///
+    /// # Errors
+    /// As [`Env::samples`].
+    pub fn final_samples(&mut self, sensor: &str, channel: &str) -> Result<&mut [f32], EnvError> {
+        let number = self.arena.sensor(sensor)?;
+        self.arena.samples(number, channel)?;
+        Ok(self.sensors.final_samples(sensor, channel))
     }
 
     /// Whether an entry of the last action of a world lay outside its limits and was held within them.
@@ -478,6 +506,7 @@ impl Env {
                     self.final_depth[i.clone()].copy_from_slice(&self.depth[i]);
                 }
             }
+            self.sensors.keep_final(&self.arena, &mask)?;
             let outcome = self.begin(&mask, None).and_then(|()| self.observe_and_judge(Some(&mask), false));
             self.mask = mask;
             outcome?;
@@ -605,6 +634,8 @@ impl Env {
 
     /// Looks at worlds (those of a mask, or all), judges them where they have flown, and observes.
     fn observe_and_judge(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
+        // First, so that tasks can see by sensors too.
+        self.sensors.sample(&mut self.arena, &self.plan.config, mask)?;
         self.look_at_worlds(mask, judge)?;
         self.ask_batch(mask, judge)
     }

@@ -20,7 +20,7 @@ mod task;
 pub mod tasks;
 
 pub use action::{ActionConfig, ActionKind};
-pub use batch::{Ending, Env};
+pub use batch::{Ending, Env, EnvSensorChannel};
 pub use batch_task::{Batch, BatchObstacles, BatchTask, Draw, FreePlace, episode_stream};
 pub use config::{Autoreset, EnvConfig};
 pub use error::EnvError;

@@ -8,7 +8,7 @@ use super::EnvError;
 use super::action::ActionKind;
 use super::config::EnvConfig;
 use super::layouts::Course;
-use crate::arena::{CameraConfig, SceneConfig};
+use crate::arena::{CameraConfig, Look, SceneConfig};
 use crate::math::quat;
 use crate::random::Stream;
 use crate::scene::{Pose, Worker};
@@ -244,6 +244,16 @@ pub struct WorldView<'a> {
     /// How much the action changed since the step before, 0 to 1: the mean over its entries of their change relative to their range,
     /// each at most 1. (drone)
     pub action_change: &'a [f32],
+    /// Number of the world in its batch.
+    pub(super) world: usize,
+    pub(super) look: Look<'a, f32>,
+}
+
+impl WorldView<'_> {
+    /// What a sensor of the description sampled last, (drone, shape of the channel); none for a sensor or a channel that there is not.
+    pub fn samples(&self, sensor: &str, channel: &str) -> Option<&[f32]> {
+        self.look.samples(self.world, sensor, channel)
+    }
 }
 
 /// Where the obstacles of a world stand: the bodies of its scene with `mocap="true"`, in their order there.

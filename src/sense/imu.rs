@@ -25,10 +25,25 @@ pub struct ImuNoise {
     pub accelerometer_walk_m_s2_sqrt_s: f64,
     /// Random walk of the gyroscope's bias, rad/s/√s.
     pub gyroscope_walk_rad_s_sqrt_s: f64,
-    /// Largest reading of each accelerometer axis, m/s².
+    /// Largest reading of each accelerometer axis, m/s²; no limit where it is infinite, in files null.
+    #[serde(with = "unlimited")]
     pub accelerometer_limit_m_s2: f64,
-    /// Largest reading of each gyroscope axis, rad/s.
+    /// Largest reading of each gyroscope axis, rad/s; as that of the accelerometer.
+    #[serde(with = "unlimited")]
     pub gyroscope_limit_rad_s: f64,
+}
+
+/// Infinity as null, which JSON has no other word for.
+mod unlimited {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub fn serialize<S: Serializer>(limit: &f64, to: S) -> Result<S::Ok, S::Error> {
+        limit.is_finite().then_some(*limit).serialize(to)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+        Ok(Option::<f64>::deserialize(from)?.unwrap_or(f64::INFINITY))
+    }
 }
 
 impl Default for ImuNoise {

@@ -28,5 +28,5 @@ pub use device::{DEVICES, DepthDevice};
 pub use error::SenseError;
 pub use imu::{Imu, ImuNoise, ImuReading};
 pub use noise::{DepthNoise, NoiseKey};
-pub use sensor::{Moment, Sensor, SensorChannel};
+pub use sensor::{ChannelType, Moment, Sensor, SensorChannel};
 pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by, swept_pair};

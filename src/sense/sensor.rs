@@ -2,15 +2,29 @@
 
 use std::borrow::Cow;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::SenseError;
 use crate::physics::measure::Reading;
 use crate::random::Stream;
 use crate::scene::{Pose, Worker};
 
-/// Numbers that a sensor gives together: one array for each drone, in f32.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+/// Type of the numbers of a channel. Sensors write f32; whole numbers, below 2²⁴, are stored and handed over as such.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ChannelType {
+    /// Real numbers.
+    #[default]
+    F32,
+    /// Whole numbers, such as those of geoms.
+    I32,
+    /// Whole numbers from 0 to 255, such as a status.
+    U8,
+}
+
+/// Numbers that a sensor gives together: one array for each drone.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SensorChannel {
     /// Its name, one of its own within the sensor.
     pub name: Cow<'static, str>,
@@ -18,16 +32,25 @@ pub struct SensorChannel {
     pub unit: Cow<'static, str>,
     /// Shape of the array; empty for one number.
     pub shape: Vec<usize>,
+    /// Type of its numbers.
+    #[serde(rename = "type")]
+    pub kind: ChannelType,
 }
 
 impl SensorChannel {
-    /// A channel of this shape.
+    /// A channel of real numbers in this shape.
     pub fn new(
         name: impl Into<Cow<'static, str>>,
         unit: impl Into<Cow<'static, str>>,
         shape: &[usize],
     ) -> Self {
-        Self { name: name.into(), unit: unit.into(), shape: shape.into() }
+        Self { name: name.into(), unit: unit.into(), shape: shape.into(), kind: ChannelType::F32 }
+    }
+
+    /// The same, of another type.
+    #[must_use]
+    pub fn of_type(self, kind: ChannelType) -> Self {
+        Self { kind, ..self }
     }
 
     /// How many numbers it has.
@@ -45,6 +68,8 @@ impl SensorChannel {
 pub struct Moment<'a> {
     /// Number of the drone in its world.
     pub drone: usize,
+    /// Number of the scene that its world is in; none without a scene.
+    pub layout: Option<usize>,
     /// Time since the reset, s.
     pub time_s: f64,
     /// Time since the sample before, s; that since the reset for the first one.

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Dict, Mapping, Sequence
 
+from ._errors import FormatError
+
 Sample = Dict[str, Any]
 """One drone in one frame: text, numbers, and NumPy arrays by the names of ``DataSet.fields``."""
 
@@ -68,7 +70,25 @@ def fields(manifest: Mapping[str, Any]) -> dict[str, Field]:
         out.append(Field("clearance_m", "float64", (), "m to the nearest geom, negative inside; +inf for none in reach"))
         out.append(Field("clearance_exact", "bool", (), "false where the distance is a lower bound"))
         out.append(Field("clearance_geom", "int64", (), "the nearest geom, -1 for none in reach"))
-    return {f.name: f for f in out}
+    known = {f.name: f for f in out}
+    for name, sensor, channel in sampled(manifest):
+        if name in known:
+            raise FormatError(
+                f'sensor "{sensor}", channel "{channel["name"]}": a sample has a field {name} already; rename the sensor and record again'
+            )
+        unit = f"{channel['unit']}, last sample of the sensor {sensor}"
+        known[name] = Field(name, CHANNEL_TYPES[channel["type"]], tuple(channel["shape"]), unit)
+    return known
+
+
+CHANNEL_TYPES = {"f32": "float32", "i32": "int32", "u8": "uint8"}
+"""NumPy's names for the types of channels of sensors."""
+
+
+def sampled(manifest: Mapping[str, Any]) -> list[tuple[str, str, Mapping[str, Any]]]:
+    """Fields of sensors: their name, that of the sensor, and the channel."""
+    sensors = manifest.get("sensors", [])
+    return [(f"{s['name']}_{c['name']}", s["name"], c) for s in sensors for c in s["channels"]]
 
 
 def _of_states(manifest: Mapping[str, Any]) -> list[Field]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._errors import DamagedError
-from ._fields import EMPTY, Field, key
+from ._fields import CHANNEL_TYPES, EMPTY, Field, key, sampled
 from ._files import RESTORE, check, item, parse, read_bytes, same, sha256
 from ._optional import need
 
@@ -161,6 +161,34 @@ class World:
         self._cache.put((self.number, f"npz/{name}"), array)
         return array
 
+    def sensor(self, name: str) -> dict[str, Array]:
+        """What a sensor has sampled: ``time_s`` (sample,), ``step`` (sample,), and each of its channels (sample, drone, ...).
+
+        Raises:
+            KeyError: the data set has no such sensor.
+            DamagedError: its file is missing or holds other bytes or arrays.
+        """
+        sensors = {s["name"]: s for s in self._manifest.get("sensors", [])}
+        if name not in sensors:
+            raise KeyError(f"no sensor \"{name}\"; there are {', '.join(sensors) or 'none'}")
+        path = self.path(f"sensor_{name}.npz")
+        channels = sensors[name]["channels"]
+        out: dict[str, Array] = {}
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                for array in ("time_s", "step", *(c["name"] for c in channels)):
+                    out[array] = arrays[array]
+        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as e:
+            raise DamagedError(f"{path}: expected the arrays of a sensor, found a file without them ({e}); {RESTORE}") from None
+        n = len(out["time_s"])
+        same(path, "step of shape", (n,), out["step"].shape)
+        for c in channels:
+            same(path, f"{c['name']} of shape", (n, self._manifest["n_drones"], *c["shape"]), out[c["name"]].shape)
+            same(path, f"{c['name']} of type", np.dtype(CHANNEL_TYPES[c["type"]]), out[c["name"]].dtype)
+        for array in out.values():
+            array.setflags(write=False)
+        return out
+
     def image(self, frame: int, drone: int = 0, noisy: bool = False) -> NDArray[np.uint16]:
         """A 16-bit depth image as it lies in its file, (row, column); ``decode_image`` makes metres of it."""
         if not 0 <= frame < self.n_frames:
@@ -209,6 +237,9 @@ class World:
             return self._of_contacts(name)
         if name.startswith("clearance_"):
             return self._of_clearance(name)
+        for sampled_name, sensor, channel in sampled(self._manifest):
+            if sampled_name == name:
+                return self._of_sensor(sensor, channel["name"])
         return self.frames(name).view()
 
     def _numbers(self, stem: str, count: str) -> dict[str, NDArray[np.float64]]:
@@ -254,6 +285,16 @@ class World:
         if name == "clearance_m":
             return np.where(np.isnan(values), EMPTY[name], values)
         return values.astype(bool if name == "clearance_exact" else np.int64)
+
+    def _of_sensor(self, name: str, channel: str) -> Array:
+        """The last sample at or before each frame; there is one at the first step."""
+        samples, frames = self.sensor(name), self.frames("step")
+        at = np.searchsorted(samples["step"], frames, side="right") - 1
+        if np.any(at < 0):
+            first = int(frames[at < 0][0])
+            raise DamagedError(f"{self.folder}: expected a sample of {name} up to step {first}, found none; {RESTORE}")
+        out: Array = samples[channel][at]
+        return out
 
     def _of_contacts(self, name: str) -> Array:
         table = self._numbers("contacts", "n_contacts")

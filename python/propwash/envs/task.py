@@ -31,6 +31,9 @@ class Worlds:
     ``observed_pos``, ``observed_quat``, ``observed_vel`` and ``observed_ang_vel`` * have the noise of the environment; what is observed
     should come from them.
 
+    ``sensors``: what the sensors of the environment sampled last, by their name in observations (``"lidar_range"``): * and the shape of
+    the channel.
+
     Actions: ``action`` * (as given), ``action_change`` * (0 to 1, mean over its entries, of their range).
 
     Counts: ``time`` (s since the episode began), ``step`` (int64, 0 in worlds that have just begun), ``episode`` (int64), ``layout`` (int64).
@@ -61,6 +64,7 @@ class Worlds:
     clearance: NDArray[np.float32]
     crashed: NDArray[np.bool_]
     depth: NDArray[np.float32] | None
+    sensors: Mapping[str, NDArray[np.float32]]
     action: NDArray[np.float32]
     action_change: NDArray[np.float32]
     time: NDArray[np.float32]
@@ -100,6 +104,11 @@ class Worlds:
             setattr(self, f"observed_{name}", observed)
         (width, _), _ = native.image()
         self.depth = array("true_depth") if width else None
+        self.sensors = {}
+        for name, (sensor, channel, *_) in native.sensor_channels():
+            samples = native.samples(sensor, channel)
+            samples.flags.writeable = False
+            self.sensors[name] = samples[:, 0] if d == 1 else samples
         for name in ("time", "step", "episode", "layout", "begins", "goal_given"):
             setattr(self, name, array(name, drones=False))
         for name in ("start_pos", "start_vel", "start_yaw"):

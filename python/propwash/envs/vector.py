@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
 from ..sense import Camera, _whole
-from ..sim import DroneLike, SceneLike, _each, _finite, _rules, _scene, _vehicle
+from ..sim import DroneLike, SceneLike, _each, _finite, _rules, _scene, _sensors, _vehicle
 from .task import ENDINGS, Task, TaskCalls, own_task
 
 Obs = dict[str, NDArray[np.float32]]
@@ -76,6 +76,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         layouts: Number of generated scenes, which differ in their seeds; every world flies in one, drawn anew at every reset.
         camera: Name of a depth device (``propwash.envs.depth_devices()``), or a dict of ``device``, ``name``, ``width``,
             ``height``, ``fovy_deg``, ``range_m``, ``kind``, ``noise``; None is the task's own choice, False is no camera.
+        sensors: Further sensors of every drone, as in ``propwash.Sim``; each of their channels is observed as
+            ``SENSOR_CHANNEL`` (``imu_gyroscope``, ``lidar_range``), sampled in every step or ``sample_hz`` times a second.
         randomization: What is drawn anew at every reset: text or path of a TOML file, or a list of rules; parameters of the
             vehicle and its effects, ``initial.…``, and ``env.…`` (delays, wind, noise).
         levels: Fixed delays, wind and noise, by name without ``env.``.
@@ -115,6 +117,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         scene: SceneLike = None,
         layouts: int | None = None,
         camera: str | Mapping[str, Any] | bool | None = None,
+        sensors: Sequence[str | Mapping[str, Any]] = (),
         randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
         levels: Mapping[str, Any] | None = None,
         look: float = 3.0,
@@ -162,6 +165,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "scene": None if scene is None else _scene(scene),
             "layouts": None if layouts is None else _whole("layouts", layouts, 1, 4096),
             "camera": None if camera is None or camera is False else _camera(camera),
+            "sensors": _sensors(sensors),
             "with_camera": camera is not False,
             "autoreset": _MODES[mode],
             "look_m": float(look),
@@ -200,6 +204,14 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         self._depth = self._array("depth") if width else None
         if width:
             shape["depth"] = spaces.Box(0.0, far, (*head, height, width), np.float32)
+        self._samples: dict[str, NDArray[Any]] = {}
+        self._ended_samples: dict[str, NDArray[Any]] = {}
+        for name, (sensor, channel, _, tail, _) in self._native.sensor_channels():
+            shape[name] = spaces.Box(-np.inf, np.inf, (*head, *tail), np.float32)
+            for ended, arrays in ((False, self._samples), (True, self._ended_samples)):
+                if not ended or mode is AutoresetMode.SAME_STEP:
+                    array = self._native.samples(sensor, channel, ended)
+                    arrays[name] = array if self._many else array[:, 0]
         self.single_observation_space = spaces.Dict(shape)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._reward = self._native.array("reward")
@@ -219,12 +231,16 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         out: dict[str, Any] = json.loads(self._native.config_json())
         return out
 
-    def _observe(self, numbers: NDArray[Any], depth: NDArray[Any] | None) -> Obs:
+    def _observe(
+        self, numbers: NDArray[Any], depth: NDArray[Any] | None, samples: Mapping[str, NDArray[Any]]
+    ) -> Obs:
         if self._copy:
             numbers = numbers.copy()
         out = {name: numbers[key] for name, key in self._columns}
         if depth is not None:
             out["depth"] = depth.copy() if self._copy else depth
+        for name, array in samples.items():
+            out[name] = array.copy() if self._copy else array
         return out
 
     def reset(
@@ -260,7 +276,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         info: Info = {}
         if mask is not None:
             info["reset_mask"] = np.asarray(mask)
-        return self._observe(self._numbers, self._depth), info
+        return self._observe(self._numbers, self._depth, self._samples), info
 
     def _goal(self, goal: ArrayLike | None) -> Any:
         """Goals of worlds with one drone, with its axis."""
@@ -303,7 +319,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
                 info["_final_info"] = done
         if clipped:
             info["clipped"] = self._native.clipped()
-        return self._observe(self._numbers, self._depth), reward, terminated, truncated, info
+        return self._observe(self._numbers, self._depth, self._samples), reward, terminated, truncated, info
 
     def _actions(self, actions: ArrayLike) -> NDArray[Any]:
         """Actions of worlds with one drone, with its axis."""
@@ -322,6 +338,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             own = {name: numbers[w][key[1:]].copy() for name, key in self._columns}
             if depth is not None:
                 own["depth"] = depth[w].copy()
+            own.update({name: array[w].copy() for name, array in self._ended_samples.items()})
             out[w] = own
         return out
 

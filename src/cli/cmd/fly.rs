@@ -102,11 +102,15 @@ pub fn config(args: &FlyArgs) -> Result<FlightConfig> {
     set(&mut sim.options.seed, args.seed);
     set(&mut sim.obstacle_jitter_m, args.obstacle_jitter);
     let camera = sim.camera.get_or_insert_default();
-    set(&mut camera.name, args.camera.clone());
+    if let Some(name) = &args.camera {
+        (camera.name, camera.mount) = (name.clone(), None);
+    }
+    camera.mount = args.camera_mount.or(camera.mount);
     if let Some(path) = &args.noise {
         camera.noise = Some(noise(path)?);
     }
     args.view.change(camera)?;
+    sim.sensors.extend(args.sensor.iter().cloned());
     set(&mut config.seconds, args.seconds);
     set(&mut config.fps, args.fps);
     set(&mut config.log_hz, args.log_hz);

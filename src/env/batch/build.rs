@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::batched::Batched;
+use super::sensors::Sensors;
 use super::world::{OPEN_GROUND_M, Plan, World};
 use super::{Asked, Env};
 use crate::arena::{Arena, Precision, SceneConfig, Setup};
@@ -86,7 +87,11 @@ impl Env {
         if let Asked::Batch(batched) = &mut asked {
             batched.batch = Batch::new(&plan.config, plan.batch_size(&batched.places));
         }
-        Ok(Self::empty(plan, asked, layouts, arena))
+        let mut env = Self::empty(plan, asked, layouts, arena);
+        for (number, mounted) in setup.sensors().iter().enumerate() {
+            env.take_sensor(number, mounted.sample_hz)?;
+        }
+        Ok(env)
     }
 
     /// An environment whose arrays hold nothing yet.
@@ -112,6 +117,7 @@ impl Env {
             final_observation: vec![0.0; kept * row],
             final_depth: vec![0.0; kept * image],
             worlds: vec![world; n],
+            sensors: Sensors::default(),
             layouts,
             arena,
             asked,

@@ -272,11 +272,11 @@ impl Plan {
             let ending = match (quarantined, fresh) {
                 (true, _) => Ending::Quarantined,
                 (_, true) => Ending::None,
-                _ => self.judge(task, w, world, layout, out.depth, (out.action_change, out.reward))?,
+                _ => self.judge(task, (w, world), (layout, at), out.depth, (out.action_change, out.reward))?,
             };
             self.conclude(world, ending, (out.terminated, out.truncated, out.ending));
         }
-        self.observe(task, w, world, layout, (out.action_change, out.observation));
+        self.observe(task, (w, world), (layout, at), (out.action_change, out.observation));
         Ok(())
     }
 
@@ -347,7 +347,8 @@ impl Plan {
     /// What a task sees of a world.
     pub(super) fn view<'a>(
         &self,
-        world: &World,
+        (w, world): (usize, &World),
+        look: Look<'a, f32>,
         (drones, action_change): (&'a [DroneView], &'a [f32]),
         images: Option<Images<'a>>,
         course: &'a Course,
@@ -359,6 +360,8 @@ impl Plan {
             images,
             course,
             action_change,
+            world: w,
+            look,
         }
     }
 
@@ -366,9 +369,8 @@ impl Plan {
     pub(super) fn judge(
         &self,
         task: &dyn Task,
-        w: usize,
-        world: &mut World,
-        layout: Option<&Layout>,
+        (w, world): (usize, &mut World),
+        (layout, look): (Option<&Layout>, Look<f32>),
         depth: &[f32],
         (action_change, reward): (&[f32], &mut [f32]),
     ) -> Result<Ending, EnvError> {
@@ -380,8 +382,8 @@ impl Plan {
             poses: &world.camera_poses,
         });
         let mut memory = std::mem::take(&mut world.memory);
-        let outcome =
-            task.judge(&self.view(world, (&world.seen, action_change), images, course), &mut memory, reward);
+        let view = self.view((w, world), look, (&world.seen, action_change), images, course);
+        let outcome = task.judge(&view, &mut memory, reward);
         world.memory = memory;
         check_rewards(w, reward)?;
         Ok(outcome.into())
@@ -401,9 +403,8 @@ impl Plan {
     pub(super) fn observe(
         &self,
         task: Option<&dyn Task>,
-        w: usize,
-        world: &mut World,
-        layout: Option<&Layout>,
+        (w, world): (usize, &mut World),
+        (layout, look): (Option<&Layout>, Look<f32>),
         (action_change, out): (&[f32], &mut [f32]),
     ) {
         let noisy = world.levels.is_noisy();
@@ -416,7 +417,8 @@ impl Plan {
         }
         let drones = if noisy { &world.observed } else { &world.seen };
         let none = Course::default();
-        let view = self.view(world, (drones, action_change), None, layout.map_or(&none, |l| &l.course));
+        let course = layout.map_or(&none, |l| &l.course);
+        let view = self.view((w, world), look, (drones, action_change), None, course);
         for (d, (row, s)) in out.chunks_exact_mut(self.width).zip(drones).enumerate() {
             store(&mut row[0..], &s.pos_m);
             store(&mut row[3..], &s.quat_xyzw);

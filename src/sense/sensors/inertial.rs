@@ -85,6 +85,7 @@ mod tests {
                 let draw = Key { seed: 1, world: 0, drone: 0, step, purpose: purpose("imu") }.stream();
                 let mut at = Moment {
                     drone: 0,
+                    layout: None,
                     time_s: step as f64 * dt_s,
                     since_s: dt_s,
                     first: step == 0,

@@ -62,6 +62,16 @@ impl Lidar {
         range: (f64, f64),
     ) -> Result<Self, SenseError> {
         let [low, high] = elevation_rad;
+        let quarter = core::f64::consts::FRAC_PI_2;
+        if !(rings > 0 && columns > 0 && -quarter <= low && low <= high && high <= quarter) {
+            let name = name.into();
+            return Err(SenseError::Parameter {
+                what: format!(
+                    "{name}: expected at least one ring and one column, and elevations that rise within ±π/2, got {rings} rings, \
+                     {columns} columns and {elevation_rad:?} rad"
+                ),
+            });
+        }
         let mut directions = Vec::with_capacity(rings * columns);
         for ring in 0..rings {
             let share = if rings > 1 { ring as f64 / (rings - 1) as f64 } else { 0.5 };
