@@ -3,9 +3,7 @@
 use std::sync::Arc;
 
 use propwash::arena::{Arena, SceneConfig, SimConfig};
-use propwash::env::{
-    Autoreset, Channel, Env, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView,
-};
+use propwash::env::{Autoreset, Channel, Env, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView};
 use propwash::math::quat;
 use propwash::physics::controllers::ControlMode;
 use propwash::physics::rigid_body::State;
@@ -202,7 +200,8 @@ fn sensors_that_cannot_be_are_refused_and_failures_name_their_worlds() {
     let error = arena.sample(odd, None).unwrap_err().to_string();
     assert!(error.contains("3 of 3 worlds") && error.contains("it broke"), "{error}");
     assert!(
-        arena.sample(5, None).is_err() && arena.samples(odd, "c").unwrap_err().to_string().contains("one of a")
+        arena.sample(5, None).is_err()
+            && arena.samples(odd, "c").unwrap_err().to_string().contains("one of a")
     );
     // What needs a scene says so.
     let beam =

@@ -123,7 +123,12 @@ impl CameraConfig {
     /// a size, a lens or a range that cannot be.
     pub fn build(&self, scene: &Scene, drone: usize) -> Result<Camera, ArenaError> {
         if let Some(mount) = &self.mount {
-            return self.apply(Camera::mounted(scene, drone, Self::looking(mount), Lens::Fovy { fovy_deg: 90.0 })?);
+            return self.apply(Camera::mounted(
+                scene,
+                drone,
+                Self::looking(mount),
+                Lens::Fovy { fovy_deg: 90.0 },
+            )?);
         }
         let on_drone = format!("drone{drone}/{}", self.name);
         let known = |name: &str| scene.cameras().iter().any(|c| c.name == name);

@@ -33,7 +33,8 @@ use rayon::prelude::*;
 
 pub use camera::CameraConfig;
 pub use config::{
-    DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text, read_value,
+    DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text,
+    read_value,
 };
 pub use error::ArenaError;
 pub use pattern::FlightPattern;
@@ -41,7 +42,8 @@ pub use places::Look;
 pub use scenes::SceneConfig;
 pub use senses::Way;
 pub use sensor_config::{
-    DepthCameraConfig, ImuConfig, LidarConfig, MountConfig, OpticalFlowConfig, RangeFinderConfig, SensorConfig,
+    DepthCameraConfig, ImuConfig, LidarConfig, MountConfig, OpticalFlowConfig, RangeFinderConfig,
+    SensorConfig,
 };
 use sensors::Mounted;
 pub use state::ArenaState;

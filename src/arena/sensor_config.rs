@@ -47,7 +47,7 @@ pub enum SensorConfig {
     /// Optical flow of the ground below, with a range finder.
     OpticalFlow(OpticalFlowConfig),
     /// A depth camera beside the one that the description has in `camera`.
-    DepthCamera(DepthCameraConfig),
+    DepthCamera(Box<DepthCameraConfig>),
 }
 
 /// An inertial sensor. Channels: `accelerometer` (m/s², 3), `gyroscope` (rad/s, 3).
@@ -178,12 +178,7 @@ pub struct DepthCameraConfig {
 impl Default for DepthCameraConfig {
     /// As [`CameraConfig`], without labels.
     fn default() -> Self {
-        Self {
-            name: "depth_camera".into(),
-            sample_hz: None,
-            camera: CameraConfig::default(),
-            labels: false,
-        }
+        Self { name: "depth_camera".into(), sample_hz: None, camera: CameraConfig::default(), labels: false }
     }
 }
 

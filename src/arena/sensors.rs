@@ -143,7 +143,11 @@ impl<N: Number> Arena<N> {
         self.sim.check_data()?;
         let n_worlds = self.sim.data.n_worlds;
         if let Some(mask) = mask.filter(|mask| mask.len() != n_worlds) {
-            return Err(ArenaError::option("mask", format!("one entry for each of {n_worlds} worlds"), mask.len()));
+            return Err(ArenaError::option(
+                "mask",
+                format!("one entry for each of {n_worlds} worlds"),
+                mask.len(),
+            ));
         }
         // Out of the arena while it looks at the arena.
         let mut mounted = self.sensors.swap_remove(sensor);

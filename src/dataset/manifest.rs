@@ -343,9 +343,8 @@ impl Manifest {
     }
 
     fn check_sensors(&self) -> Result<()> {
-        let plain = |name: &str| {
-            !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
-        };
+        let plain =
+            |name: &str| !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
         for (i, sensor) in self.sensors.iter().enumerate() {
             let bad = |part: &str, expected: &str, found: String, remedy| {
                 let field = format!("sensors[{i}].{part}");

@@ -1097,7 +1097,17 @@ impl WorldWriter {
             return Err(DatasetError::World { world: self.world, problem });
         }
         let Self {
-            shared, world, partial, states, contacts, clearances, frames, sensors, n_frames, images, ..
+            shared,
+            world,
+            partial,
+            states,
+            contacts,
+            clearances,
+            frames,
+            sensors,
+            n_frames,
+            images,
+            ..
         } = self;
         let mut guard = self.guard;
         let mut names = images;

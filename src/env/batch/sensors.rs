@@ -76,9 +76,11 @@ impl Sensors {
             };
             let steps = &arena.sim().data.steps;
             self.due.clear();
-            self.due.extend(steps.iter().enumerate().map(|(w, steps)| {
-                mask.is_none_or(|m| m[w]) && ticks(steps / substeps, hz, config.step_hz)
-            }));
+            self.due.extend(
+                steps.iter().enumerate().map(|(w, steps)| {
+                    mask.is_none_or(|m| m[w]) && ticks(steps / substeps, hz, config.step_hz)
+                }),
+            );
             arena.sample(sensor, Some(&self.due))?;
         }
         Ok(())

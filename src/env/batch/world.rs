@@ -272,7 +272,9 @@ impl Plan {
             let ending = match (quarantined, fresh) {
                 (true, _) => Ending::Quarantined,
                 (_, true) => Ending::None,
-                _ => self.judge(task, (w, world), (layout, at), out.depth, (out.action_change, out.reward))?,
+                _ => {
+                    self.judge(task, (w, world), (layout, at), out.depth, (out.action_change, out.reward))?
+                }
             };
             self.conclude(world, ending, (out.terminated, out.truncated, out.ending));
         }

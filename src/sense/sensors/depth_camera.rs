@@ -32,7 +32,9 @@ impl DepthCamera {
         let sizes: Vec<_> = cameras.iter().flatten().map(|c| (c.width(), c.height())).collect();
         if sizes.is_empty() || sizes.iter().any(|size| *size != sizes[0]) {
             return Err(SenseError::Parameter {
-                what: format!("{name}: expected cameras of one size for all drones in a scene, got {sizes:?}"),
+                what: format!(
+                    "{name}: expected cameras of one size for all drones in a scene, got {sizes:?}"
+                ),
             });
         }
         Ok(Self { name, cameras, noise, labels })
@@ -66,7 +68,8 @@ impl Sensor for DepthCamera {
         let drone = at.drone;
         let camera = at.layout.and_then(|scene| self.cameras.get(scene)?.get(drone));
         let Some(camera) = camera else {
-            let what = format!("{}: expected a camera for drone {drone} in each scene, found none", self.name);
+            let what =
+                format!("{}: expected a camera for drone {drone} in each scene, found none", self.name);
             return Err(SenseError::Parameter { what });
         };
         let seed = self.noise.is_some().then(|| at.draw.bits());
