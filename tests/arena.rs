@@ -167,6 +167,7 @@ fn by_fly(effects: &str, n_drones: usize, xml: &str, heights: (f64, f64)) -> (Ve
         log_hz: 500,
         normals: false,
         clearance_max_m: 0.5,
+        by_user: false,
     };
     let flight = flight.load().unwrap();
     let dir = tempfile::tempdir().unwrap();

@@ -11,6 +11,7 @@ _load_library()
 from ._native import Error, RestOnGround, State, Vehicle, __version__, load_plugin_library, mujoco_version, vehicles  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
+from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
 from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
@@ -35,6 +36,7 @@ __all__ = [
     "PixelStatus",
     "Quarantine",
     "QuarantineWarning",
+    "Recorder",
     "Report",
     "RestOnGround",
     "Rung",

@@ -8,6 +8,7 @@ __all__ = [
     "Cameras",
     "Env",
     "Error",
+    "Recorder",
     "RestOnGround",
     "Sim",
     "State",
@@ -159,6 +160,33 @@ class Sim:
     def layout(self) -> list[int]: ...
     def set_layout(self, layout: Sequence[int]) -> None: ...
     def __reduce__(self) -> NoReturn: ...
+
+@final
+class Recorder:
+    """The compiled side of `propwash.Recorder`."""
+
+    def __new__(
+        cls,
+        out: str,
+        sim: Sim,
+        seconds: float,
+        episodes: int,
+        fps: int,
+        log_hz: int,
+        normals: bool,
+        clearance_max_m: float,
+        cameras: Cameras | None,
+        noise: str | None,
+    ) -> Recorder: ...
+    @property
+    def n_steps(self) -> int: ...
+    @property
+    def flying(self) -> bool: ...
+    def warnings(self) -> list[str]: ...
+    def begin(self) -> bool: ...
+    def step(self, n_steps: int, data: Any) -> bool: ...
+    def end(self, mask: ArrayLike) -> None: ...
+    def finish(self) -> tuple[int, int, int]: ...
 
 @final
 class Env:

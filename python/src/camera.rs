@@ -122,7 +122,8 @@ impl CameraSpec {
 pub struct PyCameras {
     /// In the order of drones, or one.
     pub cameras: Vec<Camera>,
-    per_drone: bool,
+    /// Whether there is one for each drone.
+    pub per_drone: bool,
     scene: Scene,
 }
 

@@ -6,6 +6,7 @@ mod camera;
 mod env;
 mod errors;
 mod gap;
+mod recorder;
 mod sense;
 mod sim;
 mod stages;
@@ -39,6 +40,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<sim::PySim>()?;
     m.add_class::<state::PyState>()?;
     m.add_class::<camera::PyCameras>()?;
+    m.add_class::<recorder::PyRecorder>()?;
     m.add_class::<env::PyEnv>()?;
     m.add_class::<task::TaskDraws>()?;
     m.add_function(wrap_pyfunction!(task::built_in_tasks, m)?)?;

@@ -73,8 +73,8 @@ pub struct PySim {
     /// What views of the arrays keep alive.
     owner: Py<Owner>,
     /// Stages that are written in Python, apart so that the garbage collector finds them while a step runs.
-    slots: Mutex<Vec<Arc<Slot>>>,
-    call: Arc<Call>,
+    pub slots: Mutex<Vec<Arc<Slot>>>,
+    pub call: Arc<Call>,
     pub pool: Arc<ThreadPool>,
     /// The process that made it.
     process: u32,
@@ -83,7 +83,7 @@ pub struct PySim {
     pub n_obstacles: usize,
     n_rotors: usize,
     mode: ControlMode,
-    setup: Setup,
+    pub setup: Setup,
 }
 
 /// Reads a description in JSON or TOML, or the manifest of a data set, and gives that of the simulation, complete, as JSON.

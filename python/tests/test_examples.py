@@ -10,7 +10,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-TESTED = {"own_task.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
+TESTED = {"own_dataset.py", "own_task.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
 
 
 def run(name, *args):
@@ -37,6 +37,11 @@ def test_a_task_of_ones_own_is_flown():
     said = run("own_task.py")
     hits = dict(re.findall(r"(.+): hit in (\d+) %", said))
     assert int(hits["holds its place"]) > 90 and int(hits["gives way"]) < 10, said
+
+
+def test_a_policys_flights_become_a_data_set(tmp_path):
+    said = run("own_dataset.py", tmp_path / "set")
+    assert "16 worlds" in said and "lidar_range (1, 8)" in said, said
 
 
 def test_reaching_is_learnt(tmp_path):

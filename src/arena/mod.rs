@@ -272,13 +272,15 @@ impl<N: Number> Arena<N> {
     /// As [`Arena::step`].
     pub fn run_controllers(&mut self) -> Result<(), ArenaError> {
         self.measure()?;
-        self.sim.run_controllers();
-        Ok(())
+        Ok(self.sim.run_controllers()?)
     }
 
     /// The second half, as [`Sim::run_integration`].
-    pub fn run_integration(&mut self) {
-        self.sim.run_integration();
+    ///
+    /// # Errors
+    /// As [`Arena::step`].
+    pub fn run_integration(&mut self) -> Result<(), ArenaError> {
+        Ok(self.sim.run_integration()?)
     }
 
     /// Writes the heights of ground and ceiling that effects read into the arrays, as every step does first.

@@ -149,6 +149,12 @@ impl<'a, N: Number> Look<'a, N> {
         self.data
     }
 
+    /// Positions of the obstacles of a world, m, world frame; NaN in rows that its scene does not have. (obstacle, 3)
+    pub fn obstacle_pos_m(&self, world: usize) -> &'a [[f64; 3]] {
+        let n = self.places.n_obstacles;
+        &self.places.obstacle_pos.as_chunks::<3>().0[world * n..(world + 1) * n]
+    }
+
     /// What a sensor sampled last in a world, (drone, shape of the channel); none for a sensor or a channel that there is not.
     pub fn samples(&self, world: usize, sensor: &str, channel: &str) -> Option<&'a [f32]> {
         self.sensors.iter().find(|m| m.name() == sensor)?.of_world(world, channel)

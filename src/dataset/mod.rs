@@ -15,6 +15,8 @@ mod overview;
 mod reader;
 pub mod recorder;
 mod table;
+mod user_recorder;
+mod world_log;
 mod writer;
 
 pub use depth_png::{MAX_DISTANCE, MISS, TOO_FAR, TOO_NEAR, decode, encode, read as read_depth_png, status};
@@ -27,6 +29,7 @@ pub use manifest::{
 pub use overview::{HeightMap, OVERVIEW_SIZE, Overview, PathLine, Picture, SheetFrame};
 pub use reader::{Dataset, Frames, SensorSamples, WorldReader};
 pub use table::{Column, Dtype, Table, clearance_columns, contact_columns, state_columns};
+pub use user_recorder::{RecordOptions, Recorder};
 pub use writer::{
     ClearanceRow, CompleteRecord, ContactRow, FrameInput, Nearest, NoisyDepth, Quarantine, Reference,
     StateRow, Summary, View, WorldRecord, WorldSeal, WorldWriter, Writer, create_or_resume, world_dir_name,

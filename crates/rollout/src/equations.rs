@@ -8,6 +8,7 @@ use propwash_physics::drone::Drone;
 use propwash_physics::measure::Reading;
 use propwash_physics::rigid_body::Rate;
 use propwash_physics::surroundings::Reads;
+use propwash_physics::{airframe, attitude_response};
 use propwash_trace::lanes::Number;
 
 /// Vehicles, options and arrays of a simulation, to be read.
@@ -24,6 +25,11 @@ impl<'a, N: Number> Equations<'a, N> {
     /// The options of the simulation.
     pub fn options(&self) -> &'a SimOptions {
         self.options
+    }
+
+    /// The arrays of the simulation.
+    pub fn data(&self) -> &'a SimData<N> {
+        self.data
     }
 
     /// As [`Sim::drone`](super::Sim::drone).
@@ -47,6 +53,29 @@ impl<'a, N: Number> Equations<'a, N> {
     /// What the sensors of a drone read now, as its effects let them, without noise.
     pub fn reading(&self, world: usize, drone: usize) -> Reading<f64> {
         self.drone(world, drone).read(&self.data.state(world, drone), &self.rate(world, drone))
+    }
+
+    /// As [`Sim::wind_m_s`](super::Sim::wind_m_s).
+    pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
+        self.load(world).wind_m_s(&self.plan(), &self.drones(world), drone)
+    }
+
+    /// As [`Sim::battery_v`](super::Sim::battery_v).
+    pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
+        self.load(world).battery_v(&self.plan(), &self.drones(world), drone)
+    }
+
+    /// As [`Sim::thrust_n`](super::Sim::thrust_n).
+    pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {
+        let parts = self.drone(world, drone).parts();
+        let s = self.data.state(world, drone);
+        match &parts.response {
+            None => airframe::loads(&parts.airframe, &s.rotor_vel).thrust.iter().sum(),
+            Some(p) => {
+                let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3].wide();
+                attitude_response::thrust(p, s.thrust, command)
+            }
+        }
     }
 
     /// What is the same for all worlds.

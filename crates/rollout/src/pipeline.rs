@@ -48,6 +48,12 @@ impl<N> Pipeline<N> {
         self.stages.iter().all(|(_, s)| !matches!(s, Stage::User(_)))
     }
 
+    /// Place of the integration among the stages.
+    pub(super) fn integration(&self) -> usize {
+        let found = self.stages.iter().position(|(_, s)| matches!(s, Stage::Integration));
+        found.unwrap_or(self.stages.len())
+    }
+
     fn position(&self, name: &str) -> Result<usize, RolloutError> {
         self.stages
             .iter()

@@ -8,14 +8,11 @@ use super::quarantine::Quarantine;
 use super::randomize::{Randomization, Rule};
 use super::{RolloutError, SimData, pool};
 use crate::random::Key;
-use propwash_physics::airframe;
-use propwash_physics::attitude_response;
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::{Drone, Dynamics};
 use propwash_physics::effects::{Command, Effect};
 use propwash_physics::integrate::Integrator;
 use propwash_physics::rigid_body::{MAX_ROTORS, Rate, State};
-use propwash_physics::surroundings::Reads;
 use propwash_trace::lanes::Number;
 use propwash_trace::math::quat;
 use propwash_vehicle::effects::out_of_range;
@@ -461,37 +458,43 @@ impl<N: Number> Sim<N> {
             return Ok(());
         }
         for _ in 0..n_steps {
-            // Taken out for the time of the step, since a stage borrows the arrays that the blocks write.
-            let mut stages = std::mem::take(&mut self.pipeline.stages);
-            let mut outcome = Ok(());
-            let mut i = 0;
-            while i < stages.len() && outcome.is_ok() {
-                let both = matches!(stages[i].1, Stage::Controllers)
-                    && matches!(stages.get(i + 1), Some((_, Stage::Integration)));
-                let (name, stage) = &mut stages[i];
-                match stage {
-                    Stage::Controllers if both => {
-                        self.run(1, Phase::Both);
-                        i += 1;
-                    }
-                    Stage::Controllers => self.run(1, Phase::Controllers),
-                    Stage::Integration => self.run(1, Phase::Integration),
-                    Stage::User(f) => {
-                        self.keep_states();
-                        f(&mut self.data);
-                        outcome = self.check_data();
-                        if outcome.is_ok() {
-                            self.set_aside_non_finite(name);
-                            self.mend_attitudes();
-                        }
-                    }
-                }
-                i += 1;
-            }
-            self.pipeline.stages = stages;
-            outcome?;
+            self.run_stages(0..self.pipeline.stages.len())?;
         }
         Ok(())
+    }
+
+    /// Runs some of the stages of one step.
+    fn run_stages(&mut self, range: core::ops::Range<usize>) -> Result<(), RolloutError> {
+        // Taken out meanwhile, since a stage borrows the arrays that the blocks write.
+        let mut stages = std::mem::take(&mut self.pipeline.stages);
+        let mut outcome = Ok(());
+        let mut i = range.start;
+        while i < range.end && outcome.is_ok() {
+            let both = matches!(stages[i].1, Stage::Controllers)
+                && i + 1 < range.end
+                && matches!(stages[i + 1].1, Stage::Integration);
+            let (name, stage) = &mut stages[i];
+            match stage {
+                Stage::Controllers if both => {
+                    self.run(1, Phase::Both);
+                    i += 1;
+                }
+                Stage::Controllers => self.run(1, Phase::Controllers),
+                Stage::Integration => self.run(1, Phase::Integration),
+                Stage::User(f) => {
+                    self.keep_states();
+                    f(&mut self.data);
+                    outcome = self.check_data();
+                    if outcome.is_ok() {
+                        self.set_aside_non_finite(name);
+                        self.mend_attitudes();
+                    }
+                }
+            }
+            i += 1;
+        }
+        self.pipeline.stages = stages;
+        outcome
     }
 
     /// Refuses arrays whose lengths, or counts that, were changed.
@@ -585,15 +588,23 @@ impl<N: Number> Sim<N> {
         }
     }
 
-    /// The first half of a step without user stages: the on-board controllers, as far as they tick. Afterwards
-    /// `data.rotor_command` and `data.attitude_command` hold what is in force until the next step.
-    pub fn run_controllers(&mut self) {
-        self.run(1, Phase::Controllers);
+    /// The first half of a step: the on-board controllers, as far as they tick, and what other stages there are before integration.
+    /// Afterwards `data.rotor_command` and `data.attitude_command` hold what is in force until the next step.
+    ///
+    /// # Errors
+    /// As [`Sim::step`].
+    pub fn run_controllers(&mut self) -> Result<(), RolloutError> {
+        self.check_data()?;
+        self.mend_attitudes();
+        self.run_stages(0..self.pipeline.integration())
     }
 
-    /// The second half: integration, and time moves on.
-    pub fn run_integration(&mut self) {
-        self.run(1, Phase::Integration);
+    /// The second half: integration, and time moves on; then the stages after it.
+    ///
+    /// # Errors
+    /// As [`Sim::step`].
+    pub fn run_integration(&mut self) -> Result<(), RolloutError> {
+        self.run_stages(self.pipeline.integration()..self.pipeline.stages.len())
     }
 
     /// Time derivative of one drone's state under the commands in force, as integration would see it at the start of the
@@ -604,29 +615,19 @@ impl<N: Number> Sim<N> {
 
     /// Velocity of the air at one drone, m/s, world: `data.wind` with what its effects add (wind, gusts).
     pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
-        let equations = self.equations();
-        equations.load(world).wind_m_s(&equations.plan(), &equations.drones(world), drone)
+        self.equations().wind_m_s(world, drone)
     }
 
     /// Voltage of one drone's battery under the load of the next step, V; `None` for a vehicle without one (effect
     /// `battery_sag`).
     pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
-        let equations = self.equations();
-        equations.load(world).battery_v(&equations.plan(), &equations.drones(world), drone)
+        self.equations().battery_v(world, drone)
     }
 
     /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
     /// the air adds.
     pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {
-        let parts = self.drone(world, drone).parts();
-        let s = self.data.state(world, drone);
-        match &parts.response {
-            None => airframe::loads(&parts.airframe, &s.rotor_vel).thrust.iter().sum(),
-            Some(p) => {
-                let command = self.data.attitude_command[4 * self.data.row(world, drone) + 3].wide();
-                attitude_response::thrust(p, s.thrust, command)
-            }
-        }
+        self.equations().thrust_n(world, drone)
     }
 
     /// Runs blocks of worlds, in parallel where it pays.
@@ -1155,9 +1156,9 @@ mod tests {
         halves.set_command(&command).unwrap();
         for _ in 0..40 {
             whole.step(1).unwrap();
-            halves.run_controllers();
+            halves.run_controllers().unwrap();
             let (before, rate) = (halves.data.state(0, 1), halves.rate(0, 1));
-            halves.run_integration();
+            halves.run_integration().unwrap();
             let after = halves.data.state(0, 1);
             for i in 0..3 {
                 assert!((after.vel[i] - before.vel[i] - 0.002 * rate.acc[i]).abs() < 1e-15);
@@ -1296,7 +1297,7 @@ mod tests {
             let options = SimOptions { engine, ..attitude() };
             let mut sim = Sim::new(options, vec![(quad(vec![]), RATES)]).unwrap();
             sim.set_command(&[0.1, 0.0, 0.0, 9.81]).unwrap();
-            sim.run_integration();
+            sim.run_integration().unwrap();
             sim.step(20).unwrap();
             sim.data.vel
         };

@@ -94,13 +94,13 @@ pub(super) fn fly(setting: &Setting, paths: &[Spline]) -> Result<Vec<Flown>, Gap
             command[w * width..(w + 1) * width].copy_from_slice(&reference[..width]);
         }
         sim.set_command(&command).map_err(fault)?;
-        sim.run_controllers();
+        sim.run_controllers().map_err(fault)?;
         for (w, recorder) in recorders.iter_mut().enumerate() {
             if step <= lengths[w] && !recorder.lost {
                 recorder.step(setting, &mut sim, &paths[w], w, step);
             }
         }
-        sim.run_integration();
+        sim.run_integration().map_err(fault)?;
     }
     Ok(recorders.into_iter().map(Recorder::finish).collect())
 }
