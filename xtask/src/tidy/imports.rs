@@ -22,7 +22,10 @@ const TABLE: &[(&str, &[&str])] = &[
     ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
     (
         "dataset",
-        &["arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "math", "random", "error"],
+        &[
+            "arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "scalar", "math", "random",
+            "error",
+        ],
     ),
     ("env", &["arena", "rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
     ("cli", &["*"]),
