@@ -47,7 +47,7 @@ fn manifest() -> Manifest {
         n_drones: 2,
         seconds: 1.0,
         fps: 3.0,
-        scene: SceneRecord { name: "xml/forest.xml".into(), sha256: "cd".repeat(32) },
+        scene: SceneRecord { name: "xml/forest.xml".into(), sha256: "cd".repeat(32), mjb_sha256: None },
         vehicles: vec![vehicle("cf2x_L250", 4), vehicle("hexa", 6)],
         flight: FlightRecord {
             control_mode: "state".into(),

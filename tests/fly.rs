@@ -847,3 +847,48 @@ fn a_run_that_only_resumes_warns_as_the_one_that_flew() {
     assert_eq!(again["resumed_worlds"], 2);
     assert_eq!(first["warnings"], again["warnings"]);
 }
+
+#[test]
+fn each_world_and_drone_flies_the_way_that_its_rows_of_the_file_name() {
+    let dir = folder();
+    let scene =
+        write(&dir, "plain.xml", "<mujoco><worldbody><geom type='plane' size='0 0 1'/></worldbody></mujoco>");
+    // World 1 has ways of its own for both drones, the others share one; drone 1 flies beside drone 0 there.
+    let path = write(
+        &dir,
+        "paths.csv",
+        "t,x,y,z,world,drone\n0,0,0,1,0,0\n1,1,0,1,0,0\n0,0,2,1,0,1\n1,1,2,1,0,1\n\
+         0,5,0,1,1,0\n1,5,1,1,1,0\n0,7,0,1,1,1\n1,7,1,1,1,1\n",
+    );
+    let rest = "--drone cf2x_L250 --drones-per-world 2 --seconds 0.2 --fps 5 --size 4x4 --worlds 2";
+    let (_, data) =
+        fly(&format!("--scene {scene} {rest} --trajectory waypoints {path}"), &dir.path().join("out"));
+    let start = |world: usize, drone: usize| {
+        let states = data.world(world).unwrap().states(None).unwrap();
+        row(&states, ["px", "py", "pz"], drone)
+    };
+    let at = [[0.0, 0.0, 1.0], [0.0, 2.0, 1.0], [5.0, 0.0, 1.0], [7.0, 0.0, 1.0]];
+    for (i, expected) in at.into_iter().enumerate() {
+        assert_eq!(start(i / 2, i % 2), expected);
+    }
+    assert_eq!(data.manifest().flight.trajectory["kind"], "tracks");
+    assert!(data.dir().join("scene.mjb").is_file());
+    data.verify().unwrap();
+    // A file without a world for some, or with one for nobody, is refused.
+    for (rows, words) in [
+        ("t,x,y,z,world\n0,0,0,1,0\n1,0,0,2,0\n", "none for world 1"),
+        (
+            "t,x,y,z,world\n0,0,0,1,0\n1,0,0,2,0\n0,0,0,1,1\n1,0,0,2,1\n0,0,0,1,2\n1,0,0,2,2\n",
+            "worlds 0 to 1",
+        ),
+        ("t,x,y,z,world\n0,0,0,1,0\n1,0,0,2,-1\n", "row 2, column world"),
+        ("t,x,y,z,drone\n0,0,0,1,0\n1,0,0,2,0\n", "drone 1"),
+        ("t,x,y,z,world\n0,0,0,1,0\n0,0,0,2,0\n0,0,0,1,1\n1,0,0,2,1\n", "world 0, waypoint 1"),
+    ] {
+        let path = write(&dir, "odd.csv", rows);
+        let out =
+            run(&format!("--scene {scene} {rest} --trajectory waypoints {path}"), &dir.path().join("no"));
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(!out.status.success() && said.contains(words), "{rows}: {said}");
+    }
+}

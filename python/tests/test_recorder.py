@@ -3,6 +3,7 @@
 import os
 import subprocess
 
+import mujoco
 import numpy as np
 import pytest
 from conftest import ROOT
@@ -55,6 +56,13 @@ def test_what_fly_flies_is_recorded_again_byte_for_byte(tmp_path):
                 # Nobody has commanded anything for the end of the flight.
                 n = len(a) - 2 if name.startswith("cmd_") else len(a)
                 assert a[name].slice(0, n).equals(b[name].slice(0, n)), name
+    # The scene lies beside them, and MuJoCo loads it without any other file.
+    model = mujoco.MjModel.from_binary_path(str(own.scene_path()))
+    assert model.ngeom == len(own.manifest["geoms"]) and model.geom(3).name == own.manifest["geoms"][3]["name"]
+    assert own.scene_path().read_bytes() == flown.scene_path().read_bytes()
+    (tmp_path / "own" / "scene.mjb").write_bytes(b"MJB")
+    with pytest.raises(datasets.DamagedError, match="scene.mjb"):
+        datasets.open(tmp_path / "own").verify()
     assert own.manifest["flight"]["trajectory"]["kind"] == "user" and own.manifest["config"]["by_user"]
     # The program does not know these commands; the simulation is made again all the same.
     again = propwash.Sim.from_config(tmp_path / "own")

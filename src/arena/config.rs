@@ -300,6 +300,9 @@ impl SimConfig {
             }
             None => vec![Vec::new(); scenes.len()],
         };
+        if let Some(pattern) = &config.pattern {
+            pattern.check(config.options.first_world, config.options.n_worlds, n)?;
+        }
         check_layout(self.layout.as_deref(), config.options.n_worlds, scenes.len())?;
         let pools = scenes.iter().map(|scene| Arc::new(WorkerPool::new(scene))).collect();
         let mut setup = Setup { config, vehicles, drones, scenes, pools, cameras, sensors: Vec::new() };

@@ -6,7 +6,7 @@ use super::{ArenaError, Look};
 use crate::math::{quat, vec3};
 use crate::random::{Key, purpose};
 use crate::rollout::SimOptions;
-use crate::rollout::trajectory::{Spline, Trajectory};
+use crate::rollout::trajectory::{Spline, Track, Trajectory, Waypoint};
 use crate::scalar::lanes::Number;
 use crate::scene::{Pose, Scene};
 use crate::sense;
@@ -23,6 +23,8 @@ pub enum FlightPattern {
     Hover,
     /// Through given points (time s, position m, heading rad); several drones in a grid around them.
     Waypoints(Spline),
+    /// Each world or drone through points of its own. A track that names no drone leads several drones in a grid around it.
+    Tracks(Vec<Track>),
 }
 
 /// Distance between the drones of a grid, m.
@@ -51,7 +53,46 @@ impl FlightPattern {
             },
             Self::Hover => Trajectory::Hover { at_m: vec3::add([0.0, 0.0, 1.0], offset) },
             Self::Waypoints(spline) => Trajectory::Waypoints(spline.shifted(offset)),
+            Self::Tracks(tracks) => match Track::of(tracks, world, drone) {
+                Some(Track { drone: Some(_), points, .. }) => Trajectory::Waypoints(points.clone()),
+                Some(track) => Trajectory::Waypoints(track.points.shifted(offset)),
+                // Refused by `check`.
+                None => Trajectory::Hover { at_m: offset },
+            },
         }
+    }
+
+    /// Refuses tracks that leave out a drone of a world, or that no drone flies.
+    pub(super) fn check(&self, first_world: u64, n_worlds: usize, n_drones: usize) -> Result<(), ArenaError> {
+        let Self::Tracks(tracks) = self else { return Ok(()) };
+        let worlds = first_world..first_world + n_worlds as u64;
+        let odd = tracks.iter().find(|t| {
+            t.world.is_some_and(|w| !worlds.contains(&w)) || t.drone.is_some_and(|d| d >= n_drones)
+        });
+        if let Some(Track { world, drone, .. }) = odd {
+            let last = worlds.end - 1;
+            let expected = format!("tracks of worlds {first_world} to {last} and drones below {n_drones}");
+            return Err(ArenaError::option("pattern", expected, format!("world {world:?}, drone {drone:?}")));
+        }
+        let twice = tracks
+            .iter()
+            .enumerate()
+            .find(|(i, t)| tracks[..*i].iter().any(|other| (other.world, other.drone) == (t.world, t.drone)));
+        if let Some((_, Track { world, drone, .. })) = twice {
+            let got = format!("two for world {world:?}, drone {drone:?}");
+            return Err(ArenaError::option("pattern", "one track for each world and drone", got));
+        }
+        for world in worlds {
+            if let Some(drone) = (0..n_drones).find(|d| Track::of(tracks, world, *d).is_none()) {
+                let expected = "a track for every drone of every world";
+                return Err(ArenaError::option(
+                    "pattern",
+                    expected,
+                    format!("none for world {world}, drone {drone}"),
+                ));
+            }
+        }
+        Ok(())
     }
 
     /// How far from the origin the drones fly, m, seen from above.
@@ -61,12 +102,16 @@ impl FlightPattern {
             Self::Lissajous => 2.3,
             Self::Circle => 1.0,
             Self::Hover => grid,
-            Self::Waypoints(spline) => {
-                let far = |most: f64, (_, p, _): &(f64, [f64; 3], f64)| most.max(p[0].abs()).max(p[1].abs());
-                spline.points().iter().fold(0.0, far) + grid
-            }
+            Self::Waypoints(spline) => far(spline) + grid,
+            Self::Tracks(tracks) => tracks.iter().map(|t| far(&t.points)).fold(0.0, f64::max) + grid,
         }
     }
+}
+
+/// How far from the origin a path leads, m, seen from above along the axes.
+fn far(spline: &Spline) -> f64 {
+    let most = |most: f64, (_, p, _): &Waypoint| most.max(p[0].abs()).max(p[1].abs());
+    spline.points().iter().fold(0.0, most)
 }
 
 /// Clearance that drawn trajectories leave at the start, m.

@@ -433,7 +433,8 @@ pub struct FlyArgs {
     /// Number of worlds, each with draws of its own. Default: 1.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub worlds: Option<usize>,
-    /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z[,yaw]). Default: lissajous.
+    /// lissajous, circle, hover, or: waypoints FILE (CSV with t,x,y,z and optionally yaw, world and drone, whose rows then are a way
+    /// of their own). Default: lissajous.
     #[arg(long, value_name = "KIND [FILE]", num_args = 1..=2)]
     pub trajectory: Option<Vec<String>>,
     /// Length of the flight, s. Default: 4.

@@ -71,6 +71,9 @@ pub struct SceneRecord {
     pub name: String,
     /// Hash of the compiled scene, hexadecimal.
     pub sha256: String,
+    /// Hash of `scene.mjb`, the compiled scene with its drones as MuJoCo loads it; none in data sets without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mjb_sha256: Option<String>,
 }
 
 /// One drone's vehicle.

@@ -15,8 +15,8 @@ use super::files;
 use super::manifest::Manifest;
 use super::table::Table;
 use super::writer::{
-    CLEARANCE, COMPLETE, CONTACTS, CompleteRecord, FRAMES, MANIFEST, STATES, WORLD, WorldRecord, Writer,
-    create_or_resume, read_world_record, world_dir_name,
+    CLEARANCE, COMPLETE, CONTACTS, CompleteRecord, FRAMES, MANIFEST, SCENE, STATES, WORLD, WorldRecord,
+    Writer, create_or_resume, read_world_record, world_dir_name,
 };
 use crate::sense::ChannelType;
 
@@ -159,6 +159,24 @@ impl Dataset {
             let path = self.dir.clone();
             return Err(DatasetError::Incomplete { path, expected: n, missing: n - have.len(), first });
         };
+        if let Some(wanted) = &self.manifest.scene.mjb_sha256 {
+            let path = self.dir.join(SCENE);
+            if !path.is_file() {
+                return Err(DatasetError::damaged(
+                    &path,
+                    "the compiled scene, which the manifest names",
+                    "none",
+                ));
+            }
+            let found = files::record(&self.dir, SCENE)?.sha256;
+            if found != *wanted {
+                return Err(DatasetError::damaged(
+                    &path,
+                    format!("sha256 {wanted}"),
+                    format!("sha256 {found}"),
+                ));
+            }
+        }
         complete.worlds.par_iter().enumerate().try_for_each(|(world, seal)| {
             let folder = self.dir.join(&seal.dir);
             let found = files::record(&folder, WORLD)?.sha256;

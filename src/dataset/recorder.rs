@@ -1,5 +1,6 @@
 //! The main job: worlds of drones fly through a scene, are sensed, and become a data set.
 
+use super::files::sha256;
 use super::world_log::{Content, WorldLog};
 use super::{
     BodyRecord, CameraRecord, Dataset, DepthPng, FlightRecord, GeomRecord, Manifest, SceneRecord,
@@ -78,6 +79,7 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     flight.setup.worlds::<f64>(0, 1)?;
     let content = Arc::new(flight.content()?);
     let (writer, done) = create_or_resume(out, &flight.manifest(&content)?)?;
+    writer.put_scene(content.mjb.as_deref())?;
     let mut warnings = flight.scene().warnings().to_vec();
     warnings.extend(writer.warnings().iter().cloned());
     for vehicle in flight.setup.vehicles() {
@@ -257,6 +259,7 @@ impl Flight {
 pub(super) fn content(config: &FlightConfig, setup: &Setup, cameras: Vec<Camera>) -> Result<Content> {
     let noise = config.sim.camera.as_ref().map_or(Ok(None), CameraConfig::errors)?;
     Ok(Content {
+        mjb: setup.scenes().first().map(Scene::to_mjb),
         scene: setup.scenes().first().cloned(),
         noise: noise.filter(|_| !cameras.is_empty()),
         cameras,
@@ -289,6 +292,7 @@ pub(super) fn manifest(config: &FlightConfig, setup: &Setup, content: &Content, 
     let mut trajectory = match config.pattern() {
         _ if config.by_user => json!({ "kind": "user" }),
         FlightPattern::Waypoints(spline) => json!({ "kind": "waypoints", "points": spline.points() }),
+        FlightPattern::Tracks(tracks) => json!({ "kind": "tracks", "tracks": tracks }),
         drawn => json!({ "kind": drawn }),
     };
     trajectory["randomization"] = json!(options.randomization);
@@ -303,6 +307,7 @@ pub(super) fn manifest(config: &FlightConfig, setup: &Setup, content: &Content, 
         scene: SceneRecord {
             name: scene.map_or("none", |scene| scene.name()).into(),
             sha256: scene.map_or(String::new(), Scene::hash),
+            mjb_sha256: content.mjb.as_deref().map(sha256),
         },
         vehicles: (0..setup.vehicles().len()).map(|d| vehicle_record(config, setup, d)).collect(),
         flight: FlightRecord {

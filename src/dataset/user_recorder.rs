@@ -117,6 +117,7 @@ impl Recorder {
         }
         let manifest = manifest(&config, setup, &content, options.episodes * n_worlds);
         let (writer, done) = create_or_resume(out, &manifest)?;
+        writer.put_scene(content.mjb.as_deref())?;
         Ok(Self {
             n_steps: (options.seconds * f64::from(content.sim_hz)).round() as u64,
             content: Arc::new(content),

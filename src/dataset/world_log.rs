@@ -25,6 +25,8 @@ use crate::sense::{self, Camera, Contact, DepthFrame, DepthNoise, NoiseKey, Swep
 pub(super) struct Content {
     /// None: drones neither see nor touch.
     pub scene: Option<Scene>,
+    /// The scene as MuJoCo saves it.
+    pub mjb: Option<Vec<u8>>,
     /// The camera of each drone; none without frames.
     pub cameras: Vec<Camera>,
     pub noise: Option<DepthNoise>,

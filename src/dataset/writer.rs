@@ -21,6 +21,7 @@ use crate::sense::{ChannelType, SensorChannel};
 /// File names inside a data set.
 pub(super) const MANIFEST: &str = "manifest.json";
 pub(super) const COMPLETE: &str = "complete.json";
+pub(super) const SCENE: &str = "scene.mjb";
 pub(super) const WORLD: &str = "world.json";
 pub(super) const STATES: &str = "states.parquet";
 pub(super) const CONTACTS: &str = "contacts.parquet";
@@ -428,6 +429,16 @@ impl Writer {
     /// What was found and repaired at the start.
     pub fn warnings(&self) -> &[String] {
         &self.shared.warnings
+    }
+
+    /// Stores the compiled scene, [`Scene::to_mjb`](crate::scene::Scene::to_mjb), whose hash the manifest has.
+    pub fn put_scene(&self, mjb: Option<&[u8]>) -> Result<()> {
+        let Some(bytes) = mjb else { return Ok(()) };
+        let path = self.shared.dir.join(SCENE);
+        if fs::read(&path).is_ok_and(|have| have == bytes) {
+            return Ok(());
+        }
+        files::write_atomic(&self.shared.dir, SCENE, bytes)
     }
 
     /// Starts world `world`. Worlds may be written in any order and at the same time from several threads.

@@ -762,6 +762,29 @@ impl Scene {
         self.0.hash.clone()
     }
 
+    /// The compiled model, drones attached, as MuJoCo saves it (MJB): `mujoco.MjModel.from_binary_path` of the same version of MuJoCo loads
+    /// it, and needs no other file. The bytes do not depend on the folder of the scene.
+    pub fn to_mjb(&self) -> Vec<u8> {
+        // SAFETY: the model of a scene is only read after it was built; the header that says that there are no paths is a copy, whose
+        // arrays are those of the model.
+        unsafe {
+            let mut head = std::ptr::read(self.0.model.ffi());
+            let mut empty: std::ffi::c_char = 0;
+            // Arrays of the buffer begin at multiples of 64 bytes: with one empty path in place of all, which models always have, it is
+            // shorter by a multiple.
+            head.nbuffer -= (head.npaths + 63) / 64 * 64 - 64;
+            (head.npaths, head.paths) = (1, &raw mut empty);
+            let mut bytes = vec![0u8; ffi::mj_sizeModel(&raw const head) as usize];
+            ffi::mj_saveModel(
+                &raw const head,
+                std::ptr::null(),
+                bytes.as_mut_ptr().cast(),
+                bytes.len() as i64,
+            );
+            bytes
+        }
+    }
+
     /// What was overridden, ignored or doubtful when the scene was built.
     pub fn warnings(&self) -> &[String] {
         &self.0.warnings

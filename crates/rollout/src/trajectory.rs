@@ -3,6 +3,7 @@
 use super::RolloutError;
 use crate::random::{Key, purpose};
 use core::f64::consts::PI;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Set-point at one instant, world frame.
@@ -193,6 +194,82 @@ fn along(path: impl Fn(f64) -> ([f64; 3], [f64; 3], [f64; 3]), t: f64) -> Refere
 /// Time (s), position (m, world) and heading (rad) of a waypoint.
 pub type Waypoint = (f64, [f64; 3], f64);
 
+/// Waypoints of some drones.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Track {
+    /// The world, counted over the whole run; none: every world that has no track of its own.
+    #[serde(default)]
+    pub world: Option<u64>,
+    /// The drone; none: every drone that has no track of its own.
+    #[serde(default)]
+    pub drone: Option<usize>,
+    /// Where it leads.
+    pub points: Spline,
+}
+
+impl Track {
+    /// From CSV with a header of `t,x,y,z` and optionally `yaw`, `world` and `drone`: seconds, metres, radians, numbers from 0. Rows of
+    /// one world and drone, in the order of time, are a track.
+    ///
+    /// # Errors
+    /// [`RolloutError::Trajectory`] for a file that cannot be read, naming row and column, and as [`Spline::new`], naming the track.
+    pub fn from_csv(path: &Path) -> Result<Vec<Self>, RolloutError> {
+        let name = format!("waypoints {}", path.display());
+        let fault = |reason: String| RolloutError::Trajectory { name: name.clone(), reason };
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .comment(Some(b'#'))
+            .from_path(path)
+            .map_err(|e| fault(e.to_string()))?;
+        let header: Vec<String> =
+            reader.headers().map_err(|e| fault(e.to_string()))?.iter().map(str::to_string).collect();
+        let expected = "expected t,x,y,z and optionally yaw, world and drone";
+        let known = ["t", "x", "y", "z", "yaw", "world", "drone"];
+        if let Some(unknown) = header.iter().find(|h| !known.contains(&h.as_str())) {
+            return Err(fault(format!("unknown column {unknown:?}; {expected}")));
+        }
+        let column = |wanted: &str| header.iter().position(|h| h == wanted);
+        let need =
+            |wanted: &str| column(wanted).ok_or_else(|| fault(format!("no column {wanted:?}; {expected}")));
+        let (t, x, y, z, yaw) = (need("t")?, need("x")?, need("y")?, need("z")?, column("yaw"));
+        let (world, drone) = (column("world"), column("drone"));
+        let mut tracks: BTreeMap<(Option<u64>, Option<usize>), Vec<Waypoint>> = BTreeMap::new();
+        for (row, record) in reader.records().enumerate() {
+            let record = record.map_err(|e| fault(e.to_string()))?;
+            let wrong = |i: usize, expected: &str| {
+                let (row, column, got) = (row + 1, &header[i], &record[i]);
+                fault(format!("row {row}, column {column}: expected {expected}, got {got:?}"))
+            };
+            let number = |i: usize| record[i].parse::<f64>().map_err(|_| wrong(i, "a number"));
+            let whole = |i: usize| record[i].parse::<u64>().map_err(|_| wrong(i, "a whole number from 0"));
+            let key = (world.map(whole).transpose()?, drone.map(whole).transpose()?.map(|d| d as usize));
+            let heading = yaw.map_or(Ok(0.0), number)?;
+            let point = (number(t)?, [number(x)?, number(y)?, number(z)?], heading);
+            tracks.entry(key).or_default().push(point);
+        }
+        if tracks.is_empty() {
+            return Err(fault("expected at least two waypoints, found none".into()));
+        }
+        let made = tracks.into_iter().map(|((world, drone), points)| {
+            let part = |what: &str, n: Option<u64>| n.map_or(String::new(), |n| format!("{what} {n}, "));
+            let track = part("world", world) + &part("drone", drone.map(|d| d as u64));
+            let points = Spline::new(&points).map_err(|e| match e {
+                RolloutError::Trajectory { reason, .. } => fault(track + &reason),
+                other => other,
+            })?;
+            Ok(Self { world, drone, points })
+        });
+        made.collect()
+    }
+
+    /// The track of a drone: one of its own, else one of its world, else one of all worlds.
+    pub fn of(tracks: &[Self], world: u64, drone: usize) -> Option<&Self> {
+        let fits = |t: &&Self| t.world.is_none_or(|w| w == world) && t.drone.is_none_or(|d| d == drone);
+        tracks.iter().filter(fits).max_by_key(|t| (t.world.is_some(), t.drone.is_some()))
+    }
+}
+
 /// A clamped cubic spline through points in space, with headings turning the shorter way in between. In files it is the list of
 /// its waypoints.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -236,45 +313,19 @@ impl Spline {
     }
 
     /// From CSV with a header of `t,x,y,z` and optionally `yaw`: seconds, metres, radians.
+    ///
+    /// # Errors
+    /// [`RolloutError::Trajectory`] for a file that cannot be read, naming row and column, for one with several tracks, and as
+    /// [`Spline::new`].
     pub fn from_csv(path: &Path) -> Result<Self, RolloutError> {
-        let name = format!("waypoints {}", path.display());
-        let fault = |reason: String| RolloutError::Trajectory { name: name.clone(), reason };
-        let mut reader = csv::ReaderBuilder::new()
-            .trim(csv::Trim::All)
-            .comment(Some(b'#'))
-            .from_path(path)
-            .map_err(|e| fault(e.to_string()))?;
-        let header: Vec<String> =
-            reader.headers().map_err(|e| fault(e.to_string()))?.iter().map(str::to_string).collect();
-        if let Some(unknown) = header.iter().find(|h| !["t", "x", "y", "z", "yaw"].contains(&h.as_str())) {
-            return Err(fault(format!("unknown column {unknown:?}; expected t,x,y,z and optionally yaw")));
+        let mut tracks = Track::from_csv(path)?;
+        match (tracks.pop(), tracks.is_empty()) {
+            (Some(Track { world: None, drone: None, points }), true) => Ok(points),
+            _ => Err(RolloutError::Trajectory {
+                name: format!("waypoints {}", path.display()),
+                reason: "expected one track, without the columns world and drone".into(),
+            }),
         }
-        let column = |wanted: &str| header.iter().position(|h| h == wanted);
-        let need = |wanted: &str| {
-            column(wanted)
-                .ok_or_else(|| fault(format!("no column {wanted:?}; expected t,x,y,z and optionally yaw")))
-        };
-        let (t, x, y, z, yaw) = (need("t")?, need("x")?, need("y")?, need("z")?, column("yaw"));
-        let mut points = Vec::new();
-        for (row, record) in reader.records().enumerate() {
-            let record = record.map_err(|e| fault(e.to_string()))?;
-            let number = |i: usize| -> Result<f64, RolloutError> {
-                record[i].parse().map_err(|_| {
-                    fault(format!(
-                        "row {}, column {}: expected a number, got {:?}",
-                        row + 1,
-                        header[i],
-                        &record[i]
-                    ))
-                })
-            };
-            let heading = yaw.map_or(Ok(0.0), number)?;
-            points.push((number(t)?, [number(x)?, number(y)?, number(z)?], heading));
-        }
-        Self::new(&points).map_err(|e| match e {
-            RolloutError::Trajectory { reason, .. } => fault(reason),
-            other => other,
-        })
     }
 
     /// The waypoints: time (s), position (m), heading (rad; unwrapped).

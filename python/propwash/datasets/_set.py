@@ -130,8 +130,25 @@ class DataSet:
         out.fields = chosen(self.fields, names)
         return out
 
+    def scene_path(self) -> Path:
+        """Path of scene.mjb, the compiled scene with its drones, after a comparison with its hash: ``mujoco.MjModel.from_binary_path`` of
+        the MuJoCo version in the manifest loads it, and needs no other file.
+
+        Raises:
+            KeyError: a data set without a scene, or of a version that did not keep it.
+            DamagedError: the file is missing or holds other bytes.
+        """
+        wanted = self.manifest["scene"].get("mjb_sha256")
+        if wanted is None:
+            raise KeyError(f"{self.path}: the data set holds no scene")
+        path = self.path / "scene.mjb"
+        same(path, "sha256", wanted, sha256(read_bytes(path)))
+        return path
+
     def verify(self) -> None:
         """Reads every file of every world and compares it with its hash; DamagedError names the first that differs."""
+        if "mjb_sha256" in self.manifest["scene"]:
+            self.scene_path()
         for w in self._worlds.values():
             w.verify()
 

@@ -8,7 +8,7 @@ use crate::dataset::recorder::{Flight, FlightConfig, Recorded, record};
 use crate::dataset::{Dataset, Overview, map};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
-use crate::rollout::trajectory::Spline;
+use crate::rollout::trajectory::Track;
 use crate::sense::DepthNoise;
 use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -194,14 +194,21 @@ fn pattern(words: &[String]) -> Result<FlightPattern> {
             // Read here first, so that the flag is named when there is no such file.
             std::fs::File::open(file).map_err(|e| Error::Usage {
                 flag: "--trajectory",
-                expected: "waypoints and a CSV file with the columns t,x,y,z[,yaw] (s, m, rad)".into(),
+                expected:
+                    "waypoints and a CSV file with the columns t,x,y,z[,yaw][,world][,drone] (s, m, rad)"
+                        .into(),
                 got: format!("{file}: {e}"),
             })?;
-            Ok(FlightPattern::Waypoints(Spline::from_csv(Path::new(file))?))
+            let mut tracks = Track::from_csv(Path::new(file))?;
+            Ok(match &mut tracks[..] {
+                [Track { world: None, drone: None, points }] => FlightPattern::Waypoints(points.clone()),
+                _ => FlightPattern::Tracks(tracks),
+            })
         }
         _ => Err(Error::Usage {
             flag: "--trajectory",
-            expected: "lissajous, circle, hover, or waypoints FILE (CSV with t,x,y,z[,yaw])".into(),
+            expected: "lissajous, circle, hover, or waypoints FILE (CSV with t,x,y,z[,yaw][,world][,drone])"
+                .into(),
             got: words.join(" "),
         }),
     }
