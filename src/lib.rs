@@ -1,5 +1,37 @@
 //! Propwash: a drone simulator that senses and collides in MuJoCo scenes, and that finds the physics it is missing.
 //!
+//! ```
+//! use propwash::prelude::*;
+//!
+//! // Four worlds of one Crazyflie each, in a forest.
+//! let mut arena: Arena<f32> =
+//!     Arena::builder().scene("xml/forest.xml").drone("cf2x_L250").worlds(4).build()?;
+//! // Fly: go to a place, one second at 500 Hz.
+//! arena.set_command(&Reference::hover([0.5, 0.0, 1.2], 0.0).command().repeat(4))?;
+//! arena.step(500)?;
+//! // Touch: how far is the nearest thing from the drone of each world?
+//! let mut clearances = Vec::new();
+//! arena.clearances(None, 5.0, &mut clearances)?;
+//! assert!(clearances.iter().all(|c| c.distance_m > 0.0));
+//! // See: what does the camera of its shell show in world 0?
+//! let camera = Camera::on_drone(arena.scene(0).unwrap(), 0, "fpv")?;
+//! let mut frame = DepthFrame::new();
+//! camera.render(&mut *arena.look().world(0)?, &mut frame)?;
+//! assert_eq!(frame.depth_m.len(), 64 * 64);
+//! # Ok::<(), propwash::Error>(())
+//! ```
+//!
+//! | to | begin with |
+//! | --- | --- |
+//! | fly, see and touch | [`arena::Arena`], by [`arena::Builder`] or a [`arena::SimConfig`] |
+//! | fly without a scene | [`rollout::Sim`] |
+//! | learn | [`env::Env`], [`env::EnvConfig`] |
+//! | record data sets | [`dataset::recorder`] for patterns, [`dataset::Recorder`] for a loop of your own |
+//! | read data sets | [`dataset::Dataset`] |
+//! | find what a model lacks | [`flight::FlightLog`], [`mod@gap::compare`], [`mod@gap::diagnose`], [`gap::accept`] |
+//! | describe a vehicle | [`vehicle::Vehicle`] |
+//! | add an effect, a sensor or a task | [`physics::effects::register`], [`sense::Sensor`], [`env::Task`] |
+//!
 //! The modules in the order in which data flows; this list is the map of the library. Those that are exported from crates of
 //! their own need no MuJoCo; `docs/architecture.md` says which uses which.
 //!
@@ -39,6 +71,22 @@ pub mod env;
 pub mod cli;
 
 pub use error::{Error, Result};
+
+/// What most programs use.
+pub mod prelude {
+    pub use crate::arena::{Arena, CameraConfig, DroneConfig, SceneConfig, SensorConfig, SimConfig};
+    pub use crate::dataset::{Dataset, Recorder};
+    pub use crate::env::{Env, EnvConfig};
+    pub use crate::physics::controllers::ControlMode;
+    pub use crate::physics::integrate::Integrator;
+    pub use crate::physics::rigid_body::State;
+    pub use crate::rollout::trajectory::Reference;
+    pub use crate::rollout::{Sim, SimOptions};
+    pub use crate::scene::{Pose, Scene, SceneSource, Shell};
+    pub use crate::sense::{Camera, DepthFrame};
+    pub use crate::vehicle::Vehicle;
+    pub use crate::{Error, Result};
+}
 
 /// Compiles and runs the example of the README.
 #[cfg(doctest)]

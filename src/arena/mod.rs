@@ -16,6 +16,7 @@
 //! Without a scene the ground is what the arena is told ([`Arena::open`]): at one height everywhere, or whatever the caller writes
 //! into the arrays.
 
+mod builder;
 mod camera;
 mod config;
 mod error;
@@ -31,6 +32,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+pub use builder::Builder;
 pub use camera::CameraConfig;
 pub use config::{
     DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text,
