@@ -147,6 +147,17 @@ impl RatesConfig {
 }
 
 /// A simulation, complete: who flies, where, how it is computed, what is drawn at random and what cameras see.
+///
+/// ```
+/// use propwash::prelude::*;
+///
+/// let config = SimConfig::from_text("n_worlds = 4\nseed = 7\ncontrol = \"attitude\"\n[[sensors]]\nkind = \"imu\"")?;
+/// let mut arena = Arena::<f64>::from_config(&config)?;
+/// arena.step(10)?;
+/// arena.sample(0, None)?;
+/// assert_eq!(arena.samples(0, "gyroscope")?.len(), 4 * 3);
+/// # Ok::<(), propwash::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SimConfig {

@@ -22,6 +22,17 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A flight to be recorded: the simulation, and what is written of it. In files both lie in one table.
+///
+/// ```
+/// use propwash::dataset::recorder::{FlightConfig, record};
+///
+/// let text = "scene = { files = [\"xml/room.xml\"] }\nseconds = 0.2\nfps = 10\n[camera]\nwidth = 8\nheight = 6";
+/// let flight = FlightConfig::from_text(text)?.load()?;
+/// let folder = tempfile::tempdir().unwrap();
+/// let made = record(&flight, &folder.path().join("set"), &|done, all| println!("{done} of {all} worlds"))?;
+/// assert_eq!((made.summary.n_worlds, made.summary.n_images), (1, 3));
+/// # Ok::<(), propwash::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct FlightConfig {

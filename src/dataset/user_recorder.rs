@@ -58,6 +58,23 @@ type Open = Option<(WorldLog, WorldWriter)>;
 ///
 /// For each episode: reset the arena, [`Recorder::begin`], then set commands and [`Recorder::step`] until it says that the flight is over;
 /// at the end [`Recorder::finish`].
+///
+/// ```
+/// use propwash::dataset::RecordOptions;
+/// use propwash::prelude::*;
+///
+/// let setup = SimConfig::from_text("n_worlds = 2")?.load()?;
+/// let mut arena: Arena<f32> = setup.arena()?;
+/// let folder = tempfile::tempdir().unwrap();
+/// let out = folder.path().join("set");
+/// let mut recorder = Recorder::new(&out, &setup, &RecordOptions { seconds: 0.1, ..RecordOptions::default() })?;
+/// recorder.begin(&arena)?;
+/// arena.set_command(&Reference::hover([0.0, 0.0, 1.0], 0.0).command().repeat(2))?;
+/// while recorder.step(&mut arena)? {}
+/// assert_eq!(recorder.finish()?.n_worlds, 2);
+/// assert_eq!(Dataset::open(&out)?.world(1)?.states(None)?.n_rows(), 11);
+/// # Ok::<(), propwash::Error>(())
+/// ```
 pub struct Recorder {
     content: Arc<Content>,
     writer: Writer,

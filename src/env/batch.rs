@@ -126,6 +126,19 @@ impl Asked {
 }
 
 /// A batch of worlds.
+///
+/// ```
+/// use propwash::prelude::*;
+///
+/// let config = EnvConfig::from_text("n_worlds = 16\ntask = { kind = \"reach_pos\" }")?;
+/// let mut env = Env::new(config)?;
+/// env.reset(Some(1), None)?;
+/// for _ in 0..10 {
+///     env.step(&vec![0.0; 16 * env.action_width()])?; // zero hovers
+/// }
+/// assert_eq!((env.reward().len(), env.observation().len() % 16), (16, 0));
+/// # Ok::<(), propwash::Error>(())
+/// ```
 pub struct Env {
     plan: Plan,
     asked: Asked,

@@ -356,6 +356,16 @@ pub(super) struct Inner {
 }
 
 /// A compiled scene with drones in it; cheap to clone, shared by threads.
+///
+/// ```
+/// use propwash::prelude::*;
+///
+/// let shell = Shell::builtin("cf2x")?;
+/// let scene = Scene::build(&SceneSource::file("xml/forest.xml"), &[shell])?;
+/// assert_eq!(scene.n_drones(), 1);
+/// println!("{} geoms, {:?}", scene.geoms().len(), scene.warnings());
+/// # Ok::<(), propwash::Error>(())
+/// ```
 #[derive(Clone)]
 pub struct Scene(pub(super) Arc<Inner>);
 

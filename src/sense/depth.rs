@@ -131,6 +131,21 @@ pub enum Mount {
 pub const MAX_SIDE_PX: usize = 16_384;
 
 /// A depth camera. Cheap to clone.
+///
+/// ```
+/// use propwash::prelude::*;
+/// use propwash::sense::Lens;
+///
+/// let scene = Scene::build(&SceneSource::file("xml/room.xml"), &[])?;
+/// let pose = Pose::new([0.0, 0.0, 1.0], propwash::sense::depth::LOOKING_FORWARD_XYZW);
+/// let camera = Camera::in_world(&scene, pose, Lens::Fovy { fovy_deg: 60.0 })?.with_size(32, 24)?;
+/// let mut worker = scene.worker()?;
+/// worker.update()?;
+/// let mut frame = DepthFrame::new();
+/// camera.render(&mut worker, &mut frame)?;
+/// assert_eq!(frame.depth_m.len(), 32 * 24);
+/// # Ok::<(), propwash::Error>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Camera {
     name: String,

@@ -47,6 +47,14 @@ pub enum Format {
 ///
 /// World z is up, body x forward, y left, z up. A channel that was not measured is empty. Times are as in the file,
 /// less the first; [`check()`] finds those that do not rise.
+///
+/// ```no_run
+/// use propwash_flight::FlightLog;
+///
+/// let (log, report) = FlightLog::open("flight.csv".as_ref(), None)?;
+/// println!("{:?}; {} findings of the checker", log.format, report.findings.len());
+/// # Ok::<(), propwash_flight::FlightError>(())
+/// ```
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightLog {
     /// File that it came from.

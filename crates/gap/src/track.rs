@@ -123,6 +123,21 @@ pub struct Noise {
 }
 
 /// A log with all that an analysis needs.
+///
+/// ```no_run
+/// use propwash_flight::FlightLog;
+/// use propwash_gap::diagnose::{Settings, diagnose};
+/// use propwash_gap::{Options, Track, compare};
+/// use propwash_vehicle::Vehicle;
+///
+/// let vehicle = Vehicle::load("quad.toml")?;
+/// let (log, _) = FlightLog::open("flight.csv".as_ref(), None)?;
+/// let track = Track::new(log, &vehicle, &Options::default())?;
+/// println!("{} logs compared", compare(std::slice::from_ref(&track), &vehicle)?.logs.len());
+/// let found = diagnose(&[track], &vehicle, &Settings::default())?;
+/// println!("{}", found.verdict.headline);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Track {
     /// The log.

@@ -19,6 +19,17 @@ pub(super) enum Stage<N> {
 }
 
 /// Named stages in the order in which a step runs them.
+///
+/// ```
+/// use propwash_rollout::{Sim, SimOptions};
+/// use propwash_vehicle::Vehicle;
+///
+/// let vehicle = Vehicle::builtin("cf2x_L250")?;
+/// let mut sim = Sim::<f64>::storing(SimOptions::default(), vec![(vehicle.drone("first_principles")?, vehicle.rates)])?;
+/// sim.pipeline.append("gust", Box::new(|data| data.wind[0] = 2.0))?;
+/// assert_eq!(sim.pipeline.names(), ["controllers", "integration", "gust"]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Pipeline<N = f64> {
     pub(super) stages: Vec<(String, Stage<N>)>,
 }

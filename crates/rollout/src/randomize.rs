@@ -31,6 +31,14 @@ pub struct Rule {
 }
 
 /// All rules. As TOML: a list of `[[rule]]` tables.
+///
+/// ```
+/// use propwash_rollout::randomize::Randomization;
+///
+/// let rules = Randomization::from_toml("[[rule]]\nparameter = \"body.mass_kg\"\ndraw = { scale = [0.9, 1.1] }")?;
+/// assert_eq!(rules.rules.len(), 1);
+/// # Ok::<(), propwash_rollout::RolloutError>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Randomization {

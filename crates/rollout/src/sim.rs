@@ -97,6 +97,20 @@ const INITIAL: [[&str; 3]; 4] = [
 ///
 /// Drone slots are the same in every world; each slot has its own vehicle. `N` is the number that is stored: f64, or f32,
 /// which needs half the memory and flies on lanes.
+///
+/// ```
+/// use propwash_rollout::trajectory::Reference;
+/// use propwash_rollout::{Sim, SimOptions};
+/// use propwash_vehicle::Vehicle;
+///
+/// let vehicle = Vehicle::builtin("cf2x_L250")?;
+/// let drones = vec![(vehicle.drone("first_principles")?, vehicle.rates)];
+/// let mut sim = Sim::<f64>::storing(SimOptions { n_worlds: 3, ..SimOptions::default() }, drones)?;
+/// sim.set_command(&Reference::hover([0.0, 0.0, 1.0], 0.0).command().repeat(3))?;
+/// sim.step(1000)?; // two seconds at 500 Hz
+/// assert!((sim.data.state(2, 0).pos[2] - 1.0).abs() < 0.1);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug)]
 pub struct Sim<N: Number = f64> {
     pub(super) options: SimOptions,

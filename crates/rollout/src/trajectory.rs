@@ -272,6 +272,15 @@ impl Track {
 
 /// A clamped cubic spline through points in space, with headings turning the shorter way in between. In files it is the list of
 /// its waypoints.
+///
+/// ```
+/// use propwash_rollout::trajectory::Spline;
+///
+/// let path = Spline::new(&[(0.0, [0.0, 0.0, 1.0], 0.0), (2.0, [1.0, 0.0, 1.0], 0.0)])?;
+/// assert_eq!((path.at(0.0).pos_m, path.at(5.0).pos_m), ([0.0, 0.0, 1.0], [1.0, 0.0, 1.0]));
+/// assert!(path.at(1.0).vel_m_s[0] > 0.5);
+/// # Ok::<(), propwash_rollout::RolloutError>(())
+/// ```
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "Vec<Waypoint>", into = "Vec<Waypoint>")]
 pub struct Spline {
