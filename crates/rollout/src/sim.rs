@@ -44,7 +44,7 @@ pub enum Engine {
 
 /// How a simulation runs, whatever flies in it and wherever.
 ///
-/// Its defaults are those of everything that flies: `SimConfig` of the facade contains it.
+/// Its defaults are those of everything that flies: `propwash::arena::SimConfig` contains it.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct SimOptions {

@@ -1,4 +1,4 @@
-//! Units of files and printers to SI and back. Everything inside the crate is SI already.
+//! Units of files and printers to SI and back. Everything inside the library is SI already.
 
 use core::f64::consts::PI;
 

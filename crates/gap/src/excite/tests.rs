@@ -7,7 +7,7 @@ use propwash_physics::effects::Sign;
 use propwash_rollout::random::{Key, purpose};
 
 fn quad() -> Vehicle {
-    Vehicle::load("tests/data/planted_quad.toml").unwrap()
+    Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/planted_quad.toml")).unwrap()
 }
 
 fn wanting(ids: &[&str]) -> Request {
@@ -231,7 +231,9 @@ fn advice_needs_a_controller_and_known_candidates() {
     }
     assert_eq!(ask(&vehicle, &["com_offset"], &["no_such_effect"]), None);
     assert_eq!(ask(&vehicle, &["com_offset"], &[]), None);
-    let text = std::fs::read_to_string("tests/data/planted_quad.toml").unwrap();
+    let text =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/planted_quad.toml"))
+            .unwrap();
     let (before, rest) = text.split_once("[controller.mellinger]").unwrap();
     let (_, after) = rest.split_once("[rates]").unwrap();
     let limits = "[controller.direct]\nthrust_min_n = 0.1\nthrust_max_n = 4.09\n\n[rates]";
