@@ -753,7 +753,7 @@ def test_examples_of_the_page_run(block, one, tmp_path, monkeypatch):
 
 
 def test_the_page_has_examples():
-    assert len(blocks()) == 6
+    assert len(blocks()) == 7
 
 
 # Many machines.
