@@ -19,7 +19,7 @@ WORLDS, SPEED, HEIGHT = 8, 1.0, 1.0
 def main(out):
     sim = propwash.Sim(
         WORLDS,
-        scene="xml/forest.xml",
+        scene="forest",
         precision="f64",
         sensors=["imu", {"kind": "lidar", "columns": 8, "range_m": 3.0, "noise_m": 0.01}],
     )

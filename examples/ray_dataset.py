@@ -1,7 +1,7 @@
 """How do I make a data set on many machines?
 
     python examples/ray_dataset.py --out out/ray --worlds 64 --worlds-per-task 4 -- \\
-        --scene xml/forest.xml --drone cf2x_L250 --seconds 4 --camera fpv --size 64x64
+        --scene forest --drone cf2x_L250 --seconds 4 --camera fpv --size 64x64
 
 What follows `--` are options of `propwash fly`. Ray (`pip install 'propwash[ray]'`) flies the worlds on all machines of the
 cluster that `--address` names, or on this one; the files come back through Ray, no shared disk is needed. The folder holds, byte

@@ -44,7 +44,7 @@ pub mod error;
 
 // What a number is, and what is built of numbers.
 pub use propwash_trace as scalar;
-pub use propwash_trace::{export, math, units};
+pub use propwash_trace::{export, math, names, units};
 
 // The equations, and what they are given and move.
 pub use propwash_physics as physics;

@@ -892,3 +892,27 @@ fn each_world_and_drone_flies_the_way_that_its_rows_of_the_file_name() {
         assert!(!out.status.success() && said.contains(words), "{rows}: {said}");
     }
 }
+
+#[test]
+fn a_scene_by_name_needs_no_checkout() {
+    let dir = folder();
+    let named =
+        |line: &str, out: &str| command(line, Path::new(out)).current_dir(dir.path()).output().unwrap();
+    let line = "--scene forest --drone cf2x_L250 --worlds 2 --seconds 0.1";
+    let done = named(line, "set");
+    assert_eq!(done.status.code(), Some(0), "{}", String::from_utf8_lossy(&done.stderr));
+    let manifest: Value =
+        serde_json::from_slice(&fs::read(dir.path().join("set/manifest.json")).unwrap()).unwrap();
+    assert_eq!(manifest["config"]["scene"], serde_json::json!({ "files": ["forest"] }));
+    let (_, file) = fly(&line.replace("forest", "xml/forest.xml"), &dir.path().join("file"));
+    assert_eq!(manifest["scene"]["sha256"], file.manifest().scene.sha256.as_str());
+    // It is flown again, and what was done is kept.
+    let again = named("--config set/manifest.json", "again");
+    assert_eq!(again.status.code(), Some(0), "{}", String::from_utf8_lossy(&again.stderr));
+    let worlds = |set: &str| files(&dir.path().join(set).join(world_dir_name(1)));
+    assert_eq!(worlds("set"), worlds("again"));
+    let wrong = named("--scene forrest --drone cf2x_L250", "none");
+    let words = String::from_utf8_lossy(&wrong.stderr).into_owned();
+    assert_eq!(wrong.status.code(), Some(2));
+    assert!(words.contains("did you mean 'forest'?") && words.contains("corridor, forest"), "{words}");
+}

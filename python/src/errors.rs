@@ -7,7 +7,9 @@ use propwash::scene::SceneError;
 use propwash::sense::SenseError;
 use propwash::vehicle::VehicleError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyIndexError, PyKeyError, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{
+    PyFileNotFoundError, PyIndexError, PyKeyError, PyOSError, PyRuntimeError, PyValueError,
+};
 use pyo3::prelude::*;
 
 create_exception!(
@@ -47,6 +49,7 @@ impl IntoPython for SceneError {
         let words = self.to_string();
         match self {
             SceneError::Read { .. } => PyOSError::new_err(words),
+            SceneError::NoSuchScene { .. } => PyFileNotFoundError::new_err(words),
             SceneError::NoSuchName { .. } => PyKeyError::new_err(words),
             SceneError::NoSuch { .. } => PyIndexError::new_err(words),
             SceneError::Parse { .. }

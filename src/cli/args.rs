@@ -31,7 +31,7 @@ Examples:
   propwash scene new forest --seed 3 --trees 60 --out forest.xml
   propwash scene lint forest.xml         what depth and contacts will and will not see, and why
   propwash depth --scene forest.xml --pos 0,0,1 --look 1,0,0 --out view.png
-  propwash fly --scene forest.xml --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
+  propwash fly --scene forest --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
   propwash log check flight.csv                      what is wrong with a flight log, in words
   propwash vehicle diff cf2x_L250 mine.toml          what differs between two vehicles
@@ -48,9 +48,9 @@ forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
 /// Ends the help of `propwash fly`.
 const FLY_EXAMPLES: &str = "\
 Examples:
-  propwash fly --scene xml/forest.xml --drone cf2x_L250 --worlds 16 --out data/forest
-  propwash fly --scene xml/room.xml --drone cf2x_L250 --drone hb_x500 --out data/two
-  propwash fly --scene xml/room.xml --drone cf2x_L250 --trajectory waypoints p.csv --out data/path
+  propwash fly --scene forest --drone cf2x_L250 --worlds 16 --out data/forest
+  propwash fly --scene room --drone cf2x_L250 --drone hb_x500 --out data/two
+  propwash fly --scene room --drone cf2x_L250 --trajectory waypoints p.csv --out data/path
   propwash fly --config data/forest/manifest.json --worlds 64 --out data/more
 
 The folder gets a manifest, one folder per world (states, contacts and clearances as Parquet, depth
@@ -61,8 +61,8 @@ The same options give the same bytes, with any number of threads and after any i
 /// Ends the help of `propwash depth`.
 const DEPTH_EXAMPLES: &str = "\
 Examples:
-  propwash depth --scene xml/forest.xml --pos 0,0,1 --look 1,0,0 --out view.png --preview rgb.png
-  propwash depth --scene xml/zoo.xml --camera overview --size 640x480 --out zoo.png --json
+  propwash depth --scene forest --pos 0,0,1 --look 1,0,0 --out view.png --preview rgb.png
+  propwash depth --scene zoo --camera overview --size 640x480 --out zoo.png --json
 
 Lengths are in m, angles in degrees. World z is up.";
 
@@ -78,7 +78,7 @@ Units are SI: kg, m, s, N, rad; rotor speeds in this list are in rpm.";
 /// Ends the help of `propwash scene lint`.
 const LINT_EXAMPLES: &str = "\
 Examples:
-  propwash scene lint xml/zoo.xml
+  propwash scene lint zoo
   propwash scene lint my_scene.xml --spawn 0,0,2 --spawn-radius 0.5 --json
 
 Lengths are in m. Exit codes: 0 depth images and contacts see every geom and the start is free,
@@ -415,8 +415,8 @@ pub struct FlyArgs {
     /// Description of the flight (TOML or JSON), or manifest.json of a data set, which is flown again; flags change it.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// MJCF scene.
-    #[arg(long, value_name = "FILE", required_unless_present = "config")]
+    /// Scene: the name of one that comes with Propwash (corridor, forest, meshes, room, terrain, zoo), or an MJCF file.
+    #[arg(long, value_name = "NAME|FILE", required_unless_present = "config")]
     pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file. Repeat it for mixed vehicles in one world.
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "config")]
@@ -495,8 +495,8 @@ pub struct FlyArgs {
 /// `propwash depth`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct DepthArgs {
-    /// MJCF scene.
-    #[arg(long, value_name = "FILE")]
+    /// Scene: the name of one that comes with Propwash (corridor, forest, meshes, room, terrain, zoo), or an MJCF file.
+    #[arg(long, value_name = "NAME|FILE")]
     pub scene: PathBuf,
     /// Camera of the scene to look through; --pos and --look otherwise.
     #[arg(long, value_name = "NAME", conflicts_with_all = ["pos", "look"])]
@@ -679,7 +679,8 @@ pub struct NewArgs {
 /// `propwash scene lint`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct LintArgs {
-    /// MJCF scene.
+    /// Scene: the name of one that comes with Propwash (corridor, forest, meshes, room, terrain, zoo), or an MJCF file.
+    #[arg(value_name = "SCENE")]
     pub file: PathBuf,
     /// Where drones start, m.
     #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, default_value = "0,0,1")]

@@ -36,8 +36,8 @@ pub enum PartArg {
 /// `propwash bench`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct BenchArgs {
-    /// MJCF scene. Default: the forest that `propwash scene new forest` makes.
-    #[arg(long, value_name = "FILE")]
+    /// Scene: a name (corridor, forest, meshes, room, terrain, zoo) or an MJCF file. Default: what `propwash scene new forest` makes.
+    #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file.
     #[arg(long, value_name = "NAME|FILE", default_value = "cf2x_L250")]

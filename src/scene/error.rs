@@ -14,6 +14,19 @@ pub enum SceneError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The scene is a name, and no scene that comes with Propwash has it.
+    #[error(
+        "scene '{name}' is no file and none of the scenes that come with Propwash;{guess} there are: {known}; or give the path of an \
+         MJCF or URDF file"
+    )]
+    NoSuchScene {
+        /// The name that was asked for.
+        name: String,
+        /// A question for the nearest name with a space before it, or empty.
+        guess: String,
+        /// The names that exist.
+        known: String,
+    },
     /// MuJoCo could not parse the XML of the scene or of a shell.
     #[error("{what}: MuJoCo cannot parse it: {message}")]
     Parse {

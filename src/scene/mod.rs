@@ -10,6 +10,7 @@ pub mod lint;
 mod model;
 mod pair;
 mod shells;
+mod shipped;
 mod sync;
 mod workers;
 
@@ -21,6 +22,7 @@ pub use model::{
 };
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;
+pub use shipped::SCENES;
 pub(crate) use sync::checked as checked_pose;
 pub use sync::{MAX_COORDINATE_M, Pose};
 pub(crate) use workers::RayScratch;

@@ -14,9 +14,9 @@ use mujoco_rs::wrappers::mj_auxiliary::MjVfs;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::sync;
 use super::workers::Guard;
 use super::{SceneError, Worker};
+use super::{shipped, sync};
 use crate::math::{quat, vec3};
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
@@ -33,7 +33,8 @@ pub struct Shell {
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SceneSource {
-    /// An MJCF (or URDF) file; meshes, textures, height fields and includes are relative to it.
+    /// An MJCF (or URDF) file; meshes, textures, height fields and includes are relative to it. A name without a folder and an
+    /// ending that is no file means the scene of this name that comes with the crate, one of [`SCENES`](super::SCENES).
     File(PathBuf),
     /// MJCF text; its assets, if any, are relative to the current folder.
     Text {
@@ -50,7 +51,7 @@ impl SceneSource {
         Self::Text { name: name.into(), xml: xml.into() }
     }
 
-    /// A file.
+    /// A file, or the name of a scene that comes with the crate.
     pub fn file(path: impl Into<PathBuf>) -> Self {
         Self::File(path.into())
     }
@@ -652,16 +653,23 @@ impl Scene {
         let _lock = build_lock();
         let what = source.label();
         let mut warnings = Vec::new();
+        let shipped = match source {
+            SceneSource::File(path) => shipped::find(path)?,
+            SceneSource::Text { .. } => None,
+        };
+        let parse = |e| SceneError::Parse { what: what.clone(), message: words(e) };
         let mut spec = match source {
-            SceneSource::File(path) => {
-                check_file(path)?;
-                c_string(&path.to_string_lossy(), || what.clone())?;
-                if let Ok(text) = std::fs::read_to_string(path) {
-                    refuse_absurd_sizes(&what, &text, path.parent(), 0)?;
+            SceneSource::File(path) => match &shipped {
+                Some(shipped) => MjSpec::from_xml_vfs(&shipped.path, &shipped.files).map_err(parse)?,
+                None => {
+                    check_file(path)?;
+                    c_string(&path.to_string_lossy(), || what.clone())?;
+                    if let Ok(text) = std::fs::read_to_string(path) {
+                        refuse_absurd_sizes(&what, &text, path.parent(), 0)?;
+                    }
+                    MjSpec::from_xml(path).map_err(parse)?
                 }
-                MjSpec::from_xml(path)
-                    .map_err(|e| SceneError::Parse { what: what.clone(), message: words(e) })?
-            }
+            },
             SceneSource::Text { name, xml } => parse_text(&what, name, xml, None)?,
         };
         check_names(&what, &mut spec, shells.len())?;
@@ -669,7 +677,10 @@ impl Scene {
         let keyframes_dropped = drop_keyframes(&mut spec);
         attach_shells(&mut spec, shells)?;
 
-        let compiled = spec.compile();
+        let compiled = match &shipped {
+            Some(shipped) => spec.compile_with_vfs(&shipped.files),
+            None => spec.compile(),
+        };
         for index in 0..spec.num_warnings() {
             if let Some(text) = spec.warning(index) {
                 let text = format!("MuJoCo: {}", text.trim());

@@ -17,7 +17,7 @@ const MODULES: &str = "Modules of the root package";
 /// `physics::measure` allows that one file of `physics`; `*` allows all. Every module may import itself.
 const TABLE: &[(&str, &[&str])] = &[
     ("error", &["*"]),
-    ("scene", &["math", "random", "error"]),
+    ("scene", &["math", "names", "random", "error"]),
     ("sense", &["scene", "physics::measure", "math", "random", "error"]),
     ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
     (

@@ -4,6 +4,7 @@
 //! `-x^2` is −(x²). Every fault names its place by column, counted from 1.
 
 use propwash_physics::effects::expression::{MAX_DEPTH, Op, Program, ProgramError, VARIABLES};
+use propwash_trace::names::suggestion;
 
 /// Functions with their number of arguments.
 pub(super) const FUNCTIONS: &[(&str, usize, Op)] = &[
@@ -272,29 +273,4 @@ impl Parser<'_> {
 
 pub(super) fn is_name(c: char) -> bool {
     c.is_ascii_alphanumeric() || c == '_'
-}
-
-/// `; did you mean …?` where one of the names is close.
-fn suggestion<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> String {
-    let best = known.map(|k| (distance(name, k), k)).min();
-    match best.filter(|(d, k)| *d <= 2 && *d < k.len()) {
-        Some((_, k)) => format!("; did you mean `{k}`?"),
-        None => String::new(),
-    }
-}
-
-/// Fewest insertions, deletions and replacements of letters that lead from one word to the other (Levenshtein).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let next = (diagonal + usize::from(x != *y)).min(row[j] + 1).min(row[j + 1] + 1);
-            diagonal = row[j + 1];
-            row[j + 1] = next;
-        }
-    }
-    row[b.len()]
 }

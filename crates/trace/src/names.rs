@@ -1,0 +1,48 @@
+//! Which name was meant by one that does not exist.
+
+/// The nearest of the names that there are, where one is near enough to be what was meant: at most two letters apart (capitals do
+/// not count) and not wholly another one.
+pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    let name = name.to_lowercase();
+    let best = known.into_iter().map(|k| (distance(&name, &k.to_lowercase()), k)).min()?;
+    (best.0 <= 2 && best.0 < best.1.chars().count()).then_some(best.1)
+}
+
+/// `; did you mean …?` where one of the names is near, else nothing.
+pub fn suggestion<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
+    nearest(name, known).map_or_else(String::new, |k| format!("; did you mean `{k}`?"))
+}
+
+/// Fewest insertions, deletions and replacements of letters that lead from one word to the other (Levenshtein).
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let next = (diagonal + usize::from(x != *y)).min(row[j] + 1).min(row[j + 1] + 1);
+            diagonal = row[j + 1];
+            row[j + 1] = next;
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_that_was_meant_is_found() {
+        let known = ["corridor", "forest", "room", "zoo"];
+        assert_eq!(nearest("forrest", known), Some("forest"));
+        assert_eq!(nearest("Forest", known), Some("forest"));
+        assert_eq!(nearest("rom", known), Some("room"));
+        assert_eq!(nearest("warehouse", known), None);
+        assert_eq!(nearest("ab", ["zz"]), None);
+        assert_eq!(nearest("x", []), None);
+        assert_eq!(suggestion("zo", known), "; did you mean `zoo`?");
+        assert_eq!(suggestion("nothing", known), "");
+    }
+}
