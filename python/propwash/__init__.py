@@ -8,9 +8,37 @@ from ._mujoco import load_library as _load_library
 
 _load_library()
 
-from ._native import Error, RestOnGround, State, Vehicle, __version__, load_plugin_library, mujoco_version, vehicles  # noqa: E402
+from ._native import (  # noqa: E402
+    Error,
+    RestOnGround,
+    State,
+    Vehicle,
+    __version__,
+    load_plugin_library,
+    mujoco_version,
+    scenes,
+    vehicles,
+)
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
+from .jobs import (  # noqa: E402
+    Estimate,
+    FlightPlan,
+    Flown,
+    GeomLint,
+    Identification,
+    LintReport,
+    LogChannel,
+    LogFinding,
+    LogReport,
+    Manoeuvre,
+    excite,
+    fly,
+    identify,
+    lint,
+    log_check,
+    scene_new,
+)
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
@@ -27,9 +55,19 @@ __all__ = [
     "DepthFrame",
     "Diagnosis",
     "Error",
+    "Estimate",
     "Finding",
+    "FlightPlan",
+    "Flown",
     "Geom",
+    "GeomLint",
+    "Identification",
+    "LintReport",
+    "LogChannel",
     "LogComparison",
+    "LogFinding",
+    "LogReport",
+    "Manoeuvre",
     "Obstacle",
     "Parameter",
     "Pipeline",
@@ -51,7 +89,14 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "excite",
+    "fly",
+    "identify",
+    "lint",
     "load_plugin_library",
+    "log_check",
     "mujoco_version",
+    "scene_new",
+    "scenes",
     "vehicles",
 ]

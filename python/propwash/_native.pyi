@@ -18,12 +18,21 @@ __all__ = [
     "built_in_tasks",
     "depth_devices",
     "env_config",
+    "excite",
+    "fly",
     "gap_compare",
     "gap_diagnose",
+    "identify",
+    "lint",
     "load_plugin_library",
+    "log_check",
     "mujoco_version",
     "read_config",
+    "read_flight",
     "rules_json",
+    "run_program",
+    "scene_new",
+    "scenes",
     "vehicles",
 ]
 
@@ -255,11 +264,34 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
+def run_program(words: Sequence[str]) -> int:
+    """Runs the command line whose words follow `propwash`, with the input and output of this process; gives the exit code."""
+
+def read_flight(text: str) -> str: ...
+def fly(
+    config: str,
+    vehicles: Sequence[Vehicle],
+    out: str | PathLike[str],
+    threads: int | None,
+    progress: Callable[[int, int], object] | None,
+) -> str: ...
+def lint(scene: str, spawn: Sequence[float], spawn_radius: float) -> tuple[str, str, bool, bool]: ...
+def scene_new(scene: str) -> str: ...
+def log_check(log: str | PathLike[str], mapping: str | PathLike[str] | None) -> tuple[str, str]: ...
+def identify(
+    log: str | PathLike[str], vehicle: Vehicle, dynamics: str, mapping: str | PathLike[str] | None, date: str
+) -> tuple[str, str, str, list[str]]: ...
+def excite(
+    vehicle: Vehicle, wish: Mapping[str, Any]
+) -> tuple[str, list[tuple[float, list[float], float]], str, bool]: ...
 def load_plugin_library(path: str | PathLike[str]) -> None:
     """Loads a library of MuJoCo plugins, for all scenes built afterwards."""
 
 def mujoco_version() -> str:
     """Version of the MuJoCo library in use."""
+
+def scenes() -> list[str]:
+    """Names of the scenes that come with the package."""
 
 def vehicles() -> list[str]:
     """Names of the built-in vehicles."""

@@ -7,19 +7,21 @@ import os
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Callable, Mapping, Sequence, Union
+from typing import Any, Callable, Literal, Mapping, Sequence, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
-from ._native import RestOnGround, State, Vehicle
+from ._native import RestOnGround, State, Vehicle, scenes
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
 
 DroneLike = Union[str, "os.PathLike[str]", Vehicle]
 Stage = Union[Callable[["Data"], None], RestOnGround]
 SceneLike = Union[str, "os.PathLike[str]", Mapping[str, Any], Sequence[Union[str, "os.PathLike[str]"]], None]
+Dynamics = Literal["first_principles", "so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"]
+Control = Literal["state", "attitude", "body_rate", "force_torque", "rotor_vel"]
 Floats = NDArray[Any]
 
 
@@ -188,8 +190,9 @@ class Sim:
         dynamics: ``"first_principles"``, ``"so_rpy"``, ``"so_rpy_rotor"`` or ``"so_rpy_rotor_drag"``; or a list, one for each drone.
         control: What commands mean: ``"state"``, ``"attitude"``, ``"body_rate"``, ``"force_torque"`` or ``"rotor_vel"``.
         freq: Steps per second.
-        scene: Path of an MJCF (or URDF) file, or MJCF text, or a list of them, or one that is generated, such as
-            ``{"forest": {"trees": 40}}``; without one drones fly, and neither see nor touch.
+        scene: Name of a scene that comes with the package (``propwash.scenes()``), path of an MJCF (or URDF) file, or MJCF text, or a
+            list of them, or one that is generated, such as ``{"forest": {"trees": 40}}``; without one drones fly, and neither see
+            nor touch.
         layout: Which scene of a list each world flies in, (n_worlds,); by turns where it is None. ``Sim.layout`` changes it.
         integrator: ``"euler"``, ``"semi_implicit_euler"`` or ``"rk4"``.
         precision: ``"f32"``, or ``"f64"`` for comparisons: the number that is stored and, in lanes, computed with.
@@ -237,18 +240,18 @@ class Sim:
         n_worlds: int = 1,
         n_drones: int | None = None,
         drone: DroneLike | Sequence[DroneLike] = "cf2x_L250",
-        dynamics: str | Sequence[str] = "first_principles",
-        control: str = "state",
+        dynamics: Dynamics | Sequence[Dynamics] = "first_principles",
+        control: Control = "state",
         freq: int = 500,
         scene: SceneLike = None,
         *,
         layout: ArrayLike | None = None,
-        integrator: str = "euler",
-        precision: str = "f32",
-        engine: str = "auto",
+        integrator: Literal["euler", "semi_implicit_euler", "rk4"] = "euler",
+        precision: Literal["f32", "f64"] = "f32",
+        engine: Literal["auto", "lanes", "reference"] = "auto",
         seed: int = 0,
         threads: int | None = None,
-        rotor_start: str = "hover",
+        rotor_start: Literal["hover", "off"] = "hover",
         randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
         first_world: int = 0,
         state_freq: int | None = None,
@@ -745,8 +748,9 @@ def _vehicle(value: DroneLike) -> Vehicle:
 _GENERATED = ("forest", "corridor", "boxes", "track", "rooms")
 
 
-def _scene(scene: SceneLike) -> Any:
-    """The scene as the description wants it."""
+def _scene(scene: SceneLike, layouts: int | None = None) -> Any:
+    """The scene as the description wants it. A name means the scene that comes with the package; where there is none, or where a
+    number of layouts asks for generated ones, the generator of this name."""
     if isinstance(scene, Mapping):
         if len(scene) != 1 or next(iter(scene)) not in _GENERATED:
             expected = ", ".join(_GENERATED)
@@ -758,7 +762,7 @@ def _scene(scene: SceneLike) -> Any:
         text = os.fspath(scene)
         if text == "none":
             return "none"
-        if text in _GENERATED:
+        if text in _GENERATED and (layouts is not None or text not in scenes()):
             return {text: {}}
         return {"xml": text} if text.lstrip().startswith("<") else {"files": [text]}
     if isinstance(scene, Sequence):
@@ -782,8 +786,10 @@ def _layout(value: ArrayLike, n_worlds: int) -> NDArray[np.int64]:
     return array.astype(np.int64)
 
 
-def _read_config(source: str | os.PathLike[str] | Mapping[str, Any]) -> dict[str, Any]:
-    """A description, or that in a manifest, complete."""
+def _read_config(
+    source: str | os.PathLike[str] | Mapping[str, Any], read: Callable[[str], str] = _native.read_config
+) -> dict[str, Any]:
+    """A description, or that in a manifest, complete: of a simulation, or of what ``read`` reads."""
     if isinstance(source, Mapping):
         _finite("", source)
         text = json.dumps(dict(source))
@@ -791,12 +797,12 @@ def _read_config(source: str | os.PathLike[str] | Mapping[str, Any]) -> dict[str
         path = Path(_path("source", source))
         path = path / "manifest.json" if path.is_dir() else path
         try:
-            out: dict[str, Any] = json.loads(_native.read_config(path.read_text(encoding="utf-8")))
+            out: dict[str, Any] = json.loads(read(path.read_text(encoding="utf-8")))
         except ValueError as e:
             raise ValueError(f"{path}, {e}") from None
         return out
-    read: dict[str, Any] = json.loads(_native.read_config(text))
-    return read
+    whole: dict[str, Any] = json.loads(read(text))
+    return whole
 
 
 def _tuples(options: dict[str, Any]) -> dict[str, Any]:

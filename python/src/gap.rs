@@ -30,18 +30,7 @@ pub struct Reading {
 
 impl Reading {
     fn read(&self, logs: &[PathBuf], vehicle: &PyVehicle) -> PyResult<Vec<Track>> {
-        let drive = match self.drive.as_deref() {
-            None => None,
-            Some("rotor_speeds") => Some(Drive::RotorSpeeds),
-            Some("rotor_commands") => Some(Drive::RotorCommands),
-            Some("attitude_commands") => Some(Drive::AttitudeCommands),
-            Some("thrust") => Some(Drive::Thrust),
-            Some(got) => {
-                return Err(PyValueError::new_err(format!(
-                    "drive: expected rotor_speeds, rotor_commands, attitude_commands or thrust, got {got:?}"
-                )));
-            }
-        };
+        let drive = drive(self.drive.as_deref())?;
         let ground = self.ground_z.unwrap_or(0.0);
         if let Some(ceiling) = self.ceiling_z.filter(|c| !(*c > ground)) {
             return Err(PyValueError::new_err(format!(
@@ -65,7 +54,24 @@ impl Reading {
     }
 }
 
-fn json(value: &impl serde::Serialize) -> PyResult<String> {
+/// What drives the model, by its name.
+pub fn drive(name: Option<&str>) -> PyResult<Option<Drive>> {
+    Ok(match name {
+        None => None,
+        Some("rotor_speeds") => Some(Drive::RotorSpeeds),
+        Some("rotor_commands") => Some(Drive::RotorCommands),
+        Some("attitude_commands") => Some(Drive::AttitudeCommands),
+        Some("thrust") => Some(Drive::Thrust),
+        Some(got) => {
+            return Err(PyValueError::new_err(format!(
+                "drive: expected rotor_speeds, rotor_commands, attitude_commands or thrust, got {got:?}"
+            )));
+        }
+    })
+}
+
+/// A value as JSON.
+pub fn json(value: &impl serde::Serialize) -> PyResult<String> {
     serde_json::to_string(value).map_err(|e| Error::new_err(format!("JSON cannot be written: {e}")))
 }
 
@@ -165,9 +171,12 @@ impl IntoPython for propwash::Error {
             E::Io { .. } | E::Flight(propwash::flight::FlightError::Read { .. }) => {
                 pyo3::exceptions::PyOSError::new_err(words)
             }
-            E::Usage { .. } | E::Flight(_) | E::Accept(_) | E::Generate(_) | E::Dataset(_) => {
-                PyValueError::new_err(words)
-            }
+            E::Usage { .. }
+            | E::Flight(_)
+            | E::Accept(_)
+            | E::AttitudeModel(_)
+            | E::Generate(_)
+            | E::Dataset(_) => PyValueError::new_err(words),
             _ => Error::new_err(words),
         }
     }

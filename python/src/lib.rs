@@ -3,9 +3,11 @@
 
 mod arrays;
 mod camera;
+mod commands;
 mod env;
 mod errors;
 mod gap;
+mod program;
 mod recorder;
 mod sense;
 mod sim;
@@ -23,6 +25,12 @@ use errors::OrRaise;
 #[pyfunction]
 fn load_plugin_library(path: std::path::PathBuf) -> PyResult<()> {
     propwash::scene::load_plugin_library(&path).or_raise()
+}
+
+/// Names of the scenes that come with the package.
+#[pyfunction]
+fn scenes() -> Vec<&'static str> {
+    propwash::scene::SCENES.to_vec()
 }
 
 /// Version of the MuJoCo library in use.
@@ -51,7 +59,16 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::read_flight, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::fly, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::lint, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::scene_new, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::log_check, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::identify, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::excite, m)?)?;
+    m.add_function(wrap_pyfunction!(program::run_program, m)?)?;
     m.add_function(wrap_pyfunction!(load_plugin_library, m)?)?;
     m.add_function(wrap_pyfunction!(mujoco_version, m)?)?;
+    m.add_function(wrap_pyfunction!(scenes, m)?)?;
     Ok(())
 }

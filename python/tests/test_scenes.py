@@ -502,3 +502,31 @@ def read_png(path):
     lines = np.frombuffer(zlib.decompress(body), np.uint8).reshape(rows, 1 + columns * depth)
     assert not lines[:, 0].any()
     return lines[:, 1:].reshape((rows, columns) if depth == 1 else (rows, columns, depth))
+
+
+def test_scenes_have_names_in_any_folder(tmp_path, monkeypatch):
+    import propwash
+
+    monkeypatch.chdir(tmp_path)
+    assert propwash.scenes() == [s.removesuffix(".xml") for s in SCENES]
+    for name in propwash.scenes():
+        by_name, by_file = propwash.Sim(scene=name), propwash.Sim(scene=ROOT / "xml" / f"{name}.xml")
+        assert by_name.scene.sha256 == by_file.scene.sha256
+    sim = propwash.Sim(scene=["forest", "room"], n_worlds=2)
+    assert sim.config["scene"] == {"files": ["forest", "room"]}
+    same = propwash.Sim.from_config(sim.config)
+    assert [s.sha256 for s in same.scenes] == [s.sha256 for s in sim.scenes]
+    with pytest.raises(FileNotFoundError, match="did you mean 'forest'.* there are: corridor, forest, meshes, room, terrain, zoo;"):
+        propwash.Sim(scene="forrest")
+    (tmp_path / "room").write_text("<mujoco><worldbody><geom name='mine' size='1'/></worldbody></mujoco>")
+    assert [g.name for g in propwash.Sim(scene="room").scene.geoms if g.drone is None] == ["mine"]
+
+
+def test_a_name_is_a_scene_and_with_layouts_a_kind_of_scenes():
+    from propwash.envs import DroneVectorEnv
+
+    env = DroneVectorEnv(2, task="forest_depth", scene="forest", camera=False)
+    assert env.config["scene"] == {"files": ["forest"]}
+    env = DroneVectorEnv(2, task="forest_depth", scene="corridor", layouts=2, camera=False)
+    assert "corridor" in env.config["scene"] and env.config["layouts"] == 2
+    assert "rooms" in DroneVectorEnv(1, task="room_explore", scene="rooms").config["scene"]

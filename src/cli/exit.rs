@@ -1,7 +1,6 @@
 //! Exit codes and how errors are printed.
 
 use crate::Error;
-use std::process::ExitCode;
 
 /// What a command came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -13,26 +12,26 @@ pub enum Outcome {
 }
 
 /// Prints an error with its causes and gives the exit code.
-pub fn code(outcome: Result<Outcome, Error>) -> ExitCode {
+pub fn code(outcome: Result<Outcome, Error>) -> u8 {
     match outcome {
-        Ok(Outcome::Fine) => ExitCode::SUCCESS,
-        Ok(Outcome::Found) => ExitCode::from(1),
+        Ok(Outcome::Fine) => 0,
+        Ok(Outcome::Found) => 1,
         // A reader that has seen enough (`propwash … | head`) is no error.
-        Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe => 0,
         Err(error) => {
             eprintln!("error: {}", one_line(&error.to_string()));
-            ExitCode::from(2)
+            2
         }
     }
 }
 
 /// Prints what is wrong with a command line, in one line, and gives the exit code. `message` is clap's, `command` the
 /// sub-command whose help explains it.
-pub fn refuse(message: &str, command: &str) -> ExitCode {
+pub fn refuse(message: &str, command: &str) -> u8 {
     let is_rest = |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");
     let fault: Vec<&str> = message.lines().take_while(|line| !is_rest(line)).collect();
     eprintln!("{}; `{command} --help` explains", one_line(&fault.join("\n")));
-    ExitCode::from(2)
+    2
 }
 
 /// The lines of a message as one line.

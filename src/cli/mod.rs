@@ -9,17 +9,37 @@ mod gap_logs;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
+use std::ffi::OsString;
+use std::io::Write;
 use std::process::ExitCode;
 
-/// Parses the command line, runs the command and gives the exit code: 0 fine, 1 a check found a problem, 2 error.
+/// Parses the command line of this process, runs the command and gives the exit code: 0 fine, 1 a check found a problem, 2 error.
 pub fn run() -> ExitCode {
-    let args = match args::Args::try_parse() {
+    ExitCode::from(run_with(std::env::args_os().skip(1)))
+}
+
+/// Runs the command that `words` say, those that would follow `propwash`, with the input and output of this process, and gives
+/// the exit code.
+pub fn run_with(words: impl IntoIterator<Item = OsString>) -> u8 {
+    let line: Vec<OsString> = std::iter::once("propwash".into()).chain(words).collect();
+    let code = parse_and_run(&line);
+    // In a process whose main program is not ours, nothing else writes out what is still kept.
+    let _ = std::io::stdout().flush();
+    code
+}
+
+fn parse_and_run(line: &[OsString]) -> u8 {
+    let args = match args::Args::try_parse_from(line) {
         Ok(args) => args,
         Err(error) => match error.kind() {
             ErrorKind::DisplayHelp
             | ErrorKind::DisplayVersion
-            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => error.exit(),
-            _ => return exit::refuse(&error.render().to_string(), &subcommand()),
+            | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
+                // A reader that has seen enough is no error.
+                let _ = error.print();
+                return u8::try_from(error.exit_code()).unwrap_or(2);
+            }
+            _ => return exit::refuse(&error.render().to_string(), &subcommand(&line[1..])),
         },
     };
     let outcome = match args.command {
@@ -42,11 +62,11 @@ pub fn run() -> ExitCode {
 }
 
 /// The program with the sub-commands that were named, as in `propwash scene new`.
-fn subcommand() -> String {
+fn subcommand(words: &[OsString]) -> String {
     let mut path = "propwash".to_string();
     let mut command = args::Args::command();
-    for word in std::env::args_os().skip(1) {
-        let Some(inner) = command.find_subcommand(&word) else { break };
+    for word in words {
+        let Some(inner) = command.find_subcommand(word) else { break };
         path = format!("{path} {}", inner.get_name());
         command = inner.clone();
     }

@@ -3,8 +3,8 @@
 use super::files::sha256;
 use super::world_log::{Content, WorldLog};
 use super::{
-    BodyRecord, CameraRecord, Dataset, DepthPng, FlightRecord, GeomRecord, Manifest, SceneRecord,
-    SensorRecord, Summary, VehicleRecord, WorldWriter, create_or_resume,
+    BodyRecord, CameraRecord, Dataset, DepthPng, FlightRecord, GeomRecord, Manifest, Overview, SceneRecord,
+    SensorRecord, Summary, VehicleRecord, WorldWriter, create_or_resume, map,
 };
 use crate::arena::{
     Arena, ArenaError, CameraConfig, FlightPattern, MountedSensor, Precision, Setup, SimConfig, read_text,
@@ -78,6 +78,17 @@ pub struct Recorded {
     pub n_resumed: usize,
     /// What the user should know, in words.
     pub warnings: Vec<String>,
+}
+
+/// Flies as [`record`] does, and draws the picture `overview.png` of what is there then.
+///
+/// # Errors
+/// As [`record`], and for a picture that cannot be written.
+pub fn fly(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
+    let recorded = record(flight, out, progress)?;
+    let map = map::height_map(flight)?;
+    Overview::from_dataset(&Dataset::open(out)?, map)?.draw()?.save(&out.join("overview.png"))?;
+    Ok(recorded)
 }
 
 /// Flies all worlds that are not in `out` yet and seals the data set. `progress(done, all)` is called after each world,

@@ -237,7 +237,7 @@ class TaskCalls:
             "goal": self._place("goal_space", task.goal_space, task.goal_clearance),
             "has_goal": bool(task.has_goal) or task.goal_space is not None,
             "moves_obstacles": type(task).before_step is not Task.before_step or "before_step" in vars(task),
-            "scene": "none" if task.scene is None else _scene(task.scene),
+            "scene": "none" if task.scene is None else _scene(task.scene, task.layouts),
             "layouts": None if task.layouts is None else int(task.layouts),
             "camera": None if camera is None or camera is False else dict(camera),
         }

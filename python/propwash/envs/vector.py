@@ -71,8 +71,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         sim_freq: Steps of the simulation per second.
         freq: Steps of the environment per second; divides ``sim_freq``. None is 50.
         max_episode_time: Episodes are truncated after so many seconds. None is 10.
-        scene: Path of an MJCF file or MJCF text, a list of paths (each a layout), ``{"forest": {"trees": 40}}`` (also
-            ``corridor``, ``boxes``, ``track``, ``rooms``) or ``"none"``; None is the task's own choice.
+        scene: Name of a scene that comes with the package (``propwash.scenes()``), path of an MJCF file or MJCF text, a list of names
+            and paths (each a layout), ``{"forest": {"trees": 40}}`` (also ``corridor``, ``boxes``, ``track``, ``rooms``; with
+            ``layouts`` the name alone) or ``"none"``; None is the task's own choice.
         layouts: Number of generated scenes, which differ in their seeds; every world flies in one, drawn anew at every reset.
         camera: Name of a depth device (``propwash.envs.depth_devices()``), or a dict of ``device``, ``name``, ``width``,
             ``height``, ``fovy_deg``, ``range_m``, ``kind``, ``noise``; None is the task's own choice, False is no camera.
@@ -162,7 +163,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "step_hz": _whole("freq", freq, 1, 1_000_000),
             "max_episode_s": float(max_episode_time),
             "action": {"kind": action, "normalized": bool(normalize_actions), **(action_options or {})},
-            "scene": None if scene is None else _scene(scene),
+            "scene": None if scene is None else _scene(scene, layouts),
             "layouts": None if layouts is None else _whole("layouts", layouts, 1, 4096),
             "camera": None if camera is None or camera is False else _camera(camera),
             "sensors": _sensors(sensors),

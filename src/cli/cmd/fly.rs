@@ -4,8 +4,7 @@ use super::{io_error, print, print_json};
 use crate::arena::{DroneConfig, FlightPattern, SceneConfig, SimConfig, VehicleSource};
 use crate::cli::args::FlyArgs;
 use crate::cli::exit::Outcome;
-use crate::dataset::recorder::{Flight, FlightConfig, Recorded, record};
-use crate::dataset::{Dataset, Overview, map};
+use crate::dataset::recorder::{self, Flight, FlightConfig, Recorded};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
 use crate::rollout::trajectory::Track;
@@ -55,10 +54,8 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
     };
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(200));
-    let recorded = record(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
+    let recorded = recorder::fly(flight, &args.out, &|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
-    let map = map::height_map(flight)?;
-    Overview::from_dataset(&Dataset::open(&args.out)?, map)?.draw()?.save(&args.out.join("overview.png"))?;
     Ok(recorded)
 }
 

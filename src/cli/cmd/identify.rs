@@ -4,7 +4,7 @@ use super::drones::find;
 use super::{io_error, print, print_json};
 use crate::cli::args::{IdentifyArgs, ModelArg};
 use crate::cli::exit::Outcome;
-use crate::flight::{FlightLog, Severity};
+use crate::flight::FlightLog;
 use crate::gap::attitude_model::{Options, identify};
 use crate::{Error, Result};
 use serde_json::json;
@@ -15,8 +15,8 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
     let ModelArg::Attitude = args.model;
     let vehicle = find(&args.vehicle)?;
     let (log, report) = FlightLog::open(&args.file, args.mapping.as_deref())?;
-    for finding in report.findings.iter().filter(|f| f.severity == Severity::Warning) {
-        eprintln!("warning: {}", finding.text);
+    for warning in report.warnings() {
+        eprintln!("warning: {warning}");
     }
     let found = identify(&log, &vehicle, &Options { dynamics: args.dynamics.clone() })?;
     let better = match &args.out {
@@ -27,16 +27,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
                 got: out.display().to_string(),
             });
         }
-        Some(out) => {
-            let mut better = found.apply(&vehicle, &today())?.file().clone();
-            // A shell's path counts from the vehicle file, which may now stand elsewhere.
-            if let Some(shell) = vehicle.shell_path()
-                && let Ok(path) = std::fs::canonicalize(&shell)
-            {
-                better.shell = path.display().to_string();
-            }
-            Some((out, crate::vehicle::Vehicle::from_file(&vehicle.name, better)?))
-        }
+        Some(out) => Some((out, found.vehicle_for_any_folder(&vehicle, &today())?)),
         None => None,
     };
     if args.json {

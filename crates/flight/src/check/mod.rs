@@ -135,6 +135,12 @@ pub struct CheckReport {
 }
 
 impl CheckReport {
+    /// The sentences that are warnings.
+    pub fn warnings(&self) -> Vec<String> {
+        let warnings = self.findings.iter().filter(|f| f.severity == Severity::Warning);
+        warnings.map(|f| f.text.clone()).collect()
+    }
+
     /// Whether there is a finding of that kind, at least a warning.
     pub fn has(&self, fault: Fault) -> bool {
         self.findings.iter().any(|f| f.fault == fault && f.severity > Severity::Info)

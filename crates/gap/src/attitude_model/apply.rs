@@ -105,6 +105,24 @@ impl Identification {
         }
         Ok(Vehicle::from_file(&vehicle.name, file)?)
     }
+
+    /// As [`Identification::apply`], for a file in any folder: a shell's path counts from the vehicle file, and is written in full.
+    ///
+    /// # Errors
+    /// As [`Identification::apply`].
+    pub fn vehicle_for_any_folder(
+        &self,
+        vehicle: &Vehicle,
+        date: &str,
+    ) -> Result<Vehicle, AttitudeModelError> {
+        let better = self.apply(vehicle, date)?;
+        let Some(path) = vehicle.shell_path().and_then(|shell| std::fs::canonicalize(shell).ok()) else {
+            return Ok(better);
+        };
+        let mut file = better.file().clone();
+        file.shell = path.display().to_string();
+        Ok(Vehicle::from_file(&vehicle.name, file)?)
+    }
 }
 
 /// Removes an effect from the dynamics that are about to get a new one; others keep it.

@@ -1,0 +1,496 @@
+"""What commands of the program do, as functions: data sets, scenes, logs, the attitude model, flights that show an effect."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _native
+from ._native import Vehicle
+from .gap import LogLike, _Logs
+from .sense import _float, _floats, _whole
+from .sim import DroneLike, Dynamics, SceneLike, _finite, _path, _read_config, _scene, _vehicle
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A data set that was flown."""
+
+    out: Path
+    """Its folder; ``propwash.datasets.open`` reads it."""
+    overview: Path
+    """A picture of it."""
+    worlds: int
+    resumed_worlds: int
+    """Worlds that were there already."""
+    quarantined_worlds: int
+    """Worlds that were stopped because their numbers were no numbers any more."""
+    images: int
+    state_rows: int
+    contact_rows: int
+    clearance_rows: int
+    bytes: int
+    warnings: tuple[str, ...]
+
+
+def fly(
+    out: str | os.PathLike[str],
+    *,
+    config: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    scene: SceneLike = None,
+    drone: DroneLike | Sequence[DroneLike] | None = None,
+    n_worlds: int | None = None,
+    n_drones: int | None = None,
+    dynamics: Dynamics | None = None,
+    trajectory: Literal["lissajous", "circle", "hover"] | Sequence[Sequence[float]] | NDArray[np.float64] | None = None,
+    seconds: float | None = None,
+    fps: int | None = None,
+    log_freq: int | None = None,
+    camera: str | Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    threads: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    **changes: Any,
+) -> Flown:
+    """Flies drones through a scene along a path and writes a data set, as ``propwash fly`` does: states, depth, segmentation, contacts,
+    clearances, a picture (docs/formats.md). What is not given stays as ``config`` has it, or at its default.
+
+    The same arguments give the same bytes, with any number of threads and after any interruption; a data set that is there already is
+    completed.
+
+    Args:
+        out: Folder of the data set.
+        config: Configuration (docs/configuration.md): a dict, a file, or a data set or its manifest, which is flown again.
+        scene, drone, n_worlds, n_drones, seed, threads: As in ``propwash.Sim``.
+        dynamics: Model of motion, for all drones.
+        trajectory: The path: a name, or waypoints, rows of time (s), x, y, z (m) and, where there is a fifth, heading (rad).
+        seconds: Length of a flight.
+        fps: Depth frames per second.
+        log_freq: Rows of states, contacts and clearances per second; divides the steps of the simulation.
+        camera: Name of a camera of the drones' shells, or a dict of the fields of ``camera`` in docs/configuration.md.
+        progress: Called with the worlds that are done and the number of all, from any thread. What it raises is raised at the end.
+        changes: Other fields of the configuration, such as ``normals=True`` or ``obstacle_jitter_m=0.3``.
+
+    Raises:
+        ValueError: for arguments that make no sense, a folder with another data set, and scenes or vehicles that are others now than
+            when the data set ``config`` was recorded.
+        OSError: for files that cannot be read or written.
+    """
+    made: dict[str, Any] = {} if config is None else _read_config(config, _native.read_flight)
+    given: dict[str, Any] = dict(changes)
+    vehicles: list[Vehicle] = []
+    if scene is not None:
+        given["scene"] = _scene(scene)
+        given.setdefault("layouts", None)
+        given.setdefault("layout", None)
+    if drone is not None:
+        named: list[Any] = list(drone) if isinstance(drone, (list, tuple)) else [drone]
+        vehicles = [_vehicle(one) for one in named]
+        given["drones"] = [{} for _ in vehicles]
+        given.setdefault("n_drones", None)
+    if n_drones is not None:
+        given["n_drones"] = _whole("n_drones", n_drones, 1, 2**20)
+    if dynamics is not None:
+        drones = given.get("drones", made.get("drones", [{}]))
+        given["drones"] = [{**one, "dynamics": dynamics} for one in drones]
+    if given.keys() & {"scene", "drones", "n_drones"}:
+        given.setdefault("scene_sha256", [])
+    if trajectory is not None:
+        given["pattern"] = trajectory if isinstance(trajectory, str) else {"waypoints": _waypoints(trajectory)}
+    if camera is not None:
+        seen = {"name": camera, "mount": None} if isinstance(camera, str) else dict(camera)
+        given["camera"] = {**(made.get("camera") or {}), **seen}
+    elif not made.get("camera"):
+        given.setdefault("camera", {})
+    numbers = {"n_worlds": (n_worlds, 10_000_000), "fps": (fps, 1_000_000), "log_hz": (log_freq, 1_000_000), "seed": (seed, 2**64 - 1)}
+    given |= {k: _whole(k, v, 0 if k == "seed" else 1, most) for k, (v, most) in numbers.items() if v is not None}
+    if seconds is not None:
+        given["seconds"] = _float("seconds", seconds)
+    whole = {**made, **given}
+    if whole.get("scene") is None:
+        raise ValueError(f"scene: expected one, such as {', '.join(map(repr, _native.scenes()))} or the path of an MJCF file")
+    _finite("", whole)
+    if threads is not None:
+        threads = _whole("threads", threads, 1, 1024)
+    told = json.loads(_native.fly(json.dumps(whole), vehicles, os.fspath(out), threads, progress))
+    return Flown(out=Path(out), overview=Path(out) / "overview.png", **{**told, "warnings": tuple(told["warnings"])})
+
+
+def _waypoints(rows: Any) -> list[Any]:
+    array = np.asarray(rows, np.float64)
+    if array.ndim != 2 or array.shape[1] not in (4, 5) or not np.isfinite(array).all():
+        raise ValueError(f"trajectory: expected rows of t, x, y, z[, yaw], finite, got an array of shape {array.shape}")
+    return [[row[0], row[1:4], row[4] if len(row) == 5 else 0.0] for row in array.tolist()]
+
+
+@dataclass(frozen=True)
+class GeomLint:
+    """What is perceived of one geom of a scene."""
+
+    id: int
+    name: str
+    body: str
+    kind: str
+    group: int
+    depth: bool
+    """Whether depth images see it."""
+    depth_reason: str
+    """Why they do not; empty where they do."""
+    contact: bool
+    """Whether drones collide with it."""
+    contact_reason: str
+    remarks: tuple[str, ...]
+    """What else is worth knowing."""
+
+
+@dataclass(frozen=True)
+class LintReport:
+    """What depth images and contacts will and will not see in a scene, and why."""
+
+    scene: str
+    spawn_m: tuple[float, float, float]
+    spawn_radius_m: float
+    geoms: tuple[GeomLint, ...]
+    remarks: tuple[str, ...]
+    """What concerns the whole scene."""
+    clean: bool
+    """Whether depth and contacts see every geom and the start is free."""
+    spawn_blocked: bool
+    """Whether the start overlaps something."""
+    text: str = field(repr=False)
+    """All of it as a table in words."""
+
+    @property
+    def mismatches(self) -> tuple[GeomLint, ...]:
+        """Geoms that depth or contacts do not see."""
+        return tuple(g for g in self.geoms if not (g.depth and g.contact))
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def lint(scene: SceneLike, spawn: Sequence[float] = (0.0, 0.0, 1.0), spawn_radius: float = 0.3) -> LintReport:
+    """Says what depth images and contacts see of every geom of a scene, and why not, as ``propwash scene lint`` does.
+
+    Args:
+        scene: As in ``propwash.Sim``, one.
+        spawn: Where drones start, m.
+        spawn_radius: Radius around the start that should be free, m.
+
+    Raises:
+        ValueError: for a scene that MuJoCo refuses.
+        OSError: for a file that cannot be read.
+    """
+    at = tuple(_floats("spawn", spawn, 3))
+    text, words, all_seen, blocked = _native.lint(json.dumps(_scene(scene)), at, _float("spawn_radius", spawn_radius))
+    of = json.loads(text)
+    geoms = tuple(
+        GeomLint(
+            **{k: g[k] for k in ("id", "name", "body", "kind", "group")},
+            depth=g["depth"]["seen"],
+            depth_reason=g["depth"]["reason"],
+            contact=g["contact"]["seen"],
+            contact_reason=g["contact"]["reason"],
+            remarks=tuple(g["remarks"]),
+        )
+        for g in of["geoms"]
+    )
+    return LintReport(
+        of["scene"], tuple(of["spawn_m"]), of["spawn_radius_m"], geoms, tuple(of["remarks"]), all_seen and not blocked, blocked, words
+    )
+
+
+def scene_new(
+    kind: Literal["forest", "corridor", "boxes", "track", "rooms"],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    seed: int = 0,
+    **options: Any,
+) -> str:
+    """MJCF of a generated scene, the same for the same options and seed, as ``propwash scene new`` writes it.
+
+    Args:
+        kind: What is generated.
+        out: File to write; none is written where it is None.
+        seed: Seed of everything random.
+        options: Of the generator, such as ``trees=60, size_m=16.0`` of a forest; those of ``propwash scene new`` with units in their names.
+
+    Raises:
+        ValueError: for a kind or an option that there is not, or that has no such value; the message lists those that there are.
+    """
+    description = _scene({kind: {"seed": _whole("seed", seed, 0, 2**64 - 1), **options}})
+    _finite("", description)
+    text = _native.scene_new(json.dumps(description))
+    if out is not None:
+        Path(out).write_text(text, encoding="utf-8")
+    return text
+
+
+@dataclass(frozen=True)
+class LogFinding:
+    """One sentence about a log."""
+
+    severity: Literal["info", "warning", "refuse"]
+    """``"refuse"``: the log cannot be right as it is."""
+    fault: str
+    """What it is about, such as ``"time-unit"``."""
+    channel: str
+    """Empty for the whole log."""
+    text: str
+    at_s: float | None
+    """Where it begins."""
+
+
+@dataclass(frozen=True)
+class LogChannel:
+    """A channel that was measured."""
+
+    name: str
+    samples: int
+    rate_hz: float
+    largest_gap_s: float
+    held: float
+    """Share of samples that equal the one before."""
+
+
+@dataclass(frozen=True)
+class LogReport:
+    """What a flight log holds, and what in it cannot be right."""
+
+    file: str
+    sha256: str
+    duration_s: float
+    verdict: Literal["info", "warning", "refuse"]
+    """The worst severity that was found."""
+    channels: tuple[LogChannel, ...]
+    findings: tuple[LogFinding, ...]
+    """The worst first."""
+    text: str = field(repr=False)
+    """All of it in words."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash log check --json`` prints it."""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def log_check(log: LogLike, mapping: str | os.PathLike[str] | None = None) -> LogReport:
+    """Checks a flight log, as ``propwash log check`` does: what it holds, and what in it cannot be right.
+
+    Args:
+        log: A path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md).
+        mapping: TOML file with names, units and frames; the one beside the log where it is None.
+
+    Raises:
+        ValueError: for a log that cannot be read as one.
+        OSError: for a file that cannot be read.
+    """
+    with _Logs([log]) as paths:
+        text, words = _native.log_check(paths[0], None if mapping is None else _path("mapping", mapping))
+    of = json.loads(text)
+    return LogReport(
+        **{k: of[k] for k in ("file", "sha256", "duration_s", "verdict")},
+        channels=tuple(LogChannel(**c) for c in of["channels"]),
+        findings=tuple(LogFinding(**f) for f in of["findings"]),
+        text=words,
+        details=of,
+    )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter of the attitude model as it was identified, SI."""
+
+    name: str
+    """Key of the vehicle file with the axis, such as ``angle_gain_per_s2.roll``."""
+    value: float
+    sigma: float | None
+    """Standard deviation; None where the value was held."""
+    low_95: float | None
+    high_95: float | None
+    unit: str
+    held: str | None
+    """Where the value is from when the log could not tell."""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The attitude model of a vehicle, from a log."""
+
+    dynamics: str
+    vehicle: Vehicle
+    """The vehicle with these values."""
+    parameters: tuple[Estimate, ...]
+    before: Mapping[str, float]
+    """Values that the vehicle had, by the names of the parameters."""
+    warnings: tuple[str, ...]
+    text: str = field(repr=False)
+    """All of it in words."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash identify --json`` prints it."""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def identify(
+    log: LogLike,
+    vehicle: str | os.PathLike[str] | Vehicle,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    dynamics: Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"] = "so_rpy_rotor_drag",
+    mapping: str | os.PathLike[str] | None = None,
+) -> Identification:
+    """Identifies the attitude model of a vehicle from a flight log, with intervals, as ``propwash identify`` does (docs/identify.md).
+
+    Args:
+        log: As in ``log_check``: position, attitude, ``cmd_roll``, ``cmd_pitch``, ``cmd_yaw`` (rad), ``cmd_thrust`` (N).
+        vehicle: Built-in name, path of a vehicle file, or a ``Vehicle``: mass, gravity, and what cannot be identified.
+        out: Vehicle file to write; none is written where it is None.
+        dynamics: Setting of the model: thrust lags in ``so_rpy_rotor``, and there is linear drag in ``so_rpy_rotor_drag``.
+        mapping: As in ``log_check``.
+
+    Raises:
+        ValueError: for a log that cannot be right or lacks what is needed.
+    """
+    if out is not None and Path(out).suffix != ".toml":
+        raise ValueError(f"out: expected a file name that ends in .toml, got {os.fspath(out)!r}")
+    day = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
+    before = _vehicle(vehicle)
+    with _Logs([log]) as paths:
+        text, words, toml, doubts = _native.identify(
+            paths[0], before, dynamics, None if mapping is None else _path("mapping", mapping), day
+        )
+    of = json.loads(text)
+    if out is not None:
+        Path(out).write_text(toml, encoding="utf-8")
+    return Identification(
+        dynamics=of["dynamics"],
+        vehicle=Vehicle.from_toml(toml, before.name),
+        parameters=tuple(Estimate(**p) for p in of["parameters"]),
+        before=of["before"],
+        warnings=(*doubts, *of["warnings"]),
+        text=words,
+        details=of,
+    )
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A part of a planned flight."""
+
+    name: str
+    title: str
+    """What is flown."""
+    start_s: float
+    duration_s: float
+    intensity: float
+    """Share of full speed and acceleration at which the vehicle can fly it."""
+    peak_speed_m_s: float
+    peak_tilt_rad: float
+    peak_error_m: float
+    """Greatest distance from the reference."""
+
+
+@dataclass(frozen=True)
+class FlightPlan:
+    """A flight that makes chosen parameters visible, with the standard deviations to expect."""
+
+    vehicle: str
+    duration_s: float
+    complete: bool
+    """Whether every interval is as narrow as wanted."""
+    manoeuvres: tuple[Manoeuvre, ...]
+    parameters: tuple[Mapping[str, Any], ...]
+    """The wanted parameters: ``id``, ``name``, ``unit``, ``target`` (the standard deviation that is wanted), ``whole`` (what to expect,
+    ``alone`` and ``with_look_alike``), ``reached``, ``reason``."""
+    waypoints: NDArray[np.float64] = field(repr=False)
+    """Rows of time (s), x, y, z (m), heading (rad): ``trajectory`` of ``propwash.fly``. (n, 5)"""
+    warnings: tuple[str, ...]
+    csv: str = field(repr=False)
+    """The waypoints as CSV with t, x, y, z, yaw."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash excite --json`` prints it."""
+
+
+def excite(
+    vehicle: str | os.PathLike[str] | Vehicle,
+    want: str | Sequence[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    seconds: float = 60.0,
+    share: float = 0.1,
+    box: Sequence[float] = (6.0, 6.0, 3.0),
+    ground: bool = True,
+    ceiling_z: float | None = None,
+    drive: Literal["rotor_commands", "rotor_speeds", "attitude_commands", "thrust"] | None = None,
+    sensors: Mapping[str, float] | None = None,
+    air_force: float | None = None,
+    seed: int = 0,
+) -> FlightPlan:
+    """Plans a flight that makes effects visible, as ``propwash excite`` does (docs/excite.md).
+
+    Args:
+        vehicle: Built-in name, path of a vehicle file, or a ``Vehicle``.
+        want: Effects, such as ``"linear_drag"`` or ``"weak_rotor.2"``; ``"weak_rotor"`` alone means all rotors.
+        out: CSV file of the waypoints to write; none is written where it is None.
+        seconds: Longest flight.
+        share: Standard deviation that is wanted, as a share of the effect's plausible size.
+        box: Length, width and height of the space, m: x and y from minus to plus half of theirs, z from 0 up.
+        ground: There is ground at z = 0.
+        ceiling_z: Height of a ceiling that can be flown under, m.
+        drive: Which input of the log will drive the model; rotor commands where it is None.
+        sensors: What differs from motion capture at 240 Hz with gyroscope and accelerometer at 500 Hz: ``pose_hz``, ``position_m``,
+            ``attitude_rad``, ``gyro_hz``, ``gyro_rad_s``, ``accel_hz``, ``accel_m_s2`` (standard deviations; a rate of 0 is no sensor).
+        air_force: Accelerations by moving air that no model explains, m/s²; 0.03 where it is None.
+        seed: Seed of noise and disturbances.
+
+    Raises:
+        ValueError: for arguments that make no sense.
+        KeyError: for an effect that there is not.
+    """
+    names = [want] if isinstance(want, str) else list(want)
+    if not names:
+        raise ValueError("want: expected at least one effect, such as 'linear_drag', got none")
+    wish = {
+        "want": names,
+        "seconds": _positive("seconds", seconds),
+        "share": _positive("share", share),
+        "room": _floats("box", box, 3),
+        "ground": bool(ground),
+        "ceiling_z": None if ceiling_z is None else _positive("ceiling_z", ceiling_z),
+        "drive": drive,
+        "sensors": json.dumps(dict(sensors or {})),
+        "air_force": None if air_force is None else _positive("air_force", air_force),
+        "seed": _whole("seed", seed, 0, 2**64 - 1),
+    }
+    text, waypoints, csv, complete = _native.excite(_vehicle(vehicle), wish)
+    of = json.loads(text)
+    if out is not None:
+        Path(out).write_text(csv, encoding="utf-8")
+    return FlightPlan(
+        vehicle=of["vehicle"],
+        duration_s=of["duration_s"],
+        complete=complete,
+        manoeuvres=tuple(Manoeuvre(**m) for m in of["manoeuvres"]),
+        parameters=tuple(of["parameters"]),
+        waypoints=np.array([[t, *pos, yaw] for t, pos, yaw in waypoints]).reshape(-1, 5),
+        warnings=tuple(of["warnings"]),
+        csv=csv,
+        details=of,
+    )
+
+
+def _positive(name: str, value: Any) -> float:
+    number = _float(name, value)
+    if not (np.isfinite(number) and number > 0.0):
+        raise ValueError(f"{name}: expected a number above 0, got {value!r}")
+    return number

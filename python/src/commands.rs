@@ -1,0 +1,190 @@
+//! What subcommands of the program do, as functions: data sets, scenes, logs, the attitude model, flights that show an effect.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use propwash::arena::SceneConfig;
+use propwash::dataset::recorder::{self, FlightConfig};
+use propwash::flight::{FlightLog, check};
+use propwash::gap::attitude_model::{self, Options};
+use propwash::gap::excite::{Air, Request, Sensors, plan};
+use propwash::scene::{self, SceneSource};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use serde_json::json;
+
+use crate::errors::OrRaise;
+use crate::gap::{drive, json};
+use crate::sim::describe;
+use crate::vehicle::PyVehicle;
+
+/// Reads a description in JSON or TOML, or the manifest of a data set, and gives that of the flight, complete, as JSON.
+#[pyfunction]
+pub fn read_flight(text: &str) -> PyResult<String> {
+    json(&FlightConfig::from_text(text).or_raise()?)
+}
+
+/// Flies what a description says into a data set, and gives what became of it as JSON. `progress(done, all)` is called after each
+/// world.
+#[pyfunction]
+pub fn fly(
+    py: Python<'_>,
+    config: &str,
+    vehicles: Vec<Py<PyVehicle>>,
+    out: PathBuf,
+    threads: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<String> {
+    let mut config = FlightConfig::from_text(config).or_raise()?;
+    describe(&mut config.sim, &vehicles);
+    let pool = crate::threads::pool(threads)?;
+    // What the caller's function raises is raised when the data set is whole: worlds that are flown are not lost.
+    let raised = Mutex::new(None);
+    let tell = |done: usize, all: usize| {
+        let Some(progress) = &progress else { return };
+        Python::attach(|py| {
+            if let Err(e) = progress.call1(py, (done, all)) {
+                raised.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(e);
+            }
+        });
+    };
+    let flown = py.detach(|| pool.install(|| recorder::fly(&config.load()?, &out, &tell)));
+    let recorded = flown.or_raise()?;
+    if let Some(e) = raised.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
+        return Err(e);
+    }
+    let s = recorded.summary;
+    json(&json!({
+        "worlds": s.n_worlds, "resumed_worlds": recorded.n_resumed, "quarantined_worlds": s.n_quarantined,
+        "images": s.n_images, "state_rows": s.n_states, "contact_rows": s.n_contacts,
+        "clearance_rows": s.n_clearances, "bytes": s.bytes, "warnings": recorded.warnings,
+    }))
+}
+
+/// The one scene that a description names.
+fn source(scene: &str) -> PyResult<SceneSource> {
+    let scene: SceneConfig =
+        serde_json::from_str(scene).map_err(|e| PyValueError::new_err(format!("scene: {e}")))?;
+    let sources = scene.sources(None).or_raise()?;
+    match <[SceneSource; 1]>::try_from(sources) {
+        Ok([one]) => Ok(one),
+        Err(all) => Err(PyValueError::new_err(format!("scene: expected one, got {}", all.len()))),
+    }
+}
+
+/// What depth and contacts see of a scene: as JSON and in words; whether they see every geom; whether the start overlaps something.
+#[pyfunction]
+pub fn lint(
+    py: Python<'_>,
+    scene: &str,
+    spawn: [f64; 3],
+    spawn_radius: f64,
+) -> PyResult<(String, String, bool, bool)> {
+    let source = source(scene)?;
+    let report = py.detach(|| scene::lint(&source, spawn, spawn_radius)).or_raise()?;
+    let all_seen = report.mismatches().next().is_none();
+    Ok((json(&report)?, report.to_string(), all_seen, report.spawn_is_blocked()))
+}
+
+/// MJCF of a generated scene.
+#[pyfunction]
+pub fn scene_new(py: Python<'_>, scene: &str) -> PyResult<String> {
+    match py.detach(|| source(scene))? {
+        SceneSource::Text { xml, .. } => Ok(xml),
+        SceneSource::File(path) => {
+            let words = format!("scene: expected one that is generated, got {}", path.display());
+            Err(PyValueError::new_err(words))
+        }
+    }
+}
+
+/// What a log holds and what in it cannot be right: as JSON and in words.
+#[pyfunction]
+pub fn log_check(py: Python<'_>, log: PathBuf, mapping: Option<PathBuf>) -> PyResult<(String, String)> {
+    let report = py.detach(|| Ok(check(&FlightLog::load(&log, mapping.as_deref())?)));
+    let report = report.map_err(|e: propwash::flight::FlightError| propwash::Error::from(e)).or_raise()?;
+    Ok((json(&report)?, report.to_string()))
+}
+
+/// The attitude model of a log: as JSON and in words; the text of the vehicle file with it; warnings about the log.
+#[pyfunction]
+pub fn identify(
+    py: Python<'_>,
+    log: PathBuf,
+    vehicle: Py<PyVehicle>,
+    dynamics: String,
+    mapping: Option<PathBuf>,
+    date: &str,
+) -> PyResult<(String, String, String, Vec<String>)> {
+    let vehicle = &vehicle.get().vehicle;
+    let made = py.detach(|| {
+        let (log, report) = FlightLog::open(&log, mapping.as_deref())?;
+        let found = attitude_model::identify(&log, vehicle, &Options { dynamics })?;
+        let better = found.vehicle_for_any_folder(vehicle, date)?;
+        Ok::<_, propwash::Error>((found, better, report.warnings()))
+    });
+    let (found, better, warnings) = made.or_raise()?;
+    Ok((json(&found)?, found.to_string(), better.to_toml().to_string(), warnings))
+}
+
+/// What to plan a flight for.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct Wish {
+    want: Vec<String>,
+    seconds: f64,
+    share: f64,
+    room: [f64; 3],
+    ground: bool,
+    ceiling_z: Option<f64>,
+    drive: Option<String>,
+    sensors: String,
+    air_force: Option<f64>,
+    seed: u64,
+}
+
+/// A waypoint: time, s, position, m, heading, rad.
+type Waypoint = (f64, [f64; 3], f64);
+
+/// A flight that shows effects: as JSON; its waypoints; the same as CSV; whether every interval is as narrow as wanted.
+#[pyfunction]
+pub fn excite(
+    py: Python<'_>,
+    vehicle: Py<PyVehicle>,
+    wish: Wish,
+) -> PyResult<(String, Vec<Waypoint>, String, bool)> {
+    let sensors = sensors(&wish.sensors)?;
+    let air = Air::default();
+    let request = Request {
+        want: wish.want,
+        seconds: wish.seconds,
+        share: wish.share,
+        box_m: wish.room,
+        ground: wish.ground,
+        ceiling_z_m: wish.ceiling_z,
+        sensors,
+        air: Air { force_m_s2: wish.air_force.unwrap_or(air.force_m_s2), ..air },
+        drive: drive(wish.drive.as_deref())?.unwrap_or(propwash::gap::Drive::RotorCommands),
+        seed: wish.seed,
+    };
+    let pool = crate::threads::pool(None)?;
+    let vehicle = &vehicle.get().vehicle;
+    let made = py.detach(|| pool.install(|| plan(vehicle, &request))).or_raise()?;
+    Ok((json(&made)?, made.waypoints.clone(), made.csv(), made.complete()))
+}
+
+/// The sensors of a flight: those by default with what is given.
+fn sensors(given: &str) -> PyResult<Sensors> {
+    let fault = |e: serde_json::Error| PyValueError::new_err(format!("sensors: {e}"));
+    let mut all = serde_json::to_value(Sensors::default()).map_err(fault)?;
+    let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(given).map_err(fault)?;
+    for (name, value) in given {
+        let Some(place) = all.get_mut(&name) else {
+            let known: Vec<&String> = all.as_object().into_iter().flatten().map(|(k, _)| k).collect();
+            let words = format!("sensors: expected one of {known:?}, got {name:?}");
+            return Err(PyValueError::new_err(words));
+        };
+        *place = value;
+    }
+    serde_json::from_value(all).map_err(fault)
+}

@@ -1,0 +1,169 @@
+"""What commands of the program do, as functions: the same results as theirs."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_gap import HIDDEN, flight
+
+import propwash
+
+PROGRAM = os.environ.get("PROPWASH_BIN")
+program = pytest.mark.skipif(PROGRAM is None, reason="PROPWASH_BIN is not set")
+
+
+def told(*words, code=0, **options):
+    """What the program prints."""
+    done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, timeout=300, **options)
+    assert done.returncode == code, done.stderr
+    return done.stdout
+
+
+def files(folder):
+    return {p.relative_to(folder): p.read_bytes() for p in sorted(Path(folder).rglob("*")) if p.is_file()}
+
+
+@program
+def test_fly_writes_the_data_set_of_the_program(tmp_path):
+    line = "--scene forest --drone cf2x_L250 --drone cf21B_500 --worlds 3 --seconds 0.2 --trajectory circle --fps 10 --log-hz 50"
+    told("fly", *line.split(), "--size", "12x8", "--seed", 4, "--normals", "--out", tmp_path / "a")
+    seen = []
+    flown = propwash.fly(
+        tmp_path / "b", scene="forest", drone=["cf2x_L250", "cf21B_500"], n_worlds=3, seconds=0.2, trajectory="circle", fps=10,
+        log_freq=50, camera={"width": 12, "height": 8}, seed=4, normals=True, progress=lambda done, of: seen.append((done, of)),
+    )
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+    assert (flown.worlds, flown.resumed_worlds, flown.quarantined_worlds) == (3, 0, 0) and flown.overview.is_file()
+    assert sorted(seen) == [(k, 3) for k in range(4)] and flown.images > 0
+    # What is there already is kept, and what was flown is flown again from its manifest, with changes.
+    assert propwash.fly(tmp_path / "b", config=tmp_path / "b").resumed_worlds == 3
+    more = propwash.fly(tmp_path / "c", config=tmp_path / "b" / "manifest.json", n_worlds=4, threads=1)
+    assert more.worlds == 4
+    same = {p: b for p, b in files(tmp_path / "a").items() if p.parts[0].endswith("1") and p.name != "manifest.json"}
+    assert same and same.items() <= files(tmp_path / "c").items()
+
+
+def test_fly_takes_vehicles_scenes_as_text_and_waypoints(tmp_path):
+    vehicle = propwash.Vehicle("hb_x500").with_effects(HIDDEN)
+    path = [[0.0, 0.0, 0.0, 1.0], [0.5, 0.2, 0.0, 1.0], [1.0, 0.2, 0.2, 1.0]]
+    text = "<mujoco><worldbody><geom name='floor' type='plane' size='5 5 0.1'/></worldbody></mujoco>"
+    flown = propwash.fly(tmp_path / "set", scene=text, drone=vehicle, trajectory=path, seconds=0.2, camera={"width": 8, "height": 6})
+    assert flown.worlds == 1
+    config = json.loads((tmp_path / "set/manifest.json").read_text())["config"]
+    assert config["pattern"] == {"waypoints": [[0.0, [0.0, 0.0, 1.0], 0.0], [0.5, [0.2, 0.0, 1.0], 0.0], [1.0, [0.2, 0.2, 1.0], 0.0]]}
+    assert config["drones"][0]["vehicle"] == {"name": "hb_x500", "toml": vehicle.to_toml()}
+
+
+def test_fly_says_what_is_wrong(tmp_path):
+    with pytest.raises(ValueError, match="scene: expected one, such as 'corridor'"):
+        propwash.fly(tmp_path / "x")
+    with pytest.raises(ValueError, match="trajectory: expected rows"):
+        propwash.fly(tmp_path / "x", scene="room", trajectory=[[0.0, 1.0]])
+    with pytest.raises(ValueError, match="unknown field `colour`"):
+        propwash.fly(tmp_path / "x", scene="room", colour=1)
+    with pytest.raises(FileNotFoundError, match="did you mean 'room'"):
+        propwash.fly(tmp_path / "x", scene="rooom")
+    assert not (tmp_path / "x").exists()
+
+    def stop(done, of):
+        raise RuntimeError("enough")
+
+    with pytest.raises(RuntimeError, match="enough"):
+        propwash.fly(tmp_path / "y", scene="room", seconds=0.05, camera={"width": 4, "height": 3}, progress=stop)
+
+
+@program
+def test_lint_is_that_of_the_program():
+    report = propwash.lint("zoo")
+    theirs = json.loads(told("scene", "lint", "zoo", "--json", code=1))
+    assert not report.clean and not report.spawn_blocked
+    assert [g.name for g in report.geoms] == [g["name"] for g in theirs["geoms"]]
+    assert {g.name for g in report.mismatches} == {
+        g["name"] for g in theirs["geoms"] if not (g["depth"]["seen"] and g["contact"]["seen"])
+    }
+    assert all(bool(g.depth_reason) != g.depth and bool(g.contact_reason) != g.contact for g in report.geoms)
+    assert str(report).strip() == told("scene", "lint", "zoo", code=1).strip()
+    assert propwash.lint("room").clean
+    blocked = propwash.lint("<mujoco><worldbody><geom size='1' pos='0 0 1'/></worldbody></mujoco>", spawn=(0, 0, 1))
+    assert blocked.spawn_blocked and not blocked.clean
+
+
+@program
+def test_new_scenes_are_those_of_the_program(tmp_path):
+    told("scene", "new", "forest", "--seed", 3, "--trees", 9, "--out", tmp_path / "a.xml")
+    text = propwash.scene_new("forest", tmp_path / "b.xml", seed=3, trees=9)
+    assert text == (tmp_path / "a.xml").read_text() == (tmp_path / "b.xml").read_text()
+    with pytest.raises(ValueError, match="trees"):
+        propwash.scene_new("forest", tres=9)
+    with pytest.raises(ValueError, match="corridor, boxes, track, rooms"):
+        propwash.scene_new("desert")
+
+
+@program
+def test_log_check_is_that_of_the_program(tmp_path):
+    log = flight("cf2x_L250", seconds=4)
+    report = propwash.log_check(log)
+    assert report.verdict in ("info", "warning", "refuse") and report.duration_s > 0
+    assert {c.name for c in report.channels} >= {"position", "attitude"}
+    path = tmp_path / "log.csv"
+    with path.open("w") as f:
+        f.write(",".join(log) + "\n")
+        for row in zip(*log.values()):
+            f.write(",".join("" if v != v else repr(float(v)) for v in row) + "\n")
+    mine = propwash.log_check(path)
+    theirs = subprocess.run([PROGRAM, "log", "check", str(path), "--json"], capture_output=True, text=True)
+    assert mine.details == json.loads(theirs.stdout)[0]
+    turned = {**log, "t": np.asarray(log["t"])[::-1]}
+    assert propwash.log_check(turned).verdict != "info"
+    with pytest.raises(OSError):
+        propwash.log_check(tmp_path / "absent.csv")
+
+
+def test_excite_plans_a_flight_that_fly_takes(tmp_path):
+    plan = propwash.excite("cf2x_L250", "linear_drag", tmp_path / "path.csv", seconds=20.0)
+    assert plan.manoeuvres and plan.waypoints.shape[1] == 5 and plan.duration_s <= 21.0
+    assert (tmp_path / "path.csv").read_text() == plan.csv and plan.csv.startswith("t,x,y,z,yaw")
+    assert {p["id"] for p in plan.parameters} == {"linear_drag"}
+    flown = propwash.fly(tmp_path / "set", scene="<mujoco><worldbody><geom type='plane' size='9 9 1'/></worldbody></mujoco>",
+                         trajectory=plan.waypoints, seconds=0.1, camera={"width": 4, "height": 3})
+    assert flown.worlds == 1
+    with pytest.raises(KeyError, match="linear_dra"):
+        propwash.excite("cf2x_L250", "linear_dra")
+    with pytest.raises(ValueError, match="sensors: expected one of"):
+        propwash.excite("cf2x_L250", "linear_drag", sensors={"lidar_hz": 3})
+
+
+def commanded():
+    """A flight by attitude commands, by the attitude model itself, with a little noise."""
+    sim = propwash.Sim(drone="cf2x_L250", dynamics="so_rpy_rotor_drag", control="attitude", freq=500, precision="f64")
+    sim.set_initial(pos=[0.0, 0.0, 50.0])
+    sim.reset()
+    random = np.random.default_rng(0)
+    hover = float(sim.hover_thrust()[0, 0])
+    names = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "cmd_roll", "cmd_pitch", "cmd_yaw", "cmd_thrust"]
+    rows = []
+    for k in range(6000):
+        t = k / 500
+        swing = [sum(np.sin(w * t + phase + 1.7 * i) for i, w in enumerate((1.3, 3.1, 5.9, 10.7))) for phase in (0.0, 1.0, 2.0, 3.0)]
+        command = np.array([0.1 * swing[0], 0.1 * swing[1], 0.1 * swing[2], hover * (1 + 0.06 * swing[3])])
+        pos = sim.data.pos[0, 0] + 1e-4 * random.standard_normal(3)
+        quat = sim.data.quat[0, 0] + 1e-4 * random.standard_normal(4)
+        rows.append([t, *pos, *quat / np.linalg.norm(quat), *command])
+        sim.attitude_control(command.reshape(1, 1, 4))
+        sim.step()
+    return dict(zip(names, np.array(rows).T))
+
+
+def test_identify_finds_the_model_that_flew(tmp_path):
+    found = propwash.identify(commanded(), "cf2x_L250", tmp_path / "better.toml")
+    assert found.dynamics == "so_rpy_rotor_drag" and "identified from" in str(found)
+    for p in found.parameters:
+        if p.held is None and p.name.startswith(("angle_gain", "command_gain", "rate_gain")):
+            assert abs(p.value - found.before[p.name]) < 0.1 * abs(found.before[p.name]) + 4 * p.sigma, p
+    assert propwash.Vehicle(tmp_path / "better.toml").to_toml() == found.vehicle.to_toml()
+    assert "propwash identify" in found.vehicle.to_toml()
+    with pytest.raises(ValueError, match="ends in .toml"):
+        propwash.identify({}, "cf2x_L250", tmp_path / "better.json")
