@@ -31,7 +31,11 @@ fn main() {
     }
     println!("cargo::rustc-link-search=native={}", out.display());
     println!("cargo::rustc-link-arg=-Wl,-rpath,$ORIGIN/../lib/propwash");
-    println!("cargo::rustc-link-arg=-Wl,-rpath,{}", dir.display());
+    // What is handed to others (`cargo xtask dist`) names no folder of this machine.
+    println!("cargo::rerun-if-env-changed=PROPWASH_DIST");
+    if env::var_os("PROPWASH_DIST").is_none() {
+        println!("cargo::rustc-link-arg=-Wl,-rpath,{}", dir.display());
+    }
     println!("cargo::metadata=lib_dir={}", dir.display());
 }
 

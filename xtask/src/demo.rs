@@ -80,13 +80,18 @@ fn in_python(target: &Path) -> Result<String> {
     }
     let python = python::environment(&target.join("demo-venv"), REQUIREMENTS, "NumPy and MuJoCo (once)")?;
     let package = python::assemble(&target.join("release"), &target.join("python-release"))?;
+    let mut script = Command::new(python);
+    script.args(["-c", &readme_script()?]).current_dir(run::root()).env("PYTHONPATH", &package);
+    run::check(&mut script)?;
+    Ok(format!("the script of the README ran; PYTHONPATH={}", package.display()))
+}
+
+/// The script of the README.
+pub fn readme_script() -> Result<String> {
     let path = run::root().join("README.md");
     let readme = fs::read_to_string(&path).map_err(|e| format!("{} cannot be read: {e}", path.display()))?;
     let block = first_block(&readme).ok_or_else(|| format!("{} has no block of Python", path.display()))?;
-    let mut script = Command::new(python);
-    script.args(["-c", block]).current_dir(run::root()).env("PYTHONPATH", &package);
-    run::check(&mut script)?;
-    Ok(format!("the script of the README ran; PYTHONPATH={}", package.display()))
+    Ok(block.to_string())
 }
 
 /// The first block of Python in a page.

@@ -5,6 +5,8 @@ use std::process::ExitCode;
 mod bench;
 mod ci;
 mod demo;
+mod dist;
+mod dist_test;
 mod docs;
 mod gen_kernels;
 mod python;
@@ -41,6 +43,11 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask docs [--notebooks]
                                build the site of the documentation into target/site, with mkdocs in target/docs-venv; a link
                                that leads nowhere fails (--notebooks: first run all notebooks/ anew and write what they show)
+  cargo xtask dist [--test] [--python PROGRAM ...]
+                               build for people without Rust, into target/dist-files: a wheel for Linux (glibc 2.28 and newer) and
+                               Python 3.10 and newer, and an archive of the program with MuJoCo's library, scenes and vehicles
+                               (--test: install each in a clean environment outside the checkout and run it, the wheel with each
+                               --python, or with python3; --only-test: the same with what is there already)
   cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test
@@ -58,6 +65,7 @@ fn main() -> ExitCode {
         Some("demo") => demo::run(rest),
         Some("test") => test::run(rest),
         Some("bench") => bench::run(rest),
+        Some("dist") => dist::run(rest),
         Some("docs") => docs::run(rest),
         Some("gen") => gen_kernels::run(rest),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),

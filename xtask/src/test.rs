@@ -189,7 +189,7 @@ fn pytest_counts(line: &str) -> Option<Counts> {
 }
 
 /// Version of a package in the text of Cargo.lock.
-fn locked_version<'a>(lock: &'a str, name: &str) -> Option<&'a str> {
+pub fn locked_version<'a>(lock: &'a str, name: &str) -> Option<&'a str> {
     let mut lines = lock.lines().skip_while(|l| *l != format!("name = \"{name}\"")).skip(1);
     lines.next()?.strip_prefix("version = \"")?.strip_suffix('"')
 }
