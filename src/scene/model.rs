@@ -433,6 +433,13 @@ fn check_file(path: &Path) -> Result<(), SceneError> {
         .map_err(|source| SceneError::Read { path: path.to_path_buf(), source })
 }
 
+/// Empties MuJoCo's memory of the assets of this process: a mesh that it remembers from another scene comes out other than one that
+/// it reads, and the model, with its hash, would depend on what was built before.
+fn forget_assets() {
+    // SAFETY: the cache is MuJoCo's own, which locks it; models hold copies of what it holds.
+    unsafe { ffi::mj_clearCache(ffi::mj_getCache()) };
+}
+
 /// MuJoCo's words without those of the wrapper.
 fn words(error: MjEditError) -> String {
     match error {
@@ -651,6 +658,7 @@ impl Scene {
         options: BuildOptions,
     ) -> Result<Self, SceneError> {
         let _lock = build_lock();
+        forget_assets();
         let what = source.label();
         let mut warnings = Vec::new();
         let shipped = match source {

@@ -108,6 +108,25 @@ mod tests {
     }
 
     #[test]
+    fn a_scene_is_the_same_whatever_was_built_before() {
+        // A copy, of whose meshes MuJoCo remembers nothing from other tests; both scenes read the same ones.
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["xml", "assets"] {
+            std::fs::create_dir(folder.path().join(name)).unwrap();
+        }
+        for (name, bytes) in ASSETS {
+            std::fs::write(folder.path().join("assets").join(name), bytes).unwrap();
+        }
+        let build = |name: &str| {
+            let file = folder.path().join("xml").join(format!("{name}.xml"));
+            std::fs::write(&file, text(name).unwrap()).unwrap();
+            Scene::build(&SceneSource::file(file), &[]).unwrap().hash()
+        };
+        build("meshes");
+        assert_eq!(build("zoo"), Scene::build(&SceneSource::file("zoo"), &[]).unwrap().hash());
+    }
+
+    #[test]
     fn other_names_are_refused_with_those_that_there_are() {
         let error = |name: &str| Scene::build(&SceneSource::file(name), &[]).unwrap_err().to_string();
         let text = error("forrest");
