@@ -74,8 +74,8 @@ SHOW: dict[str, tuple[str, str | None]] = {
 ROLL_OUTS = {"gyro_bias", "gyro_scale", "sensor_offset", "world_tilt"}
 #: Slow effects, drawn over the whole flight.
 SLOW = {"battery_sag", "thrust_fade"}
-#: Effects that `add` does not write, by its rules: drawn with the true values.
-TRUE = {"gyro_scale", "actuator_saturation"}
+#: Effects that `add` does not write, by its rules, or not alone: drawn with the true values.
+TRUE = {"gyro_scale", "actuator_saturation", "world_tilt"}
 #: Pages without a picture: what they write is the user's, or is set by the caller.
 NONE = {"expression", "disturbance"}
 

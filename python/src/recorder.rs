@@ -12,7 +12,6 @@ use crate::arrays;
 use crate::camera::PyCameras;
 use crate::errors::{Error, OrRaise};
 use crate::sim::{Flight, PySim, either};
-use crate::stages::lock;
 
 /// The compiled side of `propwash.Recorder`.
 #[pyclass(frozen, name = "Recorder", module = "propwash._native")]
@@ -104,31 +103,11 @@ impl PyRecorder {
         let recorder = &mut *recorder;
         let sim = self.sim.get();
         let mut core = sim.core()?;
-        let staged = !lock(&sim.slots).is_empty();
-        if staged {
-            sim.call.begin(data);
-        }
-        let mut flying = recorder.is_flying();
-        let outcome = (0..n_steps).try_for_each(|k| {
-            if k > 0 && !flying {
-                return Ok(());
-            }
-            let done = either!(&mut core.flight, arena => {
+        sim.step_one_by_one(n_steps, data, || {
+            either!(&mut core.flight, arena => {
                 py.detach(|| sim.pool.install(|| recorder.step(arena))).or_raise()
-            });
-            match sim.call.take_error() {
-                Some(error) if staged => Err(error),
-                _ => {
-                    flying = done?;
-                    Ok(())
-                }
-            }
-        });
-        if staged {
-            sim.call.end();
-        }
-        outcome?;
-        Ok(flying)
+            })
+        })
     }
 
     /// Ends the flight of the worlds of a mask.

@@ -117,6 +117,40 @@ impl PySim {
         }
     }
 
+    /// Whether Python wrote a stage.
+    fn has_stages(&self) -> bool {
+        !lock(&self.slots).is_empty()
+    }
+
+    /// Calls `step` up to `n_steps` times, until it says that it has no more. Stages are given `data`; the first exception that one of
+    /// them raises ends the call.
+    pub fn step_one_by_one(
+        &self,
+        n_steps: usize,
+        data: Py<PyAny>,
+        mut step: impl FnMut() -> PyResult<bool>,
+    ) -> PyResult<bool> {
+        let staged = self.has_stages();
+        if staged {
+            self.call.begin(data);
+        }
+        let mut more = true;
+        let outcome = (0..n_steps).try_for_each(|_| {
+            if !more {
+                return Ok(());
+            }
+            let done = step();
+            match self.call.take_error() {
+                Some(error) if staged => Err(error),
+                _ => done.map(|done| more = done),
+            }
+        });
+        if staged {
+            self.call.end();
+        }
+        outcome.map(|()| more)
+    }
+
     fn check(&self, world: usize, drone: usize) -> PyResult<()> {
         if world < self.n_worlds && drone < self.n_drones {
             return Ok(());
@@ -339,17 +373,12 @@ impl PySim {
     /// Advances all worlds; true when worlds were quarantined that were not before.
     fn step(&self, py: Python<'_>, n_steps: usize, data: Py<PyAny>) -> PyResult<bool> {
         let mut core = self.core()?;
-        let staged = !lock(&self.slots).is_empty();
         let Core { flight, told, .. } = &mut *core;
         either!(flight, arena => {
-            if staged {
-                self.call.begin(data);
-                let outcome = (0..n_steps).try_for_each(|_| {
-                    let done = py.detach(|| self.pool.install(|| arena.step(1))).or_raise();
-                    self.call.take_error().map_or(done, Err)
-                });
-                self.call.end();
-                outcome?;
+            if self.has_stages() {
+                self.step_one_by_one(n_steps, data, || {
+                    py.detach(|| self.pool.install(|| arena.step(1))).or_raise().map(|()| true)
+                })?;
             } else {
                 py.detach(|| match arena.is_parallel(n_steps) {
                     true => self.pool.install(|| arena.step(n_steps)),

@@ -171,6 +171,7 @@ def test_what_makes_no_sense_is_refused(tmp_path):
         ({"camera": "overview"}, "every drone carries"),
         ({"camera": "fpv", "noise": {"bias": 1}}, "unknown field"),
         ({"noise": {}}, "a camera beside it"),
+        ({"normals": True}, "normals: expected a camera"),
         ({"episodes": 0}, "episodes"),
     ]:
         with pytest.raises((ValueError, propwash.Error), match=words):

@@ -33,7 +33,7 @@ def test_a_simulation_reads_its_sensors():
     sim = propwash.Sim(2, scene=HALL, seed=1, sensors=["lidar", FRONT, "optical_flow", NOISY, camera])
     sim.set_initial(pos=[0.0, 0.0, 2.0])
     sim.reset()
-    assert [c.name for c in sim.sensors["imu"]] == ["accelerometer", "gyroscope"]
+    assert [c.name for c in sim.sensors["imu"]] == ["accelerometer", "gyroscope", "saturated"]
     assert sim.sensors["rear"][2] == propwash.SensorChannel("geom_id", "1", (4, 6), "int32")
     assert np.allclose(sim.read("front")["range"], 3.0, atol=1e-5) and sim.read("front")["range"].shape == (2, 1)
     lidar = sim.read("lidar")["range"]

@@ -6,7 +6,7 @@ use super::{ArenaError, Look};
 use crate::math::{quat, vec3};
 use crate::random::{Key, purpose};
 use crate::rollout::SimOptions;
-use crate::rollout::trajectory::{Spline, Track, Trajectory, Waypoint};
+use crate::rollout::trajectory::{Spline, Track, Tracks, Trajectory, Waypoint};
 use crate::scalar::lanes::Number;
 use crate::scene::{Pose, Scene};
 use crate::sense;
@@ -24,7 +24,7 @@ pub enum FlightPattern {
     /// Through given points (time s, position m, heading rad); several drones in a grid around them.
     Waypoints(Spline),
     /// Each world or drone through points of its own. A track that names no drone leads several drones in a grid around it.
-    Tracks(Vec<Track>),
+    Tracks(Tracks),
 }
 
 /// Distance between the drones of a grid, m.
@@ -53,7 +53,7 @@ impl FlightPattern {
             },
             Self::Hover => Trajectory::Hover { at_m: vec3::add([0.0, 0.0, 1.0], offset) },
             Self::Waypoints(spline) => Trajectory::Waypoints(spline.shifted(offset)),
-            Self::Tracks(tracks) => match Track::of(tracks, world, drone) {
+            Self::Tracks(tracks) => match tracks.of(world, drone) {
                 Some(Track { drone: Some(_), points, .. }) => Trajectory::Waypoints(points.clone()),
                 Some(track) => Trajectory::Waypoints(track.points.shifted(offset)),
                 // Refused by `check`.
@@ -69,21 +69,13 @@ impl FlightPattern {
         let odd = tracks.iter().find(|t| {
             t.world.is_some_and(|w| !worlds.contains(&w)) || t.drone.is_some_and(|d| d >= n_drones)
         });
-        if let Some(Track { world, drone, .. }) = odd {
+        if let Some(track) = odd {
             let last = worlds.end - 1;
             let expected = format!("tracks of worlds {first_world} to {last} and drones below {n_drones}");
-            return Err(ArenaError::option("pattern", expected, format!("world {world:?}, drone {drone:?}")));
-        }
-        let twice = tracks
-            .iter()
-            .enumerate()
-            .find(|(i, t)| tracks[..*i].iter().any(|other| (other.world, other.drone) == (t.world, t.drone)));
-        if let Some((_, Track { world, drone, .. })) = twice {
-            let got = format!("two for world {world:?}, drone {drone:?}");
-            return Err(ArenaError::option("pattern", "one track for each world and drone", got));
+            return Err(ArenaError::option("pattern", expected, track.leads()));
         }
         for world in worlds {
-            if let Some(drone) = (0..n_drones).find(|d| Track::of(tracks, world, *d).is_none()) {
+            if let Some(drone) = (0..n_drones).find(|d| tracks.of(world, *d).is_none()) {
                 let expected = "a track for every drone of every world";
                 return Err(ArenaError::option(
                     "pattern",

@@ -50,7 +50,7 @@ pub enum SensorConfig {
     DepthCamera(Box<DepthCameraConfig>),
 }
 
-/// An inertial sensor. Channels: `accelerometer` (m/s², 3), `gyroscope` (rad/s, 3).
+/// An inertial sensor. Channels: `accelerometer` (m/s², 3), `gyroscope` (rad/s, 3), `saturated` (1 where an axis reads its limit).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImuConfig {

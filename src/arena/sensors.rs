@@ -10,8 +10,14 @@ use crate::rollout::Equations;
 use crate::scalar::lanes::Number;
 use crate::sense::{Moment, SenseError, Sensor, SensorChannel};
 
-/// When a world was sampled: its episode and its step.
-type At = Option<(u64, u64)>;
+/// When a world was sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Taken {
+    episode: u64,
+    step: u64,
+    /// Step of the sample before this one in the same episode.
+    before: Option<u64>,
+}
 
 /// A sensor on every drone.
 #[derive(Clone)]
@@ -22,8 +28,10 @@ pub(super) struct Mounted {
     values: Vec<Vec<f32>>,
     /// (world, drone, number)
     memory: Vec<f64>,
-    /// (world)
-    sampled: Vec<At>,
+    /// The same before the last sample, from which a second one in the same step starts again.
+    memory_before: Vec<f64>,
+    /// The last sample, (world)
+    sampled: Vec<Option<Taken>>,
 }
 
 /// What sensors remember of an arena that was saved.
@@ -34,7 +42,8 @@ pub(super) struct SavedSensors(Vec<Saved>);
 #[derive(Clone, Debug)]
 struct Saved {
     memory: Vec<f64>,
-    sampled: Vec<At>,
+    memory_before: Vec<f64>,
+    sampled: Vec<Option<Taken>>,
     values: Vec<Vec<f32>>,
 }
 
@@ -61,6 +70,7 @@ impl<N: Number> Arena<N> {
         self.sensors.push(Mounted {
             values: channels.iter().map(|c| vec![0.0; rows * c.len()]).collect(),
             memory: vec![0.0; rows * sensor.memory_len()],
+            memory_before: vec![0.0; rows * sensor.memory_len()],
             sampled: vec![None; data.n_worlds],
             channels,
             sensor,
@@ -133,7 +143,8 @@ impl<N: Number> Arena<N> {
     }
 
     /// Lets a sensor sample all drones of all worlds, or of those whose entry in `mask` is true, in parallel. Quarantined worlds keep
-    /// their last sample.
+    /// their last sample. A second sample in the same step has the random numbers and the memory of the first: it differs only where the
+    /// world was changed in between.
     ///
     /// # Errors
     /// [`ArenaError::Option`] for a sensor that there is not and for a mask of another length, [`ArenaError::Scene`] and
@@ -161,6 +172,7 @@ impl<N: Number> Arena<N> {
     pub(super) fn save_sensors(&self) -> SavedSensors {
         let of = |m: &Mounted| Saved {
             memory: m.memory.clone(),
+            memory_before: m.memory_before.clone(),
             sampled: m.sampled.clone(),
             values: m.values.clone(),
         };
@@ -188,6 +200,7 @@ impl<N: Number> Arena<N> {
     pub(super) fn restore_sensors(&mut self, saved: &SavedSensors) {
         for (mounted, saved) in self.sensors.iter_mut().zip(&saved.0) {
             mounted.memory.copy_from_slice(&saved.memory);
+            mounted.memory_before.copy_from_slice(&saved.memory_before);
             mounted.sampled.copy_from_slice(&saved.sampled);
             mounted.values.iter_mut().zip(&saved.values).for_each(|(to, from)| to.copy_from_slice(from));
         }
@@ -204,6 +217,7 @@ impl<N: Number> Arena<N> {
         }
         for mounted in &mut self.sensors {
             spread(&mut mounted.memory, n_worlds, world);
+            spread(&mut mounted.memory_before, n_worlds, world);
             spread(&mut mounted.sampled, n_worlds, world);
             mounted.values.iter_mut().for_each(|values| spread(values, n_worlds, world));
         }
@@ -231,7 +245,7 @@ impl Mounted {
         let (n_worlds, n_drones) = (look.data().n_worlds, look.data().n_drones);
         let (sensor, channels) = (&self.sensor, &self.channels);
         let each = n_drones * sensor.memory_len();
-        let mut memory = &mut self.memory[..];
+        let (mut memory, mut memory_before) = (&mut self.memory[..], &mut self.memory_before[..]);
         let mut values: Vec<_> = self
             .values
             .iter_mut()
@@ -243,19 +257,19 @@ impl Mounted {
             .iter_mut()
             .enumerate()
             .map(|(world, sampled)| {
-                let (own, rest) = std::mem::take(&mut memory).split_at_mut(each);
-                memory = rest;
+                let own = memory.split_off_mut(..each).unwrap_or_default();
+                let before = memory_before.split_off_mut(..each).unwrap_or_default();
                 let rows: Vec<&mut [f32]> = values.iter_mut().filter_map(Iterator::next).collect();
-                (world, sampled, own, rows)
+                (world, Rows { sampled, memory: own, memory_before: before, values: rows })
             })
             .collect();
         let found: Vec<Result<(), ArenaError>> = worlds
             .par_iter_mut()
-            .map(|(world, sampled, memory, rows)| {
+            .map(|(world, rows)| {
                 if mask.is_some_and(|mask| !mask[*world]) {
                     return Ok(());
                 }
-                sample_world(&**sensor, channels, (look, sim), *world, (sampled, memory, rows))
+                sample_world(&**sensor, channels, (look, sim), *world, rows)
             })
             .collect();
         let mut failures = Vec::new();
@@ -274,30 +288,66 @@ impl Mounted {
     }
 }
 
-/// Where the sample of one world goes: when it was sampled last, what is remembered, and the rows of each channel.
-type Rows<'a, 'b> = (&'a mut At, &'a mut [f64], &'a mut [&'b mut [f32]]);
+/// Where the sample of one world goes.
+struct Rows<'a, 'b> {
+    /// The sample before.
+    sampled: &'a mut Option<Taken>,
+    memory: &'a mut [f64],
+    memory_before: &'a mut [f64],
+    /// Of each channel.
+    values: Vec<&'b mut [f32]>,
+}
 
 fn sample_world<N: Number>(
     sensor: &dyn Sensor,
     channels: &[SensorChannel],
     (look, sim): (Look<N>, Equations<N>),
     world: usize,
-    (sampled, memory, rows): Rows,
+    rows: &mut Rows,
 ) -> Result<(), ArenaError> {
     let data = look.data();
     if data.quarantine[world].is_some() {
         return Ok(());
     }
-    let (n, options) = (data.n_drones, sim.options());
-    let now = (data.episodes[world], data.steps[world]);
+    let (episode, step) = (data.episodes[world], data.steps[world]);
     // A sample of an episode before this one is none.
-    let before = sampled.filter(|(episode, step)| *episode == now.0 && *step <= now.1);
-    let first = before.is_none();
-    if first {
-        memory.fill(0.0);
+    let last = rows.sampled.filter(|t| t.episode == episode && t.step <= step);
+    let before = match last {
+        // Once more in this step: from where the first one started, so that nothing depends on how often one looks.
+        Some(taken) if taken.step == step => {
+            rows.memory.copy_from_slice(rows.memory_before);
+            taken.before
+        }
+        _ => {
+            if last.is_none() {
+                rows.memory.fill(0.0);
+            }
+            rows.memory_before.copy_from_slice(rows.memory);
+            last.map(|t| t.step)
+        }
+    };
+    let outcome = sample_drones(sensor, channels, (look, sim), world, before, rows);
+    match outcome {
+        Ok(()) => *rows.sampled = Some(Taken { episode, step, before }),
+        // As if it had not been tried.
+        Err(_) => rows.memory.copy_from_slice(rows.memory_before),
     }
+    outcome
+}
+
+/// Samples every drone of a world, whose last sample was at step `before` of this episode.
+fn sample_drones<N: Number>(
+    sensor: &dyn Sensor,
+    channels: &[SensorChannel],
+    (look, sim): (Look<N>, Equations<N>),
+    world: usize,
+    before: Option<u64>,
+    rows: &mut Rows,
+) -> Result<(), ArenaError> {
+    let data = look.data();
+    let (n, options) = (data.n_drones, sim.options());
+    let (episode, step) = (data.episodes[world], data.steps[world]);
     let dt_s = 1.0 / f64::from(options.sim_hz);
-    let since_s = (now.1 - before.map_or(0, |(_, step)| step)) as f64 * dt_s;
     let mut worker = match look.layout(world) {
         Some(_) => Some(look.world(world)?),
         None => None,
@@ -311,15 +361,15 @@ fn sample_world<N: Number>(
             world: options.first_world + world as u64,
             drone: drone as u32,
             // Episodes count from the top bits down, so that steps of two episodes never share a number.
-            step: now.0.rotate_left(40) ^ now.1,
+            step: episode.rotate_left(40) ^ step,
             purpose: purpose(sensor.name()),
         };
         let mut at = Moment {
             drone,
             layout: look.layout(world),
-            time_s: now.1 as f64 * dt_s,
-            since_s,
-            first,
+            time_s: step as f64 * dt_s,
+            since_s: (step - before.unwrap_or(0)).max(1) as f64 * dt_s,
+            first: before.is_none(),
             pose: look.pose(world, drone),
             vel_m_s: state.vel,
             ang_vel_rad_s: state.ang_vel,
@@ -328,12 +378,12 @@ fn sample_world<N: Number>(
             read: &read,
         };
         let mut out: Vec<&mut [f32]> = rows
+            .values
             .iter_mut()
             .zip(channels)
             .map(|(row, c)| &mut row[drone * c.len()..(drone + 1) * c.len()])
             .collect();
-        sensor.sample(&mut at, &mut memory[drone * each..(drone + 1) * each], &mut out)?;
+        sensor.sample(&mut at, &mut rows.memory[drone * each..(drone + 1) * each], &mut out)?;
     }
-    *sampled = Some(now);
     Ok(())
 }

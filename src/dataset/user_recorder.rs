@@ -96,7 +96,7 @@ impl Recorder {
     /// Starts a data set of a simulation in `out`, or goes on with the one that is there.
     ///
     /// # Errors
-    /// [`Error`](crate::Error) for options that make no sense, naming them, for a simulation in several scenes, and as [`create_or_resume`].
+    /// [`Error`](crate::Error) for options that make no sense, naming them (also normals and noise without a camera), for a simulation in several scenes, and as [`create_or_resume`].
     pub fn new(out: &Path, setup: &Setup, options: &RecordOptions) -> Result<Self> {
         let sim = setup.config().clone();
         let (n_worlds, first_world) = (sim.options.n_worlds, sim.options.first_world);
@@ -121,8 +121,11 @@ impl Recorder {
         config.sim.scene_sha256 = setup.scenes().iter().map(crate::scene::Scene::hash).collect();
         let own = || setup.cameras().first().cloned().unwrap_or_default();
         let cameras = options.cameras.clone().unwrap_or_else(own);
-        if cameras.is_empty() {
-            config.normals = false;
+        if cameras.is_empty() && options.normals {
+            return refuse("normals", "a camera, on whose images they are", "none");
+        }
+        if options.cameras.is_none() && options.noise.is_some() {
+            return refuse("noise", "cameras beside it, to which it belongs", "none");
         }
         let cameras = cameras.into_iter().map(|c| c.with_normals(config.normals)).collect();
         let mut content = content(&config, setup, cameras)?;

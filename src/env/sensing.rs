@@ -103,7 +103,7 @@ pub(super) fn render_depth(
         for (d, (camera, out)) in layout.cameras.iter().zip(clean.chunks_exact_mut(n)).enumerate() {
             let planes = DepthPlanes { depth_m: Some(out), ..DepthPlanes::default() };
             poses[d] = camera.render_into(worker, planes)?;
-            hold(out, camera.range_m().1);
+            camera.fill_unseen(out);
         }
         return Ok(());
     };
@@ -116,20 +116,11 @@ pub(super) fn render_depth(
         camera.render(worker, frame)?;
         poses[d] = Pose { pos_m: frame.pos_m, quat_xyzw: frame.quat_xyzw };
         noise.apply(camera, frame, NoiseKey { drone: d as u32, ..key }, other)?;
-        let far = camera.range_m().1;
         clean.copy_from_slice(&frame.depth_m);
-        hold(clean, far);
+        camera.fill_unseen(clean);
         noisy.copy_from_slice(&other.depth_m);
-        hold(noisy, far);
+        camera.fill_unseen(noisy);
     }
     sensor.free.lock().unwrap_or_else(PoisonError::into_inner).push(frames);
     Ok(())
-}
-
-/// Depths of what was not seen become the greatest.
-fn hold(depth_m: &mut [f32], far_m: f64) {
-    let far = far_m as f32;
-    for v in depth_m {
-        *v = if *v < far { *v } else { far };
-    }
 }

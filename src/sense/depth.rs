@@ -404,6 +404,15 @@ impl Camera {
         self.kind
     }
 
+    /// Puts the greatest depth of the range where a depth states none (see [`PixelStatus`]), or more.
+    pub fn fill_unseen(&self, depth_m: &mut [f32]) {
+        let far = self.far_m as f32;
+        for depth in depth_m {
+            // NaN is not smaller either.
+            *depth = if *depth < far { *depth } else { far };
+        }
+    }
+
     /// Near and far limits, m.
     pub fn range_m(&self) -> (f64, f64) {
         (self.near_m, self.far_m)

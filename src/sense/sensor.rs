@@ -72,7 +72,7 @@ pub struct Moment<'a> {
     pub layout: Option<usize>,
     /// Time since the reset, s.
     pub time_s: f64,
-    /// Time since the sample before, s; that since the reset for the first one.
+    /// Time since the sample before, s; that since the reset for the first one. At least one step of the simulation.
     pub since_s: f64,
     /// Whether it is the first sample since the reset.
     pub first: bool,
@@ -125,7 +125,7 @@ pub trait Sensor: Send + Sync {
     }
 
     /// Samples one drone: writes every channel's numbers into `out`, in the order of [`Sensor::channels`]. `memory` is zero at the first
-    /// sample after a reset.
+    /// sample after a reset; a second sample in the same step gets it as the first one did.
     ///
     /// # Errors
     /// [`SenseError`]: the sample of all worlds fails then.

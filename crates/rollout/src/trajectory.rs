@@ -209,12 +209,44 @@ pub struct Track {
 }
 
 impl Track {
+    /// Which drones it leads, in words.
+    pub fn leads(&self) -> String {
+        let number = |n: Option<u64>| n.map_or("all".into(), |n| n.to_string());
+        format!("world {}, drone {}", number(self.world), number(self.drone.map(|d| d as u64)))
+    }
+}
+
+/// Which drones a track leads: world and drone, all of them where there is none.
+type Drones = (Option<u64>, Option<usize>);
+
+/// The tracks of a simulation, at most one for each world and drone. In files it is their list.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "Vec<Track>", into = "Vec<Track>")]
+pub struct Tracks(BTreeMap<Drones, Track>);
+
+impl Tracks {
+    /// Tracks in any order.
+    ///
+    /// # Errors
+    /// [`RolloutError::Trajectory`] for two of the same world and drone.
+    pub fn new(list: Vec<Track>) -> Result<Self, RolloutError> {
+        let mut tracks = BTreeMap::new();
+        for track in list {
+            let leads = track.leads();
+            if tracks.insert((track.world, track.drone), track).is_some() {
+                let reason = format!("expected one for each world and drone, got two for {leads}");
+                return Err(RolloutError::Trajectory { name: "tracks".into(), reason });
+            }
+        }
+        Ok(Self(tracks))
+    }
+
     /// From CSV with a header of `t,x,y,z` and optionally `yaw`, `world` and `drone`: seconds, metres, radians, numbers from 0. Rows of
     /// one world and drone, in the order of time, are a track.
     ///
     /// # Errors
     /// [`RolloutError::Trajectory`] for a file that cannot be read, naming row and column, and as [`Spline::new`], naming the track.
-    pub fn from_csv(path: &Path) -> Result<Vec<Self>, RolloutError> {
+    pub fn from_csv(path: &Path) -> Result<Self, RolloutError> {
         let name = format!("waypoints {}", path.display());
         let fault = |reason: String| RolloutError::Trajectory { name: name.clone(), reason };
         let mut reader = csv::ReaderBuilder::new()
@@ -234,7 +266,7 @@ impl Track {
             |wanted: &str| column(wanted).ok_or_else(|| fault(format!("no column {wanted:?}; {expected}")));
         let (t, x, y, z, yaw) = (need("t")?, need("x")?, need("y")?, need("z")?, column("yaw"));
         let (world, drone) = (column("world"), column("drone"));
-        let mut tracks: BTreeMap<(Option<u64>, Option<usize>), Vec<Waypoint>> = BTreeMap::new();
+        let mut tracks: BTreeMap<Drones, Vec<Waypoint>> = BTreeMap::new();
         for (row, record) in reader.records().enumerate() {
             let record = record.map_err(|e| fault(e.to_string()))?;
             let wrong = |i: usize, expected: &str| {
@@ -258,15 +290,39 @@ impl Track {
                 RolloutError::Trajectory { reason, .. } => fault(track + &reason),
                 other => other,
             })?;
-            Ok(Self { world, drone, points })
+            Ok(((world, drone), Track { world, drone, points }))
         });
-        made.collect()
+        Ok(Self(made.collect::<Result<_, _>>()?))
     }
 
-    /// The track of a drone: one of its own, else one of its world, else one of all worlds.
-    pub fn of(tracks: &[Self], world: u64, drone: usize) -> Option<&Self> {
-        let fits = |t: &&Self| t.world.is_none_or(|w| w == world) && t.drone.is_none_or(|d| d == drone);
-        tracks.iter().filter(fits).max_by_key(|t| (t.world.is_some(), t.drone.is_some()))
+    /// All of them.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = &Track> {
+        self.0.values()
+    }
+
+    /// The track of a drone: one of its own, else one of its world, else one of its number in all worlds, else one of all.
+    pub fn of(&self, world: u64, drone: usize) -> Option<&Track> {
+        let (world, drone) = (Some(world), Some(drone));
+        [(world, drone), (world, None), (None, drone), (None, None)].iter().find_map(|key| self.0.get(key))
+    }
+
+    /// The one track that leads all drones, where there is no other.
+    pub fn only(&self) -> Option<&Spline> {
+        self.0.get(&(None, None)).filter(|_| self.0.len() == 1).map(|track| &track.points)
+    }
+}
+
+impl TryFrom<Vec<Track>> for Tracks {
+    type Error = RolloutError;
+
+    fn try_from(list: Vec<Track>) -> Result<Self, RolloutError> {
+        Self::new(list)
+    }
+}
+
+impl From<Tracks> for Vec<Track> {
+    fn from(tracks: Tracks) -> Self {
+        tracks.0.into_values().collect()
     }
 }
 
@@ -319,22 +375,6 @@ impl Spline {
             yaw_rad[i] -= 2.0 * PI * (turn / (2.0 * PI)).round();
         }
         Ok(Self { t_s, pos_m, vel_m_s, yaw_rad })
-    }
-
-    /// From CSV with a header of `t,x,y,z` and optionally `yaw`: seconds, metres, radians.
-    ///
-    /// # Errors
-    /// [`RolloutError::Trajectory`] for a file that cannot be read, naming row and column, for one with several tracks, and as
-    /// [`Spline::new`].
-    pub fn from_csv(path: &Path) -> Result<Self, RolloutError> {
-        let mut tracks = Track::from_csv(path)?;
-        match (tracks.pop(), tracks.is_empty()) {
-            (Some(Track { world: None, drone: None, points }), true) => Ok(points),
-            _ => Err(RolloutError::Trajectory {
-                name: format!("waypoints {}", path.display()),
-                reason: "expected one track, without the columns world and drone".into(),
-            }),
-        }
     }
 
     /// The waypoints: time (s), position (m), heading (rad; unwrapped).
@@ -521,9 +561,30 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("w.csv");
         std::fs::write(&path, "t,x,y,z\n0,0,0,1\n1,zero,0,1\n").unwrap();
-        let text = Spline::from_csv(&path).unwrap_err().to_string();
+        let text = Tracks::from_csv(&path).unwrap_err().to_string();
         assert!(text.contains("row 2") && text.contains("column x") && text.contains("zero"), "{text}");
         std::fs::write(&path, "t,x,y\n0,0,0\n").unwrap();
-        assert!(Spline::from_csv(&path).unwrap_err().to_string().contains("no column \"z\""));
+        assert!(Tracks::from_csv(&path).unwrap_err().to_string().contains("no column \"z\""));
+    }
+
+    #[test]
+    fn the_track_that_names_a_drone_best_leads_it() {
+        let to = |x: f64| Spline::new(&[(0.0, [x, 0.0, 1.0], 0.0), (1.0, [x, 1.0, 1.0], 0.0)]).unwrap();
+        let track = |world, drone, x| Track { world, drone, points: to(x) };
+        let list = vec![
+            track(None, None, 0.0),
+            track(Some(1), Some(1), 3.0),
+            track(None, Some(1), 1.0),
+            track(Some(1), None, 2.0),
+        ];
+        let tracks = Tracks::new(list.clone()).unwrap();
+        let led = |world, drone| tracks.of(world, drone).unwrap().points.at(0.0).pos_m[0];
+        assert_eq!([led(0, 0), led(0, 1), led(1, 0), led(1, 1)], [0.0, 1.0, 2.0, 3.0]);
+        assert!(tracks.only().is_none() && Tracks::new(list[..1].to_vec()).unwrap().only().is_some());
+        assert!(Tracks::new(list[1..2].to_vec()).unwrap().of(1, 0).is_none());
+        let text = serde_json::to_string(&tracks).unwrap();
+        assert_eq!(serde_json::from_str::<Tracks>(&text).unwrap(), tracks);
+        let twice = Tracks::new([list.clone(), list[3..].to_vec()].concat()).unwrap_err().to_string();
+        assert!(twice.contains("two for world 1, drone all"), "{twice}");
     }
 }

@@ -7,7 +7,7 @@ use crate::cli::exit::Outcome;
 use crate::dataset::recorder::{self, Flight, FlightConfig, Recorded};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
-use crate::rollout::trajectory::Track;
+use crate::rollout::trajectory::Tracks;
 use crate::sense::DepthNoise;
 use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
@@ -196,10 +196,10 @@ fn pattern(words: &[String]) -> Result<FlightPattern> {
                         .into(),
                 got: format!("{file}: {e}"),
             })?;
-            let mut tracks = Track::from_csv(Path::new(file))?;
-            Ok(match &mut tracks[..] {
-                [Track { world: None, drone: None, points }] => FlightPattern::Waypoints(points.clone()),
-                _ => FlightPattern::Tracks(tracks),
+            let tracks = Tracks::from_csv(Path::new(file))?;
+            Ok(match tracks.only() {
+                Some(spline) => FlightPattern::Waypoints(spline.clone()),
+                None => FlightPattern::Tracks(tracks),
             })
         }
         _ => Err(Error::Usage {

@@ -96,10 +96,7 @@ impl Sensor for DepthCamera {
                 camera.render_into(worker, planes)?;
             }
         }
-        let far = camera.range_m().1 as f32;
-        for depth in out[0].iter_mut() {
-            *depth = if *depth < far { *depth } else { far };
-        }
+        camera.fill_unseen(out[0]);
         for (out, status) in out[1].iter_mut().zip(&frame.status) {
             *out = f32::from(*status);
         }

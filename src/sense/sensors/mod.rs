@@ -6,6 +6,6 @@ mod lidar;
 mod optical_flow;
 
 pub use depth_camera::DepthCamera;
-pub use inertial::InertialSensor;
+pub use inertial::{ImuNoise, InertialSensor};
 pub use lidar::Lidar;
 pub use optical_flow::OpticalFlow;
