@@ -623,3 +623,76 @@ fn entries_are_of_their_kinds() {
         assert_eq!(effects.iter().map(AnyEffect::kind).collect::<Vec<_>>(), [*kind]);
     }
 }
+
+#[test]
+fn gravity_and_wind_of_a_scene_hold_in_its_worlds() {
+    let floor = "<worldbody><geom type='plane' size='5 5 1'/></worldbody>";
+    let moon = format!("<mujoco><option gravity='0 0 -1.62' wind='3 0 0'/>{floor}</mujoco>");
+    let earth = format!("<mujoco>{floor}</mujoco>");
+    let v = vehicle("");
+    let scenes = [scene(&moon, std::slice::from_ref(&v)), scene(&earth, std::slice::from_ref(&v))];
+    let options = SimOptions { n_worlds: 2, control: ControlMode::ForceTorque, ..SimOptions::default() };
+    let drone = v.drone("first_principles").unwrap();
+    let sim = Sim::<f64>::new(options, vec![(drone, v.rates)]).unwrap();
+    let mut arena = Arena::within(sim, &scenes, &[0, 1]).unwrap();
+    let fall = |arena: &mut Arena<f64>| {
+        for w in 0..2 {
+            arena.set_initial(w, 0, State { pos: [0.0, 0.0, 3.0], ..State::rest() }).unwrap();
+        }
+        arena.reset(None).unwrap();
+        // Without the thrust that carries the weight, whatever the gravity is.
+        arena.data_mut().rotor_vel.fill(0.0);
+        let data = &arena.sim().data;
+        let accelerations = [0, 1].map(|w| arena.sim().rate(w, 0).acc[2]);
+        (accelerations, [data.wind[0], data.wind[3]])
+    };
+    let own = v.drone("first_principles").unwrap().body.gravity_m_s2[2];
+    let (acc, wind) = fall(&mut arena);
+    assert!((acc[0] + 1.62).abs() < 0.05 && (acc[1] - own).abs() < 0.05, "{acc:?}");
+    assert_eq!(wind, [3.0, 0.0]);
+    // They go with the scene.
+    arena.set_layout(&[1, 0]).unwrap();
+    let (acc, wind) = fall(&mut arena);
+    assert!((acc[1] + 1.62).abs() < 0.05 && (acc[0] - own).abs() < 0.05, "{acc:?}");
+    assert_eq!(wind, [0.0, 3.0]);
+    // What does not count is said.
+    let wet = format!("<mujoco><option density='1000' viscosity='0.001'/>{floor}</mujoco>");
+    let warnings = scene(&wet, &[]).warnings().join("; ");
+    assert!(warnings.contains("density of the air of 1000") && warnings.contains("viscosity"), "{warnings}");
+}
+
+#[test]
+fn a_world_whose_drone_stands_nowhere_is_marked_and_the_others_are_seen() {
+    let v = vehicle("");
+    let floor = scene(
+        "<mujoco><worldbody><geom type='plane' size='5 5 1'/></worldbody></mujoco>",
+        std::slice::from_ref(&v),
+    );
+    let options = SimOptions { n_worlds: 4, ..SimOptions::default() };
+    let sim = Sim::<f64>::new(options, vec![(v.drone("first_principles").unwrap(), v.rates)]).unwrap();
+    let mut arena = Arena::within(sim, &[floor], &[0; 4]).unwrap();
+    arena.data_mut().pos[2] = 1.0;
+    arena.data_mut().pos[3] = f64::NAN;
+    arena.data_mut().pos[6] = 2e9;
+    arena.data_mut().quat[12..16].fill(0.0);
+    let mut out = Vec::new();
+    // Unmarked worlds fail, and are named.
+    let error = arena.clearances(None, 5.0, &mut out).unwrap_err().to_string();
+    assert!(error.contains("3 of 4 worlds"), "{error}");
+    assert_eq!(arena.set_aside_unplaceable(), 3);
+    assert_eq!(arena.set_aside_unplaceable(), 0);
+    let marks: Vec<_> = arena.sim().data.quarantine.iter().flatten().map(|q| q.quantity.as_str()).collect();
+    assert_eq!(marks, ["position", "distance from the origin", "length of the attitude"]);
+    arena.clearances(None, 5.0, &mut out).unwrap();
+    assert!(
+        (out[0].distance_m - 0.98).abs() < 0.05 && out[1..].iter().all(|c| c.distance_m.is_nan()),
+        "{out:?}"
+    );
+    let (mut contacts, mut limited) = (Vec::new(), Vec::new());
+    arena.contacts(None, &mut contacts, &mut limited).unwrap();
+    assert!(contacts.iter().all(Vec::is_empty));
+    arena.swept(&arena.poses(), None).unwrap();
+    // A reset ends it.
+    arena.reset(None).unwrap();
+    assert!(arena.sim().data.quarantine.iter().all(Option::is_none));
+}

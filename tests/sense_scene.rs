@@ -649,3 +649,70 @@ fn no_log_file_is_written() {
     scene.worker().unwrap().collide().unwrap();
     assert!(matches!(load_plugin_library(Path::new("/no/such/plugin.so")), Err(SceneError::Read { .. })));
 }
+
+#[test]
+fn geoms_that_are_nowhere_are_refused_instead_of_hiding_others() {
+    let wall = |attributes: &str| {
+        format!(
+            "<mujoco><worldbody><geom type='plane' size='5 5 1'/><body name='b' pos='1 0 0'>\
+             <geom name='wall' type='box' {attributes}/></body></worldbody></mujoco>"
+        )
+    };
+    for (attributes, words) in [
+        ("size='1 1 1' pos='2 0 nan'", "position of geom 'wall'"),
+        ("size='1 1 1' pos='1e200 0 0'", "position of geom 'wall'"),
+        ("size='1 1 1' pos='inf 0 0'", "position of geom 'wall'"),
+        ("size='1e300 1 1'", "size of geom 'wall'"),
+        ("size='1 1 1' quat='nan 0 0 1'", "orientation of geom 'wall'"),
+    ] {
+        let message = fails(&wall(attributes), &[ball()]);
+        assert!(
+            message.contains(words) && message.contains("expected finite numbers"),
+            "{attributes}: {message}"
+        );
+    }
+    let far =
+        "<mujoco><worldbody><body name='far' pos='0 -2e9 0'><geom size='1'/></body></worldbody></mujoco>";
+    assert!(fails(far, &[]).contains("position of body 'far'"));
+    // What MuJoCo says itself is passed on.
+    let text = "<mujoco><worldbody><geom size='1' friction='nan 1 1'/></worldbody></mujoco>";
+    let scene = Scene::build(&self::text(text), &[]).unwrap();
+    assert!(scene.warnings().iter().any(|w| w.contains("NaN")), "{:?}", scene.warnings());
+}
+
+#[test]
+fn files_that_include_themselves_or_no_file_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let built = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        Scene::build(&SceneSource::file(path), &[]).map_err(|e| e.to_string())
+    };
+    let own = "<include file='self.xml'/>".repeat(4);
+    assert!(built("self.xml", &format!("<mujoco>{own}</mujoco>")).unwrap_err().contains("already included"));
+    let endless = built("zero.xml", "<mujoco><include file='/dev/zero'/></mujoco>").unwrap_err();
+    assert!(endless.contains("/dev/zero, which is not a file"), "{endless}");
+    // Copies multiply through files.
+    built(
+        "part.xml",
+        "<mujoco><worldbody><replicate count='200'><geom size='1'/></replicate></worldbody></mujoco>",
+    )
+    .unwrap();
+    let many = "<mujoco><worldbody><replicate count='200'><include file='part.xml'/></replicate></worldbody></mujoco>";
+    let message = built("many.xml", many).unwrap_err();
+    assert!(message.contains("<replicate> on line 1") && message.contains("smaller"), "{message}");
+}
+
+#[test]
+fn mujocos_own_plugins_are_there() {
+    let torus = "<mujoco><extension><plugin plugin='mujoco.sdf.torus'><instance name='t'>\
+                 <config key='radius1' value='0.35'/><config key='radius2' value='0.15'/></instance></plugin></extension>\
+                 <asset><mesh name='t'><plugin instance='t'/></mesh></asset>\
+                 <worldbody><geom name='ring' type='sdf' mesh='t'><plugin instance='t'/></geom></worldbody></mujoco>";
+    let scene = Scene::build(&text(torus), &[ball()]).unwrap();
+    let mut worker = scene.worker().unwrap();
+    worker.set_drone(0, [0.35, 0.0, 1.0], LEVEL).unwrap();
+    worker.update().unwrap();
+    let below = worker.ground_distance(0).unwrap();
+    assert!(below.is_some_and(|d| (d - 0.85).abs() < 0.02), "{below:?}");
+}

@@ -1,7 +1,8 @@
 //! What subcommands of the program do, as functions: data sets, scenes, logs, the attitude model, flights that show an effect.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use propwash::arena::SceneConfig;
 use propwash::dataset::recorder::{self, FlightConfig};
@@ -16,12 +17,36 @@ use serde_json::json;
 use crate::errors::OrRaise;
 use crate::gap::{drive, json};
 use crate::sim::describe;
+use crate::threads::interruptible;
 use crate::vehicle::PyVehicle;
 
 /// Reads a description in JSON or TOML, or the manifest of a data set, and gives that of the flight, complete, as JSON.
 #[pyfunction]
 pub fn read_flight(text: &str) -> PyResult<String> {
     json(&FlightConfig::from_text(text).or_raise()?)
+}
+
+/// The caller's function for progress. What it raises ends the flight: worlds that are there are kept.
+struct Told<'a> {
+    to: Option<Py<PyAny>>,
+    raised: &'a Mutex<Option<PyErr>>,
+    stop: &'a AtomicBool,
+}
+
+impl recorder::Progress for Told<'_> {
+    fn tell(&self, done: usize, all: usize) {
+        let Some(to) = &self.to else { return };
+        Python::attach(|py| {
+            if let Err(e) = to.call1(py, (done, all)) {
+                self.raised.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(e);
+                self.stop.store(true, Ordering::Relaxed);
+            }
+        });
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
 }
 
 /// Flies what a description says into a data set, and gives what became of it as JSON. `progress(done, all)` is called after each
@@ -38,21 +63,16 @@ pub fn fly(
     let mut config = FlightConfig::from_text(config).or_raise()?;
     describe(&mut config.sim, &vehicles);
     let pool = crate::threads::pool(threads)?;
-    // What the caller's function raises is raised when the data set is whole: worlds that are flown are not lost.
-    let raised = Mutex::new(None);
-    let tell = |done: usize, all: usize| {
-        let Some(progress) = &progress else { return };
-        Python::attach(|py| {
-            if let Err(e) = progress.call1(py, (done, all)) {
-                raised.lock().unwrap_or_else(std::sync::PoisonError::into_inner).get_or_insert(e);
-            }
-        });
-    };
-    let flown = py.detach(|| pool.install(|| recorder::fly(&config.load()?, &out, &tell)));
-    let recorded = flown.or_raise()?;
-    if let Some(e) = raised.into_inner().unwrap_or_else(std::sync::PoisonError::into_inner) {
-        return Err(e);
-    }
+    let flown = interruptible(py, move |stop| {
+        let raised = Mutex::new(None);
+        let progress = Told { to: progress, raised: &raised, stop };
+        let flown = pool.install(|| recorder::fly(&config.load()?, &out, &progress));
+        match raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(e) => Err(e),
+            None => flown.or_raise(),
+        }
+    });
+    let recorded = flown??;
     let s = recorded.summary;
     json(&json!({
         "worlds": s.n_worlds, "resumed_worlds": recorded.n_resumed, "quarantined_worlds": s.n_quarantined,
@@ -81,7 +101,7 @@ pub fn lint(
     spawn_radius: f64,
 ) -> PyResult<(String, String, bool, bool)> {
     let source = source(scene)?;
-    let report = py.detach(|| scene::lint(&source, spawn, spawn_radius)).or_raise()?;
+    let report = interruptible(py, move |_| scene::lint(&source, spawn, spawn_radius))?.or_raise()?;
     let all_seen = report.mismatches().next().is_none();
     Ok((json(&report)?, report.to_string(), all_seen, report.spawn_is_blocked()))
 }
@@ -101,8 +121,8 @@ pub fn scene_new(py: Python<'_>, scene: &str) -> PyResult<String> {
 /// What a log holds and what in it cannot be right: as JSON and in words.
 #[pyfunction]
 pub fn log_check(py: Python<'_>, log: PathBuf, mapping: Option<PathBuf>) -> PyResult<(String, String)> {
-    let report = py.detach(|| Ok(check(&FlightLog::load(&log, mapping.as_deref())?)));
-    let report = report.map_err(|e: propwash::flight::FlightError| propwash::Error::from(e)).or_raise()?;
+    let report = interruptible(py, move |_| Ok(check(&FlightLog::load(&log, mapping.as_deref())?)));
+    let report = report?.map_err(|e: propwash::flight::FlightError| propwash::Error::from(e)).or_raise()?;
     Ok((json(&report)?, report.to_string()))
 }
 
@@ -116,14 +136,17 @@ pub fn identify(
     mapping: Option<PathBuf>,
     date: &str,
 ) -> PyResult<(String, String, String, Vec<String>)> {
-    let vehicle = &vehicle.get().vehicle;
-    let made = py.detach(|| {
-        let (log, report) = FlightLog::open(&log, mapping.as_deref())?;
-        let found = attitude_model::identify(&log, vehicle, &Options { dynamics })?;
-        let better = found.vehicle_for_any_folder(vehicle, date)?;
-        Ok::<_, propwash::Error>((found, better, report.warnings()))
+    let made = interruptible(py, {
+        let date = date.to_string();
+        move |_| {
+            let vehicle = &vehicle.get().vehicle;
+            let (log, report) = FlightLog::open(&log, mapping.as_deref())?;
+            let found = attitude_model::identify(&log, vehicle, &Options { dynamics })?;
+            let better = found.vehicle_for_any_folder(vehicle, &date)?;
+            Ok::<_, propwash::Error>((found, better, report.warnings()))
+        }
     });
-    let (found, better, warnings) = made.or_raise()?;
+    let (found, better, warnings) = made?.or_raise()?;
     Ok((json(&found)?, found.to_string(), better.to_toml().to_string(), warnings))
 }
 
@@ -168,8 +191,8 @@ pub fn excite(
         seed: wish.seed,
     };
     let pool = crate::threads::pool(None)?;
-    let vehicle = &vehicle.get().vehicle;
-    let made = py.detach(|| pool.install(|| plan(vehicle, &request))).or_raise()?;
+    let made =
+        interruptible(py, move |_| pool.install(|| plan(&vehicle.get().vehicle, &request)))?.or_raise()?;
     Ok((json(&made)?, made.waypoints.clone(), made.csv(), made.complete()))
 }
 

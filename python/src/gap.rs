@@ -13,6 +13,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::errors::{Error, IntoPython, OrRaise};
+use crate::threads::interruptible;
 use crate::vehicle::PyVehicle;
 
 /// How logs are read.
@@ -84,15 +85,15 @@ pub fn gap_compare(
     reading: Reading,
 ) -> PyResult<(String, String)> {
     let pool = crate::threads::pool(None)?;
-    let vehicle = vehicle.get();
-    py.detach(|| {
+    interruptible(py, move |_| {
+        let vehicle = vehicle.get();
         pool.install(|| {
             let tracks = reading.read(&logs, vehicle)?;
             let comparison = compare(&tracks, &vehicle.vehicle).or_raise()?;
             let page = Report::with_flights(&comparison, &tracks, &vehicle.vehicle).or_raise()?;
             Ok((json(&comparison)?, page.html()))
         })
-    })
+    })?
 }
 
 /// What `gap_diagnose` gives: the diagnosis as JSON, in words, as a page and as a picture of its ladder; the text of the completed
@@ -123,9 +124,9 @@ pub fn gap_diagnose(
     calibrate: bool,
 ) -> PyResult<Diagnosed<'_>> {
     let pool = crate::threads::pool(None)?;
-    let of = vehicle.get();
     let adding = given.is_some();
-    let (fitted, page, picture) = py.detach(|| {
+    let (fitted, page, picture) = interruptible(py, move |_| {
+        let of = vehicle.get();
         pool.install(|| {
             let (tracks, unseen) = (reading.read(&logs, of)?, reading.read(&held_out, of)?);
             let flights = Flights::new(tracks, unseen, hold_out);
@@ -148,7 +149,7 @@ pub fn gap_diagnose(
             };
             Ok::<_, PyErr>((fitted, page.html(), picture))
         })
-    })?;
+    })??;
     let verdict = &fitted.diagnosed.verdict;
     let changed = fitted.after().is_some().then(|| fitted.text.clone());
     let nothing = fitted.nothing();

@@ -103,7 +103,7 @@ impl PyRecorder {
         let recorder = &mut *recorder;
         let sim = self.sim.get();
         let mut core = sim.core()?;
-        sim.step_one_by_one(n_steps, data, || {
+        sim.step_one_by_one(py, n_steps, data, || {
             either!(&mut core.flight, arena => {
                 py.detach(|| sim.pool.install(|| recorder.step(arena))).or_raise()
             })

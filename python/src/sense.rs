@@ -24,12 +24,13 @@ pub struct Sensed {
 }
 
 impl Core {
-    /// The simulation in its scenes, and where results go.
+    /// The simulation in its scenes, and where results go. Worlds whose drones stand nowhere, since the user wrote so, are quarantined.
     fn sensing(&mut self) -> PyResult<(&mut Flight, &mut Sensed)> {
-        match either!(&self.flight, arena => arena.has_scene()) {
-            true => Ok((&mut self.flight, &mut self.sensed)),
-            false => Err(no_scene()),
+        if !either!(&self.flight, arena => arena.has_scene()) {
+            return Err(no_scene());
         }
+        either!(&mut self.flight, arena => arena.set_aside_unplaceable());
+        Ok((&mut self.flight, &mut self.sensed))
     }
 }
 

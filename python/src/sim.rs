@@ -1,6 +1,7 @@
 //! The simulation behind `propwash.Sim`: its state, its commands and its steps. What it senses is in `sense.rs`.
 
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::time::Instant;
 
 use numpy::PyArrayDyn;
 use propwash::arena::{Arena, ArenaError, CameraConfig, MountConfig, Precision, Setup, SimConfig};
@@ -21,7 +22,7 @@ use crate::arrays;
 use crate::errors::{Error, OrRaise};
 use crate::sense::Sensed;
 use crate::stages::{Call, Place, RestOnGround, Slot, lock};
-use crate::threads;
+use crate::threads::{self, LOOK};
 use crate::vehicle::PyVehicle;
 
 /// A simulation of either number, in its scenes.
@@ -126,6 +127,7 @@ impl PySim {
     /// them raises ends the call.
     pub fn step_one_by_one(
         &self,
+        py: Python<'_>,
         n_steps: usize,
         data: Py<PyAny>,
         mut step: impl FnMut() -> PyResult<bool>,
@@ -134,16 +136,21 @@ impl PySim {
         if staged {
             self.call.begin(data);
         }
-        let mut more = true;
+        let (mut more, mut looked) = (true, Instant::now());
         let outcome = (0..n_steps).try_for_each(|_| {
             if !more {
                 return Ok(());
             }
             let done = step();
             match self.call.take_error() {
-                Some(error) if staged => Err(error),
-                _ => done.map(|done| more = done),
+                Some(error) if staged => return Err(error),
+                _ => more = done?,
             }
+            if looked.elapsed() > LOOK {
+                py.check_signals()?;
+                looked = Instant::now();
+            }
+            Ok(())
         });
         if staged {
             self.call.end();
@@ -376,14 +383,27 @@ impl PySim {
         let Core { flight, told, .. } = &mut *core;
         either!(flight, arena => {
             if self.has_stages() {
-                self.step_one_by_one(n_steps, data, || {
+                self.step_one_by_one(py, n_steps, data, || {
                     py.detach(|| self.pool.install(|| arena.step(1))).or_raise().map(|()| true)
                 })?;
             } else {
-                py.detach(|| match arena.is_parallel(n_steps) {
-                    true => self.pool.install(|| arena.step(n_steps)),
-                    false => arena.step(n_steps),
-                }).or_raise()?;
+                // In parts after which Ctrl-C is heard; steps are the same in any parts.
+                let mut most = (1_000_000 / (self.n_worlds * self.n_drones).max(1)).max(1);
+                let mut left = n_steps;
+                while left > 0 {
+                    let (now, begin) = (most.min(left), Instant::now());
+                    py.detach(|| match arena.is_parallel(now) {
+                        true => self.pool.install(|| arena.step(now)),
+                        false => arena.step(now),
+                    }).or_raise()?;
+                    left -= now;
+                    if left > 0 {
+                        py.check_signals()?;
+                        if begin.elapsed() > LOOK {
+                            most = (most / 2).max(1);
+                        }
+                    }
+                }
             }
             let now = arena.sim().n_quarantined();
             let more = now > *told;

@@ -522,6 +522,26 @@ def test_scenes_have_names_in_any_folder(tmp_path, monkeypatch):
     assert [g.name for g in propwash.Sim(scene="room").scene.geoms if g.drone is None] == ["mine"]
 
 
+def test_a_simulation_leaves_the_log_of_mujoco_to_its_owner(tmp_path):
+    script = """
+import sys, mujoco, numpy as np
+XML = '<mujoco><worldbody><body><freejoint/><geom size=".1"/></body></worldbody></mujoco>'
+if sys.argv[1] == "beside":
+    import propwash
+    sim = propwash.Sim(scene=XML)
+    sim.contacts()
+model = mujoco.MjModel.from_xml_string(XML)
+data = mujoco.MjData(model)
+data.qpos[0] = np.nan
+mujoco.mj_step(model, data)
+"""
+    said = [
+        subprocess.run([sys.executable, "-c", script, how], cwd=tmp_path, capture_output=True, text=True, check=True).stderr
+        for how in ("alone", "beside")
+    ]
+    assert "Nan, Inf or huge value in QPOS" in said[0] and said[1] == said[0]
+
+
 def test_a_name_is_a_scene_and_with_layouts_a_kind_of_scenes():
     from propwash.envs import DroneVectorEnv
 

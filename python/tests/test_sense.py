@@ -246,3 +246,22 @@ def test_scenes_and_layouts_that_do_not_fit_are_refused():
     out = np.empty((2, 1, 4, 5), np.float32)
     with pytest.raises(ValueError, match=r"expected an array of shape \(2, 1, 4, 4\)"):
         sim.render_depth("fpv", (4, 4), out=out)
+
+
+def test_a_world_that_flew_away_or_was_written_away_harms_no_other():
+    sim = propwash.Sim(6, scene="<mujoco><worldbody><geom type='plane' size='5 5 1'/></worldbody></mujoco>")
+    sim.set_initial(pos=[0, 0, 1])
+    sim.reset()
+    sim.data.disturbance_force[3] = 1e9
+    with pytest.warns(propwash.QuarantineWarning, match="farther than 1e9 m"):
+        sim.step(1000)
+    assert sim.quarantined.tolist() == [False, False, False, True, False, False]
+    sim.data.pos[1] = np.nan
+    sim.data.quat[2] = 0
+    distance = sim.clearance().distance[:, 0]
+    assert sim.quarantined.tolist() == [False, True, True, True, False, False]
+    assert np.isnan(distance[1:3]).all() and np.isfinite(np.delete(distance, [1, 2])).all()
+    assert not set(sim.contacts().world) & {1, 2}
+    assert np.isnan(sim.depth_frame(propwash.Camera(mount="drone"), resolution=(2, 2)).depth[1:3]).all()
+    sim.reset()
+    assert not sim.quarantined.any()

@@ -53,6 +53,7 @@ pub use state::ArenaState;
 use crate::physics::rigid_body::State;
 use crate::physics::surroundings::Reads;
 use crate::rollout::pipeline::Pipeline;
+use crate::rollout::quarantine::Quarantine;
 use crate::rollout::trajectory::Trajectory;
 use crate::rollout::{RolloutError, Sim, SimData};
 use crate::scalar::lanes::Number;
@@ -70,6 +71,8 @@ pub struct Arena<N: Number = f64> {
     open_ground_m: Option<f64>,
     /// What effects read, by drone.
     reads: Vec<Reads>,
+    /// Gravity of the vehicles, which holds where the scene states none, m/s², by drone.
+    gravity_m_s2: Vec<[f64; 3]>,
     /// The pattern that drones follow, (world, drone); empty without one.
     trajectories: Vec<Trajectory>,
     sensors: Vec<Mounted>,
@@ -91,8 +94,17 @@ impl<N: Number> Arena<N> {
     /// the caller writes.
     pub fn open(sim: Sim<N>, ground_z_m: Option<f64>) -> Self {
         let reads = (0..sim.data.n_drones).map(|d| sim.drone(0, d).reads()).collect();
+        let gravity_m_s2 = (0..sim.data.n_drones).map(|d| sim.drone(0, d).body.gravity_m_s2).collect();
         let (trajectories, sensors) = (Vec::new(), Vec::new());
-        Self { places: Places::none(), open_ground_m: ground_z_m, reads, trajectories, sensors, sim }
+        Self {
+            places: Places::none(),
+            open_ground_m: ground_z_m,
+            reads,
+            gravity_m_s2,
+            trajectories,
+            sensors,
+            sim,
+        }
     }
 
     /// A simulation in scenes, of which `layout` names the one of each world by number; the drones of each scene are those of
@@ -111,7 +123,30 @@ impl<N: Number> Arena<N> {
     /// As [`Arena::within`].
     pub fn sharing(sim: Sim<N>, pools: &[Arc<WorkerPool>], layout: &[usize]) -> Result<Self, ArenaError> {
         let places = Places::new(pools, layout, sim.data.n_worlds, sim.data.n_drones)?;
-        Ok(Self { places, ..Self::open(sim, None) })
+        let mut arena = Self { places, ..Self::open(sim, None) };
+        arena.take_over_physics(|_| true)?;
+        Ok(arena)
+    }
+
+    /// Lets the gravity and the wind that scenes state hold in their worlds, in place of the gravity of the vehicles: in worlds that
+    /// have come to another scene.
+    fn take_over_physics(&mut self, is_new: impl Fn(usize) -> bool) -> Result<(), ArenaError> {
+        let stated = |scene: &Scene| scene.gravity_m_s2().is_some() || scene.wind_m_s() != [0.0; 3];
+        if !self.scenes().any(stated) {
+            return Ok(());
+        }
+        for world in (0..self.sim.data.n_worlds).filter(|w| is_new(*w)) {
+            let Some(scene) = self.places.scene(world) else { break };
+            let (gravity, wind) = (scene.gravity_m_s2(), scene.wind_m_s());
+            for drone in 0..self.sim.data.n_drones {
+                for (k, g) in gravity.unwrap_or(self.gravity_m_s2[drone]).into_iter().enumerate() {
+                    self.sim.set_parameter(Some(world), drone, &format!("body.gravity_m_s2.{k}"), g)?;
+                }
+                let at = 3 * self.sim.data.row(world, drone);
+                self.sim.data.wind[at..at + 3].copy_from_slice(&wind.map(N::of));
+            }
+        }
+        Ok(())
     }
 
     /// The simulation: its arrays, options, vehicles and derivatives.
@@ -149,12 +184,14 @@ impl<N: Number> Arena<N> {
         &self.places.layout
     }
 
-    /// Moves worlds to other scenes; obstacles of those that moved stand where their new scene places them.
+    /// Moves worlds to other scenes; obstacles of those that moved stand where their new scene places them, and its gravity and wind hold.
     ///
     /// # Errors
     /// [`ArenaError::Option`] for a list of another length and for numbers of scenes that there are not; nothing is changed then.
     pub fn set_layout(&mut self, layout: &[usize]) -> Result<(), ArenaError> {
-        self.places.set_layout(layout)
+        let before = self.places.layout.clone();
+        self.places.set_layout(layout)?;
+        self.take_over_physics(|world| before[world] != layout[world])
     }
 
     /// Number of obstacles in the scene with most.
@@ -342,6 +379,28 @@ impl<N: Number> Arena<N> {
         } else {
             some((0, (&data.pos, (&mut data.ground_z, &mut data.ceiling_z))))
         }
+    }
+
+    /// Quarantines worlds with a drone that stands in no scene, since a pose was written for it that is not finite, beyond
+    /// [`MAX_COORDINATE_M`](crate::scene::MAX_COORDINATE_M) or whose quaternion has no length. Senses leave quarantined worlds without a
+    /// place out and look at the others, where they would fail for one that is not marked. The number of worlds that it found.
+    pub fn set_aside_unplaceable(&mut self) -> usize {
+        let data = &self.sim.data;
+        let look = self.look();
+        let fault = |w: usize| {
+            let drones = 0..data.n_drones;
+            drones.filter(|_| data.quarantine[w].is_none()).find_map(|d| Some((d, look.fault(w, d)?)))
+        };
+        let found: Vec<_> = (0..data.n_worlds).filter_map(|w| Some((w, fault(w)?))).collect();
+        let first_world = self.sim.options().first_world;
+        let data = &mut self.sim.data;
+        for (w, (drone, quantity)) in &found {
+            let (world, step) = (first_world + *w as u64, data.steps[*w]);
+            let quarantine =
+                Quarantine { world, drone: *drone, step, quantity: (*quantity).into(), stage: None };
+            data.quarantine[*w] = Some(Box::new(quarantine));
+        }
+        found.len()
     }
 
     /// The worlds as they are now, to be looked at; the result can be shared by threads.

@@ -5,9 +5,13 @@ use std::sync::Arc;
 use super::ArenaError;
 use super::sensors::Mounted;
 use crate::rollout::SimData;
+use crate::rollout::quarantine::{MAX_POSITION_M, NO_ATTITUDE, TOO_FAR};
 use crate::scalar::lanes::Number;
-use crate::scene::{Lent, Pose, Scene, SceneError, Worker, WorkerPool};
-use crate::sense::Worlds;
+use crate::scene::{Lent, MAX_COORDINATE_M, Pose, Scene, SceneError, Worker, WorkerPool};
+use crate::sense::{SenseError, Worlds};
+
+// What flies can be placed.
+const _: () = assert!(MAX_POSITION_M <= MAX_COORDINATE_M);
 
 /// Scenes with their workers, and what differs from world to world.
 pub(super) struct Places {
@@ -212,6 +216,29 @@ impl<'a, N: Number> Look<'a, N> {
             core::array::from_fn(|k| self.data.pos[3 * row + k].wide()),
             core::array::from_fn(|k| self.data.quat[4 * row + k].wide()),
         )
+    }
+
+    /// What keeps a drone from being placed in a scene.
+    pub(super) fn fault(&self, world: usize, drone: usize) -> Option<&'static str> {
+        let at = self.pose(world, drone);
+        if at.pos_m.iter().chain(&at.quat_xyzw).any(|v| !v.is_finite()) {
+            return Some(if at.quat_xyzw.iter().all(|v| v.is_finite()) { "position" } else { "attitude" });
+        }
+        if at.pos_m.iter().any(|v| v.abs() > MAX_COORDINATE_M) {
+            return Some(TOO_FAR);
+        }
+        Pose::checked("a drone", at.pos_m, at.quat_xyzw).is_err().then_some(NO_ATTITUDE)
+    }
+
+    /// What came of looking at worlds, without the failures of those that are quarantined: they are marked already.
+    pub(super) fn but_quarantined(&self, outcome: Result<(), SenseError>) -> Result<(), SenseError> {
+        match outcome {
+            Err(SenseError::Worlds { worlds, mut failures }) => {
+                failures.retain(|(k, _)| self.data.quarantine[self.number(*k)].is_none());
+                if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds, failures }) }
+            }
+            other => other,
+        }
     }
 
     /// World number `k` of those that are looked at.

@@ -60,7 +60,7 @@ impl<'a, N: Number> Look<'a, N> {
         }
         let layout = &self.places.layout;
         let of = |k: usize| cameras[layout[look.number(k)]];
-        Ok(render_worlds(&look, &of, planes, poses)?)
+        Ok(look.but_quarantined(render_worlds(&look, &of, planes, poses))?)
     }
 
     /// As [`Look::render`], all planes but normals, into buffers that grow as needed.
@@ -82,21 +82,22 @@ impl<'a, N: Number> Look<'a, N> {
     /// [`contacts_batch`](crate::sense::contacts_batch).
     ///
     /// # Errors
-    /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list.
+    /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list, quarantined worlds left out.
     pub fn contacts(
         &self,
         worlds: Option<&[usize]>,
         out: &mut Vec<Vec<Contact>>,
         limited: &mut Vec<usize>,
     ) -> Result<(), ArenaError> {
-        Ok(contacts_worlds(&self.at("looking for contacts", worlds)?, out, limited)?)
+        let look = self.at("looking for contacts", worlds)?;
+        Ok(look.but_quarantined(contacts_worlds(&look, out, limited))?)
     }
 
     /// Distance of every drone to the nearest thing in the worlds of the list, or in all, (world, drone), up to `max_distance_m`; see
     /// [`clearance_batch`](crate::sense::clearance_batch).
     ///
     /// # Errors
-    /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list.
+    /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list, quarantined worlds left out.
     pub fn clearances(
         &self,
         worlds: Option<&[usize]>,
@@ -104,7 +105,7 @@ impl<'a, N: Number> Look<'a, N> {
         out: &mut Vec<Clearance>,
     ) -> Result<(), ArenaError> {
         let look = self.at("looking for clearances", worlds)?;
-        Ok(clearance_worlds(&look, self.data.n_drones, max_distance_m, out)?)
+        Ok(look.but_quarantined(clearance_worlds(&look, self.data.n_drones, max_distance_m, out))?)
     }
 
     /// Where all drones are, (world, drone): what [`Look::swept`] is asked with after some steps.
@@ -119,7 +120,7 @@ impl<'a, N: Number> Look<'a, N> {
     /// list or in all: at most one entry for each drone, in the order of worlds. Two drones that met both have one.
     ///
     /// # Errors
-    /// [`ArenaError::NoScene`], [`ArenaError::Option`] for poses of another number, [`ArenaError::Sense`] by places in the list.
+    /// [`ArenaError::NoScene`], [`ArenaError::Option`] for poses of another number, [`ArenaError::Sense`] by places in the list, quarantined worlds left out.
     pub fn swept(&self, before: &[Pose], worlds: Option<&[usize]>) -> Result<Vec<Way>, ArenaError> {
         let look = self.at("swept checks", worlds)?;
         let n = self.data.n_drones;
@@ -142,7 +143,8 @@ impl<'a, N: Number> Look<'a, N> {
                 Err(e) => failures.push((k, e)),
             }
         }
-        if failures.is_empty() { Ok(out) } else { Err(SenseError::Worlds { worlds, failures }.into()) }
+        look.but_quarantined(all_or_failures(worlds, failures))?;
+        Ok(out)
     }
 }
 
@@ -199,6 +201,11 @@ impl<N: Number> Arena<N> {
     pub fn swept(&self, before: &[Pose], worlds: Option<&[usize]>) -> Result<Vec<Way>, ArenaError> {
         self.look().swept(before, worlds)
     }
+}
+
+/// The failures, if there are any.
+fn all_or_failures(worlds: usize, failures: Vec<(usize, SenseError)>) -> Result<(), SenseError> {
+    if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds, failures }) }
 }
 
 /// What the drones of world number `k` of those looked at touched on their way.

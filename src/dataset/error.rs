@@ -98,6 +98,14 @@ pub enum DatasetError {
         /// What is there.
         found: String,
     },
+    /// Whoever asked for the data set wanted it to stop.
+    #[error("stopped with {done} of {all} worlds written; the same command again goes on from there")]
+    Stopped {
+        /// Worlds that are there.
+        done: usize,
+        /// All of them.
+        all: usize,
+    },
     /// Not all worlds are there.
     #[error(
         "{}: expected {expected} worlds, {missing} of them not finished (first: world {first}); \

@@ -3,8 +3,8 @@
 use super::files::sha256;
 use super::world_log::{Content, WorldLog};
 use super::{
-    BodyRecord, CameraRecord, Dataset, DepthPng, FlightRecord, GeomRecord, Manifest, Overview, SceneRecord,
-    SensorRecord, Summary, VehicleRecord, WorldWriter, create_or_resume, map,
+    BodyRecord, CameraRecord, Dataset, DatasetError, DepthPng, FlightRecord, GeomRecord, Manifest, Overview,
+    SceneRecord, SensorRecord, Summary, VehicleRecord, WorldWriter, create_or_resume, map,
 };
 use crate::arena::{
     Arena, ArenaError, CameraConfig, FlightPattern, MountedSensor, Precision, Setup, SimConfig, read_text,
@@ -80,11 +80,28 @@ pub struct Recorded {
     pub warnings: Vec<String>,
 }
 
+/// Whoever waits for a data set.
+pub trait Progress: Sync {
+    /// So many of all worlds are there: told before the first one is flown, and after each.
+    fn tell(&self, done: usize, all: usize);
+
+    /// Whether nobody waits any more. Worlds that are being flown end then, and those that are there are kept.
+    fn is_stopped(&self) -> bool {
+        false
+    }
+}
+
+impl<F: Fn(usize, usize) + Sync> Progress for F {
+    fn tell(&self, done: usize, all: usize) {
+        self(done, all);
+    }
+}
+
 /// Flies as [`record`] does, and draws the picture `overview.png` of what is there then.
 ///
 /// # Errors
 /// As [`record`], and for a picture that cannot be written.
-pub fn fly(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
+pub fn fly(flight: &Flight, out: &Path, progress: &dyn Progress) -> Result<Recorded> {
     let recorded = record(flight, out, progress)?;
     let map = map::height_map(flight)?;
     Overview::from_dataset(&Dataset::open(out)?, map)?.draw()?.save(&out.join("overview.png"))?;
@@ -95,7 +112,7 @@ pub fn fly(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)
 /// from any thread.
 ///
 /// The bytes written depend on `flight` alone, not on threads, interruptions or order.
-pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sync)) -> Result<Recorded> {
+pub fn record(flight: &Flight, out: &Path, progress: &dyn Progress) -> Result<Recorded> {
     let n_worlds = flight.config.sim.options.n_worlds;
     // What a simulation refuses is refused before there is a folder.
     flight.setup.worlds::<f64>(0, 1)?;
@@ -117,10 +134,14 @@ pub fn record(flight: &Flight, out: &Path, progress: &(dyn Fn(usize, usize) + Sy
     }
     let n_resumed = done.iter().filter(|d| **d).count();
     let finished = AtomicUsize::new(n_resumed);
-    progress(n_resumed, n_worlds);
+    progress.tell(n_resumed, n_worlds);
     (0..n_worlds).into_par_iter().filter(|w| !done[*w]).try_for_each(|w| -> Result<()> {
-        fly_world(flight, &content, w, writer.world(w)?)?;
-        progress(finished.fetch_add(1, Ordering::SeqCst) + 1, n_worlds);
+        let is_whole = fly_world(flight, &content, w, writer.world(w)?, progress)?;
+        let done = finished.fetch_add(usize::from(is_whole), Ordering::SeqCst) + usize::from(is_whole);
+        if !is_whole {
+            return Err(DatasetError::Stopped { done, all: n_worlds }.into());
+        }
+        progress.tell(done, n_worlds);
         Ok(())
     })?;
     let summary = writer.finish()?;
@@ -388,12 +409,22 @@ fn vehicle_record(config: &FlightConfig, setup: &Setup, d: usize) -> VehicleReco
 }
 
 /// One world, from the first step to the last, everything written.
-fn fly_world(flight: &Flight, content: &Arc<Content>, world: usize, mut out: WorldWriter) -> Result<()> {
+/// Flies a world, and writes it; false where it was stopped before its end.
+fn fly_world(
+    flight: &Flight,
+    content: &Arc<Content>,
+    world: usize,
+    mut out: WorldWriter,
+    progress: &dyn Progress,
+) -> Result<bool> {
     let mut arena: Arena = flight.setup.worlds(world, 1)?;
     let (config, options) = (&flight.config, &flight.config.sim.options);
     let mut log = WorldLog::new(content, arena.look(), 0, options.first_world + world as u64)?;
     let steps = (config.seconds * f64::from(options.sim_hz)).round() as u64;
     for step in 0..=steps {
+        if progress.is_stopped() {
+            return Ok(false);
+        }
         if !log.before(arena.look(), step, &mut out)? {
             break;
         }
@@ -417,7 +448,7 @@ fn fly_world(flight: &Flight, content: &Arc<Content>, world: usize, mut out: Wor
     }
     out.set_info(log.info((arena.look(), arena.sim().equations())));
     out.finish()?;
-    Ok(())
+    Ok(true)
 }
 
 fn camera_record(camera: &Camera) -> CameraRecord {

@@ -623,6 +623,9 @@ impl Env {
     fn put_at_starts(&mut self, mask: &[bool]) {
         let plan = &self.plan;
         let disturbed = !plan.rules.is_empty() || plan.config.levels.disturb();
+        // The wind of a scene blows beside the one that is drawn.
+        let wind = |w: usize| self.arena.scene(w).map_or([0.0; 3], Scene::wind_m_s);
+        let winds: Vec<_> = (0..mask.len()).filter(|_| disturbed).map(wind).collect();
         let data = self.arena.data_mut();
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
             for d in 0..plan.config.sim.n_drones() {
@@ -635,7 +638,8 @@ impl Env {
                 world.set_points[d] = SetPoint { pos_m: s.pos, vel_m_s: s.vel, yaw_rad: yaw(s.quat) };
                 if disturbed {
                     let row = data.row(w, d);
-                    store(&mut data.wind[3 * row..3 * row + 3], &world.levels.wind_m_s);
+                    let wind = vec3::add(world.levels.wind_m_s, winds[w]);
+                    store(&mut data.wind[3 * row..3 * row + 3], &wind);
                     store(&mut data.disturbance_force[3 * row..3 * row + 3], &world.levels.force_n);
                 }
             }

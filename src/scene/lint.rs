@@ -1,5 +1,6 @@
 //! What depth and contacts will and will not see in a scene, and why.
 
+use std::collections::HashMap;
 use std::fmt;
 
 use serde::Serialize;
@@ -148,13 +149,15 @@ pub fn lint(source: &SceneSource, spawn_m: [f64; 3], spawn_radius_m: f64) -> Res
     worker.update()?;
     let overlapped = overlaps(&scene, &mut worker)?;
 
+    // By mesh: many geoms may show the same.
+    let mut concavities = HashMap::new();
     let mut geoms = Vec::new();
     for info in scene.geoms().iter().filter(|g| g.drone.is_none()) {
         let mut remarks = Vec::new();
         if let Some(depth) = overlapped.get(&info.id) {
             remarks.push(format!("{SPAWN} at {spawn_m:?} m by {:.3} m", -depth));
         }
-        shape_remarks(&scene, info, &mut remarks);
+        shape_remarks(&scene, info, &mut concavities, &mut remarks);
         motion_remarks(&scene, info, &mut remarks);
         twin_remarks(&scene, &worker, info, &mut remarks)?;
         geoms.push(GeomLint {
@@ -235,7 +238,12 @@ fn overlaps(
     Ok(found)
 }
 
-fn shape_remarks(scene: &Scene, info: &GeomInfo, remarks: &mut Vec<String>) {
+fn shape_remarks(
+    scene: &Scene,
+    info: &GeomInfo,
+    concavities: &mut HashMap<String, f64>,
+    remarks: &mut Vec<String>,
+) {
     if info.alpha > 0.0 && info.alpha < 1.0 {
         remarks.push(format!("looks transparent (alpha {}) but depth sees it as solid", info.alpha));
     }
@@ -260,7 +268,8 @@ fn shape_remarks(scene: &Scene, info: &GeomInfo, remarks: &mut Vec<String>) {
             if let Some(mesh) = scene.mesh(info.id)
                 && let Some(hull) = scene.mesh_hull(info.id)
             {
-                let depth = concavity(&mesh, hull);
+                let depth =
+                    *concavities.entry(mesh.name.to_string()).or_insert_with(|| concavity(&mesh, hull));
                 let size = info.bounding_radius_m;
                 if depth > 0.01 * size {
                     remarks.push(format!(

@@ -3,6 +3,7 @@
 //! A [`Scene`] is a compiled model with the shells of the drones attached, shared by all threads. A [`Worker`] is one
 //! set of poses in it, owned by one thread at a time. The constraint solver never runs.
 
+mod engine;
 mod error;
 pub mod generate;
 mod kinematics;
@@ -11,14 +12,16 @@ mod model;
 mod pair;
 mod shells;
 mod shipped;
+mod sizes;
 mod sync;
 mod workers;
 
+pub use engine::load_plugin_library;
 pub use error::SceneError;
 pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
 pub use model::{
     BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
-    ObstacleKind, Scene, SceneSource, Shell, SiteInfo, load_plugin_library,
+    ObstacleKind, Scene, SceneSource, Shell, SiteInfo,
 };
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;

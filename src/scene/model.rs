@@ -4,19 +4,18 @@ use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, Once, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock};
 
 use mujoco_rs::error::MjEditError;
-use mujoco_rs::logging::set_log_handler;
 use mujoco_rs::mujoco_c as ffi;
-use mujoco_rs::prelude::{Attach, MjLogMessage, MjModel, MjSpec, MjtLogLevel, SpecItem, SpecObject};
+use mujoco_rs::prelude::{Attach, MjModel, MjSpec, SpecItem, SpecObject};
 use mujoco_rs::wrappers::mj_auxiliary::MjVfs;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::workers::Guard;
+use super::engine::Building;
 use super::{SceneError, Worker};
-use super::{shipped, sync};
+use super::{shipped, sizes, sync};
 use crate::math::{quat, vec3};
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
@@ -381,63 +380,16 @@ impl fmt::Debug for Scene {
     }
 }
 
-/// MuJoCo's parser and compiler keep some global state: one scene is built at a time.
-static BUILD: Mutex<()> = Mutex::new(());
-static HOOK: Once = Once::new();
-
-pub(super) fn build_lock() -> MutexGuard<'static, ()> {
-    let lock = BUILD.lock().unwrap_or_else(PoisonError::into_inner);
-    // Without a handler MuJoCo writes MUJOCO_LOG.TXT into the current folder.
-    HOOK.call_once(|| {
-        // SAFETY: every use of MuJoCo by this crate begins with this lock, so no other thread of ours is inside MuJoCo.
-        unsafe { set_log_handler(handle_log) }
-    });
-    lock
-}
-
-/// Warnings come back through return values; what ends the process must at least be said.
-fn handle_log(message: &MjLogMessage) {
-    if message.level() == MjtLogLevel::mjLOG_ERROR {
-        eprintln!("MuJoCo cannot go on: {}", message.subject());
-    }
-}
-
-/// Loads a library of MuJoCo plugins (e.g. signed distance fields), for all scenes built afterwards.
-///
-/// # Errors
-/// [`SceneError::Read`] when there is no such file. MuJoCo reports a library that it cannot load only when a scene
-/// asks for the plugin.
-pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
-    check_file(path)?;
-    let c_path = c_string(&path.to_string_lossy(), || format!("path {}", path.display()))?;
-    let guard = Guard::new()?;
-    let _lock = build_lock();
-    let text = c_path.as_ptr();
-    // SAFETY: a NUL-terminated path that outlives the call; plugins register themselves under MuJoCo's own lock.
-    unsafe { guard.run(|| ffi::mj_loadPluginLibrary(text)) }.map_err(|message| SceneError::Engine {
-        call: "mj_loadPluginLibrary",
-        message,
-        remedy: "; give a plugin library of this MuJoCo version",
-    })
-}
-
-fn c_string(text: &str, what: impl Fn() -> String) -> Result<CString, SceneError> {
+pub(super) fn c_string(text: &str, what: impl Fn() -> String) -> Result<CString, SceneError> {
     CString::new(text)
         .map_err(|_| SceneError::Argument { what: format!("{} holds a NUL character; remove it", what()) })
 }
 
-fn check_file(path: &Path) -> Result<(), SceneError> {
+pub(super) fn check_file(path: &Path) -> Result<(), SceneError> {
     std::fs::File::open(path)
         .and_then(|f| f.metadata())
         .and_then(|m| if m.is_file() { Ok(()) } else { Err(std::io::Error::other("it is not a file")) })
         .map_err(|source| SceneError::Read { path: path.to_path_buf(), source })
-}
-
-/// Empties MuJoCo's memory of the assets of this process: a mesh that it remembers from another scene comes out other than one that
-/// it reads, and the model, with its hash, would depend on what was built before.
-fn forget_assets() {
-    // SAFETY: the cache is MuJoCo's own, which locks it; models hold copies of what it holds.
-    unsafe { ffi::mj_clearCache(ffi::mj_getCache()) };
 }
 
 /// MuJoCo's words without those of the wrapper.
@@ -451,56 +403,9 @@ fn words(error: MjEditError) -> String {
     }
 }
 
-/// Most samples of a height field, pixels of a generated texture.
-const MAX_SAMPLES: f64 = 1e8;
-/// Most copies that replicate, composite and flexcomp elements may make.
-const MAX_COPIES: f64 = 1e6;
-
-/// Refuses sizes for which MuJoCo would take all memory before it says anything. What is no XML is left to MuJoCo.
-fn refuse_absurd_sizes(what: &str, xml: &str, dir: Option<&Path>, depth: usize) -> Result<(), SceneError> {
-    let Ok(document) = roxmltree::Document::parse(xml) else { return Ok(()) };
-    for node in document.descendants().filter(|n| n.is_element()) {
-        let number = |name: &str| node.attribute(name).and_then(|t| t.trim().parse::<f64>().ok());
-        let counts = |n: roxmltree::Node| -> f64 {
-            n.attribute("count").map_or(1.0, |t| {
-                t.split_whitespace().filter_map(|w| w.parse::<f64>().ok()).map(|c| c.max(1.0)).product()
-            })
-        };
-        let tag = node.tag_name().name();
-        let (size, limit) = match tag {
-            "hfield" => (number("nrow").unwrap_or(1.0) * number("ncol").unwrap_or(1.0), MAX_SAMPLES),
-            "texture" => (number("width").unwrap_or(1.0) * number("height").unwrap_or(1.0), MAX_SAMPLES),
-            "replicate" | "composite" | "flexcomp" => {
-                // Replicates inside each other multiply.
-                let outer = node.ancestors().filter(|n| n.has_tag_name("replicate") && *n != node);
-                (counts(node) * outer.map(counts).product::<f64>(), MAX_COPIES)
-            }
-            _ => (0.0, 1.0),
-        };
-        if size > limit {
-            let line = document.text_pos_at(node.range().start).row;
-            return Err(SceneError::Parse {
-                what: what.into(),
-                message: format!(
-                    "the <{tag}> on line {line} asks for {size:.3e} elements, more than the {limit:.0e} that are allowed; \
-                     make it smaller"
-                ),
-            });
-        }
-        if tag == "include"
-            && depth < 16
-            && let (Some(dir), Some(file)) = (dir, node.attribute("file"))
-            && let Ok(text) = std::fs::read_to_string(dir.join(file))
-        {
-            refuse_absurd_sizes(what, &text, Some(dir), depth + 1)?;
-        }
-    }
-    Ok(())
-}
-
 fn parse_text(what: &str, name: &str, xml: &str, dir: Option<&Path>) -> Result<MjSpec, SceneError> {
     c_string(xml, || what.to_string())?;
-    refuse_absurd_sizes(what, xml, dir, 0)?;
+    sizes::check(what, xml, dir)?;
     let parsed = match dir {
         None => MjSpec::from_xml_string(xml),
         Some(dir) => {
@@ -657,8 +562,8 @@ impl Scene {
         shells: &[Shell],
         options: BuildOptions,
     ) -> Result<Self, SceneError> {
-        let _lock = build_lock();
-        forget_assets();
+        let building = Building::begin();
+        building.load_plugins();
         let what = source.label();
         let mut warnings = Vec::new();
         let shipped = match source {
@@ -673,7 +578,7 @@ impl Scene {
                     check_file(path)?;
                     c_string(&path.to_string_lossy(), || what.clone())?;
                     if let Ok(text) = std::fs::read_to_string(path) {
-                        refuse_absurd_sizes(&what, &text, path.parent(), 0)?;
+                        sizes::check(&what, &text, path.parent())?;
                     }
                     MjSpec::from_xml(path).map_err(parse)?
                 }
@@ -689,12 +594,11 @@ impl Scene {
             Some(shipped) => spec.compile_with_vfs(&shipped.files),
             None => spec.compile(),
         };
-        for index in 0..spec.num_warnings() {
-            if let Some(text) = spec.warning(index) {
-                let text = format!("MuJoCo: {}", text.trim());
-                if !warnings.contains(&text) {
-                    warnings.push(text);
-                }
+        let own = (0..spec.num_warnings()).filter_map(|i| spec.warning(i).map(str::to_string));
+        for text in own.chain(building.heard()) {
+            let text = format!("MuJoCo: {}", text.trim());
+            if !warnings.contains(&text) {
+                warnings.push(text);
             }
         }
         let mut model =
@@ -834,6 +738,17 @@ impl Scene {
     /// Number of skins in the scene.
     pub fn n_skin(&self) -> usize {
         self.0.n_skin
+    }
+
+    /// Gravity that the scene states (`<option gravity>`), m/s²; none where it is MuJoCo's own, (0, 0, −9.81).
+    pub fn gravity_m_s2(&self) -> Option<[f64; 3]> {
+        let gravity = self.0.model.ffi().opt.gravity;
+        (gravity != [0.0, 0.0, -9.81]).then_some(gravity)
+    }
+
+    /// Velocity of the air that the scene states (`<option wind>`), m/s, world frame.
+    pub fn wind_m_s(&self) -> [f64; 3] {
+        self.0.model.ffi().opt.wind
     }
 
     /// Tolerance of MuJoCo's convex distances in this scene, m.
@@ -1083,6 +998,65 @@ fn hash_of(model: &mut MjModel) -> String {
     }
 }
 
+/// Refuses places and sizes that are no numbers, or so large that sensors could not compute with them: one such geom would hide others.
+fn check_numbers(
+    m: &ffi::mjModel,
+    scene: &str,
+    bodies: &[BodyInfo],
+    geoms: &[GeomInfo],
+) -> Result<(), SceneError> {
+    let is_bad = |x: &f64| !x.is_finite() || x.abs() > sync::MAX_COORDINATE_M;
+    let check = |who: String, what: &str, numbers: &[f64]| match numbers.iter().any(is_bad) {
+        false => Ok(()),
+        true => Err(SceneError::Argument {
+            what: format!(
+                "{scene}: {what} of {who}: expected finite numbers within {:e}, found {numbers:?}; correct it in the scene",
+                sync::MAX_COORDINATE_M
+            ),
+        }),
+    };
+    // SAFETY: a compiled model; each array has the number of elements that mjmodel.h states for it.
+    unsafe {
+        for body in bodies {
+            let who = || match body.name.is_empty() {
+                true => format!("body #{}", body.id),
+                false => format!("body '{}'", body.name),
+            };
+            check(who(), "position", slice(m.body_pos.add(3 * body.id), 3))?;
+            check(who(), "orientation", slice(m.body_quat.add(4 * body.id), 4))?;
+        }
+        for geom in geoms {
+            let who = || geom.label(bodies);
+            check(who(), "size", &geom.size_m)?;
+            check(who(), "position", slice(m.geom_pos.add(3 * geom.id), 3))?;
+            check(who(), "orientation", slice(m.geom_quat.add(4 * geom.id), 4))?;
+            check(who(), "margin and gap", &[geom.margin_m, geom.gap_m])?;
+            if geom.kind != GeomType::Plane {
+                check(who(), "extent", &geom.aabb_m)?;
+            }
+        }
+        for id in 0..m.ncam as usize {
+            check(format!("camera #{id}"), "position", slice(m.cam_pos.add(3 * id), 3))?;
+            check(format!("camera #{id}"), "orientation", slice(m.cam_quat.add(4 * id), 4))?;
+        }
+        check("the scene".into(), "gravity and wind", &[m.opt.gravity, m.opt.wind].concat())?;
+        check("the scene".into(), "start of joints (qpos0)", slice(m.qpos0, m.nq as usize))
+    }
+}
+
+/// Warns of what the scene says about the air that does not count here.
+fn physics_remarks(m: &ffi::mjModel, warnings: &mut Vec<String>) {
+    for (what, value, unit) in [("density", m.opt.density, "kg/m³"), ("viscosity", m.opt.viscosity, "Pa s")]
+    {
+        if value != 0.0 {
+            warnings.push(format!(
+                "the scene states a {what} of the air of {value} {unit} (<option {what}>), which does not count: drones feel the air by \
+                 effects of the vehicle, such as linear_drag"
+            ));
+        }
+    }
+}
+
 fn describe(
     mut model: MjModel,
     name: String,
@@ -1249,6 +1223,8 @@ fn describe(
                 is_static: bodies[body_id].is_static,
             });
         }
+        check_numbers(m, &name, &bodies, &geoms)?;
+        physics_remarks(m, &mut warnings);
 
         let mut cameras = Vec::with_capacity(n_cam);
         let mut needs_com = false;

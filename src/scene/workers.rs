@@ -14,8 +14,9 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::{MjModel, MjSpec};
 
+use super::engine::Building;
 use super::kinematics::Moved;
-use super::model::{self, ObstacleKind};
+use super::model::{ObstacleKind, slice};
 use super::sync;
 use super::{GeomType, Pose, Scene, SceneError};
 
@@ -62,7 +63,7 @@ impl Guard {
     pub(super) fn new() -> Result<Self, SceneError> {
         static EMPTY: OnceLock<Option<MjModel>> = OnceLock::new();
         let engine = |message: String| SceneError::Engine { call: "mjb_makeBatch", message, remedy: "" };
-        let _lock = model::build_lock();
+        let _building = Building::begin();
         let empty = EMPTY
             .get_or_init(|| {
                 MjSpec::from_xml_string("<mujoco><size memory=\"64K\"/></mujoco>").ok()?.compile().ok()
@@ -334,9 +335,9 @@ impl Worker {
         unsafe {
             let nq = (*m).nq as usize;
             let nm = (*m).nmocap as usize;
-            let qpos = model::slice((*data).qpos, nq).to_vec();
-            let mocap_pos = model::slice((*data).mocap_pos.cast::<f64>(), 3 * nm).to_vec();
-            let mocap_quat = model::slice((*data).mocap_quat.cast::<f64>(), 4 * nm).to_vec();
+            let qpos = slice((*data).qpos, nq).to_vec();
+            let mocap_pos = slice((*data).mocap_pos.cast::<f64>(), 3 * nm).to_vec();
+            let mocap_quat = slice((*data).mocap_quat.cast::<f64>(), 4 * nm).to_vec();
             self.guard.run(|| ffi::mj_resetData(m, data))?;
             ptr::copy_nonoverlapping(qpos.as_ptr(), (*data).qpos, nq);
             ptr::copy_nonoverlapping(mocap_pos.as_ptr(), (*data).mocap_pos.cast(), 3 * nm);
@@ -701,10 +702,7 @@ impl Worker {
         // SAFETY: the data holds a position and a matrix for each geom of its model, and lives as long as self.
         unsafe {
             let d = &*self.data;
-            Ok((
-                model::slice(d.geom_xpos.cast::<[f64; 3]>(), count),
-                model::slice(d.geom_xmat.cast::<[f64; 9]>(), count),
-            ))
+            Ok((slice(d.geom_xpos.cast::<[f64; 3]>(), count), slice(d.geom_xmat.cast::<[f64; 9]>(), count)))
         }
     }
 

@@ -1,7 +1,7 @@
 //! One world as the equations see it, and the step that advances it: in f64 the reference, over symbols what lanes are traced
 //! from.
 
-use super::quarantine::Quarantine;
+use super::quarantine::{MAX_POSITION_M, Quarantine, TOO_FAR};
 use crate::random::{Key, purpose};
 use propwash_physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
 use propwash_physics::drone::{Drone, Dynamics};
@@ -299,11 +299,12 @@ fn ceiling_distance<S: Real>(state: &State<S>, ceiling_z: S) -> S {
     (ceiling_z - state.pos[2]).min(S::lit(NO_CEILING_M))
 }
 
-/// The first quantity of a state that is not finite.
+/// The first quantity of a state that is not finite, or a position beyond [`MAX_POSITION_M`].
 pub(super) fn non_finite(state: &State<f64>) -> Option<&'static str> {
     let bad = |numbers: &[f64]| numbers.iter().any(|v| !v.is_finite());
     [
         ("position", bad(&state.pos)),
+        (TOO_FAR, state.pos.iter().any(|v| v.abs() > MAX_POSITION_M)),
         ("attitude", bad(&state.quat)),
         ("velocity", bad(&state.vel)),
         ("angular velocity", bad(&state.ang_vel)),

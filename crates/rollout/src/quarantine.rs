@@ -1,11 +1,19 @@
 //! Worlds whose numbers stop being numbers are set aside and named.
 
+/// Largest coordinate of a drone, m. What flies farther has left every scene, and single precision has steps of 64 m there.
+pub const MAX_POSITION_M: f64 = 1e9;
+
+/// The quantity of a world whose drone went beyond [`MAX_POSITION_M`].
+pub const TOO_FAR: &str = "distance from the origin";
+/// The quantity of a world with an attitude of length 0, which is none.
+pub const NO_ATTITUDE: &str = "length of the attitude";
+
 /// Why a world stands still.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Quarantine {
     /// World, counted over the whole run.
     pub world: u64,
-    /// Drone slot whose state turned non-finite first.
+    /// Drone slot whose state turned non-finite first, or went too far.
     pub drone: usize,
     /// Step after which it did; the state kept is the one before.
     pub step: u64,
@@ -17,11 +25,13 @@ pub struct Quarantine {
 
 impl core::fmt::Display for Quarantine {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        write!(
-            f,
-            "world {} is quarantined: {} of drone {} became non-finite in step {}",
-            self.world, self.quantity, self.drone, self.step
-        )?;
+        let Self { world, drone, step, quantity, .. } = self;
+        write!(f, "world {world} is quarantined: ")?;
+        match quantity.as_str() {
+            TOO_FAR => write!(f, "drone {drone} went farther than {MAX_POSITION_M:e} m in step {step}")?,
+            NO_ATTITUDE => write!(f, "the attitude of drone {drone} had length 0 in step {step}")?,
+            _ => write!(f, "{quantity} of drone {drone} became non-finite in step {step}")?,
+        }
         if let Some(stage) = &self.stage {
             write!(f, ", written by stage {stage}")?;
         }

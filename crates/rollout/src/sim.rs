@@ -4,7 +4,7 @@ use super::blocks::{Block, Phase, non_finite};
 use super::equations::Equations;
 use super::lanes::{Lanes, Options as LaneOptions};
 use super::pipeline::{Pipeline, Stage};
-use super::quarantine::Quarantine;
+use super::quarantine::{NO_ATTITUDE, Quarantine};
 use super::randomize::{Randomization, Rule};
 use super::{RolloutError, SimData, pool};
 use crate::random::Key;
@@ -563,7 +563,7 @@ impl<N: Number> Sim<N> {
                         world: self.options.first_world + w as u64,
                         drone: row % n,
                         step: self.data.steps[w],
-                        quantity: "length of the attitude".into(),
+                        quantity: NO_ATTITUDE.into(),
                         stage: None,
                     })
                 });
@@ -844,6 +844,7 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
 mod tests {
     use super::*;
     use crate::pipeline::{CONTROLLERS, INTEGRATION, rest_on_ground};
+    use crate::quarantine::TOO_FAR;
     use crate::randomize::Draw;
     use crate::trajectory::Trajectory;
     use propwash_physics::effects::{
@@ -1012,6 +1013,32 @@ mod tests {
         sim.pipeline.append("bad", Box::new(|data| data.pos.truncate(1))).unwrap();
         let message = sim.step(1).unwrap_err().to_string();
         assert!(message.contains("pos") && message.contains("expected 3 numbers"), "{message}");
+    }
+
+    #[test]
+    fn a_world_that_flies_too_far_is_named_and_stays_where_it_can_be_placed() {
+        fn flown<N: Number>(engine: Engine) -> Sim<N> {
+            let options = SimOptions { n_worlds: 3, sim_hz: 500, engine, ..attitude() };
+            let mut sim = Sim::<N>::storing(options, vec![(quad(Vec::new()), RATES)]).unwrap();
+            let row = sim.data.row(1, 0);
+            sim.data.vel[3 * row] = N::of(4e8);
+            sim.step(5000).unwrap();
+            sim
+        }
+        fn check<N: Number>(engine: Engine) {
+            let sim = flown::<N>(engine);
+            let fault = sim.data.quarantine[1].clone().unwrap();
+            // 2.5 s at 4e8 m/s.
+            assert_eq!((fault.world, fault.drone), (1, 0));
+            assert!((1248..=1252).contains(&fault.step) && fault.quantity == TOO_FAR, "{fault:?}");
+            assert!(fault.to_string().contains("drone 0 went farther than 1e9 m"), "{fault}");
+            let x = sim.data.pos[3 * sim.data.row(1, 0)].wide();
+            assert!((9.9e8..=1e9).contains(&x), "{x}");
+            assert!(sim.data.quarantine[0].is_none() && sim.data.quarantine[2].is_none());
+        }
+        check::<f64>(Engine::Reference);
+        check::<f64>(Engine::Lanes);
+        check::<f32>(Engine::Lanes);
     }
 
     #[test]

@@ -100,6 +100,8 @@ pub trait Cell: Copy + Send + Sync + core::fmt::Debug + 'static {
     fn drain(&self, from: usize, put: impl FnMut(usize, Self::Number)) -> usize;
     /// Adds x − x per lane: zero where x is finite, NaN elsewhere.
     fn poison(&mut self, of: &Self);
+    /// Adds NaN per lane where |x| is greater than `limit`.
+    fn poison_beyond(&mut self, of: &Self, limit: Self::Number);
 }
 
 macro_rules! impl_cell {
@@ -143,6 +145,12 @@ macro_rules! impl_cell {
                     self.0[lane] += of.0[lane] - of.0[lane];
                 }
             }
+            #[inline(always)]
+            fn poison_beyond(&mut self, of: &Self, limit: $float) {
+                for lane in 0..$lanes {
+                    self.0[lane] += if of.0[lane].abs() > limit { $float::NAN } else { 0.0 };
+                }
+            }
         }
     };
 }
@@ -183,6 +191,10 @@ impl Cell for f64 {
     fn poison(&mut self, of: &f64) {
         *self += of - of;
     }
+    #[inline(always)]
+    fn poison_beyond(&mut self, of: &f64, limit: f64) {
+        *self += if of.abs() > limit { f64::NAN } else { 0.0 };
+    }
 }
 
 impl<C: Cell, const W: usize> Cell for [C; W] {
@@ -217,6 +229,12 @@ impl<C: Cell, const W: usize> Cell for [C; W] {
     fn poison(&mut self, of: &Self) {
         for i in 0..W {
             self[i].poison(&of[i]);
+        }
+    }
+    #[inline(always)]
+    fn poison_beyond(&mut self, of: &Self, limit: C::Number) {
+        for i in 0..W {
+            self[i].poison_beyond(&of[i], limit);
         }
     }
 }

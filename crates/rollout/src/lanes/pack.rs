@@ -1,6 +1,7 @@
 //! Drones in the lanes of one cell type: filled from the arrays, advanced, written back.
 
 use super::super::blocks::Source as RandomSource;
+use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
 use super::super::traced::place;
 use super::Shared;
 use super::arrays::{EFFECT_MEMORY, View, gather_line, scatter_line};
@@ -144,6 +145,10 @@ impl<C: Interpret> Pool<C> {
         let bad = |from: u32, n: usize| (0..n).any(|i| !pack.file[from as usize + i].get(lane).finite());
         [
             ("position", bad(place::STATE, 3)),
+            (
+                TOO_FAR,
+                (0..3).any(|i| pack.file[place::STATE as usize + i].get(lane).wide().abs() > MAX_POSITION_M),
+            ),
             ("attitude", bad(place::QUAT, 4)),
             ("velocity", bad(place::VEL, 3)),
             ("angular velocity", bad(place::ANG_VEL, 3)),
@@ -315,6 +320,10 @@ impl<C: Interpret> Pack<C> {
         let mut sum = C::splat(C::Number::zero());
         for cell in &self.file[..place::MEMORY as usize] {
             sum.poison(cell);
+        }
+        let limit = C::Number::of(MAX_POSITION_M);
+        for i in 0..3 {
+            sum.poison_beyond(&self.file[place::STATE as usize + i], limit);
         }
         (0..C::LANES).all(|lane| sum.get(lane) == C::Number::zero())
     }

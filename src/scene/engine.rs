@@ -1,0 +1,145 @@
+//! What MuJoCo keeps for the whole process: its parser and compiler, its memory of assets, its log, its plugins.
+
+use std::cell::RefCell;
+use std::ffi::CStr;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicPtr, Ordering};
+use std::sync::{Mutex, MutexGuard, Once, PoisonError};
+
+use mujoco_rs::mujoco_c as ffi;
+use mujoco_rs::prelude::{MjLogMessage, MjtLogLevel};
+
+use super::SceneError;
+use super::model::{c_string, check_file};
+use super::workers::Guard;
+
+/// One scene is built at a time.
+static BUILD: Mutex<()> = Mutex::new(());
+
+/// The right to build a scene. MuJoCo's log is listened to as long as it lives: of this thread alone, since the program around may use
+/// MuJoCo in others. What had the log before gets their messages, and the log itself afterwards.
+pub(super) struct Building {
+    _lock: MutexGuard<'static, ()>,
+}
+
+thread_local! {
+    /// Warnings that MuJoCo gave to this thread, while it builds.
+    static HEARD: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
+}
+
+/// The handler of the log before, null for MuJoCo's own.
+static BEFORE: AtomicPtr<()> = AtomicPtr::new(std::ptr::null_mut());
+
+impl Building {
+    /// Waits for its turn.
+    pub(super) fn begin() -> Self {
+        let lock = BUILD.lock().unwrap_or_else(PoisonError::into_inner);
+        HEARD.with_borrow_mut(|heard| *heard = Some(Vec::new()));
+        // SAFETY: the handler is a function for the whole run; MuJoCo exchanges one pointer for another.
+        let before = unsafe { ffi::mju_setLogHandler(Some(listen)) };
+        BEFORE.store(before.map_or(std::ptr::null_mut(), |f| f as *mut ()), Ordering::Release);
+        // A mesh that MuJoCo remembers from another scene comes out other than one that it reads, and the model, with its hash, would
+        // depend on what was built before.
+        // SAFETY: the cache is MuJoCo's own, which locks it; models hold copies of what it holds.
+        unsafe { ffi::mj_clearCache(ffi::mj_getCache()) };
+        Self { _lock: lock }
+    }
+
+    /// Warnings since the beginning or the last call.
+    pub(super) fn heard(&self) -> Vec<String> {
+        HEARD.with_borrow_mut(|heard| heard.as_mut().map(std::mem::take)).unwrap_or_default()
+    }
+
+    /// Loads MuJoCo's own plugins (signed distance fields, elasticity, sensors, actuators), once: those beside its library, as its
+    /// package for Python does.
+    pub(super) fn load_plugins(&self) {
+        static LOADED: Once = Once::new();
+        LOADED.call_once(|| {
+            let Some(folder) = plugin_folder() else { return };
+            let Ok(text) = c_string(&folder.to_string_lossy(), String::new) else { return };
+            // SAFETY: a NUL-terminated path that outlives the call. A library that was loaded before is not loaded again.
+            unsafe { ffi::mj_loadAllPluginLibraries(text.as_ptr(), None) };
+        });
+    }
+}
+
+impl Drop for Building {
+    fn drop(&mut self) {
+        // SAFETY: the handler that is put back was there before.
+        unsafe {
+            let now = ffi::mju_setLogHandler(before());
+            // Someone else took the log meanwhile: it stays theirs.
+            if now.is_none_or(|f| f as *mut () != listen as *mut ()) {
+                ffi::mju_setLogHandler(now);
+            }
+        }
+        HEARD.with_borrow_mut(|heard| *heard = None);
+    }
+}
+
+/// The handler of the log before.
+fn before() -> ffi::mjfLogHandler {
+    let before = BEFORE.load(Ordering::Acquire);
+    // SAFETY: null, or what `begin` was given as a handler.
+    unsafe { std::mem::transmute::<*mut (), ffi::mjfLogHandler>(before) }
+}
+
+unsafe extern "C" fn listen(message: *const MjLogMessage) {
+    // SAFETY: MuJoCo hands over a message that lives until the handler returns, its subject terminated.
+    let (level, subject) = unsafe {
+        let message = &*message;
+        (message.level(), message.subject().to_string())
+    };
+    let is_ours = HEARD.with_borrow(Option::is_some);
+    if let (false, Some(before)) = (is_ours, before()) {
+        // SAFETY: whoever had the log before takes such messages.
+        return unsafe { before(message) };
+    }
+    match level {
+        MjtLogLevel::mjLOG_ERROR => {
+            eprintln!("MuJoCo cannot go on: {subject}");
+            // It would go on in a broken state.
+            std::process::exit(1);
+        }
+        MjtLogLevel::mjLOG_WARNING if is_ours => {
+            HEARD.with_borrow_mut(|heard| heard.as_mut().map(|heard| heard.push(subject)));
+        }
+        MjtLogLevel::mjLOG_WARNING => eprintln!("WARNING: {subject}"),
+        _ => {}
+    }
+}
+
+/// The folder of MuJoCo's own plugins: beside its library, or beside the folder of it.
+fn plugin_folder() -> Option<PathBuf> {
+    // SAFETY: dladdr writes into the struct where it answers with a number other than zero; the name is that of a loaded file.
+    let library = unsafe {
+        let mut info: libc::Dl_info = std::mem::zeroed();
+        if libc::dladdr(ffi::mj_version as *const libc::c_void, &raw mut info) == 0
+            || info.dli_fname.is_null()
+        {
+            return None;
+        }
+        PathBuf::from(CStr::from_ptr(info.dli_fname).to_string_lossy().into_owned())
+    };
+    let folder = library.canonicalize().ok()?.parent()?.to_path_buf();
+    [folder.join("plugin"), folder.parent()?.join("plugin")].into_iter().find(|f| f.is_dir())
+}
+
+/// Loads a library of MuJoCo plugins (e.g. signed distance fields), for all scenes built afterwards. Those of MuJoCo itself are loaded anyway.
+///
+/// # Errors
+/// [`SceneError::Read`] when there is no such file. MuJoCo reports a library that it cannot load only when a scene
+/// asks for the plugin.
+pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
+    check_file(path)?;
+    let c_path = c_string(&path.to_string_lossy(), || format!("path {}", path.display()))?;
+    let guard = Guard::new()?;
+    let _building = Building::begin();
+    let text = c_path.as_ptr();
+    // SAFETY: a NUL-terminated path that outlives the call; plugins register themselves under MuJoCo's own lock.
+    unsafe { guard.run(|| ffi::mj_loadPluginLibrary(text)) }.map_err(|message| SceneError::Engine {
+        call: "mj_loadPluginLibrary",
+        message,
+        remedy: "; give a plugin library of this MuJoCo version",
+    })
+}
