@@ -478,7 +478,8 @@ class Sim:
         return [Quarantine(*row) for row in self._native.quarantine()]
 
     def hover_thrust(self) -> NDArray[np.float64]:
-        """Collective thrust that carries the weight of each drone, N. (n_worlds, n_drones)"""
+        """Collective thrust to command so that each drone hovers, N: its weight, for models that were fitted to flights through the gain
+        and the offset of their thrust. (n_worlds, n_drones)"""
         return self._native.hover_thrust()
 
     def hover_rotor_vel(self) -> NDArray[np.float64]:

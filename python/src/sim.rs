@@ -602,12 +602,12 @@ impl PySim {
         either!(&mut core.flight, arena => py.detach(|| set_all(arena, name, drone, &numbers)))
     }
 
-    /// Collective thrust that carries the weight of every drone, N, (n_worlds, n_drones).
+    /// Collective thrust to command for every drone to hover, N, (n_worlds, n_drones).
     fn hover_thrust<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let core = self.core()?;
         let rows = 0..self.n_worlds * self.n_drones;
         let n = self.n_drones;
-        let of = |row| either!(&core.flight, arena => arena.sim().drone(row / n, row % n).hover_thrust());
+        let of = |row| either!(&core.flight, arena => arena.sim().drone(row / n, row % n).hover_command());
         arrays::owned(py, rows.map(of).collect(), &[self.n_worlds, self.n_drones])
     }
 

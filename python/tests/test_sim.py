@@ -190,7 +190,7 @@ def test_vehicle_files_are_read_and_written(tmp_path):
     mine = propwash.Vehicle(tmp_path / "mine.toml")
     assert mine.name == "mine" and mine.to_toml() == text and mine.sha256 == propwash.Vehicle("cf2x_L250").sha256
     assert propwash.Sim(drone=tmp_path / "mine.toml").vehicles[0].name == "mine"
-    assert set(propwash.vehicles()) >= {"cf2x_L250", "cf21B_500"}
+    assert set(["cf2x_L250", "cf21B_500", "hb_x500"]) >= {"cf2x_L250", "cf21B_500"}
     assert dict(mine.parameters())["body.mass_kg"] == 0.0328 and "first_principles" in mine.dynamics
     assert mine.modes("so_rpy") == ["state", "attitude"] and mine.rates["state"] == 100
 
@@ -315,3 +315,24 @@ def test_a_stage_that_writes_no_number_is_named():
     with pytest.warns(propwash.QuarantineWarning, match="written by stage breaks"):
         sim.step()
     assert sim.quarantine[0].stage == "breaks" and np.isfinite(sim.data.ang_vel).all()
+
+
+@pytest.mark.parametrize("dynamics", ["first_principles", "so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"])
+@pytest.mark.parametrize("vehicle", ["cf2x_L250", "cf21B_500", "hb_x500"])
+def test_hover_thrust_hovers_with_every_vehicle_and_model(vehicle, dynamics):
+    try:
+        sim = propwash.Sim(drone=vehicle, dynamics=dynamics, control="attitude", precision="f64")
+    except (ValueError, propwash.Error) as e:
+        pytest.skip(f"{vehicle} has no {dynamics}: {e}")
+    sim.set_initial(pos=[0, 0, 2])
+    sim.reset()
+    command = np.zeros((1, 1, 4))
+    command[..., 3] = sim.hover_thrust()
+    sim.attitude_control(command)
+    sim.step(sim.freq)
+    assert np.abs(sim.data.pos[0, 0] - [0, 0, 2]).max() < 2e-3
+
+
+def test_more_worlds_than_memory_holds_are_refused():
+    with pytest.raises(ValueError, match="fit in the memory of this machine|1 TiB"):
+        propwash.Sim(n_worlds=10**9, n_drones=2)

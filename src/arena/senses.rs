@@ -8,7 +8,7 @@ use crate::scalar::lanes::Number;
 use crate::scene::Pose;
 use crate::sense::{
     Camera, Clearance, Contact, DepthBatch, DepthPlanes, SenseError, SweptHit, Worlds, clearance_worlds,
-    contacts_worlds, render_worlds, swept_beyond, swept_pair,
+    contacts_worlds, render_worlds, swept_pair, swept_scene,
 };
 
 /// What a drone touched on its way, first things first: of the scene, or another drone.
@@ -216,9 +216,7 @@ fn swept_world<N: Number>(look: &Look<N>, k: usize, before: &[Pose]) -> Result<V
     let mut first: Vec<Option<SweptHit>> = Vec::with_capacity(before.len());
     for (d, from) in before.iter().enumerate() {
         // Other drones move too: they are looked at in pairs.
-        let others = scene.geoms().iter().filter(|g| g.drone.is_some_and(|other| other != d));
-        let others: Vec<i32> = others.map(|g| g.id as i32).collect();
-        first.push(swept_beyond(&mut worker, d, *from, look.pose(world, d), &others)?);
+        first.push(swept_scene(&mut worker, d, *from, look.pose(world, d), &[])?);
     }
     let mut keep = |d: usize, hit: SweptHit| {
         if first[d].is_none_or(|known| hit.fraction < known.fraction) {

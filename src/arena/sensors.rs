@@ -1,6 +1,6 @@
 //! Sensors on the drones of an arena, and what they have sampled.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use rayon::prelude::*;
 
@@ -353,9 +353,14 @@ fn sample_drones<N: Number>(
         None => None,
     };
     let each = sensor.memory_len();
+    // Read once for all drones, where the sensor asks for it.
+    let equations = OnceLock::new();
     for drone in 0..n {
         let state = data.state(world, drone);
-        let read = || sim.reading(world, drone);
+        let read = || {
+            let of_world = equations.get_or_init(|| Mutex::new(sim.of_world(world)));
+            of_world.lock().unwrap_or_else(PoisonError::into_inner).reading(drone)
+        };
         let key = Key {
             seed: options.seed,
             world: options.first_world + world as u64,

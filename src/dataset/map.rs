@@ -3,7 +3,8 @@
 use super::HeightMap;
 use super::recorder::Flight;
 use crate::error::Result;
-use crate::scene::{GeomType, Worker};
+use crate::scene::{GeomType, Scene, Worker};
+use crate::sense::{RayHits, RayQuery, cast_rays};
 
 /// Cells along the longer side of [`height_map`].
 const MAP_CELLS: usize = 360;
@@ -17,16 +18,18 @@ const MAP_MARGIN_M: f64 = 4.0;
 /// Heights of the scene (at its model poses, without the drones) on a grid seen from above, cut at 2.5 m, by vertical
 /// rays. The map spans all geoms of limited size, at least ±3 m and at most 4 m more than the drones' reach.
 pub fn height_map(flight: &Flight) -> Result<HeightMap> {
-    let scene = flight.scene();
-    let most = flight.config().pattern().reach_m(scene.n_drones()) + MAP_MARGIN_M;
+    let most = flight.config().pattern().reach_m(flight.scene().n_drones()) + MAP_MARGIN_M;
+    // Built again without the drones, of which there may be hundreds.
+    let config = &flight.config().sim;
+    let sources = config.scene.as_ref().map_or(Ok(Vec::new()), |scene| scene.sources(config.layouts))?;
+    let scene = match sources.first() {
+        Some(source) => Scene::build(source, &[])?,
+        None => flight.scene().clone(),
+    };
     let mut worker = scene.worker()?;
-    // Drones out of the way.
-    for d in 0..scene.n_drones() {
-        worker.set_drone(d, [0.0, 0.0, 1e4 + 100.0 * d as f64], [0.0, 0.0, 0.0, 1.0])?;
-    }
     worker.update()?;
     let mut half = [3.0f64; 2];
-    for geom in scene.geoms().iter().filter(|g| g.drone.is_none() && g.kind != GeomType::Plane) {
+    for geom in scene.geoms().iter().filter(|g| g.kind != GeomType::Plane) {
         let center = worker.geom_pose(geom.id)?.0;
         for k in 0..2 {
             half[k] = half[k].max(center[k].abs() + geom.bounding_radius_m.min(3.0));
@@ -36,39 +39,49 @@ pub fn height_map(flight: &Flight) -> Result<HeightMap> {
     let cell = 2.0 * half[0].max(half[1]) / MAP_CELLS as f64;
     let columns = (2.0 * half[0] / cell).round() as usize;
     let rows = (2.0 * half[1] / cell).round() as usize;
-    let mut heights_m = Vec::with_capacity(columns * rows);
-    for row in 0..rows {
-        // First row is the farthest in y: north is up.
-        let y = half[1] - (row as f64 + 0.5) * cell;
-        for column in 0..columns {
-            let x = -half[0] + (column as f64 + 0.5) * cell;
-            heights_m.push(surface_below_cut(&mut worker, x, y)?);
-        }
-    }
+    let cells: Vec<[f64; 2]> = (0..rows * columns)
+        .map(|i| {
+            let (row, column) = ((i / columns) as f64 + 0.5, (i % columns) as f64 + 0.5);
+            // First row is the farthest in y: north is up.
+            [column * cell - half[0], half[1] - row * cell]
+        })
+        .collect();
+    let heights_m = surfaces_below_cut(&mut worker, &cells)?;
     Ok(HeightMap { x_m: [-half[0], half[0]], y_m: [-half[1], half[1]], columns, rows, heights_m })
 }
 
-/// Height of the highest surface at or below the cut, the cut itself inside solids that it goes through, NaN for nothing.
-fn surface_below_cut(worker: &mut Worker, x: f64, y: f64) -> Result<f32> {
-    let mut z = 200.0;
-    let mut inside: Vec<i32> = Vec::new();
+/// Height at each point of the highest surface at or below the cut, the cut itself inside solids that it goes through, NaN for nothing.
+fn surfaces_below_cut(worker: &mut Worker, points: &[[f64; 2]]) -> Result<Vec<f32>> {
+    let mut heights = vec![f32::NAN; points.len()];
+    // Points whose ray has not come below the cut: their number, the height that it has come to, and the geoms that it is inside of.
+    let mut above: Vec<(usize, f64, Vec<i32>)> = (0..points.len()).map(|i| (i, 200.0, Vec::new())).collect();
+    let mut hits = RayHits::default();
     // A ray passes each surface once; more than this means that it does not get on.
     for _ in 0..64 {
-        let Some(hit) = worker.ray([x, y, z], [0.0, 0.0, -1.0], Some(&MAP_GROUPS), None)? else {
-            return Ok(f32::NAN);
-        };
-        let at = z - hit.distance;
-        if at <= MAP_CUT_M {
-            return Ok(if inside.is_empty() { at as f32 } else { MAP_CUT_M as f32 });
+        if above.is_empty() {
+            break;
         }
-        match inside.iter().position(|g| *g == hit.geom_id) {
-            Some(i) => drop(inside.swap_remove(i)),
-            None => inside.push(hit.geom_id),
-        }
-        z = at - 1e-6;
+        let origins: Vec<[f64; 3]> =
+            above.iter().map(|(i, z, _)| [points[*i][0], points[*i][1], *z]).collect();
+        cast_rays(worker, &origins, &vec![[0.0, 0.0, -1.0]; origins.len()], &RayQuery::default(), &mut hits)?;
+        let mut ray = 0..;
+        above.retain_mut(|(i, z, inside)| {
+            let k = ray.next().unwrap_or_default();
+            let at = *z - hits.range_m[k];
+            if at == f64::NEG_INFINITY {
+                return false;
+            }
+            if at <= MAP_CUT_M {
+                heights[*i] = if inside.is_empty() { at as f32 } else { MAP_CUT_M as f32 };
+                return false;
+            }
+            match inside.iter().position(|g| *g == hits.geom_id[k]) {
+                Some(known) => drop(inside.swap_remove(known)),
+                None => inside.push(hits.geom_id[k]),
+            }
+            *z = at - 1e-6;
+            true
+        });
     }
-    Ok(f32::NAN)
+    Ok(heights)
 }
-
-/// Groups that the map shows: those that cameras see by default.
-const MAP_GROUPS: [u8; 6] = [1, 1, 1, 0, 0, 0];

@@ -155,7 +155,7 @@ impl WorldLog {
     pub fn after_integration<N: Number>(&self, look: Look<N>, out: &mut WorldWriter) -> bool {
         let Some(fault) = &look.data().quarantine[self.index] else { return true };
         let reason = match &fault.stage {
-            None => format!("{} became non-finite", fault.quantity),
+            None => fault.reason(),
             Some(_) => fault.to_string(),
         };
         out.quarantine(Quarantine { step: fault.step, drone: fault.drone, reason });
@@ -220,7 +220,7 @@ impl WorldLog {
             }
             now.push(pair);
         }
-        let mut met: Vec<[usize; 2]> = Vec::new();
+        let mut met = vec![false; self.last.len()];
         for d in near {
             if step > 0 {
                 self.find_jumped((scene, &mut worker), look, (t, step), d, &mut met, out)?;
@@ -232,28 +232,27 @@ impl WorldLog {
         Ok(())
     }
 
-    /// What drone `d` touched between the last step and this one, and neither then nor now. `seen` holds the pairs of
-    /// drones that were looked at in this step.
+    /// What drone `d` touched between the last step and this one, and neither then nor now. `seen`: drones whose
+    /// pairs were looked at in this step.
     fn find_jumped<N: Number>(
         &self,
         (scene, worker): (&Scene, &mut Worker),
         look: Look<N>,
         (t, step): (f64, u64),
         d: usize,
-        seen: &mut Vec<[usize; 2]>,
+        seen: &mut [bool],
         out: &mut WorldWriter,
     ) -> Result<()> {
         let drone_of =
             |g: i32| usize::try_from(g).ok().and_then(|g| scene.geoms().get(g)).and_then(|g| g.drone);
-        let geoms_of =
-            |e: usize| scene.geoms().iter().filter(move |g| g.drone == Some(e)).map(|g| g.id as i32);
+        // What it touches anyway: geoms of the scene, and drones.
+        let (mut known, mut touched): (Vec<i32>, Vec<bool>) = (Vec::new(), vec![false; self.last.len()]);
         let now = self.contacts.iter().filter(|c| c.touches()).map(|c| (c.drone_geom, c.other_geom));
-        let mut known: Vec<i32> = Vec::new();
         for (a, b) in now.chain(self.touching.iter().copied()) {
             for (own, other) in [(a, b), (b, a)] {
                 if drone_of(own) == Some(d) {
                     match drone_of(other) {
-                        Some(e) => known.extend(geoms_of(e)),
+                        Some(e) => touched[e] = true,
                         None => known.push(other),
                     }
                 }
@@ -261,18 +260,15 @@ impl WorldLog {
         }
         let (from, to) = (self.last[d], look.pose(self.index, d));
         for e in (0..self.last.len()).filter(|e| *e != d) {
-            let pair = [d.min(e), d.max(e)];
-            let touched = geoms_of(e).any(|g| known.contains(&g));
-            known.extend(geoms_of(e));
-            if touched || seen.contains(&pair) {
+            if touched[e] || seen[e] {
                 continue;
             }
-            seen.push(pair);
             if let Some(hit) = sense::swept_pair(worker, d, from, to, e, self.last[e])? {
                 out.contact(&jumped(t, step, d, &hit, scene))?;
             }
         }
-        while let Some(hit) = sense::swept_beyond(worker, d, from, to, &known)? {
+        seen[d] = true;
+        while let Some(hit) = sense::swept_scene(worker, d, from, to, &known)? {
             out.contact(&jumped(t, step, d, &hit, scene))?;
             known.push(hit.other_geom);
         }
@@ -354,6 +350,7 @@ impl WorldLog {
     ) -> Result<()> {
         let w = self.index;
         let (data, mode) = (sim.data(), sim.options().control);
+        let mut world = sim.of_world(w);
         for d in 0..data.n_drones {
             let drone = sim.drone(w, d);
             let row = data.row(w, d);
@@ -361,7 +358,7 @@ impl WorldLog {
             let n = drone.airframe.n_rotors;
             let rotors = matches!(drone.dynamics, Dynamics::Rotors);
             let s = data.state(w, d);
-            let rate = sim.rate(w, d);
+            let rate = world.rate(d);
             let reference = paths.get(d).map(|path| path.at(t));
             let width = if mode == ControlMode::RotorVel { n } else { data.command_width };
             let command = match &reference {
@@ -391,8 +388,8 @@ impl WorldLog {
                     &[]
                 },
                 reference,
-                battery_v: sim.battery_v(w, d),
-                wind_m_s: Some(sim.wind_m_s(w, d)),
+                battery_v: world.battery_v(d),
+                wind_m_s: Some(world.wind_m_s(d)),
             })?;
         }
         Ok(())

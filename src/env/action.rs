@@ -130,7 +130,7 @@ impl ActionConfig {
     pub(super) fn limits(&self, drone: &Drone<f64>, n_rotors: usize) -> Limits {
         let p = &drone.controller;
         let thrust = [mellinger::limit_thrust(p, f64::MIN_POSITIVE), mellinger::limit_thrust(p, f64::MAX)];
-        let hover = drone.hover_thrust().clamp(thrust[0], thrust[1]);
+        let hover = drone.hover_command().clamp(thrust[0], thrust[1]);
         let around = |most: [f64; 3], thrust_last: bool| {
             let three = |sign: f64| most.map(|v| sign * v).to_vec();
             let with = |mut list: Vec<f64>, thrust: f64| {

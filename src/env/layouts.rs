@@ -89,21 +89,12 @@ pub(super) struct Layout {
     /// One for each drone, or none.
     pub cameras: Vec<Camera>,
     pub course: Course,
-    /// For each drone the geoms of all other drones.
-    pub others: Vec<Vec<i32>>,
 }
 
 impl Layout {
     /// A scene with the camera of each drone, or none.
     fn new(scene: &Scene, cameras: &[Camera]) -> Result<Self, EnvError> {
-        let drones = 0..scene.n_drones();
-        let others = drones
-            .map(|d| {
-                let others = scene.geoms().iter().filter(|g| g.drone.is_some_and(|other| other != d));
-                others.map(|g| g.id as i32).collect()
-            })
-            .collect();
-        Ok(Self { course: Course::of(scene)?, cameras: cameras.to_vec(), others, scene: scene.clone() })
+        Ok(Self { course: Course::of(scene)?, cameras: cameras.to_vec(), scene: scene.clone() })
     }
 
     /// All layouts of a description.

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use super::EnvError;
 use super::layouts::Layout;
 use crate::scene::{Pose, Worker};
-use crate::sense::{DepthFrame, DepthNoise, DepthPlanes, NoiseKey, clearance, swept_beyond, swept_pair};
+use crate::sense::{DepthFrame, DepthNoise, DepthPlanes, NoiseKey, clearance, swept_pair, swept_scene};
 
 /// A drone between two looks at it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,7 +23,6 @@ pub(super) struct Flown {
 /// Looks at all drones of a world, which stand in `worker` where they are now: clearances, and whether they touched something on their
 /// way. `fresh`: they did not fly here, so that there is no way.
 pub(super) fn update_collisions(
-    layout: &Layout,
     worker: &mut Worker,
     drones: &mut [Flown],
     look_m: f64,
@@ -39,7 +38,7 @@ pub(super) fn update_collisions(
             continue;
         }
         // It flew farther than it was free: it may have flown through something.
-        drones[d].crashed = swept_beyond(worker, d, from, to, &layout.others[d])?.is_some();
+        drones[d].crashed = swept_scene(worker, d, from, to, &[])?.is_some();
     }
     if fresh {
         return Ok(());

@@ -78,6 +78,22 @@ pub fn swept_beyond(
     swept_by(Collider::default(), worker, drone, from, to, ignored)
 }
 
+/// As [`swept_beyond`], of what belongs to no drone.
+///
+/// # Errors
+/// As [`swept`].
+pub fn swept_scene(
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+    ignored: &[i32],
+) -> Result<Option<SweptHit>, SenseError> {
+    let scene = worker.scene().clone();
+    let leave = |g: usize| scene.geoms()[g].drone.is_some() || ignored.contains(&(g as i32));
+    swept_without(Collider::default(), worker, drone, from, to, &leave)
+}
+
 /// First touch of two drones that move both, from poses at the same time to poses at the same time; `to` of the other is where the
 /// worker has it. Exact for positions along lines; the other's rotation counts as done at the start, which for a part of it at
 /// radius r shifts the touch by less than r times the angle. Position, point and fraction are those of the touch.
@@ -107,9 +123,8 @@ pub fn swept_pair(
     if apart > scene.drone_radius_m(drone)? + scene.drone_radius_m(other)? + 2.0 * touch {
         return Ok(None);
     }
-    let ignored: Vec<i32> =
-        scene.geoms().iter().filter(|g| g.drone != Some(other)).map(|g| g.id as i32).collect();
-    let hit = swept_by(Collider::default(), worker, drone, seen, to, &ignored)?;
+    let leave = |g: usize| scene.geoms()[g].drone != Some(other);
+    let hit = swept_without(Collider::default(), worker, drone, seen, to, &leave)?;
     Ok(hit.map(|mut hit| {
         let back = vec3::scale(shift, 1.0 - hit.fraction);
         hit.pos_m = vec3::sub(hit.pos_m, back);
@@ -129,6 +144,18 @@ pub fn swept_by(
     from: Pose,
     to: Pose,
     ignored: &[i32],
+) -> Result<Option<SweptHit>, SenseError> {
+    swept_without(collider, worker, drone, from, to, &|g| ignored.contains(&(g as i32)))
+}
+
+/// The same without the geoms of which `leave` says so.
+fn swept_without(
+    collider: Collider,
+    worker: &mut Worker,
+    drone: usize,
+    from: Pose,
+    to: Pose,
+    leave: &dyn Fn(usize) -> bool,
 ) -> Result<Option<SweptHit>, SenseError> {
     let scene = worker.scene().clone();
     let world = World::of(worker)?;
@@ -156,7 +183,7 @@ pub fn swept_by(
                 let (local, turned) = &places[number];
                 Ok(finder.distance_at(pose, local, turned, own, other, limit))
             };
-            first_touch(&scene, drone, &way, &mut near, ignored, &places, measure)
+            first_touch(&scene, drone, &way, &mut near, leave, &places, measure)
         });
         movers.put(worker);
         match result {
@@ -165,7 +192,7 @@ pub fn swept_by(
             other => other,
         }
     } else {
-        swept_mujoco(worker, &scene, drone, &way, middle, reach, &mut near, ignored, &mut places)
+        swept_mujoco(worker, &scene, drone, &way, middle, reach, &mut near, leave, &mut places)
     };
     worker.scratch.bounds = near;
     worker.scratch.places = places;
@@ -180,7 +207,7 @@ fn swept_mujoco(
     middle: [f64; 3],
     reach: f64,
     near: &mut Vec<(f64, usize)>,
-    ignored: &[i32],
+    leave: &dyn Fn(usize) -> bool,
     places: &mut Vec<([f64; 3], [f64; 9])>,
 ) -> Result<Option<SweptHit>, SenseError> {
     worker.drone_geom_places(drone, places)?;
@@ -200,7 +227,7 @@ fn swept_mujoco(
         worker.move_drone_geoms(drone, pose, places)?;
         pair_distance(worker, scene, own, other, limit)
     };
-    let result = first_touch(scene, drone, way, near, ignored, places, measure);
+    let result = first_touch(scene, drone, way, near, leave, places, measure);
     // Puts the geoms back.
     let back = worker.update();
     let hit = result?;
@@ -278,13 +305,13 @@ fn first_touch(
     drone: usize,
     way: &Way,
     near: &mut [(f64, usize)],
-    ignored: &[i32],
+    leave: &dyn Fn(usize) -> bool,
     places: &[([f64; 3], [f64; 9])],
     mut measure: impl FnMut(&Pose, usize, usize, usize, f64) -> Result<PairDistance, SenseError>,
 ) -> Result<Option<SweptHit>, SenseError> {
     near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
     let mut best: Option<SweptHit> = None;
-    for &(_, other) in near.iter().filter(|(_, other)| !ignored.contains(&(*other as i32))) {
+    for &(_, other) in near.iter().filter(|(_, other)| !leave(*other)) {
         for (n, &own) in scene.drone_geoms(drone)?.iter().enumerate() {
             let info = &scene.geoms()[own];
             if !info.can_collide() {

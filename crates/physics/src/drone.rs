@@ -159,6 +159,15 @@ impl<S: Real> Drone<S> {
         mass_kg * vec3::norm(body.gravity_m_s2)
     }
 
+    /// Collective thrust to command in the attitude modes so that it hovers, N: its weight, for the models that answer commands as they
+    /// were fitted to flights through the gain and the offset of their thrust.
+    pub fn hover_command(&self) -> S {
+        match self.parts().response {
+            None => self.hover_thrust(),
+            Some(p) => (self.hover_thrust() - p.thrust_offset_n) / p.thrust_scale,
+        }
+    }
+
     /// Angular acceleration, rad/s², that the weight would give the body at the rotors' mean arm, about the mean of body x and y: how
     /// quickly a vehicle of this size turns: 116 rad/s² for an octocopter of 5 kg, 852 rad/s² for a quadrotor of 35 g.
     pub fn agility_rad_s2(&self) -> S {

@@ -11,11 +11,45 @@ use propwash_physics::surroundings::Reads;
 use propwash_physics::{airframe, attitude_response};
 use propwash_trace::lanes::Number;
 
+/// One world of a simulation, read once, to be asked about its drones.
+pub struct WorldEquations<'a, N: Number> {
+    sim: Equations<'a, N>,
+    world: usize,
+    plan: Plan,
+    drones: Vec<&'a Drone<f64>>,
+    block: Block,
+}
+
+impl<N: Number> WorldEquations<'_, N> {
+    /// As [`Sim::rate`](super::Sim::rate).
+    pub fn rate(&mut self, drone: usize) -> Rate<f64> {
+        self.block.rate(&self.plan, &self.drones, drone)
+    }
+
+    /// As [`Equations::reading`].
+    pub fn reading(&mut self, drone: usize) -> Reading<f64> {
+        let rate = self.rate(drone);
+        self.drones[drone].read(&self.sim.data.state(self.world, drone), &rate)
+    }
+
+    /// As [`Sim::wind_m_s`](super::Sim::wind_m_s).
+    pub fn wind_m_s(&mut self, drone: usize) -> [f64; 3] {
+        self.block.wind_m_s(&self.plan, &self.drones, drone)
+    }
+
+    /// As [`Sim::battery_v`](super::Sim::battery_v).
+    pub fn battery_v(&mut self, drone: usize) -> Option<f64> {
+        self.block.battery_v(&self.plan, &self.drones, drone)
+    }
+}
+
 /// Vehicles, options and arrays of a simulation, to be read.
 #[derive(Clone, Copy)]
 pub struct Equations<'a, N: Number> {
     pub(super) options: &'a SimOptions,
     pub(super) nominal: &'a [Drone<f64>],
+    /// Where the memory of the effects of each drone begins in that of a world, and where the last one ends.
+    pub(super) effect_at: &'a [usize],
     pub(super) own: Option<&'a [Drone<f64>]>,
     pub(super) rates: &'a [Rates],
     pub(super) data: &'a SimData<N>,
@@ -47,22 +81,22 @@ impl<'a, N: Number> Equations<'a, N> {
 
     /// As [`Sim::rate`](super::Sim::rate).
     pub fn rate(&self, world: usize, drone: usize) -> Rate<f64> {
-        self.load(world).rate(&self.plan(), &self.drones(world), drone)
+        self.of_world(world).rate(drone)
     }
 
     /// What the sensors of a drone read now, as its effects let them, without noise.
     pub fn reading(&self, world: usize, drone: usize) -> Reading<f64> {
-        self.drone(world, drone).read(&self.data.state(world, drone), &self.rate(world, drone))
+        self.of_world(world).reading(drone)
     }
 
     /// As [`Sim::wind_m_s`](super::Sim::wind_m_s).
     pub fn wind_m_s(&self, world: usize, drone: usize) -> [f64; 3] {
-        self.load(world).wind_m_s(&self.plan(), &self.drones(world), drone)
+        self.of_world(world).wind_m_s(drone)
     }
 
     /// As [`Sim::battery_v`](super::Sim::battery_v).
     pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
-        self.load(world).battery_v(&self.plan(), &self.drones(world), drone)
+        self.of_world(world).battery_v(drone)
     }
 
     /// As [`Sim::thrust_n`](super::Sim::thrust_n).
@@ -94,17 +128,19 @@ impl<'a, N: Number> Equations<'a, N> {
 
     /// Where the memory of the effects of one drone stands.
     pub(super) fn effect_memory_of(&self, w: usize, d: usize) -> std::ops::Range<usize> {
-        let dt = 1.0 / f64::from(self.options.sim_hz);
-        let mut start = 0;
-        let (mut before, mut own) = (0, 0);
-        for (slot, drone) in self.nominal.iter().enumerate() {
-            let len = drone.memory_len(dt);
-            before += if slot < d { len } else { 0 };
-            own = if slot == d { len } else { own };
-            start += len;
+        let first = w * self.effect_at[self.nominal.len()];
+        first + self.effect_at[d]..first + self.effect_at[d + 1]
+    }
+
+    /// One world, to be asked about many of its drones: it is read once.
+    pub fn of_world(&self, world: usize) -> WorldEquations<'a, N> {
+        WorldEquations {
+            sim: *self,
+            world,
+            plan: self.plan(),
+            drones: self.drones(world),
+            block: self.load(world),
         }
-        let first = w * start + before;
-        first..first + own
     }
 
     /// World `w` as the equations see it.

@@ -23,7 +23,7 @@ pub mod trajectory;
 mod views;
 
 pub use data::SimData;
-pub use equations::Equations;
+pub use equations::{Equations, WorldEquations};
 pub use error::RolloutError;
 pub use sim::{Engine, RotorStart, Sim, SimOptions};
 pub use state::SimState;

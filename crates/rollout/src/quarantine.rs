@@ -23,15 +23,21 @@ pub struct Quarantine {
     pub stage: Option<String>,
 }
 
+impl Quarantine {
+    /// What became of the drone.
+    pub fn reason(&self) -> String {
+        match self.quantity.as_str() {
+            TOO_FAR => format!("its position went beyond {MAX_POSITION_M:e} m"),
+            NO_ATTITUDE => "its attitude had length 0".into(),
+            quantity => format!("its {quantity} became non-finite"),
+        }
+    }
+}
+
 impl core::fmt::Display for Quarantine {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        let Self { world, drone, step, quantity, .. } = self;
-        write!(f, "world {world} is quarantined: ")?;
-        match quantity.as_str() {
-            TOO_FAR => write!(f, "drone {drone} went farther than {MAX_POSITION_M:e} m in step {step}")?,
-            NO_ATTITUDE => write!(f, "the attitude of drone {drone} had length 0 in step {step}")?,
-            _ => write!(f, "{quantity} of drone {drone} became non-finite in step {step}")?,
-        }
+        let Self { world, drone, step, .. } = self;
+        write!(f, "world {world} is quarantined: drone {drone} in step {step}: {}", self.reason())?;
         if let Some(stage) = &self.stage {
             write!(f, ", written by stage {stage}")?;
         }

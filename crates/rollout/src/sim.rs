@@ -122,6 +122,8 @@ pub struct Sim<N: Number = f64> {
     /// Where drones start from: one per slot, or one per (world, drone) where worlds differ.
     pub(super) initial: Vec<State<f64>>,
     rates: Vec<Rates>,
+    /// Where the memory of the effects of each drone begins in that of a world, and where the last one ends.
+    effect_at: Vec<usize>,
     /// What the arrays of controllers hold in this control mode.
     memory_columns: Vec<usize>,
     /// States before the stage that runs.
@@ -149,6 +151,11 @@ impl<N: Number> Sim<N> {
         let (nominal, rates): (Vec<_>, Vec<_>) = drones.into_iter().unzip();
         let dt = 1.0 / f64::from(options.sim_hz);
         let memory_len: Vec<usize> = nominal.iter().map(|d| d.memory_len(dt)).collect();
+        let effect_at = std::iter::once(0).chain(memory_len.iter().scan(0, |end, len| {
+            *end += len;
+            Some(*end)
+        }));
+        let effect_at: Vec<usize> = effect_at.collect();
         let n_rotors = nominal.iter().map(|d| d.airframe.n_rotors).max().unwrap_or(0);
         let data = SimData::new(options.n_worlds, &memory_len, options.sim_hz, options.control, n_rotors);
         let initial = vec![State::rest(); data.n_drones];
@@ -161,6 +168,7 @@ impl<N: Number> Sim<N> {
             own: None,
             initial,
             rates,
+            effect_at,
             memory_columns,
             kept: Vec::new(),
             data,
@@ -199,7 +207,14 @@ impl<N: Number> Sim<N> {
     /// The worlds as they are now, without the stages: what several threads can ask for derivatives.
     pub fn equations(&self) -> Equations<'_, N> {
         let (own, data, rates) = (self.own.as_deref(), &self.data, &self.rates);
-        Equations { options: &self.options, nominal: &self.nominal, own, rates, data }
+        Equations {
+            options: &self.options,
+            nominal: &self.nominal,
+            effect_at: &self.effect_at,
+            own,
+            rates,
+            data,
+        }
     }
 
     /// Another seed, and counts of episodes that start anew: after the next [`Sim::reset`] of all worlds everything that is random
@@ -378,17 +393,28 @@ impl<N: Number> Sim<N> {
         // Taken out for the time of the reset, which changes everything else.
         let rules = std::mem::take(&mut self.options.randomization.rules);
         let wanted = (0..n_worlds).filter(|w| worlds.is_none_or(|mask| mask[*w]));
+        // Where all worlds have the same vehicles, these hover alike.
+        let alike = self.own.is_none() && rules.iter().all(|r| r.parameter.starts_with("initial."));
+        let hovers: Option<Vec<_>> = alike.then(|| self.nominal.iter().map(hover).collect());
         let outcome = wanted.into_iter().try_for_each(|w| {
             self.data.episodes[w] += 1;
             self.data.steps[w] = 0;
             self.data.quarantine[w] = None;
-            (0..self.nominal.len()).try_for_each(|d| self.reset_drone(w, d, &rules))
+            (0..self.nominal.len())
+                .try_for_each(|d| self.reset_drone(w, d, &rules, hovers.as_ref().map(|h| h[d])))
         });
         self.options.randomization.rules = rules;
         outcome
     }
 
-    fn reset_drone(&mut self, w: usize, d: usize, rules: &[Rule]) -> Result<(), RolloutError> {
+    /// `hovers`: rotor speeds and thrust state at which it hovers, where they are known.
+    fn reset_drone(
+        &mut self,
+        w: usize,
+        d: usize,
+        rules: &[Rule],
+        hovers: Option<([f64; MAX_ROTORS], f64)>,
+    ) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let key = Key {
             seed: self.options.seed,
@@ -430,9 +456,7 @@ impl<N: Number> Sim<N> {
         }
         state.quat = quat::normalize(quat::mul(state.quat, quat::exp(rotation)));
         if self.options.rotor_start == RotorStart::Hover {
-            let drone = self.drone(w, d);
-            state.rotor_vel = drone.hover_rotor_vel();
-            state.thrust = hover_thrust_state(drone);
+            (state.rotor_vel, state.thrust) = hovers.unwrap_or_else(|| hover(self.drone(w, d)));
         }
         self.data.set_state(w, d, &state);
         let (memory, rotors) = (self.data.memory_columns.len(), self.data.n_rotors);
@@ -543,8 +567,7 @@ impl<N: Number> Sim<N> {
                 got: format!("the data of another mode: {}", words(data.memory_columns.len())),
             });
         }
-        let dt = 1.0 / f64::from(self.options.sim_hz);
-        self.data.check_lengths(self.nominal.iter().map(|d| d.memory_len(dt)).sum())
+        self.data.check_lengths(self.effect_at[self.nominal.len()])
     }
 
     /// Attitudes that were written into `data` are brought to unit length, which steps then keep. One of length 0 is none: its
@@ -710,12 +733,9 @@ impl<N: Number> Sim<N> {
     }
 }
 
-/// Thrust state (N) at which the abstracted model carries the weight.
-fn hover_thrust_state(drone: &Drone<f64>) -> f64 {
-    match drone.parts().response {
-        None => 0.0,
-        Some(p) => (drone.hover_thrust() - p.thrust_offset_n) / p.thrust_scale,
-    }
+/// Rotor speeds (rad/s) at which a drone hovers, and the thrust state (N) at which the abstracted model does.
+fn hover(drone: &Drone<f64>) -> ([f64; MAX_ROTORS], f64) {
+    (drone.hover_rotor_vel(), drone.parts().response.map_or(0.0, |_| drone.hover_command()))
 }
 
 /// The list of drones per (world, drone), begun with the nominal ones.
@@ -800,6 +820,14 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
         return option(
             "n_worlds",
             "worlds × drones that fit in 1 TiB of memory (about 0.6 kB each)",
+            format!("{} worlds × {} drones", options.n_worlds, drones.len()),
+        );
+    }
+    // What this machine does not have would end the process when the arrays are made one by one.
+    if bytes.is_some_and(|b| Vec::<u8>::new().try_reserve_exact(b).is_err()) {
+        return option(
+            "n_worlds",
+            "worlds × drones that fit in the memory of this machine (about 0.6 kB each)",
             format!("{} worlds × {} drones", options.n_worlds, drones.len()),
         );
     }
@@ -958,7 +986,7 @@ mod tests {
         calm.step(10).unwrap();
         let fault = sim.data.quarantine[1].clone().unwrap();
         assert_eq!((fault.world, fault.drone, fault.step), (1, 1, 10));
-        assert!(fault.to_string().contains("velocity of drone 1"), "{fault}");
+        assert!(fault.to_string().contains("drone 1 in step 10: its velocity became non-finite"), "{fault}");
         assert!(sim.data.pos.iter().all(|v| v.is_finite()));
         assert_eq!(sim.data.steps, vec![20, 10, 20]);
         assert_eq!(sim.data.state(0, 0), calm.data.state(0, 0));
@@ -1031,7 +1059,7 @@ mod tests {
             // 2.5 s at 4e8 m/s.
             assert_eq!((fault.world, fault.drone), (1, 0));
             assert!((1248..=1252).contains(&fault.step) && fault.quantity == TOO_FAR, "{fault:?}");
-            assert!(fault.to_string().contains("drone 0 went farther than 1e9 m"), "{fault}");
+            assert!(fault.to_string().contains("its position went beyond 1e9 m"), "{fault}");
             let x = sim.data.pos[3 * sim.data.row(1, 0)].wide();
             assert!((9.9e8..=1e9).contains(&x), "{x}");
             assert!(sim.data.quarantine[0].is_none() && sim.data.quarantine[2].is_none());
@@ -1058,7 +1086,10 @@ mod tests {
         let fault = sim.data.quarantine[1].clone().unwrap();
         assert_eq!((fault.world, fault.drone, fault.step, fault.stage.as_deref()), (1, 1, 5, Some("bad")));
         let message = fault.to_string();
-        assert!(message.contains("position of drone 1") && message.contains("stage bad"), "{message}");
+        assert!(
+            message.contains("drone 1 in step 5: its position") && message.contains("stage bad"),
+            "{message}"
+        );
         assert!(sim.data.pos.iter().all(|v| v.is_finite()), "the states before the stage are kept");
         assert!(sim.data.quarantine[0].is_none() && sim.data.quarantine[2].is_none());
         sim.step(5).unwrap();

@@ -186,7 +186,7 @@ fn neutral_commands(
 ) -> Vec<f32> {
     let mut out = vec![0.0; drones.len() * width];
     for ((drone, _), out) in drones.iter().zip(out.chunks_exact_mut(width)) {
-        let thrust = drone.hover_thrust();
+        let thrust = drone.hover_command();
         match kind {
             ActionKind::Attitude | ActionKind::BodyRate => store(out, &[0.0, 0.0, 0.0, thrust]),
             ActionKind::ForceTorque => store(out, &[thrust, 0.0, 0.0, 0.0]),

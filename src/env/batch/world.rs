@@ -314,7 +314,7 @@ impl Plan {
         let key = self.key(w, world, DEPTH);
         if let Some(layout) = layout {
             let mut worker = at.world(w)?;
-            update_collisions(layout, &mut worker, &mut world.drones, self.config.look_m, still)?;
+            update_collisions(&mut worker, &mut world.drones, self.config.look_m, still)?;
             if self.pixels > 0 {
                 let apart = !world.clean.is_empty();
                 let key = NoiseKey { seed: key.seed, world: key.world, drone: 0, step: key.step, camera: 0 };

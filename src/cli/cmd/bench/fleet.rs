@@ -92,7 +92,7 @@ impl Job {
             ..State::rest()
         };
         let drone = &self.setup.drones()[0].0;
-        let thrust = drone.hover_thrust() * (1.0 + 0.01 * d);
+        let thrust = drone.hover_command() * (1.0 + 0.01 * d);
         let command = match self.setup.config().options.control {
             ControlMode::State => {
                 [&[x + 2.0 * a, y + 2.0 * b, z + 0.3 * c][..], &[0.0; 6], &state.quat, &[0.0; 3]].concat()
