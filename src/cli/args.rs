@@ -119,6 +119,8 @@ pub enum Command {
     /// Turn a drone's URDF into a vehicle file and a shell, or any URDF into an obstacle.
     #[command(after_help = URDF_EXAMPLES, allow_negative_numbers = true)]
     Urdf(UrdfArgs),
+    /// Check data sets.
+    Dataset(DatasetArgs),
     /// Check flight logs, or convert them to the contract of docs/logs.md.
     Log(LogArgs),
     /// Take an effect out of a vehicle file.
@@ -713,6 +715,41 @@ pub struct UrdfArgs {
     /// Folder for NAME.toml and NAME.xml.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
+}
+
+/// Ends the help of `propwash dataset verify`.
+const VERIFY_EXAMPLES: &str = "\
+Examples:
+  propwash dataset verify data/forest
+  propwash dataset verify data/forest --json
+
+Of a damaged world the first fault is named; `propwash fly` with the same options makes it anew.
+Exit codes: 0 whole, 1 something is damaged or missing, 2 this is no data set, or cannot be read.";
+
+/// `propwash dataset`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct DatasetArgs {
+    /// What to do with the data set.
+    #[command(subcommand)]
+    pub command: DatasetCommand,
+}
+
+/// Sub-commands of `propwash dataset`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum DatasetCommand {
+    /// Compare every file of a data set with its hash, and name what is damaged, missing or foreign.
+    #[command(after_help = VERIFY_EXAMPLES)]
+    Verify(VerifyArgs),
+}
+
+/// `propwash dataset verify`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VerifyArgs {
+    /// Folder of the data set.
+    pub dir: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Ends the help of `propwash log check`.

@@ -48,6 +48,7 @@ fn parse_and_run(line: &[OsString]) -> u8 {
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),
         args::Command::Urdf(a) => cmd::urdf::run(&a),
+        args::Command::Dataset(a) => cmd::dataset::run(&a),
         args::Command::Log(a) => cmd::log::run(&a),
         args::Command::Remove(a) => cmd::remove::run(&a),
         args::Command::Vehicle(a) => cmd::vehicle::run(&a),
