@@ -43,7 +43,8 @@ Examples:
   propwash bench                                     how fast this machine flies, sees and touches
 
 Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
-forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
+forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error. No command replaces a file
+that is there already without --force.";
 
 /// Ends the help of `propwash fly`.
 const FLY_EXAMPLES: &str = "\
@@ -187,6 +188,9 @@ pub struct IdentifyArgs {
     /// Write the vehicle with the identified values.
     #[arg(long, value_name = "V2.toml")]
     pub out: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -518,6 +522,9 @@ pub struct DepthArgs {
     /// Also write a coloured picture to look at.
     #[arg(long, value_name = "FILE")]
     pub preview: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print a JSON summary.
     #[arg(long)]
     pub json: bool,
@@ -676,6 +683,9 @@ pub struct NewArgs {
     /// MJCF file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `propwash scene lint`.
@@ -715,6 +725,9 @@ pub struct UrdfArgs {
     /// Folder for NAME.toml and NAME.xml.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Ends the help of `propwash dataset verify`.
@@ -818,6 +831,9 @@ pub struct FromDatasetArgs {
     /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `propwash log convert`.
@@ -831,6 +847,9 @@ pub struct LogConvertArgs {
     /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Ends the help of `propwash remove`.
@@ -853,7 +872,7 @@ pub struct RemoveArgs {
     /// Vehicle file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Replace the file at --out, which may be that of --vehicle.
+    /// Replace the file at --out where there is one, that of --vehicle too.
     #[arg(long)]
     pub force: bool,
 }
@@ -977,6 +996,9 @@ pub struct ExciteArgs {
     /// Where to write the waypoints (CSV with t,x,y,z,yaw).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,

@@ -12,7 +12,6 @@ pub mod fly;
 pub mod identify;
 pub mod log;
 pub mod remove;
-mod report;
 pub mod scene;
 pub mod urdf;
 pub mod vehicle;
