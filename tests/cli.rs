@@ -418,8 +418,9 @@ fn lint_names_every_trick_of_the_zoo() {
 #[test]
 fn generated_scenes_pass_the_lint_and_repeat_themselves() {
     let dir = tempfile::tempdir().unwrap();
-    let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
     for kind in ["forest --seed 3 --trees 60", "corridor --seed 3 --gates 5", "boxes --seed 3 --count 30"] {
+        let dir = tempfile::tempdir().unwrap();
+        let path = |name: &str| dir.path().join(name).to_string_lossy().into_owned();
         let (a, b, other) = (path("a.xml"), path("b.xml"), path("other.xml"));
         let said = expect(&format!("scene new {kind}"), &["--out", &a], 0);
         assert!(said.contains(&a) && said.contains("geoms"), "{said}");
@@ -497,7 +498,7 @@ fn a_depth_image_holds_the_numbers_that_are_printed() {
     assert!(reader.info().width >= 48 && reader.info().height >= 36);
     assert_ne!(reader.info().color_type, png::ColorType::Grayscale);
     // In words: the same counts.
-    let words = expect(&line.replace(" --json", ""), &["--out", &png], 0);
+    let words = expect(&line.replace("--json", "--force"), &["--out", &png], 0);
     assert!(words.contains(&format!("{} pixels hit", count(0))), "{words}");
 }
 
@@ -511,15 +512,15 @@ fn cameras_of_the_scene_are_looked_through_or_refused_by_name() {
     assert!((k[0][0].as_f64().unwrap() - 40.0).abs() < 1e-4, "{k}");
     assert!((k[1][1].as_f64().unwrap() - 410.0 * 64.0 / 480.0).abs() < 1e-4, "{k}");
     refused(
-        "depth --scene xml/zoo.xml --camera nope",
+        "depth --force --scene xml/zoo.xml --camera nope",
         &["--out", &png],
         &["'nope'", "overview", "intrinsics"],
     );
-    refused("depth --scene xml/zoo.xml --camera orthographic", &["--out", &png], &["orthographic"]);
-    refused("depth --scene xml/zoo.xml --look 0,0,0", &["--out", &png], &["--look", "not zero"]);
-    refused("depth --scene xml/zoo.xml --pos 1,2", &["--out", &png], &["--pos", "X,Y,Z"]);
-    refused("depth --scene xml/zoo.xml --pos 1,2,inf", &["--out", &png], &["--pos", "finite"]);
-    refused("depth --scene xml/zoo.xml --pos 1e300,2,1", &["--out", &png], &["1e9 m"]);
+    refused("depth --force --scene xml/zoo.xml --camera orthographic", &["--out", &png], &["orthographic"]);
+    refused("depth --force --scene xml/zoo.xml --look 0,0,0", &["--out", &png], &["--look", "not zero"]);
+    refused("depth --force --scene xml/zoo.xml --pos 1,2", &["--out", &png], &["--pos", "X,Y,Z"]);
+    refused("depth --force --scene xml/zoo.xml --pos 1,2,inf", &["--out", &png], &["--pos", "finite"]);
+    refused("depth --force --scene xml/zoo.xml --pos 1e300,2,1", &["--out", &png], &["1e9 m"]);
 }
 
 #[test]
@@ -588,7 +589,7 @@ fn an_effect_is_removed_and_the_difference_is_told() {
     assert!(!fs::read_to_string(&heavy).unwrap().contains("linear_drag"));
     refused("remove --force", &own, &["heavy.toml", "`linear_drag`", "no effects"]);
     refused("remove --force payload --vehicle cf3 --out", &[bare], &["cf3", "cf2x_L250"]);
-    refused("remove payload --vehicle cf2x_L250 --out x/y.toml", &[], &["`payload`", "found linear_drag"]);
+    refused("remove payload --vehicle cf2x_L250 --out y.toml", &[], &["`payload`", "found linear_drag"]);
     refused("vehicle diff cf2x_L250 nowhere.toml", &[], &["nowhere.toml", "check the path"]);
 
     // A shell beside the file is missed where the copy lies.
@@ -650,8 +651,8 @@ fn a_recorded_flight_becomes_a_log_that_the_checker_passes() {
     expect("log from-dataset --world 1 --drone 1", &[shown, "--out", other.to_str().unwrap()], 0);
     let other = propwash::flight::FlightLog::load(&other, None).unwrap();
     assert!(other.vbat_v.is_empty() && other.wind_m_s.len() == 601);
-    refused("log from-dataset --world 2", &[shown, "--out", log], &["world 2", "0 to 1"]);
-    refused("log from-dataset --drone 2", &[shown, "--out", log], &["drone 0 to 1", "got 2"]);
+    refused("log from-dataset --world 2 --force", &[shown, "--out", log], &["world 2", "0 to 1"]);
+    refused("log from-dataset --drone 2 --force", &[shown, "--out", log], &["drone 0 to 1", "got 2"]);
     refused("log from-dataset nowhere --out x.csv", &[], &["nowhere", "no folder"]);
     refused("log from-dataset", &[shown, "--out", "x.txt"], &["x.txt", ".csv or .parquet"]);
 }

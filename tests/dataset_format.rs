@@ -12,6 +12,7 @@ use propwash::dataset::{
 };
 use propwash::sense::{Caster, Collider, DepthKind};
 use rayon::prelude::*;
+use sha2::{Digest, Sha256};
 
 const W: usize = 7;
 const H: usize = 5;
@@ -480,6 +481,127 @@ fn a_damaged_world_is_named_and_made_anew() {
     drop(writer);
     write_all(dir.path(), 2);
     assert!(contents(dir.path()) == expected);
+}
+
+/// A file of a world and its hash in `world.json`, changed together.
+fn forge(world: &Path, path: &str) {
+    let old: String = sha256(&fs::read(world.join(path)).unwrap());
+    let mut bytes = fs::read(world.join(path)).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(world.join(path), &bytes).unwrap();
+    let list = fs::read_to_string(world.join("world.json")).unwrap();
+    fs::write(world.join("world.json"), list.replace(&old, &sha256(&bytes))).unwrap();
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// What the program says of a data set, and its exit code.
+fn verified(dir: &Path) -> (Option<i32>, String) {
+    let out = std::process::Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .args(["dataset", "verify"])
+        .arg(dir)
+        .output()
+        .unwrap();
+    (out.status.code(), String::from_utf8([out.stdout, out.stderr].concat()).unwrap())
+}
+
+#[test]
+fn a_world_whose_list_was_changed_too_is_not_sealed_again() {
+    let dir = tempfile::tempdir().unwrap();
+    write_all(dir.path(), 2);
+    assert_eq!(verified(dir.path()).0, Some(0));
+    let expected = contents(dir.path());
+    forge(&dir.path().join("world_00001"), "states.parquet");
+    let set = Dataset::open(dir.path()).unwrap();
+    for error in [set.verify().unwrap_err(), set.world(1).map(|_| ()).unwrap_err()] {
+        let said = error.to_string();
+        assert!(said.contains("world_00001/world.json") && said.contains("from complete.json"), "{said}");
+    }
+    let (writer, done) = Dataset::create_or_resume(dir.path(), &manifest()).unwrap();
+    assert_eq!(done, [true, false, true, true]);
+    assert!(writer.warnings()[0].contains("world 1 was damaged"), "{:?}", writer.warnings());
+    drop(writer);
+    write_all(dir.path(), 2);
+    assert!(contents(dir.path()) == expected);
+    // A seal that cannot be read is made anew, and said.
+    fs::write(dir.path().join("complete.json"), "{}").unwrap();
+    let (writer, done) = Dataset::create_or_resume(dir.path(), &manifest()).unwrap();
+    assert_eq!(done, [true; 4]);
+    assert!(writer.warnings()[0].contains("the seal was damaged"), "{:?}", writer.warnings());
+}
+
+#[test]
+fn a_damaged_table_is_refused_by_everything_that_reads_it() {
+    let dir = tempfile::tempdir().unwrap();
+    write_all(dir.path(), 2);
+    let world = dir.path().join("world_00000");
+    for (path, n) in [("states.parquet", 700), ("frames.npz", 900), ("depth/drone0_000000.png", 60)] {
+        let whole = fs::read(world.join(path)).unwrap();
+        let mut bytes = whole.clone();
+        bytes[n] ^= 1;
+        fs::write(world.join(path), bytes).unwrap();
+        let set = Dataset::open(dir.path()).unwrap();
+        let reader = set.world(0).unwrap();
+        let said = match path {
+            "states.parquet" => reader.flight_log(0).unwrap_err(),
+            "frames.npz" => reader.frames().unwrap_err(),
+            _ => reader.image(0, 0, false).unwrap_err(),
+        };
+        assert!(said.to_string().contains(path) && said.to_string().contains("expected sha256"), "{said}");
+        fs::write(world.join(path), whole).unwrap();
+    }
+    assert!(Dataset::open(dir.path()).unwrap().world(0).unwrap().flight_log(0).is_ok());
+}
+
+#[test]
+fn files_and_worlds_that_no_list_names_and_paths_that_lead_out_are_found() {
+    let dir = tempfile::tempdir().unwrap();
+    write_all(dir.path(), 2);
+    for extra in ["world_00000/notes.txt", "world_00003/depth/more.png", "world_00004/world.json", "world_x"]
+    {
+        let path = dir.path().join(extra);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(&path, "x").unwrap();
+        let (code, said) = verified(dir.path());
+        let named = if extra.starts_with("world_00004") { "world_00004: expected 4 worlds" } else { extra };
+        assert!(code == Some(1) && said.contains(named) && said.lines().count() == 1, "{extra}: {said}");
+        fs::remove_file(&path).unwrap();
+        let _ = fs::remove_dir(path.parent().unwrap());
+    }
+    assert_eq!(verified(dir.path()).0, Some(0));
+    // A note beside the worlds harms nothing.
+    fs::write(dir.path().join("README.txt"), "x").unwrap();
+    assert_eq!(verified(dir.path()).0, Some(0));
+    fs::remove_file(dir.path().join("complete.json")).unwrap();
+    let list = dir.path().join("world_00002/world.json");
+    let text = fs::read_to_string(&list).unwrap();
+    for path in ["../../../etc/passwd", "/etc/passwd", "", "./states.parquet"] {
+        fs::write(&list, text.replace("\"states.parquet\"", &format!("{path:?}"))).unwrap();
+        let said = Dataset::open(dir.path()).unwrap().world(2).map(|_| ()).unwrap_err().to_string();
+        assert!(said.contains("paths inside the world's folder") && said.contains(path), "{said}");
+        assert!(verified(dir.path()).1.contains("paths inside the world's folder"));
+    }
+    let (code, said) = verified(&dir.path().join("world_00000"));
+    assert!(code == Some(2) && said.contains("without manifest.json"), "{said}");
+}
+
+#[test]
+fn what_looks_like_ours_in_a_folder_that_is_no_data_set_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let mine = dir.path().join(".partial_world_00000");
+    fs::create_dir(&mine).unwrap();
+    fs::write(mine.join("thesis.tex"), "x").unwrap();
+    let error = dataset::create_or_resume(dir.path(), &manifest()).map(|_| ()).unwrap_err();
+    assert!(error.to_string().contains(".partial_world_00000"), "{error}");
+    assert!(mine.join("thesis.tex").is_file());
+    fs::remove_dir_all(&mine).unwrap();
+    // All that a start can leave before there is a manifest.
+    fs::write(dir.path().join(".partial_manifest.json.123"), "{").unwrap();
+    dataset::create_or_resume(dir.path(), &manifest()).unwrap();
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
 }
 
 #[test]

@@ -135,7 +135,7 @@ fn named_manoeuvres_are_written_in_turn() {
     let path = dir.path().join("next.csv");
     let shown = path.to_str().unwrap();
     let length = |names: &str| -> f64 {
-        let out = excite(&["--fly", names, "--out", shown, "--json"]);
+        let out = excite(&["--fly", names, "--force", "--out", shown, "--json"]);
         assert_eq!(out.status.code(), Some(0), "{}", text(&out.stderr));
         let told: Value = serde_json::from_slice(&out.stdout).unwrap();
         let last = std::fs::read_to_string(&path).unwrap().lines().last().unwrap().to_string();
@@ -152,6 +152,6 @@ fn named_manoeuvres_are_written_in_turn() {
     let lowest = heights.iter().position(|z| *z < 0.5).unwrap();
     assert!(lowest > heights.len() / 3, "the low passes come second");
 
-    refused(&["--fly", "barrel roll", "--out", shown], &["manoeuvre", "barrel roll", "yaw spin"]);
-    refused(&["--fly", "under the ceiling", "--out", shown], &["under the ceiling", "ceiling"]);
+    refused(&["--fly", "barrel roll", "--force", "--out", shown], &["manoeuvre", "barrel roll", "yaw spin"]);
+    refused(&["--fly", "under the ceiling", "--force", "--out", shown], &["under the ceiling", "ceiling"]);
 }

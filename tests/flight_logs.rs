@@ -694,6 +694,7 @@ fn the_command_says_fine_found_or_error_by_its_exit_code() {
         let out = std::process::Command::new(env!("CARGO_BIN_EXE_propwash"))
             .arg("log")
             .args(args)
+            .env_remove("RUST_BACKTRACE")
             .output()
             .unwrap();
         let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
@@ -715,6 +716,16 @@ fn the_command_says_fine_found_or_error_by_its_exit_code() {
     );
     let (code, _, error) = run(&["check", "nowhere.csv"]);
     assert!(code == Some(2) && error.contains("nowhere.csv: cannot be read"), "{error}");
+    // A ULog with a parameter ('P') of no bytes, on which the parser panics; and a file without an end.
+    let odd = folder.0.path().join("odd.ulg");
+    let head = [&b"ULog\x01\x12\x35\x01"[..], &[0; 8], &[40, 0, b'B'], &[0; 40], &[0, 0, b'P']].concat();
+    std::fs::write(&odd, head).unwrap();
+    for (file, words) in [(odd.to_str().unwrap(), "the parser gives up"), ("/dev/zero", "a device or a pipe")]
+    {
+        let (code, out, error) = run(&["check", file]);
+        assert!(code == Some(2) && out.is_empty() && error.contains(words), "{error}");
+        assert!(error.contains(file) && error.trim_end().lines().count() == 1, "one line: {error}");
+    }
     let out = folder.0.path().join("good.parquet");
     assert_eq!(run(&["convert", good, "--out", out.to_str().unwrap()]).0, Some(0));
     assert_eq!(run(&["check", out.to_str().unwrap()]).0, Some(0));

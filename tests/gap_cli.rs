@@ -201,6 +201,48 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     assert!(!case.path("x.toml").exists(), "nothing is written");
 }
 
+/// Edits a diagnosis by hand.
+fn edited(diagnosis: &Value, edit: impl Fn(&mut Value)) -> String {
+    let mut diagnosis = diagnosis.clone();
+    edit(&mut diagnosis);
+    diagnosis.to_string()
+}
+
+#[test]
+fn a_diagnosis_that_was_edited_beyond_reason_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let case = Case { folder };
+    let vehicle = Vehicle::builtin("cf2x_L250").unwrap();
+    let parameter = |name: &str, value: f64| serde_json::json!({ "name": name, "unit": "kg", "filed": 0.0, "value": value, "sigma": 1e-4 });
+    let whole = serde_json::json!({
+        "vehicle": vehicle.name, "vehicle_sha256": vehicle.sha256(), "dynamics": "first_principles", "adjusted": [],
+        "logs": [{ "name": "a.csv", "sha256": "0".repeat(64), "drive": "rotor commands", "held_out": false }],
+        "findings": [{ "id": "payload", "kind": "payload", "area": "mass", "set": [], "parameters": [parameter("mass_kg", 0.004)] }],
+    });
+    let line = "add --from-diagnosis d.json --vehicle cf2x_L250 --out better.toml";
+    let says = |text: String, words: &[&str]| {
+        std::fs::write(case.path("d.json"), text).unwrap();
+        case.run(line).refuses(words);
+        assert!(!case.path("better.toml").exists(), "nothing is written");
+    };
+    let mass = |kg: f64| edited(&whole, |d| d["findings"][0]["parameters"][0]["value"] = kg.into());
+    says(
+        mass(1e308),
+        &["--from-diagnosis", "mass_kg of payload within 1000 times", "1e308 in d.json", "diagnose again"],
+    );
+    says(
+        mass(0.5),
+        &["which all rotors together lift", "5.2", "N with the effects of d.json", "thrust_max_n"],
+    );
+    says(
+        edited(&whole, |d| d["dynamics"] = "so_rpy".into()),
+        &["first_principles", "rotor commands", "`so_rpy`"],
+    );
+    says(edited(&whole, |d| d["logs"][0]["drive"] = "magic".into()), &["rotor commands", "`magic`"]);
+    std::fs::write(case.path("d.json"), whole.to_string()).unwrap();
+    assert_eq!(case.run(line).code(), 0, "{}", case.run(line).error());
+}
+
 #[test]
 fn what_cannot_be_fitted_is_refused_in_a_sentence() {
     let case = Case::new(&[], 12.0);

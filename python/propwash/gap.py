@@ -18,6 +18,7 @@ import numpy as np
 
 from . import _native
 from ._native import Vehicle
+from ._write import may_write, write
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
@@ -33,8 +34,8 @@ class Report:
     html: str = field(repr=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the page."""
-        Path(path).write_text(self.html, encoding="utf-8")
+        """Writes the page; a file that is there is replaced when the new one is whole."""
+        write(path, self.html, True)
 
     def show(self, height: int = 800) -> Any:
         """Shows the page in a notebook; elsewhere in a browser. ``height`` in pixels."""
@@ -334,15 +335,14 @@ def add(
     names = [effects] if isinstance(effects, str) else list(effects)
     if not names:
         raise ValueError("effects: expected at least one name, such as 'rotor_drag', got none")
-    if out is not None and Path(out).exists() and not force:
-        raise FileExistsError(f"{os.fspath(out)} exists: give another name, or force=True to replace it")
+    may_write(out, force)
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
     made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate)
     if made.undetermined and not force:
         why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
         raise ValueError(f"the flights do not show {why}; or force=True to take the values all the same")
     if out is not None and made.completed is not None:
-        Path(out).write_text(made.completed.text, encoding="utf-8")
+        write(out, made.completed.text, force)
     elif out is not None:
         warnings.warn(f"{os.fspath(out)} is not written: {made.nothing_written}", stacklevel=2)
     return made

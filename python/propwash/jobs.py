@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from . import _native
 from ._native import Vehicle
+from ._write import may_write, write
 from .gap import LogLike, _Logs
 from .sense import _float, _floats, _whole
 from .sim import DroneLike, Dynamics, SceneLike, _finite, _path, _read_config, _scene, _vehicle
@@ -213,6 +214,7 @@ def scene_new(
     out: str | os.PathLike[str] | None = None,
     *,
     seed: int = 0,
+    force: bool = False,
     **options: Any,
 ) -> str:
     """MJCF of a generated scene, the same for the same options and seed, as ``propwash scene new`` writes it.
@@ -221,16 +223,18 @@ def scene_new(
         kind: What is generated.
         out: File to write; none is written where it is None.
         seed: Seed of everything random.
+        force: Replace the file ``out``.
         options: Of the generator, such as ``trees=60, size_m=16.0`` of a forest; those of ``propwash scene new`` with units in their names.
 
     Raises:
         ValueError: for a kind or an option that there is not, or that has no such value; the message lists those that there are.
+        FileExistsError: where ``out`` exists, without ``force``.
     """
+    may_write(out, force)
     description = _scene({kind: {"seed": _whole("seed", seed, 0, 2**64 - 1), **options}})
     _finite("", description)
     text = _native.scene_new(json.dumps(description))
-    if out is not None:
-        Path(out).write_text(text, encoding="utf-8")
+    write(out, text, force)
     return text
 
 
@@ -348,6 +352,7 @@ def identify(
     *,
     dynamics: Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"] = "so_rpy_rotor_drag",
     mapping: str | os.PathLike[str] | None = None,
+    force: bool = False,
 ) -> Identification:
     """Identifies the attitude model of a vehicle from a flight log, with intervals, as ``propwash identify`` does (docs/identify.md).
 
@@ -357,12 +362,15 @@ def identify(
         out: Vehicle file to write; none is written where it is None.
         dynamics: Setting of the model: thrust lags in ``so_rpy_rotor``, and there is linear drag in ``so_rpy_rotor_drag``.
         mapping: As in ``log_check``.
+        force: Replace the file ``out``.
 
     Raises:
         ValueError: for a log that cannot be right or lacks what is needed.
+        FileExistsError: where ``out`` exists, without ``force``.
     """
     if out is not None and Path(out).suffix != ".toml":
         raise ValueError(f"out: expected a file name that ends in .toml, got {os.fspath(out)!r}")
+    may_write(out, force)
     day = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     before = _vehicle(vehicle)
     with _Logs([log]) as paths:
@@ -370,8 +378,7 @@ def identify(
             paths[0], before, dynamics, None if mapping is None else _path("mapping", mapping), day
         )
     of = json.loads(text)
-    if out is not None:
-        Path(out).write_text(toml, encoding="utf-8")
+    write(out, toml, force)
     return Identification(
         dynamics=of["dynamics"],
         vehicle=Vehicle.from_toml(toml, before.name),
@@ -435,6 +442,7 @@ def excite(
     sensors: Mapping[str, float] | None = None,
     air_force: float | None = None,
     seed: int = 0,
+    force: bool = False,
 ) -> FlightPlan:
     """Plans a flight that makes effects visible, as ``propwash excite`` does (docs/excite.md).
 
@@ -452,11 +460,14 @@ def excite(
             ``attitude_rad``, ``gyro_hz``, ``gyro_rad_s``, ``accel_hz``, ``accel_m_s2`` (standard deviations; a rate of 0 is no sensor).
         air_force: Accelerations by moving air that no model explains, m/s²; 0.03 where it is None.
         seed: Seed of noise and disturbances.
+        force: Replace the file ``out``.
 
     Raises:
         ValueError: for arguments that make no sense.
         KeyError: for an effect that there is not.
+        FileExistsError: where ``out`` exists, without ``force``.
     """
+    may_write(out, force)
     names = [want] if isinstance(want, str) else list(want)
     if not names:
         raise ValueError("want: expected at least one effect, such as 'linear_drag', got none")
@@ -474,8 +485,7 @@ def excite(
     }
     text, waypoints, csv, complete = _native.excite(_vehicle(vehicle), wish)
     of = json.loads(text)
-    if out is not None:
-        Path(out).write_text(csv, encoding="utf-8")
+    write(out, csv, force)
     return FlightPlan(
         vehicle=of["vehicle"],
         duration_s=of["duration_s"],

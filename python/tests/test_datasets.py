@@ -348,6 +348,14 @@ def fewer_worlds(copy):
     path.write_text(json.dumps(seal))
 
 
+def path_outside(copy):
+    path = copy / "world_00001/world.json"
+    path.write_text(path.read_text().replace('"states.parquet"', '"../../../etc/passwd"'))
+    seal = json.loads((copy / "complete.json").read_text())
+    seal["worlds"][1]["world_json_sha256"] = hashlib.sha256(path.read_bytes()).hexdigest()
+    (copy / "complete.json").write_text(json.dumps(seal))
+
+
 @pytest.mark.parametrize(
     "damage, error, says",
     [
@@ -358,6 +366,7 @@ def fewer_worlds(copy):
         (no_manifest, datasets.FormatError, "without manifest.json"),
         (no_world, datasets.DamagedError, "world_00001/world.json: expected a file, found none"),
         (other_world, datasets.DamagedError, "world_00001/world.json: expected .*sha256"),
+        (path_outside, datasets.DamagedError, "world_00001/world.json: expected paths inside the world's folder"),
         (fewer_worlds, datasets.DamagedError, "complete.json: expected worlds"),
     ],
 )
@@ -397,6 +406,16 @@ def test_verify_reads_again(copy):
     flip(copy / "world_00000/contacts.parquet")
     with pytest.raises(datasets.DamagedError, match="contacts.parquet: expected sha256"):
         data.verify()
+
+
+@pytest.mark.parametrize("name", ["world_00000/notes.txt", "world_00001/depth/more.png", "world_00009/world.json"])
+def test_verify_finds_what_no_list_names(copy, name):
+    (copy / "README.txt").write_text("beside the worlds")
+    datasets.open(copy).verify()
+    (copy / name).parent.mkdir(exist_ok=True)
+    (copy / name).write_text("x")
+    with pytest.raises(datasets.DamagedError, match=f"{name.removesuffix('/world.json')}: expected .* found another"):
+        datasets.open(copy).verify()
 
 
 def test_an_unfinished_set_opens_when_asked_for(copy, one):

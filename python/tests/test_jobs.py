@@ -102,6 +102,25 @@ def test_new_scenes_are_those_of_the_program(tmp_path):
         propwash.scene_new("desert")
 
 
+def test_files_that_are_there_are_replaced_on_request_only(tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text("mine")
+    jobs = [
+        lambda out, **more: propwash.scene_new("forest", out, trees=3, **more),
+        lambda out, **more: propwash.identify({}, "cf2x_L250", out, **more),
+        lambda out, **more: propwash.excite("cf2x_L250", "nothing", out, **more),
+    ]
+    for job in jobs:
+        # Before anything else is looked at.
+        with pytest.raises(FileExistsError, match="force=True"):
+            job(mine)
+        with pytest.raises(FileNotFoundError, match="make it first"):
+            job(tmp_path / "no" / "x.toml")
+    jobs[0](mine, force=True)
+    assert "<mujoco" in mine.read_text()
+    assert [p.name for p in tmp_path.iterdir()] == ["mine.toml"], "nothing else is left"
+
+
 @program
 def test_log_check_is_that_of_the_program(tmp_path):
     log = flight("cf2x_L250", seconds=4)

@@ -43,7 +43,8 @@ Examples:
   propwash bench                                     how fast this machine flies, sees and touches
 
 Units are SI (m, s, rad, N); angles of view are in degrees. World z is up; a vehicle's x points
-forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error.";
+forward, y left. Exit codes: 0 fine, 1 a check found a problem, 2 error. No command replaces a file
+that is there already without --force.";
 
 /// Ends the help of `propwash fly`.
 const FLY_EXAMPLES: &str = "\
@@ -119,6 +120,8 @@ pub enum Command {
     /// Turn a drone's URDF into a vehicle file and a shell, or any URDF into an obstacle.
     #[command(after_help = URDF_EXAMPLES, allow_negative_numbers = true)]
     Urdf(UrdfArgs),
+    /// Check data sets.
+    Dataset(DatasetArgs),
     /// Check flight logs, or convert them to the contract of docs/logs.md.
     Log(LogArgs),
     /// Take an effect out of a vehicle file.
@@ -185,6 +188,9 @@ pub struct IdentifyArgs {
     /// Write the vehicle with the identified values.
     #[arg(long, value_name = "V2.toml")]
     pub out: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -516,6 +522,9 @@ pub struct DepthArgs {
     /// Also write a coloured picture to look at.
     #[arg(long, value_name = "FILE")]
     pub preview: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print a JSON summary.
     #[arg(long)]
     pub json: bool,
@@ -674,6 +683,9 @@ pub struct NewArgs {
     /// MJCF file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `propwash scene lint`.
@@ -713,6 +725,44 @@ pub struct UrdfArgs {
     /// Folder for NAME.toml and NAME.xml.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Ends the help of `propwash dataset verify`.
+const VERIFY_EXAMPLES: &str = "\
+Examples:
+  propwash dataset verify data/forest
+  propwash dataset verify data/forest --json
+
+Of a damaged world the first fault is named; `propwash fly` with the same options makes it anew.
+Exit codes: 0 whole, 1 something is damaged or missing, 2 this is no data set, or cannot be read.";
+
+/// `propwash dataset`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct DatasetArgs {
+    /// What to do with the data set.
+    #[command(subcommand)]
+    pub command: DatasetCommand,
+}
+
+/// Sub-commands of `propwash dataset`.
+#[derive(Clone, Debug, Subcommand)]
+pub enum DatasetCommand {
+    /// Compare every file of a data set with its hash, and name what is damaged, missing or foreign.
+    #[command(after_help = VERIFY_EXAMPLES)]
+    Verify(VerifyArgs),
+}
+
+/// `propwash dataset verify`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VerifyArgs {
+    /// Folder of the data set.
+    pub dir: PathBuf,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Ends the help of `propwash log check`.
@@ -781,6 +831,9 @@ pub struct FromDatasetArgs {
     /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `propwash log convert`.
@@ -794,6 +847,9 @@ pub struct LogConvertArgs {
     /// File to write, .csv or .parquet.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Ends the help of `propwash remove`.
@@ -816,7 +872,7 @@ pub struct RemoveArgs {
     /// Vehicle file to write.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Replace the file at --out, which may be that of --vehicle.
+    /// Replace the file at --out where there is one, that of --vehicle too.
     #[arg(long)]
     pub force: bool,
 }
@@ -940,6 +996,9 @@ pub struct ExciteArgs {
     /// Where to write the waypoints (CSV with t,x,y,z,yaw).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,

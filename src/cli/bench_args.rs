@@ -81,6 +81,9 @@ pub struct BenchArgs {
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
     /// What a process of its own measures.
     #[arg(long, value_enum, hide = true)]
     pub part: Option<PartArg>,

@@ -34,6 +34,16 @@ pub fn refuse(message: &str, command: &str) -> u8 {
     2
 }
 
+/// Prints what a panic said as the error that it is, and gives the exit code.
+pub fn bug(said: &str) -> u8 {
+    eprintln!(
+        "error: this is a bug of Propwash: {}; please report it with the command line and its files at {}/issues",
+        one_line(said),
+        env!("CARGO_PKG_REPOSITORY")
+    );
+    2
+}
+
 /// The lines of a message as one line.
 fn one_line(text: &str) -> String {
     let mut out = String::new();

@@ -28,6 +28,9 @@ pub struct CompareArgs {
     /// Write a report page (HTML): errors, overlays, residuals over time and against their causes.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Which part of the flights is held out of the fit.
@@ -85,6 +88,9 @@ pub struct DiagnoseArgs {
     /// Write a picture of the error ladder.
     #[arg(long, value_name = "FILE.png")]
     pub ladder: Option<PathBuf>,
+    /// Replace files that are there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// Epilogue of `propwash add --help`.
@@ -120,7 +126,7 @@ pub struct AddArgs {
     /// Vehicle file to write.
     #[arg(long, value_name = "V2.toml")]
     pub out: PathBuf,
-    /// Replace the file at --out, which may be that of --vehicle; write effects that the flights cannot determine too.
+    /// Replace files that are there already, that of --vehicle too; write effects that the flights cannot determine too.
     #[arg(long)]
     pub force: bool,
     /// Also write calibrated parameters (those within tolerance) at their estimates, for the groups that lower the held-out

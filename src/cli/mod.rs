@@ -6,12 +6,15 @@ mod cmd;
 mod exit;
 mod gap_args;
 mod gap_logs;
+mod output;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
 use std::ffi::OsString;
 use std::io::Write;
+use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Parses the command line of this process, runs the command and gives the exit code: 0 fine, 1 a check found a problem, 2 error.
 pub fn run() -> ExitCode {
@@ -22,10 +25,29 @@ pub fn run() -> ExitCode {
 /// the exit code.
 pub fn run_with(words: impl IntoIterator<Item = OsString>) -> u8 {
     let line: Vec<OsString> = std::iter::once("propwash".into()).chain(words).collect();
-    let code = parse_and_run(&line);
+    let code = caught(|| parse_and_run(&line)).unwrap_or_else(|said| exit::bug(&said));
     // In a process whose main program is not ours, nothing else writes out what is still kept.
     let _ = std::io::stdout().flush();
     code
+}
+
+/// Runs `work`; where it panics, in this thread or in one that works for it, gives what the panic says and where. Nothing else is
+/// printed of it, unless RUST_BACKTRACE asks for that.
+fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
+    let said = Arc::new(Mutex::new(String::new()));
+    let before = panic::take_hook();
+    let (hears, tell) = (said.clone(), std::env::var_os("RUST_BACKTRACE").is_some_and(|v| v != "0"));
+    let before = Arc::new(before);
+    let passes_on = before.clone();
+    panic::set_hook(Box::new(move |info| {
+        *hears.lock().unwrap_or_else(PoisonError::into_inner) = info.to_string();
+        if tell {
+            passes_on(info);
+        }
+    }));
+    let done = panic::catch_unwind(AssertUnwindSafe(work));
+    panic::set_hook(Box::new(move |info| before(info)));
+    done.map_err(|_| said.lock().unwrap_or_else(PoisonError::into_inner).clone())
 }
 
 fn parse_and_run(line: &[OsString]) -> u8 {
@@ -48,6 +70,7 @@ fn parse_and_run(line: &[OsString]) -> u8 {
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),
         args::Command::Urdf(a) => cmd::urdf::run(&a),
+        args::Command::Dataset(a) => cmd::dataset::run(&a),
         args::Command::Log(a) => cmd::log::run(&a),
         args::Command::Remove(a) => cmd::remove::run(&a),
         args::Command::Vehicle(a) => cmd::vehicle::run(&a),
@@ -71,4 +94,18 @@ fn subcommand(words: &[OsString]) -> String {
         command = inner.clone();
     }
     path
+}
+
+#[cfg(test)]
+mod tests {
+    use super::caught;
+
+    #[test]
+    fn a_panic_becomes_words_in_this_thread_and_in_others() {
+        assert_eq!(caught(|| 7), Ok(7));
+        let said = caught(|| panic!("there is no spoon")).unwrap_err();
+        assert!(said.contains("there is no spoon") && said.contains("mod.rs"), "{said}");
+        let said = caught(|| rayon::join(|| panic!("of another thread"), || 1)).unwrap_err();
+        assert!(said.contains("of another thread"), "{said}");
+    }
 }

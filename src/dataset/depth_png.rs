@@ -1,10 +1,11 @@
 //! 16-bit depth images.
 
-use std::fs::File;
-use std::io::{BufReader, BufWriter};
+use std::fs::{self, File};
+use std::io::{BufReader, Write};
 use std::path::Path;
 
 use super::error::{DatasetError, Result};
+use crate::flight::files;
 
 /// Value of a ray that hits nothing.
 pub const MISS: u16 = 0;
@@ -68,13 +69,19 @@ pub fn write_depth(
             DatasetError::damaged(path, "depths that 16 bits hold", found)
         })?);
     }
-    write(path, width, height, &values)
+    let bytes = image(path, width, height, &values)?;
+    files::write(path, true, |file| file.write_all(&bytes)).map_err(DatasetError::io(path))
 }
 
 /// Writes a 16-bit grey image, row major.
 pub(super) fn write(path: &Path, width: usize, height: usize, values: &[u16]) -> Result<()> {
-    let file = File::create(path).map_err(DatasetError::io(path))?;
-    let mut encoder = png::Encoder::new(BufWriter::new(file), width as u32, height as u32);
+    fs::write(path, image(path, width, height, values)?).map_err(DatasetError::io(path))
+}
+
+/// A 16-bit grey image as PNG; `path` is named in errors.
+fn image(path: &Path, width: usize, height: usize, values: &[u16]) -> Result<Vec<u8>> {
+    let mut image = Vec::new();
+    let mut encoder = png::Encoder::new(&mut image, width as u32, height as u32);
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::Sixteen);
     encoder.set_compression(png::Compression::Fast);
@@ -85,10 +92,8 @@ pub(super) fn write(path: &Path, width: usize, height: usize, values: &[u16]) ->
         writer.write_image_data(&bytes)?;
         writer.finish()
     };
-    write().map_err(|error| match error {
-        png::EncodingError::IoError(source) => DatasetError::Io { path: path.to_path_buf(), source },
-        error => DatasetError::damaged(path, "an image that PNG can hold", error),
-    })
+    write().map_err(|error| DatasetError::damaged(path, "an image that PNG can hold", error))?;
+    Ok(image)
 }
 
 /// Reads a 16-bit grey image: width, height, values row major.

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::error::{DatasetError, Result};
+use crate::flight::files;
 
 /// A file of a world, as listed in `world.json`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -76,24 +77,33 @@ pub(super) fn check(folder: &Path, wanted: &FileRecord, contents: bool) -> Resul
     Ok(())
 }
 
+/// Paths of all files below a folder, relative to it, with `/`, sorted. Links are files, wherever they lead.
+pub(super) fn names(folder: &Path) -> Result<Vec<String>> {
+    let mut all = Vec::new();
+    for entry in fs::read_dir(folder).map_err(DatasetError::io(folder))? {
+        let entry = entry.map_err(DatasetError::io(folder))?;
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let kind = entry.file_type().map_err(DatasetError::io(entry.path()))?;
+        if kind.is_dir() {
+            all.extend(names(&entry.path())?.into_iter().map(|inner| format!("{name}/{inner}")));
+        } else {
+            all.push(name);
+        }
+    }
+    all.sort();
+    Ok(all)
+}
+
 /// Asks the system to bring a file or folder to the disk.
 pub(super) fn sync(path: &Path) -> Result<()> {
     File::open(path).and_then(|f| f.sync_all()).map_err(DatasetError::io(path))
 }
 
-/// Prefix of names that are not yet whole.
-pub(super) const PARTIAL: &str = ".partial_";
+pub(super) use files::PARTIAL;
 
 /// Writes `folder/name` so that it is there either whole or not at all.
 pub(super) fn write_atomic(folder: &Path, name: &str, bytes: &[u8]) -> Result<()> {
-    let partial = folder.join(format!("{PARTIAL}{name}"));
-    let target = folder.join(name);
-    let write = || -> io::Result<()> {
-        let mut file = File::create(&partial)?;
-        file.write_all(bytes)?;
-        file.sync_all()
-    };
-    write().map_err(DatasetError::io(&partial))?;
-    fs::rename(&partial, &target).map_err(DatasetError::io(&target))?;
+    let path = folder.join(name);
+    files::write(&path, true, |file| file.write_all(bytes)).map_err(DatasetError::io(&path))?;
     sync(folder)
 }

@@ -1,7 +1,7 @@
 //! One picture of a data set: what the cameras saw, where the drones flew, how near they came.
 
 use std::collections::BTreeMap;
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::Path;
 
 use rayon::prelude::*;
@@ -9,8 +9,8 @@ use rayon::prelude::*;
 use super::canvas::{Align, CHAR_W, Canvas, Rgb, TEXT_H, oklch, text_width, tick_label, ticks};
 use super::depth_png::status;
 use super::error::{DatasetError, Result};
-use super::files;
 use super::reader::{Dataset, WorldReader};
+use crate::flight::files;
 use crate::sense::DepthKind;
 
 /// Size of the picture, pixels.
@@ -128,12 +128,7 @@ impl Picture {
             writer.finish()
         };
         write().map_err(|e| DatasetError::damaged(path, "a picture that PNG can hold", e))?;
-        let folder = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        files::write_atomic(folder, &name, &bytes)
+        files::write(path, true, |file| file.write_all(&bytes)).map_err(DatasetError::io(path))
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reads a data set.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fs::{self, File};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
@@ -11,12 +11,12 @@ use rayon::prelude::*;
 
 use super::depth_png;
 use super::error::{DatasetError, Result};
-use super::files;
+use super::files::{self, FileRecord};
 use super::manifest::Manifest;
 use super::table::Table;
 use super::writer::{
     CLEARANCE, COMPLETE, CONTACTS, CompleteRecord, FRAMES, MANIFEST, SCENE, STATES, WORLD, WorldRecord,
-    Writer, create_or_resume, read_world_record, world_dir_name,
+    Writer, create_or_resume, list, read_seal, read_world_record, world_dir_name,
 };
 use crate::sense::ChannelType;
 
@@ -77,29 +77,7 @@ impl Dataset {
             Err(source) => return Err(DatasetError::Io { path, source }),
         };
         let manifest = Manifest::from_json(&path, &text)?;
-        let path = dir.join(COMPLETE);
-        let complete = match fs::read_to_string(&path) {
-            Ok(seal) => {
-                let record: CompleteRecord = serde_json::from_str(&seal)
-                    .map_err(|e| DatasetError::damaged(&path, "the fields of docs/formats.md", e))?;
-                let found = files::sha256(text.as_bytes());
-                if record.manifest_sha256 != found {
-                    let expected = format!("sha256 {} (from {COMPLETE})", record.manifest_sha256);
-                    return Err(DatasetError::damaged(
-                        dir.join(MANIFEST),
-                        expected,
-                        format!("sha256 {found}"),
-                    ));
-                }
-                if record.worlds.len() != manifest.n_worlds {
-                    let expected = format!("{} worlds", manifest.n_worlds);
-                    return Err(DatasetError::damaged(&path, expected, record.worlds.len()));
-                }
-                Some(record)
-            }
-            Err(e) if e.kind() == io::ErrorKind::NotFound => None,
-            Err(source) => return Err(DatasetError::Io { path, source }),
-        };
+        let complete = read_seal(dir, &text, manifest.n_worlds)?;
         Ok(Self { dir: dir.to_path_buf(), manifest, complete })
     }
 
@@ -139,54 +117,78 @@ impl Dataset {
                 first: world,
             });
         }
-        let record = read_world_record(&folder)?;
+        let seal = self.complete.as_ref().map(|seal| seal.worlds[world].world_json_sha256.as_str());
+        let record = read_world_record(&folder, seal)?;
         Ok(WorldReader { manifest: &self.manifest, folder, record })
     }
 
-    /// Reads every file and compares it with its hash; errors at the first difference, or when worlds are missing.
+    /// Reads every file and compares it with its hash; errors at the first difference, when worlds are missing, and where there is a
+    /// world or a file in one that no list names.
     pub fn verify(&self) -> Result<()> {
-        let Some(complete) = &self.complete else {
-            let have = self.worlds();
-            let n = self.manifest.n_worlds;
-            let first = (0..n).find(|w| !have.contains(w)).unwrap_or(0);
-            if have.len() == n {
-                return Err(DatasetError::damaged(
-                    self.dir.join(COMPLETE),
-                    "the seal of the data set",
-                    "none",
-                ));
-            }
-            let path = self.dir.clone();
-            return Err(DatasetError::Incomplete { path, expected: n, missing: n - have.len(), first });
-        };
-        if let Some(wanted) = &self.manifest.scene.mjb_sha256 {
-            let path = self.dir.join(SCENE);
-            if !path.is_file() {
-                return Err(DatasetError::damaged(
-                    &path,
-                    "the compiled scene, which the manifest names",
-                    "none",
-                ));
-            }
-            let found = files::record(&self.dir, SCENE)?.sha256;
-            if found != *wanted {
-                return Err(DatasetError::damaged(
-                    &path,
-                    format!("sha256 {wanted}"),
-                    format!("sha256 {found}"),
-                ));
-            }
+        self.faults().into_iter().next().map_or(Ok(()), Err)
+    }
+
+    /// All that [`Dataset::verify`] finds, of each world the first.
+    pub fn faults(&self) -> Vec<DatasetError> {
+        let n = self.manifest.n_worlds;
+        let whole = self.check_scene().and_then(|()| self.check_folder());
+        let worlds = (0..n).into_par_iter().map(|world| self.check_world(world));
+        let worlds: Vec<Result<()>> = [whole].into_par_iter().chain(worlds).collect();
+        let mut faults: Vec<DatasetError> = worlds.into_iter().filter_map(Result::err).collect();
+        if self.complete.is_none() && self.worlds().len() == n {
+            faults.insert(
+                0,
+                DatasetError::damaged(self.dir.join(COMPLETE), "the seal of the data set", "none"),
+            );
         }
-        complete.worlds.par_iter().enumerate().try_for_each(|(world, seal)| {
-            let folder = self.dir.join(&seal.dir);
-            let found = files::record(&folder, WORLD)?.sha256;
-            if found != seal.world_json_sha256 {
-                let expected = format!("sha256 {} (from {COMPLETE})", seal.world_json_sha256);
-                return Err(DatasetError::damaged(folder.join(WORLD), expected, format!("sha256 {found}")));
+        // Each world that is not there says the same.
+        let mut told = false;
+        faults.retain(|fault| {
+            !matches!(fault, DatasetError::Incomplete { .. }) || !std::mem::replace(&mut told, true)
+        });
+        faults
+    }
+
+    fn check_scene(&self) -> Result<()> {
+        let Some(wanted) = &self.manifest.scene.mjb_sha256 else { return Ok(()) };
+        let path = self.dir.join(SCENE);
+        if !path.is_file() {
+            return Err(DatasetError::damaged(&path, "the compiled scene, which the manifest names", "none"));
+        }
+        let found = files::record(&self.dir, SCENE)?.sha256;
+        if found == *wanted {
+            return Ok(());
+        }
+        Err(DatasetError::damaged(&path, format!("sha256 {wanted}"), format!("sha256 {found}")))
+    }
+
+    /// Whether the worlds of the manifest are all that there are.
+    fn check_folder(&self) -> Result<()> {
+        let n = self.manifest.n_worlds;
+        let ours: HashSet<String> = (0..n).map(world_dir_name).collect();
+        let other = |name: &String| name.starts_with("world_") && !ours.contains(name);
+        match list(&self.dir)?.into_iter().find(other) {
+            Some(name) => {
+                let expected = format!("{n} worlds, which the manifest names");
+                Err(DatasetError::damaged(self.dir.join(name), expected, "another"))
             }
-            let reader = self.world(world)?;
-            reader.record.files.iter().try_for_each(|file| files::check(&reader.folder, file, true))
-        })
+            None => Ok(()),
+        }
+    }
+
+    fn check_world(&self, world: usize) -> Result<()> {
+        let reader = self.world(world)?;
+        let record = &reader.record;
+        record.files.iter().try_for_each(|file| files::check(&reader.folder, file, true))?;
+        let listed: HashSet<&str> =
+            record.files.iter().map(|file| file.path.as_str()).chain([WORLD]).collect();
+        match files::names(&reader.folder)?.into_iter().find(|name| !listed.contains(name.as_str())) {
+            Some(name) => {
+                let expected = format!("only files that {WORLD} names");
+                Err(DatasetError::damaged(reader.folder.join(name), expected, "another"))
+            }
+            None => Ok(()),
+        }
     }
 }
 
@@ -210,11 +212,23 @@ impl WorldReader<'_> {
 
     /// Path and hash of `states.parquet`.
     pub(super) fn states_file(&self) -> Result<(PathBuf, String)> {
-        Ok((self.folder.join(STATES), files::record(&self.folder, STATES)?.sha256))
+        Ok((self.folder.join(STATES), self.listed(STATES)?.sha256.clone()))
+    }
+
+    fn listed(&self, name: &str) -> Result<&FileRecord> {
+        self.record.files.iter().find(|file| file.path == name).ok_or_else(|| {
+            DatasetError::damaged(self.folder.join(WORLD), format!("{name} in the list of files"), "no such")
+        })
+    }
+
+    /// Path of a file, compared with its hash.
+    fn file(&self, name: &str) -> Result<PathBuf> {
+        files::check(&self.folder, self.listed(name)?, true)?;
+        Ok(self.folder.join(name))
     }
 
     fn table(&self, name: &str, names: Option<&[&str]>, rows: u64) -> Result<Table> {
-        let path = self.folder.join(name);
+        let path = self.file(name)?;
         let table = Table::read(&path, names)?;
         if table.n_rows() as u64 != rows {
             return Err(DatasetError::damaged(&path, format!("{rows} rows"), table.n_rows()));
@@ -239,10 +253,11 @@ impl WorldReader<'_> {
 
     /// `frames.npz`, with shapes checked against the manifest.
     pub fn frames(&self) -> Result<Frames> {
-        let path = self.folder.join(FRAMES);
         let Some(camera) = self.manifest.cameras.first() else {
+            let path = self.folder.join(FRAMES);
             return Err(DatasetError::damaged(&path, "a data set with cameras", "one without"));
         };
+        let path = self.file(FRAMES)?;
         let file = File::open(&path).map_err(DatasetError::io(&path))?;
         let mut npz = NpzReader::new(BufReader::new(file))
             .map_err(|e| DatasetError::damaged(&path, "a whole npz file", e))?;
@@ -277,7 +292,7 @@ impl WorldReader<'_> {
             let expected = format!("one of the sensors {names:?}");
             return Err(DatasetError::damaged(&self.folder, expected, format!("{name:?}")));
         };
-        let path = self.folder.join(sensor.file());
+        let path = self.file(&sensor.file())?;
         let file = File::open(&path).map_err(DatasetError::io(&path))?;
         let mut npz = NpzReader::new(BufReader::new(file))
             .map_err(|e| DatasetError::damaged(&path, "a whole npz file", e))?;
@@ -302,7 +317,7 @@ impl WorldReader<'_> {
     /// Values of a 16-bit depth image, shape `(row, column)`; `noisy` for the image with sensor noise.
     pub fn image(&self, drone: usize, frame: usize, noisy: bool) -> Result<Vec<u16>> {
         let folder = if noisy { "depth_noisy" } else { "depth" };
-        let path = self.folder.join(format!("{folder}/drone{drone}_{frame:06}.png"));
+        let path = self.file(&format!("{folder}/drone{drone}_{frame:06}.png"))?;
         let (width, height, values) = depth_png::read(&path)?;
         let camera = self.manifest.cameras.first().map_or((0, 0), |c| (c.width, c.height));
         if (width, height) != camera {

@@ -185,7 +185,8 @@ impl FlightConfig {
     /// # Errors
     /// As [`FlightConfig::from_text`], naming the file, and [`Error::Io`] for one that cannot be read.
     pub fn from_file(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(|source| Error::Io { path: path.into(), source })?;
+        let text = crate::flight::files::read_text(path)
+            .map_err(|source| Error::Io { path: path.into(), source })?;
         Self::from_text(&text).map_err(|e| match e {
             Error::Arena(e) => Error::Arena(Box::new(e.in_file(path))),
             e => e,

@@ -2,7 +2,7 @@
 
 use std::fs::{self, File, TryLockError};
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rayon::prelude::*;
@@ -316,7 +316,9 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
             });
         }
         Err(e) if e.kind() == io::ErrorKind::NotFound => {
-            if let Some(foreign) = entries.iter().find(|n| !n.starts_with(PARTIAL)) {
+            // Before there is a manifest, all that a run can leave is a part of it.
+            let ours = format!("{PARTIAL}{MANIFEST}");
+            if let Some(foreign) = entries.iter().find(|n| !n.starts_with(&ours)) {
                 return Err(DatasetError::NotADataset {
                     path: dir.to_path_buf(),
                     found: format!("\"{foreign}\" and no {MANIFEST}"),
@@ -332,8 +334,19 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
         files::write_atomic(dir, MANIFEST, text.as_bytes())?;
     }
 
+    let seal = match read_seal(dir, &text, manifest.n_worlds) {
+        Ok(seal) => seal,
+        Err(DatasetError::Damaged { path, expected, found }) => {
+            remove(&dir.join(COMPLETE))?;
+            let words = format!("expected {expected}, found {found}");
+            warnings.push(format!("the seal was damaged and is made anew: {}: {words}", path.display()));
+            None
+        }
+        Err(other) => return Err(other),
+    };
+    let sealed = |world: usize| seal.as_ref().map(|seal| seal.worlds[world].world_json_sha256.as_str());
     let states: Vec<Result<bool>> =
-        (0..manifest.n_worlds).into_par_iter().map(|world| is_whole(dir, world)).collect();
+        (0..manifest.n_worlds).into_par_iter().map(|world| is_whole(dir, world, sealed(world))).collect();
     let mut done = Vec::with_capacity(manifest.n_worlds);
     for (world, state) in states.into_iter().enumerate() {
         match state {
@@ -367,7 +380,7 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
 }
 
 /// Names in a folder, sorted.
-fn list(dir: &Path) -> Result<Vec<String>> {
+pub(super) fn list(dir: &Path) -> Result<Vec<String>> {
     let mut names = Vec::new();
     for entry in fs::read_dir(dir).map_err(DatasetError::io(dir))? {
         let entry = entry.map_err(DatasetError::io(dir))?;
@@ -382,8 +395,35 @@ fn remove(path: &Path) -> Result<()> {
         .map_err(DatasetError::io(path))
 }
 
-/// Reads the `world.json` of a world's folder.
-pub(super) fn read_world_record(folder: &Path) -> Result<WorldRecord> {
+/// Reads `complete.json`, where there is one, and compares it with the manifest's text.
+pub(super) fn read_seal(dir: &Path, manifest: &str, n_worlds: usize) -> Result<Option<CompleteRecord>> {
+    let path = dir.join(COMPLETE);
+    let text = match fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(e) if e.kind() == io::ErrorKind::InvalidData => {
+            return Err(DatasetError::damaged(&path, "text", "other bytes"));
+        }
+        Err(source) => return Err(DatasetError::Io { path, source }),
+    };
+    let seal: CompleteRecord = serde_json::from_str(&text)
+        .map_err(|e| DatasetError::damaged(&path, "the fields of docs/formats.md", e))?;
+    let found = files::sha256(manifest.as_bytes());
+    if seal.manifest_sha256 != found {
+        let expected = format!("sha256 {} (from {COMPLETE})", seal.manifest_sha256);
+        return Err(DatasetError::damaged(dir.join(MANIFEST), expected, format!("sha256 {found}")));
+    }
+    if seal.worlds.len() != n_worlds {
+        return Err(DatasetError::damaged(&path, format!("{n_worlds} worlds"), seal.worlds.len()));
+    }
+    if let Some((world, seal)) = seal.worlds.iter().enumerate().find(|(w, s)| s.dir != world_dir_name(*w)) {
+        return Err(DatasetError::damaged(&path, format!("folder {}", world_dir_name(world)), &seal.dir));
+    }
+    Ok(Some(seal))
+}
+
+/// Reads the `world.json` of a world's folder and compares it with its hash in the seal, where there is one.
+pub(super) fn read_world_record(folder: &Path, sealed: Option<&str>) -> Result<WorldRecord> {
     let path = folder.join(WORLD);
     let text = match fs::read_to_string(&path) {
         Ok(text) => text,
@@ -395,16 +435,32 @@ pub(super) fn read_world_record(folder: &Path) -> Result<WorldRecord> {
         }
         Err(source) => return Err(DatasetError::Io { path, source }),
     };
-    serde_json::from_str(&text).map_err(|e| DatasetError::damaged(&path, "the fields of docs/formats.md", e))
+    let found = files::sha256(text.as_bytes());
+    if let Some(wanted) = sealed.filter(|wanted| *wanted != found) {
+        let expected = format!("sha256 {wanted} (from {COMPLETE})");
+        return Err(DatasetError::damaged(&path, expected, format!("sha256 {found}")));
+    }
+    let record: WorldRecord = serde_json::from_str(&text)
+        .map_err(|e| DatasetError::damaged(&path, "the fields of docs/formats.md", e))?;
+    let inside = |file: &&FileRecord| {
+        let mut parts = Path::new(&file.path).components();
+        !file.path.is_empty() && parts.all(|part| matches!(part, Component::Normal(_)))
+    };
+    match record.files.iter().find(|file| !inside(file)) {
+        Some(file) => {
+            Err(DatasetError::damaged(&path, "paths inside the world's folder", format!("{:?}", file.path)))
+        }
+        None => Ok(record),
+    }
 }
 
 /// Whether a world is there; an error where it is there and damaged.
-fn is_whole(dir: &Path, world: usize) -> Result<bool> {
+fn is_whole(dir: &Path, world: usize, sealed: Option<&str>) -> Result<bool> {
     let folder = dir.join(world_dir_name(world));
     if !folder.try_exists().map_err(DatasetError::io(&folder))? {
         return Ok(false);
     }
-    let record = read_world_record(&folder)?;
+    let record = read_world_record(&folder, sealed)?;
     if record.world != world {
         let found = format!("world {}", record.world);
         return Err(DatasetError::damaged(folder.join(WORLD), format!("world {world}"), found));
@@ -485,7 +541,7 @@ impl Writer {
             .map(|world| {
                 let dir = world_dir_name(world);
                 let folder = shared.dir.join(&dir);
-                let record = read_world_record(&folder)?;
+                let record = read_world_record(&folder, None)?;
                 // All that is listed must be on the disk before the seal is.
                 for file in &record.files {
                     files::sync(&folder.join(&file.path))?;

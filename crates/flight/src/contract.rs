@@ -152,7 +152,7 @@ fn keep_rows(log: &FlightLog, table: &mut Table, map: &Mapping) -> Result<()> {
                 path: log.path.clone(),
                 column: name.clone(),
                 why: "`where` in the mapping names it".into(),
-                found: table.names.join(", "),
+                found: table::some(&table.names),
             });
         };
         for (k, v) in keep.iter_mut().zip(column) {
@@ -213,7 +213,7 @@ impl Columns<'_> {
             path: self.log_path.clone(),
             column: column.into(),
             why: why.into(),
-            found: self.table.names.join(", "),
+            found: table::some(&self.table.names),
         }
     }
 
@@ -326,7 +326,7 @@ fn fill(log: &mut FlightLog, columns: &Columns, t: &[f64]) -> Result<()> {
     if !any {
         return Err(columns.format(
             "columns of the flight-log contract (px py pz, qx qy qz qw, vx …, wx …, ax …, rotor1 …) with samples",
-            &format!("the columns {}", columns.table.names.join(", ")),
+            &format!("the columns {}", table::some(&columns.table.names)),
             "name the foreign columns in a mapping file beside the log",
         ));
     }
@@ -403,7 +403,7 @@ fn name_the_unused(log: &mut FlightLog, columns: &Columns) -> Result<()> {
         log.warnings.push(format!(
             "{} not part of the contract or of the mapping, ignored: {}",
             if unused.len() == 1 { "a column is" } else { "columns are" },
-            unused.join(", ")
+            table::some(&unused)
         ));
     }
     Ok(())

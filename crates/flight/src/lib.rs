@@ -11,6 +11,7 @@ pub mod check;
 pub mod clean;
 mod contract;
 mod error;
+pub mod files;
 mod mapping;
 pub mod resample;
 pub mod stray;
@@ -170,7 +171,7 @@ impl FlightLog {
     /// # Errors
     /// As [`FlightLog::load`].
     pub fn load_with(path: &Path, mapping: Option<&Mapping>) -> Result<Self> {
-        let bytes = std::fs::read(path)
+        let bytes = files::read(path)
             .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         let format = format_of(path, &bytes, mapping)?;
         let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
@@ -213,12 +214,20 @@ impl FlightLog {
     }
 
     /// Writes the log as the contract says, CSV or Parquet by the ending of `path`: one row per time at which anything
-    /// was measured, empty cells elsewhere.
+    /// was measured, empty cells elsewhere. A file that is there is replaced when the new one is whole.
+    ///
+    /// # Errors
+    /// Those of [`FlightLog::may_save`], and of the system.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        write::save(self, path)
+    }
+
+    /// Whether [`FlightLog::save`] can write at `path`; call it before long work.
     ///
     /// # Errors
     /// [`FlightError::Write`], and [`FlightError::Format`] for any other ending.
-    pub fn save(&self, path: &Path) -> Result<()> {
-        write::save(self, path)
+    pub fn may_save(path: &Path) -> Result<()> {
+        write::may_save(path)
     }
 
     /// A log without samples.

@@ -191,7 +191,7 @@ impl Mapping {
     /// # Errors
     /// [`FlightError::Read`] and [`FlightError::Mapping`].
     pub fn load(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path)
+        let text = super::files::read_text(path)
             .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         Self::parse(&text, path)
     }

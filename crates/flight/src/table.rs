@@ -5,7 +5,11 @@ use parquet::column::reader::ColumnReader;
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use rayon::prelude::*;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
+
+/// Most rows of a log: 5 hours at 1 kHz. A Parquet file of some kilobytes can hold more than any memory.
+pub(super) const MAX_ROWS: usize = 20_000_000;
 
 /// Columns of numbers; NaN is an empty cell.
 #[derive(Clone, Debug, Default)]
@@ -16,14 +20,44 @@ pub(super) struct Table {
     pub columns: Vec<Option<Vec<f64>>>,
     /// Line of each row in the file (header 1) for CSV, number from 1 for Parquet.
     pub rows: Vec<usize>,
+    /// Index of the first column of each name.
+    places: HashMap<String, usize>,
 }
 
 impl Table {
+    fn new(names: Vec<String>, columns: Vec<Option<Vec<f64>>>, rows: Vec<usize>) -> Self {
+        // The last of a name comes first, so that the first stays.
+        let places = names.iter().cloned().enumerate().rev().map(|(i, n)| (n, i)).collect();
+        Self { names, columns, rows, places }
+    }
+
     /// A column by its name in the file.
     pub fn column(&self, name: &str) -> Option<&[f64]> {
-        let i = self.names.iter().position(|n| n == name)?;
-        self.columns[i].as_deref()
+        self.columns[*self.places.get(name)?].as_deref()
     }
+}
+
+/// Names in a message: the first of them where there are many.
+pub(super) fn some(names: &[impl AsRef<str>]) -> String {
+    const SHOWN: usize = 100;
+    let list: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    match names.len() {
+        0..=SHOWN => list.join(", "),
+        n => format!("{} and {} more", list.join(", "), n - SHOWN),
+    }
+}
+
+/// Refuses more rows than memory is meant for.
+fn not_too_many(path: &Path, rows: usize) -> Result<()> {
+    if rows <= MAX_ROWS {
+        return Ok(());
+    }
+    Err(FlightError::Format {
+        path: path.to_path_buf(),
+        expected: format!("at most {MAX_ROWS} rows"),
+        found: format!("{rows}"),
+        remedy: "part the log into several, or keep every second row".into(),
+    })
 }
 
 /// How cells are to be read.
@@ -55,6 +89,7 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
             "check that the log was written and copied whole",
         ));
     }
+    not_too_many(path, bytes.iter().filter(|b| **b == b'\n').count())?;
     let mut reader =
         csv::ReaderBuilder::new().delimiter(rules.delimiter).trim(csv::Trim::All).from_reader(bytes);
     let wrong = |e: csv::Error| match e.kind() {
@@ -77,7 +112,8 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
         .enumerate()
         .map(|(i, n)| if i == 0 { n.trim_start_matches('#').trim().to_string() } else { n.to_string() })
         .collect();
-    if let Some(twice) = names.iter().enumerate().find(|(i, n)| names[..*i].contains(n)).map(|(_, n)| n) {
+    let mut seen = HashSet::new();
+    if let Some(twice) = names.iter().find(|n| !seen.insert(*n)) {
         return Err(format(
             "every column once",
             format!("the column `{twice}` twice"),
@@ -88,7 +124,7 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
     let (header, body) = bytes.split_at((reader.position().byte() as usize).min(bytes.len()));
     let first = 1 + header.iter().filter(|b| **b == b'\n').count();
     if let Some((columns, rows)) = read_at_once(body, first, &wanted, rules) {
-        return Ok(Table { names, columns, rows });
+        return Ok(Table::new(names, columns, rows));
     }
     let mut columns: Vec<Option<Vec<f64>>> = wanted.iter().map(|w| w.then(Vec::new)).collect();
     let mut rows = Vec::new();
@@ -121,7 +157,7 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
         }
         rows.push(line);
     }
-    Ok(Table { names, columns, rows })
+    Ok(Table::new(names, columns, rows))
 }
 
 /// Numbers of lines. The parser's own are one too small where the row before ended in `\r\n` or was empty.
@@ -233,6 +269,8 @@ pub(super) fn read_parquet(path: &Path, rules: &CellRules) -> Result<Table> {
     let reader = SerializedFileReader::new(file).map_err(damaged)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let names: Vec<String> = schema.columns().iter().map(|c| c.path().string()).collect();
+    let groups = reader.metadata().row_groups().iter().map(|g| usize::try_from(g.num_rows()).unwrap_or(0));
+    not_too_many(path, groups.fold(0, usize::saturating_add))?;
     let mut columns: Vec<Option<Vec<f64>>> = names.iter().map(|n| (rules.wanted)(n).then(Vec::new)).collect();
     let nan_is_missing = rules.missing.iter().any(|m| m.eq_ignore_ascii_case("nan"));
     let mut n_rows = 0;
@@ -274,7 +312,7 @@ pub(super) fn read_parquet(path: &Path, rules: &CellRules) -> Result<Table> {
         }
         n_rows += rows;
     }
-    Ok(Table { names, columns, rows: (1..=n_rows).collect() })
+    Ok(Table::new(names, columns, (1..=n_rows).collect()))
 }
 
 /// A column chunk as numbers.
@@ -313,12 +351,16 @@ fn read_chunk(reader: ColumnReader, rows: usize, full: i16) -> Result<Vec<Option
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
 
     fn read(text: &str) -> Result<Table> {
         let missing = ["nil".to_string()];
         let rules = CellRules { delimiter: b',', missing: &missing, wanted: &|name| name != "note" };
         read_csv(Path::new("flight.csv"), text.as_bytes(), &rules)
     }
+
+    /// Of a plain file.
+    const RULES: CellRules = CellRules { delimiter: b',', missing: &[], wanted: &|_| true };
 
     /// Long enough for several cores, with empty cells, a word for them, spaces, an empty line and both ends of lines.
     fn long(quoted: bool) -> String {
@@ -351,6 +393,47 @@ mod tests {
             assert_eq!(bits(&fast), bits(&slow), "{name}");
         }
         assert!(fast.column("note").is_none());
+    }
+
+    #[test]
+    fn more_columns_than_anyone_has_are_read_in_no_time() {
+        let names: Vec<String> = (0..300_000).map(|i| format!("obj_{i}_x")).collect();
+        let row = |cell: &str| vec![cell; names.len()].join(",");
+        let text = format!("{}\n{}\n{}\n", names.join(","), row("1"), row("2"));
+        let start = std::time::Instant::now();
+        let table = read_csv(Path::new("wide.csv"), text.as_bytes(), &RULES).unwrap();
+        assert!(names.iter().all(|n| table.column(n) == Some(&[1.0, 2.0])));
+        // 0.3 s here; a search through all names for each took over a minute.
+        assert!(start.elapsed().as_secs() < 10, "{:?}", start.elapsed());
+        let twice = text.replacen("obj_299999_x", "obj_7_x", 1);
+        let said = read_csv(Path::new("wide.csv"), twice.as_bytes(), &RULES).unwrap_err().to_string();
+        assert!(said.contains("the column `obj_7_x` twice"), "{said}");
+        assert!(some(&names).ends_with("obj_99_x and 299900 more"));
+    }
+
+    #[test]
+    fn more_rows_than_memory_is_meant_for_are_refused_before_they_are_read() {
+        use parquet::{data_type::DoubleType, file::writer::SerializedFileWriter};
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("flat.parquet");
+        let schema = parquet::schema::parser::parse_message_type("message m { required double t; }").unwrap();
+        let file = std::fs::File::create(&path).unwrap();
+        let mut writer = SerializedFileWriter::new(file, schema.into(), Arc::default()).unwrap();
+        let mut group = writer.next_row_group().unwrap();
+        let mut column = group.next_column().unwrap().unwrap();
+        let zeros = vec![0.0; 1 << 20];
+        for _ in 0..MAX_ROWS.div_ceil(zeros.len()) {
+            column.typed::<DoubleType>().write_batch(&zeros, None, None).unwrap();
+        }
+        column.close().unwrap();
+        group.close().unwrap();
+        writer.close().unwrap();
+        assert!(std::fs::metadata(&path).unwrap().len() < 1 << 20, "a small file");
+        let said = read_parquet(&path, &RULES).unwrap_err().to_string();
+        assert!(
+            said.contains("flat.parquet: expected at most 20000000 rows, found 20971520: part the log"),
+            "{said}"
+        );
     }
 
     #[test]

@@ -10,6 +10,7 @@ use propwash_trace::units::rpm_to_rad_s;
 use px4_ulog::stream_parser::model::{FlattenedFieldType, FlattenedFormat};
 use px4_ulog::stream_parser::{Message, SimpleCallbackResult, read_file_with_simple_callback};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// First bytes of a ULog file.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
@@ -95,7 +96,7 @@ pub(super) fn read(log: &mut FlightLog, mapping: Option<&Mapping>) -> Result<()>
     let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
     let mut dropouts_ms = 0u64;
     let mut repeated = 0;
-    let completeness = read_file_with_simple_callback(name, &mut |message: &Message| {
+    let mut take = |message: &Message| {
         match message {
             Message::Data(data) if data.multi_id.value() == 0 => {
                 let topic = &data.flattened_format.message_name;
@@ -128,8 +129,12 @@ pub(super) fn read(log: &mut FlightLog, mapping: Option<&Mapping>) -> Result<()>
             _ => {}
         }
         SimpleCallbackResult::KeepReading
-    })
-    .map_err(|e| format("a PX4 ULog file", e.to_string(), "copy the log from the vehicle again"))?;
+    };
+    // The parser is not ours: where it panics on an odd file, that is an error like any other.
+    let completeness = catch_unwind(AssertUnwindSafe(|| read_file_with_simple_callback(name, &mut take)))
+        .map_err(|_| "a record on which the parser gives up".to_string())
+        .and_then(|read| read.map_err(|e| e.to_string()))
+        .map_err(|found| format("a PX4 ULog file", found, "copy the log from the vehicle again"))?;
     if completeness.is_incomplete() {
         log.warnings.push("the file ends inside a record: what stands before it was read".into());
     }
@@ -221,6 +226,27 @@ fn fill(log: &mut FlightLog, topics: &BTreeMap<String, Topic>) {
                  PWM_MAIN_MAX"
                     .into(),
             );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_on_which_the_parser_panics_is_an_error_that_names_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("odd.ulg");
+        // The head with version 1 and a time, flags that are all zero, and a parameter ('P') without a single byte.
+        let mut bytes = [MAGIC, &[1], &[0; 8]].concat();
+        bytes.extend([40, 0, b'B']);
+        bytes.extend([0; 40]);
+        bytes.extend([0, 0, b'P']);
+        std::fs::write(&path, bytes).unwrap();
+        let said = FlightLog::load(&path, None).unwrap_err().to_string();
+        for words in ["odd.ulg", "expected a PX4 ULog file", "the parser gives up", "copy the log"] {
+            assert!(said.contains(words), "{said}");
         }
     }
 }

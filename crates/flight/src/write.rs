@@ -3,22 +3,42 @@
 use super::FlightLog;
 use super::channel::Channel;
 use super::error::{FlightError, Result};
+use super::files;
 use parquet::data_type::DoubleType;
-use parquet::errors::ParquetError;
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::parser::parse_message_type;
+use std::fs::File;
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 /// Column names with their cells, NaN where empty.
 type Columns = Vec<(String, Vec<f64>)>;
 
+/// How columns become a file.
+type Form = fn(&Columns, &mut File) -> io::Result<()>;
+
 pub(super) fn save(log: &FlightLog, path: &Path) -> Result<()> {
+    let form = form(path)?;
+    files::write(path, true, |file| form(&columns(log), file)).map_err(failed(path))
+}
+
+/// Whether [`save`] can write at `path`.
+pub(super) fn may_save(path: &Path) -> Result<()> {
+    form(path)?;
+    files::may_write(path, true).map_err(failed(path))
+}
+
+fn failed(path: &Path) -> impl FnOnce(io::Error) -> FlightError {
+    |e| FlightError::Write { path: path.to_path_buf(), reason: e.to_string() }
+}
+
+fn form(path: &Path) -> Result<Form> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     match ending.as_str() {
-        "csv" => csv(&columns(log), path),
-        "parquet" => parquet(&columns(log), path),
+        "csv" => Ok(csv),
+        "parquet" => Ok(parquet),
         _ => Err(FlightError::Format {
             path: path.to_path_buf(),
             expected: "a name that ends in .csv or .parquet".into(),
@@ -82,49 +102,40 @@ fn columns(log: &FlightLog) -> Columns {
     out
 }
 
-fn failed(path: &Path, reason: impl std::fmt::Display) -> FlightError {
-    FlightError::Write { path: path.to_path_buf(), reason: reason.to_string() }
-}
-
-fn csv(columns: &Columns, path: &Path) -> Result<()> {
-    let wrong = |e: csv::Error| failed(path, e);
-    let mut writer = csv::Writer::from_path(path).map_err(wrong)?;
-    writer.write_record(columns.iter().map(|(n, _)| n)).map_err(wrong)?;
+fn csv(columns: &Columns, file: &mut File) -> io::Result<()> {
+    let mut writer = csv::Writer::from_writer(file);
+    writer.write_record(columns.iter().map(|(n, _)| n))?;
     let n = columns.first().map_or(0, |(_, c)| c.len());
     for row in 0..n {
         let cell = |v: f64| if v.is_nan() { String::new() } else { v.to_string() };
-        writer.write_record(columns.iter().map(|(_, c)| cell(c[row]))).map_err(wrong)?;
+        writer.write_record(columns.iter().map(|(_, c)| cell(c[row])))?;
     }
-    writer.flush().map_err(|e| failed(path, e))
+    writer.flush()
 }
 
-fn parquet(columns: &Columns, path: &Path) -> Result<()> {
-    let write = || -> Result<(), ParquetError> {
-        let mut schema = String::from("message log {\n");
-        for (k, (name, _)) in columns.iter().enumerate() {
-            let repetition = if k == 0 { "required" } else { "optional" };
-            schema += &format!("  {repetition} double {name};\n");
-        }
-        schema.push('}');
-        let properties = WriterProperties::builder()
-            .set_created_by("propwash".into())
-            .set_compression(parquet::basic::Compression::SNAPPY)
-            .build();
-        let file = std::fs::File::create(path)?;
-        let schema = Arc::new(parse_message_type(&schema)?);
-        let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
-        let mut group = writer.next_row_group()?;
-        for (k, (_, cells)) in columns.iter().enumerate() {
-            let Some(mut column) = group.next_column()? else { break };
-            let full: Vec<f64> = cells.iter().copied().filter(|v| !v.is_nan()).collect();
-            let levels: Vec<i16> = cells.iter().map(|v| i16::from(!v.is_nan())).collect();
-            let levels = (k > 0).then_some(levels.as_slice());
-            column.typed::<DoubleType>().write_batch(&full, levels, None)?;
-            column.close()?;
-        }
-        group.close()?;
-        writer.close()?;
-        Ok(())
-    };
-    write().map_err(|e| failed(path, e))
+fn parquet(columns: &Columns, file: &mut File) -> io::Result<()> {
+    let mut schema = String::from("message log {\n");
+    for (k, (name, _)) in columns.iter().enumerate() {
+        let repetition = if k == 0 { "required" } else { "optional" };
+        schema += &format!("  {repetition} double {name};\n");
+    }
+    schema.push('}');
+    let properties = WriterProperties::builder()
+        .set_created_by("propwash".into())
+        .set_compression(parquet::basic::Compression::SNAPPY)
+        .build();
+    let schema = Arc::new(parse_message_type(&schema)?);
+    let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+    let mut group = writer.next_row_group()?;
+    for (k, (_, cells)) in columns.iter().enumerate() {
+        let Some(mut column) = group.next_column()? else { break };
+        let full: Vec<f64> = cells.iter().copied().filter(|v| !v.is_nan()).collect();
+        let levels: Vec<i16> = cells.iter().map(|v| i16::from(!v.is_nan())).collect();
+        let levels = (k > 0).then_some(levels.as_slice());
+        column.typed::<DoubleType>().write_batch(&full, levels, None)?;
+        column.close()?;
+    }
+    group.close()?;
+    writer.close()?;
+    Ok(())
 }

@@ -7,12 +7,13 @@ use edit::{
     built, by_index, forget_positions, keep_comments, last_position, number_at, set_number_at, sigma_at,
     split,
 };
+use propwash_flight::files;
 use propwash_physics::effects::{AnyEffect, kinds};
 use propwash_physics::params::Parameters;
 use propwash_vehicle::effects::{named_parameters, out_of_range};
 use propwash_vehicle::{DYNAMICS, Vehicle, VehicleError};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write as _;
+use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value};
 
@@ -268,16 +269,9 @@ pub fn remove(text: &str, file_label: &str, kind: &str) -> Result<String, Accept
 /// Refuses an existing path (that of the input is one) unless `force` is given; call it before long work.
 ///
 /// # Errors
-/// [`AcceptError::Exists`].
+/// [`AcceptError::Exists`], and [`AcceptError::Write`] where no file can be written there.
 pub fn may_write(path: &Path, force: bool) -> Result<(), AcceptError> {
-    if path.is_dir() {
-        let reason = "it is a folder; expected the path of a file".to_string();
-        return Err(AcceptError::Write { path: path.into(), reason });
-    }
-    if !force && path.symlink_metadata().is_ok() {
-        return Err(AcceptError::Exists { path: path.into() });
-    }
-    Ok(())
+    files::may_write(path, force).map_err(refused(path))
 }
 
 /// Writes a vehicle file atomically; an existing file is replaced only with `force`.
@@ -285,27 +279,14 @@ pub fn may_write(path: &Path, force: bool) -> Result<(), AcceptError> {
 /// # Errors
 /// [`AcceptError::Exists`] and [`AcceptError::Write`].
 pub fn write(path: &Path, text: &str, force: bool) -> Result<(), AcceptError> {
-    may_write(path, force)?;
-    let failed = |e: std::io::Error| AcceptError::Write { path: path.into(), reason: e.to_string() };
-    if !force {
-        let mut file = std::fs::OpenOptions::new().write(true).create_new(true).open(path).map_err(|e| {
-            if e.kind() == std::io::ErrorKind::AlreadyExists {
-                return AcceptError::Exists { path: path.into() };
-            }
-            failed(e)
-        })?;
-        return file.write_all(text.as_bytes()).map_err(failed);
+    files::write(path, force, |file| file.write_all(text.as_bytes())).map_err(refused(path))
+}
+
+fn refused(path: &Path) -> impl FnOnce(std::io::Error) -> AcceptError {
+    |e| match e.kind() {
+        ErrorKind::AlreadyExists => AcceptError::Exists { path: path.into() },
+        _ => AcceptError::Write { path: path.into(), reason: e.to_string() },
     }
-    // Through a temporary file, so that a full disk does not destroy the existing one; links are followed.
-    let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-    let mut name = target.file_name().map(|n| n.to_os_string()).unwrap_or_default();
-    name.push(".partial");
-    let partial = target.with_file_name(name);
-    std::fs::write(&partial, text).and_then(|()| std::fs::rename(&partial, &target)).map_err(|e| {
-        // A partial file is useless; if it cannot be removed either, the cause is the same.
-        let _ = std::fs::remove_file(&partial);
-        failed(e)
-    })
 }
 
 /// Today's date, UTC, as `2025-01-31`.

@@ -14,7 +14,7 @@ use propwash_flight::{Channel, Excluded, FlightLog, resample};
 use propwash_physics::effects::{AnyEffect, Effect};
 use propwash_physics::surroundings::NO_GROUND_M;
 use propwash_trace::math::quat;
-use propwash_vehicle::Vehicle;
+use propwash_vehicle::{DYNAMICS, Vehicle};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -36,6 +36,16 @@ pub enum Drive {
 }
 
 impl Drive {
+    /// All of them, those known most exactly first; a thrust comes last, since it carries no torques.
+    pub const ALL: [Self; 4] = [Self::RotorCommands, Self::RotorSpeeds, Self::AttitudeCommands, Self::Thrust];
+
+    /// The dynamics that it drives: the most detailed attitude response in the file, or those of the rotors.
+    pub fn dynamics(self, vehicle: &Vehicle) -> &'static str {
+        let response = || DYNAMICS[1..].iter().rev().find(|d| vehicle.drone(d).is_ok());
+        let response = (self == Self::AttitudeCommands).then(response).flatten();
+        response.copied().unwrap_or(DYNAMICS[0])
+    }
+
     /// Its name in words.
     pub fn title(self) -> &'static str {
         match self {

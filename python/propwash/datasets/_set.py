@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..sense import PixelStatus, _float, _whole
-from ._errors import DataSetError, FormatError, UnfinishedError
+from ._errors import DamagedError, DataSetError, FormatError, UnfinishedError
 from ._fields import ALWAYS, Field, Sample, chosen, fields
-from ._files import item, parse, read_bytes, same, sha256
+from ._files import RESTORE, item, parse, read_bytes, same, sha256
 from ._world import Cache, World
 
 if TYPE_CHECKING:
@@ -146,9 +146,14 @@ class DataSet:
         return path
 
     def verify(self) -> None:
-        """Reads every file of every world and compares it with its hash; DamagedError names the first that differs."""
+        """Reads every file of every world and compares it with its hash; DamagedError names the first that differs, or that no list
+        names."""
         if "mjb_sha256" in self.manifest["scene"]:
             self.scene_path()
+        ours = {_folder(w) for w in range(self.manifest["n_worlds"])}
+        for path in sorted(self.path.glob("world_*")):
+            if path.name not in ours:
+                raise DamagedError(f"{path}: expected {len(ours)} worlds, which the manifest names, found another; {RESTORE}")
         for w in self._worlds.values():
             w.verify()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from collections import OrderedDict
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any, Mapping, Sequence
 
 import numpy as np
@@ -75,6 +75,9 @@ class World:
         self.quarantine = record.get("quarantine")
         """None, or the ``step``, ``drone`` and ``reason`` for which the world ends early."""
         self._files = {item(path, f, "path", str): f for f in item(path, record, "files", list)}
+        for name in self._files:
+            if not name or PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
+                raise DamagedError(f"{path}: expected paths inside the world's folder, found {name!r}; {RESTORE}")
         self._manifest = manifest
         self._cache = cache
         self._checked: set[str] = set()
@@ -105,10 +108,14 @@ class World:
         return path
 
     def verify(self) -> None:
-        """Reads every file again and compares it with its hash; DamagedError names the first that differs."""
+        """Reads every file again and compares it with its hash; DamagedError names the first that differs, or that no list names."""
         self._checked.clear()
         for name in self._files:
             self.path(name)
+        for path in sorted(self.folder.rglob("*")):
+            name = path.relative_to(self.folder).as_posix()
+            if name not in self._files and name != "world.json" and (path.is_symlink() or not path.is_dir()):
+                raise DamagedError(f"{path}: expected only files that world.json names, found another; {RESTORE}")
 
     def states(self, columns: Sequence[str] | None = None) -> pyarrow.Table:
         """states.parquet: the named columns, or all."""

@@ -2,9 +2,12 @@
 
 use super::diagnose::{fit, json_error, open, refuse_log};
 use super::vehicle::{save, text_of};
-use super::{drones, io_error, print, print_json, report};
+use super::{drones, io_error, print, print_json};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::AddArgs;
+use crate::cli::output;
+use crate::flight::files;
+use crate::gap::Drive;
 use crate::gap::GapError;
 use crate::gap::accept::{self, Source, today_utc};
 use crate::gap::complete::{Completion, Entry, note};
@@ -13,7 +16,9 @@ use crate::gap::fitted::Calibrate;
 use crate::gap::headline::{before_after, pair};
 use crate::gap::report::{Report, turns};
 use crate::gap::verdict::{Calibration, HorizonError, ParameterFit, Rung};
-use crate::physics::effects::Area;
+use crate::physics::drone::Drone;
+use crate::physics::effects::{Area, candidates};
+use crate::vehicle::Vehicle;
 use crate::{Error, Result};
 use serde::Deserialize;
 use serde_json::json;
@@ -22,6 +27,8 @@ use std::path::Path;
 /// Runs the command.
 pub fn run(args: &AddArgs) -> Result<Outcome> {
     accept::may_write(&args.out, args.force)?;
+    let report = args.report.as_deref();
+    output::check(&[("--out", Some(&args.out)), ("--report", report)], args.force)?;
     match &args.from_diagnosis {
         Some(path) => from_diagnosis(args, path),
         None => fitted(args),
@@ -29,8 +36,8 @@ pub fn run(args: &AddArgs) -> Result<Outcome> {
 }
 
 fn fitted(args: &AddArgs) -> Result<Outcome> {
-    refuse_log("--out", Some(&args.out), &args.fit, &args.held_out)?;
-    refuse_log("--report", args.report.as_deref(), &args.fit, &args.held_out)?;
+    refuse_log("--out", Some(&args.out), &args.fit, &args.held_out.held_out)?;
+    refuse_log("--report", args.report.as_deref(), &args.fit, &args.held_out.held_out)?;
     let (vehicle, flights) = open(&args.reading, &args.fit, &args.held_out)?;
     // Only the page and the JSON hold the advice.
     let no_advice = args.report.is_none() && !args.json;
@@ -54,7 +61,7 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.report {
         let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
-        report::write(path, page.html().as_bytes())?;
+        output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     let nothing = fitted.nothing();
     if nothing.is_none() {
@@ -196,9 +203,60 @@ impl SavedFinding {
     }
 }
 
+/// Refuses what no diagnosis of the vehicle says: dynamics that the logs do not drive, effects beyond all reason.
+fn believe(saved: &Saved, vehicle: &Vehicle, path: &Path) -> Result<()> {
+    /// Plausible sizes by which a parameter may be off.
+    const MOST: f64 = 1000.0;
+    let refuse = |expected: String, got: String| {
+        let got = format!("{got} in {}: diagnose again", path.display());
+        Err(Error::Usage { flag: "--from-diagnosis", expected, got })
+    };
+    for log in &saved.logs {
+        let Some(drive) = Drive::ALL.into_iter().find(|drive| drive.title() == log.drive) else {
+            let known = Drive::ALL.map(Drive::title).join(", ");
+            return refuse(format!("a log driven by one of {known}"), format!("`{}`", log.drive));
+        };
+        let dynamics = drive.dynamics(vehicle);
+        if dynamics != saved.dynamics {
+            let expected = format!("the dynamics {dynamics}, which {} drive", log.drive);
+            return refuse(expected, format!("`{}`", saved.dynamics));
+        }
+    }
+    let possible = candidates(&vehicle.drone(&saved.dynamics)?);
+    let findings = saved.findings.iter().flat_map(|f| f.parameters.iter().map(move |p| (&f.id, p)));
+    for (id, p) in findings.chain(saved.adjusted.iter().map(|c| (&c.id, &c.parameter))) {
+        let candidate = possible.iter().find(|c| c.id == *id);
+        let freedom = candidate.and_then(|c| c.freedoms.iter().find(|f| f.name == p.name));
+        let Some(size) = freedom.map(|f| f.slab.max(f.spike)).filter(|size| *size > 0.0) else { continue };
+        if (p.value - p.filed).abs() > MOST * size {
+            let expected =
+                format!("{} of {id} within {MOST} times its plausible size, {size:.3e} {}", p.name, p.unit);
+            return refuse(expected, format!("{:e}", p.value));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses effects with which the rotors do not carry a vehicle that they carry without.
+fn carries(before: &Drone<f64>, after: &Drone<f64>, path: &Path) -> Result<()> {
+    let most = after.airframe.n_rotors as f64 * after.controller.thrust_max_n;
+    let weight = after.hover_thrust();
+    if weight <= most || before.hover_thrust() > most {
+        return Ok(());
+    }
+    Err(Error::Usage {
+        flag: "--from-diagnosis",
+        expected: format!("a vehicle of at most {most:.4} N, which all rotors together lift"),
+        got: format!(
+            "one of {weight:.4e} N with the effects of {}: diagnose again, or correct thrust_max_n in the vehicle file",
+            path.display()
+        ),
+    })
+}
+
 fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     let usage = |expected: String, got: String| Error::Usage { flag: "--from-diagnosis", expected, got };
-    let text = std::fs::read_to_string(path).map_err(io_error(path))?;
+    let text = files::read_text(path).map_err(io_error(path))?;
     let saved: Saved = serde_json::from_str(&text).map_err(|e| {
         usage(
             "a file that `propwash diagnose --out` of this version wrote".into(),
@@ -219,6 +277,7 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
             ),
         ));
     }
+    believe(&saved, &vehicle, path)?;
     let known: Vec<&str> = saved.findings.iter().map(|f| f.id.as_str()).collect();
     if let Some(unknown) = args.effects.iter().find(|e| !known.contains(&e.as_str())) {
         let list = if known.is_empty() { "nothing".into() } else { known.join(", ") };
@@ -267,6 +326,8 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     let calibrated = if args.calibrate && whole { completion.calibrate(&helping)? } else { 0 };
     let nothing = written.is_empty() && calibrated == 0;
     if !nothing {
+        let better = Vehicle::from_toml(name, &completion.text)?;
+        carries(&vehicle.drone(&saved.dynamics)?, &better.drone(&saved.dynamics)?, path)?;
         accept_and_say(args, &completion.text)?;
     }
     let outcome = if nothing { Outcome::Found } else { Outcome::Fine };

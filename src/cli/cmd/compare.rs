@@ -1,8 +1,10 @@
 //! `propwash compare`: a vehicle's model against flights.
 
-use super::{print, print_json, report};
+use super::diagnose::refuse_log;
+use super::{print, print_json};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::CompareArgs;
+use crate::cli::output;
 use crate::gap::compare::{Axes, Comparison, Horizon, LogComparison, Pooled};
 use crate::gap::report::Report;
 use crate::gap::{GapError, compare};
@@ -10,11 +12,13 @@ use crate::{Error, Result};
 
 /// Runs the command.
 pub fn run(args: &CompareArgs) -> Result<Outcome> {
+    refuse_log("--report", args.report.as_deref(), &args.logs.logs, &[])?;
+    output::check(&[("--report", args.report.as_deref())], args.force)?;
     let (vehicle, tracks) = args.logs.open()?;
     let comparison = compare(&tracks, &vehicle)?;
     if let Some(path) = &args.report {
         let page = Report::with_flights(&comparison, &tracks, &vehicle)?;
-        report::write(path, page.html().as_bytes())?;
+        output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     if args.json {
         print_json(

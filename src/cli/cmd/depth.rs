@@ -4,6 +4,7 @@ use super::{print, print_json};
 use crate::arena::CameraConfig;
 use crate::cli::args::DepthArgs;
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::dataset::{Picture, depth_png};
 use crate::math::vec3;
 use crate::scene::{Pose, Scene, SceneSource};
@@ -18,6 +19,7 @@ const FOVY_DEG: f64 = 60.0;
 
 /// Runs the command.
 pub fn run(args: &DepthArgs) -> Result<Outcome> {
+    output::check(&[("--out", Some(&args.out)), ("--preview", args.preview.as_deref())], args.force)?;
     let scene = Scene::build(&SceneSource::file(&args.scene), &[])?;
     let camera = match &args.camera {
         Some(name) => Camera::from_scene(&scene, name)?,

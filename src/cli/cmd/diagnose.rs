@@ -1,10 +1,11 @@
 //! `propwash diagnose`: which physics a vehicle's model lacks.
 
 use super::vehicle::text_of;
-use super::{print, print_json, report};
+use super::{print, print_json};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::{DiagnoseArgs, HeldOutArgs};
 use crate::cli::gap_logs::ReadingArgs;
+use crate::cli::output;
 use crate::gap::diagnose::Settings;
 use crate::gap::fitted::{self, Calibrate, Filed, Fitted};
 use crate::gap::ladder::Flights;
@@ -17,10 +18,12 @@ use std::path::{Path, PathBuf};
 
 /// Runs the command.
 pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
-    let outputs = [("--out", &args.out), ("--report", &args.report), ("--ladder", &args.ladder)];
+    let outputs = [("--out", &args.out), ("--report", &args.report), ("--ladder", &args.ladder)]
+        .map(|(flag, path)| (flag, path.as_deref()));
     for (flag, path) in outputs {
-        refuse_log(flag, path.as_deref(), &args.logs.logs, &args.held_out)?;
+        refuse_log(flag, path, &args.logs.logs, &args.held_out.held_out)?;
     }
+    output::check(&outputs, args.force)?;
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
     let settings = Settings { only, ..Settings::default() };
@@ -28,7 +31,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {
         let text = serde_json::to_string_pretty(verdict).map_err(json_error)?;
-        report::write(path, format!("{text}\n").as_bytes())?;
+        output::report("--out", path, format!("{text}\n").as_bytes(), args.force)?;
     }
     // Said before anything is drawn: a picture that cannot be drawn takes no verdict back.
     if args.json {
@@ -40,11 +43,11 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         }
     }
     if let Some(path) = &args.ladder {
-        report::write(path, &ladder_png(verdict)?)?;
+        output::report("--ladder", path, &ladder_png(verdict)?, args.force)?;
     }
     if let Some(path) = &args.report {
         let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
-        report::write(path, page.html().as_bytes())?;
+        output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     Ok(outcome(verdict))
 }
@@ -60,14 +63,9 @@ pub fn json_error(e: serde_json::Error) -> Error {
 }
 
 /// Refuses an output that is one of the logs.
-pub fn refuse_log(
-    flag: &'static str,
-    path: Option<&Path>,
-    logs: &[PathBuf],
-    more: &HeldOutArgs,
-) -> Result<()> {
+pub fn refuse_log(flag: &'static str, path: Option<&Path>, logs: &[PathBuf], more: &[PathBuf]) -> Result<()> {
     let same = |log: &PathBuf| Some(log.as_path()) == path;
-    match logs.iter().chain(&more.held_out).find(|l| same(l)) {
+    match logs.iter().chain(more).find(|l| same(l)) {
         Some(log) => Err(Error::Usage {
             flag,
             expected: "a file to write that is none of the logs".into(),

@@ -1,9 +1,10 @@
 //! `propwash excite`: a flight that makes wanted parameters visible.
 
 use super::drones::find;
-use super::{io_error, print, print_json};
+use super::{print, print_json};
 use crate::cli::args::ExciteArgs;
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::gap::excite::{Air, FlightPlan, Request, Sensors, WantedParameter, csv, flight, plan, tell_apart};
 use crate::gap::{Drive, GapError};
 use crate::vehicle::Vehicle;
@@ -16,6 +17,7 @@ const COLUMNS: usize = 5;
 
 /// Runs the command.
 pub fn run(args: &ExciteArgs) -> Result<Outcome> {
+    output::check(&[("--out", args.out.as_deref())], args.force)?;
     let vehicle = find(&args.vehicle)?;
     let drive = args.drive.map_or(Drive::RotorCommands, Drive::from);
     let sensors = sensors(args);
@@ -39,7 +41,7 @@ pub fn run(args: &ExciteArgs) -> Result<Outcome> {
     }
     let plan = plan(&vehicle, &request)?;
     if let Some(path) = &args.out {
-        std::fs::write(path, plan.csv()).map_err(io_error(path))?;
+        output::write("--out", path, plan.csv().as_bytes(), args.force)?;
     }
     if args.json {
         let mut value = json(&plan)?;
@@ -57,7 +59,7 @@ fn named(args: &ExciteArgs, vehicle: &Vehicle, request: &Request) -> Result<Outc
     let waypoints = flight(vehicle, request, &names)?;
     let seconds = waypoints.last().map_or(0.0, |k| k.0);
     if let Some(path) = &args.out {
-        std::fs::write(path, csv(&waypoints)).map_err(io_error(path))?;
+        output::write("--out", path, csv(&waypoints).as_bytes(), args.force)?;
     }
     if args.json {
         print_json(

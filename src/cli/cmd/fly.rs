@@ -153,7 +153,7 @@ fn change_drones(args: &FlyArgs, sim: &mut SimConfig) -> Result<()> {
 }
 
 fn read(path: &Path) -> Result<String> {
-    std::fs::read_to_string(path).map_err(io_error(path))
+    crate::flight::files::read_text(path).map_err(io_error(path))
 }
 
 fn rules(path: &Path) -> Result<Randomization> {

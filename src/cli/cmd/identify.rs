@@ -1,9 +1,10 @@
 //! `propwash identify`: parameters of a model from a flight log.
 
 use super::drones::find;
-use super::{io_error, print, print_json};
+use super::{print, print_json};
 use crate::cli::args::{IdentifyArgs, ModelArg};
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::flight::FlightLog;
 use crate::gap::attitude_model::{Options, identify};
 use crate::{Error, Result};
@@ -13,6 +14,14 @@ use std::time::{SystemTime, UNIX_EPOCH};
 /// Runs the command.
 pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
     let ModelArg::Attitude = args.model;
+    if let Some(out) = args.out.as_ref().filter(|out| out.extension().is_none_or(|e| e != "toml")) {
+        return Err(Error::Usage {
+            flag: "--out",
+            expected: "a file name that ends in .toml".into(),
+            got: out.display().to_string(),
+        });
+    }
+    output::check(&[("--out", args.out.as_deref())], args.force)?;
     let vehicle = find(&args.vehicle)?;
     let (log, report) = FlightLog::open(&args.file, args.mapping.as_deref())?;
     for warning in report.warnings() {
@@ -20,13 +29,6 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
     }
     let found = identify(&log, &vehicle, &Options { dynamics: args.dynamics.clone() })?;
     let better = match &args.out {
-        Some(out) if out.extension().is_none_or(|e| e != "toml") => {
-            return Err(Error::Usage {
-                flag: "--out",
-                expected: "a file name that ends in .toml".into(),
-                got: out.display().to_string(),
-            });
-        }
         Some(out) => Some((out, found.vehicle_for_any_folder(&vehicle, &today())?)),
         None => None,
     };
@@ -36,7 +38,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
         print(&found)?;
     }
     if let Some((out, better)) = better {
-        std::fs::write(out, better.to_toml()).map_err(io_error(out))?;
+        output::write("--out", out, better.to_toml().as_bytes(), args.force)?;
         if !args.json {
             print(format_args!("\nwrote {}", out.display()))?;
         }

@@ -4,6 +4,7 @@ use super::{print, print_json};
 use crate::Result;
 use crate::cli::args::{FromDatasetArgs, LogArgs, LogCheckArgs, LogCommand, LogConvertArgs};
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::dataset::Dataset;
 use crate::flight::{FlightLog, Severity, check};
 use serde_json::json;
@@ -40,11 +41,18 @@ fn check_logs(args: &LogCheckArgs) -> Result<Outcome> {
 }
 
 fn convert(args: &LogConvertArgs) -> Result<Outcome> {
+    may_save(&args.out, args.force)?;
     save(&FlightLog::load(&args.file, args.mapping.as_deref())?, &args.out)
 }
 
 fn from_dataset(args: &FromDatasetArgs) -> Result<Outcome> {
+    may_save(&args.out, args.force)?;
     save(&Dataset::open(&args.dir)?.world(args.world)?.flight_log(args.drone)?, &args.out)
+}
+
+fn may_save(out: &Path, force: bool) -> Result<()> {
+    output::check(&[("--out", Some(out))], force)?;
+    Ok(FlightLog::may_save(out)?)
 }
 
 fn save(log: &FlightLog, out: &Path) -> Result<Outcome> {

@@ -3,6 +3,7 @@
 pub mod add;
 pub mod bench;
 pub mod compare;
+pub mod dataset;
 pub mod depth;
 pub mod diagnose;
 pub mod drones;
@@ -11,7 +12,6 @@ pub mod fly;
 pub mod identify;
 pub mod log;
 pub mod remove;
-mod report;
 pub mod scene;
 pub mod urdf;
 pub mod vehicle;

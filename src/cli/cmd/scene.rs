@@ -1,8 +1,9 @@
 //! `propwash scene`: check a scene, make a new one.
 
-use super::{io_error, print, print_json};
+use super::{print, print_json};
 use crate::cli::args::{LintArgs, NewArgs, NewScene, SceneArgs, SceneCommand};
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::scene::generate::{
     self, BoxesOptions, CorridorOptions, ForestOptions, GenerateError, RoomsOptions, TrackOptions,
 };
@@ -30,7 +31,13 @@ fn check(args: &LintArgs) -> Result<Outcome> {
 }
 
 fn new(kind: &NewScene) -> Result<Outcome> {
-    let (common, text) = match kind {
+    let (NewScene::Forest { common, .. }
+    | NewScene::Corridor { common, .. }
+    | NewScene::Boxes { common, .. }
+    | NewScene::Track { common, .. }
+    | NewScene::Rooms { common, .. }) = kind;
+    output::check(&[("--out", Some(&common.out))], common.force)?;
+    let text = match kind {
         NewScene::Forest { common, trees, rocks, logs, extent, clearing, gap } => {
             let d = ForestOptions::default();
             let options = ForestOptions {
@@ -43,7 +50,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
                 min_gap_m: gap.unwrap_or(d.min_gap_m),
             };
-            (common, generate::forest(&options).map_err(named)?)
+            generate::forest(&options).map_err(named)?
         }
         NewScene::Corridor { common, gates, length, width, height } => {
             let d = CorridorOptions::default();
@@ -55,7 +62,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 width_m: width.unwrap_or(d.width_m),
                 height_m: height.unwrap_or(d.height_m),
             };
-            (common, generate::corridor(&options).map_err(named)?)
+            generate::corridor(&options).map_err(named)?
         }
         NewScene::Boxes { common, count, extent, clearing, gap } => {
             let d = BoxesOptions::default();
@@ -67,7 +74,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 clearing_radius_m: clearing.unwrap_or(d.clearing_radius_m),
                 min_gap_m: gap.unwrap_or(d.min_gap_m),
             };
-            (common, generate::boxes(&options).map_err(named)?)
+            generate::boxes(&options).map_err(named)?
         }
         NewScene::Track { common, gates, posts, radius, bend } => {
             let d = TrackOptions::default();
@@ -79,7 +86,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 radius_m: radius.unwrap_or(d.radius_m),
                 bend: bend.unwrap_or(d.bend),
             };
-            (common, generate::track(&options).map_err(named)?)
+            generate::track(&options).map_err(named)?
         }
         NewScene::Rooms { common, columns, rows, things, room, door, height } => {
             let d = RoomsOptions::default();
@@ -93,7 +100,7 @@ fn new(kind: &NewScene) -> Result<Outcome> {
                 door_m: door.unwrap_or(d.door_m),
                 height_m: height.unwrap_or(d.height_m),
             };
-            (common, generate::rooms(&options).map_err(named)?)
+            generate::rooms(&options).map_err(named)?
         }
     };
     write(common, &text)
@@ -142,7 +149,7 @@ fn named(error: GenerateError) -> Error {
 }
 
 fn write(args: &NewArgs, text: &str) -> Result<Outcome> {
-    std::fs::write(&args.out, text).map_err(io_error(&args.out))?;
+    output::write("--out", &args.out, text.as_bytes(), args.force)?;
     print(format_args!("wrote {} ({} geoms)", args.out.display(), text.matches("<geom ").count()))?;
     Ok(Outcome::Fine)
 }

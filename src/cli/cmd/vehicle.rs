@@ -23,7 +23,7 @@ pub fn text_of(name: &str) -> Result<String> {
     if is_file(name) {
         // Read as a vehicle first, so that a file that is none is refused in the words of all commands.
         Vehicle::load(name)?;
-        return std::fs::read_to_string(name).map_err(io_error(Path::new(name)));
+        return crate::flight::files::read_text(Path::new(name)).map_err(io_error(Path::new(name)));
     }
     Ok(Vehicle::builtin_file(name)?.to_string())
 }

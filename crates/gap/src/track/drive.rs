@@ -64,20 +64,17 @@ pub(super) fn choose_drive(
 ) -> Result<(Drive, &'static str, Inputs), GapError> {
     let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
     let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
-    // The most detailed attitude response in the file.
-    let response = DYNAMICS[1..].iter().rev().find(|d| vehicle.drone(d).is_ok());
+    let response = Drive::AttitudeCommands.dynamics(vehicle) != DYNAMICS[0];
     let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
     let has = |drive: Drive| match drive {
         Drive::RotorSpeeds => full(&log.rotor_speed_rad_s),
         Drive::RotorCommands => full(&log.cmd_rotor_rad_s),
         Drive::AttitudeCommands => {
-            response.is_some() && log.cmd_attitude_rad.len() >= 50 && log.cmd_thrust_n.len() >= 50
+            response && log.cmd_attitude_rad.len() >= 50 && log.cmd_thrust_n.len() >= 50
         }
         Drive::Thrust => thrust.is_some(),
     };
-    // Commands first: they are known exactly. A thrust comes last: it carries no torques.
-    let order = [Drive::RotorCommands, Drive::RotorSpeeds, Drive::AttitudeCommands, Drive::Thrust];
-    let available: Vec<&str> = order.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
+    let available: Vec<&str> = Drive::ALL.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
     let fault = |expected: String| {
         let mut found = if available.is_empty() { "none of them".into() } else { available.join(", ") };
         for (what, list) in [("rotor", &log.rotor_speed_rad_s), ("cmd_rotor", &log.cmd_rotor_rad_s)] {
@@ -96,27 +93,24 @@ pub(super) fn choose_drive(
     let drive = match options.drive {
         Some(drive) if has(drive) => drive,
         Some(drive) => return Err(fault(drive.title().into())),
-        None => order.into_iter().find(|d| has(*d)).ok_or_else(|| {
+        None => Drive::ALL.into_iter().find(|d| has(*d)).ok_or_else(|| {
             fault("rotor speeds, rotor commands, attitude and thrust commands, or a thrust".into())
         })?,
     };
     let mut inputs = Inputs { rotors: Vec::new(), attitude: Channel::default(), thrust: Channel::default() };
-    let dynamics = match drive {
+    match drive {
         Drive::RotorSpeeds => {
             let measured = not_held(&log.rotor_speed_rad_s, "rotor speeds", warnings);
             for (i, c) in measured.iter().enumerate() {
                 inputs.rotors.push(without_spikes(c, &format!("rotor{}", i + 1), warnings));
             }
-            DYNAMICS[0]
         }
         Drive::RotorCommands => {
             inputs.rotors = log.cmd_rotor_rad_s.clone();
-            DYNAMICS[0]
         }
         Drive::AttitudeCommands => {
             inputs.attitude = log.cmd_attitude_rad.clone();
             inputs.thrust = log.cmd_thrust_n.clone();
-            response.copied().unwrap_or(DYNAMICS[0])
         }
         Drive::Thrust => {
             inputs.thrust = thrust.cloned().unwrap_or_default();
@@ -127,10 +121,9 @@ pub(super) fn choose_drive(
                 let measured = not_held(std::slice::from_ref(&inputs.thrust), "thrust", warnings);
                 inputs.thrust = measured.into_iter().next().unwrap_or_default();
             }
-            DYNAMICS[0]
         }
-    };
-    Ok((drive, dynamics, inputs))
+    }
+    Ok((drive, drive.dynamics(vehicle), inputs))
 }
 
 /// Removes samples of measured inputs that only repeat the previous one, for all inputs together if they were sampled

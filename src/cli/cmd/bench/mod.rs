@@ -7,14 +7,14 @@ use super::{io_error, print};
 use crate::cli::args::BenchArgs;
 use crate::cli::bench_args::{PartArg, PrecisionArg};
 use crate::cli::exit::Outcome;
+use crate::cli::output;
 use crate::scalar::lanes::{Number, level_name};
 use crate::scene::mujoco_version;
 use crate::{Error, Result};
 use fleet::{Fleet, Job, STEPS, STEPS_PER_FRAME};
 use measure::{Rate, figure, load, peak_mib, processor, rate, seconds};
 use serde_json::{Value, json};
-use std::fs::File;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Instant;
@@ -74,6 +74,7 @@ fn check(args: &BenchArgs) -> Result<()> {
     if !(1..=MAX_WORLDS).contains(&args.sensing_worlds) {
         return refuse("--sensing-worlds", format!("1 to {MAX_WORLDS}"), args.sensing_worlds);
     }
+    output::check(&[("--json", args.json.as_deref())], args.force)?;
     match args.threads {
         Some(n) if !(1..=MAX_THREADS).contains(&n) => refuse("--threads", format!("1 to {MAX_THREADS}"), n),
         _ => Ok(()),
@@ -213,8 +214,9 @@ fn memory(args: &BenchArgs, report: &mut Report) -> Result<()> {
 
 /// The table as it grows, and the same as JSON.
 struct Report<'a> {
-    /// Opened before anything is measured.
-    file: Option<(&'a Path, File)>,
+    file: Option<&'a Path>,
+    /// Whether it may replace another.
+    force: bool,
     head: Value,
     rows: Vec<Value>,
     warnings: Vec<String>,
@@ -222,10 +224,6 @@ struct Report<'a> {
 
 impl<'a> Report<'a> {
     fn new(args: &'a BenchArgs, job: &Job, cores: usize) -> Result<Self> {
-        let file = match &args.json {
-            None => None,
-            Some(path) => Some((path.as_path(), File::create(path).map_err(io_error(path))?)),
-        };
         let precision = match args.precision {
             PrecisionArg::F32 => "f32",
             PrecisionArg::F64 => "f64",
@@ -259,7 +257,13 @@ impl<'a> Report<'a> {
             "geoms": job.scene().geoms().len(), "width": width, "height": height,
             "steps_per_call": STEPS, "sim_hz": SIM_HZ, "steps_per_frame": STEPS_PER_FRAME,
         });
-        Ok(Self { file, head, rows: Vec::new(), warnings: job.scene().warnings().to_vec() })
+        Ok(Self {
+            file: args.json.as_deref(),
+            force: args.force,
+            head,
+            rows: Vec::new(),
+            warnings: job.scene().warnings().to_vec(),
+        })
     }
 
     /// A rate of something; `seconds` of flight that one of it stands for.
@@ -320,11 +324,11 @@ impl<'a> Report<'a> {
         for warning in &self.warnings {
             eprintln!("warning: {warning}");
         }
-        let Some((path, mut file)) = self.file else { return Ok(()) };
+        let Some(path) = self.file else { return Ok(()) };
         let mut all = self.head;
         all["rows"] = json!(self.rows);
         all["warnings"] = json!(self.warnings);
-        writeln!(file, "{all:#}").map_err(io_error(path))
+        output::write("--json", path, format!("{all:#}\n").as_bytes(), self.force)
     }
 }
 
