@@ -1,6 +1,6 @@
 //! What MuJoCo keeps for the whole process: its parser and compiler, its memory of assets, its log, its plugins.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::ffi::CStr;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicPtr, Ordering};
@@ -16,8 +16,7 @@ use super::workers::Guard;
 /// One scene is built at a time.
 static BUILD: Mutex<()> = Mutex::new(());
 
-/// The right to build a scene. MuJoCo's log is listened to as long as it lives: of this thread alone, since the program around may use
-/// MuJoCo in others. What had the log before gets their messages, and the log itself afterwards.
+/// The right to build a scene.
 pub(super) struct Building {
     _lock: MutexGuard<'static, ()>,
 }
@@ -25,19 +24,33 @@ pub(super) struct Building {
 thread_local! {
     /// Warnings that MuJoCo gave to this thread, while it builds.
     static HEARD: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
+    /// Whether this thread is inside a call of MuJoCo that we make.
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// The handler of the log before, null for MuJoCo's own.
+/// The handler of the log before ours, null for MuJoCo's own.
 static BEFORE: AtomicPtr<()> = AtomicPtr::new(std::ptr::null_mut());
+
+/// Runs `work`, which calls MuJoCo: what the log says meanwhile in this thread is ours, and comes back through return values.
+pub(super) fn inside<T>(work: impl FnOnce() -> T) -> T {
+    let before = INSIDE.replace(true);
+    let done = work();
+    INSIDE.set(before);
+    done
+}
 
 impl Building {
     /// Waits for its turn.
     pub(super) fn begin() -> Self {
         let lock = BUILD.lock().unwrap_or_else(PoisonError::into_inner);
         HEARD.with_borrow_mut(|heard| *heard = Some(Vec::new()));
+        // The log is MuJoCo's for the whole process, and the program around may use MuJoCo too: ours goes first, and passes on what
+        // other threads say. Without one MuJoCo writes MUJOCO_LOG.TXT into the current folder.
         // SAFETY: the handler is a function for the whole run; MuJoCo exchanges one pointer for another.
         let before = unsafe { ffi::mju_setLogHandler(Some(listen)) };
-        BEFORE.store(before.map_or(std::ptr::null_mut(), |f| f as *mut ()), Ordering::Release);
+        if before.is_none_or(|f| f as *mut () != listen as *mut ()) {
+            BEFORE.store(before.map_or(std::ptr::null_mut(), |f| f as *mut ()), Ordering::Release);
+        }
         // A mesh that MuJoCo remembers from another scene comes out other than one that it reads, and the model, with its hash, would
         // depend on what was built before.
         // SAFETY: the cache is MuJoCo's own, which locks it; models hold copies of what it holds.
@@ -65,14 +78,6 @@ impl Building {
 
 impl Drop for Building {
     fn drop(&mut self) {
-        // SAFETY: the handler that is put back was there before.
-        unsafe {
-            let now = ffi::mju_setLogHandler(before());
-            // Someone else took the log meanwhile: it stays theirs.
-            if now.is_none_or(|f| f as *mut () != listen as *mut ()) {
-                ffi::mju_setLogHandler(now);
-            }
-        }
         HEARD.with_borrow_mut(|heard| *heard = None);
     }
 }
@@ -86,14 +91,10 @@ fn before() -> ffi::mjfLogHandler {
 
 unsafe extern "C" fn listen(message: *const MjLogMessage) {
     // SAFETY: MuJoCo hands over a message that lives until the handler returns, its subject terminated.
-    let (level, subject) = unsafe {
-        let message = &*message;
-        (message.level(), message.subject().to_string())
-    };
-    let is_ours = HEARD.with_borrow(Option::is_some);
-    if let (false, Some(before)) = (is_ours, before()) {
-        // SAFETY: whoever had the log before takes such messages.
-        return unsafe { before(message) };
+    let (level, subject) = unsafe { ((*message).level(), (*message).subject()) };
+    let builds = HEARD.with_borrow(Option::is_some);
+    if !builds && !INSIDE.get() {
+        return pass_on(message, level);
     }
     match level {
         MjtLogLevel::mjLOG_ERROR => {
@@ -101,11 +102,26 @@ unsafe extern "C" fn listen(message: *const MjLogMessage) {
             // It would go on in a broken state.
             std::process::exit(1);
         }
-        MjtLogLevel::mjLOG_WARNING if is_ours => {
-            HEARD.with_borrow_mut(|heard| heard.as_mut().map(|heard| heard.push(subject)));
+        MjtLogLevel::mjLOG_WARNING => {
+            HEARD.with_borrow_mut(|heard| heard.as_mut().map(|heard| heard.push(subject.to_string())));
         }
-        MjtLogLevel::mjLOG_WARNING => eprintln!("WARNING: {subject}"),
         _ => {}
+    }
+}
+
+/// Gives a message that is not ours to whoever had the log before.
+fn pass_on(message: *const MjLogMessage, level: MjtLogLevel) {
+    // SAFETY: whoever had the log before takes such messages. MuJoCo's own handler has no name: it answers where there is no other. An
+    // error does not come back; the next scene that is built puts our handler in its place again.
+    unsafe {
+        if let Some(before) = before() {
+            return before(message);
+        }
+        ffi::mju_setLogHandler(None);
+        ffi::mju_message(message);
+        if level != MjtLogLevel::mjLOG_ERROR {
+            ffi::mju_setLogHandler(Some(listen));
+        }
     }
 }
 

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::{MjModel, MjSpec};
 
-use super::engine::Building;
+use super::engine::{self, Building};
 use super::kinematics::Moved;
 use super::model::{ObstacleKind, slice};
 use super::sync;
@@ -100,7 +100,9 @@ impl Guard {
         }
         let mut work = work;
         // SAFETY: the batch lives as long as self and runs the function once, on this thread (nthread = 1).
-        let failed = unsafe { mjb_apply(self.batch, ptr::null(), 0, call::<F>, (&raw mut work).cast(), 0) };
+        let failed = engine::inside(|| unsafe {
+            mjb_apply(self.batch, ptr::null(), 0, call::<F>, (&raw mut work).cast(), 0)
+        });
         if failed == 0 {
             return Ok(());
         }
