@@ -169,6 +169,59 @@ fn wrong_command_lines_are_refused_in_one_line() {
 }
 
 #[test]
+fn what_was_meant_by_a_wrong_name_is_asked() {
+    let dir = tempfile::tempdir().unwrap();
+    let quad = write(dir.path(), "quad.toml", "no vehicle");
+    let mistyped = quad.replace("quad.toml", "qaud.toml");
+    let refusals: [(&str, &[&str], &str); 5] = [
+        ("drones cf2x_L251", &[], "did you mean `cf2x_L250`?"),
+        ("compare log.csv --vehicle", &[&mistyped], "quad.toml`?"),
+        ("remove linear_darg --vehicle cf2x_L250 --out", &[&mistyped], "did you mean `linear_drag`?"),
+        ("log check", &[&mistyped], "quad.toml`?"),
+        ("scene lint", &[&mistyped], "quad.toml`?"),
+    ];
+    for (line, more, asked) in refusals {
+        refused(line, more, &[asked]);
+    }
+    // One word for one thing: both names of a vehicle's flag are taken everywhere.
+    refused("compare no.csv --drone cf2x_L250", &[], &["no.csv"]);
+    refused("fly --scene forest --vehicle cf2x_L251 --out", &[&mistyped], &["did you mean"]);
+}
+
+#[test]
+fn a_vehicle_file_beside_a_log_of_its_name_is_no_mapping() {
+    let dir = tempfile::tempdir().unwrap();
+    let log = write(dir.path(), "quad.csv", "t,px,py,pz\n0,0,0,1\n0.01,0,0,1\n0.02,0,0,1\n");
+    fs::copy(format!("{}/params/cf2x_L250.toml", env!("CARGO_MANIFEST_DIR")), dir.path().join("quad.toml"))
+        .unwrap();
+    let report = text(&propwash("log check", &[&log]).stdout);
+    assert!(report.contains("quad.csv") && !report.contains("mapping"), "{report}");
+}
+
+#[test]
+fn a_picture_is_written_under_the_ending_that_it_has() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("depth.jpg").display().to_string();
+    refused(
+        "depth --scene forest --pos 0,0,1 --look 1,0,0 --out",
+        &[&out],
+        &["--out", "ends in .png", "depth.jpg"],
+    );
+    assert!(!Path::new(&out).exists());
+}
+
+#[test]
+fn shells_complete_every_command() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let script = expect("completions", &[shell], 0);
+        for command in ["diagnose", "excite", "identify"] {
+            assert!(script.contains(command), "{shell}: no {command}");
+        }
+    }
+    refused("completions csh", &[], &["csh", "bash"]);
+}
+
+#[test]
 fn impossible_numbers_are_refused_with_the_flag_and_what_it_may_be() {
     let cases: [(&[&str], &[&str]); 36] = [
         (&["--size", "99999x1"], &["--size", "1 to 8192", "99999x1"]),

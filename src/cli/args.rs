@@ -148,6 +148,23 @@ pub enum Command {
     /// Measure the speed of this machine: steps, depth images, contacts, clearances, and all of them together.
     #[command(after_help = BENCH_EXAMPLES, allow_negative_numbers = true)]
     Bench(BenchArgs),
+    /// Print what completes the words of this program in a shell, to be put where the shell looks for it.
+    #[command(after_help = COMPLETIONS_EXAMPLES)]
+    Completions(CompletionsArgs),
+}
+
+const COMPLETIONS_EXAMPLES: &str = "\
+Examples:
+  propwash completions bash > ~/.local/share/bash-completion/completions/propwash
+  propwash completions zsh > \"${fpath[1]}/_propwash\"
+  propwash completions fish > ~/.config/fish/completions/propwash.fish";
+
+/// `propwash completions`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct CompletionsArgs {
+    /// The shell.
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
 }
 
 /// Ends the help of `propwash identify`.
@@ -180,7 +197,7 @@ pub struct IdentifyArgs {
     #[arg(long, default_value = "so_rpy_rotor_drag", value_name = "NAME")]
     pub dynamics: String,
     /// A built-in vehicle or a vehicle file: mass, gravity, and what cannot be identified.
-    #[arg(long, value_name = "V.toml")]
+    #[arg(long, visible_alias = "drone", value_name = "NAME|FILE")]
     pub vehicle: String,
     /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
     #[arg(long, value_name = "FILE")]
@@ -425,7 +442,7 @@ pub struct FlyArgs {
     #[arg(long, value_name = "NAME|FILE", required_unless_present = "config")]
     pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file. Repeat it for mixed vehicles in one world.
-    #[arg(long, value_name = "NAME|FILE", required_unless_present = "config")]
+    #[arg(long, visible_alias = "vehicle", value_name = "NAME|FILE", required_unless_present = "config")]
     pub drone: Vec<String>,
     /// Drones per world; the --drone list is used in turn. Default: as many as --drone names.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
@@ -867,7 +884,7 @@ pub struct RemoveArgs {
     /// Kind of the effect, such as linear_drag; all its entries are removed.
     pub effect: String,
     /// Vehicle to start from: a built-in name or a vehicle file.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, visible_alias = "drone", value_name = "NAME|FILE")]
     pub vehicle: String,
     /// Vehicle file to write.
     #[arg(long, value_name = "FILE")]
@@ -929,7 +946,7 @@ interval is as narrow as wanted, 1 at least one is not, 2 error.";
 #[derive(Clone, Debug, ClapArgs)]
 pub struct ExciteArgs {
     /// Vehicle: a built-in name or a vehicle file.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, visible_alias = "drone", value_name = "NAME|FILE")]
     pub vehicle: String,
     /// Effect to make visible, such as linear_drag or weak_rotor.2; weak_rotor alone means all rotors. Repeat it, or
     /// separate by commas.

@@ -40,7 +40,7 @@ pub struct BenchArgs {
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<PathBuf>,
     /// Vehicle: a built-in name or a vehicle file.
-    #[arg(long, value_name = "NAME|FILE", default_value = "cf2x_L250")]
+    #[arg(long, visible_alias = "vehicle", value_name = "NAME|FILE", default_value = "cf2x_L250")]
     pub drone: String,
     /// Shell (MJCF with a body named "drone") in place of the one that the vehicle file names.
     #[arg(long, value_name = "FILE")]

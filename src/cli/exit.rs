@@ -1,6 +1,7 @@
 //! Exit codes and how errors are printed.
 
 use crate::Error;
+use anstyle::AnsiColor;
 
 /// What a command came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,7 +20,7 @@ pub fn code(outcome: Result<Outcome, Error>) -> u8 {
         // A reader that has seen enough (`propwash … | head`) is no error.
         Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe => 0,
         Err(error) => {
-            eprintln!("error: {}", one_line(&error.to_string()));
+            complain(&one_line(&error.to_string()));
             2
         }
     }
@@ -30,18 +31,30 @@ pub fn code(outcome: Result<Outcome, Error>) -> u8 {
 pub fn refuse(message: &str, command: &str) -> u8 {
     let is_rest = |line: &str| line.starts_with("Usage:") || line.starts_with("For more information");
     let fault: Vec<&str> = message.lines().take_while(|line| !is_rest(line)).collect();
-    eprintln!("{}; `{command} --help` explains", one_line(&fault.join("\n")));
+    let fault = one_line(&fault.join("\n"));
+    complain(&format!("{}; `{command} --help` explains", fault.strip_prefix("error: ").unwrap_or(&fault)));
     2
 }
 
 /// Prints what a panic said as the error that it is, and gives the exit code.
 pub fn bug(said: &str) -> u8 {
-    eprintln!(
-        "error: this is a bug of Propwash: {}; please report it with the command line and its files at {}/issues",
-        one_line(said),
-        env!("CARGO_PKG_REPOSITORY")
-    );
+    complain(&format!(
+        "this is a bug of Propwash: {}; please report it with the command line and its files",
+        one_line(said)
+    ));
     2
+}
+
+/// Prints an error.
+fn complain(text: &str) {
+    let style = AnsiColor::Red.on_default().bold();
+    anstream::eprintln!("{style}error:{style:#} {text}");
+}
+
+/// Prints what the user should know, and what does not end the command.
+pub fn warn(text: &str) {
+    let style = AnsiColor::Yellow.on_default().bold();
+    anstream::eprintln!("{style}warning:{style:#} {text}");
 }
 
 /// The lines of a message as one line.

@@ -47,7 +47,7 @@ pub struct GapLogArgs {
 #[derive(Clone, Debug, Args)]
 pub struct ReadingArgs {
     /// Vehicle: a built-in name or a vehicle file.
-    #[arg(long, value_name = "NAME|FILE")]
+    #[arg(long, visible_alias = "drone", value_name = "NAME|FILE")]
     pub vehicle: String,
     /// What drives the model. Default: the first that log and vehicle have of rotor commands, measured rotor speeds,
     /// attitude and thrust commands, thrust.

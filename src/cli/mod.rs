@@ -7,6 +7,7 @@ mod exit;
 mod gap_args;
 mod gap_logs;
 mod output;
+mod progress;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
@@ -80,6 +81,7 @@ fn parse_and_run(line: &[OsString]) -> u8 {
         args::Command::Add(a) => cmd::add::run(&a),
         args::Command::Excite(a) => cmd::excite::run(&a),
         args::Command::Bench(a) => cmd::bench::run(&a),
+        args::Command::Completions(a) => cmd::completions::run(&a),
     };
     exit::code(outcome)
 }

@@ -134,6 +134,12 @@ pub(crate) struct ClockFault {
     pub time_s: f64,
 }
 
+/// Whether a file is one of a vehicle, which no mapping is: it has a body.
+fn is_vehicle(path: &Path) -> bool {
+    let text = files::read(path).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+    text.and_then(|text| text.parse::<toml::Table>().ok()).is_some_and(|table| table.contains_key("body"))
+}
+
 /// Says of a mapping that nobody has named why it is read at all: a vehicle file of the log's name is not meant as one.
 fn beside_the_log(e: FlightError) -> FlightError {
     match e {
@@ -151,7 +157,7 @@ fn beside_the_log(e: FlightError) -> FlightError {
 
 impl FlightLog {
     /// Reads a log. Its mapping is `mapping`, else the file of the same name with the ending `.toml` where there is
-    /// one, else none. The format follows from the mapping, else from the ending (`.csv`, `.txt`, `.parquet`, `.ulg`).
+    /// one that is no vehicle file, else none. The format follows from the mapping, else from the ending (`.csv`, `.txt`, `.parquet`, `.ulg`).
     ///
     /// # Errors
     /// [`FlightError`] where the file cannot be read as numbers under known names. Whether the numbers can be right is
@@ -160,7 +166,9 @@ impl FlightLog {
         let beside = path.with_extension("toml");
         let mapping = match mapping {
             Some(path) => Some(Mapping::load(path)?),
-            None if beside.is_file() => Some(Mapping::load(&beside).map_err(beside_the_log)?),
+            None if beside.is_file() && !is_vehicle(&beside) => {
+                Some(Mapping::load(&beside).map_err(beside_the_log)?)
+            }
             None => None,
         };
         Self::load_with(path, mapping.as_ref())

@@ -10,6 +10,7 @@ use edit::{
 use propwash_flight::files;
 use propwash_physics::effects::{AnyEffect, kinds};
 use propwash_physics::params::Parameters;
+use propwash_trace::names::of_list;
 use propwash_vehicle::effects::{named_parameters, out_of_range};
 use propwash_vehicle::{DYNAMICS, Vehicle, VehicleError};
 use std::collections::{BTreeMap, BTreeSet};
@@ -91,7 +92,10 @@ pub enum AcceptError {
         found: String,
     },
     /// The effect to remove is not there.
-    #[error("{file}: expected the effect `{kind}`, found {present}; correct the name")]
+    #[error(
+        "{file}: expected the effect `{kind}`, found {present}; correct the name{}",
+        of_list(kind, present)
+    )]
     NoEffect {
         /// File or name of the vehicle.
         file: String,

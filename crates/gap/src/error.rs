@@ -2,6 +2,7 @@
 
 use crate::accept::AcceptError;
 use propwash_flight::FlightError;
+use propwash_trace::names::of_list;
 use propwash_vehicle::VehicleError;
 
 /// What can go wrong on the way from files of flights to a completed vehicle: an error of one of its steps.
@@ -53,7 +54,7 @@ pub enum GapError {
         remedy: String,
     },
     /// An unknown name.
-    #[error("`{name}` is no {what}; there are {known}")]
+    #[error("`{name}` is no {what}; there are {known}{}", of_list(name, known))]
     Unknown {
         /// The requested name.
         name: String,

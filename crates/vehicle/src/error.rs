@@ -1,5 +1,6 @@
 //! What can go wrong with a vehicle.
 
+use propwash_trace::names::{of_file, of_list};
 use std::path::PathBuf;
 
 /// Errors of vehicle files and of URDF import. Each says what was expected, what was found, where, and what to do.
@@ -7,7 +8,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum VehicleError {
     /// A file could not be read.
-    #[error("{}: cannot be read ({reason}): check the path and its permissions", path.display())]
+    #[error("{}: cannot be read ({reason}): check the path and its permissions{}", path.display(), of_file(path))]
     Read {
         /// The file.
         path: PathBuf,
@@ -16,7 +17,8 @@ pub enum VehicleError {
     },
     /// No vehicle of that name is built in.
     #[error(
-        "no built-in vehicle is called `{name}`: expected one of {known}; a vehicle file of your own is loaded by its path"
+        "no built-in vehicle is called `{name}`: expected one of {known}; a vehicle file of your own is loaded by its path{}",
+        of_list(name, known)
     )]
     UnknownVehicle {
         /// The name asked for.
@@ -25,7 +27,10 @@ pub enum VehicleError {
         known: String,
     },
     /// No dynamics of that name exist.
-    #[error("no dynamics are called `{name}`: expected one of {known}; correct the name")]
+    #[error(
+        "no dynamics are called `{name}`: expected one of {known}; correct the name{}",
+        of_list(name, known)
+    )]
     UnknownDynamics {
         /// The name asked for.
         name: String,

@@ -5,6 +5,7 @@ use super::{print, print_json};
 use crate::cli::exit::Outcome;
 use crate::cli::gap_args::CompareArgs;
 use crate::cli::output;
+use crate::cli::progress::waiting;
 use crate::gap::compare::{Axes, Comparison, Horizon, LogComparison, Pooled};
 use crate::gap::report::Report;
 use crate::gap::{GapError, compare};
@@ -14,8 +15,8 @@ use crate::{Error, Result};
 pub fn run(args: &CompareArgs) -> Result<Outcome> {
     refuse_log("--report", args.report.as_deref(), &args.logs.logs, &[])?;
     output::check(&[("--report", args.report.as_deref())], args.force)?;
-    let (vehicle, tracks) = args.logs.open()?;
-    let comparison = compare(&tracks, &vehicle)?;
+    let (vehicle, tracks) = waiting("reading", || args.logs.open())?;
+    let comparison = waiting("comparing", || compare(&tracks, &vehicle))?;
     if let Some(path) = &args.report {
         let page = Report::with_flights(&comparison, &tracks, &vehicle)?;
         output::report("--report", path, page.html().as_bytes(), args.force)?;

@@ -3,7 +3,7 @@
 use super::{print, print_json};
 use crate::arena::CameraConfig;
 use crate::cli::args::DepthArgs;
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
 use crate::dataset::{Picture, depth_png};
 use crate::math::vec3;
@@ -13,6 +13,7 @@ use crate::{Error, Result};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use serde_json::json;
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Vertical angle of view of a camera that is given by --pos and --look, degrees.
 const FOVY_DEG: f64 = 60.0;
@@ -20,6 +21,12 @@ const FOVY_DEG: f64 = 60.0;
 /// Runs the command.
 pub fn run(args: &DepthArgs) -> Result<Outcome> {
     output::check(&[("--out", Some(&args.out)), ("--preview", args.preview.as_deref())], args.force)?;
+    let pictures = [("--out", Some(&args.out)), ("--preview", args.preview.as_ref())];
+    let other = |path: &Path| path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("png"));
+    if let Some((flag, Some(path))) = pictures.into_iter().find(|(_, path)| path.is_some_and(|p| other(p))) {
+        let expected = "a file name that ends in .png, which is what is written".into();
+        return Err(Error::Usage { flag, expected, got: path.display().to_string() });
+    }
     let scene = Scene::build(&SceneSource::file(&args.scene), &[])?;
     let camera = match &args.camera {
         Some(name) => Camera::from_scene(&scene, name)?,
@@ -62,7 +69,7 @@ pub fn run(args: &DepthArgs) -> Result<Outcome> {
         return Ok(Outcome::Fine);
     }
     for warning in scene.warnings() {
-        eprintln!("warning: {warning}");
+        warn(&warning);
     }
     print(format_args!(
         "wrote {} ({} × {}): {} pixels hit, {} hit nothing, {} beyond {} m, {} nearer than {} m",

@@ -3,7 +3,7 @@
 use super::{io_error, print, print_json};
 use crate::arena::{DroneConfig, FlightPattern, SceneConfig, SimConfig, VehicleSource};
 use crate::cli::args::FlyArgs;
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::dataset::recorder::{self, Flight, FlightConfig, Recorded};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
@@ -222,10 +222,10 @@ fn report(args: &FlyArgs, recorded: &Recorded) -> Result<()> {
         }));
     }
     for warning in &recorded.warnings {
-        eprintln!("warning: {warning}");
+        warn(&warning);
     }
     if s.n_quarantined > 0 {
-        eprintln!("warning: {} quarantined; world.json says why", count(s.n_quarantined as u64, "world"));
+        warn(&format!("{} quarantined; world.json says why", count(s.n_quarantined as u64, "world")));
     }
     let there = match recorded.n_resumed {
         0 => String::new(),

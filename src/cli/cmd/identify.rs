@@ -3,7 +3,7 @@
 use super::drones::find;
 use super::{print, print_json};
 use crate::cli::args::{IdentifyArgs, ModelArg};
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
 use crate::flight::FlightLog;
 use crate::gap::attitude_model::{Options, identify};
@@ -25,7 +25,7 @@ pub fn run(args: &IdentifyArgs) -> Result<Outcome> {
     let vehicle = find(&args.vehicle)?;
     let (log, report) = FlightLog::open(&args.file, args.mapping.as_deref())?;
     for warning in report.warnings() {
-        eprintln!("warning: {warning}");
+        warn(&warning);
     }
     let found = identify(&log, &vehicle, &Options { dynamics: args.dynamics.clone() })?;
     let better = match &args.out {

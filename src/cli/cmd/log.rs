@@ -3,8 +3,9 @@
 use super::{print, print_json};
 use crate::Result;
 use crate::cli::args::{FromDatasetArgs, LogArgs, LogCheckArgs, LogCommand, LogConvertArgs};
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
+use crate::cli::progress::waiting;
 use crate::dataset::Dataset;
 use crate::flight::{FlightLog, Severity, check};
 use serde_json::json;
@@ -23,7 +24,8 @@ fn check_logs(args: &LogCheckArgs) -> Result<Outcome> {
     let mut worst = Severity::Info;
     let mut reports = Vec::new();
     for (i, file) in args.files.iter().enumerate() {
-        let report = check(&FlightLog::load(file, args.mapping.as_deref())?);
+        let log = waiting("reading", || FlightLog::load(file, args.mapping.as_deref()))?;
+        let report = check(&log);
         worst = worst.max(report.verdict);
         if args.json {
             reports.push(report);
@@ -57,7 +59,7 @@ fn may_save(out: &Path, force: bool) -> Result<()> {
 
 fn save(log: &FlightLog, out: &Path) -> Result<Outcome> {
     for warning in &log.warnings {
-        eprintln!("warning: {warning}");
+        warn(&warning);
     }
     log.save(out)?;
     print(format_args!("wrote {} ({:.1} s)", out.display(), log.duration_s))?;

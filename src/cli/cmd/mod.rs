@@ -3,6 +3,7 @@
 pub mod add;
 pub mod bench;
 pub mod compare;
+pub mod completions;
 pub mod dataset;
 pub mod depth;
 pub mod diagnose;

@@ -4,6 +4,7 @@ use super::{print, print_json};
 use crate::cli::args::{LintArgs, NewArgs, NewScene, SceneArgs, SceneCommand};
 use crate::cli::exit::Outcome;
 use crate::cli::output;
+use crate::cli::progress::waiting;
 use crate::scene::generate::{
     self, BoxesOptions, CorridorOptions, ForestOptions, GenerateError, RoomsOptions, TrackOptions,
 };
@@ -20,7 +21,8 @@ pub fn run(args: &SceneArgs) -> Result<Outcome> {
 }
 
 fn check(args: &LintArgs) -> Result<Outcome> {
-    let report = lint(&SceneSource::file(&args.file), args.spawn, args.spawn_radius)?;
+    let source = SceneSource::file(&args.file);
+    let report = waiting("looking at the scene", || lint(&source, args.spawn, args.spawn_radius))?;
     if args.json {
         print_json(&json!(report))?;
     } else {

@@ -3,7 +3,7 @@
 use super::{io_error, print};
 use crate::Result;
 use crate::cli::args::UrdfArgs;
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
 use crate::vehicle::urdf::{UrdfOptions, from_urdf, obstacle_from_urdf};
 
@@ -36,7 +36,7 @@ pub fn run(args: &UrdfArgs) -> Result<Outcome> {
         print(format_args!("wrote {}", path.display()))?;
     }
     for warning in warnings {
-        eprintln!("warning: {warning}");
+        warn(&warning);
     }
     Ok(Outcome::Fine)
 }

@@ -5,7 +5,7 @@ use super::drones::{find, is_file};
 use super::{io_error, print, print_json};
 use crate::Result;
 use crate::cli::args::{VehicleArgs, VehicleCommand, VehicleDiffArgs};
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::gap::accept;
 use crate::vehicle::{ParameterDiff, Vehicle, VehicleDiff, diff};
 use serde_json::json;
@@ -34,12 +34,12 @@ pub fn save(from: &str, text: &str, out: &Path, force: bool) -> Result<()> {
     accept::write(out, text, force)?;
     let shell = Vehicle::load(out)?.shell_path();
     if let Some(shell) = shell.filter(|shell| !shell.exists()) {
-        eprintln!(
-            "warning: the shell of {from} is named relative to its file and is not at {}: copy it there, or write its \
+        warn(&format!(
+            "the shell of {from} is named relative to its file and is not at {}: copy it there, or write its \
              path into {}",
             shell.display(),
             out.display()
-        );
+        ));
     }
     print(format_args!("wrote {}", out.display()))
 }

@@ -6,7 +6,7 @@ mod measure;
 use super::{io_error, print};
 use crate::cli::args::BenchArgs;
 use crate::cli::bench_args::{PartArg, PrecisionArg};
-use crate::cli::exit::Outcome;
+use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
 use crate::scalar::lanes::{Number, level_name};
 use crate::scene::mujoco_version;
@@ -322,7 +322,7 @@ impl<'a> Report<'a> {
 
     fn end(self) -> Result<()> {
         for warning in &self.warnings {
-            eprintln!("warning: {warning}");
+            warn(&warning);
         }
         let Some(path) = self.file else { return Ok(()) };
         let mut all = self.head;
