@@ -20,6 +20,7 @@ from .sim import DroneLike, Dynamics, SceneKind, SceneLike, _path, _plain, _read
 
 Pattern = Literal["lissajous", "circle", "hover"]
 CameraName = Literal["fpv", "down"]
+AttitudeDynamics = Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"]
 
 
 @dataclass(frozen=True)
@@ -376,7 +377,7 @@ def identify(
     vehicle: str | os.PathLike[str] | Vehicle,
     out: str | os.PathLike[str] | None = None,
     *,
-    dynamics: Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"] = "so_rpy_rotor_drag",
+    dynamics: AttitudeDynamics = "so_rpy_rotor_drag",
     mapping: str | os.PathLike[str] | None = None,
 ) -> Identification:
     """Identifies the attitude model of a vehicle from a flight log, with intervals, as ``propwash identify`` does (docs/identify.md).
