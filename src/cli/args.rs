@@ -972,3 +972,30 @@ pub struct ExciteArgs {
     #[arg(long)]
     pub json: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Args;
+    use crate::scene::SCENES;
+
+    /// Arguments of a command and of those under it that name a scene, with their help.
+    fn scenes_of(command: &clap::Command) -> Vec<(String, String)> {
+        let help = |arg: &clap::Arg| arg.get_help().map(ToString::to_string).unwrap_or_default();
+        let own = command.get_arguments().filter(|arg| help(arg).starts_with("Scene: "));
+        let own = own.map(|arg| (format!("{} {}", command.get_name(), arg.get_id()), help(arg)));
+        own.chain(command.get_subcommands().flat_map(scenes_of)).collect()
+    }
+
+    #[test]
+    fn help_names_the_scenes_that_there_are() {
+        let found = scenes_of(&Args::command());
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["fly scene", "depth scene", "lint file", "bench scene"]);
+        let known = format!("({})", SCENES.join(", "));
+        for (name, help) in &found {
+            assert!(help.contains(&known), "{name}: expected {known} in {help:?}");
+        }
+    }
+}
