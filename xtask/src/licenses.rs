@@ -143,7 +143,7 @@ mod tests {
             read_crate("clap_derive v4.6.7 (proc-macro)|MIT| (*)"),
             made("clap_derive", "4.6.7", "MIT")
         );
-        assert_eq!(read_crate("propwash v0.1.0 (/work/propwash)|MIT|"), None);
+        assert_eq!(read_crate("propwash v0.1.0 (/srv/propwash)|MIT|"), None);
         assert_eq!(read_crate(""), None);
     }
 }
