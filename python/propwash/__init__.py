@@ -22,6 +22,7 @@ from ._native import (  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .jobs import (  # noqa: E402
+    Advice,
     Estimate,
     FlightPlan,
     Flown,
@@ -32,12 +33,15 @@ from .jobs import (  # noqa: E402
     LogFinding,
     LogReport,
     Manoeuvre,
+    ManoeuvreFlight,
     excite,
     fly,
     identify,
     lint,
     log_check,
+    manoeuvres,
     scene_new,
+    tell_apart,
 )
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
@@ -45,6 +49,7 @@ from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa:
 from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 
 __all__ = [
+    "Advice",
     "Body",
     "Camera",
     "Clearance",
@@ -68,6 +73,7 @@ __all__ = [
     "LogFinding",
     "LogReport",
     "Manoeuvre",
+    "ManoeuvreFlight",
     "Obstacle",
     "Parameter",
     "Pipeline",
@@ -95,8 +101,10 @@ __all__ = [
     "lint",
     "load_plugin_library",
     "log_check",
+    "manoeuvres",
     "mujoco_version",
     "scene_new",
     "scenes",
+    "tell_apart",
     "vehicles",
 ]

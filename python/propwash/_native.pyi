@@ -4,6 +4,8 @@ from typing import Any, Callable, Mapping, NoReturn, Sequence, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .sim import Control, Dynamics
+
 __all__ = [
     "Cameras",
     "Env",
@@ -26,6 +28,7 @@ __all__ = [
     "lint",
     "load_plugin_library",
     "log_check",
+    "manoeuvres",
     "mujoco_version",
     "read_config",
     "read_flight",
@@ -33,7 +36,9 @@ __all__ = [
     "run_program",
     "scene_new",
     "scenes",
+    "tell_apart",
     "vehicles",
+    "waypoints",
 ]
 
 __version__: str
@@ -74,11 +79,11 @@ class Vehicle:
     @property
     def text(self) -> str:
         """Text of its file, with comments."""
-    def modes(self, dynamics: str = "first_principles") -> list[str]:
+    def modes(self, dynamics: Dynamics = "first_principles") -> list[str]:
         """Control modes that make sense with these dynamics."""
-    def parameters(self, dynamics: str = "first_principles") -> list[tuple[str, float]]:
+    def parameters(self, dynamics: Dynamics = "first_principles") -> list[tuple[str, float]]:
         """All parameters in SI by name, as `Sim.set_parameter` takes them."""
-    def effects(self, dynamics: str = "first_principles") -> list[tuple[str, list[tuple[str, float]]]]:
+    def effects(self, dynamics: Dynamics = "first_principles") -> list[tuple[str, list[tuple[str, float]]]]:
         """The effects that belong to these dynamics, in order: kind and parameters by name."""
     def with_effects(self, text: str) -> Vehicle:
         """The same vehicle with further effects, written as in a vehicle file: the text of `[[effect]]` tables."""
@@ -133,7 +138,7 @@ class Sim:
     @property
     def n_rotors(self) -> int: ...
     def array(self, name: str) -> NDArray[Any]: ...
-    def set_command(self, mode: str, command: ArrayLike) -> None: ...
+    def set_command(self, mode: Control, command: ArrayLike) -> None: ...
     def step(self, n_steps: int, data: Any) -> bool: ...
     def reset(self, mask: ArrayLike | None = None) -> None: ...
     def set_initial(
@@ -264,12 +269,15 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
-def run_program(words: Sequence[str]) -> int:
-    """Runs the command line whose words follow `propwash`, with the input and output of this process; gives the exit code."""
+def run_program(words: Sequence[str], again: Sequence[str]) -> int:
+    """Runs the command line whose words follow `propwash`, with the input and output of this process; gives the exit code. `again` starts
+    it anew where words are put behind it."""
 
 def read_flight(text: str) -> str: ...
+def waypoints(path: str | PathLike[str]) -> str: ...
 def fly(
     config: str,
+    changes: str,
     vehicles: Sequence[Vehicle],
     out: str | PathLike[str],
     threads: int | None,
@@ -279,11 +287,17 @@ def lint(scene: str, spawn: Sequence[float], spawn_radius: float) -> tuple[str, 
 def scene_new(scene: str) -> str: ...
 def log_check(log: str | PathLike[str], mapping: str | PathLike[str] | None) -> tuple[str, str]: ...
 def identify(
-    log: str | PathLike[str], vehicle: Vehicle, dynamics: str, mapping: str | PathLike[str] | None, date: str
+    log: str | PathLike[str], vehicle: Vehicle, dynamics: str, mapping: str | PathLike[str] | None, out: str | PathLike[str] | None
 ) -> tuple[str, str, str, list[str]]: ...
 def excite(
     vehicle: Vehicle, wish: Mapping[str, Any]
 ) -> tuple[str, list[tuple[float, list[float], float]], str, bool]: ...
+def manoeuvres(
+    vehicle: Vehicle, wish: Mapping[str, Any], names: Sequence[str]
+) -> tuple[list[tuple[float, list[float], float]], str]: ...
+def tell_apart(
+    vehicle: Vehicle, want: Sequence[str], others: Sequence[str], drive: str | None, sensors_given: str
+) -> list[tuple[str, str]]: ...
 def load_plugin_library(path: str | PathLike[str]) -> None:
     """Loads a library of MuJoCo plugins, for all scenes built afterwards."""
 

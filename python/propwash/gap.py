@@ -12,7 +12,7 @@ import warnings
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Iterable, Mapping, Sequence, Union
+from typing import TYPE_CHECKING, Any, Iterable, Literal, Mapping, Sequence, Union
 
 import numpy as np
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 LogLike = Union[str, "os.PathLike[str]", "pandas.DataFrame", Mapping[str, Any]]
 """A flight: a path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md)."""
+
+Drive = Literal["rotor_commands", "rotor_speeds", "attitude_commands", "thrust"]
 
 
 @dataclass(frozen=True)
@@ -222,7 +224,7 @@ def compare(
     logs: LogLike | Sequence[LogLike],
     vehicle: str | os.PathLike[str] | Vehicle,
     *,
-    drive: str | None = None,
+    drive: Drive | None = None,
     ground_z: float | None = None,
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
@@ -272,7 +274,7 @@ def diagnose(
     held_out: LogLike | Sequence[LogLike] = (),
     hold_out: float = 0.2,
     candidates: Sequence[str] | None = None,
-    drive: str | None = None,
+    drive: Drive | None = None,
     ground_z: float | None = None,
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
@@ -306,7 +308,7 @@ def add(
     calibrate: bool = False,
     held_out: LogLike | Sequence[LogLike] = (),
     hold_out: float = 0.2,
-    drive: str | None = None,
+    drive: Drive | None = None,
     ground_z: float | None = None,
     ceiling_z: float | None = None,
     neighbours: Sequence[str] | None = None,
@@ -422,7 +424,7 @@ def _vehicle(value: str | os.PathLike[str] | Vehicle) -> Vehicle:
 
 
 def _reading(
-    drive: str | None,
+    drive: Drive | None,
     ground_z: float | None,
     ceiling_z: float | None,
     neighbours: Sequence[str] | None,
@@ -444,24 +446,40 @@ def _reading(
     }
 
 
+class _Paths(list[str]):
+    """Paths of flights, some of them in a folder that nobody knows and that is gone soon."""
+
+    folder = ""
+
+    def named(self, *of: Any) -> Any:
+        """The same with the names of files alone in place of those in the folder."""
+        return tuple(one.replace(self.folder, "") if isinstance(one, str) and self.folder else one for one in of)
+
+
 class _Logs:
     """Paths of flights; tables are written to files for as long as they are needed."""
 
     def __init__(self, logs: Any) -> None:
         self._logs = list(logs) if isinstance(logs, (list, tuple)) else [logs]
         self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._paths = _Paths()
 
-    def __enter__(self) -> list[str]:
-        paths = [self._path(k, log) for k, log in enumerate(self._logs)]
+    def __enter__(self) -> _Paths:
+        paths = self._paths
+        paths.extend(self._path(k, log) for k, log in enumerate(self._logs))
+        if self._folder is not None:
+            paths.folder = self._folder.name + os.sep
         twice = [p for k, p in enumerate(paths) if p in paths[:k]]
         if twice:
             self.__exit__()
             raise ValueError(f"logs: expected each log once, got {twice[0]} twice")
         return paths
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object = None, error: BaseException | None = None, *_: object) -> None:
         if self._folder is not None:
             self._folder.cleanup()
+        if isinstance(error, Exception):
+            error.args = self._paths.named(*error.args)
 
     def _path(self, number: int, log: Any) -> str:
         if isinstance(log, (str, os.PathLike)):

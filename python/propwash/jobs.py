@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,13 @@ from numpy.typing import NDArray
 from . import _native
 from ._native import Vehicle
 from ._write import may_write, write
-from .gap import LogLike, _Logs
+from .gap import Drive, LogLike, _Logs
 from .sense import _float, _floats, _whole
-from .sim import DroneLike, Dynamics, SceneLike, _finite, _path, _read_config, _scene, _vehicle
+from .sim import DroneLike, Dynamics, SceneKind, SceneLike, _path, _plain, _read_config, _rules, _scene, _sensors, _text, _vehicle
+
+Pattern = Literal["lissajous", "circle", "hover"]
+CameraName = Literal["fpv", "down"]
+AttitudeDynamics = Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"]
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class Flown:
     clearance_rows: int
     bytes: int
     warnings: tuple[str, ...]
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash fly --json`` prints it."""
 
 
 def fly(
@@ -50,12 +55,15 @@ def fly(
     drone: DroneLike | Sequence[DroneLike] | None = None,
     n_worlds: int | None = None,
     n_drones: int | None = None,
+    shell: str | os.PathLike[str] | None = None,
     dynamics: Dynamics | None = None,
-    trajectory: Literal["lissajous", "circle", "hover"] | Sequence[Sequence[float]] | NDArray[np.float64] | None = None,
+    trajectory: Pattern | str | os.PathLike[str] | Sequence[Sequence[float]] | NDArray[np.float64] | None = None,
     seconds: float | None = None,
     fps: int | None = None,
     log_freq: int | None = None,
-    camera: str | Mapping[str, Any] | None = None,
+    camera: CameraName | str | Mapping[str, Any] | None = None,
+    sensors: Sequence[str | Mapping[str, Any]] = (),
+    randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
     seed: int | None = None,
     threads: int | None = None,
     progress: Callable[[int, int], object] | None = None,
@@ -70,14 +78,18 @@ def fly(
     Args:
         out: Folder of the data set.
         config: Configuration (docs/configuration.md): a dict, a file, or a data set or its manifest, which is flown again.
-        scene, drone, n_worlds, n_drones, seed, threads: As in ``propwash.Sim``.
-        dynamics: Model of motion, for all drones.
-        trajectory: The path: a name, or waypoints, rows of time (s), x, y, z (m) and, where there is a fifth, heading (rad).
+        scene, drone, n_worlds, n_drones, randomization, seed, threads: As in ``propwash.Sim``.
+        shell, dynamics: Another shell (MJCF) than the vehicles', and the model of motion, for all drones.
+        trajectory: The path: ``"lissajous"``, ``"circle"`` or ``"hover"``; a CSV file with t, x, y, z and optionally yaw, world and drone;
+            or waypoints, rows of time (s), x, y, z (m) and, where there is a fifth, heading (rad).
         seconds: Length of a flight.
         fps: Depth frames per second.
         log_freq: Rows of states, contacts and clearances per second; divides the steps of the simulation.
-        camera: Name of a camera of the drones' shells, or a dict of the fields of ``camera`` in docs/configuration.md.
-        progress: Called with the worlds that are done and the number of all, from any thread. What it raises is raised at the end.
+        camera: Name of a camera of the drones' shells, or a dict of fields of ``camera`` in docs/configuration.md that are to be others. A
+            name takes the place of a mount, and ``fovy_deg`` and ``pinhole_px`` that of each other.
+        sensors: Further sensors of every drone, as in ``propwash.Sim``, beside those of ``config``.
+        progress: Called with the worlds that are done and the number of all, once before the first and after each, from any thread. What it
+            raises is raised at the end.
         changes: Other fields of the configuration, such as ``normals=True`` or ``obstacle_jitter_m=0.3``.
 
     Raises:
@@ -86,50 +98,54 @@ def fly(
         OSError: for files that cannot be read or written.
     """
     made: dict[str, Any] = {} if config is None else _read_config(config, _native.read_flight)
-    given: dict[str, Any] = dict(changes)
+    twice = (("drone", "drones", drone), ("trajectory", "pattern", trajectory), ("log_freq", "log_hz", log_freq))
+    for name, other, value in twice:
+        if value is not None and other in changes:
+            raise ValueError(f"{name}, {other}: expected one of them, two names for one thing, got both")
+    given: dict[str, Any] = {
+        "scene": None if scene is None else _scene(scene, changes.get("layouts")),
+        "shell": None if shell is None else _path("shell", shell),
+        "dynamics": None if dynamics is None else _text("dynamics", dynamics),
+        "pattern": None if trajectory is None else _pattern(trajectory),
+        "camera": {"name": camera} if isinstance(camera, str) else camera,
+        "randomization": None if randomization is None else _rules(randomization),
+        "seconds": None if seconds is None else _float("seconds", seconds),
+    }
+    counts = {"n_worlds": n_worlds, "n_drones": n_drones, "fps": fps, "log_hz": log_freq, "seed": seed}
+    given |= {k: None if v is None else _whole(k, v, 0, 2**64 - 1 if k == "seed" else 2**32 - 1) for k, v in counts.items()}
     vehicles: list[Vehicle] = []
-    if scene is not None:
-        given["scene"] = _scene(scene)
-        given.setdefault("layouts", None)
-        given.setdefault("layout", None)
     if drone is not None:
         named: list[Any] = list(drone) if isinstance(drone, (list, tuple)) else [drone]
         vehicles = [_vehicle(one) for one in named]
         given["drones"] = [{} for _ in vehicles]
-        given.setdefault("n_drones", None)
-    if n_drones is not None:
-        given["n_drones"] = _whole("n_drones", n_drones, 1, 2**20)
-    if dynamics is not None:
-        drones = given.get("drones", made.get("drones", [{}]))
-        given["drones"] = [{**one, "dynamics": dynamics} for one in drones]
-    if given.keys() & {"scene", "drones", "n_drones"}:
-        given.setdefault("scene_sha256", [])
-    if trajectory is not None:
-        given["pattern"] = trajectory if isinstance(trajectory, str) else {"waypoints": _waypoints(trajectory)}
-    if camera is not None:
-        seen = {"name": camera, "mount": None} if isinstance(camera, str) else dict(camera)
-        given["camera"] = {**(made.get("camera") or {}), **seen}
-    elif not made.get("camera"):
-        given.setdefault("camera", {})
-    numbers = {"n_worlds": (n_worlds, 10_000_000), "fps": (fps, 1_000_000), "log_hz": (log_freq, 1_000_000), "seed": (seed, 2**64 - 1)}
-    given |= {k: _whole(k, v, 0 if k == "seed" else 1, most) for k, (v, most) in numbers.items() if v is not None}
-    if seconds is not None:
-        given["seconds"] = _float("seconds", seconds)
-    whole = {**made, **given}
-    if whole.get("scene") is None:
+    given = {**changes, **{k: v for k, v in given.items() if v is not None}, "sensors": _sensors(sensors)}
+    if given.get("scene", made.get("scene")) is None:
         raise ValueError(f"scene: expected one, such as {', '.join(map(repr, _native.scenes()))} or the path of an MJCF file")
-    _finite("", whole)
     if threads is not None:
         threads = _whole("threads", threads, 1, 1024)
-    told = json.loads(_native.fly(json.dumps(whole), vehicles, os.fspath(out), threads, progress))
-    return Flown(out=Path(out), overview=Path(out) / "overview.png", **{**told, "warnings": tuple(told["warnings"])})
+    text = _native.fly(json.dumps(made), json.dumps(_plain("", given)), vehicles, os.fspath(out), threads, progress)
+    told = json.loads(text)
+    own = {"out": Path(out), "overview": Path(out) / "overview.png", "warnings": tuple(told["warnings"])}
+    return Flown(**{**told, **own}, details=told)
 
 
-def _waypoints(rows: Any) -> list[Any]:
-    array = np.asarray(rows, np.float64)
+def _pattern(way: Any) -> Any:
+    """A trajectory as the description wants it."""
+    if isinstance(way, str) and way in get_args(Pattern):
+        return way
+    names = ", ".join(get_args(Pattern))
+    if isinstance(way, (str, os.PathLike)):
+        if not os.path.exists(way):
+            raise FileNotFoundError(f"trajectory: expected {names}, a CSV file or rows of waypoints, got {way!r}, which is no file")
+        return json.loads(_native.waypoints(way))
+    expected = f"trajectory: expected {names}, a CSV file or rows of t, x, y, z[, yaw], finite"
+    try:
+        array = np.asarray(way, np.float64)
+    except (TypeError, ValueError) as e:
+        raise type(e)(f"{expected}, got {type(way).__name__}: {e}") from None
     if array.ndim != 2 or array.shape[1] not in (4, 5) or not np.isfinite(array).all():
-        raise ValueError(f"trajectory: expected rows of t, x, y, z[, yaw], finite, got an array of shape {array.shape}")
-    return [[row[0], row[1:4], row[4] if len(row) == 5 else 0.0] for row in array.tolist()]
+        raise ValueError(f"{expected}, got an array of shape {array.shape}")
+    return {"waypoints": [[row[0], row[1:4], row[4] if len(row) == 5 else 0.0] for row in array.tolist()]}
 
 
 @dataclass(frozen=True)
@@ -168,6 +184,8 @@ class LintReport:
     """Whether the start overlaps something."""
     text: str = field(repr=False)
     """All of it as a table in words."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash scene lint --json`` prints it."""
 
     @property
     def mismatches(self) -> tuple[GeomLint, ...]:
@@ -191,7 +209,7 @@ def lint(scene: SceneLike, spawn: Sequence[float] = (0.0, 0.0, 1.0), spawn_radiu
         OSError: for a file that cannot be read.
     """
     at = tuple(_floats("spawn", spawn, 3))
-    text, words, all_seen, blocked = _native.lint(json.dumps(_scene(scene)), at, _float("spawn_radius", spawn_radius))
+    text, words, all_seen, blocked = _native.lint(_one(scene), at, _float("spawn_radius", spawn_radius))
     of = json.loads(text)
     geoms = tuple(
         GeomLint(
@@ -205,12 +223,25 @@ def lint(scene: SceneLike, spawn: Sequence[float] = (0.0, 0.0, 1.0), spawn_radiu
         for g in of["geoms"]
     )
     return LintReport(
-        of["scene"], tuple(of["spawn_m"]), of["spawn_radius_m"], geoms, tuple(of["remarks"]), all_seen and not blocked, blocked, words
+        scene=of["scene"],
+        spawn_m=tuple(of["spawn_m"]),
+        spawn_radius_m=of["spawn_radius_m"],
+        geoms=geoms,
+        remarks=tuple(of["remarks"]),
+        clean=all_seen and not blocked,
+        spawn_blocked=blocked,
+        text=words,
+        details=of,
     )
 
 
+def _one(scene: SceneLike) -> str:
+    """One scene as the description wants it, in JSON."""
+    return json.dumps(_plain("scene", _scene(scene)))
+
+
 def scene_new(
-    kind: Literal["forest", "corridor", "boxes", "track", "rooms"],
+    kind: SceneKind,
     out: str | os.PathLike[str] | None = None,
     *,
     seed: int = 0,
@@ -231,9 +262,7 @@ def scene_new(
         FileExistsError: where ``out`` exists, without ``force``.
     """
     may_write(out, force)
-    description = _scene({kind: {"seed": _whole("seed", seed, 0, 2**64 - 1), **options}})
-    _finite("", description)
-    text = _native.scene_new(json.dumps(description))
+    text = _native.scene_new(_one({kind: {"seed": _whole("seed", seed, 0, 2**64 - 1), **options}}))
     write(out, text, force)
     return text
 
@@ -298,7 +327,9 @@ def log_check(log: LogLike, mapping: str | os.PathLike[str] | None = None) -> Lo
         OSError: for a file that cannot be read.
     """
     with _Logs([log]) as paths:
-        text, words = _native.log_check(paths[0], None if mapping is None else _path("mapping", mapping))
+        text, words = paths.named(
+            *_native.log_check(paths[0], None if mapping is None else _path("mapping", mapping))
+        )
     of = json.loads(text)
     return LogReport(
         **{k: of[k] for k in ("file", "sha256", "duration_s", "verdict")},
@@ -350,7 +381,7 @@ def identify(
     vehicle: str | os.PathLike[str] | Vehicle,
     out: str | os.PathLike[str] | None = None,
     *,
-    dynamics: Literal["so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"] = "so_rpy_rotor_drag",
+    dynamics: AttitudeDynamics = "so_rpy_rotor_drag",
     mapping: str | os.PathLike[str] | None = None,
     force: bool = False,
 ) -> Identification:
@@ -368,14 +399,11 @@ def identify(
         ValueError: for a log that cannot be right or lacks what is needed.
         FileExistsError: where ``out`` exists, without ``force``.
     """
-    if out is not None and Path(out).suffix != ".toml":
-        raise ValueError(f"out: expected a file name that ends in .toml, got {os.fspath(out)!r}")
     may_write(out, force)
-    day = datetime.datetime.now(datetime.timezone.utc).date().isoformat()
     before = _vehicle(vehicle)
     with _Logs([log]) as paths:
-        text, words, toml, doubts = _native.identify(
-            paths[0], before, dynamics, None if mapping is None else _path("mapping", mapping), day
+        text, words, toml, doubts = paths.named(
+            *_native.identify(paths[0], before, dynamics, None if mapping is None else _path("mapping", mapping), out)
         )
     of = json.loads(text)
     write(out, toml, force)
@@ -438,7 +466,7 @@ def excite(
     box: Sequence[float] = (6.0, 6.0, 3.0),
     ground: bool = True,
     ceiling_z: float | None = None,
-    drive: Literal["rotor_commands", "rotor_speeds", "attitude_commands", "thrust"] | None = None,
+    drive: Drive | None = None,
     sensors: Mapping[str, float] | None = None,
     air_force: float | None = None,
     seed: int = 0,
@@ -468,21 +496,10 @@ def excite(
         FileExistsError: where ``out`` exists, without ``force``.
     """
     may_write(out, force)
-    names = [want] if isinstance(want, str) else list(want)
-    if not names:
-        raise ValueError("want: expected at least one effect, such as 'linear_drag', got none")
-    wish = {
-        "want": names,
-        "seconds": _positive("seconds", seconds),
-        "share": _positive("share", share),
-        "room": _floats("box", box, 3),
-        "ground": bool(ground),
-        "ceiling_z": None if ceiling_z is None else _positive("ceiling_z", ceiling_z),
-        "drive": drive,
-        "sensors": json.dumps(dict(sensors or {})),
-        "air_force": None if air_force is None else _positive("air_force", air_force),
-        "seed": _whole("seed", seed, 0, 2**64 - 1),
-    }
+    wish = _wish(
+        want=_names("want", want, "linear_drag"), seconds=seconds, share=share, box=box, ground=ground, ceiling_z=ceiling_z, drive=drive,
+        sensors=sensors, air_force=air_force, seed=seed,
+    )  # fmt: skip
     text, waypoints, csv, complete = _native.excite(_vehicle(vehicle), wish)
     of = json.loads(text)
     write(out, csv, force)
@@ -492,11 +509,132 @@ def excite(
         complete=complete,
         manoeuvres=tuple(Manoeuvre(**m) for m in of["manoeuvres"]),
         parameters=tuple(of["parameters"]),
-        waypoints=np.array([[t, *pos, yaw] for t, pos, yaw in waypoints]).reshape(-1, 5),
+        waypoints=_rows(waypoints),
         warnings=tuple(of["warnings"]),
         csv=csv,
-        details=of,
+        details={**of, "waypoints": None if out is None else os.fspath(out)},
     )
+
+
+@dataclass(frozen=True)
+class ManoeuvreFlight:
+    """A flight of named manoeuvres."""
+
+    vehicle: str
+    duration_s: float
+    manoeuvres: tuple[str, ...]
+    waypoints: NDArray[np.float64] = field(repr=False)
+    """Rows of time (s), x, y, z (m), heading (rad): ``trajectory`` of ``propwash.fly``. (n, 5)"""
+    csv: str = field(repr=False)
+    """The waypoints as CSV with t, x, y, z, yaw."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything, as ``propwash excite --fly --json`` prints it."""
+
+
+def manoeuvres(
+    vehicle: str | os.PathLike[str] | Vehicle,
+    names: str | Sequence[str],
+    out: str | os.PathLike[str] | None = None,
+    *,
+    box: Sequence[float] = (6.0, 6.0, 3.0),
+    ground: bool = True,
+    ceiling_z: float | None = None,
+    drive: Drive | None = None,
+    sensors: Mapping[str, float] | None = None,
+    air_force: float | None = None,
+    seed: int = 0,
+    force: bool = False,
+) -> ManoeuvreFlight:
+    """Puts named manoeuvres into one flight, one after the other, as ``propwash excite --fly`` does: those that a diagnosis advises
+    (``Diagnosis.next_flight``).
+
+    Args:
+        vehicle, out, box, ground, ceiling_z, drive, sensors, air_force, seed, force: As in ``excite``.
+        names: Manoeuvres, such as ``"low passes"``.
+
+    Raises:
+        ValueError: for arguments that make no sense.
+        KeyError: for a manoeuvre that there is not.
+        FileExistsError: where ``out`` exists, without ``force``.
+    """
+    may_write(out, force)
+    flown = [name.strip() for name in _names("names", names, "low passes")]
+    wish = _wish(
+        want=[], seconds=60.0, share=0.1, box=box, ground=ground, ceiling_z=ceiling_z, drive=drive, sensors=sensors, air_force=air_force,
+        seed=seed,
+    )  # fmt: skip
+    of = _vehicle(vehicle)
+    waypoints, csv = _native.manoeuvres(of, wish, flown)
+    write(out, csv, force)
+    rows = _rows(waypoints)
+    seconds = float(rows[-1, 0]) if len(rows) else 0.0
+    told = {"manoeuvres": flown, "duration_s": seconds, "waypoints": None if out is None else os.fspath(out)}
+    return ManoeuvreFlight(of.name, seconds, tuple(flown), rows, csv, told)
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A manoeuvre that tells effects from others."""
+
+    manoeuvre: str
+    text: str
+    """What it shows."""
+
+
+def tell_apart(
+    vehicle: str | os.PathLike[str] | Vehicle,
+    want: str | Sequence[str],
+    others: str | Sequence[str],
+    *,
+    drive: Drive | None = None,
+    sensors: Mapping[str, float] | None = None,
+) -> tuple[Advice, ...]:
+    """Names the manoeuvres that tell effects from others, best first, as ``propwash excite --from`` does; none where hover and a slow
+    figure of eight do it as well.
+
+    Args:
+        vehicle, drive, sensors: As in ``excite``.
+        want: Effects to be told, such as ``"com_offset"``.
+        others: Effects that look like them, such as ``"weak_rotor.2"``.
+
+    Raises:
+        ValueError: for arguments that make no sense.
+        KeyError: for an effect that there is not.
+    """
+    told = _native.tell_apart(
+        _vehicle(vehicle), _names("want", want, "com_offset"), _names("others", others, "weak_rotor.2"), drive, _readings(sensors)
+    )
+    return tuple(Advice(*one) for one in told)
+
+
+def _names(name: str, value: str | Sequence[str], example: str) -> list[str]:
+    names = [value] if isinstance(value, str) else list(value)
+    if not names:
+        raise ValueError(f"{name}: expected at least one, such as {example!r}, got none")
+    return names
+
+
+def _wish(*, box: Any, ceiling_z: Any, sensors: Any, air_force: Any, **wish: Any) -> dict[str, Any]:
+    """What a flight is planned for."""
+    return {
+        **wish,
+        "seconds": _positive("seconds", wish["seconds"]),
+        "share": _positive("share", wish["share"]),
+        "room": _floats("box", box, 3),
+        "ground": bool(wish["ground"]),
+        "ceiling_z": None if ceiling_z is None else _positive("ceiling_z", ceiling_z),
+        "sensors": _readings(sensors),
+        "air_force": None if air_force is None else _positive("air_force", air_force),
+        "seed": _whole("seed", wish["seed"], 0, 2**64 - 1),
+    }
+
+
+def _readings(sensors: Mapping[str, float] | None) -> str:
+    return json.dumps(_plain("sensors", sensors or {}))
+
+
+def _rows(waypoints: Sequence[tuple[float, list[float], float]]) -> NDArray[np.float64]:
+    return np.array([[t, *pos, yaw] for t, pos, yaw in waypoints]).reshape(-1, 5)
 
 
 def _positive(name: str, value: Any) -> float:

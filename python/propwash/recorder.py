@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from . import _native
 from .sense import Camera, _float, _whole
-from .sim import Sim, _finite
+from .sim import Sim, _plain
 
 
 class Recorder:
@@ -76,8 +76,6 @@ class Recorder:
             cameras = sim._native.cameras(seen._spec(normals), 0)
         elif noise is not None:
             raise ValueError("noise: expected a camera beside it, to which it belongs")
-        if noise is not None:
-            _finite("noise.", dict(noise))
         self._native = _native.Recorder(
             os.fspath(out),
             sim._native,
@@ -88,7 +86,7 @@ class Recorder:
             bool(normals),
             _float("max_distance", max_distance),
             cameras,
-            None if noise is None else json.dumps(dict(noise)),
+            None if noise is None else json.dumps(_plain("noise", noise)),
         )
         for text in self._native.warnings():
             warnings.warn(text, stacklevel=2)

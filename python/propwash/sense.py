@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from . import _native
 if TYPE_CHECKING:
     from .scene import SceneInfo
 
+Kind = Literal["z_depth", "range"]
+CasterName = Literal["native", "mujoco"]
 FORWARD = (0.5, -0.5, -0.5, 0.5)
 """Quaternion of a camera that looks along body x, with body z up in the image."""
 
@@ -56,12 +58,12 @@ class Camera:
     """fx, fy, cx, cy in pixels of ``resolution``, in place of ``fovy_deg``."""
     range: tuple[float, float] = (0.0, float("inf"))
     """Near and far limit, m."""
-    kind: str = "z_depth"
+    kind: Kind = "z_depth"
     """``"z_depth"``: distance along the camera's axis, as depth cameras report it; ``"range"``: distance along the ray."""
     groups: tuple[int, ...] = (0, 1, 2)
     """Geom groups that it sees."""
     sees_itself: bool = False
-    caster: str = "native"
+    caster: CasterName = "native"
     """``"native"``, or ``"mujoco"``: MuJoCo's own rays, the slow reference."""
 
     def _spec(self, normals: bool) -> dict[str, Any]:
@@ -113,7 +115,7 @@ class DepthFrame:
     """Camera to world, x y z w, (..., 4); the camera looks along its -z with y up."""
     k: NDArray[np.float64]
     """Intrinsics in pixels, (n_drones, 3, 3) or (3, 3); image points have their origin at the outer corner of pixel (0, 0)."""
-    kind: str
+    kind: Kind
     """``"range"`` or ``"z_depth"``."""
     range: tuple[float, float]
     """Near and far limit, m."""

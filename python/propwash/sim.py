@@ -6,8 +6,9 @@ import json
 import os
 import warnings
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, Callable, Literal, Mapping, Sequence, Union
+from typing import Any, Callable, Literal, Mapping, Sequence, Union, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,7 +20,9 @@ from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
 
 DroneLike = Union[str, "os.PathLike[str]", Vehicle]
 Stage = Union[Callable[["Data"], None], RestOnGround]
-SceneLike = Union[str, "os.PathLike[str]", Mapping[str, Any], Sequence[Union[str, "os.PathLike[str]"]], None]
+SceneName = Literal["corridor", "forest", "meshes", "room", "terrain", "zoo"]
+SceneKind = Literal["forest", "corridor", "boxes", "track", "rooms"]
+SceneLike = Union[SceneName, str, "os.PathLike[str]", Mapping[str, Any], Sequence[Union[str, "os.PathLike[str]"]], None]
 Dynamics = Literal["first_principles", "so_rpy", "so_rpy_rotor", "so_rpy_rotor_drag"]
 Control = Literal["state", "attitude", "body_rate", "force_torque", "rotor_vel"]
 Floats = NDArray[Any]
@@ -324,9 +327,9 @@ class Sim:
 
     def _begin(self, config: dict[str, Any], vehicles: list[Vehicle] | None, threads: int | None) -> None:
         """Everything of a description; ``vehicles`` are those of its list of drones, where it does not say."""
-        _finite("", config)
+        text = json.dumps(_plain("", config))
         self.threads = None if threads is None else _whole("threads", threads, 1, 1024)
-        self._native = _native.Sim(json.dumps(config), vehicles, self.threads)
+        self._native = _native.Sim(text, vehicles, self.threads)
         made = self.config
         self.n_worlds, self.n_drones, self.freq = self._native.n_worlds, self._native.n_drones, made["sim_hz"]
         self.control, self.integrator, self.precision = made["control"], made["integrator"], made["precision"]
@@ -746,12 +749,12 @@ def _vehicle(value: DroneLike) -> Vehicle:
 
 
 #: Kinds of scenes that are generated.
-_GENERATED = ("forest", "corridor", "boxes", "track", "rooms")
+_GENERATED = get_args(SceneKind)
 
 
 def _scene(scene: SceneLike, layouts: int | None = None) -> Any:
-    """The scene as the description wants it. A name means the scene that comes with the package; where there is none, or where a
-    number of layouts asks for generated ones, the generator of this name."""
+    """The scene as the description wants it. A name means the scene that comes with the package, or the generator of this
+    name where a number of layouts asks for generated ones."""
     if isinstance(scene, Mapping):
         if len(scene) != 1 or next(iter(scene)) not in _GENERATED:
             expected = ", ".join(_GENERATED)
@@ -763,8 +766,14 @@ def _scene(scene: SceneLike, layouts: int | None = None) -> Any:
         text = os.fspath(scene)
         if text == "none":
             return "none"
-        if text in _GENERATED and (layouts is not None or text not in scenes()):
+        if text in _GENERATED and layouts is not None:
             return {text: {}}
+        if text in _GENERATED and text not in scenes() and not os.path.exists(text):
+            near = get_close_matches(text, scenes(), 1)
+            raise FileNotFoundError(
+                f"scene: expected one of {', '.join(scenes())} or an MJCF file, got {text!r}, a kind of scenes that are generated"
+                f"{f'; did you mean {near[0]!r}?' if near else ''}; {{{text!r}: {{}}}} generates one"
+            )
         return {"xml": text} if text.lstrip().startswith("<") else {"files": [text]}
     if isinstance(scene, Sequence):
         if not scene:
@@ -792,8 +801,7 @@ def _read_config(
 ) -> dict[str, Any]:
     """A description, or that in a manifest, complete: of a simulation, or of what ``read`` reads."""
     if isinstance(source, Mapping):
-        _finite("", source)
-        text = json.dumps(dict(source))
+        text = json.dumps(_plain("", source))
     else:
         path = Path(_path("source", source))
         path = path / "manifest.json" if path.is_dir() else path
@@ -811,16 +819,21 @@ def _tuples(options: dict[str, Any]) -> dict[str, Any]:
     return {name: tuple(v) if isinstance(v, list) else v for name, v in options.items()}
 
 
-def _finite(name: str, value: Any) -> None:
-    """Refuses numbers that JSON does not know, by their place."""
+def _plain(name: str, value: Any) -> Any:
+    """A value as JSON has it, with numbers and arrays of NumPy and paths in it; what JSON does not know is refused, by its place."""
     if isinstance(value, Mapping):
-        for key, one in value.items():
-            _finite(f"{name}.{key}" if name else str(key), one)
-    elif isinstance(value, (list, tuple)):
-        for one in value:
-            _finite(name, one)
-    elif isinstance(value, float) and not np.isfinite(value):
+        return {str(key): _plain(f"{name}.{key}" if name else str(key), one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(name, one) for one in value]
+    if isinstance(value, (np.generic, np.ndarray)):
+        return _plain(name, value.tolist())
+    if isinstance(value, os.PathLike):
+        return os.fsdecode(value)
+    if isinstance(value, float) and not np.isfinite(value):
         raise ValueError(f"{name}: expected a finite number, got {value}")
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"{name}: expected numbers, text, lists and dicts, got {value!r} ({type(value).__name__})")
 
 
 def _sensors(sensors: Any) -> list[dict[str, Any]]:

@@ -4,15 +4,16 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use propwash::arena::SceneConfig;
+use propwash::arena::{FlightPattern, SceneConfig};
 use propwash::dataset::recorder::{self, FlightConfig};
 use propwash::flight::{FlightLog, check};
+use propwash::gap::Drive;
+use propwash::gap::accept::today_utc;
 use propwash::gap::attitude_model::{self, Options};
-use propwash::gap::excite::{Air, Request, Sensors, plan};
+use propwash::gap::excite::{self as excitation, Air, Request, Sensors, csv, flight, plan};
 use propwash::scene::{self, SceneSource};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use serde_json::json;
 
 use crate::errors::OrRaise;
 use crate::gap::{drive, json};
@@ -24,6 +25,12 @@ use crate::vehicle::PyVehicle;
 #[pyfunction]
 pub fn read_flight(text: &str) -> PyResult<String> {
     json(&FlightConfig::from_text(text).or_raise()?)
+}
+
+/// Waypoints of a CSV file, as a description has them, in JSON.
+#[pyfunction]
+pub fn waypoints(path: PathBuf) -> PyResult<String> {
+    json(&FlightPattern::from_csv(&path).or_raise()?)
 }
 
 /// The caller's function for progress. What it raises ends the flight: worlds that are there are kept.
@@ -49,18 +56,20 @@ impl recorder::Progress for Told<'_> {
     }
 }
 
-/// Flies what a description says into a data set, and gives what became of it as JSON. `progress(done, all)` is called after each
-/// world.
+/// Flies what a description with changes says into a data set, and gives what became of it as JSON. `progress(done, all)` is called
+/// before the first world and after each.
 #[pyfunction]
 pub fn fly(
     py: Python<'_>,
     config: &str,
+    changes: &str,
     vehicles: Vec<Py<PyVehicle>>,
     out: PathBuf,
     threads: Option<usize>,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<String> {
-    let mut config = FlightConfig::from_text(config).or_raise()?;
+    let changes = serde_json::from_str(changes).map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let mut config = FlightConfig::from_text(config).and_then(|config| config.changed(changes)).or_raise()?;
     describe(&mut config.sim, &vehicles);
     let pool = crate::threads::pool(threads)?;
     let flown = interruptible(py, move |stop| {
@@ -69,22 +78,18 @@ pub fn fly(
         let flown = pool.install(|| recorder::fly(&config.load()?, &out, &progress));
         match raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
             Some(e) => Err(e),
-            None => flown.or_raise(),
+            None => flown.map(|recorded| recorded.details(&out)).or_raise(),
         }
     });
-    let recorded = flown??;
-    let s = recorded.summary;
-    json(&json!({
-        "worlds": s.n_worlds, "resumed_worlds": recorded.n_resumed, "quarantined_worlds": s.n_quarantined,
-        "images": s.n_images, "state_rows": s.n_states, "contact_rows": s.n_contacts,
-        "clearance_rows": s.n_clearances, "bytes": s.bytes, "warnings": recorded.warnings,
-    }))
+    json(&flown??)
 }
 
 /// The one scene that a description names.
 fn source(scene: &str) -> PyResult<SceneSource> {
-    let scene: SceneConfig =
-        serde_json::from_str(scene).map_err(|e| PyValueError::new_err(format!("scene: {e}")))?;
+    // Read from a value, so that no error names a place in text that nobody wrote.
+    let scene =
+        serde_json::from_str::<serde_json::Value>(scene).and_then(serde_json::from_value::<SceneConfig>);
+    let scene = scene.map_err(|e| PyValueError::new_err(format!("scene: {e}")))?;
     let sources = scene.sources(None).or_raise()?;
     match <[SceneSource; 1]>::try_from(sources) {
         Ok([one]) => Ok(one),
@@ -126,7 +131,8 @@ pub fn log_check(py: Python<'_>, log: PathBuf, mapping: Option<PathBuf>) -> PyRe
     Ok((json(&report)?, report.to_string()))
 }
 
-/// The attitude model of a log: as JSON and in words; the text of the vehicle file with it; warnings about the log.
+/// The attitude model of a log: as JSON and in words; the text of the vehicle file with it, which `out` is to hold; warnings about the
+/// log.
 #[pyfunction]
 pub fn identify(
     py: Python<'_>,
@@ -134,17 +140,15 @@ pub fn identify(
     vehicle: Py<PyVehicle>,
     dynamics: String,
     mapping: Option<PathBuf>,
-    date: &str,
+    out: Option<PathBuf>,
 ) -> PyResult<(String, String, String, Vec<String>)> {
-    let made = interruptible(py, {
-        let date = date.to_string();
-        move |_| {
-            let vehicle = &vehicle.get().vehicle;
-            let (log, report) = FlightLog::open(&log, mapping.as_deref())?;
-            let found = attitude_model::identify(&log, vehicle, &Options { dynamics })?;
-            let better = found.vehicle_for_any_folder(vehicle, &date)?;
-            Ok::<_, propwash::Error>((found, better, report.warnings()))
-        }
+    let made = interruptible(py, move |_| {
+        let vehicle = &vehicle.get().vehicle;
+        out.as_deref().map_or(Ok(()), attitude_model::check_out)?;
+        let (log, report) = FlightLog::open(&log, mapping.as_deref())?;
+        let found = attitude_model::identify(&log, vehicle, &Options { dynamics })?;
+        let better = found.vehicle_for_any_folder(vehicle, &today_utc())?;
+        Ok::<_, propwash::Error>((found, better, report.warnings()))
     });
     let (found, better, warnings) = made?.or_raise()?;
     Ok((json(&found)?, found.to_string(), better.to_toml().to_string(), warnings))
@@ -169,6 +173,61 @@ pub struct Wish {
 /// A waypoint: time, s, position, m, heading, rad.
 type Waypoint = (f64, [f64; 3], f64);
 
+impl Wish {
+    fn request(self) -> PyResult<Request> {
+        let air = Air::default();
+        Ok(Request {
+            want: self.want,
+            seconds: self.seconds,
+            share: self.share,
+            box_m: self.room,
+            ground: self.ground,
+            ceiling_z_m: self.ceiling_z,
+            sensors: sensors(&self.sensors)?,
+            air: Air { force_m_s2: self.air_force.unwrap_or(air.force_m_s2), ..air },
+            drive: driven_by(self.drive.as_deref())?,
+            seed: self.seed,
+        })
+    }
+}
+
+/// What drives the model; rotor commands where nothing is said.
+fn driven_by(name: Option<&str>) -> PyResult<Drive> {
+    Ok(drive(name)?.unwrap_or(Drive::RotorCommands))
+}
+
+/// A flight of named manoeuvres: its waypoints, and the same as CSV.
+#[pyfunction]
+pub fn manoeuvres(
+    py: Python<'_>,
+    vehicle: Py<PyVehicle>,
+    wish: Wish,
+    names: Vec<String>,
+) -> PyResult<(Vec<Waypoint>, String)> {
+    let request = wish.request()?;
+    let waypoints =
+        interruptible(py, move |_| flight(&vehicle.get().vehicle, &request, &names))?.or_raise()?;
+    let text = csv(&waypoints);
+    Ok((waypoints, text))
+}
+
+/// Manoeuvres that tell effects from others, each with what it does, in words.
+#[pyfunction]
+pub fn tell_apart(
+    py: Python<'_>,
+    vehicle: Py<PyVehicle>,
+    want: Vec<String>,
+    others: Vec<String>,
+    drive: Option<&str>,
+    sensors_given: &str,
+) -> PyResult<Vec<(String, String)>> {
+    let (drive, sensors) = (driven_by(drive)?, sensors(sensors_given)?);
+    interruptible(py, move |_| {
+        excitation::tell_apart(&vehicle.get().vehicle, drive, &sensors, &want, &others)
+    })?
+    .or_raise()
+}
+
 /// A flight that shows effects: as JSON; its waypoints; the same as CSV; whether every interval is as narrow as wanted.
 #[pyfunction]
 pub fn excite(
@@ -176,20 +235,7 @@ pub fn excite(
     vehicle: Py<PyVehicle>,
     wish: Wish,
 ) -> PyResult<(String, Vec<Waypoint>, String, bool)> {
-    let sensors = sensors(&wish.sensors)?;
-    let air = Air::default();
-    let request = Request {
-        want: wish.want,
-        seconds: wish.seconds,
-        share: wish.share,
-        box_m: wish.room,
-        ground: wish.ground,
-        ceiling_z_m: wish.ceiling_z,
-        sensors,
-        air: Air { force_m_s2: wish.air_force.unwrap_or(air.force_m_s2), ..air },
-        drive: drive(wish.drive.as_deref())?.unwrap_or(propwash::gap::Drive::RotorCommands),
-        seed: wish.seed,
-    };
+    let request = wish.request()?;
     let pool = crate::threads::pool(None)?;
     let made =
         interruptible(py, move |_| pool.install(|| plan(&vehicle.get().vehicle, &request)))?.or_raise()?;

@@ -169,7 +169,9 @@ impl IntoPython for propwash::Error {
             E::Sense(e) => e.into_python(),
             E::Arena(e) => (*e).into_python(),
             E::Gap(e) => e.into_python(),
-            E::Io { .. } | E::Flight(propwash::flight::FlightError::Read { .. }) => {
+            E::Io { .. }
+            | E::Flight(propwash::flight::FlightError::Read { .. })
+            | E::Dataset(propwash::dataset::DatasetError::Io { .. }) => {
                 pyo3::exceptions::PyOSError::new_err(words)
             }
             E::Usage { .. }

@@ -66,6 +66,9 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(commands::log_check, m)?)?;
     m.add_function(wrap_pyfunction!(commands::identify, m)?)?;
     m.add_function(wrap_pyfunction!(commands::excite, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::manoeuvres, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::tell_apart, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::waypoints, m)?)?;
     m.add_function(wrap_pyfunction!(program::run_program, m)?)?;
     m.add_function(wrap_pyfunction!(load_plugin_library, m)?)?;
     m.add_function(wrap_pyfunction!(mujoco_version, m)?)?;

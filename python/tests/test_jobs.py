@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,8 @@ def test_fly_writes_the_data_set_of_the_program(tmp_path):
     )
     assert files(tmp_path / "a") == files(tmp_path / "b")
     assert (flown.worlds, flown.resumed_worlds, flown.quarantined_worlds) == (3, 0, 0) and flown.overview.is_file()
+    told_by_it = json.loads(told("fly", *line.split(), "--size", "12x8", "--seed", 4, "--normals", "--json", "--out", tmp_path / "b"))
+    assert {**flown.details, "resumed_worlds": 3} == told_by_it
     assert sorted(seen) == [(k, 3) for k in range(4)] and flown.images > 0
     # What is there already is kept, and what was flown is flown again from its manifest, with changes.
     assert propwash.fly(tmp_path / "b", config=tmp_path / "b").resumed_worlds == 3
@@ -60,7 +63,7 @@ def test_fly_takes_vehicles_scenes_as_text_and_waypoints(tmp_path):
 def test_fly_says_what_is_wrong(tmp_path):
     with pytest.raises(ValueError, match="scene: expected one, such as 'corridor'"):
         propwash.fly(tmp_path / "x")
-    with pytest.raises(ValueError, match="trajectory: expected rows"):
+    with pytest.raises(ValueError, match="trajectory: expected .* rows of"):
         propwash.fly(tmp_path / "x", scene="room", trajectory=[[0.0, 1.0]])
     with pytest.raises(ValueError, match="unknown field `colour`"):
         propwash.fly(tmp_path / "x", scene="room", colour=1)
@@ -75,11 +78,121 @@ def test_fly_says_what_is_wrong(tmp_path):
         propwash.fly(tmp_path / "y", scene="room", seconds=0.05, camera={"width": 4, "height": 3}, progress=stop)
 
 
+SMALL = {"scene": "room", "seconds": 0.05, "camera": {"width": 4, "height": 3}}
+
+
+def recorded(folder):
+    return json.loads((folder / "manifest.json").read_text())["config"]
+
+
+def test_a_changed_scene_is_refused_unless_what_changed_makes_another(tmp_path):
+    text = "<mujoco><worldbody><geom name='floor' type='plane' size='5 5 0.1'/>{}</worldbody></mujoco>"
+    (tmp_path / "own.xml").write_text(text.format(""))
+    first = {**SMALL, "scene": tmp_path / "own.xml"}
+    propwash.fly(tmp_path / "a", **first)
+    (tmp_path / "own.xml").write_text(text.format("<geom name='new' size='0.1' pos='3 0 0'/>"))
+    for changes in ({}, {"dynamics": "so_rpy"}, {"seed": 3}):
+        with pytest.raises(ValueError, match="scene_sha256: expected"):
+            propwash.fly(tmp_path / "b", config=tmp_path / "a", **changes)
+    assert propwash.fly(tmp_path / "c", config=tmp_path / "a", n_drones=2).worlds == 1
+
+
+def test_two_names_for_one_thing_are_refused(tmp_path):
+    for one, other in (
+        ({"drone": "cf2x_L250"}, {"drones": [{}]}),
+        ({"trajectory": "hover"}, {"pattern": "circle"}),
+        ({"log_freq": 50}, {"log_hz": 100}),
+    ):
+        with pytest.raises(ValueError, match=f"{[*one][0]}, {[*other][0]}: expected one of them"):
+            propwash.fly(tmp_path / "x", scene="room", **one, **other)
+
+
+def test_what_is_changed_in_a_camera_takes_the_place_of_what_said_the_same(tmp_path):
+    mounted = {**SMALL, "camera": {"width": 4, "height": 3, "fovy_deg": 70.0, "mount": {"pos_m": [0.1, 0.0, 0.0]}}}
+    propwash.fly(tmp_path / "a", **mounted)
+    propwash.fly(tmp_path / "b", config=tmp_path / "a", camera={"name": "down"})
+    propwash.fly(tmp_path / "c", config=tmp_path / "a", camera="down")
+    assert recorded(tmp_path / "b")["camera"] == recorded(tmp_path / "c")["camera"]
+    assert (recorded(tmp_path / "b")["camera"]["name"], recorded(tmp_path / "b")["camera"]["mount"]) == ("down", None)
+    propwash.fly(tmp_path / "d", config=tmp_path / "a", camera={"pinhole_px": [4.0, 4.0, 2.0, 1.5]})
+    assert recorded(tmp_path / "d")["camera"]["fovy_deg"] is None and recorded(tmp_path / "d")["camera"]["mount"] is not None
+    propwash.fly(tmp_path / "e", config=tmp_path / "d", camera={"fovy_deg": 50.0})
+    assert recorded(tmp_path / "e")["camera"]["pinhole_px"] is None
+
+
+@program
+def test_both_doors_change_a_description_alike(tmp_path):
+    (tmp_path / "rules.toml").write_text('[[rule]]\nparameter = "body.mass_kg"\ndraw = { scale = [0.9, 1.1] }\n')
+    shell = Path(__file__).parents[2] / "xml/shells/cf21B.xml"
+    propwash.fly(tmp_path / "first", sensors=["imu"], **SMALL)
+    line = ["--sensor", "range_finder", "--shell", shell, "--drones-per-world", 2, "--randomize", tmp_path / "rules.toml"]
+    told("fly", "--config", tmp_path / "first/manifest.json", *line, "--fovy", 50, "--out", tmp_path / "a")
+    propwash.fly(
+        tmp_path / "b", config=tmp_path / "first", sensors=["range_finder"], shell=shell, n_drones=2,
+        randomization=tmp_path / "rules.toml", camera={"fovy_deg": 50.0},
+    )  # fmt: skip
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+    assert [s["kind"] for s in recorded(tmp_path / "b")["sensors"]] == ["imu", "range_finder"]
+    with pytest.raises(ValueError, match="n_drones: expected 1 to 1024, got 1025"):
+        propwash.fly(tmp_path / "x", scene="room", n_drones=1025)
+
+
+@program
+def test_fly_takes_ways_from_a_file(tmp_path):
+    way = tmp_path / "way.csv"
+    way.write_text("t,x,y,z,drone\n0,0,0,1,0\n1,0.2,0,1,0\n0,1,0,1,1\n1,1.2,0,1,1\n")
+    line = "--scene room --drone cf2x_L250 --drones-per-world 2 --seconds 0.05 --size 4x3 --trajectory waypoints"
+    told("fly", *line.split(), way, "--out", tmp_path / "a")
+    for k, given in enumerate((way, str(way))):
+        propwash.fly(tmp_path / f"b{k}", n_drones=2, drone="cf2x_L250", trajectory=given, **SMALL)
+        assert files(tmp_path / "a") == files(tmp_path / f"b{k}")
+    for wrong, kind in (("lissajou", FileNotFoundError), (tmp_path / "no.csv", FileNotFoundError), ([[0.0, 1.0], [0.0]], ValueError), (3.0, ValueError),
+                        ([["a", 0, 0, 0]], ValueError), ({"t": 0}, TypeError)):  # fmt: skip
+        with pytest.raises(kind, match="trajectory: expected lissajous, circle, hover, a CSV file or rows of"):
+            propwash.fly(tmp_path / "x", scene="room", trajectory=wrong)
+    way.write_text("t,x,y\n0,0,0\n")
+    with pytest.raises(ValueError, match='way.csv.*no column "z"'):
+        propwash.fly(tmp_path / "x", scene="room", trajectory=way)
+
+
+def test_numbers_of_numpy_are_numbers_and_what_is_none_is_named(tmp_path):
+    flown = propwash.fly(
+        tmp_path / "set", scene="room", seconds=np.float32(0.0625), n_worlds=np.int64(2), obstacle_jitter_m=np.float32(0.25),
+        camera={"width": np.int32(4), "height": 3, "range_m": np.array([0.01, 9.0])},
+    )  # fmt: skip
+    config = recorded(tmp_path / "set")
+    assert (flown.worlds, config["obstacle_jitter_m"], config["camera"]["range_m"]) == (2, 0.25, [0.01, 9.0])
+    with pytest.raises(TypeError, match="obstacle_jitter_m: expected numbers, text, lists and dicts, got .1. .set"):
+        propwash.fly(tmp_path / "x", scene="room", obstacle_jitter_m={1})
+    for make in (propwash.lint, lambda scene: propwash.scene_new("forest", size_m=scene["forest"]["size_m"])):
+        with pytest.raises(ValueError, match="scene.forest.size_m: expected a finite number, got nan"):
+            make({"forest": {"size_m": float("nan")}})
+        with pytest.raises(ValueError, match="^scene: ((?!line).)*$"):
+            make({"forest": {"size_m": "large"}})
+
+
+def test_out_that_is_a_file_is_a_matter_of_the_system(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        propwash.fly(tmp_path / "file", **SMALL)
+    with pytest.raises(OSError, match="file"):
+        propwash.fly(tmp_path / "file" / "inner", **SMALL)
+
+
+def test_a_generated_scene_is_asked_for_by_a_dict(tmp_path):
+    for make in (propwash.lint, lambda scene: propwash.Sim(scene=scene), lambda scene: propwash.fly(tmp_path / "x", scene=scene)):
+        with pytest.raises(FileNotFoundError, match="got 'rooms', a kind of scenes that are generated; did you mean 'room'.*{'rooms': {}} generates one"):
+            make("rooms")
+    assert propwash.lint({"rooms": {}}).scene == "scene 'rooms of seed 0'"
+    propwash.fly(tmp_path / "set", layouts=1, **{**SMALL, "scene": "rooms"})
+    assert "rooms" in recorded(tmp_path / "set")["scene"]
+
+
 @program
 def test_lint_is_that_of_the_program():
     report = propwash.lint("zoo")
     theirs = json.loads(told("scene", "lint", "zoo", "--json", code=1))
-    assert not report.clean and not report.spawn_blocked
+    assert not report.clean and not report.spawn_blocked and report.details == theirs
     assert [g.name for g in report.geoms] == [g["name"] for g in theirs["geoms"]]
     assert {g.name for g in report.mismatches} == {
         g["name"] for g in theirs["geoms"] if not (g["depth"]["seen"] and g["contact"]["seen"])
@@ -135,6 +248,10 @@ def test_log_check_is_that_of_the_program(tmp_path):
     mine = propwash.log_check(path)
     theirs = subprocess.run([PROGRAM, "log", "check", str(path), "--json"], capture_output=True, text=True)
     assert mine.details == json.loads(theirs.stdout)[0]
+    assert report.file == "log_0.csv" and tempfile.gettempdir() not in str(report) + json.dumps(report.details)
+    with pytest.raises(ValueError, match="^log_0.csv") as caught:
+        propwash.identify({"t": [0.0, 1.0], "px": [0.0, 1.0]}, "cf2x_L250")
+    assert tempfile.gettempdir() not in str(caught.value)
     turned = {**log, "t": np.asarray(log["t"])[::-1]}
     assert propwash.log_check(turned).verdict != "info"
     with pytest.raises(OSError):
@@ -149,10 +266,31 @@ def test_excite_plans_a_flight_that_fly_takes(tmp_path):
     flown = propwash.fly(tmp_path / "set", scene="<mujoco><worldbody><geom type='plane' size='9 9 1'/></worldbody></mujoco>",
                          trajectory=plan.waypoints, seconds=0.1, camera={"width": 4, "height": 3})
     assert flown.worlds == 1
+    details = {k: v for k, v in plan.details.items() if k != "waypoints"}
+    assert plan.details["waypoints"] == str(tmp_path / "path.csv") and details["vehicle"] == "cf2x_L250"
     with pytest.raises(KeyError, match="linear_dra"):
         propwash.excite("cf2x_L250", "linear_dra")
     with pytest.raises(ValueError, match="sensors: expected one of"):
         propwash.excite("cf2x_L250", "linear_drag", sensors={"lidar_hz": 3})
+
+
+@program
+def test_manoeuvres_and_what_tells_effects_apart_are_those_of_the_program(tmp_path):
+    names = ["low passes", "yaw spin"]
+    line = ["excite", "--vehicle", "cf2x_L250", "--fly", ",".join(names), "--box", "5,5,3", "--json", "--out", tmp_path / "a.csv"]
+    theirs = json.loads(told(*line))
+    flown = propwash.manoeuvres("cf2x_L250", names, tmp_path / "b.csv", box=(5, 5, 3))
+    assert (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text() == flown.csv
+    assert flown.details == {**theirs, "waypoints": str(tmp_path / "b.csv")} and flown.duration_s == flown.waypoints[-1, 0]
+    with pytest.raises(KeyError, match="tea break"):
+        propwash.manoeuvres("cf2x_L250", "tea break")
+    with pytest.raises(ValueError, match="names: expected at least one"):
+        propwash.manoeuvres("cf2x_L250", [])
+    theirs = json.loads(told("excite", "--vehicle", "cf2x_L250", "--want", "com_offset", "--from", "weak_rotor.2", "--json"))
+    advice = propwash.tell_apart("cf2x_L250", "com_offset", "weak_rotor.2")
+    assert advice and [vars(a) for a in advice] == theirs["advice"]
+    with pytest.raises(KeyError, match="weak_roto"):
+        propwash.tell_apart("cf2x_L250", "com_offset", "weak_roto.2")
 
 
 def commanded():
@@ -185,4 +323,4 @@ def test_identify_finds_the_model_that_flew(tmp_path):
     assert propwash.Vehicle(tmp_path / "better.toml").to_toml() == found.vehicle.to_toml()
     assert "propwash identify" in found.vehicle.to_toml()
     with pytest.raises(ValueError, match="ends in .toml"):
-        propwash.identify({}, "cf2x_L250", tmp_path / "better.json")
+        propwash.identify(tmp_path / "absent.csv", "cf2x_L250", tmp_path / "better.json")

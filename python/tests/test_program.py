@@ -1,5 +1,6 @@
 """The program ``propwash`` as the package brings it."""
 
+import json
 import os
 import signal
 import subprocess
@@ -50,6 +51,15 @@ def test_help_and_data_sets_are_those_of_the_program(tmp_path, monkeypatch):
     assert files and all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files)
 
 
+def test_bench_starts_itself_again(tmp_path):
+    figures = tmp_path / "speed.json"
+    line = "bench --seconds 0.001 --worlds 1 --sensing-worlds 1 --size 4x4 --threads 1 --json".split()
+    done = program(*line, str(figures), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    rows = {row["what"]: row for row in json.loads(figures.read_text())["rows"]}
+    assert 0.0 < rows["start to first depth image, with Python's own start"]["median"] < 60.0
+
+
 def test_a_reader_that_has_seen_enough_is_no_error():
     both = f"{sys.executable} -m propwash drones cf2x_L250 | head -1; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", both], capture_output=True, text=True, env=ENVIRONMENT)
@@ -69,3 +79,13 @@ def test_ctrl_c_ends_it(tmp_path):
     running.communicate(timeout=30)
     assert running.returncode == -signal.SIGINT
     assert time.monotonic() - sent < 2.0
+
+
+def test_ctrl_c_stays_ignored_where_it_was():
+    """As in a script's background job, whose shell ignores it."""
+    look = "import signal, sys; sys.argv = ['propwash', '--version']; from propwash.__main__ import main; main(); "
+    look += "print(signal.getsignal(signal.SIGINT) == signal.{})"
+    for first, after in (("SIG_IGN", "SIG_IGN"), ("default_int_handler", "SIG_DFL")):
+        code = f"import signal; signal.signal(signal.SIGINT, signal.{first}); " + look.format(after)
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=ENVIRONMENT)
+        assert done.stdout.splitlines()[-1] == "True", (first, done.stdout)

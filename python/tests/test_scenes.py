@@ -549,4 +549,6 @@ def test_a_name_is_a_scene_and_with_layouts_a_kind_of_scenes():
     assert env.config["scene"] == {"files": ["forest"]}
     env = DroneVectorEnv(2, task="forest_depth", scene="corridor", layouts=2, camera=False)
     assert "corridor" in env.config["scene"] and env.config["layouts"] == 2
-    assert "rooms" in DroneVectorEnv(1, task="room_explore", scene="rooms").config["scene"]
+    assert "rooms" in DroneVectorEnv(1, task="room_explore", scene="rooms", layouts=1).config["scene"]
+    with pytest.raises(FileNotFoundError, match="did you mean 'room'"):
+        DroneVectorEnv(1, task="room_explore", scene="rooms")

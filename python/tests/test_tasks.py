@@ -575,3 +575,13 @@ def test_views_are_made_once_and_written_only_where_a_task_may():
         first["pos"][:] = 0.0
     assert (first["step"] == 2).all() and np.allclose(first["time"], 0.04) and (first["action"] == np.float32(0.1)).all()
     assert np.allclose(first["previous_pos"] + 0.02 * first["vel"], first["pos"], atol=1e-3)
+
+
+def test_the_caller_says_how_many_layouts_a_task_has():
+    class Woods(Hover):
+        scene = "forest"
+        layouts = None
+
+    assert envs.DroneVectorEnv(2, task=Woods()).config["scene"] == {"files": ["forest"]}
+    env = envs.DroneVectorEnv(2, task=Woods(), layouts=3)
+    assert env.config["layouts"] == 3 and "forest" in env.config["scene"]

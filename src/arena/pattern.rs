@@ -1,5 +1,7 @@
 //! Which way drones fly that follow a pattern, where they start, and where obstacles are moved to.
 
+use std::path::Path;
+
 use serde::{Deserialize, Serialize};
 
 use super::{ArenaError, Look};
@@ -31,6 +33,18 @@ pub enum FlightPattern {
 const GRID_M: f64 = 0.6;
 
 impl FlightPattern {
+    /// Waypoints from CSV ([`Tracks::from_csv`]).
+    ///
+    /// # Errors
+    /// As [`Tracks::from_csv`].
+    pub fn from_csv(path: &Path) -> Result<Self, ArenaError> {
+        let tracks = Tracks::from_csv(path)?;
+        Ok(match tracks.only() {
+            Some(spline) => Self::Waypoints(spline.clone()),
+            None => Self::Tracks(tracks),
+        })
+    }
+
     /// The trajectory of one drone.
     fn trajectory(&self, seed: u64, world: u64, drone: usize, n_drones: usize, attempt: u64) -> Trajectory {
         // A square grid around the centre.

@@ -6,13 +6,15 @@ use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
-use crate::arena::{CameraConfig, MountConfig, SensorConfig};
-use crate::dataset::MAX_DISTANCE;
+use crate::arena::{CameraConfig, MountConfig, SensorConfig, read_value};
+use crate::dataset::{MAX_DISTANCE, change_camera, table};
 use crate::physics::integrate::Integrator;
 use crate::sense::{Caster, DepthKind};
 use crate::{Error, Result};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use serde::Serialize;
+use serde_json::{Map, Value};
 use std::path::PathBuf;
 
 /// Drone simulator for any MuJoCo scene that finds the physics a vehicle's model lacks.
@@ -367,6 +369,26 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Adds what a flag gives as a field of a description.
+///
+/// # Errors
+/// [`Error::Usage`] for a value that descriptions cannot hold.
+pub fn put<T: Serialize>(
+    fields: &mut Map<String, Value>,
+    flag: &'static str,
+    field: &str,
+    given: Option<T>,
+) -> Result<()> {
+    let Some(given) = given else { return Ok(()) };
+    let value = serde_json::to_value(given).map_err(|e| Error::Usage {
+        flag,
+        expected: "what a description can hold, in which paths are UTF-8".into(),
+        got: e.to_string(),
+    })?;
+    fields.insert(field.into(), value);
+    Ok(())
+}
+
 /// Camera settings that `fly`, `depth` and `bench` share. What is not given stays as the configuration has it.
 #[derive(Clone, Debug, Default, ClapArgs)]
 pub struct CameraArgs {
@@ -397,22 +419,30 @@ pub struct CameraArgs {
 }
 
 impl CameraArgs {
-    /// What the flags change in a camera, whose range has to fit 16 bits of millimetres.
+    /// What the flags change in a camera.
+    ///
+    /// # Errors
+    /// As [`CameraArgs::fields`].
     pub fn change(&self, camera: &mut CameraConfig) -> Result<()> {
-        if let Some(Size { width, height }) = self.size {
-            (camera.width, camera.height) = (Some(width), Some(height));
-        }
-        if self.fovy.is_some() {
-            (camera.fovy_deg, camera.pinhole_px) = (self.fovy, None);
-        }
-        if self.intrinsics.is_some() {
-            (camera.fovy_deg, camera.pinhole_px) = (None, self.intrinsics);
-        }
-        camera.kind = self.depth.or(camera.kind);
-        if let Some(groups) = &self.groups {
-            camera.groups.clone_from(groups);
-        }
-        camera.caster = self.caster.unwrap_or(camera.caster);
+        let mut all = table("camera", camera)?;
+        change_camera(&mut all, self.fields(camera)?);
+        *camera = read_value(all.into())?;
+        Ok(())
+    }
+
+    /// The fields of a camera that the flags change; its range has to fit 16 bits of millimetres.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a range that does not.
+    pub fn fields(&self, camera: &CameraConfig) -> Result<Map<String, Value>> {
+        let mut fields = Map::new();
+        put(&mut fields, "--size", "width", self.size.map(|size| size.width))?;
+        put(&mut fields, "--size", "height", self.size.map(|size| size.height))?;
+        put(&mut fields, "--fovy", "fovy_deg", self.fovy)?;
+        put(&mut fields, "--intrinsics", "pinhole_px", self.intrinsics)?;
+        put(&mut fields, "--depth", "kind", self.depth)?;
+        put(&mut fields, "--groups", "groups", self.groups.as_ref())?;
+        put(&mut fields, "--caster", "caster", self.caster)?;
         let [near, far] = camera.range()?;
         let (near, far) = (self.near.unwrap_or(near), self.far.unwrap_or(far));
         let farthest = f64::from(MAX_DISTANCE) * 0.001;
@@ -425,10 +455,8 @@ impl CameraArgs {
                 got: format!("{near} m, {far} m"),
             });
         }
-        if self.near.or(self.far).is_some() {
-            camera.range_m = Some([near, far]);
-        }
-        Ok(())
+        put(&mut fields, "--near, --far", "range_m", self.near.or(self.far).map(|_| [near, far]))?;
+        Ok(fields)
     }
 }
 
@@ -1019,4 +1047,31 @@ pub struct ExciteArgs {
     /// Print everything as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::Args;
+    use crate::scene::SCENES;
+
+    /// Arguments of a command and of those under it that name a scene, with their help.
+    fn scenes_of(command: &clap::Command) -> Vec<(String, String)> {
+        let help = |arg: &clap::Arg| arg.get_help().map(ToString::to_string).unwrap_or_default();
+        let own = command.get_arguments().filter(|arg| help(arg).starts_with("Scene: "));
+        let own = own.map(|arg| (format!("{} {}", command.get_name(), arg.get_id()), help(arg)));
+        own.chain(command.get_subcommands().flat_map(scenes_of)).collect()
+    }
+
+    #[test]
+    fn help_names_the_scenes_that_there_are() {
+        let found = scenes_of(&Args::command());
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["fly scene", "depth scene", "lint file", "bench scene"]);
+        let known = format!("({})", SCENES.join(", "));
+        for (name, help) in &found {
+            assert!(help.contains(&known), "{name}: expected {known} in {help:?}");
+        }
+    }
 }

@@ -13,7 +13,8 @@ Examples:
 
 Every world has its own start and command and begins a new episode every 4 s of flight at 500 Hz.
 Figures are medians; 90 % of the calls fall between the two values beside them. Units are SI (m, s);
-angles of view are in degrees. Other programs that run at the same time make everything slower.";
+angles of view are in degrees. Other programs that run at the same time make everything slower.
+As the Python package brings it, the start to the first image includes Python's own.";
 
 /// The number that states are kept and advanced in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

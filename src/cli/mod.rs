@@ -17,16 +17,21 @@ use std::panic::{self, AssertUnwindSafe};
 use std::process::ExitCode;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use cmd::bench::Start;
+
 /// Parses the command line of this process, runs the command and gives the exit code: 0 fine, 1 a check found a problem, 2 error.
 pub fn run() -> ExitCode {
-    ExitCode::from(run_with(std::env::args_os().skip(1)))
+    // A system that does not say which file this is finds it as it found it now.
+    let this = std::env::current_exe().map_or_else(|_| std::env::args_os().next(), |path| Some(path.into()));
+    ExitCode::from(run_with(std::env::args_os().skip(1), this))
 }
 
 /// Runs the command that `words` say, those that would follow `propwash`, with the input and output of this process, and gives
-/// the exit code.
-pub fn run_with(words: impl IntoIterator<Item = OsString>) -> u8 {
+/// the exit code. `again` starts the program anew where `words` are put behind it, which `bench` does: a file and what it is told first.
+pub fn run_with(words: impl IntoIterator<Item = OsString>, again: impl IntoIterator<Item = OsString>) -> u8 {
     let line: Vec<OsString> = std::iter::once("propwash".into()).chain(words).collect();
-    let code = caught(|| parse_and_run(&line)).unwrap_or_else(|said| exit::bug(&said));
+    let again: Vec<OsString> = again.into_iter().collect();
+    let code = caught(|| parse_and_run(&line, &again)).unwrap_or_else(|said| exit::bug(&said));
     // In a process whose main program is not ours, nothing else writes out what is still kept.
     let _ = std::io::stdout().flush();
     code
@@ -51,7 +56,7 @@ fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
     done.map_err(|_| said.lock().unwrap_or_else(PoisonError::into_inner).clone())
 }
 
-fn parse_and_run(line: &[OsString]) -> u8 {
+fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
     let args = match args::Args::try_parse_from(line) {
         Ok(args) => args,
         Err(error) => match error.kind() {
@@ -80,7 +85,7 @@ fn parse_and_run(line: &[OsString]) -> u8 {
         args::Command::Diagnose(a) => cmd::diagnose::run(&a),
         args::Command::Add(a) => cmd::add::run(&a),
         args::Command::Excite(a) => cmd::excite::run(&a),
-        args::Command::Bench(a) => cmd::bench::run(&a),
+        args::Command::Bench(a) => cmd::bench::run(&a, &Start { again, words: &line[1..] }),
         args::Command::Completions(a) => cmd::completions::run(&a),
     };
     exit::code(outcome)

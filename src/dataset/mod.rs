@@ -4,6 +4,7 @@
 //! what is written: not on the clock, the number of threads, or interruptions.
 
 mod canvas;
+mod changes;
 pub mod depth_png;
 mod error;
 mod files;
@@ -19,6 +20,7 @@ mod user_recorder;
 mod world_log;
 mod writer;
 
+pub use changes::{MAX_DRONES, MAX_WORLDS, change_camera, table};
 pub use depth_png::{MAX_DISTANCE, MISS, TOO_FAR, TOO_NEAR, decode, encode, read as read_depth_png, status};
 pub use error::DatasetError;
 pub use files::FileRecord;

@@ -97,6 +97,19 @@ impl<F: Fn(usize, usize) + Sync> Progress for F {
     }
 }
 
+impl Recorded {
+    /// What became of the data set in `out`, in numbers.
+    pub fn details(&self, out: &Path) -> Value {
+        let s = &self.summary;
+        json!({
+            "out": out.display().to_string(), "overview": out.join("overview.png").display().to_string(),
+            "worlds": s.n_worlds, "resumed_worlds": self.n_resumed, "quarantined_worlds": s.n_quarantined,
+            "state_rows": s.n_states, "contact_rows": s.n_contacts, "clearance_rows": s.n_clearances,
+            "images": s.n_images, "bytes": s.bytes, "warnings": self.warnings,
+        })
+    }
+}
+
 /// Flies as [`record`] does, and draws the picture `overview.png` of what is there then.
 ///
 /// # Errors
@@ -108,8 +121,8 @@ pub fn fly(flight: &Flight, out: &Path, progress: &dyn Progress) -> Result<Recor
     Ok(recorded)
 }
 
-/// Flies all worlds that are not in `out` yet and seals the data set. `progress(done, all)` is called after each world,
-/// from any thread.
+/// Flies all worlds that are not in `out` yet and seals the data set. `progress(done, all)` is called before the first world
+/// and after each, from any thread.
 ///
 /// The bytes written depend on `flight` alone, not on threads, interruptions or order.
 pub fn record(flight: &Flight, out: &Path, progress: &dyn Progress) -> Result<Recorded> {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::run::{self, Result};
-use crate::{dist_test, python, setup, test};
+use crate::{dist_test, licenses, python, setup, test};
 
 /// What it builds with, from the root of the checkout.
 const REQUIREMENTS: &str = "python/requirements-dist.txt";
@@ -22,7 +22,6 @@ const PROFILE: &str = "dist";
 
 /// Folders and files of the checkout in the archive, and where they lie in it.
 const DATA: &[(&str, &str)] = &[
-    ("README.md", "README.md"),
     ("CHANGELOG.md", "CHANGELOG.md"),
     ("LICENSE-APACHE", "LICENSE-APACHE"),
     ("LICENSE-MIT", "LICENSE-MIT"),
@@ -30,6 +29,21 @@ const DATA: &[(&str, &str)] = &[
     ("assets", "share/propwash/assets"),
     ("params", "share/propwash/params"),
 ];
+
+/// What in these folders is no part of the archive: programs that make what lies there.
+const NO_DATA: &str = ".py";
+
+/// What stands in the archive beside its folders.
+const README: &str = "\
+Propwash: a drone simulator that senses and collides in MuJoCo scenes and finds the physics it is missing.
+
+  bin/propwash      the program; `bin/propwash --help` lists its commands and examples
+  lib/propwash      MuJoCo's library, which it uses
+  share/propwash    scenes, shells, meshes and vehicle files, to copy and change; the program brings its own
+  share/licenses    licences of what is compiled in, and of MuJoCo
+
+The folder runs from wherever it lies. Propwash is licensed under LICENSE-MIT or LICENSE-APACHE, as you choose.
+";
 
 /// What was made.
 pub struct Made {
@@ -41,31 +55,48 @@ pub struct Made {
     pub archive: PathBuf,
 }
 
-/// Builds, and tests what was built where that is asked for.
-pub fn run(args: &[String]) -> Result {
-    let (mut build_it, mut test_it, mut pythons) = (true, false, Vec::new());
-    let mut rest = args.iter();
-    while let Some(arg) = rest.next() {
-        match arg.as_str() {
-            "--test" => test_it = true,
-            "--only-test" => (build_it, test_it) = (false, true),
-            "--python" => {
-                let missing = "--python: expected a Python, such as python3.13, found nothing";
-                pythons.push(rest.next().ok_or(missing)?.clone());
-            }
-            other => {
-                let known = "--test, --only-test and --python PROGRAM";
-                return Err(format!("`cargo xtask dist` knows {known}, found `{other}`"));
+/// What the command line asks for.
+#[derive(Default)]
+struct Asked {
+    build: bool,
+    test: bool,
+    pythons: Vec<String>,
+}
+
+impl Asked {
+    fn read(args: &[String]) -> Result<Self> {
+        let mut asked = Self { build: true, ..Self::default() };
+        let mut rest = args.iter();
+        while let Some(arg) = rest.next() {
+            match arg.as_str() {
+                "--test" => asked.test = true,
+                "--only-test" => (asked.build, asked.test) = (false, true),
+                // There is nothing else to do with one.
+                "--python" => {
+                    let missing = "--python: expected a Python, such as python3.13, found nothing";
+                    asked.pythons.push(rest.next().ok_or(missing)?.clone());
+                    asked.test = true;
+                }
+                other => {
+                    let known = "--test, --only-test and --python PROGRAM";
+                    return Err(format!("`cargo xtask dist` knows {known}, found `{other}`"));
+                }
             }
         }
+        Ok(asked)
     }
+}
+
+/// Builds, and tests what was built where that is asked for.
+pub fn run(args: &[String]) -> Result {
+    let asked = Asked::read(args)?;
     let target = test::target_dir()?;
     let out = target.join("dist-files");
-    let made = if build_it { build(&target, &out)? } else { find(&out)? };
+    let made = if asked.build { build(&target, &out)? } else { find(&out)? };
     for path in [&made.wheel, &made.archive] {
         println!("{:>5.1} MB  {}", megabytes(path)?, path.display());
     }
-    if test_it { dist_test::run(&made, &pythons) } else { Ok(()) }
+    if asked.test { dist_test::run(&made, &asked.pythons) } else { Ok(()) }
 }
 
 /// Builds the wheel and the archive into `out`.
@@ -78,6 +109,7 @@ fn build(target: &Path, out: &Path) -> Result<Made> {
         fs::remove_dir_all(out).map_err(at(out))?;
     }
     fs::create_dir_all(out).map_err(at(out))?;
+    licenses::write(triple)?;
     let path = std::env::var_os("PATH").unwrap_or_default();
     let path = std::iter::once(venv.join("bin")).chain(std::env::split_paths(&path));
     let path = std::env::join_paths(path).map_err(|e| e.to_string())?;
@@ -108,7 +140,10 @@ fn build(target: &Path, out: &Path) -> Result<Made> {
     let folder = out.join(&name);
     lay_out(&folder, &target.join(triple).join(PROFILE))?;
     pack(out, &name)?;
-    fs::remove_dir_all(&folder).map_err(at(&folder))?;
+    // Where they stayed, another build would take them after its dependencies have changed.
+    for done in [folder, run::root().join(licenses::FOLDER)] {
+        fs::remove_dir_all(&done).map_err(at(&done))?;
+    }
 
     let made = find(out)?;
     for path in [&made.wheel, &made.archive] {
@@ -145,10 +180,8 @@ fn linker(venv: &Path) -> Result<PathBuf> {
 
 /// Flags of rustc that cut folders of this machine from messages.
 fn remaps() -> Vec<String> {
-    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
-    let home = home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo")));
     let mut flags = vec![format!("--remap-path-prefix={}=propwash", run::root().display())];
-    if let Some(home) = home {
+    if let Some(home) = run::cargo_home() {
         flags.push(format!("--remap-path-prefix={}=cargo", home.display()));
     }
     flags
@@ -160,9 +193,11 @@ fn lay_out(folder: &Path, compiled: &Path) -> Result {
     let library = format!("libmujoco.so.{}", setup::MUJOCO);
     copy(&compiled.join("propwash"), &folder.join("bin/propwash"))?;
     copy(&mujoco.join("lib").join(&library), &folder.join("lib/propwash").join(&library))?;
+    fs::write(folder.join("README"), README).map_err(at(folder))?;
     for (from, to) in DATA {
-        copy(&run::root().join(from), &folder.join(to))?;
+        copy_tracked(from, &folder.join(to), &[NO_DATA])?;
     }
+    copy(&run::root().join(licenses::FOLDER), &folder.join("share/licenses/rust"))?;
     let entries = fs::read_dir(&mujoco).map_err(at(&mujoco))?;
     for entry in entries.flatten().filter(|e| e.file_name().to_string_lossy().starts_with("LICENSE")) {
         copy(&entry.path(), &folder.join("share/licenses/mujoco").join(entry.file_name()))?;
@@ -223,6 +258,22 @@ pub fn copy(from: &Path, to: &Path) -> Result {
     Ok(())
 }
 
+/// Copies what git knows of a file or folder of the checkout, without files that end in one of `but`; all of it where there is no git.
+pub fn copy_tracked(from: &str, to: &Path, but: &[&str]) -> Result {
+    let root = run::root();
+    let asked = Command::new("git").args(["ls-files", "-z", "--", from]).current_dir(&root).output();
+    let listed = asked.ok().filter(|out| out.status.success() && !out.stdout.is_empty());
+    let Some(listed) = listed else { return copy(&root.join(from), to) };
+    let listed = String::from_utf8_lossy(&listed.stdout).into_owned();
+    for path in listed.split_terminator('\0').filter(|path| !but.iter().any(|end| path.ends_with(end))) {
+        // What is a file itself has no path in it.
+        let within = Path::new(path).strip_prefix(from).unwrap_or(Path::new(""));
+        let to = if within.as_os_str().is_empty() { to.to_path_buf() } else { to.join(within) };
+        copy(&root.join(path), &to)?;
+    }
+    Ok(())
+}
+
 /// Names the path in an input/output error.
 fn at(path: &Path) -> impl Fn(std::io::Error) -> String {
     let path = path.display().to_string();
@@ -266,6 +317,33 @@ mod tests {
     fn the_newest_glibc_is_read_from_the_names_of_versions() {
         assert_eq!(newest_glibc(b"\0GLIBC_2.4\0GLIBC_2.28\0GLIBC_2.2.5\0GLIBC_PRIVATE\0"), Some((2, 28)));
         assert_eq!(newest_glibc(b"nothing"), None);
+    }
+
+    #[test]
+    fn what_git_does_not_know_and_programs_are_left_out() {
+        let folder = std::env::temp_dir().join(format!("propwash-tracked-{}", std::process::id()));
+        let stray = run::root().join("xml/stray.pyc");
+        fs::write(&stray, "").unwrap();
+        let copied = copy_tracked("xml", &folder.join("xml"), &[]);
+        fs::remove_file(&stray).unwrap();
+        copied.unwrap();
+        copy_tracked("assets", &folder.join("assets"), &[NO_DATA]).unwrap();
+        copy_tracked("LICENSE-MIT", &folder.join("LICENSE-MIT"), &[NO_DATA]).unwrap();
+        let there = |path: &str| folder.join(path).is_file();
+        assert!(there("xml/forest.xml") && there("xml/shells/cf2x.xml") && !there("xml/stray.pyc"));
+        assert!(there("assets/rock.obj") && !there("assets/make_assets.py") && there("LICENSE-MIT"));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_named_python_asks_for_the_test() {
+        let asked = |words: &[&str]| Asked::read(&words.iter().map(|w| w.to_string()).collect::<Vec<_>>());
+        let with = asked(&["--python", "python3.13"]).unwrap();
+        assert!(with.build && with.test && with.pythons == ["python3.13"]);
+        let only = asked(&["--only-test", "--python", "python3.10"]).unwrap();
+        assert!(!only.build && only.test);
+        assert!(!asked(&[]).unwrap().test);
+        assert!(asked(&["--python"]).is_err() && asked(&["--fast"]).is_err());
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use crate::dist::Made;
 use crate::python::Host;
 use crate::run::{self, Result};
-use crate::{demo, dist, python};
+use crate::{demo, dist, licenses, python, test};
 
 /// Oldest Python of the wheel.
 const LEAST_PYTHON: (u32, u32) = (3, 10);
@@ -31,12 +31,20 @@ const FLY: &[&str] = &[
     "flown",
 ];
 
+/// A measurement that starts the program again.
+const BENCH: &[&str] =
+    &["bench", "--seconds=0.001", "--worlds=1", "--sensing-worlds=1", "--size=4x4", "--threads=1"];
+
 /// What works without a scene file, a vehicle file or a display.
 const SCRIPT: &str = r#"
 import numpy as np
 import propwash
 
-assert not any(name.startswith("/") and "/target/" in name for name in propwash.__path__), propwash.__path__
+import sys
+from pathlib import Path
+
+# That which was installed, and no other.
+assert all(Path(name).is_relative_to(sys.prefix) for name in propwash.__path__), (propwash.__path__, sys.prefix)
 sim = propwash.Sim(n_worlds=4, drone="cf2x_L250", scene="meshes")
 sim.set_initial(pos=[0.0, 0.0, 1.0])
 sim.reset()
@@ -105,13 +113,15 @@ fn the_archive(made: &Made, folder: &Path) -> Result {
     let from = folder.join(name.trim_end_matches(".tar.gz"));
     fs::rename(&from, &moved).map_err(|e| format!("{}: {e}", from.display()))?;
     let program = moved.join("bin/propwash");
-    no_paths_of_this_machine(&program)?;
     dist::runs_on_old_glibc(&program)?;
     the_program(&program, made, folder)?;
-    for file in ["LICENSE-MIT", "share/licenses/mujoco/LICENSE", "share/propwash/xml/forest.xml"] {
-        if !moved.join(file).is_file() {
-            return Err(format!("the archive lacks {file}"));
-        }
+    let mut files = vec!["README", "LICENSE-MIT", "LICENSE-APACHE", "share/licenses/mujoco/LICENSE"];
+    files.extend(["share/propwash/xml/forest.xml"]);
+    has(&moved, &files)?;
+    has_licenses(&moved.join("share/licenses/rust"), &moved.join("share/propwash/assets/report"))?;
+    // MuJoCo's library is not ours.
+    for ours in ["bin", "share"] {
+        no_paths_of_this_machine(&moved.join(ours))?;
     }
     println!("ok: {name} runs from any folder");
     Ok(())
@@ -142,16 +152,40 @@ fn the_wheel(made: &Made, base: &str, folder: &Path) -> Result {
     let wheel = folder.join("wheel");
     run::check(Command::new(base).args(["-m", "zipfile", "-e"]).arg(&made.wheel).arg(&wheel))?;
     no_paths_of_this_machine(&wheel)?;
+    let kept = wheel.join(format!("propwash-{}.dist-info/licenses", made.version));
+    has(&kept, &["LICENSE-MIT", "LICENSE-APACHE"])?;
+    has_licenses(&kept.join(licenses::FOLDER), &kept.join("assets/report"))?;
     dist::runs_on_old_glibc(&module)?;
     println!("ok: the wheel works with Python {}.{}", version[0], version[1]);
     Ok(())
+}
+
+/// Fails where a folder lacks one of `files`.
+fn has(folder: &Path, files: &[&str]) -> Result {
+    match files.iter().find(|file| !folder.join(file).is_file()) {
+        Some(file) => Err(format!("{} lacks {file}", folder.display())),
+        None => Ok(()),
+    }
+}
+
+/// Fails where the licences of crates and of Rust's library, or those of the font and the plots of reports, are missing.
+fn has_licenses(crates: &Path, report: &Path) -> Result {
+    has(crates, &[licenses::CRATES, licenses::LIBRARY])?;
+    has(report, &["DejaVuSans.LICENSE.txt", "plotly-basic.LICENSE.txt"])?;
+    let path = crates.join(licenses::CRATES);
+    let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    // One of the program, and one of the module alone.
+    match ["\n  clap ", "\n  pyo3 "].iter().find(|name| !text.contains(**name)) {
+        Some(name) => Err(format!("{} names no{name}", path.display())),
+        None => Ok(()),
+    }
 }
 
 /// Runs tests of the package, with the scenes that they read beside them.
 fn the_tests(venv: &Path, folder: &Path) -> Result {
     let root = run::root();
     for name in ["python/tests", "xml", "assets"] {
-        dist::copy(&root.join(name), &folder.join("copy").join(name))?;
+        dist::copy_tracked(name, &folder.join("copy").join(name), &[])?;
     }
     let list = fs::read_to_string(root.join(python::REQUIREMENTS)).map_err(|e| e.to_string())?;
     let pytest = list.lines().find(|line| line.starts_with("pytest==")).ok_or("the tests pin no pytest")?;
@@ -180,6 +214,7 @@ fn the_program(program: &Path, made: &Made, folder: &Path) -> Result {
             return Err(format!("`propwash fly` left no {file}"));
         }
     }
+    run::check(clean(program, folder).args(BENCH).stdout(Stdio::null()))?;
     let wrong = clean(program, folder).args(["scene", "lint", "forrest"]).output();
     let wrong = wrong.map_err(|e| format!("{}: {e}", program.display()))?;
     let words = String::from_utf8_lossy(&wrong.stderr).into_owned();
@@ -189,18 +224,51 @@ fn the_program(program: &Path, made: &Made, folder: &Path) -> Result {
     Ok(())
 }
 
-/// Fails where a file, or one in a folder, names the folder of the checkout, which the machine of a user does not have.
+/// Fails where a file, or one in a folder, names a folder that the machine of a user does not have: of the checkout, of what is compiled, of
+/// cargo, of the user, of temporary files.
 fn no_paths_of_this_machine(file: &Path) -> Result {
+    let home = std::env::var_os("HOME").map(PathBuf::from);
+    let folders =
+        [Some(run::root()), Some(test::target_dir()?), run::cargo_home(), home, Some(std::env::temp_dir())];
+    let named: Vec<String> =
+        folders.into_iter().flatten().map(|folder| folder.display().to_string()).collect();
+    // A root of the file system is in every path.
+    let named: Vec<String> =
+        named.into_iter().map(|name| format!("{}/", name.trim_end_matches('/'))).collect();
+    names_none_of(file, &named.into_iter().filter(|name| name.len() > 1).collect::<Vec<_>>())
+}
+
+fn names_none_of(file: &Path, folders: &[String]) -> Result {
     if file.is_dir() {
         for entry in fs::read_dir(file).map_err(|e| format!("{}: {e}", file.display()))?.flatten() {
-            no_paths_of_this_machine(&entry.path())?;
+            names_none_of(&entry.path(), folders)?;
         }
         return Ok(());
     }
     let bytes = fs::read(file).map_err(|e| format!("{}: {e}", file.display()))?;
-    let root = run::root().display().to_string();
-    if bytes.windows(root.len()).any(|w| w == root.as_bytes()) {
-        return Err(format!("{} names the folder {root}", file.display()));
+    match folders.iter().find(|name| bytes.windows(name.len()).any(|w| w == name.as_bytes())) {
+        Some(name) => Err(format!("{} names the folder {name}", file.display())),
+        None => Ok(()),
     }
-    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn folders_of_this_machine_are_found_in_files() {
+        let folder = std::env::temp_dir().join(format!("propwash-paths-{}", std::process::id()));
+        fs::create_dir_all(folder.join("inner")).unwrap();
+        let file = folder.join("inner/file");
+        let mut wrong = vec![run::root(), test::target_dir().unwrap(), std::env::temp_dir()];
+        wrong.extend(run::cargo_home());
+        for path in wrong {
+            fs::write(&file, format!("\0see {}/src/lib.rs\0", path.display())).unwrap();
+            assert!(no_paths_of_this_machine(&folder).is_err(), "{}", path.display());
+        }
+        fs::write(&file, "\0see /usr/lib/libm.so\0").unwrap();
+        no_paths_of_this_machine(&folder).unwrap();
+        fs::remove_dir_all(&folder).unwrap();
+    }
 }

@@ -9,6 +9,7 @@ mod dist;
 mod dist_test;
 mod docs;
 mod gen_kernels;
+mod licenses;
 mod python;
 mod run;
 mod setup;
@@ -46,8 +47,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask dist [--test] [--python PROGRAM ...]
                                build for people without Rust, into target/dist-files: a wheel for Linux (glibc 2.28 and newer) and
                                Python 3.10 and newer, and an archive of the program with MuJoCo's library, scenes and vehicles
-                               (--test: install each in a clean environment outside the checkout and run it, the wheel with each
-                               --python, or with python3; --only-test: the same with what is there already)
+                               (--test: install each in a clean environment outside the checkout and run it, the wheel with
+                               python3, or with each --python, which asks for the test too; --only-test: the same with what is there already;
+                               flags for rustc are its own: RUSTFLAGS and those of cargo's configuration are not used)
   cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test

@@ -21,6 +21,12 @@ pub fn cargo() -> Command {
     command
 }
 
+/// Cargo's own folder.
+pub fn cargo_home() -> Option<PathBuf> {
+    let home = std::env::var_os("CARGO_HOME").map(PathBuf::from);
+    home.or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo")))
+}
+
 /// Fails when a command that takes no arguments was given some.
 pub fn no_arguments(command: &str, args: &[String]) -> Result {
     match args.first() {

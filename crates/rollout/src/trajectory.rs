@@ -199,10 +199,10 @@ pub type Waypoint = (f64, [f64; 3], f64);
 #[serde(deny_unknown_fields)]
 pub struct Track {
     /// The world, counted over the whole run; none: every world that has no track of its own.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world: Option<u64>,
     /// The drone; none: every drone that has no track of its own.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drone: Option<usize>,
     /// Where it leads.
     pub points: Spline,

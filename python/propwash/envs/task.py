@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
-from ..sim import _finite, _scene
+from ..sim import _plain, _scene
+
+#: What actions are.
+Action = Literal["attitude", "body_rate", "force_torque", "rotor_vel", "velocity"]
 
 #: Why an episode ended, by the number in ``info["ending"]``.
 ENDINGS = ("", "crashed", "left", "done", "time_up", "quarantined")
@@ -179,7 +182,7 @@ class Task:
     camera: Any = None
     #: As the arguments of ``DroneVectorEnv``, for callers that say nothing else.
     n_drones: int = 1
-    action: str = "attitude"
+    action: Action = "attitude"
     freq: int = 50
     max_episode_time: float = 10.0
 
@@ -224,8 +227,8 @@ class TaskCalls:
             )
         self.channels = dict(channels)
 
-    def described(self) -> str:
-        """What the environment has to know of the task, as JSON."""
+    def described(self, layouts: int | None) -> str:
+        """What the environment has to know of the task, as JSON; ``layouts`` where the caller asks for so many."""
         task = self.task
         camera = task.camera
         if isinstance(camera, str):
@@ -237,12 +240,11 @@ class TaskCalls:
             "goal": self._place("goal_space", task.goal_space, task.goal_clearance),
             "has_goal": bool(task.has_goal) or task.goal_space is not None,
             "moves_obstacles": type(task).before_step is not Task.before_step or "before_step" in vars(task),
-            "scene": "none" if task.scene is None else _scene(task.scene, task.layouts),
+            "scene": "none" if task.scene is None else _scene(task.scene, task.layouts if layouts is None else layouts),
             "layouts": None if task.layouts is None else int(task.layouts),
             "camera": None if camera is None or camera is False else dict(camera),
         }
-        _finite(f"{self.name}: ", out)
-        return json.dumps(out)
+        return json.dumps(_plain(self.name, out))
 
     def _place(self, name: str, space: Box | None, clearance: float) -> list[Any] | None:
         if space is None:

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
 from ..sense import Camera, _whole
-from ..sim import DroneLike, SceneLike, _each, _finite, _rules, _scene, _sensors, _vehicle
-from .task import ENDINGS, Task, TaskCalls, own_task
+from ..sim import DroneLike, Dynamics, SceneLike, _each, _plain, _rules, _scene, _sensors, _vehicle
+from .task import ENDINGS, Action, Task, TaskCalls, own_task
 
 Obs = dict[str, NDArray[np.float32]]
 Info = dict[str, Any]
@@ -32,6 +32,8 @@ BUILT_IN = tuple(
 
 #: Names of the built-in tasks.
 TASKS = tuple(name for name, _, _ in BUILT_IN)
+
+Autoreset = Literal["next_step", "same_step", "disabled", "NextStep", "SameStep", "Disabled"]
 
 _MODES = {
     AutoresetMode.NEXT_STEP: "next_step",
@@ -108,8 +110,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         task_options: Mapping[str, Any] | None = None,
         n_drones: int | None = None,
         drone: DroneLike | Sequence[DroneLike] = "cf2x_L250",
-        dynamics: str = "first_principles",
-        action: str | None = None,
+        dynamics: Dynamics = "first_principles",
+        action: Action | None = None,
         action_options: Mapping[str, Any] | None = None,
         normalize_actions: bool = True,
         sim_freq: int = 500,
@@ -122,12 +124,12 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
         levels: Mapping[str, Any] | None = None,
         look: float = 3.0,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        autoreset_mode: AutoresetMode | Autoreset = AutoresetMode.NEXT_STEP,
         seed: int | None = None,
         first_world: int = 0,
         threads: int | None = None,
         copy: bool = True,
-        render_mode: str | None = None,
+        render_mode: Literal["rgb_array"] | None = None,
     ) -> None:
         self.num_envs = _whole("num_envs", num_envs, 1, 2**24)
         own = own_task(task, task_options, TASKS)
@@ -173,12 +175,11 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "levels": dict(levels or {}),
             "randomization": _rules(randomization),
         }
-        _finite("", wanted)
         threads = None if threads is None else _whole("threads", threads, 1, 1024)
         calls = None if own is None else TaskCalls(own)
         self._calls = calls
-        given = None if calls is None else (calls.described(), calls, calls.draws)
-        self._native = _native.Env(json.dumps(wanted), vehicles, threads, given)
+        given = None if calls is None else (calls.described(layouts), calls, calls.draws)
+        self._native = _native.Env(json.dumps(_plain("", wanted)), vehicles, threads, given)
         if calls is not None:
             calls.attach(self._native, wanted)
         self._seeded = seed is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -82,7 +82,7 @@ class NormalizeDepth(_Observed):
 class ToF8x8(_Observed):
     """Depth as a time-of-flight sensor of 8 x 8 zones gives it: of each zone the least, or the mean, of its pixels."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], reduce: str = "min") -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], reduce: Literal["min", "mean"] = "min") -> None:
         box = _depth_of(env)
         *head, height, width = box.shape
         if height % 8 or width % 8:

@@ -1,22 +1,20 @@
 //! `propwash fly`: the main job.
 
 use super::{io_error, print, print_json};
-use crate::arena::{DroneConfig, FlightPattern, SceneConfig, SimConfig, VehicleSource};
-use crate::cli::args::FlyArgs;
+use crate::arena::{FlightPattern, SceneConfig};
+use crate::cli::args::{FlyArgs, put};
 use crate::cli::exit::{Outcome, warn};
 use crate::dataset::recorder::{self, Flight, FlightConfig, Recorded};
+use crate::dataset::{MAX_DRONES, MAX_WORLDS};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
-use crate::rollout::trajectory::Tracks;
 use crate::sense::DepthNoise;
 use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-use serde_json::json;
+use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::time::Duration;
 
-/// Most worlds of a data set.
-const MAX_WORLDS: usize = 10_000_000;
 /// Most threads that can be asked for; more than any machine has use for.
 const MAX_THREADS: usize = 1024;
 
@@ -60,95 +58,60 @@ fn fly(args: &FlyArgs, flight: &Flight) -> Result<Recorded> {
 }
 
 /// What the arguments ask for: a configuration with what the flags change.
-pub fn config(args: &FlyArgs) -> Result<FlightConfig> {
-    let mut config = match &args.config {
+fn config(args: &FlyArgs) -> Result<FlightConfig> {
+    let config = match &args.config {
         None => FlightConfig::default(),
         Some(path) => FlightConfig::from_file(path)?,
     };
-    change_drones(args, &mut config.sim)?;
-    let usage =
-        |flag, expected: &str, got: String| Err(Error::Usage { flag, expected: expected.into(), got });
-    let sim = &mut config.sim;
-    if let Some(worlds) = args.worlds {
-        if !(1..=MAX_WORLDS).contains(&worlds) {
-            return usage("--worlds", &format!("1 to {MAX_WORLDS}"), worlds.to_string());
+    check(args)?;
+    let mut fields = Map::new();
+    put(&mut fields, "--scene", "scene", args.scene.clone().map(|path| SceneConfig::Files(vec![path])))?;
+    let drones: Vec<Value> = args.drone.iter().map(|name| json!({ "vehicle": name })).collect();
+    put(&mut fields, "--drone", "drones", (!drones.is_empty()).then_some(drones))?;
+    put(&mut fields, "--drones-per-world", "n_drones", args.drones_per_world)?;
+    put(&mut fields, "--shell", "shell", args.shell.as_ref())?;
+    put(&mut fields, "--dynamics", "dynamics", args.dynamics.as_ref())?;
+    put(&mut fields, "--worlds", "n_worlds", args.worlds)?;
+    put(&mut fields, "--trajectory", "pattern", args.trajectory.as_deref().map(pattern).transpose()?)?;
+    put(&mut fields, "--randomize", "randomization", args.randomize.as_deref().map(rules).transpose()?)?;
+    put(&mut fields, "--sim-hz", "sim_hz", args.sim_hz)?;
+    put(&mut fields, "--integrator", "integrator", args.integrator)?;
+    put(&mut fields, "--seed", "seed", args.seed)?;
+    put(&mut fields, "--obstacle-jitter", "obstacle_jitter_m", args.obstacle_jitter)?;
+    put(&mut fields, "--sensor", "sensors", Some(&args.sensor))?;
+    put(&mut fields, "--seconds", "seconds", args.seconds)?;
+    put(&mut fields, "--fps", "fps", args.fps)?;
+    put(&mut fields, "--log-hz", "log_hz", args.log_hz)?;
+    put(&mut fields, "--normals", "normals", args.normals.then_some(true))?;
+    let mut camera = args.view.fields(&config.sim.camera.clone().unwrap_or_default())?;
+    put(&mut camera, "--camera", "name", args.camera.as_ref())?;
+    put(&mut camera, "--camera-mount", "mount", args.camera_mount)?;
+    put(&mut camera, "--noise", "noise", args.noise.as_deref().map(noise).transpose()?)?;
+    put(&mut fields, "--camera", "camera", Some(camera))?;
+    config.changed(fields)
+}
+
+/// Refuses what can be told from the flags alone, by their names.
+fn check(args: &FlyArgs) -> Result<()> {
+    let usage = |flag, expected: String, got: String| Err(Error::Usage { flag, expected, got });
+    let limits = [
+        ("--worlds", args.worlds, MAX_WORLDS),
+        ("--threads", args.threads, MAX_THREADS),
+        ("--drones-per-world", args.drones_per_world, MAX_DRONES),
+    ];
+    for (flag, given, most) in limits {
+        if let Some(n) = given.filter(|n| !(1..=most).contains(n)) {
+            return usage(flag, format!("1 to {most}"), n.to_string());
         }
-        sim.options.n_worlds = worlds;
     }
-    if let Some(threads) = args.threads
-        && !(1..=MAX_THREADS).contains(&threads)
-    {
-        return usage("--threads", &format!("1 to {MAX_THREADS}"), threads.to_string());
+    if let Some(n) = args.drones_per_world.filter(|n| *n < args.drone.len()) {
+        let expected = format!("at least {}, one for each --drone", args.drone.len());
+        return usage("--drones-per-world", expected, n.to_string());
     }
     if args.out.exists() && !args.out.is_dir() {
         let found = format!("{}, which is a file", args.out.display());
-        return usage("--out", "a folder, there already or to be made", found);
+        return usage("--out", "a folder, there already or to be made".into(), found);
     }
-    if let Some(scene) = &args.scene {
-        (sim.scene, sim.layouts, sim.layout) = (Some(SceneConfig::Files(vec![scene.clone()])), None, None);
-        sim.scene_sha256.clear();
-    }
-    if let Some(words) = &args.trajectory {
-        sim.pattern = Some(pattern(words)?);
-    }
-    if let Some(path) = &args.randomize {
-        sim.options.randomization = rules(path)?;
-    }
-    set(&mut sim.options.sim_hz, args.sim_hz);
-    set(&mut sim.options.integrator, args.integrator);
-    set(&mut sim.options.seed, args.seed);
-    set(&mut sim.obstacle_jitter_m, args.obstacle_jitter);
-    let camera = sim.camera.get_or_insert_default();
-    if let Some(name) = &args.camera {
-        (camera.name, camera.mount) = (name.clone(), None);
-    }
-    camera.mount = args.camera_mount.or(camera.mount);
-    if let Some(path) = &args.noise {
-        camera.noise = Some(noise(path)?);
-    }
-    args.view.change(camera)?;
-    sim.sensors.extend(args.sensor.iter().cloned());
-    set(&mut config.seconds, args.seconds);
-    set(&mut config.fps, args.fps);
-    set(&mut config.log_hz, args.log_hz);
-    config.normals |= args.normals;
-    Ok(config)
-}
-
-/// A value that a flag gives.
-fn set<T>(to: &mut T, given: Option<T>) {
-    if let Some(given) = given {
-        *to = given;
-    }
-}
-
-/// What flags change in the drones.
-fn change_drones(args: &FlyArgs, sim: &mut SimConfig) -> Result<()> {
-    if !args.drone.is_empty() {
-        let named = |name: &String| DroneConfig {
-            vehicle: VehicleSource::Named(name.clone()),
-            ..DroneConfig::default()
-        };
-        (sim.drones, sim.n_drones) = (args.drone.iter().map(named).collect(), None);
-    }
-    for drone in &mut sim.drones {
-        set(&mut drone.dynamics, args.dynamics.clone());
-        drone.shell = args.shell.clone().or(drone.shell.take());
-    }
-    if !args.drone.is_empty() || args.shell.is_some() || args.drones_per_world.is_some() {
-        // Other drones make another scene of the same file.
-        sim.scene_sha256.clear();
-    }
-    let Some(n) = args.drones_per_world else { return Ok(()) };
-    let usage =
-        |expected: String| Err(Error::Usage { flag: "--drones-per-world", expected, got: n.to_string() });
-    if n == 0 || n > 1024 {
-        return usage("1 to 1024 drones in one world".into());
-    }
-    if n < args.drone.len() {
-        return usage(format!("at least {}, one for each --drone", args.drone.len()));
-    }
-    sim.n_drones = Some(n);
     Ok(())
 }
 
@@ -196,11 +159,7 @@ fn pattern(words: &[String]) -> Result<FlightPattern> {
                         .into(),
                 got: format!("{file}: {e}"),
             })?;
-            let tracks = Tracks::from_csv(Path::new(file))?;
-            Ok(match tracks.only() {
-                Some(spline) => FlightPattern::Waypoints(spline.clone()),
-                None => FlightPattern::Tracks(tracks),
-            })
+            Ok(FlightPattern::from_csv(Path::new(file))?)
         }
         _ => Err(Error::Usage {
             flag: "--trajectory",
@@ -213,13 +172,8 @@ fn pattern(words: &[String]) -> Result<FlightPattern> {
 
 fn report(args: &FlyArgs, recorded: &Recorded) -> Result<()> {
     let s = &recorded.summary;
-    let overview = args.out.join("overview.png");
     if args.json {
-        return print_json(&json!({
-            "out": args.out, "overview": overview, "worlds": s.n_worlds, "resumed_worlds": recorded.n_resumed,
-            "quarantined_worlds": s.n_quarantined, "state_rows": s.n_states, "contact_rows": s.n_contacts,
-            "clearance_rows": s.n_clearances, "images": s.n_images, "bytes": s.bytes, "warnings": recorded.warnings,
-        }));
+        return print_json(&recorded.details(&args.out));
     }
     for warning in &recorded.warnings {
         warn(&warning);
@@ -239,7 +193,11 @@ fn report(args: &FlyArgs, recorded: &Recorded) -> Result<()> {
         count(s.n_contacts, "contact row"),
         size(s.bytes),
     ))?;
-    print(format_args!("data set  {}\noverview  {}", args.out.display(), overview.display()))
+    print(format_args!(
+        "data set  {}\noverview  {}",
+        args.out.display(),
+        args.out.join("overview.png").display()
+    ))
 }
 
 /// `1 world`, `2 worlds`.

@@ -42,6 +42,12 @@ pub enum AttitudeModelError {
         /// What to do.
         remedy: String,
     },
+    /// The name of the vehicle file to write.
+    #[error("out: expected a file name that ends in .toml, got {}", path.display())]
+    Out {
+        /// The name.
+        path: PathBuf,
+    },
     /// Unknown variant of the model.
     #[error(
         "no attitude model is called `{name}`: expected one of so_rpy, so_rpy_rotor, so_rpy_rotor_drag; correct the name"

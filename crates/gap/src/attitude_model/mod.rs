@@ -34,6 +34,7 @@ use propwash_vehicle::schema::Response;
 use propwash_vehicle::{DYNAMICS, Vehicle};
 use rotation::Rotation;
 use solve::Fit;
+use std::path::Path;
 use std::sync::Arc;
 use translation::{Along, Channels, Translation};
 
@@ -67,6 +68,17 @@ impl Default for Options {
 }
 
 /// Identifies the model of `vehicle` from `log`. The mass is the vehicle file's.
+/// Refuses a name for the vehicle file that would not be read as one.
+///
+/// # Errors
+/// [`AttitudeModelError::Out`].
+pub fn check_out(out: &Path) -> Result<(), AttitudeModelError> {
+    match out.extension() {
+        Some(end) if end == "toml" => Ok(()),
+        _ => Err(AttitudeModelError::Out { path: out.into() }),
+    }
+}
+
 /// Identifies the model of `vehicle` from `log`. The mass is taken from the vehicle file.
 ///
 /// # Errors
