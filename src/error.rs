@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be read or written.
-    #[error("{}: {source}; check the path and its permissions{}", path.display(), crate::names::of_file(path))]
+    #[error("{}: {source}; check the path and its permissions{}", path.display(), crate::flight::files::suggestion(path))]
     Io {
         /// The file or folder.
         path: PathBuf,

@@ -1,6 +1,9 @@
 //! Exit codes and how errors are printed.
 
 use crate::Error;
+use crate::flight::files::suggestion;
+use crate::scene::SceneError;
+use crate::vehicle::VehicleError;
 use anstyle::AnsiColor;
 
 /// What a command came to.
@@ -20,7 +23,13 @@ pub fn code(outcome: Result<Outcome, Error>) -> u8 {
         // A reader that has seen enough (`propwash … | head`) is no error.
         Err(Error::Io { source, .. }) if source.kind() == std::io::ErrorKind::BrokenPipe => 0,
         Err(error) => {
-            complain(&one_line(&error.to_string()));
+            // Vehicles and scenes look at no folders themselves.
+            let meant = match &error {
+                Error::Vehicle(VehicleError::Read { path, .. })
+                | Error::Scene(SceneError::Read { path, .. }) => suggestion(path),
+                _ => String::new(),
+            };
+            complain(&(one_line(&error.to_string()) + &meant));
             2
         }
     }

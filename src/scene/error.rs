@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum SceneError {
     /// The scene file does not exist or is not a file.
-    #[error("scene file {} cannot be read: {source}; give the path of an MJCF or URDF file{}", path.display(), crate::names::of_file(path))]
+    #[error("scene file {} cannot be read: {source}; give the path of an MJCF or URDF file", path.display())]
     Read {
         /// The path that was asked for.
         path: PathBuf,

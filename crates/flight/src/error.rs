@@ -1,6 +1,6 @@
 //! What can go wrong with a flight log.
 
-use propwash_trace::names::of_file;
+use crate::files::suggestion;
 use std::path::PathBuf;
 
 /// Errors of reading, mapping and writing flight logs. Each says what was expected, what was found, where, and what
@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum FlightError {
     /// A file could not be read.
-    #[error("{}: cannot be read ({reason}): check the path and its permissions{}", path.display(), of_file(path))]
+    #[error("{}: cannot be read ({reason}): check the path and its permissions{}", path.display(), suggestion(path))]
     Read {
         /// The file.
         path: PathBuf,

@@ -115,6 +115,21 @@ fn partial(target: &Path) -> Result<(File, Partial)> {
     Ok((file, Partial(path)))
 }
 
+/// `; did you mean …?` with the nearest name in the folder of a file that does not exist, else nothing.
+pub fn suggestion(path: &Path) -> String {
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let (Some(name), Ok(entries), false) = (path.file_name(), std::fs::read_dir(folder), path.exists())
+    else {
+        return String::new();
+    };
+    let mut known: Vec<String> =
+        entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
+    // The order of a folder is any.
+    known.sort();
+    propwash_trace::names::nearest(&name.to_string_lossy(), known.iter().map(String::as_str))
+        .map_or_else(String::new, |k| format!("; did you mean `{}`?", path.with_file_name(k).display()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -182,5 +197,12 @@ mod tests {
         assert!(link.is_symlink() && fs::read(&file).unwrap() == b"new");
         write(Path::new("/dev/null"), false, |f| f.write_all(b"away")).unwrap();
         assert!(!fs::metadata("/dev/null").unwrap().is_file());
+    }
+
+    #[test]
+    fn the_file_that_was_meant_is_found() {
+        assert_eq!(suggestion(Path::new("cargo.tml")), "; did you mean `Cargo.toml`?");
+        assert_eq!(suggestion(Path::new("Cargo.toml")), "", "it is there");
+        assert_eq!(suggestion(Path::new("no/such/folder")), "");
     }
 }

@@ -18,21 +18,6 @@ pub fn of_list(name: &str, known: &str) -> String {
     suggestion(name, known.split(", "))
 }
 
-/// The same for a file that does not exist, of the files in its folder.
-pub fn of_file(path: &std::path::Path) -> String {
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(std::path::Path::new("."));
-    let (Some(name), Ok(entries), false) = (path.file_name(), std::fs::read_dir(folder), path.exists())
-    else {
-        return String::new();
-    };
-    let mut known: Vec<String> =
-        entries.flatten().map(|e| e.file_name().to_string_lossy().into_owned()).collect();
-    // The order of a folder is any.
-    known.sort();
-    nearest(&name.to_string_lossy(), known.iter().map(String::as_str))
-        .map_or_else(String::new, |k| format!("; did you mean `{}`?", path.with_file_name(k).display()))
-}
-
 /// Fewest insertions, deletions and replacements of letters that lead from one word to the other (Levenshtein).
 fn distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
@@ -65,8 +50,5 @@ mod tests {
         assert_eq!(suggestion("zo", known), "; did you mean `zoo`?");
         assert_eq!(suggestion("nothing", known), "");
         assert_eq!(of_list("linear_darg", "linear_drag, payload"), "; did you mean `linear_drag`?");
-        assert_eq!(of_file(std::path::Path::new("cargo.tml")), "; did you mean `Cargo.toml`?");
-        assert_eq!(of_file(std::path::Path::new("Cargo.toml")), "", "it is there");
-        assert_eq!(of_file(std::path::Path::new("no/such/folder")), "");
     }
 }

@@ -1,6 +1,6 @@
 //! What can go wrong with a vehicle.
 
-use propwash_trace::names::{of_file, of_list};
+use propwash_trace::names::of_list;
 use std::path::PathBuf;
 
 /// Errors of vehicle files and of URDF import. Each says what was expected, what was found, where, and what to do.
@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum VehicleError {
     /// A file could not be read.
-    #[error("{}: cannot be read ({reason}): check the path and its permissions{}", path.display(), of_file(path))]
+    #[error("{}: cannot be read ({reason}): check the path and its permissions", path.display())]
     Read {
         /// The file.
         path: PathBuf,

@@ -69,7 +69,7 @@ pub fn run(args: &DepthArgs) -> Result<Outcome> {
         return Ok(Outcome::Fine);
     }
     for warning in scene.warnings() {
-        warn(&warning);
+        warn(warning);
     }
     print(format_args!(
         "wrote {} ({} × {}): {} pixels hit, {} hit nothing, {} beyond {} m, {} nearer than {} m",

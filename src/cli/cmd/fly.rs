@@ -176,7 +176,7 @@ fn report(args: &FlyArgs, recorded: &Recorded) -> Result<()> {
         return print_json(&recorded.details(&args.out));
     }
     for warning in &recorded.warnings {
-        warn(&warning);
+        warn(warning);
     }
     if s.n_quarantined > 0 {
         warn(&format!("{} quarantined; world.json says why", count(s.n_quarantined as u64, "world")));

@@ -59,7 +59,7 @@ fn may_save(out: &Path, force: bool) -> Result<()> {
 
 fn save(log: &FlightLog, out: &Path) -> Result<Outcome> {
     for warning in &log.warnings {
-        warn(&warning);
+        warn(warning);
     }
     log.save(out)?;
     print(format_args!("wrote {} ({:.1} s)", out.display(), log.duration_s))?;

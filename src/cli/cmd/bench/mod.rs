@@ -342,7 +342,7 @@ impl<'a> Report<'a> {
 
     fn end(self) -> Result<()> {
         for warning in &self.warnings {
-            warn(&warning);
+            warn(warning);
         }
         let Some(path) = self.file else { return Ok(()) };
         let mut all = self.head;
