@@ -208,6 +208,8 @@ class Sim:
         first_world: Number of the first world over a run that is split: worlds keep their random numbers.
         state_freq, attitude_freq, body_rate_freq, force_torque_freq: Rates of the on-board controller's stages, Hz; those of the
             vehicle file where they are None.
+        body_rate_law: What the controllers make of commanded body rates: ``"firmware"``, as the Crazyflie does, which also holds the level
+            attitude, so that roll and pitch rates die away; or ``"tracking"``, by which all three rates follow the command.
         shell: Path of another shell (MJCF) than the vehicle's, or a list, one for each drone.
         sensors: Sensors of every drone, which ``read`` samples: ``"imu"``, ``"lidar"``, ``"range_finder"``, ``"optical_flow"``,
             ``"depth_camera"``, or dicts such as ``{"kind": "lidar", "rings": 4, "range_m": 20.0}`` (docs/sensors.md).
@@ -261,6 +263,7 @@ class Sim:
         attitude_freq: int | None = None,
         body_rate_freq: int | None = None,
         force_torque_freq: int | None = None,
+        body_rate_law: Literal["firmware", "tracking"] = "firmware",
         shell: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None = None,
         sensors: Sequence[str | Mapping[str, Any]] = (),
     ) -> None:
@@ -291,6 +294,7 @@ class Sim:
             "rates": {
                 f"{name}_hz": None if hz is None else _whole(f"{name}_freq", hz, 1, 1_000_000) for name, hz in rates.items()
             },
+            "body_rate_law": _text("body_rate_law", body_rate_law),
             "randomization": _rules(randomization),
             "scene": None if scene is None else _scene(scene),
             "layout": None if layout is None else _layout(layout, count).tolist(),

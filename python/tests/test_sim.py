@@ -336,3 +336,22 @@ def test_hover_thrust_hovers_with_every_vehicle_and_model(vehicle, dynamics):
 def test_more_worlds_than_memory_holds_are_refused():
     with pytest.raises(ValueError, match="fit in the memory of this machine|1 TiB"):
         propwash.Sim(n_worlds=10**9, n_drones=2)
+
+
+@pytest.mark.parametrize("vehicle", ["cf2x_L250", "cf21B_500", "hb_x500"])
+def test_body_rates_die_away_by_the_firmware_and_are_followed_by_the_tracking_law(vehicle):
+    for law, roll in (("firmware", 0.0), ("tracking", 2.0)):
+        sim = propwash.Sim(drone=vehicle, control="body_rate", precision="f64", body_rate_law=law)
+        sim.set_initial(pos=[0, 0, 50])
+        for axis in (0, 1):
+            sim.reset()
+            command = np.zeros((1, 1, 4))
+            command[..., 3] = sim.hover_thrust()
+            command[..., axis] = 2.0
+            sim.body_rate_control(command)
+            # A rolling drone soon hangs upside down; its rates do not mind.
+            sim.step(400)
+            rate = sim.data.ang_vel[0, 0]
+            assert abs(rate[axis] - roll) < 0.2 and np.abs(np.delete(rate, axis)).max() < 0.05
+    with pytest.raises(ValueError, match="firmware.*tracking"):
+        propwash.Sim(body_rate_law="betaflight")

@@ -146,6 +146,18 @@ impl RatesConfig {
     }
 }
 
+/// What the on-board law of commanded body rates does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BodyRateLaw {
+    /// That of the Crazyflie firmware, as the vehicle file has its gains: beside the rates it holds the level attitude, so that roll and
+    /// pitch rates die away and the drone comes to rest askew.
+    #[default]
+    Firmware,
+    /// The same law without its gains on the attitude and its integral: roll, pitch and yaw rates follow the command.
+    Tracking,
+}
+
 /// A simulation, complete: who flies, where, how it is computed, what is drawn at random and what cameras see.
 ///
 /// ```
@@ -172,6 +184,8 @@ pub struct SimConfig {
     pub drones: Vec<DroneConfig>,
     /// Rates of on-board controllers.
     pub rates: RatesConfig,
+    /// What they make of commanded body rates.
+    pub body_rate_law: BodyRateLaw,
     /// Where they fly. None is no scene, or the choice of the task of an environment.
     pub scene: Option<SceneConfig>,
     /// Hash of each compiled scene, where it has to be the one that a data set was recorded in; empty: it may be any.
@@ -201,6 +215,7 @@ impl Default for SimConfig {
             n_drones: None,
             drones: vec![DroneConfig::default()],
             rates: RatesConfig::default(),
+            body_rate_law: BodyRateLaw::default(),
             scene: None,
             scene_sha256: Vec::new(),
             layouts: None,
@@ -362,7 +377,12 @@ fn drones(config: &SimConfig, vehicles: &[Vehicle]) -> Result<Vec<(Drone<f64>, R
             let expected = format!("one of {names} for drone {d} ({name} with dynamics {dynamics})");
             return Err(ArenaError::option("control", expected, mode.name()));
         }
-        Ok((vehicle.drone(dynamics)?, config.rates.of(vehicle.rates)))
+        let mut drone = vehicle.drone(dynamics)?;
+        if config.body_rate_law == BodyRateLaw::Tracking {
+            let gains = &mut drone.controller.body_rate;
+            (gains.kr, gains.ki) = ([0.0; 3], [0.0; 3]);
+        }
+        Ok((drone, config.rates.of(vehicle.rates)))
     };
     vehicles.iter().enumerate().map(each).collect()
 }

@@ -35,8 +35,8 @@ use rayon::prelude::*;
 pub use builder::Builder;
 pub use camera::CameraConfig;
 pub use config::{
-    DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource, read_text,
-    read_value,
+    BodyRateLaw, DroneConfig, MountedSensor, Precision, RatesConfig, Setup, SimConfig, VehicleSource,
+    read_text, read_value,
 };
 pub use error::ArenaError;
 pub use pattern::FlightPattern;
