@@ -19,6 +19,7 @@ from ._native import (  # noqa: E402
     scenes,
     vehicles,
 )
+from ._repr import shorten_all as _shorten_all  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .jobs import (  # noqa: E402
@@ -42,13 +43,14 @@ from .jobs import (  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
-from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 
 __all__ = [
     "Body",
     "Camera",
     "Clearance",
     "Command",
+    "CommandWarning",
     "Comparison",
     "Contacts",
     "Data",
@@ -100,3 +102,5 @@ __all__ = [
     "scenes",
     "vehicles",
 ]
+
+_shorten_all(globals())
