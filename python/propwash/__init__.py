@@ -19,6 +19,7 @@ from ._native import (  # noqa: E402
     scenes,
     vehicles,
 )
+from ._repr import shorten_all as _shorten_all  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .jobs import (  # noqa: E402
@@ -46,7 +47,7 @@ from .jobs import (  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
-from .sim import Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 
 __all__ = [
     "Advice",
@@ -54,6 +55,7 @@ __all__ = [
     "Camera",
     "Clearance",
     "Command",
+    "CommandWarning",
     "Comparison",
     "Contacts",
     "Data",
@@ -108,3 +110,5 @@ __all__ = [
     "tell_apart",
     "vehicles",
 ]
+
+_shorten_all(globals())

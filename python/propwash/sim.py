@@ -8,6 +8,7 @@ import warnings
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Callable, Literal, Mapping, Sequence, Union, get_args
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 from ._native import RestOnGround, State, Vehicle, scenes
+from ._repr import shortened
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
 
@@ -34,6 +36,10 @@ class QuarantineWarning(RuntimeWarning):
 
 class SceneWarning(UserWarning):
     """Something in a scene was overridden or ignored when it was built."""
+
+
+class CommandWarning(UserWarning):
+    """A command is beyond what the vehicle can do, most often since it is in another unit. It is flown as it is; each ``Sim`` warns once."""
 
 
 @dataclass(frozen=True)
@@ -177,7 +183,7 @@ class Pipeline:
         self._native.remove_stage(name)
 
     def __repr__(self) -> str:
-        return f"<propwash.Pipeline {' -> '.join(self.names)}>"
+        return shortened(f"<propwash.Pipeline {' -> '.join(self.names)}>")
 
 
 class Sim:
@@ -228,6 +234,10 @@ class Sim:
     """The stages of a step."""
     vehicles: tuple[Vehicle, ...]
     """The vehicle of each drone."""
+    rates: tuple[Mapping[str, int], ...]
+    """Rates in force of each drone's controllers, Hz, by the control mode whose commands they take up: those of the vehicle's file, or
+    ``state_freq`` and the others; ``rotor_vel`` commands are taken up at every step. A loop that commands as often as the controller
+    listens takes ``freq // rates[0][control]`` steps in each turn."""
     scene: SceneInfo | None
     """What is in the scene, the first one where there are several."""
     scenes: tuple[SceneInfo, ...]
@@ -339,6 +349,7 @@ class Sim:
         self.control, self.integrator, self.precision = made["control"], made["integrator"], made["precision"]
         self.seed = made["seed"]
         self.vehicles = tuple(vehicles * (self.n_drones // len(vehicles)) if vehicles else self._native.vehicles())
+        self.rates = tuple(MappingProxyType(rates) for rates in self._native.rates())
         names = [made["drones"][d % len(made["drones"])]["dynamics"] for d in range(self.n_drones)]
         self.dynamics = names[0] if len(set(names)) == 1 else tuple(names)
         self.data = Data(self._native)
@@ -377,26 +388,45 @@ class Sim:
         """Sets all commands: position (m), velocity (m/s), acceleration (m/s^2), attitude x y z w of which yaw is used, body
         rates (rad/s). (n_worlds, n_drones, 16)
 
-        Commands stay in force until set again; controllers take them up at their next tick. Numbers that are not finite are
-        refused, and nothing is changed.
+        Commands stay in force until set again; controllers take them up at their next tick (``rates``). Numbers that are not finite
+        are refused, as is an attitude of zeros, and nothing is changed.
         """
-        self._native.set_command("state", command)
+        if (doubt := self._native.set_command("state", command)) is not None:
+            warnings.warn(doubt, CommandWarning, stacklevel=2)
 
     def attitude_control(self, command: ArrayLike) -> None:
-        """Sets all commands: roll, pitch, yaw (rad), collective thrust (N). (n_worlds, n_drones, 4)"""
-        self._native.set_command("attitude", command)
+        """Sets all commands: roll, pitch, yaw (rad), collective thrust (N). (n_worlds, n_drones, 4)
+
+        Warns with ``CommandWarning``, once for each ``Sim``, of a thrust above what all rotors give together, a roll or pitch of more than
+        half a turn and a yaw of more than two turns.
+        """
+        if (doubt := self._native.set_command("attitude", command)) is not None:
+            warnings.warn(doubt, CommandWarning, stacklevel=2)
 
     def body_rate_control(self, command: ArrayLike) -> None:
-        """Sets all commands: body rates (rad/s), collective thrust (N). (n_worlds, n_drones, 4)"""
-        self._native.set_command("body_rate", command)
+        """Sets all commands: body rates (rad/s), collective thrust (N). (n_worlds, n_drones, 4)
+
+        Warns with ``CommandWarning``, once for each ``Sim``, of a rate of more than 35 rad/s and of a thrust above what all rotors give
+        together.
+        """
+        if (doubt := self._native.set_command("body_rate", command)) is not None:
+            warnings.warn(doubt, CommandWarning, stacklevel=2)
 
     def force_torque_control(self, command: ArrayLike) -> None:
-        """Sets all commands: collective thrust (N), torque (N m, body). (n_worlds, n_drones, 4)"""
-        self._native.set_command("force_torque", command)
+        """Sets all commands: collective thrust (N), torque (N m, body). (n_worlds, n_drones, 4)
+
+        Warns with ``CommandWarning``, once for each ``Sim``, of a thrust above what all rotors give together.
+        """
+        if (doubt := self._native.set_command("force_torque", command)) is not None:
+            warnings.warn(doubt, CommandWarning, stacklevel=2)
 
     def rotor_vel_control(self, command: ArrayLike) -> None:
-        """Sets all commands: rotor speeds, rad/s. (n_worlds, n_drones, n_rotors)"""
-        self._native.set_command("rotor_vel", command)
+        """Sets all commands: rotor speeds, rad/s. (n_worlds, n_drones, n_rotors)
+
+        Warns with ``CommandWarning``, once for each ``Sim``, of a speed above the greatest of the vehicle.
+        """
+        if (doubt := self._native.set_command("rotor_vel", command)) is not None:
+            warnings.warn(doubt, CommandWarning, stacklevel=2)
 
     def step(self, n_steps: int = 1) -> None:
         """Advances every world that is not quarantined by ``n_steps``.
@@ -513,21 +543,28 @@ class Sim:
 
         Args:
             name: One of ``parameters()``.
-            value: One number for all, or one for each world, (n_worlds,).
+            value: One number for all, one for each world, (n_worlds,), or, where ``drone`` is None, one for each drone of each world,
+                (n_worlds, n_drones), as ``parameter`` gives them: NaN for drones without it.
             drone: The drone; all drones where it is None.
 
         Resets keep it, randomisation draws from it. Where a value is refused nothing is changed.
         """
-        values = _broadcast("value", value, (self.n_worlds,))
-        chosen = range(self.n_drones) if drone is None else [_whole("drone", drone, 0, self.n_drones - 1)]
         name = _text("name", name)
-        before = [self.parameter(name)[:, d] for d in chosen]
+        chosen = list(range(self.n_drones)) if drone is None else [_whole("drone", drone, 0, self.n_drones - 1)]
+        before = self.parameter(name)
+        if np.ndim(value) == 2 and drone is None:
+            values = _broadcast("value", value, (self.n_worlds, self.n_drones))
+            # What `parameter` gave of drones that do not have it.
+            chosen = [d for d in chosen if not (np.isnan(values[:, d]).all() and np.isnan(before[:, d]).all())]
+        else:
+            column = _broadcast("value", value, (self.n_worlds,))
+            values = np.repeat(column[:, None], self.n_drones, axis=1)
         for k, d in enumerate(chosen):
             try:
-                self._native.set_parameter(name, d, values)
+                self._native.set_parameter(name, d, np.ascontiguousarray(values[:, d]))
             except Exception:
-                for done in range(k):
-                    self._native.set_parameter(name, chosen[done], before[done])
+                for done in chosen[:k]:
+                    self._native.set_parameter(name, done, np.ascontiguousarray(before[:, done]))
                 raise
 
     # ---- sensing
@@ -714,7 +751,7 @@ class Sim:
     def __repr__(self) -> str:
         names = sorted({v.name for v in self.vehicles})
         of = f"scene {self.scene.name!r}" if self.scene else "no scene"
-        return (
+        return shortened(
             f"<propwash.Sim {self.n_worlds} worlds x {self.n_drones} drones ({', '.join(names)}), {self.control} control, "
             f"{self.freq} Hz, {self.precision}, {of}>"
         )

@@ -15,7 +15,7 @@ use propwash::scene::{self, SceneSource};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::errors::OrRaise;
+use crate::errors::{OrRaise, read_json};
 use crate::gap::{drive, json};
 use crate::sim::describe;
 use crate::threads::interruptible;
@@ -86,10 +86,7 @@ pub fn fly(
 
 /// The one scene that a description names.
 fn source(scene: &str) -> PyResult<SceneSource> {
-    // Read from a value, so that no error names a place in text that nobody wrote.
-    let scene =
-        serde_json::from_str::<serde_json::Value>(scene).and_then(serde_json::from_value::<SceneConfig>);
-    let scene = scene.map_err(|e| PyValueError::new_err(format!("scene: {e}")))?;
+    let scene: SceneConfig = read_json("scene", scene)?;
     let sources = scene.sources(None).or_raise()?;
     match <[SceneSource; 1]>::try_from(sources) {
         Ok([one]) => Ok(one),
@@ -246,7 +243,7 @@ pub fn excite(
 fn sensors(given: &str) -> PyResult<Sensors> {
     let fault = |e: serde_json::Error| PyValueError::new_err(format!("sensors: {e}"));
     let mut all = serde_json::to_value(Sensors::default()).map_err(fault)?;
-    let given: serde_json::Map<String, serde_json::Value> = serde_json::from_str(given).map_err(fault)?;
+    let given: serde_json::Map<String, serde_json::Value> = read_json("sensors", given)?;
     for (name, value) in given {
         let Some(place) = all.get_mut(&name) else {
             let known: Vec<&String> = all.as_object().into_iter().flatten().map(|(k, _)| k).collect();

@@ -11,6 +11,8 @@ use pyo3::exceptions::{
     PyFileNotFoundError, PyIndexError, PyKeyError, PyOSError, PyRuntimeError, PyValueError,
 };
 use pyo3::prelude::*;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 create_exception!(
     propwash,
@@ -118,4 +120,24 @@ impl<T, E: IntoPython> OrRaise<T> for Result<T, E> {
     fn or_raise(self) -> PyResult<T> {
         self.map_err(IntoPython::into_python)
     }
+}
+
+/// What the package wrote as JSON, where its user's options stand in it. Errors name the field; places in a text that the user never
+/// wrote would say nothing.
+///
+/// # Errors
+/// ValueError for what is not known, or has another form.
+pub fn read_json<T: DeserializeOwned>(field: &str, text: &str) -> PyResult<T> {
+    let value = serde_json::from_str(text).map_err(|_| {
+        PyValueError::new_err(format!("{field}: expected numbers, texts, lists and dicts of finite numbers"))
+    })?;
+    read_value(field, value)
+}
+
+/// As [`read_json`].
+///
+/// # Errors
+/// As there.
+pub fn read_value<T: DeserializeOwned>(field: &str, value: Value) -> PyResult<T> {
+    serde_json::from_value(value).map_err(|e| PyValueError::new_err(format!("{field}: {e}")))
 }

@@ -4,6 +4,7 @@
 mod arrays;
 mod camera;
 mod commands;
+mod doubt;
 mod env;
 mod errors;
 mod gap;
@@ -57,6 +58,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;
     m.add_function(wrap_pyfunction!(sim::read_config, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
+    m.add_function(wrap_pyfunction!(vehicle::vehicle_of, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(commands::read_flight, m)?)?;

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 
 use crate::arrays;
 use crate::camera::PyCameras;
-use crate::errors::{Error, OrRaise};
+use crate::errors::{Error, OrRaise, read_json};
 use crate::sim::{Flight, PySim, either};
 
 /// The compiled side of `propwash.Recorder`.
@@ -50,12 +50,7 @@ impl PyRecorder {
         cameras: Option<Py<PyCameras>>,
         noise: Option<&str>,
     ) -> PyResult<Self> {
-        let noise: Option<DepthNoise> = match noise {
-            None => None,
-            Some(text) => {
-                Some(serde_json::from_str(text).map_err(|e| PyValueError::new_err(format!("noise: {e}")))?)
-            }
-        };
+        let noise: Option<DepthNoise> = noise.map(|text| read_json("noise", text)).transpose()?;
         let cameras = match &cameras {
             Some(cameras) if !cameras.get().per_drone => {
                 return Err(PyValueError::new_err(

@@ -42,7 +42,8 @@ fn scene(flight: &Flight, index: usize) -> PyResult<Scene> {
 
 fn no_scene() -> PyErr {
     Error::new_err(
-        "this Sim has no scene, in which drones could see or touch: make it with scene=\"path of an MJCF file\"",
+        "this Sim has no scene, in which drones could see or touch: make it with scene=\"path of an MJCF file\" or a name of \
+         propwash.scenes(); for contacts and clearances between drones alone with scene=\"<mujoco/>\", which is empty",
     )
 }
 

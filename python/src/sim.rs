@@ -1,5 +1,6 @@
 //! The simulation behind `propwash.Sim`: its state, its commands and its steps. What it senses is in `sense.rs`.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
 
@@ -7,7 +8,7 @@ use numpy::PyArrayDyn;
 use propwash::arena::{Arena, ArenaError, CameraConfig, MountConfig, Precision, Setup, SimConfig};
 use propwash::dataset::recorder::FlightConfig;
 use propwash::math::quat;
-use propwash::physics::controllers::ControlMode;
+use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::physics::rigid_body::State;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::scalar::lanes::Number;
@@ -19,11 +20,12 @@ use rayon::ThreadPool;
 use serde_json::json;
 
 use crate::arrays;
+use crate::doubt;
 use crate::errors::{Error, OrRaise};
 use crate::sense::Sensed;
 use crate::stages::{Call, Place, RestOnGround, Slot, lock};
 use crate::threads::{self, LOOK};
-use crate::vehicle::PyVehicle;
+use crate::vehicle::{PyVehicle, by_mode};
 
 /// A simulation of either number, in its scenes.
 pub enum Flight {
@@ -51,6 +53,10 @@ pub struct Core {
     numbers: Vec<f64>,
     /// Quarantined worlds that were told of.
     told: usize,
+    /// Greatest sizes that a command's numbers may have without a closer look, (drone, command_width).
+    limits: Vec<f64>,
+    /// Whether a command beyond limits was told of.
+    doubted: bool,
 }
 
 impl Core {
@@ -215,7 +221,11 @@ impl PySim {
         let (setup, flight) = made.or_raise()?;
         let (n_rotors, n_obstacles) =
             either!(&flight, arena => (arena.sim().data.n_rotors, arena.n_obstacles()));
-        let core = Core { flight, sensed: Sensed::default(), numbers: Vec::new(), told: 0 };
+        let mode = config.options.control;
+        let limits =
+            setup.drones().iter().flat_map(|(drone, _)| doubt::limits(mode, drone, n_rotors)).collect();
+        let sensed = Sensed::default();
+        let core = Core { flight, sensed, numbers: Vec::new(), told: 0, limits, doubted: false };
         let core = Arc::new(Mutex::new(core));
         let owner = Py::new(py, Owner { _core: core.clone() })?;
         Ok(Self {
@@ -229,7 +239,7 @@ impl PySim {
             n_drones: setup.vehicles().len(),
             n_obstacles,
             n_rotors,
-            mode: config.options.control,
+            mode,
             setup,
         })
     }
@@ -242,6 +252,17 @@ impl PySim {
     /// The vehicle of each drone.
     fn vehicles(&self) -> Vec<PyVehicle> {
         self.setup.vehicles().iter().cloned().map(PyVehicle::from).collect()
+    }
+
+    /// Rates of the controllers of each drone, Hz, by the mode whose commands they take up.
+    fn rates(&self) -> Vec<BTreeMap<&'static str, u32>> {
+        let freq = self.setup.config().options.sim_hz;
+        let of = |(_, rates): &(_, Rates)| {
+            let mut out = by_mode(*rates);
+            out.insert(ControlMode::RotorVel.name(), freq);
+            out
+        };
+        self.setup.drones().iter().map(of).collect()
     }
 
     /// The camera of the description, as arguments of `propwash.Camera` in JSON; none without one.
@@ -356,8 +377,9 @@ impl PySim {
         })
     }
 
-    /// Sets all commands, (n_worlds, n_drones, command_width), of the mode called `mode`.
-    fn set_command(&self, mode: &str, command: &Bound<'_, PyAny>) -> PyResult<()> {
+    /// Sets all commands, (n_worlds, n_drones, command_width), of the mode called `mode`. Gives a warning for the first command ever that
+    /// is beyond what the vehicle can do.
+    fn set_command(&self, mode: &str, command: &Bound<'_, PyAny>) -> PyResult<Option<String>> {
         let mut core = self.core()?;
         let own = self.mode.name();
         if mode != own {
@@ -366,15 +388,45 @@ impl PySim {
                  control=\"{mode}\""
             )));
         }
-        let Core { flight, numbers, .. } = &mut *core;
-        let shape = self.shape(&[self.mode.width(self.n_rotors)]);
+        let Core { flight, numbers, limits, doubted, .. } = &mut *core;
+        let width = self.mode.width(self.n_rotors);
+        let shape = self.shape(&[width]);
         let axes = match self.mode {
             ControlMode::State => "(n_worlds, n_drones, 16)",
             ControlMode::RotorVel => "(n_worlds, n_drones, n_rotors)",
             _ => "(n_worlds, n_drones, 4)",
         };
         arrays::numbers("command", axes, command, &shape, numbers)?;
-        either!(flight, arena => arena.set_command(numbers)).or_raise()
+        let empty = match self.mode {
+            ControlMode::State => doubt::without_attitude(numbers, self.n_drones),
+            _ => None,
+        };
+        if let Some((world, drone, got)) = empty {
+            return Err(PyValueError::new_err(format!(
+                "command of world {world}, drone {drone}: expected an attitude x y z w (entries 9 to 12) that is not zero, got \
+                 {got:?}; level, heading along x, is [0, 0, 0, 1] (propwash.Command makes such commands); nothing was changed"
+            )));
+        }
+        either!(flight, arena => arena.set_command(numbers)).or_raise()?;
+        if *doubted || !doubt::any_beyond(numbers, limits) {
+            return Ok(None);
+        }
+        // A closer look, by what the vehicle can do in its world.
+        let words = either!(flight, arena => {
+            let of = |world, drone| arena.sim().drone(world, drone);
+            let exact = |world, drone| doubt::limits(self.mode, of(world, drone), self.n_rotors);
+            let first = doubt::first_beyond(numbers, self.n_drones, width, exact);
+            first.map(|first| {
+                let vehicle = &self.setup.vehicles()[first.1].name;
+                doubt::words(self.mode, first, of(first.0, first.1), vehicle)
+            })
+        });
+        *doubted = words.is_some();
+        if words.is_none() {
+            // Worlds can do more than the vehicle's file says: up to here there is no second look.
+            doubt::widen(limits, numbers);
+        }
+        Ok(words)
     }
 
     /// Advances all worlds; true when worlds were quarantined that were not before.

@@ -6,6 +6,7 @@ use propwash::rollout::pipeline::{StageFn, rest_on_ground};
 use propwash::scalar::lanes::Number;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyType;
 
 pub fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -109,6 +110,10 @@ impl RestOnGround {
 
     fn __repr__(&self) -> String {
         format!("RestOnGround({})", self.rest_height_m)
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (f64,)) {
+        (slf.get_type(), (slf.get().rest_height_m,))
     }
 }
 

@@ -13,9 +13,10 @@ use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::types::{PyString, PyWeakrefMethods, PyWeakrefReference};
 use serde::Deserialize;
+use serde_json::Value;
 
 use crate::arrays;
-use crate::errors::Error;
+use crate::errors::{Error, read_json, read_value};
 
 /// What a task says of itself.
 #[derive(Debug, Deserialize)]
@@ -139,8 +140,12 @@ pub struct PyTask {
 impl PyTask {
     /// `described` in JSON; `calls` has the methods `on_reset`, `before_step`, `judge` and `observe`.
     pub fn new(described: &str, calls: &Bound<'_, PyAny>, draws: &TaskDraws) -> PyResult<Self> {
-        let described =
-            serde_json::from_str(described).map_err(|e| PyValueError::new_err(format!("task: {e}")))?;
+        let value: Value = read_json("task", described)?;
+        let name = value["name"].as_str().unwrap_or("task").to_string();
+        // Those that come from the user as they are.
+        read_value::<SceneConfig>(&format!("{name}.scene"), value["scene"].clone())?;
+        read_value::<Option<CameraConfig>>(&format!("{name}.camera"), value["camera"].clone())?;
+        let described = read_value(&name, value)?;
         let calls = PyWeakrefReference::new(calls)?.unbind();
         Ok(Self { described, calls, draws: draws.0.clone() })
     }

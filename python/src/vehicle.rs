@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use propwash::physics::controllers::Rates;
 use propwash::vehicle::effects::named_parameters;
 use propwash::vehicle::{self, Vehicle};
-use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use crate::errors::OrRaise;
@@ -77,16 +77,10 @@ impl PyVehicle {
         self.vehicle.available_dynamics()
     }
 
-    /// Rates of the on-board controller's stages, Hz.
+    /// Rates of the on-board controller's stages by the file, Hz; `Sim.rates` are those in force.
     #[getter]
     fn rates(&self) -> BTreeMap<&'static str, u32> {
-        let r = self.vehicle.rates;
-        BTreeMap::from([
-            ("state", r.state_hz),
-            ("attitude", r.attitude_hz),
-            ("body_rate", r.body_rate_hz),
-            ("force_torque", r.force_torque_hz),
-        ])
+        by_mode(self.vehicle.rates)
     }
 
     /// Control modes that make sense with these dynamics.
@@ -144,11 +138,35 @@ impl PyVehicle {
         format!("<propwash.Vehicle {} ({})>", self.vehicle.name, self.vehicle.available_dynamics().join(", "))
     }
 
-    fn __reduce__(&self) -> PyResult<()> {
-        Err(PyTypeError::new_err(
-            "a Vehicle cannot be pickled or copied: pass on its name or path, or its text (`to_toml()`), and make it anew",
-        ))
+    /// Its name, its text, and the path of its shell, which other processes need not find by the file.
+    #[allow(clippy::type_complexity)]
+    fn __reduce__(&self, py: Python<'_>) -> PyResult<(Py<PyAny>, (String, String, Option<String>))> {
+        let make = py.import("propwash._native")?.getattr("vehicle_of")?.unbind();
+        let shell = self.vehicle.shell_path().map(std::path::absolute).transpose()?;
+        let shell = shell.map(|path| path.to_string_lossy().into_owned());
+        Ok((make, (self.vehicle.name.clone(), self.text.clone(), shell)))
     }
+}
+
+/// A vehicle that was pickled or copied.
+#[pyfunction]
+#[pyo3(signature = (name, text, shell))]
+pub fn vehicle_of(name: &str, text: &str, shell: Option<String>) -> PyResult<PyVehicle> {
+    let mut vehicle = Vehicle::from_toml(name, text).or_raise()?;
+    if let Some(shell) = shell {
+        vehicle.shell = shell;
+    }
+    Ok(PyVehicle { vehicle, text: text.into() })
+}
+
+/// Rates by the control modes whose commands they take up, Hz.
+pub fn by_mode(rates: Rates) -> BTreeMap<&'static str, u32> {
+    BTreeMap::from([
+        ("state", rates.state_hz),
+        ("attitude", rates.attitude_hz),
+        ("body_rate", rates.body_rate_hz),
+        ("force_torque", rates.force_torque_hz),
+    ])
 }
 
 /// Names of the built-in vehicles.

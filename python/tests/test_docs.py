@@ -1,7 +1,9 @@
 """Every block of Python in the README and in docs/ runs by itself, every command line of ours is one that the program takes,
 and the pages name all that can be called.
 
-A block that cannot run says so in the source of its page, in the line before it: ``<!-- not run: reason -->``.
+A block that cannot run says so in the source of its page, in the line before it: ``<!-- not run: reason -->``. Blocks run in a folder with
+what a fresh checkout has, and nothing else. One that needs more says so there too, ``<!-- needs: flight.csv -->``, and the page before it
+tells its readers.
 """
 
 import ast
@@ -10,6 +12,7 @@ import inspect
 import os
 import re
 import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -21,7 +24,10 @@ from test_gap import HIDDEN, flight
 import propwash
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?^```(?P<language>\w+)\n(?P<code>.*?)^```$", re.S | re.M)
+BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>[^\n]+?) -->\n+)?(?:^<!-- needs: (?P<needs>[^\n]+?) -->\n+)?^```(?P<language>\w+)\n(?P<code>.*?)^```$",
+    re.S | re.M,
+)
 PEERS = ("crazyflow", "jax", "datasets", "webdataset", "ray", "gymnasium", "pettingzoo")
 """Packages without which a block is skipped, unless ``PROPWASH_REQUIRE_PEERS`` is 1."""
 HEAVY = ("torch",)
@@ -63,6 +69,14 @@ def commands():
 
 
 PYTHON, COMMANDS = blocks("python"), commands()
+NEEDS = {
+    (page.relative_to(ROOT).as_posix(), text.count("\n", 0, block.start("code")) + 1): block["needs"]
+    for page in PAGES
+    for text in [page.read_text()]
+    for block in BLOCK.finditer(text)
+    if block["needs"] is not None
+}
+"""What blocks need beside the checkout, by page and line."""
 NAMES = {}
 """What the blocks that ran have left, by page and line."""
 
@@ -72,16 +86,33 @@ def named(rows):
 
 
 @pytest.fixture(scope="session")
-def checkout(tmp_path_factory):
-    """A folder that looks like the checkout to a block, and takes what it writes; with a flight.csv."""
-    folder = tmp_path_factory.mktemp("checkout")
-    for name in ("assets", "docs", "notebooks", "params", "xml"):
-        (folder / name).symlink_to(ROOT / name)
-    (folder / "out").mkdir()
-    columns = flight(propwash.Vehicle("cf2x_L250").with_effects(HIDDEN))
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(folder / "flight.csv", table, delimiter=",", header=",".join(columns), comments="")
-    return folder
+def extras(tmp_path_factory):
+    """Makes what blocks need, once each, and gives its path."""
+    folder = tmp_path_factory.mktemp("extras")
+
+    def make(name):
+        path = folder / name
+        if path.exists():
+            return path
+        if name == "flight.csv":
+            columns = flight(propwash.Vehicle("cf2x_L250").with_effects(HIDDEN))
+            table = np.column_stack(list(columns.values()))
+            np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="")
+        elif name == "out/forest":
+            fly_forest(folder)
+        else:
+            raise AssertionError(f"no block can need {name!r}: flight.csv or out/forest")
+        return path
+
+    return make
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A folder that has what a fresh checkout has, and takes what a block writes."""
+    for name in ("assets", "benches", "docs", "examples", "notebooks", "params", "python", "src", "tests", "xml"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    return tmp_path
 
 
 def test_blocks_and_commands_are_found():
@@ -90,17 +121,28 @@ def test_blocks_and_commands_are_found():
 
 
 @pytest.mark.parametrize("page, line, code, reason", named(PYTHON))
-def test_examples_run(page, line, code, reason, checkout, monkeypatch):
+def test_examples_run(page, line, code, reason, checkout, extras, monkeypatch):
     if reason is not None:
         ast.parse(code)
         pytest.skip(reason)
     for package in HEAVY if os.environ.get("PROPWASH_REQUIRE_PEERS") == "1" else (*PEERS, *HEAVY):
         if re.search(rf"^(?:import|from) {package}\b", code, re.M):
             pytest.importorskip(package)
-    if "out/forest" in code:
-        fly_forest(checkout)
+    needs = NEEDS.get((page, line))
+    if needs is not None:
+        made = extras(needs)
+        (checkout / needs).parent.mkdir(exist_ok=True)
+        copy = shutil.copytree if made.is_dir() else shutil.copy
+        copy(made, checkout / needs)
     monkeypatch.chdir(checkout)
     run(page, line, code)
+
+
+@pytest.mark.parametrize("page, line", sorted(NEEDS))
+def test_what_an_example_needs_is_said_before_it(page, line):
+    before = "\n".join((ROOT / page).read_text().splitlines()[: line - 1])
+    told = re.sub(r"<!--.*?-->", "", re.sub(r"^```\w+\n.*?^```$", "", before, flags=re.S | re.M), flags=re.S)
+    assert re.search(rf"`[^`]*{re.escape(NEEDS[page, line])}[^`]*`", told), f"{page}:{line}: nothing says where {NEEDS[page, line]} is from"
 
 
 def run(page, line, code):
@@ -113,14 +155,12 @@ def run(page, line, code):
 
 
 def fly_forest(folder):
-    """The data set that the pages read, in small."""
-    if (folder / "out/forest").is_dir():
-        return
+    """The data set that the pages read, with fewer and smaller images."""
     program = os.environ.get("PROPWASH_BIN")
     if not program:
         pytest.skip("PROPWASH_BIN names no program that makes the data set out/forest")
-    words = "fly --scene xml/forest.xml --drone cf2x_L250 --worlds 4 --trajectory lissajous --seconds 0.5 --camera fpv"
-    command = [program, *words.split(), "--size", "64x64", "--out", "out/forest"]
+    words = "fly --scene forest --drone cf2x_L250 --worlds 3 --seconds 0.5 --size 64x64 --out out/forest"
+    command = [program, *words.split()]
     done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
 

@@ -1,10 +1,14 @@
 """Learning environments: Gymnasium's checkers, the same episodes from the same seed, modes, wrappers, wrong input."""
 
 import copy
+import importlib
+import importlib.util
 import multiprocessing
 import os
 import pickle
+import sys
 import threading
+import types
 import warnings
 
 import gymnasium
@@ -266,6 +270,69 @@ def test_wrappers_change_what_they_say():
         envs.ToF8x8(make("Propwash/ReachPos-v0"))
 
 
+def test_the_flat_state_says_its_order():
+    base = make("Propwash/ForestDepth-v0", camera={"width": 16, "height": 16}, sensors=[{"kind": "lidar", "rings": 2, "columns": 4}])
+    plain, _ = base.reset(seed=1)
+    flat = envs.FlattenState(base)
+    obs, _ = flat.reset(seed=1)
+    assert list(flat.columns) == [name for name in base.single_observation_space.spaces if name != "depth"]
+    assert list(flat.columns)[:2] == ["ang_vel", "goal"] and flat.columns["goal"] == slice(3, 6)
+    for name, columns in flat.columns.items():
+        assert (obs["state"][:, columns] == plain[name].reshape(3, -1)).all(), name
+    assert flat.observation_space.contains(obs) and "lidar_range" in flat.columns
+    swarm = envs.FlattenState(make("Propwash/SwarmCross-v0", n_drones=3, camera=False))
+    plain, _ = swarm.env.reset(seed=1)
+    obs, _ = swarm.reset(seed=1)
+    assert obs.shape[:2] == (3, 3) and all((obs[..., c] == plain[name]).all() for name, c in swarm.columns.items())
+
+
+def is_image(space):
+    """What Stable-Baselines3 asks of an image (``is_image_space``, ``is_image_space_channels_first``)."""
+    if importlib.util.find_spec("stable_baselines3") is not None:
+        from stable_baselines3.common.preprocessing import is_image_space, is_image_space_channels_first
+
+        return is_image_space(space) and is_image_space_channels_first(space)
+    is_box = isinstance(space, gymnasium.spaces.Box) and len(space.shape) == 3 and space.dtype == np.uint8
+    return is_box and (space.low == 0).all() and (space.high == 255).all() and np.argmin(space.shape) == 0 and space.shape[0] in (1, 3, 4)
+
+
+def test_depth_becomes_images_for_networks():
+    base = make("Propwash/ForestDepth-v0", camera={"width": 48, "height": 40}, autoreset_mode="SameStep", max_episode_time=0.1)
+    plain, _ = base.reset(seed=1)
+    far = float(base.single_observation_space["depth"].high.max())
+    both = envs.DepthImage(base)
+    assert is_image(both.single_observation_space["depth"]) and not is_image(base.single_observation_space["depth"])
+    obs, _ = both.reset(seed=1)
+    assert both.observation_space.contains(obs) and obs["depth"].shape == (3, 1, 40, 48) and both.far == far
+    assert (obs["depth"][:, 0] == np.rint(255.0 * plain["depth"] / far)).all() and obs["depth"].max() == 255
+    assert np.abs(obs["depth"][:, 0] * far / 255.0 - plain["depth"]).max() < 0.51 * far / 255.0
+    assert (obs["pos"] == plain["pos"]).all()
+    only = envs.DepthImage(envs.DepthFrameStack(base, 3), only=True)
+    assert is_image(only.single_observation_space)
+    image, _ = only.reset(seed=1)
+    assert (image == np.repeat(obs["depth"], 3, axis=1)).all() and only.observation_space.contains(image)
+    truncated = np.zeros(3, bool)
+    while not truncated.any():
+        image, _, _, truncated, info = only.step(actions(base, 1))
+    assert truncated.all() and info["final_obs"][0].shape == (3, 40, 48) and info["final_obs"][0].dtype == np.uint8
+    flat, _ = envs.FlattenState(both).reset(seed=1)
+    assert flat["depth"].dtype == np.uint8 and flat["state"].shape == (3, 19)
+    normal = envs.DepthImage(envs.NormalizeDepth(base))
+    assert normal.far == 1.0 and (normal.reset(seed=1)[0]["depth"] == obs["depth"]).all()
+    with pytest.raises(ValueError, match="3 drones"):
+        envs.DepthImage(make("Propwash/SwarmCross-v0", n_drones=3))
+    with pytest.raises(TypeError, match="float32"):
+        envs.DepthImage(both)
+
+
+def test_what_gymnasium_has_otherwise_is_refused_in_words():
+    with pytest.raises(TypeError, match="max_episode_time, in seconds.*100 steps.*0.02 s"):
+        make("Propwash/ReachPos-v0", max_episode_steps=100)
+    env = make("Propwash/ReachPos-v0")
+    with pytest.raises(TypeError, match="one whole number.*got list.*first_world"):
+        env.reset(seed=[1, 2, 3])
+
+
 def test_gymnasiums_own_wrappers_work():
     from gymnasium.wrappers.vector import ClipAction, RecordEpisodeStatistics, RescaleAction
 
@@ -447,6 +514,43 @@ def test_two_threads_get_an_error_or_a_turn_and_never_a_crash():
         w.join()
     assert len(seen) == 80 and "ok" in seen
     assert all(s == "ok" or "at work in another thread" in s for s in seen)
+
+
+def base_of_stable_baselines(monkeypatch):
+    """Their base class, or where it is not installed (it needs torch) what of it matters here."""
+    if importlib.util.find_spec("stable_baselines3") is not None:
+        return
+
+    class VecEnv:
+        def __init__(self, num_envs, observation_space, action_space):
+            self.num_envs, self.observation_space, self.action_space = num_envs, observation_space, action_space
+            self.render_mode = self.get_attr("render_mode")[0]
+
+        def _get_indices(self, indices):
+            return range(self.num_envs) if indices is None else indices
+
+        def get_images(self):
+            raise NotImplementedError
+
+    for name in ("stable_baselines3", "stable_baselines3.common", "stable_baselines3.common.vec_env"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    sys.modules["stable_baselines3.common.vec_env"].VecEnv = VecEnv
+    monkeypatch.delitem(sys.modules, "propwash.envs.sb3", raising=False)
+
+
+def test_stable_baselines_get_pictures_for_videos(monkeypatch):
+    base_of_stable_baselines(monkeypatch)
+    sb3 = importlib.import_module("propwash.envs.sb3")
+    monkeypatch.delitem(sys.modules, "propwash.envs.sb3")
+    made = make("Propwash/ForestDepth-v0", autoreset_mode="SameStep", render_mode="rgb_array", freq=25)
+    env = sb3.SB3VecEnv(envs.FlattenState(made))
+    assert env.render_mode == "rgb_array" and env.metadata["render_fps"] == 25
+    env.reset()
+    pictures = env.get_images()
+    assert len(pictures) == 3 and all(p.shape == (240, 320, 3) and p.dtype == np.uint8 for p in pictures)
+    assert all((a == b).all() for a, b in zip(pictures, made.render()))
+    blind = sb3.SB3VecEnv(make("Propwash/ReachPos-v0", autoreset_mode="SameStep"))
+    assert blind.get_images() == [None, None, None]
 
 
 def test_stable_baselines_take_the_batch():

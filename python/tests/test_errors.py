@@ -1,11 +1,14 @@
 """What is refused, and in which words; threads, processes, pickling."""
 
 import copy
+import dataclasses
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -140,6 +143,133 @@ def test_other_calls_refuse_what_makes_no_sense():
     refused(KeyError, ["'tree'", "wall"], lambda: sim.scene.geom("tree"))
 
 
+@pytest.mark.parametrize(
+    "control, entry, good, bad, words",
+    [
+        ("attitude", 3, 0.4, 10.0, ["thrust", "10 N", "4 rotors", "0.48 N together", "grams"]),
+        ("attitude", 0, -3.1, -20.0, ["roll", "-20 rad", "half a turn", "degrees?"]),
+        ("attitude", 1, 3.1, 4.0, ["pitch", "4 rad", "half a turn", "degrees?"]),
+        ("attitude", 2, 12.0, 90.0, ["yaw", "90 rad", "two turns", "degrees?"]),
+        ("body_rate", 2, 30.0, 200.0, ["rate about z", "200 rad/s", "35 rad/s", "degrees per second?"]),
+        ("body_rate", 3, 0.4, 1.0, ["thrust", "1 N", "0.48 N"]),
+        ("force_torque", 0, 0.4, 1.0, ["thrust", "1 N", "0.48 N"]),
+        ("rotor_vel", 3, 2000.0, 16000.0, ["rotor speed", "entry 3", "16000 rad/s", "cf2x_L250", "rpm?"]),
+    ],
+)
+def test_a_command_beyond_the_vehicle_is_told_of_once(control, entry, good, bad, words):
+    sim = propwash.Sim(3, 2, control=control)
+    give = getattr(sim, f"{control}_control")
+    command = np.zeros((3, 2, 4))
+    command[..., entry] = good
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        give(command)
+    command[2, 1, entry] = bad
+    with pytest.warns(propwash.CommandWarning) as told:
+        give(command)
+    (text,) = [str(w.message) for w in told]
+    assert told[0].filename == __file__ and all(w in text for w in [f"{control}_control", "world 2, drone 1", *words]), text
+    assert sim.data.command[2, 1, entry] == np.float32(bad)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        give(command)
+
+
+def test_a_command_is_held_against_the_limits_of_its_own_world_and_vehicle():
+    sim = propwash.Sim(2, drone=["cf2x_L250", "cf21B_500"], control="rotor_vel")
+    name = "controller.thrust_max_n"
+    sim.set_parameter(name, 4.0 * sim.parameter(name))
+    command = np.full((2, 2, 4), 4000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim.rotor_vel_control(command)
+    command[:, 1] = 9000.0
+    with pytest.warns(propwash.CommandWarning, match="world 0, drone 1.*cf21B_500"):
+        sim.rotor_vel_control(command)
+
+
+def test_a_state_command_needs_an_attitude():
+    sim = propwash.Sim(2, 2)
+    command = hover(sim)
+    sim.state_control(command)
+    command[1, 0, 9:13] = 0.0
+    command[1, 0, 0] = 5.0
+    refused(ValueError, ["world 1, drone 0", "attitude", "[0, 0, 0, 1]", "nothing was changed"], lambda: sim.state_control(command))
+    assert sim.data.command[1, 0, 0] == 0.0
+    refused(ValueError, ["attitude that is not zero", "nothing was changed"], lambda: sim.set_initial(quat=[[0, 0, 0, 1], [0, 0, 0, 0]]))
+
+
+def test_errors_name_fields_and_no_places_in_text_that_nobody_wrote():
+    from propwash import envs
+
+    class Own(envs.Task):
+        channels = {"a": 1}
+        start_space = [[-1.0, -1.0, 0.5], [1.0, 1.0, 1.0]]
+
+    def own(**what):
+        return lambda: envs.DroneVectorEnv(2, task=type("Own", (Own,), what))
+
+    sim = propwash.Sim(scene=WALL)
+    calls = [
+        (["scene", "treez", "trees"], lambda: propwash.lint({"forest": {"treez": 3}})),
+        (["scene", '"many"'], lambda: propwash.scene_new("forest", trees="many")),
+        (["size_m", "finite"], lambda: propwash.scene_new("forest", size_m=float("nan"))),
+        (["Own.camera", "devic", "device"], own(camera={"devic": "d435"})),
+        (["Own.scene", '"many"'], own(scene={"forest": {"trees": "many"}})),
+        (["noise", "sigma"], lambda: propwash.Recorder("out", sim, seconds=1.0, camera="fpv", noise={"sigma": 1})),
+    ]
+    for words, call in calls:
+        with pytest.raises((ValueError, TypeError)) as caught:
+            call()
+        text = str(caught.value)
+        assert all(w in text for w in words) and " at line " not in text, text
+
+
+def test_vehicles_cameras_and_configurations_are_pickled_and_copied(tmp_path):
+    shell = ROOT / "xml/shells/cf2x.xml"
+    text = propwash.Vehicle("cf2x_L250").text
+    (tmp_path / "mine.toml").write_text(re.sub(r'^shell = .*$', 'shell = "mine.xml"', text, flags=re.M))
+    (tmp_path / "mine.xml").write_text(shell.read_text())
+    vehicles = [
+        propwash.Vehicle("cf2x_L250"),
+        propwash.Vehicle("cf2x_L250").with_effects('[[effect]]\nkind = "payload"\nmass_kg = 0.005'),
+        propwash.Vehicle(tmp_path / "mine.toml"),
+        propwash.Vehicle.from_toml(text, "other"),
+    ]
+    for call in (lambda v: pickle.loads(pickle.dumps(v)), copy.copy, copy.deepcopy):
+        for vehicle in vehicles:
+            again = call(vehicle)
+            assert (again.name, again.text, again.parameters()) == (vehicle.name, vehicle.text, vehicle.parameters())
+            assert repr(again) == repr(vehicle)
+            propwash.Sim(drone=again, scene=WALL).step(2)
+        camera = propwash.Camera("fpv", resolution=(8, 8))
+        sim = propwash.Sim(2, sensors=["imu"])
+        for thing in (camera, sim.config, dict(sim.rates[0])):
+            assert call(thing) == thing
+        assert call(propwash.RestOnGround(0.25)).rest_height_m == 0.25
+
+
+def test_texts_of_objects_stay_short():
+    long = ["x" * 5000, np.zeros((300, 300)), tuple(range(10_000)), {str(k): "y" * 99 for k in range(500)}, ("z" * 5000,) * 5]
+    kinds = [kind for name in propwash.__all__ if dataclasses.is_dataclass(kind := getattr(propwash, name))]
+    assert len(kinds) >= 25
+    for kind in kinds:
+        for k in range(len(long)):
+            thing = object.__new__(kind)
+            for i, field in enumerate(dataclasses.fields(kind)):
+                object.__setattr__(thing, field.name, long[(i + k) % len(long)])
+            assert kind.__name__ in repr(thing) and len(repr(thing)) <= 1000, repr(thing)
+    sim = propwash.Sim(100, scene="room")
+    for k in range(200):
+        sim.pipeline.append(f"a stage with a long name {k}", print)
+    frame = sim.depth_frame("fpv", (8, 8))
+    things = [sim, sim.data, sim.pipeline, sim.contacts(), sim.clearance(), frame, sim.scene, sim.vehicles[0], sim.save()]
+    for thing in things:
+        assert 10 < len(repr(thing)) <= 1000, repr(thing)
+    assert "depth=<float32 (100, 1, 8, 8)>" in repr(frame)
+    assert eval(repr(propwash.Camera("fpv", range=(0.1, 4.0))), vars(propwash)) == propwash.Camera("fpv", range=(0.1, 4.0))
+
+
 def test_stages_refuse_what_makes_no_sense():
     pipeline = propwash.Sim().pipeline
     refused(TypeError, ["function", "int"], lambda: pipeline.append("x", 5))
@@ -153,24 +283,31 @@ def test_stages_refuse_what_makes_no_sense():
 def test_a_simulation_without_a_scene_says_so():
     sim = propwash.Sim()
     for call in (sim.contacts, sim.clearance, sim.render_depth, sim.depth_frame, sim.measure_ground):
-        refused(propwash.Error, ["no scene", "scene="], call)
+        refused(propwash.Error, ["no scene", "scene=", 'scene="<mujoco/>"'], call)
+    both = propwash.Sim(1, 2, scene="<mujoco/>")
+    both.set_initial(pos=[[0.0, 0.0, 1.0], [0.0, 0.01, 1.0]])
+    both.reset()
+    assert both.contacts().touching.all() and both.clearance().other_drone.tolist() == [[1, 0]]
 
 
-def test_poses_that_are_no_numbers_are_named_and_not_sensed():
+def test_poses_that_are_no_numbers_are_set_aside_and_named():
     sim = propwash.Sim(3, scene=WALL)
     sim.data.pos[1] = np.nan
-    for call in (sim.contacts, sim.clearance, sim.render_depth):
-        refused(propwash.Error, ["1 of 3 worlds failed", "world 1", "drone 0"], call)
-    refused(propwash.Error, ["world 1"], lambda: sim.render_depth(worlds=[2, 1]))
-    assert sim.render_depth(worlds=[2, 0]).shape[0] == 2
+    for call in (sim.contacts, sim.clearance):
+        assert call().quarantined.tolist() == [False, True, False]
+    (why,) = sim.quarantine
+    assert (why.world, why.drone, why.quantity) == (1, 0, "position")
+    assert sim.render_depth(worlds=[2, 1]).shape[0] == 2
+    with pytest.warns(propwash.QuarantineWarning, match="world 1"):
+        sim.step()
     sim.reset()
     sim.obstacle_pos[2] = np.inf
     refused(propwash.Error, ["world 2"], sim.clearance)
 
 
-def test_nothing_is_pickled_or_copied():
+def test_simulations_are_not_pickled_or_copied():
     sim = propwash.Sim()
-    for thing, words in [(sim, "make one"), (sim.data, "copy its arrays"), (sim.vehicles[0], "to_toml")]:
+    for thing, words in [(sim, "make one"), (sim.data, "copy its arrays"), (sim.save(), "Sim.save")]:
         for call in (pickle.dumps, copy.copy, copy.deepcopy):
             refused(TypeError, [words], lambda: call(thing))
     assert np.array_equal(pickle.loads(pickle.dumps(sim.data.pos)), sim.data.pos)

@@ -75,7 +75,9 @@ def test_drones_hover_in_every_mode(control, precision):
         command = sim.hover_rotor_vel()
     elif control == "force_torque":
         command[..., 0] = sim.hover_thrust()
-    elif control != "state":
+    elif control == "state":
+        command = hover(sim)
+    else:
         command[..., 3] = sim.hover_thrust()
     getattr(sim, f"{control}_control")(command)
     sim.step(100)
@@ -121,7 +123,7 @@ def test_the_same_seed_gives_the_same_bits_for_any_number_of_threads(precision):
 
     def fly(seed, threads, n_worlds=300):
         sim = propwash.Sim(n_worlds, seed=seed, threads=threads, randomization=rules, precision=precision)
-        sim.state_control(np.zeros((n_worlds, 1, 16)))
+        sim.state_control(hover(sim))
         sim.step(60)
         return sim.data.pos.copy(), sim.parameter("body.mass_kg")
 
@@ -138,6 +140,68 @@ def test_randomisation_may_be_text_or_a_file(tmp_path):
     for rules in (text, tmp_path / "rules.toml", str(tmp_path / "rules.toml")):
         mass = propwash.Sim(4, randomization=rules).parameter("body.mass_kg")
         assert np.all((mass >= 0.02) & (mass < 0.03))
+
+
+def test_rates_are_those_in_force():
+    sim = propwash.Sim(drone=["cf2x_L250", "hb_x500"], state_freq=50, attitude_freq=250)
+    for drone, vehicle in enumerate(sim.vehicles):
+        own = dict(vehicle.rates)
+        assert dict(sim.rates[drone]) == {**own, "state": 50, "attitude": 250, "rotor_vel": 500}
+    plain = propwash.Sim(freq=1000)
+    assert dict(plain.rates[0]) == {**plain.vehicles[0].rates, "rotor_vel": 1000}
+    with pytest.raises(TypeError):
+        sim.rates[0]["state"] = 1
+    assert propwash.Sim.from_config(sim.config).rates == sim.rates
+
+
+@pytest.mark.parametrize("control, freq", [("state", 50), ("attitude", 100), ("body_rate", 250), ("force_torque", 125), ("rotor_vel", None)])
+def test_a_loop_over_the_rate_commands_as_often_as_the_controller_listens(control, freq):
+    """Each command of such a loop is taken up in the first of its steps."""
+    rate = {} if freq is None else {f"{control}_freq": freq}
+    sim = propwash.Sim(control=control, rotor_start="off", **rate)
+    n = sim.freq // sim.rates[0][control]
+    assert n == (1 if freq is None else 500 // freq)
+    give = getattr(sim, f"{control}_control")
+    command = np.zeros((1, 1, sim.data.command.shape[-1]))
+    column, unit = {"state": (0, 0.1), "force_torque": (0, 0.1), "rotor_vel": (3, 500.0)}.get(control, (3, 0.1))
+    if control == "state":
+        command[..., 12] = 1.0
+    made = "attitude_command" if control == "state" else "rotor_command"
+    heard = []
+    for turn in range(4):
+        command[..., column] = unit * (1 + turn)
+        give(command)
+        for step in range(n):
+            before = getattr(sim.data, made).copy()
+            sim.step()
+            if not (getattr(sim.data, made) == before).all():
+                heard.append((turn, step))
+    assert heard == [(turn, 0) for turn in range(4)]
+
+
+def test_a_parameter_goes_back_in_the_shape_that_it_came_in():
+    light = propwash.Vehicle("cf2x_L250").with_effects('[[effect]]\nkind = "payload"\nmass_kg = 0.005')
+    sim = propwash.Sim(3, drone=[light, "cf2x_L250"])
+    mass = sim.parameter("body.mass_kg")
+    new = mass * np.array([[1.0, 1.1], [1.2, 1.3], [1.4, 1.5]])
+    sim.set_parameter("body.mass_kg", new)
+    assert (sim.parameter("body.mass_kg") == new).all()
+    # NaN where a drone does not have it.
+    payload = sim.parameter("effect.payload.mass_kg")
+    assert np.isnan(payload[:, 1]).all()
+    sim.set_parameter("effect.payload.mass_kg", 2.0 * payload)
+    assert np.allclose(sim.parameter("effect.payload.mass_kg")[:, 0], 0.01)
+    for value, kind in [(np.ones((2, 2)), ValueError), (np.ones((3, 2)), KeyError), (payload * [[1], [1], [np.nan]], ValueError)]:
+        with pytest.raises(kind):
+            sim.set_parameter("effect.payload.mass_kg", value)
+    with pytest.raises(ValueError, match=r"\(3,\)"):
+        sim.set_parameter("body.mass_kg", new, drone=0)
+    bad = new.copy()
+    bad[2, 1] = np.nan
+    with pytest.raises(ValueError):
+        sim.set_parameter("body.mass_kg", 2.0 * bad)
+    assert (sim.parameter("body.mass_kg") == new).all()
+    assert np.allclose(sim.parameter("effect.payload.mass_kg")[:, 0], 0.01)
 
 
 def test_parameters_differ_between_worlds_where_they_are_set_so():
@@ -288,7 +352,7 @@ def test_the_ground_holds_where_a_stage_says_so():
 @pytest.mark.parametrize("precision", ["f32", "f64"])
 def test_a_world_that_breaks_is_set_aside_and_told(precision):
     sim = propwash.Sim(3, precision=precision)
-    sim.state_control(np.zeros((3, 1, 16)))
+    sim.state_control(hover(sim))
     sim.step(5)
     sim.data.vel[1] = np.nan
     with pytest.warns(propwash.QuarantineWarning, match="world 1 is quarantined"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Dict, Mapping, Sequence
 
+from .._repr import short_repr
 from ._errors import FormatError
 
 Sample = Dict[str, Any]
@@ -24,6 +25,8 @@ class Field:
     """Unit, frame of reference, or meaning."""
     columns: tuple[str, ...] = ()
     """Columns of states.parquet that it is made of."""
+
+    __repr__ = short_repr
 
 
 ALWAYS = ("key", "world", "drone", "frame", "step", "time_s")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from .._repr import shortened
 from ..sense import PixelStatus, _float, _whole
 from ._errors import DamagedError, DataSetError, FormatError, UnfinishedError
 from ._fields import ALWAYS, Field, Sample, chosen, fields
@@ -82,7 +83,7 @@ class DataSet:
 
     def __repr__(self) -> str:
         state = "" if self.complete else ", unfinished"
-        return f"DataSet({str(self.path)!r}: {len(self._worlds)} worlds, {len(self)} samples{state})"
+        return shortened(f"DataSet({str(self.path)!r}: {len(self._worlds)} worlds, {len(self)} samples{state})")
 
     def __len__(self) -> int:
         return int(self._ends[-1]) if len(self._ends) else 0

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from .._repr import shortened
 from ._errors import DamagedError
 from ._fields import CHANNEL_TYPES, EMPTY, Field, key, sampled
 from ._files import RESTORE, check, item, parse, read_bytes, same, sha256
@@ -83,7 +84,7 @@ class World:
         self._checked: set[str] = set()
 
     def __repr__(self) -> str:
-        return f"World({self.number}: {self.n_frames} frames in {str(self.folder)!r})"
+        return shortened(f"World({self.number}: {self.n_frames} frames in {str(self.folder)!r})")
 
     @property
     def files(self) -> tuple[str, ...]:

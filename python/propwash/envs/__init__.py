@@ -21,13 +21,14 @@ except ImportError as _missing:
 from .single import DroneEnv
 from .task import ENDINGS, REGISTERED, Task, Worlds
 from .vector import BUILT_IN, TASKS, DroneVectorEnv
-from .wrappers import DepthFrameStack, FlattenState, NormalizeDepth, ToF8x8
+from .wrappers import DepthFrameStack, DepthImage, FlattenState, NormalizeDepth, ToF8x8
 
 __all__ = [
     "ENDINGS",
     "IDS",
     "TASKS",
     "DepthFrameStack",
+    "DepthImage",
     "DroneEnv",
     "DroneVectorEnv",
     "FlattenState",

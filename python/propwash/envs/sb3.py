@@ -31,6 +31,7 @@ class SB3VecEnv(VecEnv):  # type: ignore[misc,unused-ignore]
         self._actions: NDArray[Any] | None = None
         self._seed: int | None = None
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
+        self.metadata = env.metadata
 
     def reset(self) -> Any:
         obs, _ = self.env.reset(seed=self._seed)
@@ -54,6 +55,12 @@ class SB3VecEnv(VecEnv):  # type: ignore[misc,unused-ignore]
                 "is_success": ending == "done",
             }
         return obs, reward.astype(np.float32), done, infos
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """Pictures of all worlds, (240, 320, 3) each, of an environment that was made with ``render_mode="rgb_array"``: ``VecVideoRecorder``
+        and ``render`` take them. None without that mode."""
+        pictures: Any = self.env.render()
+        return [None] * self.num_envs if pictures is None else list(pictures)
 
     def close(self) -> None:
         self.env.close()

@@ -91,6 +91,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         threads: Threads that share the worlds; one for each processor where None. Results do not depend on it.
         copy: Observations are copies; else views that the next step overwrites.
         render_mode: ``"rgb_array"``: ``render()`` returns a picture of every world.
+        max_episode_steps: Refused: ``max_episode_time`` limits episodes, in seconds.
 
     Raises:
         TypeError, ValueError: for arguments that make no sense, saying what was expected and what was given.
@@ -130,6 +131,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         threads: int | None = None,
         copy: bool = True,
         render_mode: Literal["rgb_array"] | None = None,
+        max_episode_steps: None = None,
     ) -> None:
         self.num_envs = _whole("num_envs", num_envs, 1, 2**24)
         own = own_task(task, task_options, TASKS)
@@ -141,6 +143,11 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         freq = by.freq if freq is None else freq
         max_episode_time = by.max_episode_time if max_episode_time is None else max_episode_time
         self.n_drones = _whole("n_drones", n_drones, 1, 4096)
+        if max_episode_steps is not None:
+            raise TypeError(
+                f"max_episode_steps: expected max_episode_time, in seconds, got {max_episode_steps!r} steps: at freq={freq} one step is "
+                f"{1 / freq:g} s"
+            )
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f'render_mode: expected None or "rgb_array", got {render_mode!r}')
         if autoreset_mode not in (*_MODES, *_MODES.values(), *(m.value for m in _MODES)):
@@ -253,8 +260,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         ``options["goal"]``, (num_envs, 3) or (num_envs, n_drones, 3), gives these episodes their goals, for tasks that have some (m, or
         m/s, in the world frame); later episodes have drawn ones again.
 
-        ``seed`` is one number for the whole batch; every world has random numbers of its own by it. The same seed gives the same
-        episodes, bit for bit.
+        ``seed`` is one number for the whole batch; every world has random numbers of its own by it and by its number (``first_world`` and
+        its place). The same seed gives the same episodes, bit for bit. A list of seeds is refused.
         """
         self._check_open()
         options = options or {}
@@ -263,7 +270,10 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             raise ValueError(f'options: expected "reset_mask", "goal" or nothing, got {sorted(unknown)}')
         if seed is not None and not isinstance(seed, (int, np.integer)):
             raise TypeError(
-                f"seed: expected one whole number for the whole batch, by which every world has its own, got {type(seed).__name__}"
+                "seed: expected one whole number for the whole batch, got "
+                f"{type(seed).__name__}: the random numbers of a world follow from that seed and from its number (first_world and its "
+                "place in the batch), so that worlds differ and a world can be flown again alone, by DroneVectorEnv(1, seed=…, "
+                "first_world=…); for worlds with seeds of their own make an environment for each"
             )
         mask = options.get("reset_mask")
         if seed is not None:

@@ -105,25 +105,84 @@ class ToF8x8(_Observed):
 
 
 class FlattenState(_Observed):
-    """All numbers but depth side by side as ``state``; without depth the observation is that array itself."""
+    """All numbers but depth side by side as ``state``; without depth the observation is that array itself.
+
+    They stand in the order in which they are observed: ``ang_vel`` (3), ``pos`` (3), ``quat`` (4) and so on, sorted by name as Gymnasium's
+    ``Dict`` sorts them. ``columns`` says where each is: ``state[..., env.columns["pos"]]``. Arrays of several axes (readings of a LiDAR)
+    are in the order of C.
+    """
+
+    columns: dict[str, slice]
+    """Columns of each number in ``state``, by its name, in their order."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
         space = env.single_observation_space
         if not isinstance(space, spaces.Dict):
             raise TypeError(f"expected an environment whose observations are dicts, got {space}")
-        self._names = [name for name in space.spaces if name != "depth"]
-        boxes = [space.spaces[name] for name in self._names]
-        assert all(isinstance(b, spaces.Box) for b in boxes)
-        *head, _ = boxes[0].shape or (0,)
-        width = sum((b.shape or (0,))[-1] for b in boxes)
-        state = spaces.Box(-np.inf, np.inf, (*head, width), np.float32)
+        n_drones = int(getattr(env.unwrapped, "n_drones", 1))
+        self._head = (n_drones,) if n_drones > 1 else ()
+        self.columns = {}
+        width = 0
+        for name, box in space.spaces.items():
+            if name == "depth":
+                continue
+            shape = box.shape
+            if not isinstance(box, spaces.Box) or shape is None or shape[: len(self._head)] != self._head:
+                raise TypeError(f"{name}: expected numbers of each drone, a Box {(*self._head, 'n')}, got {box}")
+            own = int(np.prod(shape[len(self._head) :]))
+            self.columns[name] = slice(width, width + own)
+            width += own
+        state = spaces.Box(-np.inf, np.inf, (*self._head, width), np.float32)
         self._depth = "depth" in space.spaces
         super().__init__(env, spaces.Dict({"depth": space.spaces["depth"], "state": state}) if self._depth else state)
 
     def change(self, obs: Obs) -> Any:
         """With one array of numbers."""
-        state = np.concatenate([obs[name] for name in self._names], axis=-1)
+        parts = [obs[name] for name in self.columns]
+        flat = [part.reshape(*part.shape[: 1 + len(self._head)], -1) for part in parts]
+        state = np.concatenate(flat, axis=-1)
         return {"depth": obs["depth"], "state": state} if self._depth else state
+
+
+class DepthImage(_Observed):
+    """Depth as 8-bit images, channels first, which the CNN policies of Stable-Baselines3 take: uint8 (1, height, width), or (n, height,
+    width) around ``DepthFrameStack``. For worlds with one drone.
+
+    The scale is linear: a pixel is ``round(255 * depth / far)``, where ``far`` (m) is the greatest depth of the camera: 0 at the camera, 255
+    as far as it sees, and where it sees nothing. A step of one is ``far / 255`` m.
+
+    Args:
+        env: An environment that observes ``depth``.
+        only: The image is the whole observation, for ``"CnnPolicy"``; else it stands as ``depth`` among the numbers, for
+            ``"MultiInputPolicy"``.
+
+    The network of Stable-Baselines3 (``NatureCNN``) needs images of at least 36 × 36 pixels.
+    """
+
+    far: float
+    """Depth of the value 255, m (1 around ``NormalizeDepth``)."""
+
+    def __init__(self, env: VectorEnv[Any, Any, Any], only: bool = False) -> None:
+        box = _depth_of(env)
+        n_drones = int(getattr(env.unwrapped, "n_drones", 1))
+        if n_drones > 1:
+            raise ValueError(f"expected worlds with one drone, whose image is one of (1, height, width), got {n_drones} drones")
+        if box.dtype != np.float32 or len(box.shape) not in (2, 3):
+            raise TypeError(f"depth: expected float32 of shape (height, width) or (n, height, width), got {box}")
+        self._only = bool(only)
+        self._stacked = len(box.shape) == 3
+        self.far = float(box.high.max())
+        self._scale = np.float32(255.0 / self.far)
+        space = env.single_observation_space
+        assert isinstance(space, spaces.Dict)
+        image = spaces.Box(0, 255, box.shape if self._stacked else (1, *box.shape), np.uint8)
+        super().__init__(env, image if self._only else spaces.Dict({**space.spaces, "depth": image}))
+
+    def change(self, obs: Obs) -> Any:
+        """With images."""
+        depth = obs["depth"] if self._stacked else obs["depth"][:, None]
+        image = np.rint(np.clip(depth * self._scale, 0.0, 255.0)).astype(np.uint8)
+        return image if self._only else {**obs, "depth": image}
 
 
 class DepthFrameStack(_Observed):
