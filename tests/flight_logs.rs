@@ -1,6 +1,9 @@
 //! Flight logs: synthetic ones with each fault planted and found by name, real ones where they are at hand, and files
 //! that are wrong.
 
+#[path = "common/ulog.rs"]
+mod ulog;
+
 use propwash::flight::usable::{Known, look};
 use propwash::flight::{CheckReport, Fault, FlightError, FlightLog, Mapping, Severity, check};
 use propwash::math::{quat, vec3};
@@ -589,17 +592,19 @@ fn wrong_files_get_a_sentence_with_row_and_column() {
 }
 
 #[test]
-fn a_vehicle_file_of_the_logs_name_is_no_mapping_and_the_error_says_why_it_was_read() {
+fn a_vehicle_file_of_the_logs_name_is_no_mapping_and_other_files_of_it_say_why_they_were_read() {
     let folder = Folder::new();
     let log = folder.write("quad.csv", "t,px,py,pz\n0,0,0,1\n0.1,0,0,1\n");
     assert_eq!(FlightLog::load(&log, None).unwrap().mapping, None);
     let vehicle = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
     let beside = folder.write("quad.toml", vehicle.to_toml());
-    let error = FlightLog::load(&log, None).unwrap_err().to_string();
-    assert!(error.contains("read as its mapping") && error.contains("rename it"), "{error}");
+    assert_eq!(FlightLog::load(&log, None).unwrap().mapping, None);
     // A mapping that was named is what the user means.
     let error = FlightLog::load(&log, Some(&beside)).unwrap_err().to_string();
     assert!(error.contains("mapping file") && !error.contains("rename it"), "{error}");
+    folder.write("quad.toml", "colour = \"red\"\n");
+    let error = FlightLog::load(&log, None).unwrap_err().to_string();
+    assert!(error.contains("read as its mapping") && error.contains("rename it"), "{error}");
 }
 
 #[test]
@@ -611,35 +616,13 @@ fn too_short_a_log_is_refused_and_says_so() {
 }
 
 /// A ULog file of the flight: north-east-down, forward-right-down, w x y z, µs.
-fn ulog(rows: &Rows) -> Vec<u8> {
-    let mut out = b"ULog\x01\x12\x35\x01".to_vec();
-    out.extend(0u64.to_le_bytes());
-    let mut message = |kind: u8, payload: &[u8]| {
-        out.extend((payload.len() as u16).to_le_bytes());
-        out.push(kind);
-        out.extend(payload);
-    };
-    message(b'B', &[0; 40]);
-    let topics = [
-        ("vehicle_local_position", "float x;float y;float z;float vx;float vy;float vz", 6),
-        ("vehicle_attitude", "float[4] q", 4),
-        ("vehicle_angular_velocity", "float[3] xyz", 3),
-        ("vehicle_acceleration", "float[3] xyz", 3),
-        ("actuator_motors", "float[6] control", 6),
-        ("battery_status", "float voltage_v", 1),
-    ];
-    for (name, fields, _) in topics {
-        message(b'F', format!("{name}:uint64_t timestamp;{fields}").as_bytes());
-    }
-    for (id, (name, ..)) in topics.iter().enumerate() {
-        message(b'A', &[&[0u8, id as u8, 0], name.as_bytes()].concat());
-    }
+fn px4_log(rows: &Rows) -> Vec<u8> {
     let get = |name: &str, i: usize| rows.cells[rows.index(name)][i];
-    for i in 0..rows.cells[0].len() {
+    let row = |i: usize| {
         let turned = |names: [&str; 3]| [get(names[0], i), -get(names[1], i), -get(names[2], i)];
         let q = rows.attitude(i);
         let u = get("rotor1", i) / 3000.0;
-        let values: [Vec<f64>; 6] = [
+        let values = [
             [turned(POSITION), turned(VELOCITY)].concat(),
             vec![q[3], q[0], -q[1], -q[2]],
             turned(RATES).to_vec(),
@@ -647,14 +630,9 @@ fn ulog(rows: &Rows) -> Vec<u8> {
             vec![u, u, u, u, f64::NAN, f64::NAN],
             vec![get("vbat", i)],
         ];
-        for (id, values) in values.iter().enumerate() {
-            let mut payload = (id as u16).to_le_bytes().to_vec();
-            payload.extend((5_000_000 + (get("t", i) * 1e6).round() as u64).to_le_bytes());
-            values.iter().for_each(|v| payload.extend((*v as f32).to_le_bytes()));
-            message(b'D', &payload);
-        }
-    }
-    out
+        (5_000_000 + (get("t", i) * 1e6).round() as u64, values)
+    };
+    ulog::file((0..rows.cells[0].len()).map(row))
 }
 
 #[test]
@@ -663,7 +641,7 @@ fn a_px4_log_is_turned_into_our_frames() {
     let plain = load(&rows.text()).unwrap();
     let folder = Folder::new();
     let path = folder.0.path().join("log.ulg");
-    let bytes = ulog(&rows);
+    let bytes = px4_log(&rows);
     std::fs::write(&path, &bytes).unwrap();
     let log = FlightLog::load(&path, None).unwrap();
     let report = check(&log);

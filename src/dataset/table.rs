@@ -6,6 +6,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::flight::files::parsed;
 use parquet::basic::Compression;
 use parquet::column::reader::ColumnReader;
 use parquet::column::writer::ColumnWriter;
@@ -359,6 +360,11 @@ pub struct Table {
 impl Table {
     /// Reads the columns `names`, or all where `names` is `None`.
     pub fn read(path: &Path, names: Option<&[&str]>) -> Result<Self> {
+        parsed(|| Self::parse(path, names))
+            .unwrap_or_else(|found| Err(DatasetError::damaged(path, "a whole Parquet file", found)))
+    }
+
+    fn parse(path: &Path, names: Option<&[&str]>) -> Result<Self> {
         let file = File::open(path).map_err(DatasetError::io(path))?;
         let reader = SerializedFileReader::new(file).map_err(parquet_error(path))?;
         let schema = reader.metadata().file_metadata().schema_descr_ptr();

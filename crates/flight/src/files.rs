@@ -2,6 +2,7 @@
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Error, ErrorKind, Result};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 /// How the name of a file begins that is not whole yet.
@@ -128,6 +129,14 @@ pub fn suggestion(path: &Path) -> String {
     known.sort();
     propwash_trace::names::nearest(&name.to_string_lossy(), known.iter().map(String::as_str))
         .map_or_else(String::new, |k| format!("; did you mean `{}`?", path.with_file_name(k).display()))
+}
+
+/// Runs a parser that is not ours, which may panic on an odd file; words for the error where it does.
+///
+/// # Errors
+/// What to say that was found.
+pub fn parsed<T>(parse: impl FnOnce() -> T) -> std::result::Result<T, String> {
+    catch_unwind(AssertUnwindSafe(parse)).map_err(|_| "a record on which the parser gives up".into())
 }
 
 #[cfg(test)]

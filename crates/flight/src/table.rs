@@ -1,6 +1,7 @@
 //! CSV and Parquet files as columns of numbers. Only columns that are used are read as numbers.
 
 use super::error::{FlightError, Result};
+use super::files::parsed;
 use parquet::column::reader::ColumnReader;
 use parquet::errors::ParquetError;
 use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -258,12 +259,22 @@ fn read_chunk_of_rows(chunk: &[u8], wanted: &[bool], delimiter: u8, missing: &[S
 
 /// Reads a Parquet file; nulls are empty cells.
 pub(super) fn read_parquet(path: &Path, rules: &CellRules) -> Result<Table> {
-    let damaged = |e: ParquetError| FlightError::Format {
+    parsed(|| parse_parquet(path, rules))
+        .unwrap_or_else(|found| Err(damaged(path, ParquetError::General(found))))
+}
+
+/// A Parquet file that is none, or that is cut or changed.
+fn damaged(path: &Path, e: ParquetError) -> FlightError {
+    FlightError::Format {
         path: path.to_path_buf(),
         expected: "a whole Parquet file of flat number columns, uncompressed or snappy".into(),
         found: e.to_string(),
         remedy: "write it again, for example with `propwash log convert`".into(),
-    };
+    }
+}
+
+fn parse_parquet(path: &Path, rules: &CellRules) -> Result<Table> {
+    let damaged = |e: ParquetError| damaged(path, e);
     let file = std::fs::File::open(path)
         .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
     let reader = SerializedFileReader::new(file).map_err(damaged)?;

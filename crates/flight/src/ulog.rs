@@ -5,12 +5,12 @@
 
 use super::channel::Channel;
 use super::error::{FlightError, Result};
+use super::files::parsed;
 use super::{ClockFault, FlightLog, Mapping};
 use propwash_trace::units::rpm_to_rad_s;
 use px4_ulog::stream_parser::model::{FlattenedFieldType, FlattenedFormat};
 use px4_ulog::stream_parser::{Message, SimpleCallbackResult, read_file_with_simple_callback};
 use std::collections::BTreeMap;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// First bytes of a ULog file.
 pub(super) const MAGIC: &[u8] = b"ULog\x01\x12\x35";
@@ -130,9 +130,7 @@ pub(super) fn read(log: &mut FlightLog, mapping: Option<&Mapping>) -> Result<()>
         }
         SimpleCallbackResult::KeepReading
     };
-    // The parser is not ours: where it panics on an odd file, that is an error like any other.
-    let completeness = catch_unwind(AssertUnwindSafe(|| read_file_with_simple_callback(name, &mut take)))
-        .map_err(|_| "a record on which the parser gives up".to_string())
+    let completeness = parsed(|| read_file_with_simple_callback(name, &mut take))
         .and_then(|read| read.map_err(|e| e.to_string()))
         .map_err(|found| format("a PX4 ULog file", found, "copy the log from the vehicle again"))?;
     if completeness.is_incomplete() {
