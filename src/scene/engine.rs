@@ -1,10 +1,10 @@
 //! What MuJoCo keeps for the whole process: its parser and compiler, its memory of assets, its log, its plugins.
 
 use std::cell::{Cell, RefCell};
-use std::ffi::CStr;
+use std::ffi::{CStr, OsString};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicPtr, Ordering};
-use std::sync::{Mutex, MutexGuard, Once, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::{MjLogMessage, MjtLogLevel};
@@ -62,18 +62,6 @@ impl Building {
     pub(super) fn heard(&self) -> Vec<String> {
         HEARD.with_borrow_mut(|heard| heard.as_mut().map(std::mem::take)).unwrap_or_default()
     }
-
-    /// Loads MuJoCo's own plugins (signed distance fields, elasticity, sensors, actuators), once: those beside its library, as its
-    /// package for Python does.
-    pub(super) fn load_plugins(&self) {
-        static LOADED: Once = Once::new();
-        LOADED.call_once(|| {
-            let Some(folder) = plugin_folder() else { return };
-            let Ok(text) = c_string(&folder.to_string_lossy(), String::new) else { return };
-            // SAFETY: a NUL-terminated path that outlives the call. A library that was loaded before is not loaded again.
-            unsafe { ffi::mj_loadAllPluginLibraries(text.as_ptr(), None) };
-        });
-    }
 }
 
 impl Drop for Building {
@@ -125,7 +113,42 @@ fn pass_on(message: *const MjLogMessage, level: MjtLogLevel) {
     }
 }
 
-/// The folder of MuJoCo's own plugins: beside its library, or beside the folder of it.
+/// The libraries of MuJoCo's own plugins, by file name, once they are loaded.
+static LOADED: OnceLock<Vec<OsString>> = OnceLock::new();
+
+/// Loads MuJoCo's own plugins (signed distance fields, elasticity, sensors, actuators), where a scene asks for one and nobody has loaded
+/// them: those beside its library. Whether there are plugins now that were not there before.
+pub(super) fn load_plugins() -> bool {
+    let mut is_new = false;
+    LOADED.get_or_init(|| {
+        let _building = Building::begin();
+        // MuJoCo does not survive two copies of a library, which register their plugins twice.
+        let (Some(folder), false) = (plugin_folder(), has_own_plugins()) else { return Vec::new() };
+        let Ok(text) = c_string(&folder.to_string_lossy(), String::new) else { return Vec::new() };
+        // SAFETY: a NUL-terminated path that outlives the call; no library of the folder was loaded before.
+        unsafe { ffi::mj_loadAllPluginLibraries(text.as_ptr(), None) };
+        is_new = true;
+        std::fs::read_dir(folder)
+            .map_or_else(|_| Vec::new(), |all| all.flatten().map(|e| e.file_name()).collect())
+    });
+    is_new
+}
+
+/// Whether plugins of MuJoCo itself are registered.
+fn has_own_plugins() -> bool {
+    // SAFETY: slots below the count hold plugins, whose names are terminated and live as long as the process.
+    unsafe {
+        (0..ffi::mjp_pluginCount()).any(|slot| {
+            let plugin = ffi::mjp_getPluginAtSlot(slot);
+            !plugin.is_null()
+                && !(*plugin).name.is_null()
+                && CStr::from_ptr((*plugin).name).to_bytes().starts_with(b"mujoco.")
+        })
+    }
+}
+
+/// The folder of MuJoCo's own plugins: beside its library, or beside the folder of it. In Python it is that of the package `mujoco`, from
+/// which the package itself loads them.
 fn plugin_folder() -> Option<PathBuf> {
     // SAFETY: dladdr writes into the struct where it answers with a number other than zero; the name is that of a loaded file.
     let library = unsafe {
@@ -141,13 +164,20 @@ fn plugin_folder() -> Option<PathBuf> {
     [folder.join("plugin"), folder.parent()?.join("plugin")].into_iter().find(|f| f.is_dir())
 }
 
-/// Loads a library of MuJoCo plugins (e.g. signed distance fields), for all scenes built afterwards. Those of MuJoCo itself are loaded anyway.
+/// Loads a library of MuJoCo plugins (e.g. signed distance fields), for all scenes built afterwards. Those of MuJoCo itself are loaded
+/// where a scene asks for them; naming one of them again does nothing.
 ///
 /// # Errors
 /// [`SceneError::Read`] when there is no such file. MuJoCo reports a library that it cannot load only when a scene
 /// asks for the plugin.
 pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
     check_file(path)?;
+    if path
+        .file_name()
+        .is_some_and(|name| LOADED.get().is_some_and(|loaded| loaded.iter().any(|l| l == name)))
+    {
+        return Ok(());
+    }
     let c_path = c_string(&path.to_string_lossy(), || format!("path {}", path.display()))?;
     let guard = Guard::new()?;
     let _building = Building::begin();

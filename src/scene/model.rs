@@ -13,7 +13,7 @@ use mujoco_rs::wrappers::mj_auxiliary::MjVfs;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::engine::Building;
+use super::engine::{Building, load_plugins};
 use super::{SceneError, Worker};
 use super::{shipped, sizes, sync};
 use crate::math::{quat, vec3};
@@ -562,8 +562,17 @@ impl Scene {
         shells: &[Shell],
         options: BuildOptions,
     ) -> Result<Self, SceneError> {
+        match Self::build_once(source, shells, options) {
+            // The plugins that come with MuJoCo are loaded only for who asks for one.
+            Err(e) if e.to_string().contains("plugin") && load_plugins() => {
+                Self::build_once(source, shells, options)
+            }
+            done => done,
+        }
+    }
+
+    fn build_once(source: &SceneSource, shells: &[Shell], options: BuildOptions) -> Result<Self, SceneError> {
         let building = Building::begin();
-        building.load_plugins();
         let what = source.label();
         let mut warnings = Vec::new();
         let shipped = match source {
