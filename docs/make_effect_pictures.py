@@ -76,6 +76,8 @@ ROLL_OUTS = {"gyro_bias", "gyro_scale", "sensor_offset", "world_tilt"}
 SLOW = {"battery_sag", "thrust_fade"}
 #: Effects that `add` does not write, by its rules, or not alone: drawn with the true values.
 TRUE = {"gyro_scale", "actuator_saturation", "world_tilt"}
+#: Parameters of these that vehicle files call otherwise.
+FILED = {("world_tilt", "rotation_rad"): "tilt_rad"}
 #: Pages without a picture: what they write is the user's, or is set by the caller.
 NONE = {"expression", "disturbance"}
 
@@ -116,8 +118,9 @@ def fly_and_compare(programs: Path, name: str, folder: Path) -> tuple[dict, dict
         truth = json.loads((folder / "truth.json").read_text())["hidden"][0]["parameters"]
         lists: dict[str, list[float]] = {}
         for key, value in truth.items():
-            lists.setdefault(key.split(".")[0], []).append(value)
-        rows = [f"{key} = {values if f'{key}.0' in truth else values[0]}" for key, values in lists.items()]
+            field, *index = key.split(".")
+            lists.setdefault(field, []).append(value if index else [value])
+        rows = [f"{FILED.get((name, field), field)} = {values[0][0] if isinstance(values[0], list) else values}" for field, values in lists.items()]
         text = (folder / "quad.toml").read_text() + f'\n[[effect]]\nkind = "{name}"\n' + "\n".join(rows) + "\n"
         (folder / "better.toml").write_text(text)
     words = ["add", fitted, "--vehicle", "quad.toml", "--fit", "flight.csv", "--out", "better.toml", "--force", *read]
