@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .. import _native
 from ..scene import SceneInfo
-from ..sense import Camera
+from ..sense import Camera, DepthFrame
 from ..sim import Sim
 
 Array = NDArray[Any]
@@ -35,6 +35,13 @@ _IN_ROOMS = (52.0, 38.0, 80.0)  # which are looked into from above
 _TURN_RAD_S = 1.2  # at most, of the camera
 _HORIZON, _ZENITH = np.array([0.87, 0.91, 0.95], np.float32), np.array([0.35, 0.60, 0.95], np.float32)
 _LIGHT = np.array([-0.35, -0.45, 0.82], np.float32)
+# Colours of things whose scene states none, by words in their names.
+_BY_WORD = (
+    ("trunk|bark|branch|log|wood|table|shelf|desk|door", (0.45, 0.33, 0.22)),
+    ("crown|leaf|leaves|needle|bush|canopy|tree|plant|grass", (0.25, 0.45, 0.20)),
+    ("rock|stone|boulder|terrain", (0.55, 0.54, 0.52)),
+    ("wall|ceiling|house|pillar|column", (0.84, 0.82, 0.77)),
+)
 _FLOOR = """<mujoco model="floor"><worldbody><geom name="ground" type="plane" size="0 0 0.1"/></worldbody></mujoco>"""
 
 
@@ -232,7 +239,8 @@ def _palette(scene: SceneInfo, text: str) -> tuple[Array, Array]:
             # The same for things of one kind, whose names differ in numbers.
             stem = re.sub(r"[0-9]+", "", g.name) or g.kind
             hue = sum((i + 1) * ord(c) for i, c in enumerate(stem)) * 0.61803398875 % 1.0
-            colors[g.id] = 0.55 + 0.25 * np.cos(2.0 * np.pi * (hue + np.array([0.0, 0.33, 0.67])))
+            named = next((color for words, color in _BY_WORD if re.search(words, g.name.lower())), None)
+            colors[g.id] = 0.62 + 0.16 * np.cos(2.0 * np.pi * (hue + np.array([0.0, 0.33, 0.67]))) if named is None else named
     return colors, ground
 
 
@@ -271,6 +279,7 @@ class Display:
         self.layouts: dict[int, tuple[Array, Array]] = {}
         self._open = self.config["scene"] in (None, "none")  # there is no scene
         self.stage: Sim | None = None
+        self.frame: DepthFrame | None = None
         self.radius = max(_radius(v) for v in self.vehicles[:1])
 
     # ---- what is remembered
@@ -372,7 +381,7 @@ class Display:
             self.stage = Sim(n_drones=self.d, drone=self._drones(), scene=_FLOOR, threads=1)
             self.layouts[0] = _palette(self.stage.scenes[0], _FLOOR)
         self.stage.data.pos[0], self.stage.data.quat[0] = self.pos[world], self.quat[world]
-        f = self.stage.depth_frame(camera, normals=normals)
+        self.frame = f = self.stage.depth_frame(camera, normals=normals, out=self.frame)
         return {"depth": f.depth[0], "status": f.status[0], "geom_id": f.geom_id[0], "normal": f.normal[0] if normals else None}  # type: ignore[index,dict-item]
 
     def _drones(self) -> list[_native.Vehicle]:
