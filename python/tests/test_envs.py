@@ -43,8 +43,7 @@ def test_gymnasiums_checker_passes(name):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*Box observation space.*")
         env = gymnasium.make(name, render_mode="rgb_array", **QUICK[name])
-        has_scene = bool(QUICK[name])
-        check_env(env.unwrapped, skip_render_check=not has_scene)
+        check_env(env.unwrapped, skip_render_check=False)
 
 
 @pytest.mark.parametrize("name", envs.IDS)
@@ -343,18 +342,123 @@ def test_gymnasiums_own_wrappers_work():
     assert (info["episode"]["l"] == 5).all() and (info["episode"]["r"] > 0.0).all()
 
 
-def test_pictures_show_the_scene():
-    env = make("Propwash/GateRace-v0", num_envs=2, render_mode="rgb_array")
+def of_drone(picture):
+    """Pixels in the colours of the first drone, which are orange, around the place where the camera has it."""
+    height, width, _ = picture.shape
+    r, g, b = np.moveaxis(picture.astype(int), -1, 0)
+    # Its body and its rotors, by the ratios of the colours: the light changes their sum only.
+    orange = np.zeros(r.shape, bool)
+    for green, blue in ((0.263, 0.053), (0.605, 0.492)):
+        orange |= (r > 90) & (np.abs(g - green * r) < 4) & (np.abs(b - blue * r) < 4)
+    y, x = np.nonzero(orange)
+    near = (np.abs(x / width - 0.5) < 0.12) & (0.55 < y / height) & (y / height < 0.90)
+    return np.stack([x[near], y[near]], axis=-1)
+
+
+def of_goal(picture):
+    r, g, b = np.moveaxis(picture.astype(int), -1, 0)
+    return (g > 90) & (r < 0.2 * g) & (b < 0.6 * g)
+
+
+def of_trail(picture):
+    r, g, b = np.moveaxis(picture.astype(int), -1, 0)
+    return (b > 180) & (r < 0.4 * b) & (g < 0.5 * b)
+
+
+@pytest.mark.parametrize("name", envs.IDS)
+def test_every_environment_is_rendered(name):
+    env = make(name, num_envs=2, render_mode="rgb_array")
+    with pytest.raises(RuntimeError, match="expected a reset first"):
+        env.render()
+    env.reset(seed=4)
+    before = env.render()
+    assert len(before) == 2 and all(p.shape == (480, 640, 3) and p.dtype == np.uint8 for p in before)
+    assert (before[0] != before[1]).any() and (before[0] == env.render()[0]).all()
+    assert of_trail(before[0]).sum() < 20
+    action = np.zeros(env.action_space.shape, np.float32)
+    if "velocity" in str(env.unwrapped.config["action"]):
+        action[..., 0] = 0.2
+    for _ in range(int(0.8 * env.metadata["render_fps"])):
+        _, _, terminated, _, _ = env.step(action)
+        assert not terminated.any()
+    after = env.render()
+    for picture in (*before, *after):
+        x, y = of_drone(picture).T
+        assert len(x) > 60, len(x)
+        # 5 to 8 % of the width, more where something stands behind the drone; here without the outermost pixels.
+        assert 0.03 < np.ptp(x) / 640 < 0.3
+        assert abs(np.median(x) / 640 - 0.5) < 0.03
+    assert (before[0] != after[0]).mean() > 0.1
+    assert of_trail(after[0]).sum() > 40
+    if "RoomExplore" in name:
+        # Ground that was seen is greener.
+        r, g, b = np.moveaxis(after[0].astype(int), -1, 0)
+        assert ((g > 1.5 * r) & (g > 1.2 * b)).sum() > 1000
+    else:
+        assert max(of_goal(p).sum() for p in after) > 60
+    # The trail begins anew, and the same flight gives the same pictures.
+    env.reset(seed=4)
+    assert (env.render()[0] == before[0]).all()
+    for _ in range(int(0.8 * env.metadata["render_fps"])):
+        env.step(action)
+    assert all((a == b).all() for a, b in zip(env.render(), after))
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_trails_begin_with_episodes(mode):
+    env = make("Propwash/ReachVel-v0", num_envs=2, render_mode="rgb_array", autoreset_mode=mode, max_episode_time=0.5)
     env.reset(seed=1)
-    pictures = env.render()
-    assert len(pictures) == 2 and pictures[0].shape == (240, 320, 3) and pictures[0].dtype == np.uint8
-    assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) > 20
-    view = env.unwrapped.view(0, "fpv")
-    assert view["depth"].shape == (240, 320)
-    flat = make("Propwash/ReachPos-v0", render_mode="rgb_array")
-    flat.reset(seed=1)
-    with pytest.raises(propwash.Error, match="no scene"):
-        flat.render()
+    zero = np.zeros((2, 4), np.float32)
+    for _ in range(25):
+        *_, truncated, _ = env.step(zero)
+    assert truncated.all()
+    if mode == AutoresetMode.SAME_STEP:
+        assert all(of_trail(p).sum() < 20 for p in env.render())
+        return
+    assert all(of_trail(p).sum() > 100 for p in env.render())
+    if mode == AutoresetMode.NEXT_STEP:
+        env.step(zero)
+        assert all(of_trail(p).sum() < 20 for p in env.render())
+    else:
+        env.reset(options={"reset_mask": np.array([False, True])})
+        first, second = env.render()
+        assert of_trail(first).sum() > 100 and of_trail(second).sum() < 20
+
+
+class _Marked(envs.Task):
+    start_space = ((-0.1, -0.1, 1.0), (0.1, 0.1, 1.1))
+    goal_space = ((1.0, -0.1, 1.0), (1.2, 0.1, 1.1))
+
+    def reward(self, worlds):
+        return np.zeros(worlds.num_worlds)
+
+
+def test_pictures_of_own_tasks_and_of_shipped_scenes_have_the_size_asked_for():
+    env = envs.DroneVectorEnv(1, task=_Marked, render_mode="rgb_array", render_size=(320, 200))
+    env.reset(seed=1)
+    (picture,) = env.render()
+    assert picture.shape == (200, 320, 3) and of_goal(picture).sum() > 20 and len(of_drone(picture)) > 15
+    for scene in ("forest", ["room", "forest"], "<mujoco><worldbody><geom type='box' size='.1 .1 .1' pos='3 0 .1'/></worldbody></mujoco>"):
+        env = envs.DroneVectorEnv(2, task=_Marked, scene=scene, render_mode="rgb_array", threads=1)
+        env.reset(seed=1)
+        assert all(len(of_drone(p)) > 60 for p in env.render())
+    view = make("Propwash/GateRace-v0", num_envs=2)
+    view.reset(seed=1)
+    assert view.render() is None and view.unwrapped.view(0, "fpv")["depth"].shape == (240, 320)
+    for size, error in [((0, 10), ValueError), ((64.5, 64), TypeError), (64, TypeError)]:
+        with pytest.raises(error, match="render_size"):
+            envs.DroneVectorEnv(1, render_mode="rgb_array", render_size=size)
+
+
+def test_gymnasium_records_videos(tmp_path):
+    pytest.importorskip("moviepy", reason="gymnasium writes videos by moviepy, which is not installed")
+    env = gymnasium.make("Propwash/ReachPos-v0", render_mode="rgb_array", max_episode_time=0.2)
+    env = gymnasium.wrappers.RecordVideo(env, str(tmp_path), episode_trigger=lambda k: True)
+    env.reset(seed=1)
+    for _ in range(10):
+        env.step(np.zeros(4, np.float32))
+    env.close()
+    assert [p.stat().st_size > 1000 for p in tmp_path.glob("*.mp4")] == [True]
 
 
 def test_a_description_in_toml_is_complete(tmp_path):
@@ -547,7 +651,7 @@ def test_stable_baselines_get_pictures_for_videos(monkeypatch):
     assert env.render_mode == "rgb_array" and env.metadata["render_fps"] == 25
     env.reset()
     pictures = env.get_images()
-    assert len(pictures) == 3 and all(p.shape == (240, 320, 3) and p.dtype == np.uint8 for p in pictures)
+    assert len(pictures) == 3 and all(p.shape == (480, 640, 3) and p.dtype == np.uint8 for p in pictures)
     assert all((a == b).all() for a, b in zip(pictures, made.render()))
     blind = sb3.SB3VecEnv(make("Propwash/ReachPos-v0", autoreset_mode="SameStep"))
     assert blind.get_images() == [None, None, None]

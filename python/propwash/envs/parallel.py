@@ -126,7 +126,7 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the world. (240, 320, 3)"""
+        """A picture, as of ``DroneVectorEnv.render``; None without a ``render_mode``. (height, width, 3)"""
         pictures = self.batch.render()
         return None if pictures is None else pictures[0]
 

@@ -57,7 +57,7 @@ class SB3VecEnv(VecEnv):  # type: ignore[misc,unused-ignore]
         return obs, reward.astype(np.float32), done, infos
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """Pictures of all worlds, (240, 320, 3) each, of an environment that was made with ``render_mode="rgb_array"``: ``VecVideoRecorder``
+        """Pictures of all worlds, (height, width, 3) each, of an environment that was made with ``render_mode="rgb_array"``: ``VecVideoRecorder``
         and ``render`` take them. None without that mode."""
         pictures: Any = self.env.render()
         return [None] * self.num_envs if pictures is None else list(pictures)

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from .task import ENDINGS
-from .vector import DroneVectorEnv, Info, Obs, shade
+from .vector import DroneVectorEnv, Info, Obs
 
 
 class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
@@ -67,11 +67,9 @@ class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
         return first, float(reward[0]), bool(terminated[0]), bool(truncated[0]), own
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture of the world from above and before it. (240, 320, 3)"""
-        self.batch._check_open()
-        if self.render_mode is None:
-            return None
-        return shade(self.batch.view(0, self.batch.overview(0)))
+        """A picture, as of ``DroneVectorEnv.render``; None without a ``render_mode``. (height, width, 3)"""
+        pictures = self.batch.render()
+        return None if pictures is None else pictures[0]
 
     def close(self) -> None:
         """Marks it closed: every later call is an error."""

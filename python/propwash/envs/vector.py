@@ -15,8 +15,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
-from ..sense import Camera, _whole
+from ..sense import Camera, _pair, _whole
 from ..sim import DroneLike, Dynamics, SceneLike, _each, _plain, _rules, _scene, _sensors, _vehicle
+from ._render import Display
 from .task import ENDINGS, Action, Task, TaskCalls, own_task
 
 Obs = dict[str, NDArray[np.float32]]
@@ -91,6 +92,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         threads: Threads that share the worlds; one for each processor where None. Results do not depend on it.
         copy: Observations are copies; else views that the next step overwrites.
         render_mode: ``"rgb_array"``: ``render()`` returns a picture of every world.
+        render_size: Width and height of these pictures, pixels.
         max_episode_steps: Refused: ``max_episode_time`` limits episodes, in seconds.
 
     Raises:
@@ -131,6 +133,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         threads: int | None = None,
         copy: bool = True,
         render_mode: Literal["rgb_array"] | None = None,
+        render_size: tuple[int, int] = (640, 480),
         max_episode_steps: None = None,
     ) -> None:
         self.num_envs = _whole("num_envs", num_envs, 1, 2**24)
@@ -149,7 +152,12 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
                 f"{1 / freq:g} s"
             )
         if render_mode not in (None, "rgb_array"):
-            raise ValueError(f'render_mode: expected None or "rgb_array", got {render_mode!r}')
+            more = ": there is no window; show the pictures of render_mode=\"rgb_array\" by a library of your choice"
+            raise ValueError(
+                f'render_mode: expected None or "rgb_array", got {render_mode!r}{more if str(render_mode) == "human" else ""}'
+            )
+        wide, high = _pair("render_size", render_size)
+        picture = (_whole("render_size", wide, 16, 4096), _whole("render_size", high, 16, 4096))
         if autoreset_mode not in (*_MODES, *_MODES.values(), *(m.value for m in _MODES)):
             known = ", ".join(str(m.value) for m in _MODES)
             raise ValueError(f"autoreset_mode: expected one of {known}, got {autoreset_mode!r}")
@@ -223,6 +231,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
                     arrays[name] = array if self._many else array[:, 0]
         self.single_observation_space = spaces.Dict(shape)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._display = None if render_mode is None else Display(self, vehicles, picture)
+        self._ended = np.zeros(self.num_envs, bool)
         self._reward = self._native.array("reward")
         self._terminated = self._native.array("terminated")
         self._truncated = self._native.array("truncated")
@@ -285,6 +295,10 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             seed = int(self.np_random.integers(2**63))
             self._seeded = True
         self._native.reset(seed, mask, self._goal(options.get("goal")))
+        if self._display is not None:
+            begun = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask, bool)
+            self._ended &= ~begun
+            self._display.begin(begun)
         info: Info = {}
         if mask is not None:
             info["reset_mask"] = np.asarray(mask)
@@ -320,6 +334,11 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         else:
             reward = self._reward[:, 0].astype(np.float64)
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
+        if self._display is not None:
+            begun, self._ended = self._ended, terminated | truncated
+            if self.autoreset_mode == AutoresetMode.SAME_STEP:
+                begun = self._ended
+            self._display.record(begun)
         if ended:
             done = terminated | truncated
             info["ending"] = self._ending.copy()
@@ -389,11 +408,16 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         )
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """Pictures of all worlds from above, shaded by their normals and coloured by geoms. (240, 320, 3) each"""
+        """Pictures of all worlds, ``render_size`` large: the first drone from behind, its trail in blue, its goal in green.
+
+        The same states since the last reset give the same pictures, bit for bit. None without a ``render_mode``. (height, width, 3) each
+        """
         self._check_open()
-        if self.render_mode is None:
-            return None
-        return tuple(shade(self.view(w, self.overview(w))) for w in range(self.num_envs))
+        return None if self.render_mode is None else tuple(self._picture(w) for w in range(self.num_envs))
+
+    def _picture(self, world: int) -> NDArray[np.uint8]:
+        assert self._display is not None
+        return self._display.picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Marks it closed: every later call is an error."""
