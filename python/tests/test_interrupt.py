@@ -3,7 +3,6 @@
 import signal
 import threading
 
-import numpy as np
 import pytest
 
 import propwash
@@ -85,11 +84,6 @@ def test_a_data_set_keeps_its_worlds_and_is_completed_by_the_same_call(once, tmp
 
 
 def test_an_analysis_ends(once):
-    t = np.arange(0, 120, 0.01)
-    rng = np.random.default_rng(0)
-    log = {"t": t} | {f"p{a}": np.sin(0.3 * t + k) + 1e-3 * rng.normal(size=t.size) for k, a in enumerate("xyz")}
-    log |= {"qx": 0 * t, "qy": 0 * t, "qz": 0 * t, "qw": 1 + 0 * t} | {f"rotor{i}": 2000 + 50 * np.sin(t * (1 + 0.1 * i)) for i in range(1, 5)}
-    vehicle = propwash.Vehicle("cf2x_L250")
     with Soon(), pytest.raises(KeyboardInterrupt):
         while True:
-            propwash.diagnose(log, vehicle)
+            propwash.excite("cf2x_L250", ["linear_drag", "payload"], seconds=60.0)
