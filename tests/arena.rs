@@ -632,8 +632,8 @@ fn gravity_and_wind_of_a_scene_hold_in_its_worlds() {
     let v = vehicle("");
     let scenes = [scene(&moon, std::slice::from_ref(&v)), scene(&earth, std::slice::from_ref(&v))];
     let options = SimOptions { n_worlds: 2, control: ControlMode::ForceTorque, ..SimOptions::default() };
-    let drone = v.drone("first_principles").unwrap();
-    let sim = Sim::<f64>::new(options, vec![(drone, v.rates)]).unwrap();
+    let drone_of = |v: &Vehicle| v.drone("first_principles").unwrap();
+    let sim = Sim::<f64>::new(options, vec![(drone_of(&v), v.rates)]).unwrap();
     let mut arena = Arena::within(sim, &scenes, &[0, 1]).unwrap();
     let fall = |arena: &mut Arena<f64>| {
         for w in 0..2 {
@@ -655,6 +655,12 @@ fn gravity_and_wind_of_a_scene_hold_in_its_worlds() {
     let (acc, wind) = fall(&mut arena);
     assert!((acc[1] + 1.62).abs() < 0.05 && (acc[0] - own).abs() < 0.05, "{acc:?}");
     assert_eq!(wind, [0.0, 3.0]);
+    // A gravity that all scenes state needs no vehicle for each world.
+    let sim = Sim::<f64>::new(arena.sim().options().clone(), vec![(drone_of(&v), v.rates)]).unwrap();
+    let moons = [scenes[0].clone(), scenes[0].clone()];
+    let shared = Arena::within(sim, &moons, &[0, 1]).unwrap();
+    assert!(std::ptr::eq(shared.sim().drone(0, 0), shared.sim().drone(1, 0)));
+    assert_eq!(shared.sim().drone(1, 0).body.gravity_m_s2, [0.0, 0.0, -1.62]);
     // What does not count is said.
     let wet = format!("<mujoco><option density='1000' viscosity='0.001'/>{floor}</mujoco>");
     let warnings = scene(&wet, &[]).warnings().join("; ");

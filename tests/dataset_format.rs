@@ -65,6 +65,7 @@ fn manifest() -> Manifest {
         config: None,
         cameras: vec![camera.clone(), camera],
         sensors: Vec::new(),
+        obstacles: Vec::new(),
         depth_png: DepthPng::default(),
         normals: true,
         noise: Some(serde_json::json!({"kind": "gaussian", "sigma_m": 0.01})),
@@ -208,7 +209,13 @@ fn fill(writer: &Writer, world: usize) -> dataset::WorldWriter {
     for frame in 0..FRAMES {
         let planes: Vec<Planes> = (0..m.n_drones).map(|d| planes(world, frame, d)).collect();
         let views: Vec<View> = planes.iter().enumerate().map(|(d, p)| view(&m, world, frame, d, p)).collect();
-        w.frame(&FrameInput { t_s: frame as f64 / 3.0, step: frame as u64 * 166, views: &views }).unwrap();
+        w.frame(&FrameInput {
+            t_s: frame as f64 / 3.0,
+            step: frame as u64 * 166,
+            views: &views,
+            obstacles: (&[], &[]),
+        })
+        .unwrap();
     }
     w.set_info(serde_json::json!({"mass_kg": 0.03 + 0.01 * world as f64}));
     if world == 3 {
@@ -822,7 +829,7 @@ fn rows_and_frames_that_break_the_manifest_are_refused() {
 
     let both = [planes(0, 0, 0), planes(0, 0, 1)];
     let views = [view(&m, 0, 0, 0, &both[0]), view(&m, 0, 0, 1, &both[1])];
-    let frame = FrameInput { t_s: 0.0, step: 0, views: &views };
+    let frame = FrameInput { t_s: 0.0, step: 0, views: &views, obstacles: (&[], &[]) };
     let mut far = both[1].depth.clone();
     far[4] = 70.0;
     let mut wrong_k = views[1];
@@ -1113,7 +1120,7 @@ fn write_forest(dir: &Path, n: usize) -> usize {
                     quat_xyzw: [0.5 * (cos + sin), 0.5 * (sin - cos), 0.5 * (sin - cos), 0.5 * (cos + sin)],
                     k: m.cameras[0].k,
                 };
-                out.frame(&FrameInput { t_s: t, step, views: &[view] }).unwrap();
+                out.frame(&FrameInput { t_s: t, step, views: &[view], obstacles: (&[], &[]) }).unwrap();
             }
         }
         out.finish().unwrap();

@@ -1,6 +1,8 @@
 //! The main job as a whole: `propwash fly` and what lies in the folder afterwards.
 
-use std::collections::BTreeMap;
+#[path = "common/tree.rs"]
+mod tree;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -12,6 +14,7 @@ use propwash::sense::{Camera, DepthFrame};
 use propwash::vehicle::{BUILTIN, DYNAMICS, Vehicle};
 use serde_json::Value;
 use tempfile::TempDir;
+use tree::files;
 
 /// `propwash fly` with small images, ready to run; `line` is split at spaces.
 fn command(line: &str, out: &Path) -> Command {
@@ -51,23 +54,6 @@ fn write(dir: &TempDir, name: &str, content: &str) -> String {
     let path = dir.path().join(name);
     fs::write(&path, content).unwrap();
     path.to_string_lossy().into_owned()
-}
-
-/// All files below a folder, by their path in it.
-fn files(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    fn collect(dir: &Path, root: &Path, all: &mut BTreeMap<PathBuf, Vec<u8>>) {
-        for entry in fs::read_dir(dir).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                collect(&path, root, all);
-            } else {
-                all.insert(path.strip_prefix(root).unwrap().to_path_buf(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    let mut all = BTreeMap::new();
-    collect(dir, dir, &mut all);
-    all
 }
 
 /// Both folders hold the same files with the same bytes.

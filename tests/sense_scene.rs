@@ -716,3 +716,57 @@ fn mujocos_own_plugins_are_there() {
     let below = worker.ground_distance(0).unwrap();
     assert!(below.is_some_and(|d| (d - 0.85).abs() < 0.02), "{below:?}");
 }
+
+/// A square frame around a square hole, as a mesh: what a gate is, in an asset called `name`.
+fn frame(name: &str) -> String {
+    let square = |half: f64, x: f64| {
+        [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]
+            .map(|(y, z)| format!("{x} {} {}", half * y, half * z))
+            .join(" ")
+    };
+    // Outer and inner corners of the front, then of the back.
+    let vertices = [square(0.5, 0.05), square(0.4, 0.05), square(0.5, -0.05), square(0.4, -0.05)].join(" ");
+    let mut faces = String::new();
+    for k in 0..4 {
+        let l = (k + 1) % 4;
+        for [a, b, c, d] in [
+            [k, l, 4 + l, 4 + k],
+            [8 + l, 8 + k, 12 + k, 12 + l],
+            [8 + k, 8 + l, l, k],
+            [4 + k, 4 + l, 12 + l, 12 + k],
+        ] {
+            faces += &format!("{a} {b} {c} {a} {c} {d} ");
+        }
+    }
+    format!("<mesh name='{name}' vertex='{vertices}' face='{faces}'/>")
+}
+
+#[test]
+fn meshes_whose_holes_collisions_close_are_told_of() {
+    let scene = |geoms: &str| {
+        let solid = "-.5 -.5 0 .5 -.5 0 .5 .5 0 -.5 .5 0 0 0 .7";
+        let asset = format!("<asset>{}<mesh name='solid' vertex='{solid}'/></asset>", frame("gate"));
+        let text = format!("<mujoco>{asset}<worldbody>{geoms}</worldbody></mujoco>");
+        Scene::build(&SceneSource::text("meshes", text), &[]).unwrap()
+    };
+    let told = |s: &Scene| s.warnings().iter().find(|w| w.contains("hollow")).cloned();
+    let gate = "<geom name='gate' type='mesh' mesh='gate' pos='0 0 1'/>";
+    let said = told(&scene(gate)).unwrap();
+    assert!(
+        said.contains("1 mesh is hollow and collides as its convex hull") && said.contains("geom 'gate'"),
+        "{said}"
+    );
+    assert!(said.contains("several convex geoms"), "{said}");
+    // By seven of them four are named.
+    let many: String =
+        (0..7).map(|i| format!("<geom name='g{i}' type='mesh' mesh='gate' pos='{i} 0 1'/>")).collect();
+    let said = told(&scene(&many)).unwrap();
+    assert!(
+        said.contains("7 meshes are hollow") && said.contains("'g3'") && !said.contains("'g4'"),
+        "{said}"
+    );
+    // Not convex ones, nor those that nothing collides with, nor such as are too small to fly into.
+    let fine = "<geom type='mesh' mesh='solid' pos='0 0 3'/>\
+        <geom type='mesh' mesh='gate' contype='0' conaffinity='0'/>";
+    assert_eq!(told(&scene(fine)), None);
+}

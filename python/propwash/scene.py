@@ -20,6 +20,9 @@ class Geom:
     body_id: int
     group: int
     alpha: float
+    """Opacity that rays look at; 0 is not seen."""
+    rgba: tuple[float, float, float, float]
+    """Colour and opacity as MuJoCo draws it, 0 to 1: its own, or its material's by the mean of the texture."""
     contype: int
     conaffinity: int
     drone: int | None

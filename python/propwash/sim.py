@@ -219,6 +219,9 @@ class Sim:
         shell: Path of another shell (MJCF) than the vehicle's, or a list, one for each drone.
         sensors: Sensors of every drone, which ``read`` samples: ``"imu"``, ``"lidar"``, ``"range_finder"``, ``"optical_flow"``,
             ``"depth_camera"``, or dicts such as ``{"kind": "lidar", "rings": 4, "range_m": 20.0}`` (docs/sensors.md).
+        obstacle_motion: How movable obstacles of the scene move by themselves: ``{"kind": "line"}`` (there and back) or ``"circle"``, with
+            ``speed_m_s``, ``reach_m`` and ``names`` (docs/configuration.md). They stand where ``obstacle_pos`` puts them where None.
+        obstacle_jitter: They are shifted by up to this much in x and y from their places in the scene, anew for every world, m.
 
     Raises:
         TypeError, ValueError: for arguments that make no sense; messages name what was expected and what was given.
@@ -276,6 +279,8 @@ class Sim:
         body_rate_law: Literal["firmware", "tracking"] = "firmware",
         shell: str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None = None,
         sensors: Sequence[str | Mapping[str, Any]] = (),
+        obstacle_motion: Mapping[str, Any] | None = None,
+        obstacle_jitter: float = 0.0,
     ) -> None:
         if n_drones is None:
             n_drones = len(drone) if isinstance(drone, (list, tuple)) else 1
@@ -309,6 +314,8 @@ class Sim:
             "scene": None if scene is None else _scene(scene),
             "layout": None if layout is None else _layout(layout, count).tolist(),
             "sensors": _sensors(sensors),
+            "obstacle_motion": None if obstacle_motion is None else dict(obstacle_motion),
+            "obstacle_jitter_m": float(obstacle_jitter),
         }
         self._begin(config, vehicles, threads)
 

@@ -124,6 +124,13 @@ impl PyEnv {
     }
 }
 
+/// A seed of all worlds, or one for each.
+#[derive(FromPyObject)]
+enum Seeds {
+    One(u64),
+    Each(Vec<u64>),
+}
+
 #[pymethods]
 impl PyEnv {
     /// `config`: a description in JSON. `task`: that of a task written in Python, also in JSON, what calls its methods, and its random
@@ -255,11 +262,12 @@ impl PyEnv {
     }
 
     /// Begins new episodes in all worlds, or in those of the mask, with goals, (n_worlds, n_drones, 3), if there are some.
+    /// `seed`: one for all worlds, or one for each.
     #[pyo3(signature = (seed = None, mask = None, goal = None))]
     fn reset(
         &self,
         py: Python<'_>,
-        seed: Option<u64>,
+        seed: Option<Seeds>,
         mask: Option<&Bound<'_, PyAny>>,
         goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
@@ -272,11 +280,12 @@ impl PyEnv {
         let goals = goal.is_some().then(|| goals.as_chunks::<3>().0);
         let mut env = self.env()?;
         let env = &mut *env;
-        py.detach(|| match self.parallel {
-            true => self.pool.install(|| env.reset_to(seed, mask.as_deref(), goals)),
-            false => env.reset_to(seed, mask.as_deref(), goals),
-        })
-        .or_raise()
+        let mut reset = || match &seed {
+            Some(Seeds::Each(seeds)) => env.reset_each(seeds, goals),
+            Some(Seeds::One(seed)) => env.reset_to(Some(*seed), mask.as_deref(), goals),
+            None => env.reset_to(None, mask.as_deref(), goals),
+        };
+        py.detach(|| if self.parallel { self.pool.install(reset) } else { reset() }).or_raise()
     }
 
     /// Flies one step. Returns whether any episode ended, and whether any action was held within its limits.
@@ -314,6 +323,11 @@ impl PyEnv {
     fn layouts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
         let env = self.env()?;
         arrays::owned(py, (0..self.action[0]).map(|w| env.layout(w) as i64).collect(), &[self.action[0]])
+    }
+
+    /// What is in the scene of a layout, as JSON; none without a scene.
+    fn scene_json(&self, layout: usize) -> PyResult<Option<String>> {
+        Ok(self.env()?.scene(layout).map(crate::sense::description))
     }
 
     /// Levels of a world's episode, as JSON.

@@ -40,6 +40,15 @@ fn scene(flight: &Flight, index: usize) -> PyResult<Scene> {
     found.ok_or_else(|| PyIndexError::new_err(format!("scene: expected less than {n}, got {index}")))
 }
 
+/// What is in a scene, as JSON.
+pub fn description(scene: &Scene) -> String {
+    json!({
+        "name": scene.name(), "geoms": scene.geoms(), "bodies": scene.bodies(), "cameras": scene.cameras(),
+        "obstacles": scene.obstacles(), "warnings": scene.warnings(), "sha256": scene.hash(),
+    })
+    .to_string()
+}
+
 fn no_scene() -> PyErr {
     Error::new_err(
         "this Sim has no scene, in which drones could see or touch: make it with scene=\"path of an MJCF file\" or a name of \
@@ -113,12 +122,7 @@ impl PySim {
     fn scene_json(&self, scene: usize) -> PyResult<String> {
         let mut core = self.core()?;
         let (flight, _) = core.sensing()?;
-        let scene = crate::sense::scene(flight, scene)?;
-        Ok(json!({
-            "name": scene.name(), "geoms": scene.geoms(), "bodies": scene.bodies(), "cameras": scene.cameras(),
-            "obstacles": scene.obstacles(), "warnings": scene.warnings(), "sha256": scene.hash(),
-        })
-        .to_string())
+        Ok(description(&crate::sense::scene(flight, scene)?))
     }
 
     /// The cameras that `spec` describes in a scene: one for each drone, or one of the scene or the world.

@@ -36,8 +36,8 @@ struct Described {
 /// Random numbers while a method of a task runs: one stream for each world, which goes on from call to call.
 #[derive(Default)]
 struct Draws {
-    seed: u64,
-    first_world: u64,
+    /// Seed and number of each world. (world)
+    origins: Vec<(u64, u64)>,
     /// What the method is for; none between methods.
     what: Option<Draw>,
     /// Made at the first call. (world)
@@ -69,12 +69,10 @@ impl TaskDraws {
         if draws.streams.is_empty() {
             let (episode, step) = (episode.as_slice()?, step.as_slice()?);
             let begins = begins.as_slice()?;
-            let (seed, first) = (draws.seed, draws.first_world);
             let stream = |w: usize| {
                 let step = if what == Draw::Reset { 0 } else { step[w] };
                 let is_wanted = what != Draw::Reset || begins[w];
-                is_wanted
-                    .then(|| episode_stream(seed, first + w as u64, episode[w] as u64, step as u64, what))
+                is_wanted.then(|| episode_stream(draws.origins[w], episode[w] as u64, step as u64, what))
             };
             draws.streams = (0..n).map(stream).collect();
         }
@@ -159,7 +157,9 @@ impl PyTask {
     ) -> Result<(), EnvError> {
         {
             let mut draws = lock(&self.draws);
-            (draws.seed, draws.first_world, draws.what) = (batch.seed, batch.first_world, Some(what));
+            draws.what = Some(what);
+            draws.origins.clear();
+            draws.origins.extend((0..batch.n_worlds).map(|w| batch.origin(w)));
             draws.streams.clear();
         }
         let outcome = Python::attach(|py| {

@@ -327,9 +327,77 @@ def test_depth_becomes_images_for_networks():
 def test_what_gymnasium_has_otherwise_is_refused_in_words():
     with pytest.raises(TypeError, match="max_episode_time, in seconds.*100 steps.*0.02 s"):
         make("Propwash/ReachPos-v0", max_episode_steps=100)
-    env = make("Propwash/ReachPos-v0")
-    with pytest.raises(TypeError, match="one whole number.*got list.*first_world"):
-        env.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize("name", ["Propwash/ReachPos-v0", "Propwash/ForestDepth-v0", "own"])
+def test_worlds_with_seeds_of_their_own_fly_as_single_environments_do(name):
+    kind = {"task": _Drawn} if name == "own" else {}
+    options = {**kind, "levels": {"pos_sigma_m": 0.01}, "max_episode_time": 0.2, "autoreset_mode": "SameStep"}
+
+    def of(n):
+        return envs.DroneVectorEnv(n, **options) if name == "own" else make(name, num_envs=n, **options)
+
+    def flown(env, seed, column):
+        out = [env.reset(seed=seed)[0]]
+        for i in range(15):
+            out.append(env.step(np.full(env.action_space.shape, 0.1 * np.sin(i), np.float32))[0])
+        return [{k: v[column] for k, v in obs.items()} for obs in out]
+
+    batch = of(3)
+    together = [flown(batch, [7, 123, 7], w) for w in range(3)]
+    alone = [flown(of(1), seed, 0) for seed in (7, 123)]
+    for a, b in ((together[0], alone[0]), (together[1], alone[1]), (together[2], alone[0])):
+        assert all((x[k] == y[k]).all() for x, y in zip(a, b, strict=True) for k in x)
+    assert any((x["pos"] != y["pos"]).any() for x, y in zip(together[0], together[1], strict=True))
+    # One seed ends it.
+    assert (flown(batch, 7, 1)[0]["pos"] != together[1][0]["pos"]).any()
+    for seed, error, words in [
+        ([1, 2], ValueError, "expected 3 seeds, one for each world, got 2"),
+        ([1, None, 2], TypeError, r"seed\[1\]"),
+        ("abc", TypeError, "got str"),
+        ([1, 2, -1], ValueError, r"seed\[2\]"),
+    ]:
+        with pytest.raises(error, match=words):
+            batch.reset(seed=seed)
+    with pytest.raises(ValueError, match="reset_mask"):
+        batch.reset(seed=[1, 2, 3], options={"reset_mask": np.array([True, False, True])})
+
+
+class _Drawn(envs.Task):
+    channels = {"drawn": 2}
+
+    def on_reset(self, worlds):
+        worlds.start_pos[worlds.begins] = worlds.uniform(3, (-1.0, -1.0, 1.0), (1.0, 1.0, 2.0))[worlds.begins]
+
+    def reward(self, worlds):
+        return np.zeros(worlds.num_worlds)
+
+    def observe(self, worlds):
+        return {"drawn": worlds.normal(2)}
+
+
+def test_obstacles_move_by_themselves_and_are_seen():
+    scene = {"forest": {"trees": 5, "moving": 4, "size_m": 8.0}}
+    options = {"num_envs": 4, "scene": scene, "layouts": 2, "camera": {"width": 8, "height": 8}}
+    env = gymnasium.make_vec("Propwash/ForestDepth-v0", **options, obstacle_motion={"speed_m_s": [1.0, 1.5]}, obstacle_jitter=0.1)
+    env.reset(seed=4)
+    native = env.unwrapped._native
+    before = native.array("obstacle_pos").copy()
+    assert before.shape == (4, 4, 3)
+    for _ in range(10):
+        env.step(np.zeros((4, 4), np.float32))
+    after = native.array("obstacle_pos")
+    moved, most_m = np.linalg.norm(after - before, axis=-1), 10 / env.unwrapped.config["step_hz"] * 1.5 + 1e-6
+    assert (moved > 0.02).sum() > 8 and (moved <= most_m).all() and (after[..., 2] == before[..., 2]).all()
+    sim = propwash.Sim(n_worlds=2, scene="forest", obstacle_motion={"kind": "circle", "names": ["mover_0"]})
+    start = sim.obstacle_pos.copy()
+    sim.step(100)
+    moved = np.linalg.norm(sim.obstacle_pos - start, axis=-1)
+    assert (moved[:, 0] > 0.01).all() and (moved[:, 1:] == 0.0).all()
+    with pytest.raises(ValueError, match="obstacle_motion.names.*'mover_0'.*got 'mover_9'"):
+        propwash.Sim(scene="forest", obstacle_motion={"names": ["mover_9"]})
+    with pytest.raises(ValueError, match="moving obstacles needs a scene"):
+        make("Propwash/ReachPos-v0", obstacle_motion={})
 
 
 def test_gymnasiums_own_wrappers_work():
@@ -433,6 +501,35 @@ class _Marked(envs.Task):
         return np.zeros(worlds.num_worlds)
 
 
+def test_pictures_have_the_colours_of_the_scene():
+    """By rgba, by default class, by material and by texture; names say nothing."""
+    parts = {"own": "rgba='0.1 0.1 0.8 1'", "class": "class='green'", "material": "material='red'", "texture": "material='checked'"}
+    x = {name: 0.8 * (i - 1.5) for i, name in enumerate(parts)}
+    text = (
+        "<mujoco><default><default class='green'><geom rgba='0.1 0.7 0.1 1'/></default></default><asset>"
+        "<material name='red' rgba='0.8 0.1 0.1 1'/><material name='checked' texture='pattern'/>"
+        "<texture name='pattern' type='2d' builtin='checker' rgb1='0.8 0.8 0' rgb2='0.6 0.6 0' width='8' height='8'/>"
+        "</asset><worldbody><geom name='leaf wall' type='plane' size='9 9 1'/>"
+        + "".join(f"<geom type='box' size='.3 .3 .3' pos='2 {x[p]} 1' {of}/>" for p, of in parts.items())
+        + "</worldbody></mujoco>"
+    )
+    env = envs.DroneVectorEnv(1, task=_Marked, scene=text, render_mode="rgb_array", render_size=(320, 240))
+    env.reset(seed=1)
+    (picture,) = env.render()
+    r, g, b = np.moveaxis(picture.astype(int), -1, 0)
+    seen = {
+        "own": (b > 2 * r) & (b > 2 * g) & (b > 60) & (r < 60),
+        "class": (g > 3 * r) & (g > 3 * b) & (g > 50),
+        "material": (r > 4 * g) & (r > 4 * b) & (r > 50),
+        "texture": (r > 3 * b) & (abs(r - g) < 8) & (r > 50),
+    }
+    assert all(mask.sum() > 40 for mask in seen.values()), {name: int(mask.sum()) for name, mask in seen.items()}
+    sim = propwash.Sim(scene=text)
+    colors = [g.rgba for g in sim.scenes[0].geoms if g.kind == "box" and g.drone is None]
+    expected = [(0.1, 0.1, 0.8, 1), (0.1, 0.7, 0.1, 1), (0.8, 0.1, 0.1, 1), (0.7, 0.7, 0, 1)]
+    np.testing.assert_allclose(colors, expected, atol=0.003)
+
+
 def test_pictures_of_own_tasks_and_of_shipped_scenes_have_the_size_asked_for():
     env = envs.DroneVectorEnv(1, task=_Marked, render_mode="rgb_array", render_size=(320, 200))
     env.reset(seed=1)
@@ -534,7 +631,7 @@ def test_actions_that_make_no_sense_are_refused_and_nothing_is_flown():
 
 def test_seeds_and_masks_that_make_no_sense_are_refused():
     env = make("Propwash/ReachPos-v0")
-    for seed, error in [([1, 2, 3], TypeError), ("1", TypeError), (-1, ValueError), (1.5, TypeError)]:
+    for seed, error in [([1, 2], ValueError), ("1", TypeError), (-1, ValueError), (1.5, TypeError)]:
         with pytest.raises(error, match="seed"):
             env.reset(seed=seed)
     with pytest.raises(ValueError, match="reset_mask"):

@@ -15,7 +15,8 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 
 use super::camera::CameraConfig;
-use super::pattern::{FlightPattern, free_start, obstacle_poses};
+use super::motion::ObstacleMotion;
+use super::pattern::{FlightPattern, free_start};
 use super::scenes::SceneConfig;
 use super::sensor_config::SensorConfig;
 use super::{Arena, ArenaError};
@@ -198,6 +199,8 @@ pub struct SimConfig {
     pub open_ground_z_m: Option<f64>,
     /// Movable obstacles are shifted by up to this much in x and y, anew for every world, m.
     pub obstacle_jitter_m: f64,
+    /// How movable obstacles move by themselves; they stand still where there is none.
+    pub obstacle_motion: Option<ObstacleMotion>,
     /// The pattern that drones start on, and that recordings fly; at the origin, level, where there is none.
     pub pattern: Option<FlightPattern>,
     /// The depth camera of every drone.
@@ -222,6 +225,7 @@ impl Default for SimConfig {
             layout: None,
             open_ground_z_m: None,
             obstacle_jitter_m: 0.0,
+            obstacle_motion: None,
             pattern: None,
             camera: None,
             sensors: Vec::new(),
@@ -277,6 +281,9 @@ impl SimConfig {
         let jitter = self.obstacle_jitter_m;
         if !(jitter.is_finite() && jitter >= 0.0) {
             return Err(ArenaError::option("obstacle_jitter_m", "a finite number of at least 0", jitter));
+        }
+        if let Some(motion) = &self.obstacle_motion {
+            motion.check()?;
         }
         match self.open_ground_z_m {
             Some(z) if !z.is_finite() => {
@@ -478,7 +485,8 @@ impl Setup {
             return Err(ArenaError::option("worlds", format!("numbers below {all}"), got));
         }
         let first_world = self.config.options.first_world + first as u64;
-        let options = SimOptions { n_worlds, first_world, ..self.config.options.clone() };
+        let seeds = self.config.options.seeds.get(first..first + n_worlds).unwrap_or_default().to_vec();
+        let options = SimOptions { n_worlds, first_world, seeds, ..self.config.options.clone() };
         let sim = Sim::<N>::storing(options, self.drones.clone())?;
         let mut arena = match self.scenes.is_empty() {
             true => Arena::open(sim, self.config.open_ground_z_m),
@@ -494,29 +502,14 @@ impl Setup {
         for mounted in &self.sensors {
             arena.add_sensor(mounted.sensor.clone())?;
         }
-        self.place_obstacles(&mut arena)?;
+        if !self.scenes.is_empty() {
+            arena.shift_obstacles(self.config.obstacle_jitter_m);
+        }
+        arena.set_obstacle_motion(self.config.obstacle_motion.clone())?;
         if let Some(pattern) = &self.config.pattern {
             self.start(&mut arena, pattern)?;
         }
         Ok(arena)
-    }
-
-    /// Shifts obstacles, anew for every world.
-    fn place_obstacles<N: Number>(&self, arena: &mut Arena<N>) -> Result<(), ArenaError> {
-        if self.config.obstacle_jitter_m == 0.0 {
-            return Ok(());
-        }
-        let (n, options) = (arena.n_obstacles(), arena.sim().options().clone());
-        for world in 0..options.n_worlds {
-            let Some(scene) = arena.scene(world).cloned() else { break };
-            let number = options.first_world + world as u64;
-            let poses = obstacle_poses(&scene, options.seed, number, self.config.obstacle_jitter_m);
-            for (i, pose) in poses.iter().enumerate() {
-                let at = 3 * (world * n + i);
-                arena.obstacle_pos_mut()[at..at + 3].copy_from_slice(&pose.pos_m);
-            }
-        }
-        Ok(())
     }
 
     /// Puts drones where their pattern begins.
@@ -532,7 +525,8 @@ impl Setup {
             arena.set_initial(row / n, row % n, State { pos: start.pos_m, quat, ..State::rest() })?;
         }
         arena.trajectories = trajectories;
-        arena.reset(None)?;
+        // Obstacles stay where these starts are clear of them.
+        arena.reset_flight(None)?;
         Ok(())
     }
 }

@@ -20,6 +20,7 @@ mod builder;
 mod camera;
 mod config;
 mod error;
+mod motion;
 mod pattern;
 mod places;
 mod scenes;
@@ -39,6 +40,8 @@ pub use config::{
     read_text, read_value,
 };
 pub use error::ArenaError;
+use motion::Motion;
+pub use motion::{MotionKind, ObstacleMotion};
 pub use pattern::FlightPattern;
 pub use places::Look;
 pub use scenes::SceneConfig;
@@ -76,6 +79,9 @@ pub struct Arena<N: Number = f64> {
     /// The pattern that drones follow, (world, drone); empty without one.
     trajectories: Vec<Trajectory>,
     sensors: Vec<Mounted>,
+    motion: Motion,
+    /// Obstacles are shifted by up to this much, m; see [`SimConfig::obstacle_jitter_m`].
+    jitter_m: f64,
 }
 
 impl<N: Number> std::fmt::Debug for Arena<N> {
@@ -103,6 +109,8 @@ impl<N: Number> Arena<N> {
             gravity_m_s2,
             trajectories,
             sensors,
+            motion: Motion::default(),
+            jitter_m: 0.0,
             sim,
         }
     }
@@ -124,6 +132,12 @@ impl<N: Number> Arena<N> {
     pub fn sharing(sim: Sim<N>, pools: &[Arc<WorkerPool>], layout: &[usize]) -> Result<Self, ArenaError> {
         let places = Places::new(pools, layout, sim.data.n_worlds, sim.data.n_drones)?;
         let mut arena = Self { places, ..Self::open(sim, None) };
+        // Where all scenes state the same gravity, worlds go on sharing their vehicles: one for each costs memory and time.
+        let first = arena.scenes().next().and_then(Scene::gravity_m_s2);
+        if let Some(gravity) = first.filter(|g| arena.scenes().all(|scene| scene.gravity_m_s2() == Some(*g)))
+        {
+            arena.set_gravity(None, |_| gravity)?;
+        }
         arena.take_over_physics(|_| true)?;
         Ok(arena)
     }
@@ -135,15 +149,29 @@ impl<N: Number> Arena<N> {
         if !self.scenes().any(stated) {
             return Ok(());
         }
+        let own = self.gravity_m_s2.clone();
         for world in (0..self.sim.data.n_worlds).filter(|w| is_new(*w)) {
             let Some(scene) = self.places.scene(world) else { break };
             let (gravity, wind) = (scene.gravity_m_s2(), scene.wind_m_s());
+            self.set_gravity(Some(world), |drone| gravity.unwrap_or(own[drone]))?;
             for drone in 0..self.sim.data.n_drones {
-                for (k, g) in gravity.unwrap_or(self.gravity_m_s2[drone]).into_iter().enumerate() {
-                    self.sim.set_parameter(Some(world), drone, &format!("body.gravity_m_s2.{k}"), g)?;
-                }
                 let at = 3 * self.sim.data.row(world, drone);
                 self.sim.data.wind[at..at + 3].copy_from_slice(&wind.map(N::of));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sets the gravity of each drone, m/s², in one world or in all, where it is another now.
+    fn set_gravity(
+        &mut self,
+        world: Option<usize>,
+        gravity: impl Fn(usize) -> [f64; 3],
+    ) -> Result<(), ArenaError> {
+        for drone in 0..self.sim.data.n_drones {
+            let now = self.sim.drone(world.unwrap_or(0), drone).body.gravity_m_s2;
+            for (k, g) in gravity(drone).into_iter().enumerate().filter(|(k, g)| now[*k] != *g) {
+                self.sim.set_parameter(world, drone, &format!("body.gravity_m_s2.{k}"), g)?;
             }
         }
         Ok(())
@@ -190,6 +218,14 @@ impl<N: Number> Arena<N> {
     /// [`ArenaError::Option`] for a list of another length and for numbers of scenes that there are not; nothing is changed then.
     pub fn set_layout(&mut self, layout: &[usize]) -> Result<(), ArenaError> {
         let before = self.places.layout.clone();
+        self.move_to_layouts(layout)?;
+        let moved: Vec<bool> = before.iter().zip(layout).map(|(a, b)| a != b).collect();
+        self.begin_motion(Some(&moved))
+    }
+
+    /// The same; obstacles of worlds that moved stand still until [`Arena::begin_motion`].
+    pub(crate) fn move_to_layouts(&mut self, layout: &[usize]) -> Result<(), ArenaError> {
+        let before = self.places.layout.clone();
         self.places.set_layout(layout)?;
         self.take_over_physics(|world| before[world] != layout[world])
     }
@@ -220,9 +256,16 @@ impl<N: Number> Arena<N> {
         (&mut self.places.obstacle_pos, &mut self.places.obstacle_quat)
     }
 
-    /// Puts the obstacles of worlds whose entry is true back to where their scenes place them; worlds without an entry are left alone.
-    pub fn reset_obstacles(&mut self, worlds: &[bool]) {
+    /// Puts the obstacles of worlds whose entry is true back to where their scenes place them, but for the shift of
+    /// [`SimConfig::obstacle_jitter_m`], which is drawn anew in every episode; worlds without an entry are left alone. Obstacles that move
+    /// by themselves begin from there.
+    ///
+    /// # Errors
+    /// [`ArenaError::Scene`] where the room around obstacles that move cannot be looked at.
+    pub fn reset_obstacles(&mut self, worlds: &[bool]) -> Result<(), ArenaError> {
         self.places.reset_obstacles(worlds);
+        self.jitter_obstacles(Some(worlds));
+        self.begin_motion(Some(worlds))
     }
 
     /// What effects of some drone read.
@@ -279,11 +322,26 @@ impl<N: Number> Arena<N> {
         self.sim.reseed(seed);
     }
 
-    /// As [`Sim::reset`]. Obstacles and layouts stay.
+    /// As [`Sim::reseed_each`].
     ///
     /// # Errors
     /// As there.
-    pub fn reset(&mut self, worlds: Option<&[bool]>) -> Result<(), RolloutError> {
+    pub fn reseed_each(&mut self, seeds: &[u64]) -> Result<(), RolloutError> {
+        self.sim.reseed_each(seeds)
+    }
+
+    /// As [`Sim::reset`]. Layouts stay, and so do obstacles but for those that move by themselves, whose ways are drawn anew.
+    ///
+    /// # Errors
+    /// [`ArenaError::Rollout`] as there, and as [`Arena::reset_obstacles`].
+    pub fn reset(&mut self, worlds: Option<&[bool]>) -> Result<(), ArenaError> {
+        self.reset_flight(worlds)?;
+        self.take_obstacles_back(worlds);
+        self.begin_motion(worlds)
+    }
+
+    /// As [`Arena::reset`], but obstacles stay wherever they are.
+    pub(crate) fn reset_flight(&mut self, worlds: Option<&[bool]>) -> Result<(), RolloutError> {
         self.sim.reset(worlds)
     }
 
@@ -293,13 +351,14 @@ impl<N: Number> Arena<N> {
     /// # Errors
     /// [`ArenaError::Rollout`] as [`Sim::step`], [`ArenaError::Scene`] for obstacles whose poses are not finite.
     pub fn step(&mut self, n_steps: usize) -> Result<(), ArenaError> {
-        if !self.measures() {
+        // What was written into the arrays of obstacles that move by themselves does not count.
+        self.move_obstacles();
+        let (times, each) = if self.measures() { (n_steps, 1) } else { (1, n_steps) };
+        for _ in 0..times {
             self.measure()?;
-            return Ok(self.sim.step(n_steps)?);
-        }
-        for _ in 0..n_steps {
-            self.measure()?;
-            self.sim.step(1)?;
+            let flown = self.sim.step(each);
+            self.move_obstacles();
+            flown?;
         }
         Ok(())
     }
@@ -319,7 +378,9 @@ impl<N: Number> Arena<N> {
     /// # Errors
     /// As [`Arena::step`].
     pub fn run_integration(&mut self) -> Result<(), ArenaError> {
-        Ok(self.sim.run_integration()?)
+        let flown = self.sim.run_integration();
+        self.move_obstacles();
+        Ok(flown?)
     }
 
     /// Writes the heights of ground and ceiling that effects read into the arrays, as every step does first.

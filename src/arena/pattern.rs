@@ -1,4 +1,4 @@
-//! Which way drones fly that follow a pattern, where they start, and where obstacles are moved to.
+//! Which way drones fly that follow a pattern, and where they start.
 
 use std::path::Path;
 
@@ -6,11 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::{ArenaError, Look};
 use crate::math::{quat, vec3};
-use crate::random::{Key, purpose};
 use crate::rollout::SimOptions;
 use crate::rollout::trajectory::{Spline, Track, Tracks, Trajectory, Waypoint};
 use crate::scalar::lanes::Number;
-use crate::scene::{Pose, Scene};
 use crate::sense;
 
 /// Which way the drones fly.
@@ -135,9 +133,9 @@ pub(super) fn free_start<N: Number>(
     world: usize,
     n: usize,
 ) -> Result<Vec<Trajectory>, ArenaError> {
-    let number = options.first_world + world as u64;
+    let (seed, number) = options.origin(world);
     let draw = |attempt| -> Vec<Trajectory> {
-        (0..n).map(|d| pattern.trajectory(options.seed, number, d, n, attempt)).collect()
+        (0..n).map(|d| pattern.trajectory(seed, number, d, n, attempt)).collect()
     };
     let drawn = matches!(pattern, FlightPattern::Lissajous | FlightPattern::Circle);
     if !drawn || look.layout(world).is_none() {
@@ -164,15 +162,4 @@ pub(super) fn free_start<N: Number>(
         }
     }
     Ok(best.0)
-}
-
-/// Where the movable obstacles of one world are: up to `jitter_m` from their place in the scene, in x and in y.
-pub(super) fn obstacle_poses(scene: &Scene, seed: u64, world: u64, jitter_m: f64) -> Vec<Pose> {
-    let shifted = |(i, o): (usize, &crate::scene::ObstacleInfo)| {
-        let key = Key { seed, world, drone: i as u32, step: 0, purpose: purpose("obstacle") };
-        let mut stream = key.stream();
-        let shift = [stream.uniform(-jitter_m, jitter_m), stream.uniform(-jitter_m, jitter_m), 0.0];
-        Pose::new(vec3::add(o.pos_m, shift), o.quat_xyzw)
-    };
-    scene.obstacles().iter().enumerate().map(shifted).collect()
 }

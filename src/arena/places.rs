@@ -159,6 +159,12 @@ impl<'a, N: Number> Look<'a, N> {
         &self.places.obstacle_pos.as_chunks::<3>().0[world * n..(world + 1) * n]
     }
 
+    /// Orientations x y z w of the obstacles of a world, as [`Look::obstacle_pos_m`]. (obstacle, 4)
+    pub fn obstacle_quat(&self, world: usize) -> &'a [[f64; 4]] {
+        let n = self.places.n_obstacles;
+        &self.places.obstacle_quat.as_chunks::<4>().0[world * n..(world + 1) * n]
+    }
+
     /// What a sensor sampled last in a world, (drone, shape of the channel); none for a sensor or a channel that there is not.
     pub fn samples(&self, world: usize, sensor: &str, channel: &str) -> Option<&'a [f32]> {
         self.sensors.iter().find(|m| m.name() == sensor)?.of_world(world, channel)

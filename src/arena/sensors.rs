@@ -361,9 +361,10 @@ fn sample_drones<N: Number>(
             let of_world = equations.get_or_init(|| Mutex::new(sim.of_world(world)));
             of_world.lock().unwrap_or_else(PoisonError::into_inner).reading(drone)
         };
+        let (seed, number) = options.origin(world);
         let key = Key {
-            seed: options.seed,
-            world: options.first_world + world as u64,
+            seed,
+            world: number,
             drone: drone as u32,
             // Episodes count from the top bits down, so that steps of two episodes never share a number.
             step: episode.rotate_left(40) ^ step,

@@ -1,5 +1,6 @@
 //! The whole state of an arena: kept, put back, and one world's copied into all.
 
+use super::motion::Way;
 use super::sensors::SavedSensors;
 use super::{Arena, ArenaError};
 use crate::rollout::SimState;
@@ -13,6 +14,7 @@ pub struct ArenaState<N: Number = f64> {
     layout: Vec<usize>,
     obstacle_pos: Vec<f64>,
     obstacle_quat: Vec<f64>,
+    ways: Vec<Option<Way>>,
     sensors: SavedSensors,
 }
 
@@ -36,6 +38,7 @@ impl<N: Number> Arena<N> {
             layout: self.places.layout.clone(),
             obstacle_pos: self.places.obstacle_pos.clone(),
             obstacle_quat: self.places.obstacle_quat.clone(),
+            ways: self.motion.ways.clone(),
             sensors: self.save_sensors(),
         }
     }
@@ -53,21 +56,29 @@ impl<N: Number> Arena<N> {
         let known = state.layout.iter().all(|scene| *scene < scenes);
         if state.layout.len() != places.layout.len()
             || state.obstacle_pos.len() != places.obstacle_pos.len()
+            || state.ways.len() != self.motion.ways.len()
             || !known
         {
-            let words = |layout: &[usize], obstacles: &[f64]| {
-                format!("{} worlds in scenes, {} numbers of obstacles", layout.len(), obstacles.len())
+            let words = |layout: &[usize], obstacles: &[f64], ways: &[Option<Way>]| {
+                let (worlds, numbers, moving) = (layout.len(), obstacles.len(), ways.len());
+                format!(
+                    "{worlds} worlds in scenes, {numbers} numbers of obstacles, {moving} of them with a motion"
+                )
             };
             return Err(ArenaError::option(
                 "saved state",
-                format!("{}, {scenes} scenes", words(&places.layout, &places.obstacle_pos)),
-                words(&state.layout, &state.obstacle_pos),
+                format!(
+                    "{}, {scenes} scenes",
+                    words(&places.layout, &places.obstacle_pos, &self.motion.ways)
+                ),
+                words(&state.layout, &state.obstacle_pos, &state.ways),
             ));
         }
         self.sim.restore(&state.sim)?;
         places.layout.copy_from_slice(&state.layout);
         places.obstacle_pos.copy_from_slice(&state.obstacle_pos);
         places.obstacle_quat.copy_from_slice(&state.obstacle_quat);
+        self.motion.ways.copy_from_slice(&state.ways);
         self.restore_sensors(&state.sensors);
         Ok(())
     }
@@ -90,6 +101,11 @@ impl<N: Number> Arena<N> {
                 let own = list[world * each..(world + 1) * each].to_vec();
                 list.chunks_exact_mut(each).for_each(|to| to.copy_from_slice(&own));
             }
+        }
+        if !self.motion.ways.is_empty() {
+            let n = places.n_obstacles;
+            let own = self.motion.ways[world * n..(world + 1) * n].to_vec();
+            self.motion.ways.chunks_exact_mut(n).for_each(|to| to.copy_from_slice(&own));
         }
         Ok(())
     }

@@ -6,7 +6,7 @@ use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
-use crate::arena::{CameraConfig, MountConfig, SensorConfig, read_value};
+use crate::arena::{CameraConfig, MountConfig, ObstacleMotion, SensorConfig, read_value};
 use crate::dataset::{MAX_DISTANCE, change_camera, table};
 use crate::physics::integrate::Integrator;
 use crate::sense::{Caster, DepthKind};
@@ -308,8 +308,20 @@ fn mount(text: &str) -> Result<MountConfig, String> {
     Ok(MountConfig { pos_m: [x, y, z], quat_xyzw: turn.coords.into() })
 }
 
-/// `KIND` or `KIND:KEY=VALUE,…` → a sensor; values are those of TOML, and words without quotes are text.
+/// A sensor, see [`described`].
 fn sensor(text: &str) -> Result<SensorConfig, String> {
+    described(text)
+}
+
+/// How obstacles move, see [`described`].
+fn obstacle_motion(text: &str) -> Result<Box<ObstacleMotion>, String> {
+    let motion: ObstacleMotion = described(text)?;
+    motion.check().map_err(|e| e.to_string())?;
+    Ok(Box::new(motion))
+}
+
+/// `KIND` or `KIND:KEY=VALUE,…` → what has these fields; values are those of TOML, and words without quotes are text.
+fn described<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
     let mut table = toml::Table::from_iter([("kind".to_string(), toml::Value::from(kind.trim()))]);
     // Commas within brackets and quotes belong to a value.
@@ -337,7 +349,7 @@ fn sensor(text: &str) -> Result<SensorConfig, String> {
         let read = read.ok().and_then(|mut one| one.remove("value"));
         table.insert(key.trim().into(), read.unwrap_or_else(|| value.trim().into()));
     }
-    table.try_into::<SensorConfig>().map_err(|e| e.message().trim().to_string())
+    table.try_into::<T>().map_err(|e| e.message().trim().to_string())
 }
 
 /// A whole number of at least zero.
@@ -526,6 +538,10 @@ pub struct FlyArgs {
     /// Shift every movable obstacle of the scene by up to this much in x and y, anew for every world, m. Default: 0.
     #[arg(long, value_name = "M", value_parser = not_negative)]
     pub obstacle_jitter: Option<f64>,
+    /// Let the movable obstacles of the scene move by themselves, line (there and back) or circle, and its fields
+    /// (docs/configuration.md), such as line:speed_m_s=[0.5,1.0],reach_m=[0.5,2.0]. Default: they stand still.
+    #[arg(long, value_name = "KIND[:KEY=VALUE,...]", value_parser = obstacle_motion)]
+    pub obstacle_motion: Option<Box<ObstacleMotion>>,
     /// Noise model of the depth camera (TOML); the clean depth is kept beside it.
     #[arg(long, value_name = "FILE")]
     pub noise: Option<PathBuf>,

@@ -61,6 +61,9 @@ pub struct Manifest {
     pub geoms: Vec<GeomRecord>,
     /// Bodies of the compiled scene, which `body_id` and the tables refer to.
     pub bodies: Vec<BodyRecord>,
+    /// Names of the movable obstacles of the scene, whose places are in `frames.npz`; none in data sets of versions that did not keep them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub obstacles: Vec<String>,
 }
 
 /// The scene of a data set.
@@ -495,6 +498,20 @@ impl Manifest {
                     "uint8",
                     "(frame, drone, row, column)",
                     "see pixel_status",
+                ));
+            }
+            if !self.obstacles.is_empty() {
+                frames.push(array(
+                    "obstacle_pos_m",
+                    "float64",
+                    "(frame, obstacle, 3)",
+                    "m, world; see obstacles",
+                ));
+                frames.push(array(
+                    "obstacle_quat_xyzw",
+                    "float64",
+                    "(frame, obstacle, 4)",
+                    "obstacle to world",
                 ));
             }
         }

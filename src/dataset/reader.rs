@@ -53,6 +53,10 @@ pub struct Frames {
     pub depth_noisy_m: Option<Array4<f32>>,
     /// Statuses of the noisy depth, shape `(frame, drone, row, column)`.
     pub status_noisy: Option<Array4<u8>>,
+    /// Where the obstacles of the manifest are, m, world, shape `(frame, obstacle, 3)`; none where it names none.
+    pub obstacle_pos_m: Option<Array3<f64>>,
+    /// Their orientations x y z w, shape `(frame, obstacle, 4)`.
+    pub obstacle_quat_xyzw: Option<Array3<f64>>,
 }
 
 impl Dataset {
@@ -263,7 +267,7 @@ impl WorldReader<'_> {
             .map_err(|e| DatasetError::damaged(&path, "a whole npz file", e))?;
         let f = usize::try_from(self.record.n_frames).unwrap_or(usize::MAX);
         let (d, h, w) = (self.manifest.n_drones, camera.height, camera.width);
-        let noisy = self.manifest.noise.is_some();
+        let (noisy, o) = (self.manifest.noise.is_some(), self.manifest.obstacles.len());
         Ok(Frames {
             time_s: array(&mut npz, &path, "time_s", &[f])?,
             step: array(&mut npz, &path, "step", &[f])?,
@@ -282,6 +286,12 @@ impl WorldReader<'_> {
                 .then(|| array(&mut npz, &path, "depth_noisy_m", &[f, d, h, w]))
                 .transpose()?,
             status_noisy: noisy.then(|| array(&mut npz, &path, "status_noisy", &[f, d, h, w])).transpose()?,
+            obstacle_pos_m: (o > 0)
+                .then(|| array(&mut npz, &path, "obstacle_pos_m", &[f, o, 3]))
+                .transpose()?,
+            obstacle_quat_xyzw: (o > 0)
+                .then(|| array(&mut npz, &path, "obstacle_quat_xyzw", &[f, o, 4]))
+                .transpose()?,
         })
     }
 

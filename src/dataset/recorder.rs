@@ -258,6 +258,10 @@ impl FlightConfig {
 
     /// Refuses lengths and rates that the simulation cannot have.
     pub(super) fn check_rates(&self) -> Result<()> {
+        if !self.sim.options.seeds.is_empty() {
+            let expected = "none: worlds of a data set have random numbers by one seed and their numbers";
+            return refuse("seeds", expected, self.sim.options.seeds.len());
+        }
         let sim_hz = self.sim.options.sim_hz;
         if self.fps == 0 || self.fps > sim_hz {
             let expected = format!("1 to {sim_hz} Hz, at most one frame per step of the simulation");
@@ -319,6 +323,7 @@ pub(super) fn content(config: &FlightConfig, setup: &Setup, cameras: Vec<Camera>
         mjb: setup.scenes().first().map(Scene::to_mjb),
         scene: setup.scenes().first().cloned(),
         noise: noise.filter(|_| !cameras.is_empty()),
+        obstacles: obstacles(setup),
         cameras,
         sensors: sensor_records(config, setup),
         seed: config.sim.options.seed,
@@ -327,6 +332,11 @@ pub(super) fn content(config: &FlightConfig, setup: &Setup, cameras: Vec<Camera>
         log_hz: config.log_hz,
         clearance_max_m: config.clearance_max_m,
     })
+}
+
+/// Names of the movable obstacles of the scene.
+fn obstacles(setup: &Setup) -> Vec<String> {
+    setup.scenes().first().into_iter().flat_map(|s| s.obstacles().iter().map(|o| o.name.clone())).collect()
 }
 
 /// Sensors with their rates: where none is said, that of frames for images and that of states for all else.
@@ -382,6 +392,7 @@ pub(super) fn manifest(config: &FlightConfig, setup: &Setup, content: &Content, 
         config: Some(json!(config)),
         cameras: content.cameras.iter().map(camera_record).collect(),
         sensors: content.sensors.clone(),
+        obstacles: content.obstacles.clone(),
         depth_png: DepthPng::default(),
         normals: config.normals,
         noise: content.noise.map(|n| json!(n)),

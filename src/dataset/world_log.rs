@@ -29,6 +29,8 @@ pub(super) struct Content {
     pub mjb: Option<Vec<u8>>,
     /// The camera of each drone; none without frames.
     pub cameras: Vec<Camera>,
+    /// Names of the movable obstacles, whose places are written with each frame.
+    pub obstacles: Vec<String>,
     pub noise: Option<DepthNoise>,
     pub sensors: Vec<SensorRecord>,
     pub seed: u64,
@@ -59,6 +61,8 @@ pub(super) struct WorldLog {
     contacts: Vec<Contact>,
     /// Pose of each drone at the last step.
     last: Vec<Pose>,
+    /// Where obstacles were then.
+    obstacles: (Vec<[f64; 3]>, Vec<[f64; 4]>),
     /// Distance that each drone may still travel before anything can touch it, m.
     slack: Vec<f64>,
     /// Pairs of geoms that touched at the last step.
@@ -92,6 +96,7 @@ impl WorldLog {
             frames,
             contacts: Vec::new(),
             last,
+            obstacles: (look.obstacle_pos_m(index).to_vec(), look.obstacle_quat(index).to_vec()),
             slack: vec![0.0; n],
             touching: Vec::new(),
             crowded_steps: 0,
@@ -199,8 +204,9 @@ impl WorldLog {
             moved.push(vec3::norm(vec3::sub(to.pos_m, from.pos_m)) + angle * radius);
         }
         let mut near = Vec::new();
+        let obstacles_moved = self.obstacles_moved(look);
         for d in 0..n {
-            let others = (0..n).filter(|e| *e != d).map(|e| moved[e]).fold(0.0, f64::max);
+            let others = (0..n).filter(|e| *e != d).map(|e| moved[e]).fold(obstacles_moved, f64::max);
             self.slack[d] -= moved[d] + others;
             if self.has_flexes || self.slack[d] <= sense::TOUCH_M {
                 near.push(d);
@@ -230,6 +236,25 @@ impl WorldLog {
         }
         self.touching = now;
         Ok(())
+    }
+
+    /// The furthest that an obstacle has moved since the last step, m; without end for one that was turned, whose parts may be anywhere.
+    fn obstacles_moved<N: Number>(&mut self, look: Look<N>) -> f64 {
+        let (pos, quat) = (look.obstacle_pos_m(self.index), look.obstacle_quat(self.index));
+        // Rows that the scene does not have are NaN, and differ from themselves.
+        let is_turned = |(a, b): (&[f64; 4], &[f64; 4])| a != b && !a[0].is_nan();
+        let most = match quat.iter().zip(&self.obstacles.1).any(is_turned) {
+            true => f64::INFINITY,
+            false => {
+                let far = pos.iter().zip(&self.obstacles.0).map(|(a, b)| vec3::norm(vec3::sub(*a, *b)));
+                far.fold(0.0, f64::max)
+            }
+        };
+        if most > 0.0 {
+            self.obstacles.0.copy_from_slice(pos);
+            self.obstacles.1.copy_from_slice(quat);
+        }
+        most
     }
 
     /// What drone `d` touched between the last step and this one, and neither then nor now. `seen`: drones whose
@@ -336,7 +361,9 @@ impl WorldLog {
                 k: f.k,
             })
             .collect();
-        Ok(out.frame(&FrameInput { t_s: t, step, views: &views })?)
+        let n = self.content.obstacles.len();
+        let obstacles = (&look.obstacle_pos_m(self.index)[..n], &look.obstacle_quat(self.index)[..n]);
+        Ok(out.frame(&FrameInput { t_s: t, step, views: &views, obstacles })?)
     }
 
     /// State, command and reference of every drone.

@@ -176,6 +176,8 @@ pub struct FrameInput<'a> {
     pub step: u64,
     /// Shape `(drone,)`.
     pub views: &'a [View<'a>],
+    /// Where the obstacles of the manifest are: positions, m, world, and orientations x y z w, shape `(obstacle,)`.
+    pub obstacles: (&'a [[f64; 3]], &'a [[f64; 4]]),
 }
 
 /// A world that was taken out because its state was no longer finite.
@@ -597,13 +599,15 @@ struct FrameSpools {
     normal: Option<Spool>,
     depth_noisy_m: Option<Spool>,
     status_noisy: Option<Spool>,
+    obstacle_pos_m: Option<Spool>,
+    obstacle_quat_xyzw: Option<Spool>,
 }
 
 impl FrameSpools {
     fn create(folder: &Path, manifest: &Manifest) -> Result<Self> {
         let (d, h, w) = (manifest.n_drones, manifest.cameras[0].height, manifest.cameras[0].width);
         let make = |name, descr, tail: &[usize]| Spool::create(folder, "frames", name, descr, tail);
-        let noisy = manifest.noise.is_some();
+        let (noisy, o) = (manifest.noise.is_some(), manifest.obstacles.len());
         Ok(Self {
             time_s: make("time_s", "<f8", &[])?,
             step: make("step", "<i8", &[])?,
@@ -616,6 +620,8 @@ impl FrameSpools {
             normal: manifest.normals.then(|| make("normal", "<f4", &[d, h, w, 3])).transpose()?,
             depth_noisy_m: noisy.then(|| make("depth_noisy_m", "<f4", &[d, h, w])).transpose()?,
             status_noisy: noisy.then(|| make("status_noisy", "|u1", &[d, h, w])).transpose()?,
+            obstacle_pos_m: (o > 0).then(|| make("obstacle_pos_m", "<f8", &[o, 3])).transpose()?,
+            obstacle_quat_xyzw: (o > 0).then(|| make("obstacle_quat_xyzw", "<f8", &[o, 4])).transpose()?,
         })
     }
 
@@ -630,7 +636,9 @@ impl FrameSpools {
             self.geom_id,
             self.body_id,
         ];
-        list.extend([self.normal, self.depth_noisy_m, self.status_noisy].into_iter().flatten());
+        let more = [self.normal, self.depth_noisy_m, self.status_noisy];
+        let obstacles = [self.obstacle_pos_m, self.obstacle_quat_xyzw];
+        list.extend(more.into_iter().chain(obstacles).flatten());
         list
     }
 }
@@ -1031,6 +1039,14 @@ impl WorldWriter {
                 );
             }
         }
+        let (pos_m, quat_xyzw) = frame.obstacles;
+        let (named, given) = (manifest.obstacles.len(), pos_m.len());
+        let is_finite = pos_m.iter().flatten().chain(quat_xyzw.iter().flatten()).all(|x| x.is_finite());
+        if given != named || quat_xyzw.len() != named || !is_finite {
+            let expected = format!("{named} finite poses, one for each obstacle of the manifest");
+            let found = format!("{given} positions {pos_m:?} and {} orientations", quat_xyzw.len());
+            return self.input_error(item("obstacles"), expected, found, "make manifest and frames agree");
+        }
         let unit = manifest.depth_png.metres_per_unit;
         let mut images = Vec::with_capacity(2 * frame.views.len());
         for (drone, view) in frame.views.iter().enumerate() {
@@ -1069,6 +1085,11 @@ impl WorldWriter {
         let Some(spools) = &mut self.frames else { return Ok(()) };
         spools.time_s.push(std::iter::once(frame.t_s.to_le_bytes()))?;
         spools.step.push(std::iter::once((frame.step as i64).to_le_bytes()))?;
+        let (pos_m, quat_xyzw) = frame.obstacles;
+        if let (Some(pos), Some(quat)) = (&mut spools.obstacle_pos_m, &mut spools.obstacle_quat_xyzw) {
+            pos.push(pos_m.iter().flatten().map(|v| v.to_le_bytes()))?;
+            quat.push(quat_xyzw.iter().flatten().map(|v| v.to_le_bytes()))?;
+        }
         for view in frame.views {
             spools.camera_pos_m.push(view.pos_m.iter().map(|v| v.to_le_bytes()))?;
             spools.camera_quat_xyzw.push(view.quat_xyzw.iter().map(|v| v.to_le_bytes()))?;

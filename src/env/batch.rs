@@ -358,6 +358,29 @@ impl Env {
         mask: Option<&[bool]>,
         goal: Option<&[[f64; 3]]>,
     ) -> Result<(), EnvError> {
+        self.begin_by(seed, None, mask, goal)
+    }
+
+    /// As [`Env::reset_to`], in all worlds, each with a seed of its own: its episodes are those of the first world of a batch with that seed.
+    ///
+    /// # Errors
+    /// As [`Env::reset_to`], and [`EnvError::Length`] for another number of seeds than worlds.
+    pub fn reset_each(&mut self, seeds: &[u64], goal: Option<&[[f64; 3]]>) -> Result<(), EnvError> {
+        let n = self.worlds.len();
+        if seeds.len() != n {
+            let shape = format!("{n} worlds");
+            return Err(EnvError::Length { name: "seeds", expected: n, shape, got: seeds.len() });
+        }
+        self.begin_by(None, Some(seeds), None, goal)
+    }
+
+    fn begin_by(
+        &mut self,
+        seed: Option<u64>,
+        seeds: Option<&[u64]>,
+        mask: Option<&[bool]>,
+        goal: Option<&[[f64; 3]]>,
+    ) -> Result<(), EnvError> {
         let n = self.worlds.len();
         self.check_goal(goal, mask)?;
         if let Some(mask) = mask
@@ -370,12 +393,20 @@ impl Env {
             if mask.is_some_and(|m| m.iter().any(|v| !v)) {
                 return Err(EnvError::option("seed", "none with a mask: a seed is that of all worlds", seed));
             }
-            self.plan.config.sim.options.seed = seed;
+            let options = &mut self.plan.config.sim.options;
+            options.seed = seed;
+            options.seeds.clear();
             self.arena.reseed(seed);
-        }
-        if seed.is_none() && !self.begun {
-            // The first episodes are those that the seed of the description gives.
-            self.arena.reseed(self.plan.config.sim.options.seed);
+        } else if let Some(seeds) = seeds {
+            self.plan.config.sim.options.seeds = seeds.to_vec();
+            self.arena.reseed_each(seeds)?;
+        } else if !self.begun {
+            // The first episodes are those that the seeds of the description give.
+            let options = &self.plan.config.sim.options;
+            match options.seeds.is_empty() {
+                true => self.arena.reseed(options.seed),
+                false => self.arena.reseed_each(&options.seeds)?,
+            }
         }
         if !self.reset_done && mask.is_some_and(|m| m.iter().any(|v| !v)) {
             return Err(EnvError::option(
@@ -587,7 +618,7 @@ impl Env {
 
     /// Begins episodes in the worlds of the mask, with goals if some are given.
     fn begin(&mut self, mask: &[bool], goal: Option<&[[f64; 3]]>) -> Result<(), EnvError> {
-        self.arena.reset(Some(mask))?;
+        self.arena.reset_flight(Some(mask))?;
         let (plan, layouts) = (&self.plan, &self.layouts);
         // Which scene a world is in comes first: tasks look for a start in it.
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
@@ -597,8 +628,8 @@ impl Env {
         }
         if !layouts.is_empty() {
             let of_worlds: Vec<usize> = self.worlds.iter().map(|world| world.layout).collect();
-            self.arena.set_layout(&of_worlds)?;
-            self.arena.reset_obstacles(mask);
+            self.arena.move_to_layouts(&of_worlds)?;
+            self.arena.reset_obstacles(mask)?;
         }
         let (look, places, d) = (self.arena.look(), self.asked.places(), plan.config.sim.n_drones());
         let begin = |(w, world): (usize, &mut World)| {

@@ -36,16 +36,16 @@ impl Draw {
 /// Where episodes start.
 pub(super) const BEGIN: u32 = purpose("env.begin");
 
-/// Which random numbers a world takes: `world` is counted from the first of the whole batch.
-pub(super) fn episode_key(seed: u64, world: u64, episode: u64, step: u64, purpose: u32) -> Key {
+/// Which random numbers a world takes, by its seed and its number.
+pub(super) fn episode_key((seed, world): (u64, u64), episode: u64, step: u64, purpose: u32) -> Key {
     // Episodes count from the top bits down, so that steps of two episodes never share a number.
     Key { seed, world, drone: 0, step: episode.rotate_left(40) ^ step, purpose }
 }
 
-/// Random numbers of one world at one step of one episode: the same whatever else is in the batch. `world` counts over a batch that is
-/// split, `episode` from zero; `step` is zero for [`Draw::Reset`].
-pub fn episode_stream(seed: u64, world: u64, episode: u64, step: u64, what: Draw) -> Stream {
-    episode_key(seed, world, episode, step, what.purpose()).stream()
+/// Random numbers of one world at one step of one episode: the same whatever else is in the batch. `origin`: the world's seed and its number
+/// ([`Batch::origin`]); `episode` counts from zero; `step` is zero for [`Draw::Reset`].
+pub fn episode_stream(origin: (u64, u64), episode: u64, step: u64, what: Draw) -> Stream {
+    episode_key(origin, episode, step, what.purpose()).stream()
 }
 
 /// A random place with some distance to everything: uniform in a box, taken when it is free.
@@ -68,6 +68,8 @@ pub struct Batch {
     pub first_world: u64,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Seeds of worlds that have their own; else empty. (world)
+    pub seeds: Vec<u64>,
     /// Seconds of a step of the environment.
     pub step_s: f64,
     /// Position, m, world frame. (world, drone, 3)
@@ -154,6 +156,7 @@ impl Batch {
             n_drones: size.n_drones,
             first_world: config.sim.options.first_world,
             seed: config.sim.options.seed,
+            seeds: config.sim.options.seeds.clone(),
             step_s: config.step_s(),
             pos: numbers(3),
             quat: numbers(4),
@@ -191,10 +194,18 @@ impl Batch {
         [pos, vel, yaw, self.goal_pos.len(), self.reward.len(), self.ending.len(), self.channels.len()]
     }
 
+    /// Seed and number by which the random numbers of a world are named.
+    pub fn origin(&self, world: usize) -> (u64, u64) {
+        match self.seeds.get(world) {
+            Some(own) => (*own, 0),
+            None => (self.seed, self.first_world + world as u64),
+        }
+    }
+
     /// Random numbers of a world now: the same whatever else is in the batch.
     pub fn stream(&self, world: usize, what: Draw) -> Stream {
         let step = if what == Draw::Reset { 0 } else { self.step[world] as u64 };
-        episode_stream(self.seed, self.first_world + world as u64, self.episode[world] as u64, step, what)
+        episode_stream(self.origin(world), self.episode[world] as u64, step, what)
     }
 
     /// Says how a world goes on.

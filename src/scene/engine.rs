@@ -1,7 +1,7 @@
 //! What MuJoCo keeps for the whole process: its parser and compiler, its memory of assets, its log, its plugins.
 
 use std::cell::{Cell, RefCell};
-use std::ffi::{CStr, OsString};
+use std::ffi::{CStr, OsString, c_char, c_int};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicPtr, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -77,9 +77,26 @@ fn before() -> ffi::mjfLogHandler {
     unsafe { std::mem::transmute::<*mut (), ffi::mjfLogHandler>(before) }
 }
 
+/// The first fields of a message of MuJoCo's log (`mjLogMessage`), whose subject may be any bytes: names of a scene stand in it as they
+/// are, and it may end in the middle of a letter.
+#[repr(C)]
+struct MessageHead {
+    level: c_int,
+    topic: c_int,
+    subject: [c_char; 1024],
+}
+
+impl MessageHead {
+    /// The subject up to its end; what is no UTF-8 becomes the replacement character.
+    fn subject(&self) -> String {
+        let bytes: Vec<u8> = self.subject.iter().take_while(|c| **c != 0).map(|c| *c as u8).collect();
+        String::from_utf8_lossy(&bytes).into_owned()
+    }
+}
+
 unsafe extern "C" fn listen(message: *const MjLogMessage) {
-    // SAFETY: MuJoCo hands over a message that lives until the handler returns, its subject terminated.
-    let (level, subject) = unsafe { ((*message).level(), (*message).subject()) };
+    // SAFETY: MuJoCo hands over a message that lives until the handler returns; it begins with the fields of the head.
+    let (level, subject) = unsafe { ((*message).level(), (*message.cast::<MessageHead>()).subject()) };
     let builds = HEARD.with_borrow(Option::is_some);
     if !builds && !INSIDE.get() {
         return pass_on(message, level);
@@ -91,7 +108,7 @@ unsafe extern "C" fn listen(message: *const MjLogMessage) {
             std::process::exit(1);
         }
         MjtLogLevel::mjLOG_WARNING => {
-            HEARD.with_borrow_mut(|heard| heard.as_mut().map(|heard| heard.push(subject.to_string())));
+            HEARD.with_borrow_mut(|heard| heard.as_mut().map(|heard| heard.push(subject)));
         }
         _ => {}
     }
@@ -188,4 +205,22 @@ pub fn load_plugin_library(path: &Path) -> Result<(), SceneError> {
         message,
         remedy: "; give a plugin library of this MuJoCo version",
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_that_are_cut_within_a_letter_are_read_up_to_there() {
+        let mut head = MessageHead { level: 1, topic: 0, subject: [0; 1024] };
+        for (c, byte) in head.subject.iter_mut().zip("geom 'Bäume".bytes().take(8)) {
+            *c = byte as c_char;
+        }
+        assert_eq!(head.subject(), "geom 'B\u{fffd}");
+        // Without an end it is read to the end of its memory.
+        head.subject = [b'x' as c_char; 1024];
+        assert_eq!(head.subject().len(), 1024);
+        assert_eq!(std::mem::offset_of!(MessageHead, subject), 8);
+    }
 }

@@ -268,8 +268,9 @@ fn shape_remarks(
             if let Some(mesh) = scene.mesh(info.id)
                 && let Some(hull) = scene.mesh_hull(info.id)
             {
-                let depth =
-                    *concavities.entry(mesh.name.to_string()).or_insert_with(|| concavity(&mesh, hull));
+                let depth = *concavities
+                    .entry(mesh.name.to_string())
+                    .or_insert_with(|| concavity(&mesh, hull, 20_000_000));
                 let size = info.bounding_radius_m;
                 if depth > 0.01 * size {
                     remarks.push(format!(
@@ -352,8 +353,46 @@ fn twin_remarks(
     Ok(())
 }
 
-/// How far inside the hull a mesh's surface lies, m: 0 for a convex mesh.
-fn concavity(mesh: &MeshView, hull: &[[i32; 3]]) -> f64 {
+/// Names at most in the warning of hollow meshes.
+const MOST_NAMES: usize = 4;
+
+/// What has to be known of meshes with hollows that a drone could fly into, since they collide as their convex hulls: their holes are
+/// closed. None where there are none.
+pub(super) fn hollow_meshes(scene: &Scene) -> Option<String> {
+    let mut known: HashMap<&str, f64> = HashMap::new();
+    let mut hollow: Vec<String> = Vec::new();
+    let scenery =
+        scene.geoms().iter().filter(|g| g.kind == GeomType::Mesh && g.can_collide() && g.drone.is_none());
+    for info in scenery {
+        let (Some(mesh), Some(hull)) = (scene.mesh(info.id), scene.mesh_hull(info.id)) else { continue };
+        if info.bounding_radius_m < HOLLOW_M {
+            continue;
+        }
+        let depth = *known.entry(mesh.name).or_insert_with(|| concavity(&mesh, hull, 2_000_000));
+        if depth >= HOLLOW_M && depth >= HOLLOW_SHARE * info.bounding_radius_m {
+            hollow.push(format!("{} (up to {depth:.2} m)", info.label(scene.bodies())));
+        }
+    }
+    let n = hollow.len();
+    let names = hollow[..n.min(MOST_NAMES)].join(", ");
+    let more = if n > MOST_NAMES { ", …" } else { "" };
+    let what = match n {
+        0 => return None,
+        1 => "1 mesh is hollow and collides as its convex hull".to_string(),
+        _ => format!("{n} meshes are hollow and collide as their convex hulls"),
+    };
+    Some(format!(
+        "{what}, so that drones crash where depth sees an opening: {names}{more}; for a hole to fly through give the body \
+         several convex geoms, and the mesh contype=\"0\" conaffinity=\"0\""
+    ))
+}
+
+/// Hollows that a small drone fits into, m, and how large a share of the mesh's radius they are: less is roughness.
+const HOLLOW_M: f64 = 0.05;
+const HOLLOW_SHARE: f64 = 0.1;
+
+/// How far inside the hull a mesh's surface lies, m: 0 for a convex mesh. `most`: pairs of faces and planes that are looked at.
+fn concavity(mesh: &MeshView, hull: &[[i32; 3]], most: usize) -> f64 {
     let at = |v: i32| mesh.vertices_m[v as usize].map(f64::from);
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -383,7 +422,7 @@ fn concavity(mesh: &MeshView, hull: &[[i32; 3]]) -> f64 {
             })
         })
         .collect();
-    let stride = (mesh.faces.len() * planes.len() / 20_000_000).max(1);
+    let stride = (mesh.faces.len() * planes.len() / most).max(1);
     let mut deepest = 0.0f64;
     for face in mesh.faces.iter().step_by(stride) {
         let [a, b, c] = face.map(at);

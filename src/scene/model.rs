@@ -141,6 +141,9 @@ impl fmt::Display for GeomType {
     }
 }
 
+/// The colour of a geom whose scene states none (MJCF's default of `rgba`).
+const DEFAULT_RGBA: [f32; 4] = [0.5, 0.5, 0.5, 1.0];
+
 /// What the model says about one geom.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GeomInfo {
@@ -156,6 +159,9 @@ pub struct GeomInfo {
     pub group: i32,
     /// Alpha that rays look at: the material's where there is one, else the geom's own. 0 is invisible to rays.
     pub alpha: f32,
+    /// Colour and opacity as MuJoCo draws it, 0 to 1: its own `rgba` where the scene gives it one, else its material's, by the mean of
+    /// the material's texture. Red, green, blue, alpha.
+    pub rgba: [f32; 4],
     /// Contact type bits.
     pub contype: i32,
     /// Contact affinity bits.
@@ -620,7 +626,13 @@ impl Scene {
             // SAFETY: narena only says how large mj_makeData shall make the arena; no data exists yet.
             unsafe { model.ffi_mut().narena = wanted };
         }
-        Ok(Self(Arc::new(describe(model, what, shells, warnings, keyframes_dropped)?)))
+        let mut scene = Self(Arc::new(describe(model, what, shells, warnings, keyframes_dropped)?));
+        if let Some(text) = super::lint::hollow_meshes(&scene)
+            && let Some(inner) = Arc::get_mut(&mut scene.0)
+        {
+            inner.warnings.push(text);
+        }
+        Ok(scene)
     }
 
     /// A new set of poses: drones at the origin, obstacles as the model places them.
@@ -1007,6 +1019,64 @@ fn hash_of(model: &mut MjModel) -> String {
     }
 }
 
+/// The colour of a geom as MuJoCo draws it (`engine_vis_visualize.c`): its own `rgba` unless that is the default of the format and there
+/// is a material, else the material's, by the mean of its texture.
+///
+/// # Safety
+/// `m` is a compiled model and `id` one of its geoms.
+unsafe fn geom_color(m: &ffi::mjModel, id: usize) -> [f32; 4] {
+    // SAFETY: arrays of a compiled model have the number of elements that mjmodel.h states, and its ids lie within them.
+    unsafe {
+        let own = *m.geom_rgba.cast::<[f32; 4]>().add(id);
+        let material = usize::try_from(*m.geom_matid.add(id)).ok();
+        let mut color = match material {
+            Some(material) if own == DEFAULT_RGBA => *m.mat_rgba.cast::<[f32; 4]>().add(material),
+            _ => own,
+        };
+        let roles = ffi::mjtTextureRole::mjNTEXROLE as usize;
+        let role = |r: ffi::mjtTextureRole, material: usize| {
+            usize::try_from(*m.mat_texid.add(roles * material + r as usize)).ok()
+        };
+        let texture = material.and_then(|material| {
+            role(ffi::mjtTextureRole::mjTEXROLE_RGB, material)
+                .or_else(|| role(ffi::mjtTextureRole::mjTEXROLE_RGBA, material))
+        });
+        if let Some(texture) = texture
+            && let Some(mean) = texture_mean(m, texture)
+        {
+            for (c, mean) in color.iter_mut().zip(mean) {
+                *c *= mean;
+            }
+        }
+        color
+    }
+}
+
+/// Mean colour of a texture, 0 to 1; none where the model does not hold its pixels.
+///
+/// # Safety
+/// `m` is a compiled model and `texture` one of its textures.
+unsafe fn texture_mean(m: &ffi::mjModel, texture: usize) -> Option<[f32; 3]> {
+    // SAFETY: as above; a texture has height × width × channels bytes from its address.
+    unsafe {
+        let start = usize::try_from(*m.tex_adr.add(texture)).ok()?;
+        let channels = *m.tex_nchannel.add(texture) as usize;
+        let pixels = *m.tex_height.add(texture) as usize * *m.tex_width.add(texture) as usize;
+        if channels == 0 || pixels == 0 {
+            return None;
+        }
+        let bytes = slice(m.tex_data.add(start), pixels * channels);
+        let mut sums = [0u64; 3];
+        for pixel in bytes.chunks_exact(channels) {
+            for (k, sum) in sums.iter_mut().enumerate() {
+                // One channel is grey; a fourth is opacity.
+                *sum += u64::from(pixel[if channels < 3 { 0 } else { k }]);
+            }
+        }
+        Some(sums.map(|sum| (sum as f64 / pixels as f64 / 255.0) as f32))
+    }
+}
+
 /// Refuses places and sizes that are no numbers, or so large that sensors could not compute with them: one such geom would hide others.
 fn check_numbers(
     m: &ffi::mjModel,
@@ -1220,6 +1290,7 @@ fn describe(
                 body_id,
                 group: (*m.geom_group.add(id)).clamp(0, 5),
                 alpha,
+                rgba: geom_color(m, id),
                 contype: *m.geom_contype.add(id),
                 conaffinity: *m.geom_conaffinity.add(id),
                 drone,

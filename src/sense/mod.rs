@@ -28,4 +28,4 @@ pub use error::SenseError;
 pub use noise::{DepthNoise, NoiseKey};
 pub use sensor::{ChannelType, Moment, Sensor, SensorChannel};
 pub use sensors::ImuNoise;
-pub use swept::{SweptHit, TOUCH_M, swept, swept_beyond, swept_by, swept_pair, swept_scene};
+pub use swept::{SweptHit, TOUCH_M, swept, swept_by, swept_pair, swept_scene};

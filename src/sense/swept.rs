@@ -64,21 +64,8 @@ pub fn swept(
     swept_by(Collider::default(), worker, drone, from, to, &[])
 }
 
-/// As [`swept`], as if the geoms `ignored` were not there: asked again with what was found, it finds what comes next.
-///
-/// # Errors
-/// As [`swept`].
-pub fn swept_beyond(
-    worker: &mut Worker,
-    drone: usize,
-    from: Pose,
-    to: Pose,
-    ignored: &[i32],
-) -> Result<Option<SweptHit>, SenseError> {
-    swept_by(Collider::default(), worker, drone, from, to, ignored)
-}
-
-/// As [`swept_beyond`], of what belongs to no drone.
+/// As [`swept`], of what belongs to no drone, as if the geoms `ignored` were not there: asked again with what was found, it finds what
+/// comes next.
 ///
 /// # Errors
 /// As [`swept`].
@@ -133,7 +120,7 @@ pub fn swept_pair(
     }))
 }
 
-/// As [`swept_beyond`], by either collider.
+/// As [`swept`], by either collider, as if the geoms `ignored` were not there.
 ///
 /// # Errors
 /// As [`swept`].

@@ -23,7 +23,6 @@ pub(super) struct Plan {
     pub reads_neighbours: bool,
     /// Per drone slot: whether an effect reads random numbers.
     pub reads_noise: Vec<bool>,
-    pub seed: u64,
 }
 
 /// Purposes of the random numbers that effects may read.
@@ -33,19 +32,20 @@ const NORMALS: [u32; 3] =
 /// Names the random numbers of a world.
 #[derive(Clone, Debug)]
 pub(super) struct Source {
-    /// World, counted over the whole run.
-    pub world: u64,
+    /// Seed and number of the world, as random numbers are named by them.
+    pub origin: (u64, u64),
     /// Episodes begun.
     pub episodes: u64,
 }
 
 impl Source {
     /// Standard normal numbers of one drone in one step.
-    pub fn normals(&self, seed: u64, drone: usize, step: u64) -> [f64; 3] {
+    pub fn normals(&self, drone: usize, step: u64) -> [f64; 3] {
+        let (seed, world) = self.origin;
         core::array::from_fn(|i| {
             // Episodes count from the top bits down, so that steps of two episodes never share a number.
             let step = self.episodes.rotate_left(40) ^ step;
-            Key { seed, world: self.world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
+            Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
         })
     }
 }
@@ -226,7 +226,7 @@ impl Block {
     }
 
     fn normals(&self, plan: &Plan, d: usize) -> [f64; 3] {
-        if plan.reads_noise[d] { self.source.normals(plan.seed, d, self.step) } else { [0.0; 3] }
+        if plan.reads_noise[d] { self.source.normals(d, self.step) } else { [0.0; 3] }
     }
 
     /// Surroundings of slot `d` in this step; `neighbours` must be filled.

@@ -122,7 +122,6 @@ impl<'a, N: Number> Equations<'a, N> {
             rates: self.rates.to_vec(),
             reads_neighbours: reads.len() > 1 && reads.iter().any(|r| r.neighbours),
             reads_noise: reads.iter().map(|r| r.noise).collect(),
-            seed: self.options.seed,
         }
     }
 
@@ -166,7 +165,7 @@ impl<'a, N: Number> Equations<'a, N> {
                 }
             })
             .collect();
-        let source = Source { world: self.options.first_world + w as u64, episodes: data.episodes[w] };
+        let source = Source { origin: self.options.origin(w), episodes: data.episodes[w] };
         Block::new(data.steps[w], slots, source)
     }
 }

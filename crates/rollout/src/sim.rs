@@ -54,6 +54,9 @@ pub struct SimOptions {
     pub first_world: u64,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// A seed for each world, in place of `seed` and of its number: a world then draws what the first world of a simulation with that seed
+    /// draws. Empty where worlds have none of their own. (world)
+    pub seeds: Vec<u64>,
     /// Steps per second.
     pub sim_hz: u32,
     /// Integration scheme.
@@ -75,6 +78,7 @@ impl Default for SimOptions {
             n_worlds: 1,
             first_world: 0,
             seed: 0,
+            seeds: Vec::new(),
             sim_hz: 500,
             integrator: Integrator::default(),
             control: ControlMode::default(),
@@ -82,6 +86,18 @@ impl Default for SimOptions {
             randomization: Randomization::default(),
             engine: Engine::default(),
         }
+    }
+}
+
+/// Seed and number by which the random numbers of a world are named; see [`SimOptions::seeds`].
+pub(crate) fn origin(seed: u64, seeds: &[u64], number: u64, world: usize) -> (u64, u64) {
+    seeds.get(world).map_or((seed, number), |own| (*own, 0))
+}
+
+impl SimOptions {
+    /// Seed and number by which the random numbers of world number `world` of this simulation are named.
+    pub fn origin(&self, world: usize) -> (u64, u64) {
+        origin(self.seed, &self.seeds, self.first_world + world as u64, world)
     }
 }
 
@@ -221,7 +237,19 @@ impl<N: Number> Sim<N> {
     /// is that of a new simulation with this seed.
     pub fn reseed(&mut self, seed: u64) {
         self.options.seed = seed;
+        self.options.seeds.clear();
         self.data.episodes.fill(0);
+    }
+
+    /// As [`Sim::reseed`], with a seed for each world; see [`SimOptions::seeds`].
+    ///
+    /// # Errors
+    /// [`RolloutError::Length`] for another number of seeds than worlds.
+    pub fn reseed_each(&mut self, seeds: &[u64]) -> Result<(), RolloutError> {
+        check_seeds(seeds, self.data.n_worlds)?;
+        self.options.seeds = seeds.to_vec();
+        self.data.episodes.fill(0);
+        Ok(())
     }
 
     /// Seconds since the last reset of `world`.
@@ -416,13 +444,8 @@ impl<N: Number> Sim<N> {
         hovers: Option<([f64; MAX_ROTORS], f64)>,
     ) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
-        let key = Key {
-            seed: self.options.seed,
-            world: self.options.first_world + w as u64,
-            drone: d as u32,
-            step: self.data.episodes[w] - 1,
-            purpose: 0,
-        };
+        let (seed, world) = self.options.origin(w);
+        let key = Key { seed, world, drone: d as u32, step: self.data.episodes[w] - 1, purpose: 0 };
         if rules.iter().any(|r| !r.parameter.starts_with("initial.")) {
             let mut drone = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]).clone();
             drone.visit(&mut |name, value| {
@@ -706,7 +729,8 @@ impl<N: Number> Sim<N> {
             phase,
             n_steps,
         };
-        lanes.run(&options, &self.nominal, self.own.as_deref(), &self.rates, &mut self.data);
+        let drones = (&self.nominal[..], self.own.as_deref());
+        lanes.run(&options, &self.options.seeds, drones, &self.rates, &mut self.data);
     }
 
     /// Writes a world back.
@@ -801,6 +825,15 @@ fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
 }
 
 /// Refuses options that make no sense.
+/// Refuses another number of seeds than worlds.
+fn check_seeds(seeds: &[u64], n_worlds: usize) -> Result<(), RolloutError> {
+    if seeds.len() == n_worlds {
+        return Ok(());
+    }
+    let shape = format!("{n_worlds} worlds");
+    Err(RolloutError::Length { name: "seeds", expected: n_worlds, shape, got: seeds.len() })
+}
+
 fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), RolloutError> {
     let option = |name, expected: &str, got: String| {
         Err(RolloutError::Option { name, expected: expected.into(), got })
@@ -813,6 +846,9 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
     }
     if options.sim_hz == 0 || options.sim_hz > 1_000_000 {
         return option("sim_hz", "1 to 1 000 000 steps per second", options.sim_hz.to_string());
+    }
+    if !options.seeds.is_empty() {
+        check_seeds(&options.seeds, options.n_worlds)?;
     }
     // Arrays of one world and drone come to about 0.6 kB in f64; refuse what no machine holds before asking for it.
     let bytes = options.n_worlds.checked_mul(drones.len()).and_then(|n| n.checked_mul(600));

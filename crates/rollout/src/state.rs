@@ -12,6 +12,7 @@ use propwash_trace::lanes::Number;
 #[derive(Clone, Debug, PartialEq)]
 pub struct SimState<N: Number = f64> {
     seed: u64,
+    seeds: Vec<u64>,
     nominal: Vec<Drone<f64>>,
     base: Option<Vec<Drone<f64>>>,
     own: Option<Vec<Drone<f64>>>,
@@ -31,6 +32,7 @@ impl<N: Number> Sim<N> {
     pub fn save(&self) -> SimState<N> {
         SimState {
             seed: self.options.seed,
+            seeds: self.options.seeds.clone(),
             nominal: self.nominal.clone(),
             base: self.base.clone(),
             own: self.own.clone(),
@@ -81,6 +83,7 @@ impl<N: Number> Sim<N> {
         let per_world = state.data.effect_memory.len() / state.data.n_worlds;
         state.data.check_lengths(per_world)?;
         self.options.seed = state.seed;
+        self.options.seeds.clone_from(&state.seeds);
         let same = self.nominal == state.nominal && self.base == state.base && self.own == state.own;
         if !same {
             self.nominal.clone_from(&state.nominal);

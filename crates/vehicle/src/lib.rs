@@ -29,6 +29,8 @@ pub use schema::VehicleFile;
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::{Drone, Dynamics};
 use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 const SO_RPY: &str = "so_rpy";
@@ -73,6 +75,22 @@ pub struct Vehicle {
     dir: Option<PathBuf>,
 }
 
+/// Size of the largest text that is read, bytes: descriptions of vehicles have some thousands.
+const MAX_BYTES: u64 = 16 << 20;
+
+/// The text of a description, a file or what a pipe gives.
+fn read_text(path: &Path) -> Result<String, VehicleError> {
+    let fault = |reason: String| VehicleError::Read { path: path.into(), reason };
+    let file = File::open(path).map_err(|e| fault(e.to_string()))?;
+    let mut text = String::new();
+    file.take(MAX_BYTES + 1).read_to_string(&mut text).map_err(|e| fault(e.to_string()))?;
+    if text.len() as u64 > MAX_BYTES {
+        let words = "expected the description of a vehicle; it has more than";
+        return Err(fault(format!("{words} {MAX_BYTES} bytes")));
+    }
+    Ok(text)
+}
+
 impl Vehicle {
     /// A built-in vehicle, one of [`BUILTIN`].
     pub fn builtin(name: &str) -> Result<Self, VehicleError> {
@@ -88,8 +106,7 @@ impl Vehicle {
     /// A vehicle file (TOML, see `docs/vehicles.md`).
     pub fn load(path: impl AsRef<Path>) -> Result<Self, VehicleError> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| VehicleError::Read { path: path.into(), reason: e.to_string() })?;
+        let text = read_text(path)?;
         let name = path.file_stem().map_or_else(|| "vehicle".into(), |s| s.to_string_lossy().into_owned());
         let file = path.display().to_string();
         let mut vehicle = Self::build(name, &file, file::parse(&file, &text)?)?;

@@ -599,3 +599,14 @@ fn differences_are_told_in_si_with_their_sigmas() {
     assert!(order.effects.is_empty() && order.other.len() == 4, "{order:?}");
     assert!(order.other[0].contains("payload, com_offset → "), "{}", order.other[0]);
 }
+
+#[test]
+fn files_that_are_no_descriptions_of_vehicles_are_not_read_whole() {
+    let folder = std::env::temp_dir().join(format!("propwash_huge_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("huge.toml");
+    std::fs::File::create(&path).unwrap().set_len(1 << 34).unwrap();
+    let said = Vehicle::load(&path).unwrap_err().to_string();
+    assert!(said.contains("has more than 16777216 bytes"), "{said}");
+    std::fs::remove_dir_all(&folder).unwrap();
+}

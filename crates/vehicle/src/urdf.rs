@@ -149,8 +149,7 @@ impl Urdf {
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xacro")) {
             return Err(xacro());
         }
-        let text = std::fs::read_to_string(path)
-            .map_err(|e| VehicleError::Read { path: path.into(), reason: e.to_string() })?;
+        let text = super::read_text(path)?;
         let document = roxmltree::Document::parse(&text).map_err(|e| {
             if text.contains("<xacro:") {
                 return xacro();

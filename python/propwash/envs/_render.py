@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
-from ..scene import SceneInfo
+from ..scene import SceneInfo, scene_info
 from ..sense import Camera, DepthFrame
 from ..sim import Sim
 
@@ -35,13 +31,7 @@ _IN_ROOMS = (52.0, 38.0, 80.0)  # which are looked into from above
 _TURN_RAD_S = 1.2  # at most, of the camera
 _HORIZON, _ZENITH = np.array([0.87, 0.91, 0.95], np.float32), np.array([0.35, 0.60, 0.95], np.float32)
 _LIGHT = np.array([-0.35, -0.45, 0.82], np.float32)
-# Colours of things whose scene states none, by words in their names.
-_BY_WORD = (
-    ("trunk|bark|branch|log|wood|table|shelf|desk|door", (0.45, 0.33, 0.22)),
-    ("crown|leaf|leaves|needle|bush|canopy|tree|plant|grass", (0.25, 0.45, 0.20)),
-    ("rock|stone|boulder|terrain", (0.55, 0.54, 0.52)),
-    ("wall|ceiling|house|pillar|column", (0.84, 0.82, 0.77)),
-)
+_STATES_NONE = (0.5, 0.5, 0.5, 1.0)  # the colour of geoms whose scene gives them none
 _FLOOR = """<mujoco model="floor"><worldbody><geom name="ground" type="plane" size="0 0 0.1"/></worldbody></mujoco>"""
 
 
@@ -199,48 +189,25 @@ def _circle(middle: Array, radius: float, axis: Any = (0.0, 0.0, 1.0)) -> Array:
     return np.asarray(middle + radius * (np.cos(t) * u + np.sin(t) * np.cross(n, u)))
 
 
-def _mjcf_colors(text: str) -> dict[str, tuple[float, ...]]:
-    """Colours of the named geoms that an MJCF text states, by ``rgba`` or material, without defaults and included files."""
-    try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError:
-        return {}  # not MJCF, or written for another reader: it has colours by name
-    of = {m.get("name"): m.get("rgba") for m in root.iter("material")}
-    out = {}
-    for geom in root.iter("geom"):
-        rgba = geom.get("rgba") or of.get(geom.get("material"))
-        name = geom.get("name")
-        if name and rgba:
-            numbers = [float(v) for v in rgba.split()[:3]]
-            out[name] = tuple(numbers + [0.0] * (3 - len(numbers)))
-    return out
-
-
 def _drone_color(drone: int) -> tuple[float, float, float]:
     return DRONES[0] if drone == 0 else DRONES[1 + (drone - 1) % (len(DRONES) - 1)]
 
 
-def _palette(scene: SceneInfo, text: str) -> tuple[Array, Array]:
+def _palette(scene: SceneInfo) -> tuple[Array, Array]:
     """Colours of the geoms, and which of them are ground; the last row is for what is no geom. (n + 1, 3), (n + 1,)"""
-    stated = _mjcf_colors(text)
     colors = np.full((len(scene.geoms) + 1, 3), 0.6, np.float32)
     ground = np.zeros(len(scene.geoms) + 1, bool)
     for g in scene.geoms:
+        stated = np.array(g.rgba[:3])
         if g.drone is not None:
             color = np.array(_drone_color(g.drone))
             # Rotors are lighter than the body, which lets the drone's attitude be seen.
             colors[g.id] = 0.55 * color + 0.45 if "rotor" in g.name else color
-        elif g.name in stated:
-            colors[g.id] = stated[g.name]
         elif g.kind in ("plane", "hfield"):
             ground[g.id] = True
-            colors[g.id] = (0.60, 0.64, 0.60)
+            colors[g.id] = (0.60, 0.64, 0.60) if g.rgba == _STATES_NONE else stated
         else:
-            # The same for things of one kind, whose names differ in numbers.
-            stem = re.sub(r"[0-9]+", "", g.name) or g.kind
-            hue = sum((i + 1) * ord(c) for i, c in enumerate(stem)) * 0.61803398875 % 1.0
-            named = next((color for words, color in _BY_WORD if re.search(words, g.name.lower())), None)
-            colors[g.id] = 0.62 + 0.16 * np.cos(2.0 * np.pi * (hue + np.array([0.0, 0.33, 0.67]))) if named is None else named
+            colors[g.id] = (0.72, 0.70, 0.66) if g.rgba == _STATES_NONE else stated
     return colors, ground
 
 
@@ -379,7 +346,7 @@ class Display:
             return dict(self.native.view(world, camera._spec(normals=normals)))
         if self.stage is None:
             self.stage = Sim(n_drones=self.d, drone=self._drones(), scene=_FLOOR, threads=1)
-            self.layouts[0] = _palette(self.stage.scenes[0], _FLOOR)
+            self.layouts[0] = _palette(self.stage.scenes[0])
         self.stage.data.pos[0], self.stage.data.quat[0] = self.pos[world], self.quat[world]
         self.frame = f = self.stage.depth_frame(camera, normals=normals, out=self.frame)
         return {"depth": f.depth[0], "status": f.status[0], "geom_id": f.geom_id[0], "normal": f.normal[0] if normals else None}  # type: ignore[index,dict-item]
@@ -390,9 +357,7 @@ class Display:
     def _colors(self, world: int) -> tuple[Array, Array]:
         layout = int(self.native.layouts()[world])
         if layout not in self.layouts:
-            scene, text = _scene_of(self.config["scene"], layout)
-            info = Sim(n_drones=self.d, drone=self._drones(), scene=scene, threads=1).scenes[0]
-            self.layouts[layout] = _palette(info, text)
+            self.layouts[layout] = _palette(scene_info(self.native.scene_json(layout) or ""))
         return self.layouts[layout]
 
     def _shade(self, world: int, frame: dict[str, Array], eye: Array, turn: Array) -> Picture:
@@ -533,20 +498,3 @@ def _radius(vehicle: _native.Vehicle) -> float:
 
 def _parameters(vehicle: _native.Vehicle, dynamics: Any) -> list[tuple[str, float]]:
     return vehicle.parameters(dynamics)
-
-
-def _scene_of(scene: Any, layout: int) -> tuple[Any, str]:
-    """The scene of a layout, as ``Sim`` takes it, and its MJCF text where that can be read."""
-    if isinstance(scene, dict) and "xml" in scene:
-        return scene["xml"], scene["xml"]
-    if isinstance(scene, dict) and ("files" in scene or "each" in scene):
-        one = (scene.get("files") or scene["each"])[layout]
-        if isinstance(one, dict):
-            return _scene_of(one, 0)
-        path = Path(one)
-        if not path.is_file():
-            path = Path(_native.__file__).parent / "xml" / f"{one}.xml"
-        return one, path.read_text(errors="replace") if path.is_file() else ""
-    ((kind, options),) = scene.items()
-    one = {kind: {**options, "seed": int(options.get("seed", 0)) + layout}}
-    return one, _native.scene_new(json.dumps(one))

@@ -85,6 +85,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         randomization: What is drawn anew at every reset: text or path of a TOML file, or a list of rules; parameters of the
             vehicle and its effects, ``initial.…``, and ``env.…`` (delays, wind, noise).
         levels: Fixed delays, wind and noise, by name without ``env.``.
+        obstacle_motion: How movable obstacles of the scene move by themselves, as in ``propwash.Sim``; drawn anew at every reset.
+        obstacle_jitter: They are shifted by up to this much in x and y from their places in the scene, anew at every reset, m.
+        body_rate_law: As in ``propwash.Sim``.
         look: Clearances are looked for up to this distance, m.
         autoreset_mode: Gymnasium's, or its name.
         seed: Seed until ``reset(seed=…)`` gives another; drawn by the system where None.
@@ -126,6 +129,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         sensors: Sequence[str | Mapping[str, Any]] = (),
         randomization: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None = None,
         levels: Mapping[str, Any] | None = None,
+        obstacle_motion: Mapping[str, Any] | None = None,
+        obstacle_jitter: float = 0.0,
+        body_rate_law: Literal["firmware", "tracking"] = "firmware",
         look: float = 3.0,
         autoreset_mode: AutoresetMode | Autoreset = AutoresetMode.NEXT_STEP,
         seed: int | None = None,
@@ -188,6 +194,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "autoreset": _MODES[mode],
             "look_m": float(look),
             "levels": dict(levels or {}),
+            "obstacle_motion": None if obstacle_motion is None else dict(obstacle_motion),
+            "obstacle_jitter_m": float(obstacle_jitter),
+            "body_rate_law": body_rate_law,
             "randomization": _rules(randomization),
         }
         threads = None if threads is None else _whole("threads", threads, 1, 1024)
@@ -262,8 +271,21 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             out[name] = array.copy() if self._copy else array
         return out
 
+    def _seeds(self, seed: Any, mask: Any) -> int | list[int] | None:
+        """The seed of all worlds, or one for each, checked."""
+        if seed is None or isinstance(seed, (int, np.integer)):
+            return None if seed is None else _whole("seed", seed, 0, 2**64 - 1)
+        if isinstance(seed, (str, bytes, Mapping)) or not np.iterable(seed):
+            raise TypeError(f"seed: expected a whole number, or a list with one for each world, got {type(seed).__name__}")
+        each = [_whole(f"seed[{i}]", s, 0, 2**64 - 1) for i, s in enumerate(seed)]
+        if len(each) != self.num_envs:
+            raise ValueError(f"seed: expected {self.num_envs} seeds, one for each world, got {len(each)}")
+        if mask is not None:
+            raise ValueError("seed: expected none with a reset_mask: seeds are those of all worlds")
+        return each
+
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Obs, Info]:
         """Begins new episodes: in all worlds, or in those where ``options["reset_mask"]`` (num_envs,) is true.
 
@@ -271,24 +293,18 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         m/s, in the world frame); later episodes have drawn ones again.
 
         ``seed`` is one number for the whole batch; every world has random numbers of its own by it and by its number (``first_world`` and
-        its place). The same seed gives the same episodes, bit for bit. A list of seeds is refused.
+        its place). A list has a seed for each world, (num_envs,), whose episodes are then those of a single environment with that seed,
+        whatever its place. The same seeds give the same episodes, bit for bit.
         """
         self._check_open()
         options = options or {}
         unknown = set(options) - {"reset_mask", "goal"}
         if unknown:
             raise ValueError(f'options: expected "reset_mask", "goal" or nothing, got {sorted(unknown)}')
-        if seed is not None and not isinstance(seed, (int, np.integer)):
-            raise TypeError(
-                "seed: expected one whole number for the whole batch, got "
-                f"{type(seed).__name__}: the random numbers of a world follow from that seed and from its number (first_world and its "
-                "place in the batch), so that worlds differ and a world can be flown again alone, by DroneVectorEnv(1, seed=…, "
-                "first_world=…); for worlds with seeds of their own make an environment for each"
-            )
         mask = options.get("reset_mask")
+        seed = self._seeds(seed, mask)
         if seed is not None:
-            seed = _whole("seed", seed, 0, 2**64 - 1)
-            super().reset(seed=seed % 2**32)
+            super().reset(seed=(seed if isinstance(seed, int) else seed[0]) % 2**32)
             self._seeded = True
         elif not self._seeded:
             # Gymnasium's own generator, which the system seeds.

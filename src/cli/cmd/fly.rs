@@ -78,6 +78,7 @@ fn config(args: &FlyArgs) -> Result<FlightConfig> {
     put(&mut fields, "--integrator", "integrator", args.integrator)?;
     put(&mut fields, "--seed", "seed", args.seed)?;
     put(&mut fields, "--obstacle-jitter", "obstacle_jitter_m", args.obstacle_jitter)?;
+    put(&mut fields, "--obstacle-motion", "obstacle_motion", args.obstacle_motion.as_ref())?;
     put(&mut fields, "--sensor", "sensors", Some(&args.sensor))?;
     put(&mut fields, "--seconds", "seconds", args.seconds)?;
     put(&mut fields, "--fps", "fps", args.fps)?;

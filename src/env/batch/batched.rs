@@ -72,6 +72,7 @@ impl Env {
         let Batched { task, batch, .. } = &mut **batched;
         let d = self.plan.config.sim.n_drones();
         batch.seed = self.plan.config.sim.options.seed;
+        batch.seeds.clone_from(&self.plan.config.sim.options.seeds);
         batch.begins.copy_from_slice(mask);
         for (w, world) in self.worlds.iter().enumerate().filter(|(w, _)| mask[*w]) {
             (batch.episode[w], batch.layout[w]) = (world.episode as i64, world.layout as i64);

@@ -151,7 +151,6 @@ fn complete(config: &mut EnvConfig, asked: &Asked) -> Result<(), EnvError> {
     for (name, given) in [
         ("pattern", sim.pattern.is_some()),
         ("layout", sim.layout.is_some()),
-        ("obstacle_jitter_m", sim.obstacle_jitter_m != 0.0),
         ("open_ground_z_m", sim.open_ground_z_m.is_some_and(|z| z != OPEN_GROUND_M)),
     ] {
         if given {

@@ -132,13 +132,7 @@ const STATE_NOISE: u32 = purpose("env.state");
 impl Plan {
     /// Which random numbers a world takes.
     pub(super) fn key(&self, w: usize, world: &World, purpose: u32) -> Key {
-        episode_key(
-            self.config.sim.options.seed,
-            self.config.sim.options.first_world + w as u64,
-            world.episode,
-            world.step,
-            purpose,
-        )
+        episode_key(self.config.sim.options.origin(w), world.episode, world.step, purpose)
     }
 
     /// Steps of the simulation that a command takes to a world's drones.

@@ -102,6 +102,8 @@ struct Shared<'a, N: Number> {
     /// Whole arrays that are only read: see [`Arrays`].
     read: [&'a [N]; 6],
     episodes: &'a [u64],
+    /// Seeds of worlds that have their own. (world)
+    seeds: &'a [u64],
     nominal: &'a [Drone<f64>],
     own: Option<&'a [Drone<f64>]>,
     /// Where the memory of a slot's effects begins within that of its world.
@@ -127,8 +129,8 @@ impl<N: Number> Lanes<N> {
     pub fn run(
         &mut self,
         options: &Options,
-        nominal: &[Drone<f64>],
-        own: Option<&[Drone<f64>]>,
+        seeds: &[u64],
+        (nominal, own): (&[Drone<f64>], Option<&[Drone<f64>]>),
         rates: &[Rates],
         data: &mut SimData<N>,
     ) {
@@ -183,6 +185,7 @@ impl<N: Number> Lanes<N> {
                 &data.ceiling_z,
             ],
             episodes: &data.episodes,
+            seeds,
             nominal,
             own,
             effects_from: from,

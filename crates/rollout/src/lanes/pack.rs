@@ -2,6 +2,7 @@
 
 use super::super::blocks::Source as RandomSource;
 use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
+use super::super::sim::origin;
 use super::super::traced::place;
 use super::Shared;
 use super::arrays::{EFFECT_MEMORY, View, gather_line, scatter_line};
@@ -500,9 +501,10 @@ impl<C: Interpret> Pack<C> {
             let value = match p {
                 place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
                 place::NORMALS..place::EFFECTS if kind.reads_noise => {
-                    let world = o.first_world + (view.first + w) as u64;
-                    let source = RandomSource { world, episodes: shared.episodes[view.first + w] };
-                    C::Number::of(source.normals(o.seed, d, step)[(p - place::NORMALS) as usize])
+                    let number = o.first_world + (view.first + w) as u64;
+                    let origin = origin(o.seed, shared.seeds, number, view.first + w);
+                    let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
+                    C::Number::of(source.normals(d, step)[(p - place::NORMALS) as usize])
                 }
                 _ if p >= place::EFFECTS + kind.effects as u32 => {
                     let q = (p - place::EFFECTS) as usize - kind.effects;
