@@ -250,7 +250,8 @@ class _File:
 
 def _branch(made: _File, branch: Branch, arguments: Mapping[str, str], shapes: Mapping[str, tuple[int, ...]]) -> None:
     """The calls of a branch; its result is the present numbers."""
-    seen, shape = 0, (0,)
+    seen = 0
+    shape: tuple[int, ...] = (0,)
     for given in branch.inputs:
         shape = shapes[given.channel]
         made.current, made.size = arguments[given.channel], math.prod(shape)
@@ -308,7 +309,7 @@ def _last(made: _File, policy: Policy) -> str:
 
 def _text(made: _File, policy: Policy, arguments: Mapping[str, str]) -> str:
     name = made.name
-    told = policy.describe().replace("*/", "* /").splitlines()
+    told = policy.describe().replace("*/", "* /").replace("/*", "/ *").splitlines()
     sizes = {channel.name: channel.size for channel in policy.observation}
     declared = ", ".join(f"const float {word}[{sizes[channel]}]" for channel, word in arguments.items())
     head = f"void {name}({declared}, float action[{len(policy.action.low)}])"

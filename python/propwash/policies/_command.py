@@ -48,20 +48,22 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
-    out.add_argument("policy", metavar="POLICY", help="file of Policy.save (.npz)")
-    out.add_argument("--env", metavar="ID", help="another environment than that of the training, as Propwash/ReachPos-v0")
-    out.add_argument("--import", dest="module", metavar="MODULE", help="module to import first, which registers a task of your own")
-    out.add_argument("--vehicle", "--drone", type=_list(_name, "names or files"), metavar="NAMES", help="built-in vehicles or vehicle files; that of the training if not given")
-    out.add_argument("--wind", type=_list(float, "numbers"), default=[0.0], metavar="M/S", help="speeds of a steady wind, which blows from eight directions [default: 0]")
-    out.add_argument("--delay", type=_list(int, "whole numbers"), default=[0], metavar="STEPS", help="how late actions come, in steps of the environment [default: 0]")
-    out.add_argument("--mass", type=_list(float, "numbers"), default=[1.0], metavar="FACTORS", help="factors of the mass [default: 1]")
-    out.add_argument("--episodes", type=int, default=200, metavar="N", help="of each combination [default: 200]")
-    out.add_argument("--seed", type=int, default=1_000_000, metavar="N", help="of the episodes [default: 1000000]")
-    out.add_argument("--within", type=float, metavar="M", help="distance at the end that counts as a success, in tasks that last until the time is up")
-    out.add_argument("--picture", metavar="FILE", help="a picture (PNG) of the first four flights of the first row")
-    out.add_argument("--force", action="store_true", help="write over a picture that is there")
-    out.add_argument("--describe", action="store_true", help="say what the policy observes and what its actions mean, and fly nothing")
-    out.add_argument("--json", action="store_true", help="print all of it as JSON")
+    add = out.add_argument
+    names, floats, wholes = _list(_name, "names or files"), _list(float, "numbers"), _list(int, "whole numbers")
+    add("policy", metavar="POLICY", help="file of Policy.save (.npz)")
+    add("--env", metavar="ID", help="another environment than that of the training, as Propwash/ReachPos-v0")
+    add("--import", dest="module", metavar="MODULE", help="module to import first, which registers a task of your own")
+    add("--vehicle", "--drone", type=names, metavar="NAMES", help="built-in vehicles or vehicle files [default: that of the training]")
+    add("--wind", type=floats, default=[0.0], metavar="M/S", help="speeds of a steady wind, from eight directions [default: 0]")
+    add("--delay", type=wholes, default=[0], metavar="STEPS", help="how late actions come, in steps of the environment [default: 0]")
+    add("--mass", type=floats, default=[1.0], metavar="FACTORS", help="factors of the mass [default: 1]")
+    add("--episodes", type=int, default=200, metavar="N", help="of each combination [default: 200]")
+    add("--seed", type=int, default=1_000_000, metavar="N", help="of the episodes [default: 1000000]")
+    add("--within", type=float, metavar="M", help="distance at the end that is a success, in tasks that last until the time is up")
+    add("--picture", metavar="FILE", help="a picture (PNG) of the first four flights of the first row")
+    add("--force", action="store_true", help="write over a picture that is there")
+    add("--describe", action="store_true", help="say what the policy observes and what its actions mean, and fly nothing")
+    add("--json", action="store_true", help="print all of it as JSON")
     return out
 
 

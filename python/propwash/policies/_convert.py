@@ -70,20 +70,20 @@ class Seen:
         from ..envs import DroneEnv, DroneVectorEnv
 
         wrappers = []
-        inner = env
+        inner: Any = env
         while not isinstance(inner, (DroneEnv, DroneVectorEnv)):
             if not hasattr(inner, "env"):
                 raise TypeError(f"env: expected an environment of propwash.envs, got {type(inner).__name__}")
             wrappers.append(inner)
             inner = inner.env
-        #: The environment itself, of many worlds or of one.
+        #: The environment itself.
         self.base: Any = inner.batch if isinstance(inner, DroneEnv) else inner
         self._id = None if getattr(inner, "spec", None) is None else inner.spec.id
         self._options = {} if self._id is None else dict(inner.spec.kwargs)
         head = 1 if self.base.n_drones > 1 else 0
         #: Shape of each channel of one drone, with the images that are stacked.
         self.shapes: dict[str, tuple[int, ...]] = {
-            name: tuple(space.shape[head:]) for name, space in self.base.single_observation_space.spaces.items()
+            name: tuple(box.shape[head:]) for name, box in self.base.single_observation_space.spaces.items()
         }
         self.frames = 1
         #: What stands in the observation, by name: inputs side by side. ``""``: the observation is an array.
@@ -113,7 +113,8 @@ class Seen:
                 return x.nearness(near, far) if inverse else x.scale(1.0 / far).clip(0.0, 1.0)
 
         elif isinstance(wrapper, envs.ToF8x8):
-            height, width = wrapper.env.single_observation_space.spaces["depth"].shape[-2:]
+            space: Any = wrapper.env.single_observation_space
+            height, width = space.spaces["depth"].shape[-2:]
             kind = wrapper._reduce
 
             def change(x: Input) -> Input:
@@ -251,7 +252,7 @@ def _of_sb3(env: Any) -> tuple[Seen, Any]:
         if name == "VecNormalize":
             statistics = env if env.norm_obs else None
         elif name not in ("VecMonitor", "VecVideoRecorder", "VecCheckNan"):
-            raise TypeError(f"env: expected a SB3VecEnv, or VecNormalize and VecMonitor around one, got {name}: a policy does not keep what that does")
+            raise TypeError(f"env: expected a SB3VecEnv, or VecNormalize and VecMonitor around one, got {name}, which a policy does not keep")
         env = env.venv
     if type(env).__name__ != "SB3VecEnv":
         raise TypeError(f"env: expected propwash.envs.sb3.SB3VecEnv, got {type(env).__name__}")

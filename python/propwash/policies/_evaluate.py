@@ -145,8 +145,8 @@ def evaluate(
     may_write(picture, force)
     env_id, arguments = _environment(trained, env_id, settings)
     if vehicles is None:
-        vehicles = arguments.pop("drone", ["cf2x_L250"])
-        vehicles = vehicles if len(vehicles) == 1 else [vehicles]
+        own: list[Any] = arguments.get("drone", ["cf2x_L250"])
+        vehicles = own if len(own) == 1 else [own]  # several fly together
     if not vehicles:
         raise ValueError("vehicles: expected at least one, got none")
     arguments.pop("drone", None)
@@ -283,7 +283,8 @@ class _Run:
         )  # fmt: skip
         policy = self.flies
         if isinstance(policy, Policy):
-            _check_fit(policy, env.unwrapped.config)
+            base: Any = env.unwrapped
+            _check_fit(policy, base.config)
             frames = max(channel.frames for channel in policy.observation)
             if frames > 1:
                 return propwash.envs.DepthFrameStack(env, frames)
@@ -328,10 +329,19 @@ class _Run:
         ending = every.endings
         known = every.distances[np.isfinite(every.distances)]
         return EvaluationRow(
-            _name_of(drone), speed, late, factor, self.episodes, float(self._succeeded(every).mean()),
-            *(float((ending == code).mean()) for code in (1, 2, 5)),
-            float(every.returns.mean()), float(every.steps.mean() / hz), float(known.mean()) if len(known) else None,
-        )  # fmt: skip
+            vehicle=_name_of(drone),
+            wind_m_s=speed,
+            delay_steps=late,
+            mass_factor=factor,
+            episodes=self.episodes,
+            success=float(self._succeeded(every).mean()),
+            crashed=float((ending == 1).mean()),
+            left=float((ending == 2).mean()),
+            quarantined=float((ending == 5).mean()),
+            mean_return=float(every.returns.mean()),
+            mean_seconds=float(every.steps.mean() / hz),
+            mean_distance=float(known.mean()) if len(known) else None,
+        )
 
     def _say_success(self, config: Mapping[str, Any]) -> None:
         self.kind = config["task"]["kind"]
@@ -350,10 +360,10 @@ class _Run:
 
     def _succeeded(self, flown: _Flown) -> Array:
         if self.kind not in _TASKS:
-            return (flown.endings == 3) | ((flown.endings == 4) & (self.kind == "own"))
+            return np.asarray((flown.endings == 3) | ((flown.endings == 4) & (self.kind == "own")))
         _, near, _, slow = _TASKS[self.kind]
         close = flown.distances < (near if self.within is None else self.within)
-        return (flown.endings == 4) & close & (True if slow is None else flown.speeds < slow)
+        return np.asarray((flown.endings == 4) & close & (True if slow is None else flown.speeds < slow))
 
     def _look_at_drag(self, drone: Any, env: Any) -> None:
         numbers = env.unwrapped.parameters(0)

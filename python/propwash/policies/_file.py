@@ -96,7 +96,8 @@ def load(path: str | os.PathLike[str]) -> Policy:
                 raise ValueError(f"{place}: {broken} is broken: its checksum is wrong; copy the file again")
             names = set(archive.namelist())
             if "policy.json" not in names:
-                raise ValueError(f"{place}: expected a file of Policy.save, with policy.json in it; found {', '.join(sorted(names)[:6]) or 'nothing'}")
+                found = ", ".join(sorted(names)[:6]) or "nothing"
+                raise ValueError(f"{place}: expected a file of Policy.save, with policy.json in it; found {found}")
             head = archive.read("policy.json")
             arrays = {name: _array(place, name, archive.read(name)) for name in sorted(names) if name.endswith(".npy")}
     except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as e:
@@ -138,7 +139,7 @@ class _Reader:
             if "weight" in one and (held[0] is None or list(held[0].shape) != one["weight"]):
                 found = "none" if held[0] is None else f"one of the shape {list(held[0].shape)}"
                 raise ValueError(f"{self.place}: {name}{k}.weight.npy: expected an array of the shape {one['weight']}, found {found}")
-            out.append(Layer(kind, *held, options))
+            out.append(Layer(kind, held[0], held[1], options))
         return tuple(out)
 
 
@@ -177,11 +178,10 @@ def _policy(place: Path, told: Any, arrays: dict[str, Any]) -> Policy:
         if arrays:
             raise ValueError(f"{', '.join(arrays)}: no layer of policy.json has this array")
         a = read.get(told, "", "action", dict)
-        limits = [np.asarray(read.get(a, "action.", key, list), np.float32) for key in ("low", "high")]
-        action = ActionSpec(
-            read.get(a, "action.", "kind", str), *limits, read.get(a, "action.", "limit", str),
-            read.get(a, "action.", "normalized", bool), read.get(a, "action.", "step_hz", int),
-        )  # fmt: skip
+        low, high = (np.asarray(read.get(a, "action.", key, list), np.float32) for key in ("low", "high"))
+        limit, kind = read.get(a, "action.", "limit", str), read.get(a, "action.", "kind", str)
+        normalized, step_hz = read.get(a, "action.", "normalized", bool), read.get(a, "action.", "step_hz", int)
+        action = ActionSpec(kind, low, high, limit, normalized, step_hz)
         return Policy(tuple(channels), tuple(branches), layers, action, read.get(told, "", "trained", dict))
     except (ValueError, TypeError, KeyError, IndexError, AttributeError) as e:
         if str(e).startswith(f"{place}: "):

@@ -186,7 +186,7 @@ def _apply(step: Mapping[str, Any], x: Array) -> Array:
         return np.rint(x)
     if name in ("direction", "length"):
         length = np.sqrt((x * x).sum(axis=-1, keepdims=True))
-        return x / np.maximum(length, f(step["least"])) if name == "direction" else length
+        return np.asarray(x / np.maximum(length, f(step["least"])) if name == "direction" else length)
     if name == "tilt":
         a, b, c, d = x.T
         return np.stack([2 * (a * c - d * b), 2 * (b * c + d * a)], axis=-1)
@@ -197,8 +197,9 @@ def _apply(step: Mapping[str, Any], x: Array) -> Array:
         return x[:, None]
     h, w = step["height"], step["width"]
     blocks = x.reshape(*x.shape[:-2], x.shape[-2] // h, h, x.shape[-1] // w, w)
-    reduce = {"min": np.min, "max": np.max, "mean": np.mean}[step["kind"]]
-    return np.asarray(reduce(blocks, axis=(-3, -1)), f)
+    if step["kind"] == "mean":
+        return np.asarray(blocks.mean(axis=(-3, -1)), f)
+    return np.asarray(blocks.min(axis=(-3, -1)) if step["kind"] == "min" else blocks.max(axis=(-3, -1)))
 
 
 def in_words(given: Input) -> str:

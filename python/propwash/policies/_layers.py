@@ -35,7 +35,7 @@ class Layer:
     """One layer: ``linear``, ``conv2d``, ``layer_norm``, ``flatten``, or an activation."""
 
     kind: str
-    """One of ``linear``, ``conv2d``, ``layer_norm``, ``flatten``, ``tanh``, ``relu``, ``elu``, ``leaky_relu``, ``sigmoid``, ``silu``, ``softplus``."""
+    """``linear``, ``conv2d``, ``layer_norm``, ``flatten``, ``tanh``, ``relu``, ``elu``, ``leaky_relu``, ``sigmoid``, ``silu`` or ``softplus``."""
     weight: Array | None = field(default=None, repr=False)
     """``linear``: (outputs, inputs); ``conv2d``: (outputs, inputs, height, width); ``layer_norm``: (n,)."""
     bias: Array | None = field(default=None, repr=False)
@@ -111,13 +111,13 @@ def apply(layer: Layer, x: Array) -> Array:
     kind = layer.kind
     if kind == "linear":
         assert layer.weight is not None and layer.bias is not None
-        return x @ layer.weight.T + layer.bias
+        return np.asarray(x @ layer.weight.T + layer.bias)
     if kind == "conv2d":
         return _convolve(layer, x)
     if kind == "layer_norm":
         mean = x.mean(axis=-1, keepdims=True)
         spread = np.sqrt(((x - mean) ** 2).mean(axis=-1, keepdims=True) + f(layer.option("eps")))
-        return (x - mean) / spread * layer.weight + layer.bias
+        return np.asarray((x - mean) / spread * layer.weight + layer.bias)
     if kind == "flatten":
         return x.reshape(len(x), -1)
     if kind == "tanh":

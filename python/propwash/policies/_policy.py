@@ -45,7 +45,8 @@ class ActionSpec:
     high: Array = field(repr=False)
     """Greatest of each number, (n,)."""
     limit: Literal["clip", "tanh", "none"] = "clip"
-    """What is done with the numbers of the network: held within ``low`` and ``high``; ``tanh``, and then stretched from ``low`` to ``high``; nothing."""
+    """What is done with the numbers of the network: they are held within ``low`` and ``high``; or their ``tanh`` is stretched from ``low`` to
+    ``high``; or nothing."""
     normalized: bool = True
     """Whether they run from -1 to 1 and 0 hovers; else they are in SI units."""
     step_hz: int = 50
