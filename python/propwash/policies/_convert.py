@@ -78,12 +78,14 @@ class Seen:
             inner = inner.env
         #: The environment itself.
         self.base: Any = inner.batch if isinstance(inner, DroneEnv) else inner
-        self._id = None if getattr(inner, "spec", None) is None else inner.spec.id
-        self._options = {} if self._id is None else dict(inner.spec.kwargs)
+        spec: Any = getattr(inner, "spec", None)
+        self._id = None if spec is None else spec.id
+        self._options = {} if spec is None else dict(spec.kwargs)
         head = 1 if self.base.n_drones > 1 else 0
+        space: Any = self.base.single_observation_space
         #: Shape of each channel of one drone, with the images that are stacked.
         self.shapes: dict[str, tuple[int, ...]] = {
-            name: tuple(box.shape[head:]) for name, box in self.base.single_observation_space.spaces.items()
+            name: tuple(box.shape[head:]) for name, box in space.spaces.items()
         }
         self.frames = 1
         #: What stands in the observation, by name: inputs side by side. ``""``: the observation is an array.

@@ -145,7 +145,7 @@ def evaluate(
     may_write(picture, force)
     env_id, arguments = _environment(trained, env_id, settings)
     if vehicles is None:
-        own: list[Any] = arguments.get("drone", ["cf2x_L250"])
+        own: Any = arguments.get("drone", ["cf2x_L250"])
         vehicles = own if len(own) == 1 else [own]  # several fly together
     if not vehicles:
         raise ValueError("vehicles: expected at least one, got none")
