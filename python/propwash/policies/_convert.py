@@ -35,6 +35,7 @@ def from_torch(
         made.append(Branch(tuple(inputs)))
     made += [Branch(tuple(given), _layers_of(net, f"branches[{b}]")) for b, (given, net) in enumerate(branches)]
     layers = _layers_of(module, "module")
+    _known(seen, made)
     if len(made) == 1 and not made[0].layers:
         made, layers = _image_first(made[0], layers, seen)
     return _assemble(seen, made, layers, limit, note)
@@ -50,13 +51,19 @@ def _image_first(branch: Branch, layers: tuple[Layer, ...], seen: Seen) -> tuple
     return [branch], layers
 
 
-def _assemble(
-    seen: Seen, branches: Sequence[Branch], layers: Sequence[Layer], limit: Literal["clip", "tanh", "none"], note: str
-) -> Policy:
+def _known(seen: Seen, branches: Sequence[Branch]) -> set[str]:
+    """The channels that branches use, which the environment must have."""
     used = {given.channel for branch in branches for given in branch.inputs}
     unknown = used - set(seen.shapes)
     if unknown:
         raise ValueError(f"inputs: expected channels of the environment ({', '.join(seen.shapes)}), got {', '.join(sorted(unknown))}")
+    return used
+
+
+def _assemble(
+    seen: Seen, branches: Sequence[Branch], layers: Sequence[Layer], limit: Literal["clip", "tanh", "none"], note: str
+) -> Policy:
+    used = _known(seen, branches)
     channels = tuple(
         Channel(name, seen.shapes[name], seen.frames if name == "depth" else 1) for name in sorted(used)
     )

@@ -138,8 +138,11 @@ def evaluate(
     flies, trained = _flier(policy)
     _numbers("wind", wind, 0.0, 1e3)
     _numbers("mass", mass, 1e-3, 1e3)
-    if not delay or not all(isinstance(d, (int, np.integer)) and d >= 0 for d in delay):
-        raise ValueError(f"delay: expected whole numbers of steps, 0 and more, got {list(delay)}")
+    _numbers("delay", delay, 0, 10**6)
+    if not all(isinstance(d, (int, np.integer)) for d in delay):
+        raise ValueError(f"delay: expected whole numbers of steps, got {delay!r}")
+    if isinstance(vehicles, (str, os.PathLike, _native.Vehicle)):
+        raise TypeError(f"vehicles: expected a list of vehicles, got {vehicles!r}")
     if not isinstance(episodes, (int, np.integer)) or episodes < 1:
         raise ValueError(f"episodes: expected a whole number of 1 and more, got {episodes!r}")
     may_write(picture, force)
@@ -222,9 +225,9 @@ def arguments_of(config: Mapping[str, Any]) -> dict[str, Any]:
         "randomization": config["randomization"].get("rule") or None,
         "camera": config["camera"] if config["with_camera"] else False,
     }
+    out["scene"] = _scene_of(config["scene"])
     if config["task"]["kind"] != "own":
         out["task_options"] = task
-        out["scene"] = _scene_of(config["scene"])
     return {key: value for key, value in out.items() if value is not None}
 
 
@@ -320,7 +323,7 @@ class _Run:
             hz = int(config["step_hz"])
             self._say_success(config)
             if speed > 0.0 and first == 0:
-                self._look_at_drag(drone, env)
+                self._look_at_effects(drone, env)
             flown.append(fly(env, self.flies, config["task"]["kind"]))
             env.close()
         every = _Flown(*(np.concatenate([getattr(f, name) for f in flown]) for name in _Flown.__dataclass_fields__))
@@ -365,10 +368,10 @@ class _Run:
         close = flown.distances < (near if self.within is None else self.within)
         return np.asarray((flown.endings == 4) & close & (True if slow is None else flown.speeds < slow))
 
-    def _look_at_drag(self, drone: Any, env: Any) -> None:
+    def _look_at_effects(self, drone: Any, env: Any) -> None:
         numbers = env.unwrapped.parameters(0)
-        if not any("drag" in name and value != 0.0 for name, value in numbers.items()):
-            self.warnings.append(f"{_name_of(drone)}: its file has no drag, so that wind does nothing to it")
+        if not any(name.startswith("effect.") and value != 0.0 for name, value in numbers.items()):
+            self.warnings.append(f"{_name_of(drone)}: its file has no effect, such as drag, by which wind could move it")
 
     def picture(self, drone: Any, speed: float, late: int, factor: float) -> bytes:
         """The first flights of the first row, at four times of each."""
