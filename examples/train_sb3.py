@@ -4,7 +4,8 @@
     python examples/train_sb3.py --save out/land.npz --picture out/land.png
 
 Landed means: at the end of the episode, which no crash ended, less than 0.15 m from the place and slower than 0.2 m/s. ``--save`` keeps the
-policy in one file, which ``propwash evaluate`` flies on other vehicles and in wind.
+policy in one file, which ``propwash evaluate`` flies on other vehicles and in wind. ``--delay 2`` trains with actions that come up to two
+steps late, which a policy that has not met them does not survive.
 """
 
 import argparse
@@ -26,15 +27,23 @@ SETTINGS = {"freq": 25, "max_episode_time": 6.0, "action_options": {"max_tilt_ra
 UNSEEN = 1_000_000
 
 
-def make(num_envs: int, seed: int) -> VecNormalize:
-    env = gymnasium.make_vec("Propwash/Landing-v0", num_envs=num_envs, autoreset_mode="SameStep", seed=seed, **SETTINGS)
+def make(num_envs: int, seed: int, delay: float) -> VecNormalize:
+    late = {"parameter": "env.action_delay_s", "draw": {"uniform": [0.0, delay / SETTINGS["freq"]]}}
+    env = gymnasium.make_vec(
+        "Propwash/Landing-v0",
+        num_envs=num_envs,
+        autoreset_mode="SameStep",
+        seed=seed,
+        randomization=[late] if delay > 0.0 else None,
+        **SETTINGS,
+    )
     # Observations about as large as 1; rewards lie between 0 and 1 already.
     return VecNormalize(VecMonitor(SB3VecEnv(FlattenState(env))), norm_reward=False)
 
 
-def train(steps: int, num_envs: int, seed: int) -> tuple[propwash.Policy, propwash.Policy]:
+def train(steps: int, num_envs: int, seed: int, delay: float) -> tuple[propwash.Policy, propwash.Policy]:
     """The policy before and after the training."""
-    env = make(num_envs, seed)
+    env = make(num_envs, seed, delay)
     per_update = 32
     model = PPO(
         "MlpPolicy",
@@ -60,12 +69,13 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1_000_000, help="steps of all worlds together")
     parser.add_argument("--num-envs", type=int, default=128)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--delay", type=float, default=0.0, help="train with actions up to so many steps late")
     parser.add_argument("--episodes", type=int, default=200, help="unseen ones, at the end")
     parser.add_argument("--save", type=Path, help="keep the policy here (.npz)")
     parser.add_argument("--picture", type=Path, help="a picture of four of the unseen flights (.png)")
     args = parser.parse_args()
     begun = time.perf_counter()
-    before, after = train(args.steps, args.num_envs, args.seed)
+    before, after = train(args.steps, args.num_envs, args.seed, args.delay)
     spent = time.perf_counter() - begun
     for path in (args.save, args.picture):
         if path is not None:
