@@ -6,6 +6,7 @@ import io
 import json
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,7 +101,7 @@ def load(path: str | os.PathLike[str]) -> Policy:
                 raise ValueError(f"{place}: expected a file of Policy.save, with policy.json in it; found {found}")
             head = archive.read("policy.json")
             arrays = {name: _array(place, name, archive.read(name)) for name in sorted(names) if name.endswith(".npy")}
-    except (zipfile.BadZipFile, EOFError, OSError, NotImplementedError, RuntimeError) as e:
+    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as e:
         raise ValueError(f"{place}: expected a whole file of Policy.save (.npz): {e}") from e
     try:
         told = json.loads(head)
@@ -178,7 +179,8 @@ def _policy(place: Path, told: Any, arrays: dict[str, Any]) -> Policy:
         if arrays:
             raise ValueError(f"{', '.join(arrays)}: no layer of policy.json has this array")
         a = read.get(told, "", "action", dict)
-        low, high = (np.asarray(read.get(a, "action.", key, list), np.float32) for key in ("low", "high"))
+        with np.errstate(over="ignore"):  # infinite limits are refused below
+            low, high = (np.asarray(read.get(a, "action.", key, list), np.float32) for key in ("low", "high"))
         limit, kind = read.get(a, "action.", "limit", str), read.get(a, "action.", "kind", str)
         normalized, step_hz = read.get(a, "action.", "normalized", bool), read.get(a, "action.", "step_hz", int)
         action = ActionSpec(kind, low, high, limit, normalized, step_hz)

@@ -97,6 +97,11 @@ class Policy:
         out = _layers.shape_through(self.layers, (width,), "layers")
         if out != self.action.low.shape or out != self.action.high.shape:
             raise ValueError(f"action: expected {self.action.low.shape[0]} numbers ({', '.join(self.action.names)}), the network gives {out}")
+        low, high = self.action.low, self.action.high
+        if self.action.limit != "none" and not (np.isfinite(low).all() and np.isfinite(high).all() and (low < high).all()):
+            raise ValueError(f"action: expected finite numbers low < high, found {low.tolist()} and {high.tolist()}")
+        if self.action.step_hz < 1:
+            raise ValueError(f"action: step_hz: expected at least 1, found {self.action.step_hz}")
         if self.action.limit not in ("clip", "tanh", "none"):
             raise ValueError(f'action: limit: expected "clip", "tanh" or "none", found {self.action.limit!r}')
 
