@@ -103,7 +103,7 @@ def test_raptor_says_what_it_needs(tmp_path):
 def test_stable_baselines_train(tmp_path):
     if importlib.util.find_spec("stable_baselines3") is None:
         pytest.skip("stable-baselines3 is not installed")
-    line = ("train_sb3.py", "--steps", 16_384, "--episodes", 20, "--save", tmp_path / "land.npz", "--picture", tmp_path / "land.png")
+    line = ("train_sb3.py", "--steps", 16_384, "--delay", 1, "--episodes", 20, "--save", tmp_path / "land.npz", "--picture", tmp_path / "land.png")
     said = run(*line)
     assert re.search(r"landed in \d+ % -> \d+ % of 20 episodes that it has not seen", said), said
     assert (tmp_path / "land.png").stat().st_size > 20_000
