@@ -4,10 +4,10 @@
     python examples/raptor.py
     python examples/raptor.py cf2x_L250 my_quad.toml
 
-It sees position, attitude, velocity and what it commanded last, and gives speeds of four rotors, a hundred times a second; what it flies, it finds out
-in flight, by its memory (Eschmann, Albani and Loianno, "RAPTOR: A Foundation Policy for Quadrotor Control", 2025). Each vehicle starts in 64
-worlds, up to half a metre off its place along each axis, tilted and moving. Printed is how far off it is after 8 s, and in how many worlds it hovers:
-less than 0.3 m off and slower than 0.3 m/s.
+It sees position, attitude, velocity and what it commanded last, and gives speeds of four rotors, a hundred times a second; what it flies, it
+finds out in flight, by its memory (Eschmann, Albani and Loianno, "RAPTOR: A Foundation Policy for Quadrotor Control", 2025). Each vehicle
+starts in 64 worlds, up to half a metre off its place along each axis, tilted and moving. Printed is how far off it is after 8 s, and in how
+many worlds it hovers: less than 0.3 m off and slower than 0.3 m/s.
 """
 
 import argparse
@@ -93,7 +93,7 @@ def main() -> int:
     try:
         from foundation_policy import Raptor
     except ImportError:
-        print("this example flies the policy of the package foundation-policy, which is not installed: pip install foundation-policy", file=sys.stderr)
+        print("this flies the policy of the package foundation-policy, which is not installed: pip install foundation-policy", file=sys.stderr)
         return 2
     policy = Raptor()
     for name in args.vehicles or propwash.vehicles():
@@ -103,7 +103,8 @@ def main() -> int:
             print(f"{name}: not flown: {why}")
             continue
         hovers = (off < 0.3) & (speed < 0.3)
-        print(f"{name}: after {SECONDS:g} s {1e3 * np.median(off):.0f} mm off (median), hovers in {100 * hovers.mean():.0f} % of {args.worlds} worlds")
+        part = 100 * hovers.mean()
+        print(f"{name}: after {SECONDS:g} s {1e3 * np.median(off):.0f} mm off (median), hovers in {part:.0f} % of {args.worlds} worlds")
     return 0
 
 

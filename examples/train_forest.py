@@ -4,8 +4,8 @@
     python examples/train_forest.py --minutes 6
 
 Writes the learning curve to out/train_forest.png, the policy to out/train_forest.npz, which ``propwash evaluate`` flies on other vehicles and in
-wind, and flights of the trained policy through forests that it has not seen, with what it saw, to out/train_forest_flight.png. Actions are velocities along the heading; docs/environments.md says what is
-observed and rewarded.
+wind, and flights of the trained policy through forests that it has not seen, with what it saw, to out/train_forest_flight.png. Actions are
+velocities along the heading; docs/environments.md says what is observed and rewarded.
 """
 
 import argparse

@@ -517,7 +517,8 @@ def test_the_command_evaluates(tmp_path):
     assert done.returncode == 0 and "cf2x_L250" in done.stdout and "success %" in done.stdout
     done = program(tmp_path / "pilot.npz", "--describe")
     assert done.returncode == 0 and "difference_to_goal (3) m, world" in done.stdout
-    for words, said in (([tmp_path / "none.npz"], "there is none"), ([tmp_path / "pilot.npz", "--wind", "a"], "expected numbers, separated by commas")):
+    bad_wind = [tmp_path / "pilot.npz", "--wind", "a"]
+    for words, said in (([tmp_path / "none.npz"], "there is none"), (bad_wind, "expected numbers, separated by commas")):
         done = program(*words)
         assert done.returncode == 2 and said in done.stderr and "Traceback" not in done.stderr
 
@@ -535,7 +536,8 @@ def test_the_command_flies_tasks_of_ones_own(tmp_path):
     )
     make = "import my_task, gymnasium, numpy as np; from propwash.policies import *; from propwash.policies._convert import Seen; "
     make += "a = Seen(gymnasium.make_vec('Propwash/HoldByCommand-v0')); i = np.zeros((4, 1), np.float32); "
-    make += "Policy((Channel('below', (1,)),), (Branch((Input('below'),)),), (Layer('linear', i, i[:, 0]),), a.action('clip'), a.trained('')).save('p.npz')"
+    make += "seen = (Channel('below', (1,)),); branch = Branch((Input('below'),)); layer = Layer('linear', i, i[:, 0]); "
+    make += "Policy(seen, (branch,), (layer,), a.action('clip'), a.trained('')).save('p.npz')"
     done = subprocess.run([sys.executable, "-c", make], capture_output=True, text=True, env=ENVIRONMENT, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     done = program("p.npz", "--import", "my_task", "--episodes", "3", cwd=tmp_path)
