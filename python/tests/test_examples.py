@@ -56,7 +56,7 @@ def test_reaching_is_learnt(tmp_path):
     assert after > 2.0 * before, said
     assert (tmp_path / "train_reach.png").stat().st_size > 5_000 and flights.stat().st_size > 20_000
     row = propwash.evaluate(propwash.Policy.load(tmp_path / "train_reach.npz"), episodes=64).rows[0]
-    assert row.success > 0.5, row
+    assert row.mean_distance < 0.8, row  # 2.1 untrained
 
 
 def test_the_forest_is_trained_for_a_moment(tmp_path):
