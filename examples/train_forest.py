@@ -3,9 +3,9 @@
     pip install 'propwash[envs]' torch matplotlib
     python examples/train_forest.py --minutes 6
 
-Writes the learning curve to out/train_forest.png, the policy to out/train_forest.pt, and flights of the trained policy through forests that
-it has not seen, with what it saw, to out/train_forest_flight.png. Actions are velocities along the heading; docs/environments.md says what is
-observed and rewarded.
+Writes the learning curve to out/train_forest.png, the policy to out/train_forest.npz, which ``propwash evaluate`` flies on other vehicles and in
+wind, and flights of the trained policy through forests that it has not seen, with what it saw, to out/train_forest_flight.png. Actions are
+velocities along the heading; docs/environments.md says what is observed and rewarded.
 """
 
 import argparse
@@ -20,6 +20,7 @@ from torch import nn
 import propwash.envs  # registers the names
 from propwash.envs import NormalizeDepth
 from propwash.envs.vector import shade
+from propwash.policies import Input
 
 SETTINGS = {
     "freq": 10,
@@ -67,6 +68,17 @@ def inputs(obs: dict[str, np.ndarray]) -> torch.Tensor:
     up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x)], axis=-1)
     own = [goal / np.maximum(distance, 0.1), 0.1 * distance, 0.5 * obs["vel_heading"], obs["pos"][:, 2:] - 1.2, up]
     return torch.from_numpy(np.concatenate([3.0 * zones, *own], axis=-1).astype(np.float32))
+
+
+#: The same for the saved policy: it takes observations as they are.
+INPUTS = [
+    Input("depth").nearness(0.2, SETTINGS["camera"]["range_m"][1]).pool(4, 4, "max").scale(3.0),
+    Input("goal").direction(0.1),
+    Input("goal").length().scale(0.1),
+    Input("vel_heading").scale(0.5),
+    Input("pos").take(2).scale(1.0, 1.2),
+    Input("quat").tilt(),
+]
 
 
 def make(num_envs: int, settings: dict, **kwargs):
@@ -142,9 +154,9 @@ def train(minutes: float, num_envs: int, seed: int, total: int) -> tuple[Policy,
     return policy, curve
 
 
-def fly(policy: Policy | None, seed: int, num_envs: int = 64) -> tuple[float, dict[str, float], list]:
+def fly(policy: propwash.Policy | None, seed: int, num_envs: int = 64) -> tuple[float, dict[str, float], list]:
     """One episode in each of many unseen forests by the mean action: part that arrived, endings, and four of the flights."""
-    envs = make(num_envs, UNSEEN, autoreset_mode="Disabled")
+    envs = gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=num_envs, autoreset_mode="Disabled", **UNSEEN)
     obs, _ = envs.reset(seed=seed)
     generator = np.random.default_rng(seed)
     ending = np.zeros(num_envs, int)
@@ -155,8 +167,7 @@ def fly(policy: Policy | None, seed: int, num_envs: int = 64) -> tuple[float, di
         if policy is None:
             action = generator.uniform(-1, 1, (num_envs, 4)).astype(np.float32)
         else:
-            with torch.no_grad():
-                action = policy(inputs(obs))[0].mean.numpy()
+            action = policy(obs)
         obs, _, terminated, truncated, info = envs.step(action)
         done = terminated | truncated
         for w in range(4):
@@ -181,17 +192,25 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=128)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument("--save", type=Path, help="keep the policy here (.npz) [default: train_forest.npz in --out]")
+    parser.add_argument("--picture", type=Path, help="the picture of flights [default: train_forest_flight.png in --out]")
     args = parser.parse_args()
-    policy, curve = train(args.minutes, args.num_envs, args.seed, args.steps)
+    network, curve = train(args.minutes, args.num_envs, args.seed, args.steps)
+    policy = propwash.Policy.from_torch(network.mean, make(1, SETTINGS), INPUTS)
     by_chance = fly(None, 5)[0]
     arrived, parts, shown = fly(policy, 5)
     spent, flown, value, _ = curve[-1]
     print(f"{flown:.0f} steps in {spent / 60:.1f} min; mean return {curve[0][2]:.2f} -> {value:.2f}")
     print(f"unseen forests: {100 * arrived:.0f} % arrive ({100 * by_chance:.0f} % by random actions); {parts}")
     args.out.mkdir(parents=True, exist_ok=True)
-    torch.save(policy.state_dict(), args.out / "train_forest.pt")
+    save, picture = args.save or args.out / "train_forest.npz", args.picture or args.out / "train_forest_flight.png"
+    for path in (save, picture):
+        path.parent.mkdir(parents=True, exist_ok=True)
+    policy.save(save, force=True)
+    print(f"wrote {save}")
     plot_curve(curve, args.out / "train_forest.png")
-    plot_flight(shown, args.out / "train_forest_flight.png")
+    plot_flight(shown, picture)
+    print(propwash.evaluate(policy))
 
 
 def plot_curve(curve: list[tuple[float, ...]], path: Path) -> None:
@@ -229,7 +248,7 @@ def plot_flight(shown: list, path: Path) -> None:
         axes.plot(*way[0, :2], "o", color="white", markeredgecolor="black")
         axes.plot(*way[-1, :2], "*", color="gold", markeredgecolor="black", markersize=12)
         axes.set(title=ending, xlabel="x, m", ylabel="y, m")
-        grid[1, w].imshow(images[len(images) // 2], cmap="magma", vmin=0.0, vmax=0.3)
+        grid[1, w].imshow(0.2 / np.maximum(images[len(images) // 2], 0.2), cmap="magma", vmin=0.0, vmax=0.3)
         grid[1, w].set(title="nearness, half way", xticks=[], yticks=[])
     figure.tight_layout()
     figure.savefig(path, dpi=100)

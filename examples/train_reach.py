@@ -1,9 +1,10 @@
 """Learns to reach a position by PPO (Schulman et al., 2017), in well under a minute on two cores.
 
     pip install 'propwash[envs]' torch matplotlib
-    python examples/train_reach.py
+    python examples/train_reach.py --picture out/reach_flights.png
 
-Writes the learning curve to out/train_reach.png and the policy to out/train_reach.pt. The whole learner stands in this file; its details are
+Writes the learning curve to out/train_reach.png and the policy to out/train_reach.npz, which ``propwash evaluate`` flies on other vehicles and in
+wind. Ends with episodes that it has not seen, and a picture of them. The whole learner stands in this file; its details are
 those that Huang et al. list ("The 37 implementation details of PPO", 2022): normalised advantages, clipped objective, orthogonal
 initialisation, a learning rate that falls to zero.
 """
@@ -17,7 +18,9 @@ import numpy as np
 import torch
 from torch import nn
 
+import propwash
 import propwash.envs  # registers the names
+from propwash.policies import Input
 
 SETTINGS = {"freq": 25, "max_episode_time": 4.0, "action_options": {"max_tilt_rad": 0.4}}
 
@@ -46,16 +49,25 @@ class Policy(nn.Module):
         return torch.distributions.Normal(self.mean(state), self.log_std.exp())
 
 
+#: The same for the saved policy: it takes observations as they are.
+INPUTS = [Input("difference_to_goal"), Input("vel").scale(0.5), Input("quat"), Input("ang_vel").scale(0.2)]
+UNSEEN = 1_000_000
+
+
 def numbers(obs: dict[str, np.ndarray]) -> torch.Tensor:
     """What the policy sees: difference to the goal, velocity, attitude, angular velocity, about as large as 1."""
     parts = [obs["difference_to_goal"], 0.5 * obs["vel"], obs["quat"], 0.2 * obs["ang_vel"]]
     return torch.from_numpy(np.concatenate(parts, axis=-1))
 
 
+def make(num_envs: int) -> gymnasium.vector.VectorEnv:
+    return gymnasium.make_vec("Propwash/ReachPos-v0", num_envs=num_envs, **SETTINGS)
+
+
 def train(seconds: float, num_envs: int, seed: int, total: int) -> tuple[Policy, list[tuple[float, float, float]]]:
     torch.manual_seed(seed)
     torch.set_num_threads(1)  # networks this small are slower on more
-    envs = gymnasium.make_vec("Propwash/ReachPos-v0", num_envs=num_envs, **SETTINGS)
+    envs = make(num_envs)
     obs, _ = envs.reset(seed=seed)
     state = numbers(obs)
     policy = Policy(state.shape[1], envs.single_action_space.shape[0])
@@ -125,17 +137,6 @@ def train(seconds: float, num_envs: int, seed: int, total: int) -> tuple[Policy,
     return policy, curve
 
 
-def distance_at_end(policy: Policy, seed: int) -> float:
-    """Mean distance to the goal after 3.9 s by the mean action, m."""
-    envs = gymnasium.make_vec("Propwash/ReachPos-v0", num_envs=256, **SETTINGS)
-    obs, _ = envs.reset(seed=seed)
-    for _ in range(97):
-        with torch.no_grad():
-            action = policy.mean(numbers(obs)).numpy()
-        obs, *_ = envs.step(action)
-    return float(np.linalg.norm(obs["difference_to_goal"], axis=-1).mean())
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--seconds", type=float, default=60.0, help="stop after so many seconds")
@@ -143,17 +144,27 @@ def main() -> None:
     parser.add_argument("--num-envs", type=int, default=256)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out"))
+    parser.add_argument("--save", type=Path, help="keep the policy here (.npz) [default: train_reach.npz in --out]")
+    parser.add_argument("--picture", type=Path, help="a picture of four flights that it has not seen (.png)")
     args = parser.parse_args()
-    untrained = distance_at_end(Policy(13, 4), args.seed + 1)
-    policy, curve = train(args.seconds, args.num_envs, args.seed, args.steps)
-    trained = distance_at_end(policy, args.seed + 1)
+    network, curve = train(args.seconds, args.num_envs, args.seed, args.steps)
+    untrained = propwash.Policy.from_torch(Policy(13, 4).mean, make(1), INPUTS)
+    policy = propwash.Policy.from_torch(network.mean, make(1), INPUTS)
     spent, flown, _ = curve[-1]
     # The best of an episode is 100: 1 for each step at the goal.
     print(f"{flown:.0f} steps in {spent:.1f} s; mean return {curve[0][2]:.1f} -> {curve[-1][2]:.1f} of 100")
-    print(f"mean distance to the goal after 3.9 s: {untrained:.2f} m untrained, {trained:.3f} m trained")
     args.out.mkdir(parents=True, exist_ok=True)
-    torch.save(policy.state_dict(), args.out / "train_reach.pt")
+    save = args.save or args.out / "train_reach.npz"
+    for path in (save, args.picture):
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+    policy.save(save, force=True)
+    print(f"wrote {save}")
     plot(curve, args.out / "train_reach.png")
+    before = propwash.evaluate(untrained, episodes=256, seed=UNSEEN).rows[0].mean_distance
+    found = propwash.evaluate(policy, episodes=256, seed=UNSEEN, picture=args.picture, force=True)
+    print(f"mean distance to the goal after 4 s: {before:.2f} m untrained, {found.rows[0].mean_distance:.3f} m trained")
+    print(found)
 
 
 def plot(curve: list[tuple[float, float, float]], path: Path) -> None:

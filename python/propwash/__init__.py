@@ -44,6 +44,7 @@ from .jobs import (  # noqa: E402
     scene_new,
     tell_apart,
 )
+from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
@@ -63,6 +64,8 @@ __all__ = [
     "Diagnosis",
     "Error",
     "Estimate",
+    "Evaluation",
+    "EvaluationRow",
     "Finding",
     "FlightPlan",
     "Flown",
@@ -80,6 +83,7 @@ __all__ = [
     "Parameter",
     "Pipeline",
     "PixelStatus",
+    "Policy",
     "Quarantine",
     "QuarantineWarning",
     "Recorder",
@@ -97,6 +101,7 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "evaluate",
     "excite",
     "fly",
     "identify",

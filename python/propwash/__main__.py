@@ -11,6 +11,11 @@ from ._native import run_program
 
 def main() -> int:
     """Runs the command line of this process; returns the exit code: 0 fine, 1 a check found a problem, 2 error."""
+    if sys.argv[1:2] == ["evaluate"]:
+        # The one command that flies policies, and so needs Python.
+        from .policies._command import evaluate
+
+        return evaluate(sys.argv[2:])
     # Python's own handler waits for the compiled code to return; the system's ends the program at once. Who started the program with the
     # signal ignored, as shells do in the background, has it ignored.
     own = signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -20,17 +20,22 @@ def may_write(path: str | os.PathLike[str] | None, force: bool) -> None:
 
 
 def write(path: str | os.PathLike[str] | None, text: str, force: bool) -> None:
+    """Writes a file of text, where ``path`` is one."""
+    write_bytes(path, text.encode("utf-8"), force)
+
+
+def write_bytes(path: str | os.PathLike[str] | None, held: bytes, force: bool) -> None:
     """Writes a file, where ``path`` is one."""
     if path is None:
         return
     may_write(path, force)
     place = Path(os.path.realpath(path))
     if place.exists() and not place.is_file():  # a device or a pipe
-        place.write_text(text, encoding="utf-8")
+        place.write_bytes(held)
         return
     partial = place.with_name(f".partial_{place.name}.{os.getpid()}")
     try:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(held)
         if place.exists():
             partial.chmod(place.stat().st_mode)
         os.replace(partial, place)

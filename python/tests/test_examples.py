@@ -7,10 +7,13 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from conftest import ROOT
 
-TESTED = {"own_dataset.py", "own_task.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
+import propwash
+
+TESTED = {"own_dataset.py", "own_task.py", "raptor.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
 
 
 def run(name, *args):
@@ -33,10 +36,11 @@ def test_examples_are_python(name):
     assert text.startswith('"""')
 
 
-def test_a_task_of_ones_own_is_flown():
-    said = run("own_task.py")
+def test_a_task_of_ones_own_is_flown(tmp_path):
+    said = run("own_task.py", "--picture", tmp_path / "own_task.png")
     hits = dict(re.findall(r"(.+): hit in (\d+) %", said))
     assert int(hits["holds its place"]) > 90 and int(hits["gives way"]) < 10, said
+    assert "Propwash/Dodge-v0, 64 episodes" in said and (tmp_path / "own_task.png").stat().st_size > 20_000
 
 
 def test_a_policys_flights_become_a_data_set(tmp_path):
@@ -46,10 +50,13 @@ def test_a_policys_flights_become_a_data_set(tmp_path):
 
 def test_reaching_is_learnt(tmp_path):
     pytest.importorskip("torch")
-    said = run("train_reach.py", "--steps", 300_000, "--seconds", 120, "--out", tmp_path)
+    flights = tmp_path / "flights.png"
+    said = run("train_reach.py", "--steps", 300_000, "--seconds", 120, "--out", tmp_path, "--picture", flights)
     before, after = map(float, re.search(r"mean return ([-\d.]+) -> ([-\d.]+) of 100", said).groups())
     assert after > 2.0 * before, said
-    assert (tmp_path / "train_reach.png").stat().st_size > 5_000
+    assert (tmp_path / "train_reach.png").stat().st_size > 5_000 and flights.stat().st_size > 20_000
+    row = propwash.evaluate(propwash.Policy.load(tmp_path / "train_reach.npz"), episodes=64).rows[0]
+    assert row.mean_distance < 0.8, row  # 2.1 untrained
 
 
 def test_the_forest_is_trained_for_a_moment(tmp_path):
@@ -57,9 +64,47 @@ def test_the_forest_is_trained_for_a_moment(tmp_path):
     said = run("train_forest.py", "--steps", 20_000, "--num-envs", 64, "--out", tmp_path)
     assert re.search(r"unseen forests: \d+ % arrive", said), said
     assert all((tmp_path / f"train_forest{end}.png").stat().st_size > 5_000 for end in ("", "_flight"))
+    assert propwash.Policy.load(tmp_path / "train_forest.npz").observation[0].shape == (48, 64)
+
+
+def test_the_saved_policy_of_the_forest_sees_what_was_trained(monkeypatch):
+    torch = pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    import train_forest
+
+    torch.manual_seed(1)
+    network = train_forest.Policy()
+    torch.nn.init.orthogonal_(network.mean[-1].weight)
+    env = train_forest.make(4, {**train_forest.SETTINGS, "layouts": 2})
+    policy = propwash.Policy.from_torch(network.mean, env, train_forest.INPUTS)
+    seen, _ = env.reset(seed=1)
+    plain, _ = env.unwrapped.reset(seed=1)
+    with torch.no_grad():
+        expected = network.mean(train_forest.inputs(seen)).clip(-1.0, 1.0).numpy()
+    assert np.abs(policy(plain) - expected).max() < 1e-5
+
+
+def test_raptor_flies_what_it_has_never_met():
+    if importlib.util.find_spec("foundation_policy") is None:
+        pytest.skip("foundation-policy is not installed")
+    said = run("raptor.py", *propwash.vehicles(), ROOT / "tests/data/planted_hexa.toml", "--worlds", 16)
+    hovers = dict(re.findall(r"^(\w+): after 8 s .* hovers in (\d+) %", said, re.M))
+    assert set(hovers) == set(propwash.vehicles()) and all(int(part) >= 90 for part in hovers.values()), said
+    assert re.search(r"planted_hexa.toml: not flown: it has 6 rotors; the policy commands four", said), said
+
+
+def test_raptor_says_what_it_needs(tmp_path):
+    (tmp_path / "foundation_policy.py").write_text("raise ImportError('none')")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *(p for p in sys.path if p)])}
+    done = subprocess.run([sys.executable, str(ROOT / "examples/raptor.py")], capture_output=True, text=True, env=environment)
+    assert done.returncode == 2 and "pip install foundation-policy" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_stable_baselines_train(tmp_path):
     if importlib.util.find_spec("stable_baselines3") is None:
         pytest.skip("stable-baselines3 is not installed")
-    assert "mean return" in run("train_sb3.py", "--steps", 16_384)
+    line = ("train_sb3.py", "--steps", 16_384, "--delay", 1, "--episodes", 20, "--save", tmp_path / "land.npz", "--picture", tmp_path / "land.png")
+    said = run(*line)
+    assert re.search(r"landed in \d+ % -> \d+ % of 20 episodes that it has not seen", said), said
+    assert (tmp_path / "land.png").stat().st_size > 20_000
+    assert propwash.Policy.load(tmp_path / "land.npz").trained["environment"] == "Propwash/Landing-v0"

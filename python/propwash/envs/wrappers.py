@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -22,7 +22,13 @@ def _depth_of(env: VectorEnv[Any, Any, Any]) -> spaces.Box:
     return box
 
 
-class _Observed(VectorWrapper[Any, Any, Any]):
+if TYPE_CHECKING:
+    _Wrapper = VectorWrapper[Any, Any, Any]
+else:
+    _Wrapper = VectorWrapper  # which takes no types before Gymnasium 1.3
+
+
+class _Observed(_Wrapper):
     """A wrapper that changes observations, those that end episodes too."""
 
     def __init__(self, env: VectorEnv[Any, Any, Any], space: spaces.Space[Any]) -> None:
