@@ -166,6 +166,7 @@ fn wrong_command_lines_are_refused_in_one_line() {
     refused("scene", &["new", "forrest", "--out", "x"], &["'forrest'", "forest"]);
     refused("depth --scene xml/room.xml --camera top --pos 0,0,1 --out x.png", &[], &["--camera", "--pos"]);
     no_flight(&["--wrolds", "3"], &["--wrolds", "--worlds"]);
+    no_flight(&["--video", "a.mp4"], &["--video", "pip install 'propwash[video]'", "python -m propwash fly"]);
 }
 
 #[test]

@@ -20,6 +20,7 @@ from ._native import (  # noqa: E402
     vehicles,
 )
 from ._repr import shorten_all as _shorten_all  # noqa: E402
+from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .jobs import (  # noqa: E402
@@ -49,6 +50,7 @@ from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .viewer import Viewer  # noqa: E402
 
 __all__ = [
     "Advice",
@@ -97,6 +99,7 @@ __all__ = [
     "Sim",
     "State",
     "Vehicle",
+    "Viewer",
     "__version__",
     "add",
     "compare",
@@ -114,6 +117,7 @@ __all__ = [
     "scenes",
     "tell_apart",
     "vehicles",
+    "video",
 ]
 
 _shorten_all(globals())

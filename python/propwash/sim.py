@@ -9,16 +9,21 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Callable, Literal, Mapping, Sequence, Union, get_args
+from typing import TYPE_CHECKING, Any, Callable, Literal, Mapping, Sequence, Union, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _native
+from ._mirror import Mirror, mirror, picture
 from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
+from .viewer import Viewer
+
+if TYPE_CHECKING:
+    import mujoco as mj  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
 DroneLike = Union[str, "os.PathLike[str]", Vehicle]
 Stage = Union[Callable[["Data"], None], RestOnGround]
@@ -370,6 +375,7 @@ class Sim:
         camera = self._native.camera_json()
         self.camera = None if camera is None else Camera(**_tuples(json.loads(camera)))
         self._cameras: dict[tuple[Camera, bool], list[_native.Cameras]] = {}
+        self._mirrors: dict[int, Mirror] = {}
 
     @property
     def config(self) -> dict[str, Any]:
@@ -687,6 +693,94 @@ class Sim:
             **self._labels(chosen),
         )
 
+    # ---- MuJoCo's own model, window and renderer
+
+    def mujoco(self, world: int = 0) -> tuple[mj.MjModel, mj.MjData]:
+        """A world as a model and data of the package ``mujoco``: scene, obstacles and drones where they are now.
+
+        The model is the one that depth images and contacts are found in, with the same ids of geoms and bodies; drones are bodies with free
+        joints, ``drone0/drone`` and so on. Both belong to the caller: nothing that is done to them changes the ``Sim``, which goes on flying
+        by its own equations. ``sync_mujoco`` brings them up to date.
+
+        ``data`` holds positions and velocities of the drones, poses of the obstacles, the time of the world, and what
+        ``mj_kinematics``, ``mj_comPos`` and ``mj_camlight`` make of them. Contacts and forces are not in it: ``mujoco.mj_forward(model,
+        data)`` computes them as MuJoCo does, with masses that it takes from the volumes of the shell.
+
+        Raises:
+            Error: for a ``Sim`` without a scene, and for a world whose numbers are not finite.
+        """
+        here = mirror(self, world)
+        model = here.load()
+        data = here.mujoco.MjData(model)
+        here.place(self, world, model, data)
+        return model, data
+
+    def sync_mujoco(self, model: mj.MjModel, data: mj.MjData, world: int = 0) -> None:
+        """Writes where drones and obstacles of a world are now into what ``mujoco`` gave, of this world or of another in the same scene.
+
+        Raises:
+            ValueError: for a model of another scene, or data of another model; nothing is written.
+            Error: for a world whose numbers are not finite.
+        """
+        here = mirror(self, world)
+        if not here.fits(model, data):
+            raise ValueError(
+                f"model, data: expected those of the scene of world {world} ({here.info.name}), as sim.mujoco({world}) gives them, got those of "
+                "another scene, or with other drones"
+            )
+        here.place(self, world, model, data)
+
+    def viewer(self, world: int = 0, **options: Any) -> Viewer:
+        """Opens MuJoCo's window on a world; ``Viewer.sync`` shows it as it is then.
+
+        Args:
+            world: The world.
+            options: What ``mujoco.viewer.launch_passive`` takes: ``show_left_ui``, ``show_right_ui``, ``key_callback``.
+
+        Raises:
+            Error: where there is no display, saying what to do, and for a ``Sim`` without a scene.
+        """
+        return Viewer(self, world, **options)
+
+    def render(
+        self,
+        camera: str | Camera | None = None,
+        *,
+        rgb: bool | None = None,
+        segmentation: bool = False,
+        depth: bool = False,
+        world: int = 0,
+        width: int | None = None,
+        height: int | None = None,
+    ) -> NDArray[Any]:
+        """A picture of a world by MuJoCo's renderer, which needs OpenGL (EGL, OSMesa or a display; docs/pictures.md).
+
+        Args:
+            camera: As in ``render_depth``. The picture is that of the very camera of the depth image: place, orientation, lens, groups, and
+                without the drone or body that carries it. ``range``, ``kind`` and ``caster`` mean nothing here.
+            rgb: Colours, uint8, (height, width, 3): what is drawn unless another is asked for.
+            segmentation: Ids of the geoms, as ``DepthFrame.geom_id``, int32, -1 for none, (height, width).
+            depth: MuJoCo's own depth along the camera's axis, m, float32, inf for nothing, (height, width): to compare with.
+            world: The world.
+            width, height: Pixels; where they are None those of the camera, or 640 x 480 where it states none.
+
+        Returns:
+            One picture, or one for each drone, (n_drones, ...), for a camera that drones carry.
+
+        Raises:
+            Error: where there is no OpenGL, saying what to install and set, and for a ``Sim`` without a scene.
+        """
+        chosen: list[Literal["rgb", "segmentation", "depth"]] = []
+        if segmentation:
+            chosen.append("segmentation")
+        if depth:
+            chosen.append("depth")
+        if rgb or (rgb is None and not chosen):
+            chosen.append("rgb")
+        if len(chosen) != 1:
+            raise ValueError(f"rgb, segmentation, depth: expected one of them to be true, got {' and '.join(chosen) or 'none'}: call it for each")
+        return picture(self, camera, chosen[0], world, (width, height))
+
     def measure_ground(self) -> None:
         """Writes the height of the scene below every drone into ``data.ground_z`` (-inf for none) now, whatever effects read, for
         ``RestOnGround`` and stages of one's own. Effects need no call: what they read is measured at every step."""
@@ -716,7 +810,7 @@ class Sim:
         return chosen, len(chosen)
 
     def _camera(
-        self, camera: str | Camera | None, resolution: tuple[int, int] | None, normals: bool
+        self, camera: str | Camera | None, resolution: tuple[int, int] | None, normals: bool, keep: bool = True
     ) -> tuple[list[_native.Cameras], Camera]:
         if camera is None:
             camera = self.camera or "fpv"
@@ -727,6 +821,8 @@ class Sim:
         if resolution is not None:
             camera = replace(camera, resolution=resolution)
         spec = camera._spec(normals)
+        if not keep:
+            return self._build(spec), camera
         try:
             made = self._cameras.get((camera, normals))
         except TypeError:  # lists where tuples are expected

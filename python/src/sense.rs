@@ -6,7 +6,7 @@ use propwash::scene::{Pose, Scene};
 use propwash::sense::{Camera, ChannelType, Clearance, Contact, DepthPlanes, SenseError, SensorChannel};
 use pyo3::exceptions::{PyIndexError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 use serde_json::json;
 
 use crate::arrays;
@@ -123,6 +123,13 @@ impl PySim {
         let mut core = self.core()?;
         let (flight, _) = core.sensing()?;
         Ok(description(&crate::sense::scene(flight, scene)?))
+    }
+
+    /// A compiled scene, as MuJoCo saves it (MJB).
+    fn scene_mjb<'py>(&self, py: Python<'py>, scene: usize) -> PyResult<Bound<'py, PyBytes>> {
+        let mut core = self.core()?;
+        let (flight, _) = core.sensing()?;
+        Ok(PyBytes::new(py, &crate::sense::scene(flight, scene)?.to_mjb()))
     }
 
     /// The cameras that `spec` describes in a scene: one for each drone, or one of the scene or the world.

@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 import propwash
+from propwash import _gl
+
+# MuJoCo chooses its OpenGL when it is imported first, which test modules do: one that needs no display, where there is none.
+_gl.load()
 
 ROOT = Path(__file__).resolve().parents[2]
 

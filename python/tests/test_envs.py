@@ -39,11 +39,13 @@ def actions(env, step):
 
 
 @pytest.mark.parametrize("name", envs.IDS)
-def test_gymnasiums_checker_passes(name):
+def test_gymnasiums_checker_passes(name, monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*Box observation space.*")
         env = gymnasium.make(name, render_mode="rgb_array", **QUICK[name])
-        check_env(env.unwrapped, skip_render_check=False)
+        # It makes one in every mode, also that with a window.
+        check_env(env.unwrapped, skip_render_check=importlib.util.find_spec("pygame") is None)
 
 
 @pytest.mark.parametrize("name", envs.IDS)
@@ -590,7 +592,7 @@ def test_a_description_in_toml_is_complete(tmp_path):
         ({"camera": "ideal"}, ValueError, "camera: expected none without a scene"),
         ({"scene": "forest", "camera": "lidar"}, ValueError, "camera device: expected one of ideal"),
         ({"autoreset_mode": "later"}, ValueError, "autoreset_mode.*NextStep.*later"),
-        ({"render_mode": "human"}, ValueError, "render_mode.*human"),
+        ({"render_mode": "tv"}, ValueError, 'render_mode: expected None, "human" or "rgb_array", got \'tv\''),
         ({"levels": {"action_delay_s": 5}}, ValueError, "env.action_delay_s: expected 0 to 1, got 5"),
         ({"randomization": [{"parameter": "env.wind", "draw": {"normal": 1}}]}, ValueError, "env.wind"),
         ({"randomization": [{"parameter": "body.mas", "draw": {"normal": 1}}]}, KeyError, "body.mas"),
@@ -767,3 +769,55 @@ def test_stable_baselines_take_the_batch():
     for _ in range(5):
         obs, reward, done, infos = env.step(np.zeros((3, 4), np.float32))
     assert done.all() and all(i["TimeLimit.truncated"] and i["terminal_observation"].shape == (16,) for i in infos)
+
+
+@pytest.fixture
+def window(monkeypatch):
+    """Pygame with a screen in memory."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    return pytest.importorskip("pygame")
+
+
+def test_a_window_shows_the_pictures_of_the_first_worlds(window):
+    shown, drawn = (
+        envs.DroneVectorEnv(n, task="reach_pos", render_mode=mode, render_size=(80, 60), freq=100)
+        for n, mode in ((6, "human"), (6, "rgb_array"))
+    )
+    assert shown.metadata["render_modes"] == ["human", "rgb_array"] and window.display.get_surface() is None
+    for env in (shown, drawn):
+        env.reset(seed=3)
+    for k in range(3):
+        for env in (shown, drawn):
+            env.step(np.full((6, 4), 0.2 * k, np.float32))
+        screen = window.surfarray.array3d(window.display.get_surface()).swapaxes(0, 1)
+        assert screen.shape == (120, 160, 3) and shown.render() is None
+        for w, picture in enumerate(drawn.render()[:4]):
+            row, column = divmod(w, 2)
+            assert (screen[60 * row : 60 * row + 60, 80 * column : 80 * column + 80] == picture).all()
+    assert window.display.get_caption()[0] == "Propwash: the first 4 of 6 worlds"
+    # Its user closes it: the flight goes on without.
+    window.event.post(window.event.Event(window.QUIT))
+    shown.step(np.zeros((6, 4), np.float32))
+    assert window.display.get_surface() is None
+    shown.step(np.zeros((6, 4), np.float32))
+    shown.close()
+
+
+def test_a_single_environment_has_a_window(window):
+    env = gymnasium.make("Propwash/ReachPos-v0", render_mode="human", render_size=(80, 60))
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    assert env.render() is None and window.display.get_surface().get_size() == (80, 60)
+    env.close()
+    assert window.display.get_surface() is None
+
+
+def test_a_window_that_cannot_be_says_what_is_missing(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(ImportError, match=r"pip install 'propwash\[window\]'"):
+        envs.DroneVectorEnv(1, render_mode="human")
+    monkeypatch.setitem(sys.modules, "pygame", object())
+    with pytest.raises(propwash.Error, match='no display.*render_mode="rgb_array"'):
+        envs.DroneVectorEnv(1, render_mode="human")

@@ -551,6 +551,10 @@ pub struct FlyArgs {
     /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub threads: Option<usize>,
+    /// Video (mp4) of world 0, made from the data set: the command of the Python package only, with propwash[video]
+    /// (docs/pictures.md).
+    #[arg(long, value_name = "FILE")]
+    pub video: Option<PathBuf>,
     /// Folder of the data set. A run that was stopped goes on where it was.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

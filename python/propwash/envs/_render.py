@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from .._size import radius
 from ..scene import SceneInfo, scene_info
 from ..sense import Camera, DepthFrame
 from ..sim import Sim
@@ -247,7 +248,7 @@ class Display:
         self._open = self.config["scene"] in (None, "none")  # there is no scene
         self.stage: Sim | None = None
         self.frame: DepthFrame | None = None
-        self.radius = max(_radius(v) for v in self.vehicles[:1])
+        self.radius = max(radius(v) for v in self.vehicles[:1])
 
     # ---- what is remembered
 
@@ -482,19 +483,3 @@ def _curve(task: dict[str, Any], ahead: Array) -> Array:
     else:
         return ahead
     return np.stack([x, y, z], axis=-1)
-
-
-def _radius(vehicle: _native.Vehicle) -> float:
-    """Half the width of a vehicle, m, from the middles of its rotors and their radii."""
-    of = dict(next((p for p in (_parameters(vehicle, name) for name in vehicle.dynamics) if p), {}))
-    out = 0.0
-    k = 0
-    while f"rotors.{k}.position_m.0" in of:
-        x, y = of[f"rotors.{k}.position_m.0"], of[f"rotors.{k}.position_m.1"]
-        out = max(out, abs(x) + of.get(f"rotors.{k}.radius_m", 0.0), abs(y) + of.get(f"rotors.{k}.radius_m", 0.0))
-        k += 1
-    return out if out > 0.0 else 0.06
-
-
-def _parameters(vehicle: _native.Vehicle, dynamics: Any) -> list[tuple[str, float]]:
-    return vehicle.parameters(dynamics)

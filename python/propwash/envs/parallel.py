@@ -29,7 +29,7 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
     Agents are ``drone_0`` … . A crash of any drone, or the arrival of all, ends the episode of all.
     """
 
-    metadata: dict[str, Any] = {"name": "propwash_swarm_v0", "render_modes": ["rgb_array"], "is_parallelizable": True}
+    metadata: dict[str, Any] = {"name": "propwash_swarm_v0", "render_modes": ["human", "rgb_array"], "is_parallelizable": True}
 
     def __init__(
         self, task: str | Task | Callable[..., Task] = "swarm_cross", n_drones: int | None = None, **kwargs: Any
@@ -126,7 +126,7 @@ class SwarmEnv(ParallelEnv):  # type: ignore[misc]
         )
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture, as of ``DroneVectorEnv.render``; None without a ``render_mode``. (height, width, 3)"""
+        """A picture, as of ``DroneVectorEnv.render``; None unless its ``render_mode`` is ``"rgb_array"``. (height, width, 3)"""
         pictures = self.batch.render()
         return None if pictures is None else pictures[0]
 

@@ -20,7 +20,7 @@ class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
     these pays Python for each.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 50}
 
     def __init__(self, **kwargs: Any) -> None:
         for name in ("num_envs", "autoreset_mode"):
@@ -67,7 +67,7 @@ class DroneEnv(gymnasium.Env[Obs, NDArray[np.float32]]):
         return first, float(reward[0]), bool(terminated[0]), bool(truncated[0]), own
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture, as of ``DroneVectorEnv.render``; None without a ``render_mode``. (height, width, 3)"""
+        """A picture, as of ``DroneVectorEnv.render``; None unless its ``render_mode`` is ``"rgb_array"``. (height, width, 3)"""
         pictures = self.batch.render()
         return None if pictures is None else pictures[0]
 

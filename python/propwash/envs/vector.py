@@ -18,6 +18,7 @@ from .. import _native
 from ..sense import Camera, _pair, _whole
 from ..sim import DroneLike, Dynamics, SceneLike, _each, _plain, _rules, _scene, _sensors, _vehicle
 from ._render import Display
+from ._window import MOST, Window
 from .task import ENDINGS, Action, Task, TaskCalls, own_task
 
 Obs = dict[str, NDArray[np.float32]]
@@ -94,8 +95,9 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         first_world: Number of the first world over a batch that is split: worlds keep their random numbers.
         threads: Threads that share the worlds; one for each processor where None. Results do not depend on it.
         copy: Observations are copies; else views that the next step overwrites.
-        render_mode: ``"rgb_array"``: ``render()`` returns a picture of every world.
-        render_size: Width and height of these pictures, pixels.
+        render_mode: ``"rgb_array"``: ``render()`` returns a picture of every world. ``"human"``: every reset and step shows the pictures of
+            the first four worlds in a window, ``freq`` times a second; closing it ends that, and the flight goes on.
+        render_size: Width and height of each picture, pixels.
         max_episode_steps: Refused: ``max_episode_time`` limits episodes, in seconds.
 
     Raises:
@@ -103,7 +105,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
     """
 
     metadata: dict[str, Any] = {
-        "render_modes": ["rgb_array"],
+        "render_modes": ["human", "rgb_array"],
         "render_fps": 50,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
@@ -138,7 +140,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         first_world: int = 0,
         threads: int | None = None,
         copy: bool = True,
-        render_mode: Literal["rgb_array"] | None = None,
+        render_mode: Literal["human", "rgb_array"] | None = None,
         render_size: tuple[int, int] = (640, 480),
         max_episode_steps: None = None,
     ) -> None:
@@ -157,11 +159,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
                 f"max_episode_steps: expected max_episode_time, in seconds, got {max_episode_steps!r} steps: at freq={freq} one step is "
                 f"{1 / freq:g} s"
             )
-        if render_mode not in (None, "rgb_array"):
-            more = ": there is no window; show the pictures of render_mode=\"rgb_array\" by a library of your choice"
-            raise ValueError(
-                f'render_mode: expected None or "rgb_array", got {render_mode!r}{more if str(render_mode) == "human" else ""}'
-            )
+        if render_mode not in (None, "human", "rgb_array"):
+            raise ValueError(f'render_mode: expected None, "human" or "rgb_array", got {render_mode!r}')
         wide, high = _pair("render_size", render_size)
         picture = (_whole("render_size", wide, 16, 4096), _whole("render_size", high, 16, 4096))
         if autoreset_mode not in (*_MODES, *_MODES.values(), *(m.value for m in _MODES)):
@@ -241,6 +240,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         self.single_observation_space = spaces.Dict(shape)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._display = None if render_mode is None else Display(self, vehicles, picture)
+        self._window = Window(freq, self.num_envs) if render_mode == "human" else None
         self._ended = np.zeros(self.num_envs, bool)
         self._reward = self._native.array("reward")
         self._terminated = self._native.array("terminated")
@@ -315,6 +315,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             begun = np.ones(self.num_envs, bool) if mask is None else np.asarray(mask, bool)
             self._ended &= ~begun
             self._display.begin(begun)
+            self._show()
         info: Info = {}
         if mask is not None:
             info["reset_mask"] = np.asarray(mask)
@@ -355,6 +356,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             if self.autoreset_mode == AutoresetMode.SAME_STEP:
                 begun = self._ended
             self._display.record(begun)
+            self._show()
         if ended:
             done = terminated | truncated
             info["ending"] = self._ending.copy()
@@ -426,18 +428,29 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Pictures of all worlds, ``render_size`` large: the first drone from behind, its trail in blue, its goal in green.
 
-        The same states since the last reset give the same pictures, bit for bit. None without a ``render_mode``. (height, width, 3) each
+        The same states since the last reset give the same pictures, bit for bit. None without a ``render_mode``, and for ``"human"``, whose
+        window shows them by itself. (height, width, 3) each
         """
         self._check_open()
-        return None if self.render_mode is None else tuple(self._picture(w) for w in range(self.num_envs))
+        return tuple(self._picture(w) for w in range(self.num_envs)) if self.render_mode == "rgb_array" else None
+
+    def _show(self) -> None:
+        """Shows the first worlds in the window, where there is one; before the first reset of all there is nothing to show."""
+        if self._window is None or self._window.closed or self._display is None:
+            return
+        worlds = range(min(self.num_envs, MOST))
+        if self._display.begun[: len(worlds)].all():
+            self._window.show([self._picture(w) for w in worlds])
 
     def _picture(self, world: int) -> NDArray[np.uint8]:
         assert self._display is not None
         return self._display.picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Marks it closed: every later call is an error."""
+        """Marks it closed: every later call is an error. Closes its window."""
         self._closed = True
+        if self._window is not None:
+            self._window.close()
 
     def _check_open(self) -> None:
         if self._closed:

@@ -109,6 +109,13 @@ fn check(args: &FlyArgs) -> Result<()> {
         let expected = format!("at least {}, one for each --drone", args.drone.len());
         return usage("--drones-per-world", expected, n.to_string());
     }
+    if let Some(video) = &args.video {
+        // The Python package takes the flag away before it calls this program.
+        let expected = "the command of the Python package, which draws with MuJoCo's renderer; this program has none: pip install \
+                        'propwash[video]', then python -m propwash fly with the same words, or propwash.video(\"DIR\", \"FILE.mp4\") in \
+                        Python with the data set of this flight";
+        return usage("--video", expected.into(), video.display().to_string());
+    }
     if args.out.exists() && !args.out.is_dir() {
         let found = format!("{}, which is a file", args.out.display());
         return usage("--out", "a folder, there already or to be made".into(), found);
