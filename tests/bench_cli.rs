@@ -20,7 +20,7 @@ fn figures(words: &[&str]) -> (Value, String) {
     let dir = tempfile::tempdir().unwrap();
     let json = dir.path().join("speed.json");
     let mut all =
-        vec!["--seconds", "0.001", "--worlds", "1,17", "--sensing-worlds", "3", "--size", "16x8", "--json"];
+        vec!["--seconds", "0.001", "--worlds", "1,17", "--sensing-worlds", "3", "--size", "16x8", "--out"];
     let shown = json.to_string_lossy().into_owned();
     all.push(&shown);
     all.extend(words);
@@ -152,11 +152,31 @@ fn a_file_that_cannot_be_written_is_named() {
         "4x4",
         "--threads",
         "1",
-        "--json",
+        "--out",
     ];
     let shown = path.to_string_lossy().into_owned();
     let out = bench(&[&words[..], &[&shown]].concat());
     let message = String::from_utf8(out.stderr).unwrap();
     assert_eq!(out.status.code(), Some(2));
     assert!(message.contains("no_such_folder"), "{message}");
+}
+
+#[test]
+fn json_goes_where_text_does() {
+    let out = bench(&[
+        "--seconds",
+        "0.001",
+        "--worlds",
+        "1",
+        "--sensing-worlds",
+        "1",
+        "--size",
+        "4x4",
+        "--threads",
+        "1",
+        "--json",
+    ]);
+    assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
+    let told: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert!(told["rows"].as_array().unwrap().iter().any(|row| row["what"] == "steps"), "{told}");
 }

@@ -42,7 +42,7 @@ const COMMANDS: &[(&str, &str)] = &[
     ("add linear_drag --vehicle nobody --fit flight.csv", "--out"),
     ("add linear_drag --vehicle nobody --fit flight.csv --out new.toml", "--report"),
     ("remove linear_drag --vehicle nobody", "--out"),
-    ("bench --scene nowhere.xml --worlds 1", "--json"),
+    ("bench --scene nowhere.xml --worlds 1", "--out"),
 ];
 
 #[test]

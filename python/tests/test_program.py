@@ -53,7 +53,7 @@ def test_help_and_data_sets_are_those_of_the_program(tmp_path, monkeypatch):
 
 def test_bench_starts_itself_again(tmp_path):
     figures = tmp_path / "speed.json"
-    line = "bench --seconds 0.001 --worlds 1 --sensing-worlds 1 --size 4x4 --threads 1 --json".split()
+    line = "bench --seconds 0.001 --worlds 1 --sensing-worlds 1 --size 4x4 --threads 1 --out".split()
     done = program(*line, str(figures), cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     rows = {row["what"]: row for row in json.loads(figures.read_text())["rows"]}

@@ -109,7 +109,7 @@ Units are SI: m, kg, kg·m². xacro files are refused; run xacro on them first."
 pub enum Command {
     /// Fly drones through a scene and write a data set: states, depth, segmentation, contacts, clearances, overview.
     #[command(after_help = FLY_EXAMPLES, allow_negative_numbers = true)]
-    Fly(FlyArgs),
+    Fly(Box<FlyArgs>),
     /// Render one depth image of a scene.
     #[command(after_help = DEPTH_EXAMPLES, allow_negative_numbers = true)]
     Depth(DepthArgs),
@@ -818,6 +818,34 @@ pub enum DatasetCommand {
     /// Compare every file of a data set with its hash, and name what is damaged, missing or foreign.
     #[command(after_help = VERIFY_EXAMPLES)]
     Verify(VerifyArgs),
+    /// Write a world as an MCAP file: poses, depth images, contacts and all other numbers, for Foxglove and PlotJuggler.
+    #[command(after_help = MCAP_EXAMPLES)]
+    Mcap(McapArgs),
+}
+
+/// Ends the help of `propwash dataset mcap`.
+const MCAP_EXAMPLES: &str = "\
+Examples:
+  propwash dataset mcap data/forest --out forest.mcap
+  propwash dataset mcap data/forest --world 3 --out third.mcap --force";
+
+/// `propwash dataset mcap`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct McapArgs {
+    /// Folder of the data set.
+    pub dir: PathBuf,
+    /// Number of the world.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>)]
+    pub world: usize,
+    /// The file.
+    #[arg(long, value_name = "FILE.mcap")]
+    pub out: PathBuf,
+    /// Replace a file that is there already.
+    #[arg(long)]
+    pub force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `propwash dataset verify`.

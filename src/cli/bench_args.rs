@@ -9,7 +9,7 @@ pub const BENCH_EXAMPLES: &str = "\
 Examples:
   propwash bench
   propwash bench --scene my_scene.xml --drone my_quad.toml --control state --size 128x96
-  propwash bench --worlds 1,1024 --threads 4 --precision f64 --seconds 3 --json speed.json
+  propwash bench --worlds 1,1024 --threads 4 --precision f64 --seconds 3 --out speed.json
 
 Every world has its own start and command and begins a new episode every 4 s of flight at 500 Hz.
 Figures are medians; 90 % of the calls fall between the two values beside them. Units are SI (m, s);
@@ -79,9 +79,12 @@ pub struct BenchArgs {
     /// Measuring time of each row, s.
     #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = positive)]
     pub seconds: f64,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
+    /// Write the figures as JSON into a file too.
+    #[arg(long, value_name = "FILE.json")]
+    pub out: Option<PathBuf>,
+    /// Print the figures as JSON in place of text.
+    #[arg(long)]
+    pub json: bool,
     /// Replace files that are there already.
     #[arg(long)]
     pub force: bool,

@@ -30,7 +30,8 @@ pub fn report(flag: &'static str, path: &Path, bytes: &[u8], force: bool) -> Res
     Ok(())
 }
 
-fn refused(flag: &'static str, path: &Path, error: std::io::Error) -> Error {
+/// What is wrong with an output that the system refused.
+pub fn refused(flag: &'static str, path: &Path, error: std::io::Error) -> Error {
     if error.kind() == ErrorKind::AlreadyExists {
         let expected = "a path at which there is no file yet, or --force to replace it".into();
         return Error::Usage { flag, expected, got: path.display().to_string() };

@@ -14,6 +14,12 @@ pub enum DatasetError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A file of another format could not be made.
+    #[error("{what}")]
+    Export {
+        /// The format, and what went wrong.
+        what: String,
+    },
     /// The output folder holds something else.
     #[error(
         "{}: expected an empty folder or a data set, found {found}; choose another --out or empty the folder",

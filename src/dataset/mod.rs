@@ -11,6 +11,7 @@ mod files;
 mod flight_log;
 mod manifest;
 pub mod map;
+pub mod mcap;
 mod npz;
 mod overview;
 mod reader;

@@ -12,6 +12,7 @@ mod gen_kernels;
 mod licenses;
 mod python;
 mod run;
+mod sanitize;
 mod setup;
 mod test;
 mod tidy;
@@ -50,6 +51,9 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
                                (--test: install each in a clean environment outside the checkout and run it, the wheel with
                                python3, or with each --python, which asks for the test too; --only-test: the same with what is there already;
                                flags for rustc are its own: RUSTFLAGS and those of cargo's configuration are not used)
+  cargo xtask sanitize [ARGS...]
+                               run the tests that reach `unsafe` code with AddressSanitizer, in target/sanitize (Linux on x86-64)
+                               (ARGS go to `cargo test` in place of them)
   cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test
@@ -69,6 +73,7 @@ fn main() -> ExitCode {
         Some("bench") => bench::run(rest),
         Some("dist") => dist::run(rest),
         Some("docs") => docs::run(rest),
+        Some("sanitize") => sanitize::run(rest),
         Some("gen") => gen_kernels::run(rest),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),

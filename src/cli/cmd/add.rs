@@ -143,15 +143,16 @@ fn show_errors(before: &Rung, after: &Rung) -> Result<()> {
     let turning = turns(std::slice::from_ref(before));
     let mut head = format!("  {:>5}  {:>20}  {:>20}", "s", "position mm", "velocity mm/s");
     if turning {
-        head = format!("{head}  {:>20}  {:>20}", "attitude mrad", "rate mrad/s");
+        head = format!("{head}  {:>20}  {:>20}", "attitude °", "rate °/s");
     }
     print(head)?;
     for (b, a) in errors(before).iter().zip(errors(after)) {
-        let cell = |pick: fn(&HorizonError) -> f64| format!("{:.2} → {:.2}", 1e3 * pick(b), 1e3 * pick(&a));
-        let mut line =
-            format!("  {:>5}  {:>20}  {:>20}", a.horizon_s, cell(|e| e.position_m), cell(|e| e.velocity_m_s));
+        let cell = |pick: fn(&HorizonError) -> f64| format!("{:.2} → {:.2}", pick(b), pick(&a));
+        let (position, velocity) = (cell(|e| 1e3 * e.position_m), cell(|e| 1e3 * e.velocity_m_s));
+        let mut line = format!("  {:>5}  {position:>20}  {velocity:>20}", a.horizon_s);
         if turning {
-            line = format!("{line}  {:>20}  {:>20}", cell(|e| e.attitude_rad), cell(|e| e.rate_rad_s));
+            let (turn, rate) = (cell(|e| e.attitude_rad.to_degrees()), cell(|e| e.rate_rad_s.to_degrees()));
+            line = format!("{line}  {turn:>20}  {rate:>20}");
         }
         print(line)?;
     }

@@ -74,9 +74,9 @@ fn show_log(c: &LogComparison) -> Result<()> {
         row(h)?;
     }
     print(format_args!("\n  force and torque that the model lacks: {}", c.one_step.certainty))?;
-    show_axes("force", "N", 1.0, &c.one_step.force)?;
+    show_axes("force", "N", &c.one_step.force)?;
     if let Some(torque) = &c.one_step.torque {
-        show_axes("torque", "mN·m", 1e3, torque)?;
+        show_axes("torque", "N·m", torque)?;
     }
     if let Some(flown) = &c.closed_loop {
         print(format_args!(
@@ -92,11 +92,20 @@ fn show_log(c: &LogComparison) -> Result<()> {
     }
     if !c.worst.is_empty() {
         print("\n  worst segments")?;
-        print(format_args!("    {:>15}  {:>9}  {:>11}  going on", "time s", "force N", "torque mN·m"))?;
+        let (force, torque) = c.worst.iter().fold((0.0f64, 0.0f64), |(f, t), s| {
+            (f.max(s.force_rms_n), t.max(s.torque_rms_n_m.unwrap_or(0.0)))
+        });
+        let ((by_force, f), (by_torque, t)) = (small([force; 3]), small([torque; 3]));
+        let head = [format!("force {f}N"), format!("torque {t}N·m")];
+        print(format_args!("    {:>15}  {:>9}  {:>11}  going on", "time s", head[0], head[1]))?;
         for s in &c.worst {
-            let torque = s.torque_rms_n_m.map_or("–".into(), |t| format!("{:.3}", 1e3 * t));
+            let torque = s.torque_rms_n_m.map_or("–".into(), |t| format!("{:.3}", by_torque * t));
             let span = format!("{:.1}–{:.1}", s.from_s, s.to_s);
-            print(format_args!("    {span:>15}  {:>9.4}  {torque:>11}  {}", s.force_rms_n, s.text))?;
+            print(format_args!(
+                "    {span:>15}  {:>9.3}  {torque:>11}  {}",
+                by_force * s.force_rms_n,
+                s.text
+            ))?;
         }
     }
     show_findings(&c.findings)
@@ -116,34 +125,40 @@ fn show_findings(findings: &[String]) -> Result<()> {
 fn header() -> Result<()> {
     print(format_args!(
         "    {:>6} {:>18} {:>18} {:>18} {:>18} {:>6}",
-        "s", "position mm", "velocity mm/s", "attitude mrad", "rate mrad/s", "n"
+        "s", "position mm", "velocity mm/s", "attitude °", "rate °/s", "n"
     ))
 }
 
 fn row(h: &Horizon) -> Result<()> {
     let e = &h.error;
     let cell = |value: f64, times: Option<f64>| match times {
-        Some(times) => format!("{:.2} ({times:.1}×)", 1e3 * value),
+        Some(times) => format!("{value:.2} ({times:.1}×)"),
         None => "–".into(),
     };
     let [p, v, a, w] = h.times_expected;
     print(format_args!(
         "    {:>6} {:>18} {:>18} {:>18} {:>18} {:>6}",
         e.horizon_s,
-        cell(e.position_m, p),
-        cell(e.velocity_m_s, v),
-        cell(e.attitude_rad, a),
-        cell(e.rate_rad_s, w),
+        cell(1e3 * e.position_m, p),
+        cell(1e3 * e.velocity_m_s, v),
+        cell(e.attitude_rad.to_degrees(), a),
+        cell(e.rate_rad_s.to_degrees(), w),
         e.n
     ))
 }
 
-fn show_axes(what: &str, unit: &str, scale: f64, a: &Axes) -> Result<()> {
+/// Factor and prefix in which forces and torques are shown: milli where all of them are below one.
+fn small(values: [f64; 3]) -> (f64, &'static str) {
+    if values.iter().all(|v| v.abs() < 1.0) { (1e3, "m") } else { (1.0, "") }
+}
+
+fn show_axes(what: &str, unit: &str, a: &Axes) -> Result<()> {
+    let (scale, prefix) = small(a.rms);
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
         let explained =
             a.explained[k].map_or("hardly varies".into(), |e| format!("model explains {:.0} %", 100.0 * e));
         print(format_args!(
-            "    {what:<6} {axis}  rms {:>9.4} {unit} ({:.1}× noise), mean {:>9.4} {unit}, {explained}",
+            "    {what:<6} {axis}  rms {:>9.4} {prefix}{unit} ({:.1}× noise), mean {:>9.4} {prefix}{unit}, {explained}",
             scale * a.rms[k],
             a.in_sigmas[k],
             scale * a.mean[k]
@@ -156,25 +171,29 @@ fn show_pooled(c: &Pooled, n: usize) -> Result<()> {
     print(format_args!("all {n} logs"))?;
     print(format_args!(
         "    {:>6} {:>13} {:>13} {:>13} {:>13} {:>6}",
-        "s", "position mm", "velocity mm/s", "attitude mrad", "rate mrad/s", "n"
+        "s", "position mm", "velocity mm/s", "attitude °", "rate °/s", "n"
     ))?;
-    let cell = |value: f64, known: bool| if known { format!("{:.2}", 1e3 * value) } else { "–".into() };
+    let cell = |value: f64, known: bool| if known { format!("{value:.2}") } else { "–".into() };
     let turning = c.torque_rms_n_m.is_some();
     for e in &c.horizons {
         print(format_args!(
             "    {:>6} {:>13} {:>13} {:>13} {:>13} {:>6}",
             e.horizon_s,
-            cell(e.position_m, true),
-            cell(e.velocity_m_s, true),
-            cell(e.attitude_rad, turning),
-            cell(e.rate_rad_s, turning),
+            cell(1e3 * e.position_m, true),
+            cell(1e3 * e.velocity_m_s, true),
+            cell(e.attitude_rad.to_degrees(), turning),
+            cell(e.rate_rad_s.to_degrees(), turning),
             e.n
         ))?;
     }
-    let [x, y, z] = c.force_rms_n;
-    print(format_args!("    residual force rms {x:.4}, {y:.4}, {z:.4} N (body x, y, z)"))?;
-    if let Some([x, y, z]) = c.torque_rms_n_m.map(|t| t.map(|v| 1e3 * v)) {
-        print(format_args!("    residual torque rms {x:.4}, {y:.4}, {z:.4} mN·m (body x, y, z)"))?;
+    let rms = |what: &str, unit: &str, values: [f64; 3]| {
+        let (scale, prefix) = small(values);
+        let [x, y, z] = values.map(|v| scale * v);
+        print(format_args!("    residual {what} rms {x:.4}, {y:.4}, {z:.4} {prefix}{unit} (body x, y, z)"))
+    };
+    rms("force", "N", c.force_rms_n)?;
+    if let Some(torque) = c.torque_rms_n_m {
+        rms("torque", "N·m", torque)?;
     }
     show_findings(&c.findings)
 }

@@ -4,7 +4,6 @@ use super::{print, print_json};
 use crate::Result;
 use crate::cli::args::DronesArgs;
 use crate::cli::exit::Outcome;
-use crate::units::rad_s_to_rpm;
 use crate::vehicle::{BUILTIN, Vehicle};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -33,12 +32,12 @@ fn list(as_json: bool) -> Result<()> {
     for name in BUILTIN {
         let vehicle = Vehicle::builtin(name)?;
         let drone = vehicle.drone("first_principles")?;
-        let hover = rad_s_to_rpm(drone.hover_rotor_vel()[0]);
+        let hover = drone.hover_rotor_vel()[0];
         rows.push(json!({
             "name": name,
             "mass_kg": drone.body.mass_kg,
             "rotors": drone.airframe.n_rotors,
-            "hover_rpm": hover,
+            "hover_rad_s": hover,
             "shell": vehicle.shell,
             "dynamics": vehicle.available_dynamics(),
             "effects": drone.effects.iter().map(|e| e.label()).collect::<Vec<_>>(),
@@ -49,16 +48,16 @@ fn list(as_json: bool) -> Result<()> {
         return print_json(&json!(rows));
     }
     print(format_args!(
-        "{:<11} {:>8} {:>6} {:>10}  {:<8} {}",
-        "name", "mass kg", "rotors", "hover rpm", "shell", "description"
+        "{:<11} {:>8} {:>6} {:>11}  {:<8} {}",
+        "name", "mass kg", "rotors", "hover rad/s", "shell", "description"
     ))?;
     for row in &rows {
         print(format_args!(
-            "{:<11} {:>8.4} {:>6} {:>10.0}  {:<8} {}",
+            "{:<11} {:>8.4} {:>6} {:>11.0}  {:<8} {}",
             row["name"].as_str().unwrap_or(""),
             row["mass_kg"].as_f64().unwrap_or(f64::NAN),
             row["rotors"].as_u64().unwrap_or(0),
-            row["hover_rpm"].as_f64().unwrap_or(f64::NAN),
+            row["hover_rad_s"].as_f64().unwrap_or(f64::NAN),
             row["shell"].as_str().unwrap_or(""),
             row["description"].as_str().unwrap_or(""),
         ))?;

@@ -84,7 +84,7 @@ fn check(args: &BenchArgs) -> Result<()> {
     if !(1..=MAX_WORLDS).contains(&args.sensing_worlds) {
         return refuse("--sensing-worlds", format!("1 to {MAX_WORLDS}"), args.sensing_worlds);
     }
-    output::check(&[("--json", args.json.as_deref())], args.force)?;
+    output::check(&[("--out", args.out.as_deref())], args.force)?;
     match args.threads {
         Some(n) if !(1..=MAX_THREADS).contains(&n) => refuse("--threads", format!("1 to {MAX_THREADS}"), n),
         _ => Ok(()),
@@ -237,6 +237,8 @@ struct Report<'a> {
     file: Option<&'a Path>,
     /// Whether it may replace another.
     force: bool,
+    /// Whether JSON is printed in place of text.
+    as_json: bool,
     head: Value,
     rows: Vec<Value>,
     warnings: Vec<String>,
@@ -250,26 +252,6 @@ impl<'a> Report<'a> {
         };
         let [width, height] = job.size();
         let load = load();
-        print(format_args!(
-            "propwash {}, MuJoCo {}; {}, {cores} cores, lanes {}; load of the machine at the start {}",
-            env!("CARGO_PKG_VERSION"),
-            mujoco_version(),
-            processor(),
-            level_name(),
-            load.as_deref().unwrap_or("not known"),
-        ))?;
-        print(format_args!(
-            "{} {} under {} in {precision}, {STEPS} steps a call; {}, {} geoms; {} × {} pixels\n",
-            args.drone,
-            args.dynamics,
-            args.control,
-            job.scene().name(),
-            job.scene().geoms().len(),
-            width,
-            height
-        ))?;
-        let cells = ["worlds", "threads", "median", "5 %", "95 %", "", "× real time"];
-        print_row("", &cells)?;
         let head = json!({
             "propwash": env!("CARGO_PKG_VERSION"), "mujoco": mujoco_version(), "processor": processor(),
             "cores": cores, "lanes": level_name(), "load": load, "drone": args.drone, "dynamics": args.dynamics,
@@ -277,9 +259,13 @@ impl<'a> Report<'a> {
             "geoms": job.scene().geoms().len(), "width": width, "height": height,
             "steps_per_call": STEPS, "sim_hz": SIM_HZ, "steps_per_frame": STEPS_PER_FRAME,
         });
+        if !args.json {
+            print_head(args, job, (cores, precision), load.as_deref())?;
+        }
         Ok(Self {
-            file: args.json.as_deref(),
+            file: args.out.as_deref(),
             force: args.force,
+            as_json: args.json,
             head,
             rows: Vec::new(),
             warnings: job.scene().warnings().to_vec(),
@@ -301,6 +287,9 @@ impl<'a> Report<'a> {
             "what": what, "worlds": worlds, "threads": threads, "unit": unit, "median": rate.median,
             "low": rate.low, "high": rate.high, "calls": rate.calls, "times_real_time": times,
         }));
+        if self.as_json {
+            return Ok(());
+        }
         print_row(
             what,
             &[
@@ -320,6 +309,9 @@ impl<'a> Report<'a> {
         self.rows.push(json!({
             "what": what, "unit": unit, "median": value, "low": range[0], "high": range[1],
         }));
+        if self.as_json {
+            return Ok(());
+        }
         let between = if range[0] < range[1] {
             format!(" ({} to {})", figure(range[0]), figure(range[1]))
         } else {
@@ -344,12 +336,48 @@ impl<'a> Report<'a> {
         for warning in &self.warnings {
             warn(warning);
         }
-        let Some(path) = self.file else { return Ok(()) };
         let mut all = self.head;
         all["rows"] = json!(self.rows);
         all["warnings"] = json!(self.warnings);
-        output::write("--json", path, format!("{all:#}\n").as_bytes(), self.force)
+        if self.as_json {
+            print(format_args!("{all:#}"))?;
+        }
+        match self.file {
+            Some(path) => output::write("--out", path, format!("{all:#}\n").as_bytes(), self.force),
+            None => Ok(()),
+        }
     }
+}
+
+/// What stands above the table.
+fn print_head(
+    args: &BenchArgs,
+    job: &Job,
+    (cores, precision): (usize, &str),
+    load: Option<&str>,
+) -> Result<()> {
+    let [width, height] = job.size();
+    print(format_args!(
+        "propwash {}, MuJoCo {}; {}, {cores} core{}, lanes {}; load of the machine at the start {}",
+        env!("CARGO_PKG_VERSION"),
+        mujoco_version(),
+        processor(),
+        if cores == 1 { "" } else { "s" },
+        level_name(),
+        load.unwrap_or("not known"),
+    ))?;
+    print(format_args!(
+        "{} {} under {} in {precision}, {STEPS} steps a call; {}, {} geoms; {} × {} pixels\n",
+        args.drone,
+        args.dynamics,
+        args.control,
+        job.scene().name(),
+        job.scene().geoms().len(),
+        width,
+        height
+    ))?;
+    let cells = ["worlds", "threads", "median", "5 %", "95 %", "", "× real time"];
+    print_row("", &cells)
 }
 
 fn print_row(what: &str, cells: &[&str; 7]) -> Result<()> {
