@@ -61,6 +61,7 @@ def write_empty_files(folder: Path, manifest: dict[str, Any]) -> list[dict[str, 
     if manifest["frames"]:
         camera = manifest["cameras"][0]
         sizes = {"frame": 0, "drone": manifest["n_drones"], "row": camera["height"], "column": camera["width"]}
+        sizes["obstacle"] = len(manifest.get("obstacles", []))
         arrays = {}
         for a in manifest["frames"]:
             axes = [axis.strip() for axis in a["shape"].strip("()").split(",") if axis.strip()]

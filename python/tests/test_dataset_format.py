@@ -121,7 +121,7 @@ def test_states_are_a_flight_log_in_si(manifest, world, record):
 def test_frames_have_the_shapes_and_types_that_the_manifest_names(manifest, frames, record):
     n = record["n_frames"]
     assert n in (SECONDS * FPS, SECONDS * FPS + 1)
-    sizes = {"frame": n, "drone": 1, "row": HEIGHT, "column": WIDTH}
+    sizes = {"frame": n, "drone": 1, "row": HEIGHT, "column": WIDTH, "obstacle": len(manifest.get("obstacles", []))}
     assert sorted(frames) == sorted(a["name"] for a in manifest["frames"])
     for a in manifest["frames"]:
         parts = [p.strip() for p in a["shape"].strip("()").split(",") if p.strip()]

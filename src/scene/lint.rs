@@ -7,6 +7,7 @@ use serde::Serialize;
 
 use super::model::{GeomInfo, GeomType, MeshView, ObstacleKind, Scene, SceneSource, Shell};
 use super::{SceneError, Worker};
+use crate::math::vec3;
 
 /// Whether a sense perceives a geom, and why (not).
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -268,9 +269,8 @@ fn shape_remarks(
             if let Some(mesh) = scene.mesh(info.id)
                 && let Some(hull) = scene.mesh_hull(info.id)
             {
-                let depth = *concavities
-                    .entry(mesh.name.to_string())
-                    .or_insert_with(|| concavity(&mesh, hull, 20_000_000));
+                let depth =
+                    *concavities.entry(mesh.name.to_string()).or_insert_with(|| concavity(&mesh, hull));
                 let size = info.bounding_radius_m;
                 if depth > 0.01 * size {
                     remarks.push(format!(
@@ -359,18 +359,16 @@ const MOST_NAMES: usize = 4;
 /// What has to be known of meshes with hollows that a drone could fly into, since they collide as their convex hulls: their holes are
 /// closed. None where there are none.
 pub(super) fn hollow_meshes(scene: &Scene) -> Option<String> {
-    let mut known: HashMap<&str, f64> = HashMap::new();
+    let mut known: HashMap<&str, [f64; 2]> = HashMap::new();
     let mut hollow: Vec<String> = Vec::new();
-    let scenery =
-        scene.geoms().iter().filter(|g| g.kind == GeomType::Mesh && g.can_collide() && g.drone.is_none());
-    for info in scenery {
+    let scenery = |g: &&GeomInfo| g.kind == GeomType::Mesh && g.can_collide() && g.drone.is_none();
+    for info in scene.geoms().iter().filter(scenery) {
         let (Some(mesh), Some(hull)) = (scene.mesh(info.id), scene.mesh_hull(info.id)) else { continue };
-        if info.bounding_radius_m < HOLLOW_M {
-            continue;
-        }
-        let depth = *known.entry(mesh.name).or_insert_with(|| concavity(&mesh, hull, 2_000_000));
-        if depth >= HOLLOW_M && depth >= HOLLOW_SHARE * info.bounding_radius_m {
-            hollow.push(format!("{} (up to {depth:.2} m)", info.label(scene.bodies())));
+        let [own, of_hull] = *known.entry(mesh.name).or_insert_with(|| volumes(&mesh, hull));
+        let empty = of_hull - own;
+        if empty >= HOLLOW_M3 && empty >= HOLLOW_SHARE * of_hull {
+            let share = (100.0 * empty / of_hull).min(100.0);
+            hollow.push(format!("{} ({share:.0} % of its hull is empty)", info.label(scene.bodies())));
         }
     }
     let n = hollow.len();
@@ -387,12 +385,25 @@ pub(super) fn hollow_meshes(scene: &Scene) -> Option<String> {
     ))
 }
 
-/// Hollows that a small drone fits into, m, and how large a share of the mesh's radius they are: less is roughness.
-const HOLLOW_M: f64 = 0.05;
-const HOLLOW_SHARE: f64 = 0.1;
+/// Emptiness that a small drone fits into, m³, and which share of a hull it is: less is roughness.
+const HOLLOW_M3: f64 = 1e-3;
+const HOLLOW_SHARE: f64 = 0.25;
 
-/// How far inside the hull a mesh's surface lies, m: 0 for a convex mesh. `most`: pairs of faces and planes that are looked at.
-fn concavity(mesh: &MeshView, hull: &[[i32; 3]], most: usize) -> f64 {
+/// Volumes of a mesh and of its hull, m³. That of a mesh with open edges is of little meaning; its hull is hollow.
+fn volumes(mesh: &MeshView, hull: &[[i32; 3]]) -> [f64; 2] {
+    let at = |v: i32| mesh.vertices_m[v as usize].map(f64::from);
+    let first = hull.first().map_or([0.0; 3], |face| at(face[0]));
+    // Of the tetrahedron between a face and one corner of the hull.
+    let part = |face: &[i32; 3]| {
+        let [a, b, c] = face.map(|v| vec3::sub(at(v), first));
+        vec3::dot(a, vec3::cross(b, c)) / 6.0
+    };
+    let own = mesh.faces.iter().map(part).sum::<f64>().abs();
+    [own, hull.iter().map(|face| part(face).abs()).sum()]
+}
+
+/// How far inside the hull a mesh's surface lies, m: 0 for a convex mesh.
+fn concavity(mesh: &MeshView, hull: &[[i32; 3]]) -> f64 {
     let at = |v: i32| mesh.vertices_m[v as usize].map(f64::from);
     let cross = |a: [f64; 3], b: [f64; 3]| {
         [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -422,7 +433,7 @@ fn concavity(mesh: &MeshView, hull: &[[i32; 3]], most: usize) -> f64 {
             })
         })
         .collect();
-    let stride = (mesh.faces.len() * planes.len() / most).max(1);
+    let stride = (mesh.faces.len() * planes.len() / 20_000_000).max(1);
     let mut deepest = 0.0f64;
     for face in mesh.faces.iter().step_by(stride) {
         let [a, b, c] = face.map(at);

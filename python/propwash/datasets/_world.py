@@ -148,7 +148,7 @@ class World:
         return table
 
     def frames(self, name: str) -> Array:
-        """An array of frames.npz (docs/formats.md), with its type and shape checked: (frame,) or (frame, drone, ...)."""
+        """An array of frames.npz (docs/formats.md), with its type and shape checked: (frame,), (frame, drone, ...) or (frame, obstacle, ...)."""
         wanted = {a["name"]: a for a in self._manifest["frames"]}
         if name not in wanted:
             raise KeyError(f"no array \"{name}\" in frames.npz; there are {', '.join(wanted) or 'none: the run had no camera'}")
@@ -163,6 +163,7 @@ class World:
             raise DamagedError(f"{path}: expected the array {name}, found none that can be read ({e}); {RESTORE}") from None
         camera = self._manifest["cameras"][0]
         sizes = {"frame": self.n_frames, "drone": self._manifest["n_drones"], "row": camera["height"], "column": camera["width"]}
+        sizes["obstacle"] = len(self._manifest.get("obstacles", []))
         axes = [a.strip() for a in wanted[name]["shape"].strip("()").split(",") if a.strip()]
         same(path, f"{name} of shape", tuple(sizes[a] if a in sizes else int(a) for a in axes), array.shape)
         same(path, f"{name} of type", np.dtype(wanted[name]["dtype"]), array.dtype)
