@@ -124,7 +124,7 @@ fn vehicles_are_listed_and_shown_with_their_sources() {
     for row in rows.as_array().unwrap() {
         let name = row["name"].as_str().unwrap();
         assert!(list.contains(name));
-        assert!(row["mass_kg"].as_f64().unwrap() > 0.02 && row["hover_rpm"].as_f64().unwrap() > 1000.0);
+        assert!(row["mass_kg"].as_f64().unwrap() > 0.02 && row["hover_rad_s"].as_f64().unwrap() > 100.0);
         assert_eq!(row["rotors"], 4);
         let shown = expect("drones", &[name], 0);
         assert!(

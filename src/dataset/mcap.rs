@@ -285,7 +285,9 @@ fn frame(out: &mut Out, frames: &Frames, manifest: &Manifest, t: f64, f: usize) 
         }
     }
     for (d, camera) in manifest.cameras.iter().enumerate() {
-        let id = format!("drone{d}/{}", camera.name);
+        let own = format!("drone{d}/");
+        // Cameras of shells have it in their names.
+        let id = if camera.name.starts_with(&own) { camera.name.clone() } else { own + &camera.name };
         let pos = [0, 1, 2].map(|k| frames.camera_pos_m[[f, d, k]]);
         let quat = [0, 1, 2, 3].map(|k| frames.camera_quat_xyzw[[f, d, k]]);
         // Ours look against z with y up, those of Foxglove along z with y down: half a turn about x.
