@@ -15,6 +15,10 @@ fn bench(words: &[&str]) -> Output {
         .unwrap()
 }
 
+/// The least that can be measured.
+const SMALL: &[&str] =
+    &["--seconds", "0.001", "--worlds", "1", "--sensing-worlds", "1", "--size", "4x4", "--threads", "1"];
+
 /// Rows of a run of some milliseconds a row, and what it printed.
 fn figures(words: &[&str]) -> (Value, String) {
     let dir = tempfile::tempdir().unwrap();
@@ -141,21 +145,8 @@ fn wrong_arguments_are_named_with_what_was_expected() {
 fn a_file_that_cannot_be_written_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("no_such_folder/speed.json");
-    let words = [
-        "--seconds",
-        "0.001",
-        "--worlds",
-        "1",
-        "--sensing-worlds",
-        "1",
-        "--size",
-        "4x4",
-        "--threads",
-        "1",
-        "--out",
-    ];
     let shown = path.to_string_lossy().into_owned();
-    let out = bench(&[&words[..], &[&shown]].concat());
+    let out = bench(&[SMALL, &["--out", &shown]].concat());
     let message = String::from_utf8(out.stderr).unwrap();
     assert_eq!(out.status.code(), Some(2));
     assert!(message.contains("no_such_folder"), "{message}");
@@ -163,19 +154,7 @@ fn a_file_that_cannot_be_written_is_named() {
 
 #[test]
 fn json_goes_where_text_does() {
-    let out = bench(&[
-        "--seconds",
-        "0.001",
-        "--worlds",
-        "1",
-        "--sensing-worlds",
-        "1",
-        "--size",
-        "4x4",
-        "--threads",
-        "1",
-        "--json",
-    ]);
+    let out = bench(&[SMALL, &["--json"]].concat());
     assert_eq!(out.status.code(), Some(0), "{}", String::from_utf8_lossy(&out.stderr));
     let told: Value = serde_json::from_slice(&out.stdout).unwrap();
     assert!(told["rows"].as_array().unwrap().iter().any(|row| row["what"] == "steps"), "{told}");

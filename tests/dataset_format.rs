@@ -1,5 +1,8 @@
 //! The data-set format: what is written is what is read, whole or not at all, the same bytes every time.
 
+#[path = "common/tree.rs"]
+mod tree;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -237,23 +240,6 @@ fn write_all(dir: &Path, threads: usize) {
     });
 }
 
-/// Every file below `dir` with its bytes.
-fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut all = BTreeMap::new();
-    let mut folders = vec![dir.to_path_buf()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(&folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                all.insert(path.strip_prefix(dir).unwrap().to_path_buf(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    all
-}
-
 fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|v| v.to_bits()).collect()
 }
@@ -429,7 +415,7 @@ fn the_bytes_are_the_same_for_any_thread_count_and_after_an_interruption() {
         // A real kill frees the lock; a forgotten writer does not, so a copy stands in for the folder after the kill.
     }
     let after = tempfile::tempdir().unwrap();
-    for (path, bytes) in contents(cut.path()) {
+    for (path, bytes) in tree::files(cut.path()) {
         let to = after.path().join(path);
         fs::create_dir_all(to.parent().unwrap()).unwrap();
         fs::write(to, bytes).unwrap();
@@ -441,10 +427,10 @@ fn the_bytes_are_the_same_for_any_thread_count_and_after_an_interruption() {
     drop(writer);
     write_all(after.path(), 3);
 
-    let expected = contents(one.path());
+    let expected = tree::files(one.path());
     assert!(expected.len() > 4 * FRAMES * 2 * 2);
     for other in [four.path(), after.path()] {
-        let found = contents(other);
+        let found = tree::files(other);
         assert_eq!(found.keys().collect::<Vec<_>>(), expected.keys().collect::<Vec<_>>());
         for (path, bytes) in &found {
             assert!(bytes == &expected[path], "{} differs", path.display());
@@ -452,7 +438,7 @@ fn the_bytes_are_the_same_for_any_thread_count_and_after_an_interruption() {
     }
     // A run over a finished data set changes nothing.
     write_all(one.path(), 2);
-    assert!(contents(one.path()) == expected);
+    assert!(tree::files(one.path()) == expected);
 }
 
 #[test]
@@ -473,7 +459,7 @@ fn a_world_that_is_dropped_unfinished_leaves_nothing_and_can_be_started_again() 
 fn a_damaged_world_is_named_and_made_anew() {
     let dir = tempfile::tempdir().unwrap();
     write_all(dir.path(), 2);
-    let expected = contents(dir.path());
+    let expected = tree::files(dir.path());
     let victim = dir.path().join("world_00002/depth/drone1_000001.png");
     let mut bytes = fs::read(&victim).unwrap();
     *bytes.last_mut().unwrap() ^= 1;
@@ -487,7 +473,7 @@ fn a_damaged_world_is_named_and_made_anew() {
     assert!(!dir.path().join("complete.json").exists(), "the seal went with the world");
     drop(writer);
     write_all(dir.path(), 2);
-    assert!(contents(dir.path()) == expected);
+    assert!(tree::files(dir.path()) == expected);
 }
 
 /// A file of a world and its hash in `world.json`, changed together.
@@ -520,7 +506,7 @@ fn a_world_whose_list_was_changed_too_is_not_sealed_again() {
     let dir = tempfile::tempdir().unwrap();
     write_all(dir.path(), 2);
     assert_eq!(verified(dir.path()).0, Some(0));
-    let expected = contents(dir.path());
+    let expected = tree::files(dir.path());
     forge(&dir.path().join("world_00001"), "states.parquet");
     let set = Dataset::open(dir.path()).unwrap();
     for error in [set.verify().unwrap_err(), set.world(1).map(|_| ()).unwrap_err()] {
@@ -532,7 +518,7 @@ fn a_world_whose_list_was_changed_too_is_not_sealed_again() {
     assert!(writer.warnings()[0].contains("world 1 was damaged"), "{:?}", writer.warnings());
     drop(writer);
     write_all(dir.path(), 2);
-    assert!(contents(dir.path()) == expected);
+    assert!(tree::files(dir.path()) == expected);
     // A seal that cannot be read is made anew, and said.
     fs::write(dir.path().join("complete.json"), "{}").unwrap();
     let (writer, done) = Dataset::create_or_resume(dir.path(), &manifest()).unwrap();
@@ -615,7 +601,7 @@ fn what_looks_like_ours_in_a_folder_that_is_no_data_set_stays() {
 fn other_settings_are_refused_and_the_message_names_them() {
     let dir = tempfile::tempdir().unwrap();
     write_all(dir.path(), 2);
-    let before = contents(dir.path());
+    let before = tree::files(dir.path());
     let mut other = manifest();
     other.seed = 5;
     other.cameras[1].far_m = 30.0;
@@ -633,7 +619,7 @@ fn other_settings_are_refused_and_the_message_names_them() {
         assert!(text.contains(part), "\"{part}\" is not in: {text}");
     }
     assert_eq!(text.matches("the folder has").count(), 3, "{text}");
-    assert!(contents(dir.path()) == before, "nothing was touched");
+    assert!(tree::files(dir.path()) == before, "nothing was touched");
 }
 
 #[test]
@@ -647,7 +633,7 @@ fn foreign_folders_and_formats_are_refused_and_left_alone() {
     );
     assert!(Dataset::open(dir.path()).unwrap_err().to_string().contains("without manifest.json"));
     assert!(Dataset::open(&dir.path().join("none")).unwrap_err().to_string().contains("no folder"));
-    assert_eq!(contents(dir.path()).len(), 1);
+    assert_eq!(tree::files(dir.path()).len(), 1);
 
     for (text, expected) in [
         ("{\"format\": \"other\", \"format_version\": 1}", "found format \"other\""),

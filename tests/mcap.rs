@@ -137,6 +137,12 @@ fn contacts_are_marks_in_the_scene() {
     assert_eq!(schema, "foxglove.SceneUpdate");
     let entity = &update["entities"][0];
     assert_eq!(entity["metadata"][0]["value"], "roof");
+    // Every list that Foxglove's schema of an entity requires is there, also where it is empty.
+    for list in
+        ["arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models", "metadata"]
+    {
+        assert!(entity[list].is_array(), "{list}: {entity}");
+    }
     let q = ["x", "y", "z", "w"].map(|k| entity["arrows"][0]["pose"]["orientation"][k].as_f64().unwrap());
     let contacts = Dataset::open(&set).unwrap().world(0).unwrap().contacts(None).unwrap();
     let arrow = propwash::math::quat::rotate(q, [1.0, 0.0, 0.0]);

@@ -461,7 +461,7 @@ class Sim:
         """Back to the initial states, in all worlds or in those where ``mask`` (n_worlds,) is true.
 
         Controllers and effects forget, time starts anew, what is randomised is drawn for the next episode, quarantine ends.
-        Commands, disturbances, wind and obstacles stay.
+        Commands, disturbances, wind and obstacles stay; obstacles that move by themselves begin anew.
         """
         self._native.reset(mask)
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import inspect
 import json
 import shutil
 import struct
@@ -428,6 +429,25 @@ def test_generated_scenes_are_others_than_those_of_the_training():
     _, arguments = _environment(trained, None, None)
     assert arguments["scene"]["forest"]["seed"] == env.unwrapped.config["scene"]["forest"]["seed"] + 10_000
     assert arguments["scene"]["forest"]["trees"] == 20 and arguments["camera"]["width"] == 16
+
+
+def test_the_environment_of_the_training_is_made_again_with_all_that_it_was():
+    from propwash.policies._evaluate import arguments_of
+
+    scene = {"forest": {"trees": 3, "moving": 2, "size_m": 8.0}}
+    odd = {
+        "drone": "cf21B_500", "n_drones": 1, "dynamics": "so_rpy", "action": "attitude", "normalize_actions": False,
+        "action_options": {"max_tilt_rad": 0.3}, "sim_freq": 1000, "freq": 25, "max_episode_time": 3.0, "layouts": 2, "scene": scene,
+        "camera": {"width": 8, "height": 8}, "sensors": ["imu"], "look": 2.0, "levels": {"pos_sigma_m": 0.02},
+        "randomization": [{"parameter": "body.mass_kg", "draw": {"scale": [0.9, 1.1]}}],
+        "obstacle_motion": {"kind": "circle"}, "obstacle_jitter": 0.2, "body_rate_law": "tracking",
+    }  # fmt: skip
+    env = gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=2, seed=3, task_options={"arrive_m": 0.5}, **odd).unwrapped
+    again = arguments_of(env.config)
+    assert gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=2, seed=3, **again).unwrapped.config == env.config
+    # Arguments that shape no flight, or that an evaluation sets itself; all others must come back.
+    own = {"num_envs", "task", "autoreset_mode", "seed", "first_world", "threads", "copy", "render_mode", "render_size", "max_episode_steps"}
+    assert set(inspect.signature(envs.DroneVectorEnv).parameters) - own == set(again) == {*odd, "task_options"}
 
 
 def test_frames_are_stacked_for_policies_that_want_them():

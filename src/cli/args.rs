@@ -308,11 +308,6 @@ fn mount(text: &str) -> Result<MountConfig, String> {
     Ok(MountConfig { pos_m: [x, y, z], quat_xyzw: turn.coords.into() })
 }
 
-/// A sensor, see [`described`].
-fn sensor(text: &str) -> Result<SensorConfig, String> {
-    described(text)
-}
-
 /// How obstacles move, see [`described`].
 fn obstacle_motion(text: &str) -> Result<Box<ObstacleMotion>, String> {
     let motion: ObstacleMotion = described(text)?;
@@ -512,7 +507,7 @@ pub struct FlyArgs {
     pub camera_mount: Option<MountConfig>,
     /// A further sensor of every drone: imu, lidar, range_finder, optical_flow or depth_camera, and its fields (docs/sensors.md), such as
     /// lidar:rings=4,columns=90,sample_hz=10. Repeat it for more.
-    #[arg(long, value_name = "KIND[:KEY=VALUE,...]", value_parser = sensor)]
+    #[arg(long, value_name = "KIND[:KEY=VALUE,...]", value_parser = described::<SensorConfig>)]
     pub sensor: Vec<SensorConfig>,
     /// Camera settings.
     #[command(flatten)]

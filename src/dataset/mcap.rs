@@ -85,17 +85,16 @@ fn fault(e: impl std::fmt::Display) -> DatasetError {
 
 impl Out<'_> {
     fn put(&mut self, t_s: f64, topic: &str, schema: &'static str, message: &Value) -> Result<()> {
-        let (id, sequence) = match self.channels.get(topic) {
-            Some(known) => *known,
-            None => {
-                let schema = self.schemas.get(schema).copied().unwrap_or(0);
-                let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new()).map_err(fault)?;
-                (id, 0)
-            }
-        };
-        self.channels.insert(topic.to_string(), (id, sequence.wrapping_add(1)));
+        if !self.channels.contains_key(topic) {
+            let schema = self.schemas.get(schema).copied().unwrap_or(0);
+            let id = self.writer.add_channel(schema, topic, "json", &BTreeMap::new()).map_err(fault)?;
+            self.channels.insert(topic.to_string(), (id, 0));
+        }
+        let Some((channel_id, next)) = self.channels.get_mut(topic) else { return Ok(()) };
+        let (channel_id, sequence) = (*channel_id, *next);
+        *next = sequence.wrapping_add(1);
         let time = nanoseconds(t_s);
-        let header = MessageHeader { channel_id: id, sequence, log_time: time, publish_time: time };
+        let header = MessageHeader { channel_id, sequence, log_time: time, publish_time: time };
         self.summary.messages += 1;
         self.writer.write_to_known_channel(&header, message.to_string().as_bytes()).map_err(fault)
     }
@@ -248,6 +247,7 @@ fn contact(out: &mut Out, table: &Table, manifest: &Manifest, t: f64, row: usize
         "metadata": [{ "key": "geom", "value": geom.map_or("", |g| g.name.as_str()) },
                      { "key": "distance_m", "value": of("distance")?.to_string() }],
         "spheres": [{ "pose": pose, "size": vector([0.02; 3]), "color": { "r": 0.9, "g": 0.1, "b": 0.1, "a": 1.0 } }],
+        "cubes": [], "cylinders": [], "lines": [], "triangles": [], "texts": [], "models": [],
         "arrows": [{ "pose": pose, "shaft_length": 0.1, "shaft_diameter": 0.008, "head_length": 0.03,
                      "head_diameter": 0.02, "color": { "r": 0.9, "g": 0.1, "b": 0.1, "a": 1.0 } }],
     });

@@ -7,6 +7,7 @@ use super::tasks::{in_order, in_range};
 use super::{Ending, EnvError};
 use crate::arena::{CameraConfig, SceneConfig};
 use crate::random::{Key, Stream, purpose};
+use crate::rollout::origin;
 
 /// What the random numbers of [`Batch::stream`] are for, which makes streams differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -196,10 +197,7 @@ impl Batch {
 
     /// Seed and number by which the random numbers of a world are named.
     pub fn origin(&self, world: usize) -> (u64, u64) {
-        match self.seeds.get(world) {
-            Some(own) => (*own, 0),
-            None => (self.seed, self.first_world + world as u64),
-        }
+        origin(self.seed, &self.seeds, self.first_world + world as u64, world)
     }
 
     /// Random numbers of a world now: the same whatever else is in the batch.

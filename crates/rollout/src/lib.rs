@@ -25,6 +25,6 @@ mod views;
 pub use data::SimData;
 pub use equations::{Equations, WorldEquations};
 pub use error::RolloutError;
-pub use sim::{Engine, RotorStart, Sim, SimOptions};
+pub use sim::{Engine, RotorStart, Sim, SimOptions, origin};
 pub use state::SimState;
 pub use traced::{CommonStep, common_steps};

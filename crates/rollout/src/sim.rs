@@ -89,8 +89,9 @@ impl Default for SimOptions {
     }
 }
 
-/// Seed and number by which the random numbers of a world are named; see [`SimOptions::seeds`].
-pub(crate) fn origin(seed: u64, seeds: &[u64], number: u64, world: usize) -> (u64, u64) {
+/// Seed and number by which the random numbers of a world are named: of world number `world` of a simulation, which is number `number` over
+/// the whole run, under the seed of all or one of its own; see [`SimOptions::seeds`].
+pub fn origin(seed: u64, seeds: &[u64], number: u64, world: usize) -> (u64, u64) {
     seeds.get(world).map_or((seed, number), |own| (*own, 0))
 }
 

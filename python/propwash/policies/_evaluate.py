@@ -224,6 +224,9 @@ def arguments_of(config: Mapping[str, Any]) -> dict[str, Any]:
         "levels": config["levels"],
         "randomization": config["randomization"].get("rule") or None,
         "camera": config["camera"] if config["with_camera"] else False,
+        "obstacle_motion": config["obstacle_motion"],
+        "obstacle_jitter": config["obstacle_jitter_m"],
+        "body_rate_law": config["body_rate_law"],
     }
     out["scene"] = _scene_of(config["scene"])
     if config["task"]["kind"] != "own":
