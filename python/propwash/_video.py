@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Union
 
@@ -13,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _gl, _native
-from ._size import radius
 from ._mirror import picture
+from ._optional import need
+from ._size import radius
 from ._write import may_write
 from .sense import Camera, _float, _whole
 from .sim import Sim, _path
@@ -107,14 +107,7 @@ def _pictures(seconds: float, fps: int) -> int:
 
 def need_ffmpeg() -> Any:
     """The package that brings ffmpeg."""
-    try:
-        return import_module("imageio_ffmpeg")
-    except ModuleNotFoundError as e:
-        if e.name != "imageio_ffmpeg":
-            raise
-        raise ImportError(
-            "a video needs the package imageio-ffmpeg, which is not installed: pip install 'propwash[video]'", name=e.name
-        ) from None
+    return need("imageio_ffmpeg", "video", "a video")
 
 
 def _again(source: str | os.PathLike[str], world: int) -> tuple[Sim, Callable[[Sim], object], float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ._errors import FormatError
 from ._fields import Field, Sample
-from ._optional import need
+from .._optional import need
 from ._set import DataSet
 from ._world import Array
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Iterator, Mapping
 
 from ._arrow import column_values, describe, understand
 from ._fields import Field, Sample
-from ._optional import need
+from .._optional import need
 from ._set import DataSet
 
 if TYPE_CHECKING:

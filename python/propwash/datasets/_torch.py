@@ -8,7 +8,7 @@ from typing import Any, Callable
 import numpy as np
 
 from ._fields import Sample
-from ._optional import need
+from .._optional import need
 from ._set import DataSet
 from ._set import open as open_set
 

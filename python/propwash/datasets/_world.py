@@ -14,7 +14,7 @@ from .._repr import shortened
 from ._errors import DamagedError
 from ._fields import CHANNEL_TYPES, EMPTY, Field, key, sampled
 from ._files import RESTORE, check, item, parse, read_bytes, same, sha256
-from ._optional import need
+from .._optional import need
 
 if TYPE_CHECKING:
     import pyarrow  # type: ignore[import-not-found, import-untyped, unused-ignore]

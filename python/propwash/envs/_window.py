@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
 from typing import Any, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from .._optional import need
 
 #: Worlds that are shown at most, side by side.
 MOST = 4
@@ -25,14 +25,7 @@ class Window:
 
     def __init__(self, hz: int, n_worlds: int) -> None:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
-        try:
-            self._pygame: Any = import_module("pygame")
-        except ModuleNotFoundError as e:
-            if e.name != "pygame":
-                raise
-            raise ImportError(
-                'render_mode="human" needs the package pygame, which is not installed: pip install \'propwash[window]\'', name="pygame"
-            ) from None
+        self._pygame: Any = need("pygame", "window", 'render_mode="human"')
         if not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")):
             raise _native.Error(_NO_DISPLAY)
         self._hz = hz

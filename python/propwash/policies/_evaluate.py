@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .. import _native
 from .._write import may_write, write_bytes
 from ..sim import DroneLike
+from . import _pictures
 from ._policy import Policy
 
 Array = NDArray[Any]
@@ -146,6 +147,8 @@ def evaluate(
     if not isinstance(episodes, (int, np.integer)) or episodes < 1:
         raise ValueError(f"episodes: expected a whole number of 1 and more, got {episodes!r}")
     may_write(picture, force)
+    if picture is not None:
+        _pictures.writer()
     env_id, arguments = _environment(trained, env_id, settings)
     if vehicles is None:
         own: Any = arguments.get("drone", ["cf2x_L250"])
@@ -378,8 +381,6 @@ class _Run:
 
     def picture(self, drone: Any, speed: float, late: int, factor: float) -> bytes:
         """The first flights of the first row, at four times of each."""
-        from ._png import png, side_by_side
-
         rows: list[list[Array]] = []
         for wind, first, worlds in self.parts(speed):
             own = self.first_steps[first : first + worlds]
@@ -397,7 +398,7 @@ class _Run:
             fly(env, self.flies, self.kind, look)
             env.close()
             rows += taken
-        return png(side_by_side(rows))
+        return _pictures.png(_pictures.side_by_side(rows))
 
 
 def _listed(rules: Any) -> list[Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._optional import need
 from .._write import may_write, write_bytes
 from ._file import description
 from ._layers import Layer
@@ -140,10 +141,7 @@ def write_onnx(policy: Policy, path: str | os.PathLike[str], force: bool) -> Non
     may_write(path, force)
     if any(c.name == "action" for c in policy.observation):
         raise ValueError('observation: a channel is called "action", as the output of the model is: give the channel another name')
-    try:
-        import onnx
-    except ImportError as missing:
-        raise ImportError("Policy.to_onnx needs the package onnx: pip install 'propwash[onnx]'") from missing
+    onnx = need("onnx", "onnx", "Policy.to_onnx")
     graph = _built(policy)
     number = onnx.TensorProto.FLOAT
     inputs = [onnx.helper.make_tensor_value_info(c.name, number, ["batch", *c.shape]) for c in policy.observation]

@@ -1,30 +1,27 @@
-"""Pictures as PNG files."""
+"""Pictures of flights as one PNG file."""
 
 from __future__ import annotations
 
-import struct
-import zlib
+import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._optional import need
+
+
+def writer() -> Any:
+    """Pillow, which writes pictures."""
+    return need("PIL.Image", "envs")
+
 
 def png(picture: NDArray[np.uint8]) -> bytes:
-    """A picture (height, width, 3) as the bytes of a PNG file: 8 bits for each colour, rows filtered by the row above."""
-    height, width, _ = picture.shape
-    above = np.zeros_like(picture)
-    above[1:] = picture[:-1]
-    rows = np.empty((height, 1 + 3 * width), np.uint8)
-    rows[:, 0] = 2
-    rows[:, 1:] = (picture - above).reshape(height, -1)
-
-    def chunk(kind: bytes, held: bytes) -> bytes:
-        return struct.pack(">I", len(held)) + kind + held + struct.pack(">I", zlib.crc32(kind + held))
-
-    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows.tobytes(), 9)) + chunk(b"IEND", b"")
+    """A picture (height, width, 3) as the bytes of a PNG file."""
+    held = io.BytesIO()
+    writer().fromarray(picture).save(held, "PNG")
+    return held.getvalue()
 
 
 def side_by_side(rows: Sequence[Sequence[NDArray[Any]]], gap: int = 4) -> NDArray[np.uint8]:
