@@ -1314,6 +1314,51 @@ mod tests {
         assert_ne!(part.data.vel[0], one.vel[12 * 2 * 3], "the next episode has its own wind");
     }
 
+    #[test]
+    fn a_world_with_a_seed_of_its_own_flies_in_the_air_of_the_first_world_of_that_seed() {
+        let fly = |n_worlds: usize, engine: Engine, seed: u64, seeds: Vec<u64>| {
+            let drag = [[0.3, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.3]];
+            let drone = quad(vec![
+                AnyEffect::LinearDrag(linear_drag::Params { drag_n_s_per_m: drag }),
+                AnyEffect::Turbulence(turbulence::Params { sigma_m_s: [2.0; 3], length_m: [3.0; 3] }),
+            ]);
+            let rule =
+                Rule { parameter: "body.mass_kg".into(), draw: Draw::Scale([0.8, 1.2]), shared: false };
+            let randomization = Randomization { rules: vec![rule] };
+            let options =
+                SimOptions { n_worlds, first_world: 5, seed, seeds, engine, randomization, ..attitude() };
+            let mut sim = Sim::<f64>::new(options, vec![(drone, RATES); 2]).unwrap();
+            sim.set_command(&[0.0, 0.0, 0.0, 9.81].repeat(2 * n_worlds)).unwrap();
+            sim.step(40).unwrap();
+            sim
+        };
+        for engine in [Engine::Reference, Engine::Lanes] {
+            // More worlds than lanes, so that some are in other packs.
+            let seeds: Vec<u64> = (0..23).map(|w| 100 + w % 11).collect();
+            let mut all = fly(23, engine, 3, seeds.clone());
+            for (w, seed) in seeds.iter().enumerate() {
+                let alone = fly(1, engine, 3, vec![*seed]);
+                assert_eq!(all.data.vel[6 * w..6 * w + 6], alone.data.vel, "{engine:?}, world {w}");
+            }
+            assert_ne!(all.data.vel[..6], all.data.vel[6..12]);
+            // The first world of a simulation with that seed, not the fifth.
+            let first = fly(1, engine, 3, vec![100]);
+            let mut plain = fly(1, engine, 100, Vec::new());
+            assert_ne!(first.data.vel, plain.data.vel);
+            // Kept, put back, and ended by one seed for all.
+            let saved = all.save();
+            all.reseed(3);
+            assert!(all.options().seeds.is_empty());
+            all.restore(&saved).unwrap();
+            assert_eq!(all.options().seeds, seeds);
+            assert!(matches!(all.reseed_each(&[1, 2]), Err(RolloutError::Length { name: "seeds", .. })));
+            plain.reseed_each(&[100]).unwrap();
+            plain.reset(None).unwrap();
+            plain.step(40).unwrap();
+            assert_eq!(plain.data.vel, first.data.vel);
+        }
+    }
+
     /// Both round once in a x b + c, and no lane depends on another, so their bits are the same.
     #[test]
     #[cfg(target_arch = "x86_64")]
