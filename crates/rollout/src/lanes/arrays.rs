@@ -3,19 +3,23 @@
 use super::super::SimData;
 use super::super::quarantine::Quarantine;
 use super::super::traced::place;
+use core::array::from_fn;
 use propwash_trace::lanes::Cell;
 
 /// Place of the memory of effects among the arrays that steps change, the last of them.
 pub(super) const EFFECT_MEMORY: usize = 9;
 
-/// A number of every drone in the public arrays.
+/// Numbers of every drone that stand side by side in a public array and in the home.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Column {
-    pub(super) place: u32,
+pub(super) struct Columns {
+    /// Place of the first.
+    pub(super) place: usize,
     /// Of [`View::out`], or from the tenth on of [`Shared::read`].
     pub(super) array: usize,
     pub(super) width: usize,
+    /// The first, and how many there are.
     pub(super) col: usize,
+    pub(super) n: usize,
 }
 
 /// The arrays of some consecutive worlds.
@@ -117,44 +121,75 @@ impl<'a, N> View<'a, N> {
     }
 }
 
-/// Where a place stands in the public arrays; nowhere for time, random numbers, neighbours and what the mode does not use.
-pub(super) fn column(arrays: &Arrays, p: u32, n_effects: usize) -> Option<Column> {
-    if p >= place::EFFECTS {
-        let col = (p - place::EFFECTS) as usize;
-        return (col < n_effects).then_some(Column { place: p, array: EFFECT_MEMORY, width: 0, col });
-    }
-    arrays.columns[p as usize].map(|(array, width, col)| Column { place: p, array, width, col })
-}
-
-/// Widths of the public arrays: the commonest as constants, since lanes are filled without a check for each then.
-macro_rules! of_width {
-    ($width:expr, $run:ident($($arg:expr),*)) => {
-        match $width {
-            1 => $run($($arg),*, 1),
-            3 => $run($($arg),*, 3),
-            4 => $run($($arg),*, 4),
-            16 => $run($($arg),*, 16),
-            width => $run($($arg),*, width),
+/// Where places stand in the public arrays, neighbours as one; nowhere for time, random numbers, other drones and what the mode does
+/// not use.
+pub(super) fn columns(arrays: &Arrays, mut places: Vec<u32>, n_effects: usize) -> Vec<Columns> {
+    places.sort_unstable();
+    places.dedup();
+    let mut all: Vec<Columns> = Vec::new();
+    for p in places {
+        let at = if p >= place::EFFECTS {
+            let col = (p - place::EFFECTS) as usize;
+            (col < n_effects).then_some((EFFECT_MEMORY, 0, col))
+        } else {
+            arrays.columns[p as usize]
+        };
+        let Some((array, width, col)) = at else { continue };
+        match all.last_mut() {
+            Some(c) if c.array == array && c.place + c.n == p as usize && c.col + c.n == col => c.n += 1,
+            _ => all.push(Columns { place: p as usize, array, width, col, n: 1 }),
         }
-    };
+    }
+    all
 }
 
-/// Column `col` of the first rows of an array, one to each lane.
-pub(super) fn gather_line<C: Cell>(cell: &mut C, array: &[C::Number], width: usize, col: usize) {
-    #[inline(always)]
-    pub(super) fn run<C: Cell>(cell: &mut C, array: &[C::Number], col: usize, width: usize) {
-        let numbers = &array[col..][..(C::LANES - 1) * width + 1];
-        cell.fill(0, |lane| numbers[lane * width]);
+/// Fills lanes with columns of the first rows of an array, one row to each lane.
+pub(super) fn gather_line<C: Cell>(cells: &mut [C], array: &[C::Number], width: usize, col: usize) {
+    // Whole rows of the commonest widths need no check for each number.
+    match (width, cells.len()) {
+        (1, 1) => gather_rows::<C, 1>(cells, array),
+        (3, 3) => gather_rows::<C, 3>(cells, array),
+        (4, 4) => gather_rows::<C, 4>(cells, array),
+        _ => {
+            let array = &array[col..][..(C::LANES - 1) * width + cells.len()];
+            for (i, cell) in cells.iter_mut().enumerate() {
+                cell.fill(0, |lane| array[lane * width + i]);
+            }
+        }
     }
-    of_width!(width, run(cell, array, col));
 }
 
-/// Every lane to column `col` of the first rows of an array.
-pub(super) fn scatter_line<C: Cell>(cell: &C, array: &mut [C::Number], width: usize, col: usize) {
-    #[inline(always)]
-    pub(super) fn run<C: Cell>(cell: &C, array: &mut [C::Number], col: usize, width: usize) {
-        let numbers = &mut array[col..][..(C::LANES - 1) * width + 1];
-        cell.drain(0, |lane, v| numbers[lane * width] = v);
+#[inline(always)]
+fn gather_rows<C: Cell, const W: usize>(cells: &mut [C], array: &[C::Number]) {
+    let rows = &array.as_chunks::<W>().0[..C::LANES];
+    let Some(cells) = cells.first_chunk_mut::<W>() else { return };
+    for (lane, row) in rows.iter().enumerate() {
+        for (cell, v) in cells.iter_mut().zip(row) {
+            cell.set(lane, *v);
+        }
     }
-    of_width!(width, run(cell, array, col));
+}
+
+/// Writes lanes to columns of the first rows of an array, one row from each lane.
+pub(super) fn scatter_line<C: Cell>(cells: &[C], array: &mut [C::Number], width: usize, col: usize) {
+    match (width, cells.len()) {
+        (1, 1) => scatter_rows::<C, 1>(cells, array),
+        (3, 3) => scatter_rows::<C, 3>(cells, array),
+        (4, 4) => scatter_rows::<C, 4>(cells, array),
+        _ => {
+            let array = &mut array[col..][..(C::LANES - 1) * width + cells.len()];
+            for (i, cell) in cells.iter().enumerate() {
+                cell.drain(0, |lane, v| array[lane * width + i] = v);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn scatter_rows<C: Cell, const W: usize>(cells: &[C], array: &mut [C::Number]) {
+    let rows = &mut array.as_chunks_mut::<W>().0[..C::LANES];
+    let Some(cells) = cells.first_chunk::<W>() else { return };
+    for (lane, row) in rows.iter_mut().enumerate() {
+        *row = from_fn(|j| cells[j].get(lane));
+    }
 }

@@ -5,7 +5,7 @@ use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
 use super::super::sim::origin;
 use super::super::traced::place;
 use super::Shared;
-use super::arrays::{EFFECT_MEMORY, View, gather_line, scatter_line};
+use super::arrays::{Columns, EFFECT_MEMORY, View, gather_line, scatter_line};
 use super::plan::Kind;
 use propwash_physics::rigid_body::MAX_ROTORS;
 use propwash_trace::Real;
@@ -206,14 +206,17 @@ impl<C: Interpret> Pack<C> {
         }
     }
 
-    /// Number of an effect's memory in its array.
-    pub(super) fn effect_at(
+    /// Where the numbers of a row begin in the array of some columns.
+    fn begin(
         shared: &Shared<C::Number>,
-        view: &View<C::Number>,
+        c: &Columns,
         row: usize,
-        col: usize,
+        (n_drones, n_effects): (usize, usize),
     ) -> usize {
-        row / view.n_drones * view.n_effects + shared.effects_from[row % view.n_drones] + col
+        if c.array == EFFECT_MEMORY {
+            return row / n_drones * n_effects + shared.effects_from[row % n_drones] + c.col;
+        }
+        row * c.width + c.col
     }
 
     /// Whether lanes hold consecutive rows, all of them.
@@ -223,27 +226,21 @@ impl<C: Interpret> Pack<C> {
 
     pub(super) fn load(&mut self, shared: &Shared<C::Number>, view: &View<C::Number>, all: bool) {
         let kind = &shared.kinds[self.kind];
-        let in_line = self.in_line();
+        let (in_line, sizes) = (self.in_line(), (view.n_drones, view.n_effects));
         for c in if all { &kind.all_loads } else { &kind.loads } {
-            let cell = &mut self.file[c.place as usize];
-            if c.array == EFFECT_MEMORY {
-                for (lane, row) in self.rows.iter().enumerate() {
-                    cell.set(
-                        lane,
-                        view.out[EFFECT_MEMORY][Self::effect_at(shared, view, *row as usize, c.col)],
-                    );
-                }
-                continue;
-            }
+            let cells = &mut self.file[c.place..c.place + c.n];
             let (array, first) = match c.array {
-                0..EFFECT_MEMORY => (&*view.out[c.array], 0),
+                0..=EFFECT_MEMORY => (&*view.out[c.array], 0),
                 _ => (shared.read[c.array - 10], view.first * view.n_drones),
             };
-            if in_line {
-                gather_line(cell, &array[(first + self.rows[0] as usize) * c.width..], c.width, c.col);
-            } else {
-                for (lane, row) in self.rows.iter().enumerate() {
-                    cell.set(lane, array[(first + *row as usize) * c.width + c.col]);
+            if in_line && c.array != EFFECT_MEMORY {
+                gather_line(cells, &array[(first + self.rows[0] as usize) * c.width..], c.width, c.col);
+                continue;
+            }
+            for (lane, row) in self.rows.iter().enumerate() {
+                let from = Self::begin(shared, c, first + *row as usize, sizes);
+                for (cell, v) in cells.iter_mut().zip(&array[from..from + c.n]) {
+                    cell.set(lane, *v);
                 }
             }
         }
@@ -267,30 +264,19 @@ impl<C: Interpret> Pack<C> {
 
     pub(super) fn store(&self, shared: &Shared<C::Number>, view: &mut View<C::Number>) {
         let kind = &shared.kinds[self.kind];
-        let in_line = self.in_line();
-        for c in &kind.saves {
-            let cell = &self.file[c.place as usize];
-            match c.array {
-                EFFECT_MEMORY => {
-                    for (lane, row) in self.rows[..self.n].iter().enumerate() {
-                        let at = Self::effect_at(shared, view, *row as usize, c.col);
-                        view.out[EFFECT_MEMORY][at] = cell.get(lane);
-                    }
+        let (in_line, sizes) = (self.in_line(), (view.n_drones, view.n_effects));
+        for c in kind.saves.iter().filter(|c| c.array <= EFFECT_MEMORY) {
+            let cells = &self.file[c.place..c.place + c.n];
+            let array = &mut *view.out[c.array];
+            if in_line && c.array != EFFECT_MEMORY {
+                scatter_line(cells, &mut array[self.rows[0] as usize * c.width..], c.width, c.col);
+                continue;
+            }
+            for (lane, row) in self.rows[..self.n].iter().enumerate() {
+                let from = Self::begin(shared, c, *row as usize, sizes);
+                for (cell, v) in cells.iter().zip(&mut array[from..from + c.n]) {
+                    *v = cell.get(lane);
                 }
-                0..EFFECT_MEMORY if in_line => {
-                    scatter_line(
-                        cell,
-                        &mut view.out[c.array][self.rows[0] as usize * c.width..],
-                        c.width,
-                        c.col,
-                    );
-                }
-                0..EFFECT_MEMORY => {
-                    for (lane, row) in self.rows[..self.n].iter().enumerate() {
-                        view.out[c.array][*row as usize * c.width + c.col] = cell.get(lane);
-                    }
-                }
-                _ => {}
             }
         }
     }
@@ -304,15 +290,11 @@ impl<C: Interpret> Pack<C> {
     ) {
         let kind = &shared.kinds[self.kind];
         let row = self.rows[lane] as usize;
-        for c in &kind.saves {
-            let value = home[c.place as usize].get(lane);
-            match c.array {
-                EFFECT_MEMORY => {
-                    let at = Self::effect_at(shared, view, row, c.col);
-                    view.out[EFFECT_MEMORY][at] = value;
-                }
-                0..EFFECT_MEMORY => view.out[c.array][row * c.width + c.col] = value,
-                _ => {}
+        for c in kind.saves.iter().filter(|c| c.array <= EFFECT_MEMORY) {
+            let from = Self::begin(shared, c, row, (view.n_drones, view.n_effects));
+            let numbers = &mut view.out[c.array][from..from + c.n];
+            for (cell, v) in home[c.place..c.place + c.n].iter().zip(numbers) {
+                *v = cell.get(lane);
             }
         }
     }

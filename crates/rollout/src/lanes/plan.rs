@@ -5,7 +5,7 @@ use fearless_simd::Level;
 use super::super::blocks::Phase;
 use super::super::traced::{Shape, bare, place, relevant};
 use super::Options;
-use super::arrays::{Arrays, Column, column};
+use super::arrays::{Arrays, Columns, columns};
 use propwash_kernels as kernels;
 use propwash_physics::controllers::{Due, Rates};
 use propwash_physics::drone::Drone;
@@ -30,9 +30,9 @@ pub(super) struct Kind<N> {
     pub(super) neighbours: usize,
     /// Places that some plan reads or leaves as they are, the same with those that every plan writes, and places that some plan
     /// writes.
-    pub(super) loads: Vec<Column>,
-    pub(super) all_loads: Vec<Column>,
-    pub(super) saves: Vec<Column>,
+    pub(super) loads: Vec<Columns>,
+    pub(super) all_loads: Vec<Columns>,
+    pub(super) saves: Vec<Columns>,
     pub(super) reads_noise: bool,
     pub(super) effects: usize,
 }
@@ -280,11 +280,7 @@ impl<N: Number> Kind<N> {
         };
         let loads: Vec<u32> = places.clone().filter(is_loaded).collect();
         let all_loads: Vec<u32> = places.filter(|p| is_loaded(p) || writers[*p as usize] > 0).collect();
-        let columns = |mut list: Vec<u32>| {
-            list.sort_unstable();
-            list.dedup();
-            list.into_iter().filter_map(|p| column(arrays, p, self.effects)).collect::<Vec<Column>>()
-        };
+        let columns = |list: Vec<u32>| columns(arrays, list, self.effects);
         (self.loads, self.all_loads, self.saves) = (columns(loads), columns(all_loads), columns(saves));
     }
 
