@@ -228,23 +228,45 @@ impl Seen {
     /// What a finding changes: `self` is the vehicle with it. The channel is the one in which it changes the model most, in
     /// units of sensor noise.
     pub fn against(&self, without: &Self) -> (Part, HeldOut) {
+        let [force, torque] = self.acts(without);
+        let part = match (force, torque) {
+            (None, None) if self.turning().is_some() => Part::Attitude,
+            (None, None) => Part::Position,
+            (Some((part, size)), Some((_, other))) if size >= other => part,
+            (Some((part, _)), None) | (_, Some((part, _))) => part,
+        };
+        (part, self.change_of(part, without))
+    }
+
+    /// As [`Seen::against`], in the channel whose error falls most in proportion: what a reader should look at. A drag that halves the
+    /// force error may change a torque that is not yet explained by more times its noise.
+    pub fn clearest(&self, without: &Self) -> HeldOut {
+        let parts = self.acts(without).into_iter().flatten().map(|(part, _)| part);
+        let fallen =
+            parts.map(|part| (self.part_over(without, part), part)).filter(|(ratio, _)| *ratio < 1.0);
+        match fallen.min_by(|a, b| a.0.total_cmp(&b.0)) {
+            Some((_, part)) => self.change_of(part, without),
+            None => self.against(without).1,
+        }
+    }
+
+    /// Force and torque, each with how much it differs from that of another model, in units of noise, where it does.
+    fn acts(&self, without: &Self) -> [Option<(Part, f64)>; 2] {
         let (force, torque) = self.change(without);
         let size = |axes: &[(f64, f64); 3]| {
             let (change, noise) = axes.iter().fold((0.0, 0.0), |s, a| (s.0 + a.0, s.1 + a.1));
             if noise > 0.0 { f64::sqrt(change / noise) } else { 0.0 }
         };
-        let (of_force, of_torque) = (size(&force), size(&torque));
-        let part = if of_force.max(of_torque) < ACTS_NOWHERE {
-            if self.turning().is_some() { Part::Attitude } else { Part::Position }
-        } else if of_force >= of_torque {
-            Part::Force(direction(&force))
-        } else {
-            Part::Torque(direction(&torque))
-        };
+        [(Part::Force(direction(&force)), size(&force)), (Part::Torque(direction(&torque)), size(&torque))]
+            .map(|found| Some(found).filter(|(_, size)| *size >= ACTS_NOWHERE))
+    }
+
+    /// Errors of a part without a finding and with it.
+    fn change_of(&self, part: Part, without: &Self) -> HeldOut {
         let (with, noise) = self.error(part).unwrap_or_default();
         let (before, _) = without.error(part).unwrap_or_default();
         let (channel, unit) = part.title();
-        let held_out = HeldOut {
+        HeldOut {
             channel,
             unit: unit.into(),
             without: before,
@@ -254,8 +276,7 @@ impl Seen {
             written: true,
             doubt: None,
             little: false,
-        };
-        (part, held_out)
+        }
     }
 
     /// Ratio of the error of a part to that of another vehicle.
@@ -467,6 +488,20 @@ mod tests {
         assert_eq!(yaw.against(&filed).1.channel, "torque about body z");
         let sensor = seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.02);
         assert_eq!(sensor.against(&filed).1.channel, "attitude after 0.5 s");
+        assert_eq!(sensor.clearest(&filed).channel, "attitude after 0.5 s");
+    }
+
+    #[test]
+    fn a_reader_is_shown_the_channel_whose_error_falls_most() {
+        // The torque of an inertia that is wrong is not explained yet: the drag changes it by 20 times its noise, a fifth of it.
+        let filed = seen([0.4, 0.3, 0.01], [0.002, 0.002, 0.09], 0.1, 0.05);
+        let drag = seen([0.2, 0.15, 0.01], [0.002, 0.002, 0.07], 0.09, 0.05);
+        assert_eq!(drag.against(&filed).1.channel, "torque about body z");
+        let told = drag.clearest(&filed);
+        assert_eq!(told.channel, "force across the rotors");
+        assert!((told.without - 0.5).abs() < 1e-12 && (told.with - 0.25).abs() < 1e-12, "{told:?}");
+        // What raises every error is told where it changes most.
+        assert_eq!(filed.clearest(&drag).channel, "torque about body z");
     }
 
     #[test]

@@ -67,7 +67,7 @@ pub(super) fn judged(
         let out = harmful.or_else(|| little.then(|| least_gain(judge, &tried, &whole)).flatten());
         let Some((at, words)) = out else {
             for t in tried {
-                findings[t.index].held_out = Some(t.held_out);
+                findings[t.index].held_out = Some(whole.clearest(&t.without));
             }
             return Ok(kept);
         };
