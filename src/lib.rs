@@ -68,6 +68,9 @@ pub use propwash_gap as gap;
 pub mod dataset;
 pub mod env;
 
+// Pages that show flights in a browser.
+pub use propwash_page as page;
+
 pub mod cli;
 
 pub use error::{Error, Result};

@@ -118,7 +118,7 @@ fn the_archive(made: &Made, folder: &Path) -> Result {
     let mut files = vec!["README", "LICENSE-MIT", "LICENSE-APACHE", "share/licenses/mujoco/LICENSE"];
     files.extend(["share/propwash/xml/forest.xml"]);
     has(&moved, &files)?;
-    has_licenses(&moved.join("share/licenses/rust"), &moved.join("share/propwash/assets/report"))?;
+    has_licenses(&moved.join("share/licenses/rust"), &moved.join("share/propwash/assets"))?;
     // MuJoCo's library is not ours.
     for ours in ["bin", "share"] {
         no_paths_of_this_machine(&moved.join(ours))?;
@@ -154,7 +154,7 @@ fn the_wheel(made: &Made, base: &str, folder: &Path) -> Result {
     no_paths_of_this_machine(&wheel)?;
     let kept = wheel.join(format!("propwash-{}.dist-info/licenses", made.version));
     has(&kept, &["LICENSE-MIT", "LICENSE-APACHE"])?;
-    has_licenses(&kept.join(licenses::FOLDER), &kept.join("assets/report"))?;
+    has_licenses(&kept.join(licenses::FOLDER), &kept.join("assets"))?;
     dist::runs_on_old_glibc(&module)?;
     println!("ok: the wheel works with Python {}.{}", version[0], version[1]);
     Ok(())
@@ -168,10 +168,11 @@ fn has(folder: &Path, files: &[&str]) -> Result {
     }
 }
 
-/// Fails where the licences of crates and of Rust's library, or those of the font and the plots of reports, are missing.
-fn has_licenses(crates: &Path, report: &Path) -> Result {
+/// Fails where the licences of crates and of Rust's library, or those of the font and the scripts of pages, are missing.
+fn has_licenses(crates: &Path, assets: &Path) -> Result {
     has(crates, &[licenses::CRATES, licenses::LIBRARY])?;
-    has(report, &["DejaVuSans.LICENSE.txt", "plotly-basic.LICENSE.txt"])?;
+    has(&assets.join("report"), &["DejaVuSans.LICENSE.txt", "plotly-basic.LICENSE.txt"])?;
+    has(&assets.join("page/vendor"), &["three.LICENSE.txt", "uPlot.LICENSE.txt"])?;
     let path = crates.join(licenses::CRATES);
     let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     // One of the program, and one of the module alone.

@@ -16,6 +16,7 @@ mod sanitize;
 mod setup;
 mod test;
 mod tidy;
+mod vendor;
 
 const HELP: &str = "\
 Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fetches the rest.
@@ -54,6 +55,8 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask sanitize [ARGS...]
                                run the tests that reach `unsafe` code with AddressSanitizer, in target/sanitize (Linux on x86-64)
                                (ARGS go to `cargo test` in place of them)
+  cargo xtask vendor           write assets/page/vendor anew: three.js and uPlot from npm, pinned by SHA-512, bundled by a
+                               pinned esbuild; what it writes is checked in
   cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
   cargo xtask tidy             check the rules of docs/architecture.md that a text search can check
   cargo xtask ci               fmt, clippy, tidy, cargo doc, the site, cargo deny (if installed), test
@@ -75,6 +78,7 @@ fn main() -> ExitCode {
         Some("docs") => docs::run(rest),
         Some("sanitize") => sanitize::run(rest),
         Some("gen") => gen_kernels::run(rest),
+        Some("vendor") => run::no_arguments("vendor", rest).and_then(|()| vendor::run()),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
         Some("help" | "--help" | "-h") => {
