@@ -70,6 +70,7 @@ pub mod env;
 
 // Pages that show flights in a browser.
 pub use propwash_page as page;
+pub mod view;
 
 pub mod cli;
 

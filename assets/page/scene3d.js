@@ -7,6 +7,8 @@
 
   /** Half edge of the rectangle that stands for an infinite plane, m. */
   const FAR_PLANE = 60;
+  /** Vertical field of view, degrees. */
+  const FOV = 50;
   const VIEWS = ["orbit", "follow", "first person", "top"];
 
   class Scene3D {
@@ -16,7 +18,7 @@
       this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, preserveDrawingBuffer: false });
       this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
       this.scene = new THREE.Scene();
-      this.camera = new THREE.PerspectiveCamera(50, 1, 0.02, 500);
+      this.camera = new THREE.PerspectiveCamera(FOV, 1, 0.02, 500);
       this.camera.up.set(0, 0, 1);
       this.controls = new THREE.OrbitControls(this.camera, this.canvas);
       this.controls.addEventListener("change", () => this.need());
@@ -28,7 +30,7 @@
       this.view = "orbit";
       /** @type {any} what is followed: an object with `position` and `quaternion` */
       this.target = null;
-      /** @type {{pos: any, quat: any} | null} camera in the frame of what is followed; forward along x without */
+      /** @type {{pos: any, quat: any, fov?: number} | null} camera in the frame of what is followed; forward along x without */
       this.mount = null;
       this.lastTarget = new THREE.Vector3();
       this.waiting = false;
@@ -84,8 +86,9 @@
 
     /** All geoms of a scene; `seen: false` draws a geom hatched, with its outline.
      * @param {{kind: string, size: number[], pos: number[], quat: number[], rgba: number[], name: string, seen: boolean, mesh?: number}[]} list
-     * @param {{vertices: Float32Array, faces: Uint32Array}[]} meshes */
-    addGeoms(list, meshes) {
+     * @param {{vertices: Float32Array, faces: Uint32Array}[]} meshes
+     * @param {(geom: any) => any} [carrier] the object in whose frame a geom stands, if it is not the world's */
+    addGeoms(list, meshes, carrier) {
       const shapes = meshes.map((m) => {
         const shape = new THREE.BufferGeometry();
         shape.setAttribute("position", new THREE.BufferAttribute(m.vertices, 3));
@@ -102,7 +105,8 @@
         mesh.quaternion.set(geom.quat[0], geom.quat[1], geom.quat[2], geom.quat[3]);
         mesh.userData = { geom, index: k };
         if (!geom.seen) mesh.add(outline(shape));
-        this.scene.add(mesh);
+        else if (geom.kind === "plane") mesh.add(metres(geom.size));
+        (carrier?.(geom) ?? this.scene).add(mesh);
         this.geoms.push(mesh);
       });
       this.need();
@@ -165,8 +169,9 @@
     // ----- what flies -------------------------------------------------------------------------------------------------------
 
     /** A multirotor from where its rotors are.
-     * @param {{rotors: number[][], radius?: number}} model rotors in the body's frame, m
-     * @param {{role: string, opacity?: number}} look `role` names a colour of the style sheet
+     * @param {{rotors: number[][], radius?: number, bare?: boolean}} model rotors in the body's frame, m; `bare` for rotors alone
+     * @param {{role: string, opacity?: number, halo?: boolean}} look `role` names a colour of the style sheet; `halo` draws a ring around
+     *   it that does not shrink with the distance
      * @returns {any} a group with `place(pos, quat)` */
     addDrone(model, look) {
       const drone = new THREE.Group();
@@ -184,9 +189,12 @@
         const rotor = new THREE.Mesh(new THREE.CylinderGeometry(radius, radius, 0.02 * reach, 28), disc);
         rotor.rotation.x = Math.PI / 2;
         rotor.position.set(x, y, z + 0.08 * reach);
-        drone.add(arm, rotor);
+        drone.add(rotor);
+        if (!model.bare) drone.add(arm);
       }
-      drone.add(new THREE.Mesh(new THREE.BoxGeometry(0.5 * reach, 0.34 * reach, 0.2 * reach), material));
+      if (!model.bare) drone.add(new THREE.Mesh(new THREE.BoxGeometry(0.5 * reach, 0.34 * reach, 0.2 * reach), material));
+      const halo = look.halo ? ring() : null;
+      if (halo) drone.add(halo);
       const tip = new THREE.Mesh(new THREE.ConeGeometry(0.12 * reach, 0.35 * reach, 16), nose);
       tip.rotation.z = -Math.PI / 2;
       tip.position.x = 0.42 * reach;
@@ -195,11 +203,13 @@
         material.color.set(P.color(look.role));
         disc.color.set(P.color(look.role));
         nose.color.set(P.color("mark"));
+        halo?.material.color.set(P.color(look.role));
         this.need();
       });
       drone.place = (/** @type {ArrayLike<number>} */ pos, /** @type {ArrayLike<number>} */ quat) => {
-        drone.visible = [0, 1, 2].every((k) => Number.isFinite(pos[k]));
-        if (!drone.visible) return;
+        const there = [0, 1, 2].every((k) => Number.isFinite(pos[k])) && Number.isFinite(quat[0]);
+        drone.visible = drone.userData.there = there;
+        if (!there) return;
         drone.position.set(pos[0], pos[1], pos[2]);
         drone.quaternion.set(quat[0], quat[1], quat[2], quat[3]).normalize();
       };
@@ -322,7 +332,8 @@
     frame(low, high) {
       const box = new THREE.Box3(new THREE.Vector3(...low), new THREE.Vector3(...high));
       const ball = box.getBoundingSphere(new THREE.Sphere());
-      const distance = Math.max(ball.radius, 0.3) / Math.sin((0.5 * this.camera.fov * Math.PI) / 180);
+      const half = (0.5 * this.camera.fov * Math.PI) / 180;
+      const distance = (0.85 * Math.max(ball.radius, 0.3)) / Math.sin(Math.min(half, Math.atan(Math.tan(half) * this.camera.aspect)));
       this.controls.target.copy(ball.center);
       this.camera.position.copy(ball.center).add(new THREE.Vector3(-0.5, -0.75, 0.55).normalize().multiplyScalar(distance));
       this.controls.update();
@@ -349,7 +360,9 @@
         this.controls.target.copy(this.target.position);
         this.camera.position.copy(this.target.position).add(new THREE.Vector3(-2, -2, 1.5));
       }
-      this.controls.update();
+      this.camera.fov = (this.view === "first person" && this.mount?.fov) || FOV;
+      this.camera.updateProjectionMatrix();
+      if (this.view !== "first person") this.controls.update();
       this.moved();
       this.buttons?.forEach((b) => b.setAttribute("aria-pressed", String(b.dataset.view === this.view)));
     }
@@ -357,7 +370,7 @@
     /** To be called when what is followed has moved. */
     moved() {
       const at = this.target;
-      if (at?.visible) {
+      if (at?.userData.there) {
         if (this.view === "follow") {
           const step = at.position.clone().sub(this.lastTarget);
           this.camera.position.add(step);
@@ -377,16 +390,15 @@
           this.camera.quaternion.copy(at.quaternion).multiply(turn);
         }
         this.lastTarget.copy(at.position);
-        at.userData.hidden = this.view === "first person";
-        at.children.forEach((/** @type {any} */ child) => (child.visible = !at.userData.hidden));
+        at.visible = this.view !== "first person";
       }
       this.need();
     }
 
-    /** Buttons for the ways in which the camera moves. */
-    viewButtons() {
+    /** Buttons for the ways in which the camera moves. @param {boolean} [moving] whether there is something to follow */
+    viewButtons(moving = true) {
       /** @type {any[]} */
-      this.buttons = VIEWS.map((view) => P.el("button", {
+      this.buttons = (moving ? VIEWS : ["orbit", "top"]).map((view) => P.el("button", {
         type: "button", "data-view": view, "aria-pressed": String(view === this.view), onclick: () => this.setView(view),
       }, view[0].toUpperCase() + view.slice(1)));
       return P.el("div", { class: "buttons", role: "group", "aria-label": "camera" }, ...this.buttons);
@@ -424,7 +436,7 @@
       this.setView(view.replace("-", " "));
       this.camera.position.fromArray(numbers);
       this.controls.target.fromArray(numbers, 3);
-      this.controls.update();
+      if (this.view !== "first person") this.controls.update();
       this.moved();
     }
   }
@@ -443,6 +455,34 @@
     else if (kind === "cylinder") shape = new THREE.CylinderGeometry(a, a, 2 * b, 32).rotateX(Math.PI / 2);
     else throw new Error(`a geom of the kind ${kind} has no shape of its own`);
     return shape;
+  }
+
+  /** Lines on a plane, one a metre, so that one sees how large things are. @param {number[]} size */
+  function metres(size) {
+    const [a, b] = [size[0] || FAR_PLANE, size[1] || FAR_PLANE];
+    const points = [];
+    for (let x = Math.ceil(-a); x <= a; x++) points.push(x, -b, 0.002, x, b, 0.002);
+    for (let y = Math.ceil(-b); y <= b; y++) points.push(-a, y, 0.002, a, y, 0.002);
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
+    return new THREE.LineSegments(shape, new THREE.LineBasicMaterial({ color: 0x30363e, transparent: true, opacity: 0.16 }));
+  }
+
+  /** A ring of 26 pixels around a point, before everything. */
+  function ring() {
+    const canvas = document.createElement("canvas");
+    canvas.width = canvas.height = 64;
+    const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+    pen.strokeStyle = "#fff";
+    pen.lineWidth = 5;
+    pen.arc(32, 32, 28, 0, 2 * Math.PI);
+    pen.stroke();
+    const shape = new THREE.BufferGeometry();
+    shape.setAttribute("position", new THREE.BufferAttribute(new Float32Array(3), 3));
+    return new THREE.Points(shape, new THREE.PointsMaterial({
+      map: new THREE.CanvasTexture(canvas), size: 26 * Math.min(2, devicePixelRatio), sizeAttenuation: false, transparent: true,
+      opacity: 0.9, depthTest: false, depthWrite: false,
+    }));
   }
 
   /** The edges of a shape, as a line. @param {any} shape */

@@ -1,7 +1,9 @@
 //! Flags and sub-commands, each defined once.
 
 use super::bench_args::BENCH_EXAMPLES;
+use super::view_args::VIEW_EXAMPLES;
 pub use super::bench_args::BenchArgs;
+pub use super::view_args::ViewArgs;
 use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
@@ -35,6 +37,7 @@ Examples:
   propwash depth --scene forest.xml --pos 0,0,1 --look 1,0,0 --out view.png
   propwash fly --scene forest --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
+  propwash view data/forest --open                   the flight in three dimensions, in the browser
   propwash log check flight.csv                      what is wrong with a flight log, in words
   propwash vehicle diff cf2x_L250 mine.toml          what differs between two vehicles
   propwash identify flight.csv --model attitude --vehicle cf2x_L250 --out better.toml
@@ -113,6 +116,9 @@ pub enum Command {
     /// Render one depth image of a scene.
     #[command(after_help = DEPTH_EXAMPLES, allow_negative_numbers = true)]
     Depth(DepthArgs),
+    /// Show a scene, a data set or a flight log in three dimensions: one page that needs no other file and no network.
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// List the vehicles, or show one with all its values and sources.
     #[command(after_help = DRONES_EXAMPLES, allow_negative_numbers = true)]
     Drones(DronesArgs),
@@ -546,6 +552,9 @@ pub struct FlyArgs {
     /// Threads. Default: one per core. The output does not depend on it.
     #[arg(long, value_name = "N", value_parser = whole::<usize>)]
     pub threads: Option<usize>,
+    /// Page (HTML) that shows the data set in three dimensions, as `propwash view` makes it.
+    #[arg(long = "view", value_name = "FILE")]
+    pub page: Option<PathBuf>,
     /// Video (mp4) of world 0, made from the data set: the command of the Python package only, with propwash[video]
     /// (docs/pictures.md).
     #[arg(long, value_name = "FILE")]

@@ -8,6 +8,7 @@ mod gap_args;
 mod gap_logs;
 mod output;
 mod progress;
+mod view_args;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
@@ -72,6 +73,7 @@ fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
     };
     let outcome = match args.command {
         args::Command::Fly(a) => cmd::fly::run(&a),
+        args::Command::View(a) => cmd::view::run(&a),
         args::Command::Depth(a) => cmd::depth::run(&a),
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),

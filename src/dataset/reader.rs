@@ -18,6 +18,7 @@ use super::writer::{
     CLEARANCE, COMPLETE, CONTACTS, CompleteRecord, FRAMES, MANIFEST, SCENE, STATES, WORLD, WorldRecord,
     Writer, create_or_resume, list, read_seal, read_world_record, world_dir_name,
 };
+use crate::scene::Scene;
 use crate::sense::ChannelType;
 
 /// An opened data set.
@@ -151,6 +152,28 @@ impl Dataset {
             !matches!(fault, DatasetError::Incomplete { .. }) || !std::mem::replace(&mut told, true)
         });
         faults
+    }
+
+    /// The compiled scene with the drones of the data set, from its `scene.mjb`; none in data sets without it, and in those that were flown
+    /// without a scene.
+    ///
+    /// # Errors
+    /// [`DatasetError::Damaged`] where the file is missing, is not that of the manifest, or is no scene of this version of MuJoCo.
+    pub fn scene(&self) -> Result<Option<Scene>> {
+        if self.manifest.scene.mjb_sha256.is_none() {
+            return Ok(None);
+        }
+        self.check_scene()?;
+        let path = self.dir.join(SCENE);
+        let bytes = fs::read(&path).map_err(DatasetError::io(&path))?;
+        let shells: Vec<String> = self.manifest.vehicles.iter().map(|v| v.shell.clone()).collect();
+        let version = &self.manifest.mujoco_version;
+        let scene = Scene::from_mjb(&self.manifest.scene.name, &bytes, &shells)
+            .map_err(|e| DatasetError::damaged(&path, format!("a scene of MuJoCo {version}"), e))?;
+        if scene.hash() != self.manifest.scene.sha256 {
+            return Err(DatasetError::damaged(&path, "the scene whose hash the manifest has", "another"));
+        }
+        Ok(Some(scene))
     }
 
     fn check_scene(&self) -> Result<()> {

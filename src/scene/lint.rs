@@ -201,7 +201,8 @@ pub fn lint_source(source: &SceneSource) -> Result<LintReport, SceneError> {
     lint(source, [0.0, 0.0, 1.0], 0.1)
 }
 
-fn depth_verdict(info: &GeomInfo) -> Verdict {
+/// Whether depth images of the usual groups 0, 1, 2 see a geom.
+pub(crate) fn depth_verdict(info: &GeomInfo) -> Verdict {
     if info.alpha == 0.0 {
         return Verdict::no("alpha is 0 (geom or material): rays pass through");
     }
@@ -211,7 +212,8 @@ fn depth_verdict(info: &GeomInfo) -> Verdict {
     Verdict::yes()
 }
 
-fn contact_verdict(info: &GeomInfo) -> Verdict {
+/// Whether drones can touch a geom.
+pub(crate) fn contact_verdict(info: &GeomInfo) -> Verdict {
     if !info.can_collide() {
         return Verdict::no("contype and conaffinity are 0: drones fly through");
     }

@@ -19,6 +19,7 @@ mod workers;
 pub use engine::load_plugin_library;
 pub use error::SceneError;
 pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
+pub(crate) use lint::{contact_verdict, depth_verdict};
 pub use model::{
     BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
     ObstacleKind, Scene, SceneSource, Shell, SiteInfo,
@@ -26,7 +27,7 @@ pub use model::{
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;
 pub use shipped::SCENES;
-pub(crate) use sync::checked as checked_pose;
+pub(crate) use sync::{checked as checked_pose, quat_of_matrix};
 pub use sync::{MAX_COORDINATE_M, Pose};
 pub(crate) use workers::RayScratch;
 pub use workers::{GeomDistance, Lent, RawContact, RayHit, Worker, WorkerPool};

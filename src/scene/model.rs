@@ -635,6 +635,24 @@ impl Scene {
         Ok(scene)
     }
 
+    /// A scene from what [`Scene::to_mjb`] gave, with the names of its drones' shells. Needs no other file.
+    ///
+    /// # Errors
+    /// [`SceneError::Compile`] where the bytes are no model of this version of MuJoCo; [`SceneError::Shell`] where it has other drones.
+    pub fn from_mjb(name: &str, bytes: &[u8], shells: &[String]) -> Result<Self, SceneError> {
+        let building = Building::begin();
+        let what = format!("scene '{name}'");
+        let loaded = MjModel::from_buffer(bytes);
+        let heard: Vec<String> = building.heard().into_iter().map(|text| format!("MuJoCo: {}", text.trim())).collect();
+        let model = loaded.map_err(|e| {
+            let message = heard.iter().map(String::as_str).chain([e.to_string().as_str()]).collect::<Vec<_>>().join("; ");
+            SceneError::Compile { what: what.clone(), message }
+        })?;
+        let shell = |name: &String| Shell { name: name.clone(), xml: String::new(), dir: None };
+        let shells: Vec<Shell> = shells.iter().map(shell).collect();
+        Ok(Self(Arc::new(describe(model, what, &shells, heard, 0)?)))
+    }
+
     /// A new set of poses: drones at the origin, obstacles as the model places them.
     ///
     /// # Errors

@@ -4,11 +4,13 @@ use super::{io_error, print, print_json};
 use crate::arena::{FlightPattern, SceneConfig};
 use crate::cli::args::{FlyArgs, put};
 use crate::cli::exit::{Outcome, warn};
+use crate::cli::output;
 use crate::dataset::recorder::{self, Flight, FlightConfig, Recorded};
 use crate::dataset::{MAX_DRONES, MAX_WORLDS};
 use crate::rollout::RolloutError;
 use crate::rollout::randomize::Randomization;
 use crate::sense::DepthNoise;
+use crate::view;
 use crate::{Error, Result};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use serde_json::{Map, Value, json};
@@ -21,6 +23,7 @@ const MAX_THREADS: usize = 1024;
 /// Runs the command.
 pub fn run(args: &FlyArgs) -> Result<Outcome> {
     let flight = config(args)?.load()?;
+    output::check(&[("--view", args.page.as_deref())], false)?;
     let recorded = match args.threads {
         None => fly(args, &flight)?,
         Some(n) => rayon::ThreadPoolBuilder::new()
@@ -34,6 +37,10 @@ pub fn run(args: &FlyArgs) -> Result<Outcome> {
             .install(|| fly(args, &flight))?,
     };
     report(args, &recorded)?;
+    if let Some(page) = &args.page {
+        let made = view::page(&args.out, &view::Options::default())?;
+        output::report("--view", page, made.html.as_bytes(), false)?;
+    }
     Ok(Outcome::Fine)
 }
 

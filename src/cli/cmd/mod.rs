@@ -16,6 +16,7 @@ pub mod remove;
 pub mod scene;
 pub mod urdf;
 pub mod vehicle;
+pub mod view;
 
 use crate::{Error, Result};
 use std::path::Path;
