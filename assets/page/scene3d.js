@@ -7,6 +7,22 @@
 
   /** Half edge of the rectangle that stands for an infinite plane, m. */
   const FAR_PLANE = 60;
+  /** Whether the line from the camera to a point of a surface goes on into the box: then the point stands before it. */
+  const CUT = `
+varying vec3 vPlace;
+uniform float cutOn;
+uniform vec3 cutLow;
+uniform vec3 cutHigh;
+bool isCut() {
+  vec3 way = vPlace - cameraPosition + vec3(1e-7);
+  vec3 a = (cutLow - cameraPosition) / way;
+  vec3 b = (cutHigh - cameraPosition) / way;
+  vec3 low = min(a, b);
+  vec3 high = max(a, b);
+  float enters = max(max(low.x, low.y), low.z);
+  return cutOn > 0.5 && enters > 1.0 && enters < min(min(high.x, high.y), high.z);
+}
+`;
   /** Vertical field of view, degrees. */
   const FOV = 50;
   const VIEWS = ["orbit", "follow", "first person", "top"];
@@ -32,6 +48,13 @@
       this.target = null;
       /** @type {{pos: any, quat: any, fov?: number} | null} camera in the frame of what is followed; forward along x without */
       this.mount = null;
+      /** @type {{at: any, to: any} | null} where the camera was in orbit */
+      this.kept = null;
+      /** @type {(() => void) | null} called when the way in which the camera moves was changed */
+      this.changed = null;
+      /** @type {any} a box, such as that of the flight; seen from outside, what stands before it is cut away, such as a ceiling */
+      this.cut = null;
+      this.cutting = { cutOn: { value: 0 }, cutLow: { value: new THREE.Vector3() }, cutHigh: { value: new THREE.Vector3() } };
       this.lastTarget = new THREE.Vector3();
       this.waiting = false;
       new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -79,6 +102,11 @@
     }
 
     draw() {
+      this.cutting.cutOn.value = this.cut && (this.view === "orbit" || this.view === "top") ? 1 : 0;
+      if (this.cut) {
+        this.cutting.cutLow.value.copy(this.cut.min);
+        this.cutting.cutHigh.value.copy(this.cut.max);
+      }
       this.renderer.render(this.scene, this.camera);
     }
 
@@ -120,13 +148,14 @@
         color: new THREE.Color().setRGB(r, g, b, THREE.SRGBColorSpace), side: geom.kind === "sphere" ? THREE.FrontSide : THREE.DoubleSide,
         transparent: geom.seen && alpha < 1, opacity: geom.seen ? Math.max(alpha, 0.05) : 1,
       });
-      if (!geom.seen) {
-        material.onBeforeCompile = (/** @type {any} */ shader) => {
-          shader.fragmentShader = shader.fragmentShader.replace("void main() {",
-            "void main() {\n  if (mod(gl_FragCoord.x + gl_FragCoord.y, 12.0) > 3.0) discard;");
-        };
-        material.customProgramCacheKey = () => "hatched";
-      }
+      const hatch = geom.seen ? "" : "  if (mod(gl_FragCoord.x + gl_FragCoord.y, 12.0) > 3.0) discard;\n";
+      material.onBeforeCompile = (/** @type {any} */ shader) => {
+        Object.assign(shader.uniforms, this.cutting);
+        shader.vertexShader = "varying vec3 vPlace;\n" + shader.vertexShader.replace("#include <project_vertex>",
+          "#include <project_vertex>\n  vPlace = (modelMatrix * vec4(transformed, 1.0)).xyz;");
+        shader.fragmentShader = CUT + shader.fragmentShader.replace("void main() {", `void main() {\n  if (isCut()) discard;\n${hatch}`);
+      };
+      material.customProgramCacheKey = () => (geom.seen ? "solid" : "hatched");
       return material;
     }
 
@@ -154,7 +183,9 @@
       const at = new THREE.Vector2((2 * x) / this.canvas.clientWidth - 1, 1 - (2 * y) / this.canvas.clientHeight);
       const ray = new THREE.Raycaster();
       ray.setFromCamera(at, this.camera);
-      const hit = ray.intersectObjects(this.geoms.filter((m) => m.visible), false)[0];
+      const enters = this.cutting.cutOn.value ? ray.ray.intersectBox(this.cut, new THREE.Vector3()) : null;
+      const from = enters && !this.cut.containsPoint(ray.ray.origin) ? enters.distanceTo(ray.ray.origin) : 0;
+      const hit = ray.intersectObjects(this.geoms.filter((m) => m.visible), false).find((h) => h.distance >= from);
       return hit ? { index: hit.object.userData.index, point: hit.point } : null;
     }
 
@@ -234,7 +265,11 @@
       const material = new THREE.LineMaterial({ linewidth: width, vertexColors: !look.role, dashed: false });
       // Drawn before the line and without depth, so that it shows on both sides of it alone.
       const edge = new THREE.LineMaterial({ linewidth: width + 2, depthWrite: false });
-      this.lines.push(material, edge);
+      // A faint one shows where the path goes behind things.
+      const through = new THREE.LineMaterial({
+        linewidth: width, vertexColors: !look.role, transparent: true, opacity: 0.3, depthTest: false, depthWrite: false,
+      });
+      this.lines.push(material, edge, through);
       const group = new THREE.Group();
       const lines = runs.filter((r) => r.length > 1).map((run) => {
         const shape = new THREE.LineGeometry();
@@ -243,14 +278,16 @@
         const line = new THREE.Line2(shape, material);
         under.renderOrder = 1;
         line.renderOrder = 2;
+        const behind = new THREE.Line2(shape, through);
+        behind.renderOrder = 3;
         if (!look.role) group.add(under);
-        group.add(line);
+        group.add(line, behind);
         return { run, shape };
       });
       this.scene.add(group);
       P.onTheme(() => {
         edge.color.set(P.color("space-edge") || "#0b0e12");
-        if (look.role) material.color.set(P.color(look.role));
+        if (look.role) [material, through].forEach((m) => m.color.set(P.color(look.role)));
         this.need();
       });
       this.resize();
@@ -273,7 +310,7 @@
         remove: () => {
           this.scene.remove(group);
           lines.forEach((l) => l.shape.dispose());
-          this.lines = this.lines.filter((m) => m !== material && m !== edge);
+          this.lines = this.lines.filter((m) => m !== material && m !== edge && m !== through);
           this.need();
         },
       };
@@ -343,6 +380,8 @@
     /** How the camera moves: one of the buttons of `viewButtons`. @param {string} view */
     setView(view) {
       const was = this.view;
+      // Orbit goes back to where it was.
+      if (was === "orbit") this.kept = { at: this.camera.position.clone(), to: this.controls.target.clone() };
       this.view = VIEWS.includes(view) ? view : "orbit";
       this.controls.enabled = this.view !== "first person";
       this.camera.up.set(0, 0, 1);
@@ -354,16 +393,18 @@
         this.controls.target.copy(this.target.position);
         this.camera.position.copy(this.target.position).add(away.setLength(reach));
       } else if (this.view === "top") {
-        const distance = this.camera.position.distanceTo(this.controls.target);
+        const distance = this.kept ? this.kept.at.distanceTo(this.kept.to) : this.camera.position.distanceTo(this.controls.target);
+        if (this.target?.userData.there) this.controls.target.copy(this.target.position);
         this.camera.position.copy(this.controls.target).add(new THREE.Vector3(0, -0.002 * distance, distance));
-      } else if (was === "first person" && this.target) {
-        this.controls.target.copy(this.target.position);
-        this.camera.position.copy(this.target.position).add(new THREE.Vector3(-2, -2, 1.5));
+      } else if (this.view === "orbit" && was !== "orbit" && this.kept) {
+        this.camera.position.copy(this.kept.at);
+        this.controls.target.copy(this.kept.to);
       }
       this.camera.fov = (this.view === "first person" && this.mount?.fov) || FOV;
       this.camera.updateProjectionMatrix();
       if (this.view !== "first person") this.controls.update();
       this.moved();
+      this.changed?.();
       this.buttons?.forEach((b) => b.setAttribute("aria-pressed", String(b.dataset.view === this.view)));
     }
 

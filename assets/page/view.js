@@ -4,7 +4,7 @@
 (() => {
   const P = globalThis.Propwash;
   const D = P.json("flight");
-  const LAYERS = { path: "Path", contacts: "Contacts", frustum: "Camera", nearest: "Clearance line", unseen: "What depth does not see" };
+  const LAYERS = { cut: "Cut away what is before it", path: "Path", contacts: "Contacts", frustum: "Camera", nearest: "Clearance line", unseen: "What depth does not see" };
   /** Most drones whose lines stand in one plot. */
   const MOST_LINES = 6;
 
@@ -145,6 +145,11 @@
     return box.isEmpty() ? new THREE.Box3(new THREE.Vector3(-2, -2, 0), new THREE.Vector3(2, 2, 2)) : box;
   }
 
+  /** Opens the picture towards the flight, so that a ceiling or a tree does not hide it. */
+  function cut() {
+    view.cut = flies && D.scene && !hidden.has("cut") ? bounds() : null;
+  }
+
   function ground() {
     if (D.scene || !world) return;
     const box = bounds();
@@ -162,19 +167,20 @@
     if (!c) return;
     marks = new THREE.Group();
     const size = 0.02 + 0.15 * (drones[0]?.userData.reach ?? 0.1);
-    const points = new THREE.InstancedMesh(new THREE.SphereGeometry(0.25 * size, 10, 8), new THREE.MeshBasicMaterial(), c.count);
+    const places = new Float32Array(3 * c.count);
     const lines = new Float32Array(6 * c.count);
-    const at = new THREE.Matrix4();
     for (let k = 0; k < c.count; k++) {
-      points.setMatrixAt(k, at.makeTranslation(c.pos[0][k], c.pos[1][k], c.pos[2][k]));
+      for (let n = 0; n < 3; n++) places[3 * k + n] = c.pos[n][k];
       for (let n = 0; n < 3; n++) {
         lines[6 * k + n] = c.pos[n][k];
         lines[6 * k + 3 + n] = c.pos[n][k] + 4 * size * c.normal[n][k];
       }
     }
-    const shape = new THREE.BufferGeometry();
-    shape.setAttribute("position", new THREE.BufferAttribute(lines, 3));
-    const normals = new THREE.LineSegments(shape, new THREE.LineBasicMaterial());
+    const shape = (/** @type {Float32Array} */ of) => new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(of, 3));
+    const color = P.color("contact");
+    const dots = new THREE.PointsMaterial({ color, size: 6 * Math.min(2, devicePixelRatio), sizeAttenuation: false });
+    const points = new THREE.Points(shape(places), dots);
+    const normals = new THREE.LineSegments(shape(lines), new THREE.LineBasicMaterial({ color }));
     marks.add(points, normals);
     marks.userData = { points, normals };
     marks.visible = !hidden.has("contacts");
@@ -234,7 +240,7 @@
       return path;
     });
     addContacts();
-    P.onTheme(() => marks?.userData.points.material.color.set(P.color("contact")));
+    cut();
     mount();
     player.limits(asked.from, asked.to);
     drawScale();
@@ -512,7 +518,7 @@
 
   function addLayers() {
     const has = {
-      path: flies, contacts: D.worlds.some((/** @type {any} */ w) => w.contacts), frustum: D.worlds.some((/** @type {any} */ w) => w.frames),
+      cut: flies && D.scene, path: flies, contacts: D.worlds.some((/** @type {any} */ w) => w.contacts), frustum: D.worlds.some((/** @type {any} */ w) => w.frames),
       nearest: D.worlds.some((/** @type {any} */ w) => w.clearance.length), unseen: (D.scene?.geoms ?? []).some((/** @type {any} */ g) => !g.seen),
     };
     for (const [key, name] of Object.entries(LAYERS)) {
@@ -524,6 +530,7 @@
         paths.forEach((p) => p.show(!hidden.has("path")));
         if (marks) marks.visible = !hidden.has("contacts");
         if (key === "unseen") view.showUnseen(box.checked);
+        if (key === "cut") cut();
         step(player.time);
         view.need();
       });
@@ -637,6 +644,7 @@
     view.frame(box.min.toArray(), box.max.toArray());
     placeObstacles(player.time);
     view.cameraFrom(wanted.get("cam"));
+    view.changed = () => step(player.time);
     player.on(step);
     const t = Number(wanted.get("t") ?? NaN);
     if (Number.isFinite(t)) player.set(t);

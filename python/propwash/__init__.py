@@ -50,6 +50,7 @@ from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
 
 __all__ = [
@@ -99,6 +100,7 @@ __all__ = [
     "Sim",
     "State",
     "Vehicle",
+    "View",
     "Viewer",
     "__version__",
     "add",

@@ -39,6 +39,7 @@ __all__ = [
     "tell_apart",
     "vehicle_of",
     "vehicles",
+    "view_page",
     "waypoints",
 ]
 
@@ -164,6 +165,9 @@ class Sim:
     def hover_rotor_vel(self) -> NDArray[np.float64]: ...
     def scene_json(self, scene: int) -> str: ...
     def scene_mjb(self, scene: int) -> bytes: ...
+    def view_page(self, worlds: Sequence[int]) -> tuple[str, list[str]]:
+        """The page of worlds as they are now, and its notes."""
+
     def cameras(self, spec: Mapping[str, Any], scene: int) -> Cameras: ...
     def render(
         self, cameras: Sequence[Cameras], worlds: Sequence[int] | None, planes: dict[str, Any]
@@ -274,6 +278,11 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
+def view_page(
+    what: str | PathLike[str], worlds: Sequence[int], scene: str | PathLike[str] | None, vehicle: str | None
+) -> tuple[str, list[str]]:
+    """The page of a file or folder, and its notes."""
+
 def run_program(words: Sequence[str], again: Sequence[str]) -> int:
     """Runs the command line whose words follow `propwash`, with the input and output of this process; gives the exit code. `again` starts
     it anew where words are put behind it."""

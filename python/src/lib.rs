@@ -17,6 +17,7 @@ mod state;
 mod task;
 mod threads;
 mod vehicle;
+mod view;
 
 use pyo3::prelude::*;
 
@@ -72,6 +73,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(commands::tell_apart, m)?)?;
     m.add_function(wrap_pyfunction!(commands::waypoints, m)?)?;
     m.add_function(wrap_pyfunction!(program::run_program, m)?)?;
+    m.add_function(wrap_pyfunction!(view::view_page, m)?)?;
     m.add_function(wrap_pyfunction!(load_plugin_library, m)?)?;
     m.add_function(wrap_pyfunction!(mujoco_version, m)?)?;
     m.add_function(wrap_pyfunction!(scenes, m)?)?;

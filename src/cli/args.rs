@@ -1,13 +1,13 @@
 //! Flags and sub-commands, each defined once.
 
 use super::bench_args::BENCH_EXAMPLES;
-use super::view_args::VIEW_EXAMPLES;
 pub use super::bench_args::BenchArgs;
-pub use super::view_args::ViewArgs;
 use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
+use super::view_args::VIEW_EXAMPLES;
+pub use super::view_args::ViewArgs;
 use crate::arena::{CameraConfig, MountConfig, ObstacleMotion, SensorConfig, read_value};
 use crate::dataset::{MAX_DISTANCE, change_camera, table};
 use crate::physics::integrate::Integrator;

@@ -27,8 +27,8 @@ pub use model::{
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;
 pub use shipped::SCENES;
-pub(crate) use sync::{checked as checked_pose, quat_of_matrix};
 pub use sync::{MAX_COORDINATE_M, Pose};
+pub(crate) use sync::{checked as checked_pose, quat_of_matrix};
 pub(crate) use workers::RayScratch;
 pub use workers::{GeomDistance, Lent, RawContact, RayHit, Worker, WorkerPool};
 

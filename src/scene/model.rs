@@ -643,9 +643,15 @@ impl Scene {
         let building = Building::begin();
         let what = format!("scene '{name}'");
         let loaded = MjModel::from_buffer(bytes);
-        let heard: Vec<String> = building.heard().into_iter().map(|text| format!("MuJoCo: {}", text.trim())).collect();
+        let heard: Vec<String> =
+            building.heard().into_iter().map(|text| format!("MuJoCo: {}", text.trim())).collect();
         let model = loaded.map_err(|e| {
-            let message = heard.iter().map(String::as_str).chain([e.to_string().as_str()]).collect::<Vec<_>>().join("; ");
+            let message = heard
+                .iter()
+                .map(String::as_str)
+                .chain([e.to_string().as_str()])
+                .collect::<Vec<_>>()
+                .join("; ");
             SceneError::Compile { what: what.clone(), message }
         })?;
         let shell = |name: &String| Shell { name: name.clone(), xml: String::new(), dir: None };

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use super::flown::{self, Track, World};
+use super::flown::{self, Ghost, Track, World};
 use super::{Data, Made, Options, shapes};
 use crate::flight::{FlightLog, resample};
+use crate::gap;
+use crate::page::Array;
 use crate::scene::{Scene, SceneSource};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -12,10 +14,16 @@ use crate::{Error, Result};
 /// A hole in the measured attitude that is bridged, s.
 const MAX_GAP_S: f64 = 0.5;
 
+/// How often the model starts again from the measurement, s; the page lets one choose.
+const EVERY_S: [f64; 4] = [0.1, 0.2, 0.5, 1.0];
+/// About the number of poses of each.
+const GHOST_SAMPLES: usize = 2500;
+
 /// The page of a log.
 pub(super) fn page(path: &Path, options: &Options) -> Result<Made> {
     let (log, report) = FlightLog::open(path, None)?;
-    let mut data = Data { title: path.display().to_string(), kind: "flight log", colour: "speed", ..Data::default() };
+    let mut data =
+        Data { title: path.display().to_string(), kind: "flight log", colour: "speed", ..Data::default() };
     if log.position_m.is_empty() {
         return Err(Error::Usage {
             flag: "WHAT",
@@ -31,8 +39,15 @@ pub(super) fn page(path: &Path, options: &Options) -> Result<Made> {
         data.scene = Some(shapes::shapes(&scene, &mut data.notes)?);
     }
     let vehicle = options.vehicle.as_deref().map(vehicle).transpose()?;
-    data.drones = vec![vehicle.as_ref().map_or_else(|| flown::unknown(Vec::new()), |v| flown::drone(v, false))];
-    data.worlds = vec![world(&log, &mut data.notes)];
+    data.drones =
+        vec![vehicle.as_ref().map_or_else(|| flown::unknown(Vec::new()), |v| flown::drone(v, false))];
+    let mut world = world(&log, &mut data.notes);
+    if let Some(vehicle) = vehicle {
+        let (ghosts, warnings) = ghosts(log, &vehicle)?;
+        world.ghosts = ghosts;
+        data.notes.extend(warnings);
+    }
+    data.worlds = vec![world];
     Ok(super::finished(data))
 }
 
@@ -73,6 +88,27 @@ fn world(log: &FlightLog, notes: &mut Vec<String>) -> World {
         obstacles: Vec::new(),
         ghosts: Vec::new(),
     }
+}
+
+/// The model beside the measurement, for each of [`EVERY_S`].
+fn ghosts(log: FlightLog, vehicle: &Vehicle) -> Result<(Vec<Ghost>, Vec<String>)> {
+    let track = gap::Track::new(log, vehicle, &gap::Options::default())?;
+    let sample = (track.duration_s() / GHOST_SAMPLES as f64).max(0.02);
+    let mut out = Vec::new();
+    for every in EVERY_S {
+        let flown = gap::ghost::ghost(&track, vehicle, every, sample)?;
+        if flown.starts_s.is_empty() {
+            continue;
+        }
+        let unknown = vec![f64::NAN; flown.t_s.len()];
+        let (poses, _) = Track::new(&flown.t_s, &flown.pos_m, &flown.quat_xyzw, &unknown);
+        out.push(Ghost { every, track: poses, starts: Array::f32(flown.starts_s.iter().map(|t| *t as f32)) });
+    }
+    let mut warnings = track.warnings;
+    if out.is_empty() {
+        warnings.push("the model could start nowhere: no stretch of this log has all that it needs".into());
+    }
+    Ok((out, warnings))
 }
 
 /// Speed by differences over about 0.1 s, m/s.

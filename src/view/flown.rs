@@ -27,8 +27,11 @@ pub struct Drone {
 pub(super) fn drone(vehicle: &Vehicle, shell: bool) -> Drone {
     let file = vehicle.file();
     let shared = file.rotor_default.as_ref();
-    let rotors: Vec<[f64; 3]> =
-        file.rotor.iter().filter_map(|r| r.position_m.or_else(|| shared.and_then(|d| d.position_m))).collect();
+    let rotors: Vec<[f64; 3]> = file
+        .rotor
+        .iter()
+        .filter_map(|r| r.position_m.or_else(|| shared.and_then(|d| d.position_m)))
+        .collect();
     let radius = file.rotor.first().and_then(|r| r.radius_m).or_else(|| shared.and_then(|d| d.radius_m));
     Drone { name: vehicle.name.clone(), radius, shell, ..unknown(rotors) }
 }
@@ -58,10 +61,17 @@ pub struct Track {
 
 impl Track {
     /// A track of rows of one length; every `1/n`-th where there are more than a page needs. Says how many it left out of how many.
-    pub(super) fn new(t: &[f64], pos: &[[f64; 3]], quat: &[[f64; 4]], speed: &[f64]) -> (Self, Option<[usize; 2]>) {
+    pub(super) fn new(
+        t: &[f64],
+        pos: &[[f64; 3]],
+        quat: &[[f64; 4]],
+        speed: &[f64],
+    ) -> (Self, Option<[usize; 2]>) {
         let step = t.len().div_ceil(MAX_SAMPLES).max(1);
-        // The last one stays, so that the path ends where the flight did.
-        let kept: Vec<usize> = (0..t.len()).filter(|k| k % step == 0 || k + 1 == t.len()).collect();
+        // The last one stays, so that the path ends where the flight did, and so do gaps.
+        let gap = |k: usize| !pos[k][0].is_finite();
+        let kept: Vec<usize> =
+            (0..t.len()).filter(|k| k % step == 0 || k + 1 == t.len() || gap(*k)).collect();
         let t_kept: Vec<f64> = kept.iter().map(|k| t[*k]).collect();
         let pos: Vec<[f64; 3]> = kept.iter().map(|k| pos[*k]).collect();
         let quat: Vec<[f64; 4]> = kept.iter().map(|k| quat[*k]).collect();

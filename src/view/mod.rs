@@ -147,7 +147,9 @@ fn of_dataset(dir: &Path, options: &Options) -> Result<Made> {
     match &scene {
         Some(scene) => data.scene = Some(shapes::shapes(scene, &mut data.notes)?),
         None if set.manifest().scene.name == "none" => {}
-        None => data.notes.push("this data set has no scene.mjb, as older versions wrote it: the scene is not shown".into()),
+        None => data.notes.push(
+            "this data set has no scene.mjb, as older versions wrote it: the scene is not shown".into(),
+        ),
     }
     data.drones = worlds::drones(&set, &mut data.notes);
     data.obstacles = set.manifest().obstacles.clone();

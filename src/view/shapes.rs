@@ -8,7 +8,9 @@ use super::mesh::{self, Triangles};
 use crate::Result;
 use crate::math::{quat, vec3};
 use crate::page::Array;
-use crate::scene::{GeomInfo, GeomType, ObstacleInfo, Scene, Worker, contact_verdict, depth_verdict, quat_of_matrix};
+use crate::scene::{
+    GeomInfo, GeomType, ObstacleInfo, Scene, Worker, contact_verdict, depth_verdict, quat_of_matrix,
+};
 
 /// Most triangles of all meshes and height fields of a page.
 pub const MAX_TRIANGLES: usize = 200_000;
@@ -87,17 +89,23 @@ pub(super) fn shapes(scene: &Scene, notes: &mut Vec<String>) -> Result<Shapes> {
             group: info.group,
             seen: depth.seen,
             touched: contact.seen,
-            why: [depth.reason, contact.reason].into_iter().filter(|r| !r.is_empty()).collect::<Vec<_>>().join("; "),
+            why: [depth.reason, contact.reason]
+                .into_iter()
+                .filter(|r| !r.is_empty())
+                .collect::<Vec<_>>()
+                .join("; "),
             mesh: which.get(&info.id).copied(),
             drone: info.drone,
             obstacle: scene.bodies()[info.body_id].obstacle,
         });
     }
-    let rest = |o: &ObstacleInfo| worker.body_pose(o.body_id).map(|p| (p.pos_m.map(rounded), p.quat_xyzw.map(rounded)));
+    let rest = |o: &ObstacleInfo| {
+        worker.body_pose(o.body_id).map(|p| (p.pos_m.map(rounded), p.quat_xyzw.map(rounded)))
+    };
     let rest = scene.obstacles().iter().map(rest).collect::<Result<_, _>>()?;
     let meshes = triangles.iter().map(encoded).collect();
     // Without the word that messages begin with.
-    let name = scene.name().strip_prefix("scene ").unwrap_or(scene.name()).trim_matches('\'');
+    let name = scene.name().trim_start_matches("scene ").trim_matches('\'').trim_start_matches("scene ");
     Ok(Shapes { name: name.to_string(), geoms, meshes, rest })
 }
 

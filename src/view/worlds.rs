@@ -181,9 +181,8 @@ fn world(set: &Dataset, number: usize, notes: &mut Vec<String>) -> Result<(World
     let (manifest, reader) = (set.manifest(), set.world(number)?);
     let mut drones = Vec::new();
     let mut end = 0.0f64;
-    let states = reader.states(Some(&[
-        "t", "drone", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz",
-    ]))?;
+    let states =
+        reader.states(Some(&["t", "drone", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz"]))?;
     for d in 0..manifest.n_drones {
         let rows = rows_of(&states, d)?;
         let t = picked(&states, "t", &rows)?;
@@ -197,7 +196,8 @@ fn world(set: &Dataset, number: usize, notes: &mut Vec<String>) -> Result<(World
         end = end.max(t.last().copied().unwrap_or(0.0));
         drones.push(track);
     }
-    let clearance = if manifest.flight.clearance_every_steps > 0 { near(&reader, manifest)? } else { Vec::new() };
+    let clearance =
+        if manifest.flight.clearance_every_steps > 0 { near(&reader, manifest)? } else { Vec::new() };
     let frames = if manifest.cameras.is_empty() { None } else { Some(reader.frames()?) };
     let record = reader.record();
     let world = World {
@@ -291,7 +291,9 @@ fn contacts(reader: &WorldReader, notes: &mut Vec<String>) -> Result<Option<Mark
 }
 
 fn obstacles(frames: &Frames, n: usize) -> Vec<Track> {
-    let (Some(pos), Some(quat)) = (&frames.obstacle_pos_m, &frames.obstacle_quat_xyzw) else { return Vec::new() };
+    let (Some(pos), Some(quat)) = (&frames.obstacle_pos_m, &frames.obstacle_quat_xyzw) else {
+        return Vec::new();
+    };
     let t = frames.time_s.to_vec();
     let of = |o: usize| {
         let at: Vec<[f64; 3]> = (0..t.len()).map(|f| core::array::from_fn(|c| pos[[f, o, c]])).collect();

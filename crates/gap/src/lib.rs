@@ -21,6 +21,7 @@ mod first_look;
 mod fit;
 pub mod fitted;
 pub(crate) mod free_form;
+pub mod ghost;
 mod gust_line;
 pub mod headline;
 mod inputs;

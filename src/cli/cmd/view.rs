@@ -1,11 +1,11 @@
 //! `propwash view`: a scene, a data set or a flight log as a page in three dimensions.
 
 use super::{print, print_json};
+use crate::Result;
 use crate::cli::args::ViewArgs;
 use crate::cli::exit::{Outcome, warn};
 use crate::cli::output;
 use crate::cli::progress::waiting;
-use crate::Result;
 use crate::view::{self, Made, Options};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -15,11 +15,8 @@ use std::process::{Command, Stdio};
 pub fn run(args: &ViewArgs) -> Result<Outcome> {
     let out = args.out.clone().unwrap_or_else(|| PathBuf::from("view.html"));
     output::check(&[("--out", Some(&out))], args.force)?;
-    let options = Options {
-        worlds: args.world.clone(),
-        scene: args.scene.clone(),
-        vehicle: args.vehicle.clone(),
-    };
+    let options =
+        Options { worlds: args.world.clone(), scene: args.scene.clone(), vehicle: args.vehicle.clone() };
     let made = waiting("drawing", || view::page(&args.what, &options))?;
     output::write("--out", &out, made.html.as_bytes(), args.force)?;
     if args.json {
