@@ -1,7 +1,9 @@
 //! Pages of `propwash view`: in a browser they show what the files hold.
 
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use propwash::dataset::{Dataset, Table};
 use propwash::prelude::*;
@@ -116,7 +118,8 @@ fn a_page_of_a_data_set_shows_what_its_files_hold() {
     let mut steps = vec![CAMERA.to_string()];
     steps.extend(instants.iter().map(drone));
     steps.extend([marks, lines, pixels, "document.getElementById('about').textContent"].map(String::from));
-    let look = json!({ "page": page, "ready": READY, "steps": steps, "hash": format!("world={number}&t=1.5") });
+    let look =
+        json!({ "page": page, "ready": READY, "steps": steps, "hash": format!("world={number}&t=1.5") });
     let narrow = json!({ "page": page, "ready": READY, "width": 320, "steps": ["Propwash.shown.player.time"], "hash": "t=1.5" });
     let shown = web::look(&[look, narrow]);
     assert_eq!(shown[0]["said"], json!([]));
@@ -299,4 +302,62 @@ fn wrong_words_are_refused_with_what_would_be_right() {
     assert_eq!(std::fs::read_to_string(folder.path().join("view.html")).unwrap(), "mine");
     std::fs::write(folder.path().join("bare.csv"), "t,wx,wy,wz\n0,0,0,0\n0.1,0,0,0\n0.2,0,0,0\n").unwrap();
     assert!(said(&["view", "bare.csv", "--out", "x.html"]).contains("position"));
+}
+
+/// One request to the server of `--watch`: status line and body.
+fn asked(port: u16, path: &str, host: &str, origin: Option<&str>) -> (String, String) {
+    let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
+    let origin = origin.map_or(String::new(), |o| format!("Origin: {o}\r\n"));
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {host}\r\n{origin}\r\n").unwrap();
+    let mut text = String::new();
+    stream.read_to_string(&mut text).unwrap();
+    let (head, body) = text.split_once("\r\n\r\n").unwrap();
+    (head.lines().next().unwrap().to_string(), body.to_string())
+}
+
+#[test]
+fn a_watched_scene_is_drawn_again_when_it_is_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = |size: &str| {
+        let text = format!(
+            "<mujoco>\n<worldbody>\n<geom name=\"thing_{size}\" type=\"box\" size=\"{size}\"/>\n</worldbody>\n</mujoco>"
+        );
+        std::fs::write(folder.path().join("mine.xml"), text).unwrap();
+    };
+    scene("1 1 1");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .args(["view", "mine.xml", "--watch"])
+        .current_dir(folder.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+    let port: u16 = line.split(':').nth(2).and_then(|p| p.split('/').next()).unwrap().parse().unwrap();
+    let host = format!("127.0.0.1:{port}");
+    let page = || asked(port, "/", &host, None).1;
+    let first = page();
+    // Waits until the page is another.
+    let next = |seen: u32| asked(port, &format!("/version?seen={seen}"), &host, None).1;
+    scene("2 1");
+    let broken = (next(1), page());
+    scene("3 1 1");
+    let mended = (next(2), page());
+    let foreign = asked(port, "/", &format!("evil.example:{port}"), None).0;
+    let other = asked(port, "/version?seen=0", &host, Some("http://evil.example")).0;
+    let own = asked(port, "/version?seen=0", &host, Some(&format!("http://{host}"))).0;
+    child.kill().unwrap();
+    child.wait().unwrap();
+
+    assert!(first.contains("thing_1 1 1") && first.contains("connect-src 'self'"));
+    assert_eq!(broken.0, "2");
+    let fault =
+        broken.1.split("role=\"alert\">").nth(1).and_then(|f| f.split("</p>").next()).expect("a fault");
+    assert!(fault.contains("size") && fault.contains("line 3"), "{fault}");
+    assert!(broken.1.contains("thing_1 1 1"), "the last picture stays");
+    assert!(mended.1.contains("thing_3 1 1") && !mended.1.contains("role=\"alert\""));
+    assert!(
+        foreign.contains("403") && other.contains("403") && own.contains("200"),
+        "{foreign} {other} {own}"
+    );
 }

@@ -10,6 +10,7 @@ Examples:
   propwash view data/forest --open              worlds of a data set, with what the cameras saw
   propwash view data/forest --world 3 --out third.html
   propwash view my_scene.xml --open             a scene, and what sensors miss of it
+  propwash view my_scene.xml --watch --open     the same, drawn again whenever the file is saved
   propwash view flight.csv --vehicle quad.toml --scene hall.xml
 
 The page is one file of at most 1.5 MB for a flight of 60 s; it needs no other file and no network.
@@ -38,6 +39,13 @@ pub struct ViewArgs {
     /// Open the page in the browser.
     #[arg(long)]
     pub open: bool,
+    /// Serve the page of a scene on this machine in place of writing it, and load it again whenever a file in the scene's folder is saved;
+    /// what MuJoCo finds wrong stands on it.
+    #[arg(long, conflicts_with_all = ["out", "json", "force", "world", "scene", "vehicle"])]
+    pub watch: bool,
+    /// Port of --watch on 127.0.0.1. Default: any that is free.
+    #[arg(long, value_name = "N", requires = "watch", value_parser = whole::<u16>)]
+    pub port: Option<u16>,
     /// Replace a file that is there already.
     #[arg(long)]
     pub force: bool,

@@ -87,6 +87,18 @@ pub fn page(what: &Path, options: &Options) -> Result<Made> {
     }
 }
 
+/// Refuses what is no scene.
+pub(crate) fn check_scene(what: &Path) -> Result<()> {
+    match kind(what)? {
+        Kind::Scene => Ok(()),
+        _ => Err(Error::Usage {
+            flag: "--watch",
+            expected: "a scene (.xml), which people change while they look at it".into(),
+            got: what.display().to_string(),
+        }),
+    }
+}
+
 /// What a path names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
@@ -129,12 +141,29 @@ fn refuse(flag: &'static str, absent: bool) -> Result<()> {
 
 /// The page of a scene without drones.
 pub fn of_scene(source: &SceneSource, title: &str) -> Result<Made> {
+    Ok(finished(scene_data(source, title)?))
+}
+
+fn scene_data(source: &SceneSource, title: &str) -> Result<Data> {
     let scene = Scene::build(source, &[])?;
     let mut data = Data { title: title.into(), kind: "scene", ..Data::default() };
     data.obstacles = scene.obstacles().iter().map(|o| o.name.clone()).collect();
     data.scene = Some(shapes::shapes(&scene, &mut data.notes)?);
     data.notes.extend(scene.warnings().iter().cloned());
-    Ok(finished(data))
+    Ok(data)
+}
+
+/// The page of a scene that a server of this machine gives out: it asks for `/version` and loads itself again when that changes.
+pub(crate) fn watched(source: &SceneSource, title: &str) -> Result<Made> {
+    Ok(made(scene_data(source, title)?, true))
+}
+
+/// What [`watched`] gave last, or an empty page, under what is wrong with the scene now.
+pub(crate) fn with_fault(last: Option<&str>, title: &str, fault: &str) -> String {
+    let empty = || made(Data { title: title.into(), kind: "scene", ..Data::default() }, true).html;
+    let page = last.map_or_else(empty, String::from);
+    let words = format!("<main id=\"view\"><p id=\"fault\" role=\"alert\">{}</p>", escape(fault));
+    page.replacen("<main id=\"view\">", &words, 1)
 }
 
 /// The page of a data set.
@@ -217,14 +246,23 @@ pub fn of_simulation(now: &Snapshot) -> Result<Made> {
 
 const STYLE: &str = include_str!("../../assets/page/view.css");
 const SCRIPT: &str = include_str!("../../assets/page/view.js");
+const WATCH: &str = include_str!("../../assets/page/watch.js");
 
 /// The page of its data.
 fn finished(data: Data) -> Made {
+    made(data, false)
+}
+
+/// The page of its data; a watched one asks its server for news.
+fn made(data: Data, watched: bool) -> Made {
     let mut page = Page::new(format!("{} · Propwash", data.title));
     for part in [Part::Three, Part::UPlot, Part::Base, Part::Player, Part::Plots, Part::Scene3D] {
         page.part(part);
     }
     page.style(STYLE).script(SCRIPT);
+    if watched {
+        page.script(WATCH).may_ask_its_server();
+    }
     page.body(&format!(
         "<header><h1>{}</h1><p id=\"about\"></p><div id=\"actions\"></div></header>\n<main id=\"view\"></main>",
         escape(&data.title)

@@ -17,6 +17,7 @@ pub mod scene;
 pub mod urdf;
 pub mod vehicle;
 pub mod view;
+mod watch;
 
 use crate::{Error, Result};
 use std::path::Path;

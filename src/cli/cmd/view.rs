@@ -13,6 +13,13 @@ use std::process::{Command, Stdio};
 
 /// Runs the command.
 pub fn run(args: &ViewArgs) -> Result<Outcome> {
+    if args.watch {
+        view::check_scene(&args.what)?;
+        return super::watch::run(&args.what, args.port.unwrap_or(0), |address| match args.open {
+            true => start(Path::new(address)),
+            false => Ok(()),
+        });
+    }
     let out = args.out.clone().unwrap_or_else(|| PathBuf::from("view.html"));
     output::check(&[("--out", Some(&out))], args.force)?;
     let options =
@@ -41,11 +48,15 @@ fn summary(out: &Path, made: &Made) -> String {
 }
 
 /// Opens a page with what the system opens pages with; says so where there is nothing of the kind.
-pub(super) fn open(page: &Path) -> Result<()> {
-    let path = page.canonicalize().map_err(super::io_error(page))?;
+fn open(page: &Path) -> Result<()> {
+    start(&page.canonicalize().map_err(super::io_error(page))?)
+}
+
+/// Opens a path or an address in the browser.
+fn start(path: &Path) -> Result<()> {
     let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
     let mut command = Command::new(program);
-    command.arg(&path).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    command.arg(path).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     if command.spawn().is_err() {
         warn(&format!("`{program}` could not be started: open {} yourself", path.display()));
     }
