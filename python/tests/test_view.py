@@ -41,13 +41,13 @@ def test_a_sim_without_a_scene_has_its_drones():
 
 def test_a_data_set_and_a_scene_are_shown(tmp_path):
     propwash.fly(tmp_path / "set", scene="room", n_worlds=2, seconds=1.0, camera={"name": "fpv", "width": 16, "height": 12})
-    for what in (tmp_path / "set", str(tmp_path / "set"), datasets.DataSet(tmp_path / "set")):
+    for what in (tmp_path / "set", str(tmp_path / "set"), datasets.open(tmp_path / "set")):
         view = propwash.View(what, worlds=[1])
         held = data(view.html)
         assert held["kind"] == "data set" and [w["number"] for w in held["worlds"]] == [1]
         assert "of 2 worlds this page has 1: 1" in view.notes[0]
     assert data(propwash.View("zoo").html)["kind"] == "scene"
-    with pytest.raises(ValueError, match="--world: expected worlds that are there: 0, 1"):
+    with pytest.raises(ValueError, match="world: expected worlds that are there: 0, 1"):
         propwash.View(tmp_path / "set", worlds=[2])
     with pytest.raises(ValueError, match="the folder of a data set"):
         propwash.View("nowhere")
