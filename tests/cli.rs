@@ -87,6 +87,7 @@ fn every_command_explains_itself_with_units_and_examples() {
         "vehicle",
         "vehicle diff",
         "log from-dataset",
+        "view",
         "bench",
     ] {
         let help = expect(command, &["--help"], 0);

@@ -770,3 +770,61 @@ fn meshes_whose_holes_collisions_close_are_told_of() {
         <geom type='mesh' mesh='gate' contype='0' conaffinity='0'/>";
     assert_eq!(told(&scene(fine)), None);
 }
+
+#[test]
+fn a_compiled_scene_comes_back_from_its_bytes() {
+    let shells = [Shell::builtin("cf2x").unwrap(), Shell::builtin("hb_x500").unwrap()];
+    let names: Vec<String> = shells.iter().map(|s| s.name.clone()).collect();
+    for file in ["zoo.xml", "terrain.xml", "forest.xml"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("xml").join(file);
+        let scene = Scene::build(&SceneSource::file(path), &shells).unwrap();
+        let bytes = scene.to_mjb();
+        let again = Scene::from_mjb(file, &bytes, &names).unwrap();
+        assert_eq!(again.hash(), scene.hash());
+        assert_eq!(
+            (again.geoms(), again.bodies(), again.obstacles()),
+            (scene.geoms(), scene.bodies(), scene.obstacles())
+        );
+        for geom in scene.geoms() {
+            assert_eq!(again.mesh(geom.id).map(|m| m.faces), scene.mesh(geom.id).map(|m| m.faces));
+            assert_eq!(again.hfield(geom.id).map(|h| h.data), scene.hfield(geom.id).map(|h| h.data));
+        }
+        // Poses can be set and looked at.
+        let mut worker = again.worker().unwrap();
+        worker.set_drone(1, [0.0, 0.5, 2.0], [0.0, 0.0, 0.0, 1.0]).unwrap();
+        worker.update().unwrap();
+        assert_eq!(worker.drone_pose(1).unwrap().pos_m, [0.0, 0.5, 2.0]);
+        assert!(matches!(
+            Scene::from_mjb(file, &bytes[..bytes.len() / 2], &names),
+            Err(SceneError::Compile { .. })
+        ));
+        assert!(matches!(Scene::from_mjb(file, b"no model", &names), Err(SceneError::Compile { .. })));
+        let more = [names.clone(), vec!["cf2x".into()]].concat();
+        assert!(matches!(Scene::from_mjb(file, &bytes, &more), Err(SceneError::Shell { .. })));
+    }
+}
+
+#[test]
+fn damaged_bytes_of_a_scene_end_in_an_error_or_in_a_scene() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("xml/zoo.xml");
+    let bytes = Scene::build(&SceneSource::file(path), &[Shell::builtin("cf2x").unwrap()]).unwrap().to_mjb();
+    let mut seed = 1u64;
+    let mut random = |n: usize| {
+        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (seed >> 33) as usize % n
+    };
+    let mut refused = 0;
+    for _ in 0..150 {
+        let mut damaged = bytes.clone();
+        for _ in 0..1 + random(8) {
+            // Half of them among the sizes and references, which stand first.
+            let at = if random(2) == 0 { random(bytes.len()) } else { random(60_000.min(bytes.len())) };
+            damaged[at] = random(256) as u8;
+        }
+        match Scene::from_mjb("damaged", &damaged, &["cf2x".to_string()]) {
+            Ok(scene) => drop(scene.worker().map(|mut w| w.update())),
+            Err(_) => refused += 1,
+        }
+    }
+    assert!(refused > 5, "{refused}");
+}

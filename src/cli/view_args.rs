@@ -15,7 +15,7 @@ Examples:
 
 The page is one file of at most 1.5 MB for a flight of 60 s; it needs no other file and no network.
 What does not fit is thinned, and the page says so. Keys on it: space plays, left and right move by
-0.1 s, with shift by 1 s.";
+0.1 s, with shift by 1 s. Units are SI (m, s).";
 
 /// `propwash view`.
 #[derive(Clone, Debug, ClapArgs)]

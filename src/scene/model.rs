@@ -635,28 +635,31 @@ impl Scene {
         Ok(scene)
     }
 
-    /// A scene from what [`Scene::to_mjb`] gave, with the names of its drones' shells. Needs no other file.
+    /// A scene from what [`Scene::to_mjb`] gave, with the names of its drones' shells. Needs no other file. Bytes that something else made are
+    /// checked as far as MuJoCo checks references, and so that no height field or texture reaches beyond its data.
     ///
     /// # Errors
     /// [`SceneError::Compile`] where the bytes are no model of this version of MuJoCo; [`SceneError::Shell`] where it has other drones.
     pub fn from_mjb(name: &str, bytes: &[u8], shells: &[String]) -> Result<Self, SceneError> {
         let building = Building::begin();
         let what = format!("scene '{name}'");
+        let broken = |message: String| SceneError::Compile { what: what.clone(), message };
+        sizes::check_mjb(bytes).map_err(broken)?;
         let loaded = MjModel::from_buffer(bytes);
         let heard: Vec<String> =
             building.heard().into_iter().map(|text| format!("MuJoCo: {}", text.trim())).collect();
         let model = loaded.map_err(|e| {
-            let message = heard
-                .iter()
-                .map(String::as_str)
-                .chain([e.to_string().as_str()])
-                .collect::<Vec<_>>()
-                .join("; ");
-            SceneError::Compile { what: what.clone(), message }
+            broken(heard.iter().cloned().chain([e.to_string()]).collect::<Vec<_>>().join("; "))
         })?;
+        check_extents(&model).map_err(broken)?;
         let shell = |name: &String| Shell { name: name.clone(), xml: String::new(), dir: None };
         let shells: Vec<Shell> = shells.iter().map(shell).collect();
-        Ok(Self(Arc::new(describe(model, what, &shells, heard, 0)?)))
+        let mut inner = describe(model, what, &shells, heard, 0)?;
+        let m = inner.model.ffi();
+        let arena = m.narena.clamp(MIN_ARENA, wanted_arena(m.nbody + m.nflex, m.ngeom, shells.len() as i64));
+        // SAFETY: as in `build_once`; no more is taken than there, whatever the file says.
+        unsafe { inner.model.ffi_mut().narena = arena };
+        Ok(Self(Arc::new(inner)))
     }
 
     /// A new set of poses: drones at the origin, obstacles as the model places them.
@@ -1145,6 +1148,31 @@ fn check_numbers(
         check("the scene".into(), "gravity and wind", &[m.opt.gravity, m.opt.wind].concat())?;
         check("the scene".into(), "start of joints (qpos0)", slice(m.qpos0, m.nq as usize))
     }
+}
+
+/// Refuses a loaded model whose height fields or textures state more samples than there are.
+fn check_extents(model: &MjModel) -> Result<(), String> {
+    let m = model.ffi();
+    let fits = |start: i64, sides: [i64; 3], all: i64| {
+        let count = sides.iter().try_fold(1i64, |n, side| n.checked_mul(*side)).unwrap_or(i64::MAX);
+        sides.iter().all(|s| *s >= 0) && (start < 0 || start.saturating_add(count) <= all)
+    };
+    // SAFETY: a loaded model; its arrays have the number of elements that it states.
+    unsafe {
+        for i in 0..m.nhfield as usize {
+            let sides = [*m.hfield_nrow.add(i), *m.hfield_ncol.add(i), 1].map(i64::from);
+            if sides.contains(&0) || !fits(i64::from(*m.hfield_adr.add(i)), sides, m.nhfielddata) {
+                return Err(format!("height field #{i} states more samples than the model has"));
+            }
+        }
+        for i in 0..m.ntex as usize {
+            let sides = [*m.tex_height.add(i), *m.tex_width.add(i), *m.tex_nchannel.add(i)].map(i64::from);
+            if !fits(*m.tex_adr.add(i), sides, m.ntexdata) {
+                return Err(format!("texture #{i} states more pixels than the model has"));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Warns of what the scene says about the air that does not count here.

@@ -19,6 +19,34 @@ pub(super) fn check(what: &str, xml: &str, dir: Option<&Path>) -> Result<(), Sce
     Sizes { what, dir, seen: HashSet::new() }.check(xml, 1.0)
 }
 
+/// Refuses a compiled model (MJB) whose head states more than its bytes can hold, for which MuJoCo would take all memory before it looks.
+/// The head: five 32-bit numbers, of which the third is how many sizes follow, 64 bits each, the last two being those of two blocks of memory.
+///
+/// # Errors
+/// What is wrong, in words.
+pub(super) fn check_mjb(bytes: &[u8]) -> Result<(), String> {
+    const HEAD: usize = 20;
+    let number = |at: usize| {
+        let four = bytes.get(at..at + 4)?;
+        Some(i32::from_le_bytes(four.try_into().ok()?))
+    };
+    let count = number(8).and_then(|n| usize::try_from(n).ok()).filter(|n| (3..1000).contains(n));
+    let count = count.ok_or("expected a compiled model (MJB), found other bytes")?;
+    let table =
+        bytes.get(HEAD..HEAD + 8 * count).ok_or("expected a whole compiled model, found its beginning")?;
+    let mut sum = 0i64;
+    for size in table[..8 * (count - 2)].as_chunks::<8>().0 {
+        // Some are −1, for no limit.
+        sum = sum.saturating_add(i64::from_le_bytes(*size).max(0));
+    }
+    // Elements have a byte or more each, but for a few sizes without elements.
+    let most = 4 * bytes.len() as i64 + 100_000;
+    if sum > most {
+        return Err(format!("its head states {sum} elements, more than its {} bytes can hold", bytes.len()));
+    }
+    Ok(())
+}
+
 struct Sizes<'a> {
     /// The scene, for messages.
     what: &'a str,

@@ -14,8 +14,10 @@ pub(super) struct Triangles {
 }
 
 pub(super) fn of_mesh(mesh: &MeshView) -> Triangles {
-    // A compiled mesh has no negative numbers of vertices.
-    let faces = mesh.faces.iter().map(|f| f.map(|v| v.max(0) as u32)).collect();
+    // In a compiled mesh all are; a damaged file may have others.
+    let is_whole =
+        |f: &&[i32; 3]| f.iter().all(|v| usize::try_from(*v).is_ok_and(|v| v < mesh.vertices_m.len()));
+    let faces = mesh.faces.iter().filter(is_whole).map(|f| f.map(|v| v as u32)).collect();
     Triangles { vertices: mesh.vertices_m.to_vec(), faces }
 }
 
