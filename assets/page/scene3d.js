@@ -506,7 +506,7 @@ bool isCut() {
     for (let y = Math.ceil(-b); y <= b; y++) points.push(-a, y, 0.002, a, y, 0.002);
     const shape = new THREE.BufferGeometry();
     shape.setAttribute("position", new THREE.Float32BufferAttribute(points, 3));
-    return new THREE.LineSegments(shape, new THREE.LineBasicMaterial({ color: 0x30363e, transparent: true, opacity: 0.16 }));
+    return new THREE.LineSegments(shape, new THREE.LineBasicMaterial({ color: 0x20262e, transparent: true, opacity: 0.3 }));
   }
 
   /** A ring of 26 pixels around a point, before everything. */
