@@ -70,7 +70,8 @@ fn a_raw_log_becomes_a_better_vehicle_file() {
     assert!(text("path.csv").lines().count() > 10);
     for page in ["before.html", "gap.html"] {
         let page = text(page);
-        assert!(page.contains("plotly") && !page.contains("src=\"http"), "one self-contained page");
+        assert!(page.contains("uPlot") && !page.contains("src=\"http"), "one self-contained page");
+        assert!(page.len() <= 1_500_000, "{} bytes", page.len());
     }
     // The picture shows curves: many pixels that are not paper.
     let file = std::io::BufReader::new(std::fs::File::open(path("ladder.png")).unwrap());

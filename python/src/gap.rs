@@ -141,7 +141,8 @@ pub fn gap_diagnose(
             };
             let fitted = fitted::fit(filed, &flights, &settings, by, calibrate).or_raise()?;
             let verdict = &fitted.diagnosed.verdict;
-            let page = Report::of_diagnosis(verdict, &flights, &of.vehicle, fitted.after()).or_raise()?;
+            let page =
+                Report::of_diagnosis(&fitted.diagnosed, &flights, &of.vehicle, fitted.after()).or_raise()?;
             // A diagnosis without a ladder has no picture of one; its warnings say why.
             let picture = match verdict.ladder.is_empty() {
                 true => None,

@@ -171,7 +171,7 @@ fn has(folder: &Path, files: &[&str]) -> Result {
 /// Fails where the licences of crates and of Rust's library, or those of the font and the scripts of pages, are missing.
 fn has_licenses(crates: &Path, assets: &Path) -> Result {
     has(crates, &[licenses::CRATES, licenses::LIBRARY])?;
-    has(&assets.join("report"), &["DejaVuSans.LICENSE.txt", "plotly-basic.LICENSE.txt"])?;
+    has(&assets.join("report"), &["DejaVuSans.LICENSE.txt"])?;
     has(&assets.join("page/vendor"), &["three.LICENSE.txt", "uPlot.LICENSE.txt"])?;
     let path = crates.join(licenses::CRATES);
     let text = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;

@@ -18,6 +18,7 @@ use super::replay::Inputs;
 use super::track::Track;
 use super::verdict::{HorizonError, LogSummary};
 use context::responses;
+pub(crate) use context::{Context, context};
 use one_log::Replayed;
 use pooled::pool;
 use propwash_vehicle::Vehicle;

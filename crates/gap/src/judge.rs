@@ -20,18 +20,18 @@ type PerAxis = [(f64, f64); 3];
 
 /// Residuals on one segment of a flight: means over [`BAND_S`], with the number of their span.
 #[derive(Clone, Debug, Default)]
-struct Stretch {
-    numbers: Vec<usize>,
-    force_n: Vec<[f64; 3]>,
+pub(crate) struct Stretch {
+    pub numbers: Vec<usize>,
+    pub force_n: Vec<[f64; 3]>,
     /// Null where the drive carries no torques.
-    torque_n_m: Vec<Option<[f64; 3]>>,
+    pub torque_n_m: Vec<Option<[f64; 3]>>,
     /// Standard deviations of a mean due to sensor noise.
-    force_sigma_n: [f64; 3],
-    torque_sigma_n_m: [f64; 3],
+    pub force_sigma_n: [f64; 3],
+    pub torque_sigma_n_m: [f64; 3],
 }
 
 impl Stretch {
-    fn new(replay: &Replay, residuals: &Residuals, span_s: [f64; 2]) -> Self {
+    pub fn new(replay: &Replay, residuals: &Residuals, span_s: [f64; 2]) -> Self {
         let per = (BAND_S / STEP_S).round() as usize;
         let averaged = |memory_s: f64| (memory_s / BAND_S).min(1.0).sqrt();
         let mut out = Self {

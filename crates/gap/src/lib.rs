@@ -30,6 +30,7 @@ mod judge;
 pub mod ladder;
 mod lean;
 mod limits;
+pub mod live;
 pub(crate) mod model;
 mod noise;
 mod opinion;

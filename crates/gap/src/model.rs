@@ -85,9 +85,9 @@ const LEAST_SHARE: f64 = 0.1;
 const CLOSED: f64 = 1e-3;
 
 impl Model {
-    /// A vehicle and the candidates about which the logs carry information.
-    pub fn new(drone: &Drone<f64>, tracks: &[&Track], arounds: &[&Around]) -> Result<Self, GapError> {
-        let mut model = Self {
+    /// A vehicle without candidates.
+    pub fn bare(drone: &Drone<f64>) -> Self {
+        Self {
             drone: drone.clone(),
             listed: vec![true; drone.effects.len()],
             candidates: Vec::new(),
@@ -96,7 +96,12 @@ impl Model {
             shapes: Vec::new(),
             not_tried: Vec::new(),
             never_both: Vec::new(),
-        };
+        }
+    }
+
+    /// A vehicle and the candidates about which the logs carry information.
+    pub fn new(drone: &Drone<f64>, tracks: &[&Track], arounds: &[&Around]) -> Result<Self, GapError> {
+        let mut model = Self::bare(drone);
         for candidate in candidates(drone) {
             let reason = reason_against(&candidate, tracks, arounds);
             match reason.or_else(|| unanswered(drone, &candidate, tracks)) {

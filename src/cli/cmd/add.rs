@@ -60,7 +60,7 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     }
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.report {
-        let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
+        let page = Report::of_diagnosis(&fitted.diagnosed, &flights, &vehicle, fitted.after())?;
         output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     let nothing = fitted.nothing();

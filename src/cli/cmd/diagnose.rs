@@ -46,7 +46,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         output::report("--ladder", path, &ladder_png(verdict)?, args.force)?;
     }
     if let Some(path) = &args.report {
-        let page = Report::of_diagnosis(verdict, &flights, &vehicle, fitted.after())?;
+        let page = Report::of_diagnosis(&fitted.diagnosed, &flights, &vehicle, fitted.after())?;
         output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     Ok(outcome(verdict))

@@ -8,12 +8,12 @@ use propwash_flight::resample;
 use propwash_trace::math::{quat, vec3};
 
 /// Operating conditions per instant, in the order of the labels; NaN where unknown.
-pub(super) struct Context {
+pub(crate) struct Context {
     pub labels: Vec<Label>,
     pub values: Vec<Vec<f64>>,
 }
 
-pub(super) fn context(replay: &Replay) -> Context {
+pub(crate) fn context(replay: &Replay) -> Context {
     let track = replay.track;
     let n = replay.n_steps();
     let at: Vec<f64> = (0..n).map(|i| replay.time_s(i)).collect();

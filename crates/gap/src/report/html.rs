@@ -2,6 +2,7 @@
 
 use super::comparison;
 use super::page_data::{self, Chart, MOST_POINTS};
+use super::page_live;
 use super::quantity::{Scale, interval, percent, quantity, significant};
 use super::rungs::measures;
 use super::text::{
@@ -9,37 +10,43 @@ use super::text::{
 };
 use super::{Against, Overlay, Report, ResidualSeries};
 use crate::headline::{evidence, pair, parted};
+use crate::live::Live;
 use crate::policy::FAR_TOLERANCES;
 use crate::verdict::{
     Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Remainder, Rung,
 };
+pub(super) use propwash_page::escape as esc;
+use propwash_page::{Page as Skeleton, Part};
 use std::fmt::Write as _;
 
-const STYLE: &str = include_str!("../../../../assets/report/page.css");
-const SCRIPT: &str = include_str!("../../../../assets/report/page.js");
-/// plotly.js, the bundle with lines and bars; MIT licence, its notice is at the head of the file.
-const PLOTLY: &str = include_str!("../../../../assets/report/plotly-basic.min.js");
+const STYLE: &str = include_str!("../../../../assets/page/report.css");
+const SCRIPT: &str = include_str!("../../../../assets/page/report.js");
+const LAB: &str = include_str!("../../../../assets/page/lab.js");
 
 /// The page of a report.
 pub(super) fn page(report: &Report) -> String {
     let mut page = Page::default();
     page.header(report);
+    let (mut residuals, mut causes, mut more_causes) = (Vec::new(), Vec::new(), 0);
+    if let Some(live) = report.live.as_ref().filter(|l| !l.flights.is_empty()) {
+        page.living(live, report);
+    } else if let Some(before) = &report.comparison_before {
+        let after = report.comparison_after.as_ref();
+        residuals = comparison::residuals(before, after);
+        (causes, more_causes) = comparison::causes(before, after);
+    }
     if let Some(d) = &report.diagnosis {
         page.findings(d);
         page.ladder(&d.ladder);
     }
-    let (mut residuals, mut causes, mut more_causes) = (Vec::new(), Vec::new(), 0);
-    if let Some(before) = &report.comparison_before {
-        let after = report.comparison_after.as_ref();
-        page.comparison(before, after);
-        residuals = comparison::residuals(before, after);
-        (causes, more_causes) = comparison::causes(before, after);
-    }
     residuals.extend(report.residuals.iter().cloned());
     causes.extend(report.causes.iter().cloned());
-    page.overlays(&report.overlays);
     page.residuals(&residuals);
     page.causes(&causes, more_causes);
+    page.overlays(&report.overlays);
+    if let Some(before) = &report.comparison_before {
+        page.comparison(before, report.comparison_after.as_ref());
+    }
     if let Some(d) = &report.diagnosis {
         page.parameters(d);
         page.look_alikes(d);
@@ -53,33 +60,13 @@ pub(super) fn page(report: &Report) -> String {
     page.finish(report)
 }
 
-/// Escapes text for HTML, including attributes.
-pub(super) fn esc(text: &str) -> String {
-    let mut out = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => out.push_str("&amp;"),
-            '<' => out.push_str("&lt;"),
-            '>' => out.push_str("&gt;"),
-            '"' => out.push_str("&quot;"),
-            '\'' => out.push_str("&#39;"),
-            c => out.push(c),
-        }
-    }
-    out
-}
-
-/// JSON escaped for a script element.
-fn json(value: &impl serde::Serialize) -> String {
-    // Every value of a report is plain data with named fields, which always serialises.
-    serde_json::to_string(value).unwrap_or_else(|_| "[]".into()).replace('<', "\\u003c")
-}
-
 #[derive(Default)]
 pub(super) struct Page {
     pub(super) body: String,
     contents: Vec<(&'static str, &'static str)>,
     charts: Vec<Chart>,
+    /// Whether a folded section is open in the text.
+    folded: bool,
 }
 
 /// Appends formatted HTML.
@@ -92,6 +79,7 @@ pub(super) use put;
 
 impl Page {
     pub(super) fn section(&mut self, id: &'static str, short: &'static str, title: &str, lead: &str) {
+        self.unfold();
         self.contents.push((id, short));
         put!(self, "<h2 id=\"{id}\">{}</h2>\n", esc(title));
         if !lead.is_empty() {
@@ -99,8 +87,88 @@ impl Page {
         }
     }
 
+    /// A section that is folded at first.
+    pub(super) fn folded(&mut self, id: &'static str, short: &'static str, title: &str, lead: &str) {
+        self.unfold();
+        self.contents.push((id, short));
+        put!(self, "<details class=\"fold\"><summary><h2 id=\"{id}\">{}</h2></summary>\n", esc(title));
+        if !lead.is_empty() {
+            put!(self, "<p class=\"lead\">{}</p>\n", esc(lead));
+        }
+        self.folded = true;
+    }
+
+    /// Ends a folded section.
+    fn unfold(&mut self) {
+        if std::mem::take(&mut self.folded) {
+            self.body.push_str("</details>\n");
+        }
+    }
+
+    /// The living part: the script fills it from the data.
+    fn living(&mut self, live: &Live, report: &Report) {
+        let lead = if live.effects.is_empty() {
+            "Force and torque that the model lacks, along the flight."
+        } else {
+            "Turn an effect on, or move its slider: figures, curves, dots and the colours of the flight follow."
+        };
+        self.section("flight", "Flight and effects", "Flight and effects", lead);
+        self.body.push_str(
+            "<div id=\"lab\"><noscript><p class=\"note\">This part needs JavaScript, which this browser does not run.</p></noscript></div>\n",
+        );
+        if report.diagnosis.as_ref().is_some_and(|d| !d.ladder.is_empty()) {
+            self.body.push_str(
+                "<p class=\"small\">These are residuals at the instants. Errors of roll-outs do not follow the sliders; \
+                 <a href=\"#ladder\">the error ladder</a> has them with each step and without.</p>\n",
+            );
+        }
+        self.section(
+            "residuals",
+            "Residual over time",
+            "What the model lacks, over time",
+            "Measured minus simulated, means over 50 ms. Drag over a stretch: figures, plots and dots then show that stretch alone.",
+        );
+        let mut legend = match live.effects.is_empty() {
+            true => vec![("found", "", "your model")],
+            false => {
+                vec![("filed", "", "your model (before)"), ("found", "", "now, with the effects that are on")]
+            }
+        };
+        legend.extend([("mark", "block", "worst stretches"), ("soft", "block", "95 % of noise")]);
+        self.legend(&legend);
+        self.body.push_str("<div id=\"lab-time\"></div>\n");
+        self.stretches(report);
+        self.section(
+            "causes",
+            "Residual and cause",
+            "What the error depends on",
+            "Each dot is 50 ms of flight. A model that lacks nothing lies on the line of zero.",
+        );
+        if !live.effects.is_empty() {
+            self.legend(&[("filed", "block", "your model (before)"), ("found", "block", "now")]);
+        }
+        self.body.push_str("<div id=\"lab-causes\"></div>\n");
+    }
+
+    /// The worst stretches of the flights, each with a button that goes there.
+    fn stretches(&mut self, report: &Report) {
+        let (before, after) = (report.comparison_before.as_ref(), report.comparison_after.as_ref());
+        let Some(before) = before else { return };
+        let all = comparison::residuals(before, after);
+        for of_log in all.chunk_by(|a, b| a.log == b.log) {
+            if before.logs.len() > 1 {
+                put!(self, "<h3>{}</h3>\n", esc(&of_log[0].log));
+            }
+            self.worst(&of_log[0], before.logs.len() == 1);
+        }
+    }
+
     fn header(&mut self, report: &Report) {
-        put!(self, "<header>\n<h1>{}</h1>\n", esc(&report.title));
+        put!(
+            self,
+            "<header>\n<div class=\"top\"><h1>{}</h1><span class=\"tools\"></span></div>\n",
+            esc(&report.title)
+        );
         if let Some(d) = &report.diagnosis {
             put!(self, "<p class=\"verdict\">{}</p>\n", esc(&sentence(&d.headline)));
             put!(self, "<p class=\"lead\">{}</p>\n", esc(&sentence(&evidence(d))));
@@ -271,7 +339,7 @@ impl Page {
         for (name, unit, error) in ladder_channels(rungs).iter().copied() {
             put!(
                 self,
-                "<div class=\"scroll\"><table><thead><tr><th>{name}: unseen flight (flight of the fit)</th>"
+                "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>{name}: unseen flight (flight of the fit)</th>"
             );
             let scales: Vec<Scale> = horizons.iter().map(|h| ladder_scale(rungs, *h, unit, error)).collect();
             for (h, scale) in horizons.iter().zip(&scales) {
@@ -298,7 +366,7 @@ impl Page {
         if overlays.is_empty() {
             return;
         }
-        self.section(
+        self.folded(
             "overlays",
             "Measured and simulated",
             "Measured and simulated",
@@ -376,29 +444,40 @@ impl Page {
             });
             self.by_log(figures.collect(), if alike.len() == 1 { "plots one" } else { "plots" });
             next += alike.len();
-            let r = &alike[0];
-            if r.worst.is_empty() {
-                continue;
-            }
-            self.body.push_str(
-                "<table class=\"stack\"><thead><tr><th>stretch</th><th class=\"n\">time, s</th><th class=\"n\">as filed</th>\
-                 <th class=\"n\">with what was found</th><th>there</th></tr></thead><tbody>",
-            );
-            for (i, w) in r.worst.iter().enumerate() {
-                let after = w.rms_after.map_or("–".into(), |v| quantity(v, &r.unit, 3));
-                put!(
-                    self,
-                    "<tr><td data-label=\"stretch\">{}</td><td class=\"n\" data-label=\"time, s\">{:.2} – {:.2}</td><td class=\"n\" data-label=\"as filed\">{}</td><td class=\"n\" data-label=\"then\">{}</td><td data-label=\"there\">{}</td></tr>",
-                    i + 1,
-                    w.from_s,
-                    w.to_s,
-                    esc(&quantity(w.rms_before, &r.unit, 3)),
-                    esc(&after),
-                    esc(&w.what)
-                );
-            }
-            self.body.push_str("</tbody></table>\n");
+            self.worst(&alike[0], false);
         }
+    }
+
+    /// A table of the worst stretches; with `jump` each has a button that goes there.
+    fn worst(&mut self, r: &ResidualSeries, jump: bool) {
+        if r.worst.is_empty() {
+            return;
+        }
+        self.body.push_str(
+            "<table class=\"stack\"><thead><tr><th>stretch</th><th class=\"n\">time, s</th><th class=\"n\">as filed</th>\
+             <th class=\"n\">with what was found</th><th>there</th></tr></thead><tbody>",
+        );
+        for (i, w) in r.worst.iter().enumerate() {
+            let after = w.rms_after.map_or("–".into(), |v| quantity(v, &r.unit, 3));
+            let number = match jump {
+                true => format!(
+                    "<button type=\"button\" class=\"jump\" data-at=\"{:.2}\" aria-label=\"play stretch {1}\">{1} ▶</button>",
+                    w.from_s,
+                    i + 1
+                ),
+                false => (i + 1).to_string(),
+            };
+            put!(
+                self,
+                "<tr><td data-label=\"stretch\">{number}</td><td class=\"n\" data-label=\"time, s\">{:.2} – {:.2}</td><td class=\"n\" data-label=\"as filed\">{}</td><td class=\"n\" data-label=\"then\">{}</td><td data-label=\"there\">{}</td></tr>",
+                w.from_s,
+                w.to_s,
+                esc(&quantity(w.rms_before, &r.unit, 3)),
+                esc(&after),
+                esc(&w.what)
+            );
+        }
+        self.body.push_str("</tbody></table>\n");
     }
 
     fn causes(&mut self, causes: &[Against], more: usize) {
@@ -549,7 +628,7 @@ impl Page {
             put!(self, "<p>{}</p>\n", esc(&r.text));
         }
         self.body.push_str(
-            "<div class=\"scroll\"><table><thead><tr><th>unexplained, standard deviation</th><th class=\"n\">as filed</th>\
+            "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>unexplained, standard deviation</th><th class=\"n\">as filed</th>\
              <th class=\"n\">with what was found</th></tr></thead><tbody>",
         );
         for (name, unit, before, after) in [
@@ -613,7 +692,7 @@ impl Page {
         if d.singles.is_empty() && d.not_tried.is_empty() {
             return;
         }
-        self.section(
+        self.folded(
             "tried",
             "What was tried",
             "Each candidate alone",
@@ -690,7 +769,7 @@ impl Page {
         if logs.is_empty() && warnings.is_empty() {
             return;
         }
-        self.section("logs", "Logs and warnings", "Logs, noise and warnings", "");
+        self.folded("logs", "Logs and warnings", "Logs, noise and warnings", "");
         if !logs.is_empty() {
             self.body.push_str(
                 "<table class=\"stack\"><thead><tr><th>log</th><th>use</th><th>driven by</th><th class=\"n\">span</th><th class=\"n\">position</th>\
@@ -761,7 +840,7 @@ impl Page {
     }
 
     fn how_to_read(&mut self, report: &Report, residuals: bool, causes: bool) {
-        self.section("read", "How to read this", "How to read this page", "");
+        self.folded("read", "How to read this", "How to read this page", "");
         let mut notes: Vec<&str> = Vec::new();
         if report.diagnosis.is_some() {
             notes.extend([
@@ -787,42 +866,40 @@ impl Page {
         self.list("ul", "ul", &notes);
     }
 
-    fn finish(self, report: &Report) -> String {
-        let mut out = String::with_capacity(PLOTLY.len() + self.body.len() + 200_000);
-        let _ = write!(
-            out,
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'unsafe-inline'; \
-             style-src 'unsafe-inline'; img-src data: blob:\">\n\
-             <title>{} – Propwash</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n<div class=\"frame\">\n\
-             <nav aria-label=\"Contents\">\n",
-            esc(&report.title)
-        );
+    fn finish(mut self, report: &Report) -> String {
+        self.unfold();
+        let live = report.live.as_ref().filter(|l| !l.flights.is_empty());
+        let mut out = Skeleton::new(format!("{} – Propwash", report.title));
+        out.part(Part::Base).style(STYLE);
+        let mut frame = String::from("<div class=\"frame\">\n<nav aria-label=\"Contents\">\n");
         for (id, short) in &self.contents {
-            let _ = writeln!(out, "<a href=\"#{id}\">{}</a>", esc(short));
+            let _ = writeln!(frame, "<a href=\"#{id}\">{}</a>", esc(short));
         }
+        let libraries = match (live.is_some(), self.charts.is_empty()) {
+            (true, _) => " Plots by uPlot, the flight by three.js, both MIT licence.",
+            (false, false) => " Plots by uPlot, MIT licence.",
+            (false, true) => "",
+        };
         let _ = write!(
-            out,
-            "</nav>\n<main>\n{}<footer>Written by Propwash {}. Charts by plotly.js, © Plotly Technologies Inc., MIT licence.</footer>\n\
-             </main>\n</div>\n",
+            frame,
+            "</nav>\n<main>\n{}<footer>Written by Propwash {}.{libraries}</footer>\n</main>\n</div>\n",
             self.body,
             env!("CARGO_PKG_VERSION")
         );
-        let _ = writeln!(
-            out,
-            "<script type=\"application/json\" id=\"diagnosis\">{}</script>",
-            json(&report.diagnosis)
-        );
-        if !self.charts.is_empty() {
-            let _ = write!(
-                out,
-                "<script type=\"application/json\" id=\"charts\">{}</script>\n<script>\n{PLOTLY}\n</script>\n<script>\n{SCRIPT}</script>\n",
-                json(&self.charts)
-            );
+        out.body(&frame).data("diagnosis", &report.diagnosis);
+        if !self.charts.is_empty() || live.is_some() {
+            out.part(Part::UPlot).data("charts", &self.charts);
         }
-        out.push_str("</body>\n</html>\n");
-        out
+        if let Some(live) = live {
+            let data = page_live::data(live, report.diagnosis.as_ref(), report.comparison_before.as_ref());
+            out.data("live", &data);
+            out.part(Part::Three).part(Part::Player).part(Part::Plots).part(Part::Scene3D);
+        }
+        out.script(SCRIPT);
+        if live.is_some() {
+            out.script(LAB);
+        }
+        out.finish()
     }
 }
 

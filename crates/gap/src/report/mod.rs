@@ -7,6 +7,7 @@ mod html;
 mod ladder_png;
 mod page_compare;
 mod page_data;
+mod page_live;
 mod pages;
 mod quantity;
 mod rungs;
@@ -14,6 +15,7 @@ mod text;
 mod why;
 
 use super::compare::Comparison;
+use super::live::Live;
 use super::verdict::Diagnosis;
 use serde::Serialize;
 
@@ -34,6 +36,8 @@ pub struct Report {
     pub comparison_before: Option<Comparison>,
     /// The model with the findings, against the same flights.
     pub comparison_after: Option<Comparison>,
+    /// Residuals with their changes by effects: the living part of a page.
+    pub live: Option<Live>,
     /// Measured against simulated, per log and channel.
     pub overlays: Vec<Overlay>,
     /// Residuals over time, beyond those of the comparisons.

@@ -17,7 +17,7 @@ impl Page {
     pub(super) fn comparison(&mut self, before: &Comparison, after: Option<&Comparison>) {
         let lead =
             if after.is_some() { "As filed → with what was found." } else { "The vehicle as filed." };
-        self.section("compared", "Model and flight", "Model against flight", lead);
+        self.folded("compared", "Model and flight", "Model against flight", lead);
         for c in [Some(before), after].into_iter().flatten() {
             put!(self, "<p>{}</p>\n", esc(&super::html::sentence(&c.verdict)));
         }
@@ -59,7 +59,7 @@ impl Page {
             return;
         }
         self.body.push_str(
-            "<div class=\"scroll\"><table><thead><tr><th>error of roll-outs, RMS (multiples of what noise makes)</th>",
+            "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>error of roll-outs, RMS (multiples of what noise makes)</th>",
         );
         for h in &log.horizons {
             put!(self, "<th class=\"n\">{}</th>", quantity(h.error.horizon_s, "s", 2));
@@ -86,7 +86,7 @@ impl Page {
 
     fn one_step(&mut self, log: &LogComparison, new: Option<&LogComparison>) {
         self.body.push_str(
-            "<div class=\"scroll\"><table><thead><tr><th>residual at every instant</th><th class=\"n\">RMS</th>\
+            "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>residual at every instant</th><th class=\"n\">RMS</th>\
              <th class=\"n\">multiples of noise</th><th class=\"n\">mean</th><th class=\"n\">explained</th></tr></thead><tbody>",
         );
         let mut rows = |name: &str, unit: &str, old: &Axes, new: Option<&Axes>| {

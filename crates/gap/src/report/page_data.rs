@@ -3,10 +3,13 @@
 
 use super::quantity::{HALF_95, Scale};
 use super::{Against, Bin, Overlay, ResidualSeries};
+use propwash_page::Array;
 use serde::Serialize;
 
 /// Most points of a plotted line.
 pub(super) const MOST_POINTS: usize = 3000;
+/// Longest stretch whose moments are told by 16 bits, s.
+const SHORT_S: f64 = 30.0;
 
 /// One chart.
 #[derive(Serialize)]
@@ -25,6 +28,9 @@ pub(super) struct Chart {
     /// Whether lines were thinned for plotting.
     #[serde(skip)]
     pub thinned: bool,
+    /// Places of the last line.
+    #[serde(skip)]
+    last_x: Option<Array>,
 }
 
 /// One line of a chart.
@@ -35,12 +41,13 @@ pub(super) struct Trace {
     pub role: String,
     /// `lines`, `markers` or `lines+markers`.
     pub mode: &'static str,
-    pub dashed: bool,
     /// Number of the marker's shape.
     pub symbol: usize,
     pub width: f64,
-    pub x: Vec<f64>,
-    pub y: Vec<Option<f64>>,
+    /// As with the line before it, where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub x: Option<Array>,
+    pub y: Array,
     /// Half-lengths of error bars.
     pub bars: Vec<f64>,
 }
@@ -94,11 +101,10 @@ pub(super) fn against(k: usize, a: &Against) -> Chart {
         name: name.into(),
         role: role.into(),
         mode: "lines+markers",
-        dashed: false,
         symbol,
         width: 1.6,
-        x: bins.iter().map(|b| short(b.cause * x.factor).unwrap_or(0.0)).collect(),
-        y: bins.iter().map(|b| short(b.mean * y.factor)).collect(),
+        x: Some(Array::f32(bins.iter().map(|b| (b.cause * x.factor) as f32))),
+        y: Array::f32(bins.iter().map(|b| (b.mean * y.factor) as f32)),
         bars: bins.iter().map(|b| short(HALF_95 * b.sigma * y.factor).unwrap_or(0.0)).collect(),
     };
     // A bin without a finite position on the axis cannot be plotted.
@@ -117,6 +123,7 @@ pub(super) fn against(k: usize, a: &Against) -> Chart {
         marks: Vec::new(),
         noise: None,
         thinned: false,
+        last_x: None,
     }
 }
 
@@ -130,6 +137,7 @@ fn over_time(id: String, name: &str, scale: &Scale) -> Chart {
         marks: Vec::new(),
         noise: None,
         thinned: false,
+        last_x: None,
     }
 }
 
@@ -140,15 +148,23 @@ impl Chart {
         }
         let kept = thin(t, y);
         self.thinned |= kept.len() < t.len().min(y.len());
+        let times: Vec<f64> = kept.iter().map(|k| t[*k]).collect();
+        let span = times.last().zip(times.first()).map_or(0.0, |(b, a)| b - a);
+        // Over a short stretch 16 bits tell moments apart.
+        let x = match span < SHORT_S {
+            true => Array::i16(&times),
+            false => Array::f32(times.iter().map(|t| *t as f32)),
+        };
+        let same = self.last_x.as_ref() == Some(&x);
+        self.last_x = Some(x.clone());
         self.traces.push(Trace {
             name: name.into(),
             role: role.into(),
             mode: "lines",
-            dashed: false,
             symbol: 0,
             width,
-            x: kept.iter().map(|k| short(t[*k]).unwrap_or(0.0)).collect(),
-            y: kept.iter().map(|k| short(y[*k] * factor)).collect(),
+            x: (!same).then_some(x),
+            y: Array::i16(&kept.iter().map(|k| y[*k] * factor).collect::<Vec<_>>()),
             bars: Vec::new(),
         });
     }

@@ -3,11 +3,12 @@
 use super::Report;
 use crate::GapError;
 use crate::compare::{Comparison, compare};
+use crate::diagnose::Diagnosed;
 use crate::error::Result;
 use crate::ladder::Flights;
+use crate::live::Live;
 use crate::overlay::overlays;
 use crate::track::Track;
-use crate::verdict::Diagnosis;
 use propwash_vehicle::Vehicle;
 
 /// Logs with overlays on a page; more make it slow to load.
@@ -39,6 +40,7 @@ impl Report {
         let mut report = Self::of_comparison(comparison.clone());
         let logs: Vec<_> = tracks.iter().map(|t| (t, None)).collect();
         add_overlays(&mut report, &logs, vehicle, None)?;
+        report.live = Some(Live::without_effects(tracks, vehicle)?);
         Ok(report)
     }
 
@@ -47,12 +49,12 @@ impl Report {
     /// # Errors
     /// If a flight cannot be simulated again.
     pub fn of_diagnosis(
-        diagnosis: &Diagnosis,
+        diagnosed: &Diagnosed,
         flights: &Flights,
         before: &Vehicle,
         after: Option<&Vehicle>,
     ) -> Result<Self> {
-        let mut report = Self::of(diagnosis.clone());
+        let mut report = Self::of(diagnosed.verdict.clone());
         let mut all = flights.all();
         // A held-out log that is too short to compare is skipped.
         report.comparison_before = Some(loop {
@@ -72,6 +74,7 @@ impl Report {
         let held_out = flights.held_out.iter().map(|t| (t, None));
         let logs: Vec<_> = held_out.chain(parted.map(|(t, cut)| (t, *cut))).collect();
         add_overlays(&mut report, &logs, before, after)?;
+        report.live = Some(Live::of(diagnosed, flights, before, after)?);
         Ok(report)
     }
 }

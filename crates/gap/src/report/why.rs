@@ -30,7 +30,7 @@ impl Page {
         if d.why.is_empty() {
             return;
         }
-        self.section("why", "Why", "Why each effect is named or not", "");
+        self.folded("why", "Why", "Why each effect is named or not", "");
         self.body.push_str(
             "<table class=\"stack\"><thead><tr><th>effect</th><th>decided</th><th>rule</th></tr></thead><tbody>",
         );
