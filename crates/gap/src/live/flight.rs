@@ -16,8 +16,6 @@ use propwash_vehicle::Vehicle;
 
 /// Steps between points of a path.
 const PATH_EVERY: usize = 10;
-/// Most points of a path; a longer flight has every second one, or fewer.
-const PATH_POINTS: usize = 2000;
 /// Length of the simulations that restart from the measurement, s.
 const RESTART_S: f64 = 0.5;
 
@@ -179,11 +177,11 @@ impl<'a> Flight<'a> {
         }
     }
 
-    /// The measured path with the simulations of one or two vehicles that restart from it.
-    pub fn path(&self, before: &Vehicle, after: Option<&Vehicle>) -> Result<Path, GapError> {
+    /// The measured path, of about `most` points, with the simulations of one or two vehicles that restart from it.
+    pub fn path(&self, before: &Vehicle, after: Option<&Vehicle>, most: usize) -> Result<Path, GapError> {
         let known: Vec<usize> =
             (0..self.around.measured.len()).filter(|i| self.around.measured[*i].is_some()).collect();
-        let every = PATH_EVERY * (known.len() / PATH_EVERY).div_ceil(PATH_POINTS).max(1);
+        let every = PATH_EVERY * (known.len() / PATH_EVERY).div_ceil(most.max(1)).max(1);
         let sample_s = every as f64 * STEP_S;
         let mut measured = Poses::default();
         for i in known.into_iter().step_by(every) {

@@ -23,9 +23,11 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 /// Most samples of all flights together; more are thinned evenly.
-const MOST_SAMPLES: usize = 4000;
+const MOST_SAMPLES: usize = 2000;
 /// Most numbers of all changes together, which bounds the size of a page.
-const MOST_NUMBERS: usize = 110_000;
+const MOST_NUMBERS: usize = 80_000;
+/// Most points of all paths together.
+const MOST_POINTS: usize = 1600;
 /// Relative error of a forecast figure up to which it is trusted.
 const TRUSTED: f64 = 0.05;
 /// Change of a residual relative to its noise below which an effect counts as without influence on it.
@@ -216,7 +218,7 @@ impl Live {
         let unseen = all.iter().any(|(_, from)| from.is_some());
         out.judged_on = if unseen { "held-out flight" } else { "the flight of the fit" }.into();
         for (flight, live) in flights.iter().zip(&mut out.flights) {
-            live.path = flight.path(before, after)?;
+            live.path = flight.path(before, after, MOST_POINTS / flights.len())?;
         }
         Ok(out)
     }
@@ -234,7 +236,7 @@ impl Live {
         out.rotors(&model.drone);
         out.judged_on = if tracks.len() > 1 { "all flights" } else { "the whole flight" }.into();
         for (flight, live) in flights.iter().zip(&mut out.flights) {
-            live.path = flight.path(vehicle, None)?;
+            live.path = flight.path(vehicle, None, MOST_POINTS / flights.len())?;
         }
         Ok(out)
     }

@@ -12,7 +12,7 @@ use crate::track::Track;
 use propwash_vehicle::Vehicle;
 
 /// Logs with overlays on a page; more make it slow to load.
-const MOST_LOGS: usize = 3;
+const MOST_LOGS: usize = 2;
 
 /// Overlays of the first logs; each segment starts at `from_s` if that is known, else in the middle of the log.
 fn add_overlays(
