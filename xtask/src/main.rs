@@ -10,6 +10,7 @@ mod dist_test;
 mod docs;
 mod gen_kernels;
 mod licenses;
+mod pictures;
 mod python;
 mod run;
 mod sanitize;
@@ -17,6 +18,7 @@ mod setup;
 mod test;
 mod tidy;
 mod vendor;
+mod web;
 
 const HELP: &str = "\
 Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fetches the rest.
@@ -55,6 +57,8 @@ Development commands of Propwash. Needs git, Rust, gcc and python3 with pip; fet
   cargo xtask sanitize [ARGS...]
                                run the tests that reach `unsafe` code with AddressSanitizer, in target/sanitize (Linux on x86-64)
                                (ARGS go to `cargo test` in place of them)
+  cargo xtask pictures         take the pictures of README and docs that show pages, and the animation, by headless Chromium
+                               (needs node, npm and Chromium)
   cargo xtask vendor           write assets/page/vendor anew: three.js and uPlot from npm, pinned by SHA-512, bundled by a
                                pinned esbuild; what it writes is checked in
   cargo xtask gen [--check]    write the kernels in crates/kernels/src/ from the equations; --check only compares
@@ -79,6 +83,7 @@ fn main() -> ExitCode {
         Some("sanitize") => sanitize::run(rest),
         Some("gen") => gen_kernels::run(rest),
         Some("vendor") => run::no_arguments("vendor", rest).and_then(|()| vendor::run()),
+        Some("pictures") => run::no_arguments("pictures", rest).and_then(|()| pictures::run()),
         Some("tidy") => run::no_arguments("tidy", rest).and_then(|()| tidy::run()),
         Some("ci") => run::no_arguments("ci", rest).and_then(|()| ci::run()),
         Some("help" | "--help" | "-h") => {

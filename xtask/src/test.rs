@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
 use crate::run::{self, Result};
-use crate::{python, setup};
+use crate::{python, setup, web};
 
 /// Peers, and what the tests ask of each.
 const PEERS: &[(&str, &str)] = &[
@@ -52,6 +52,12 @@ pub fn run(args: &[String]) -> Result {
     };
     let colour = run::coloured(std::io::stdout().is_terminal());
 
+    // Tests of pages say so where they are skipped.
+    if args.is_empty()
+        && let Err(why) = web::prepare()
+    {
+        eprintln!("pages are not tested in a browser: {why}");
+    }
     let split = args.iter().position(|a| a == "--").unwrap_or(args.len());
     let (ours, theirs) = (&args[..split], args.get(split + 1..).unwrap_or_default());
     let mut rust = run::cargo();

@@ -1,0 +1,91 @@
+"""Takes the pictures of README and docs that show pages: docs/view.png, docs/gap_report.png and the animation docs/gap.webp.
+
+`cargo xtask pictures` builds what it needs and runs it. By hand, with Pillow, node, Chromium, and after `npm ci` in tests/web:
+
+    python docs/make_page_pictures.py target/release
+
+The animation is the page of a diagnosis while its effect is turned on: a flight of an independent simulator with a hidden drag of the
+rotors, as in docs/gap.md.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+HERE = Path(__file__).resolve().parent
+WEB = HERE.parent / "tests" / "web"
+
+FLY = "fly --scene room --drone cf2x_L250 --drones-per-world 2 --worlds 1 --seconds 20 --camera fpv --size 96x96 --out set --view set.html"
+HIDE = "--effect rotor_drag --seed 3 --seconds 50 --out flight.csv --vehicle-out quad.toml"
+DIAGNOSE = "diagnose flight.csv --vehicle quad.toml --out d.json --report gap.html"
+
+#: Pictures per second of the animation, its width in pixels, and how many bytes it may have.
+RATE, WIDTH, MOST_BYTES = 10, 920, 2_000_000
+
+
+def run(program: Path, arguments: str, folder: Path) -> None:
+    # `diagnose` exits with 1 where it finds something.
+    done = subprocess.run([program, *arguments.split()], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    if done.returncode not in (0, 1):
+        sys.exit(f"{program.name} {arguments}\n{done.stderr}")
+
+
+def node(script: Path, arguments: list[str], given: str | None = None) -> None:
+    paths = {**os.environ, "NODE_PATH": str(WEB / "node_modules")}
+    subprocess.run(["node", script, *arguments], input=given, text=True, check=True, env=paths, stdout=subprocess.DEVNULL)
+
+
+#: Turns the first effect of a report on, with a part of its estimate.
+TURN_ON = """(() => {
+  const slider = document.querySelector(".effect input[type=range]");
+  slider.value = 0.7 * slider.value;
+  slider.dispatchEvent(new Event("input", { bubbles: true }));
+})()"""
+
+
+def look(page: Path, picture: str, ready: str, size: tuple[int, int], moment: str = "", steps: tuple[str, ...] = ()) -> None:
+    asked = {
+        "page": str(page),
+        "hash": moment,
+        "ready": ready,
+        "steps": [*steps, "new Promise((done) => setTimeout(done, 1500))"],
+        "width": size[0],
+        "height": size[1],
+        "picture": str(HERE / picture),
+    }
+    node(WEB / "look.js", [], json.dumps([asked]))
+
+
+def animation(page: Path, folder: Path) -> None:
+    frames = folder / "frames"
+    frames.mkdir()
+    node(HERE / "film.js", [str(page), str(frames), str(RATE)])
+    images = [Image.open(path).convert("RGB") for path in sorted(frames.glob("*.png"))]
+    size = (WIDTH, round(images[0].height * WIDTH / images[0].width))
+    first, *rest = (image.resize(size, Image.Resampling.LANCZOS) for image in images)
+    to = HERE / "gap.webp"
+    first.save(to, save_all=True, append_images=rest, duration=1000 // RATE, loop=0, quality=60, method=6)
+    if to.stat().st_size > MOST_BYTES:
+        sys.exit(f"{to} has {to.stat().st_size} bytes, {MOST_BYTES} are allowed: lower RATE or WIDTH")
+
+
+def main() -> None:
+    built = Path(sys.argv[1]).resolve()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        run(built / "propwash", FLY, folder)
+        look(folder / "set.html", "view.png", "globalThis.Propwash?.shown !== undefined", (1280, 860), "t=13.4")
+        run(built / "examples" / "hidden_flight", HIDE, folder)
+        run(built / "propwash", DIAGNOSE, folder)
+        look(folder / "gap.html", "gap_report.png", "globalThis.Propwash?.scene !== undefined", (1400, 1360), steps=(TURN_ON,))
+        animation(folder / "gap.html", folder)
+
+
+main()
