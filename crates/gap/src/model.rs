@@ -109,9 +109,12 @@ impl Model {
                 None => model.admit(adapted(drone, candidate, tracks, arounds))?,
             }
         }
-        // A lighter vehicle with weaker rotors hovers as well and turns less: where the turning response is unknown, never
-        // choose both.
-        if [0, 1].into_iter().all(|axis| torque_doubt(drone, tracks, axis, false) > UNKNOWN_ANSWER) {
+        // A lighter vehicle with weaker rotors hovers as well and turns less: where the turning response is unknown, never choose
+        // both. Together they could shrink at no cost, until a drag within tolerance explained every force that is missing.
+        let turning = tracks.iter().any(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds));
+        if !turning
+            || [0, 1].into_iter().all(|axis| torque_doubt(drone, tracks, axis, false) > UNKNOWN_ANSWER)
+        {
             let hover = |c: &usize| nature(model.candidates[*c].kind).scales_hover;
             model.never_both = (0..model.candidates.len()).filter(hover).collect();
         }
