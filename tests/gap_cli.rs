@@ -129,7 +129,7 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
         "Error ladder",
         "Measured and simulated",
         "Residual over time",
-        "Residual against its cause",
+        "Residual and cause",
     ] {
         assert!(page.contains(words), "{words} in the page");
     }

@@ -121,8 +121,19 @@ fn a_page_of_a_data_set_shows_what_its_files_hold() {
     let look =
         json!({ "page": page, "ready": READY, "steps": steps, "hash": format!("world={number}&t=1.5") });
     let narrow = json!({ "page": page, "ready": READY, "width": 320, "steps": ["Propwash.shown.player.time"], "hash": "t=1.5" });
-    let shown = web::look(&[look, narrow]);
+    // How much wider plots are than their places, after another world was chosen.
+    let other = "(async () => { const s = [...document.querySelectorAll('select')].find((s) => /world/.test(s.textContent)); \
+                 s.selectedIndex = (s.selectedIndex + 1) % s.options.length; s.dispatchEvent(new Event('change', { bubbles: true })); \
+                 await new Promise((done) => setTimeout(done, 500)); \
+                 return [...document.querySelectorAll('.plot')].map((p) => p.scrollWidth - p.clientWidth); })()";
+    let chosen = json!({ "page": page, "ready": READY, "steps": [other] });
+    let shown = web::look(&[look, narrow, chosen]);
     assert_eq!(shown[0]["said"], json!([]));
+    let wider = numbers(&shown[2]["values"][0]);
+    assert!(
+        wider.len() == 3 && wider.iter().all(|w| *w <= 1.0),
+        "plots of the other world are cut off: {wider:?}"
+    );
     assert_eq!(shown[1]["wide"], json!(320), "a page must not scroll sideways");
     assert_eq!(shown[1]["values"][0], json!(1.5), "the moment of the address");
     let values = shown[0]["values"].as_array().unwrap();

@@ -62,6 +62,8 @@
       made = [];
       element.replaceChildren();
       next.forEach(one);
+      // Each plot was made before those beside it, which leave it less room.
+      resize();
     }
     const resize = () => made.forEach((m) => m.plot.setSize({ width: Math.max(m.at.clientWidth, 200), height: m.height }));
     new ResizeObserver(resize).observe(element);

@@ -274,7 +274,7 @@ impl Env {
     /// What a sensor sampled last, (world, drone, shape of the channel).
     ///
     /// # Errors
-    /// [`EnvError::Arena`] for a sensor or a channel that there is not.
+    /// [`EnvError::Option`] for a sensor or a channel that there is not.
     pub fn samples(&mut self, sensor: &str, channel: &str) -> Result<&mut [f32], EnvError> {
         let number = self.arena.sensor(sensor)?;
         Ok(self.arena.samples_mut(number, channel)?)

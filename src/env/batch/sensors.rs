@@ -114,7 +114,7 @@ impl Env {
     /// a second, or in every step.
     ///
     /// # Errors
-    /// [`EnvError::Arena`] for a name that another sensor has, [`EnvError::Option`] for a rate above that of steps, for a channel
+    /// [`EnvError::Option`] for a name that another sensor has, for a rate above that of steps, for a channel
     /// that would be observed under a name that there is already, and after a reset.
     pub fn add_sensor(&mut self, sensor: Arc<dyn Sensor>, sample_hz: Option<u32>) -> Result<(), EnvError> {
         if self.begun {
