@@ -20,6 +20,7 @@ from ._native import (  # noqa: E402
     vehicles,
 )
 from ._repr import shorten_all as _shorten_all  # noqa: E402
+from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
@@ -120,6 +121,7 @@ __all__ = [
     "tell_apart",
     "vehicles",
     "video",
+    "write_rerun",
 ]
 
 _shorten_all(globals())

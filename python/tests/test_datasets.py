@@ -766,6 +766,8 @@ def test_examples_of_the_page_run(block, one, tmp_path, monkeypatch):
     for package in ("torch", "webdataset"):
         if f"import {package}" in block or f"{package.title()}Dataset" in block:
             pytest.importorskip(package)
+    if "write_rerun" in block:
+        pytest.importorskip("rerun", reason="rerun-sdk is no part of the test environment (100 MB)")
     monkeypatch.setenv("HF_DATASETS_CACHE", str(tmp_path / "cache"))
     shutil.copytree(one, tmp_path / "out/forest")
     for name in ("assets", "xml"):
@@ -775,7 +777,7 @@ def test_examples_of_the_page_run(block, one, tmp_path, monkeypatch):
 
 
 def test_the_page_has_examples():
-    assert len(blocks()) == 7
+    assert len(blocks()) == 8
 
 
 # Many machines.
