@@ -1,17 +1,20 @@
-"""Takes the pictures of README and docs that show pages: docs/view.png, docs/gap_report.png and the animation docs/gap.webp.
+"""Takes the pictures of README and docs that show pages: docs/view.png, docs/gap_report.png and the animation docs/gap.webp. Writes the pages
+of docs/live, which the site of the documentation carries.
 
 `cargo xtask pictures` builds what it needs and runs it. By hand, with Pillow, node, Chromium, and after `npm ci` in tests/web:
 
     python docs/make_page_pictures.py target/release
 
 The animation is the page of a diagnosis while its effect is turned on: a flight of an independent simulator with a hidden drag of the
-rotors, as in docs/gap.md.
+rotors, as in docs/gap.md. docs/live/real_flight.html is a flight of the MIT Blackbird data set, where that lies beside the checkout; its licence
+allows it and stands beside the page.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -23,8 +26,12 @@ HERE = Path(__file__).resolve().parent
 WEB = HERE.parent / "tests" / "web"
 
 FLY = "fly --scene room --drone cf2x_L250 --drones-per-world 2 --worlds 1 --seconds 20 --camera fpv --size 96x96 --out set --view set.html"
+LIVE = "fly --scene room --drone cf2x_L250 --drones-per-world 2 --worlds 1 --seconds 12 --camera fpv --size 64x64 --fps 10 --obstacle-motion line --out live --view live.html"
 HIDE = "--effect rotor_drag --seed 3 --seconds 50 --out flight.csv --vehicle-out quad.toml"
 DIAGNOSE = "diagnose flight.csv --vehicle quad.toml --out d.json --report gap.html"
+
+REAL = HERE.parents[1] / "shared" / "data" / "blackbird"
+DIAGNOSE_REAL = f"diagnose {REAL}/clover_5mps_train.csv --held-out {REAL}/clover_5mps_test.csv --vehicle blackbird.toml --report real.html"
 
 #: Pictures per second of the animation, its width in pixels, and how many bytes it may have.
 RATE, WIDTH, MOST_BYTES = 10, 920, 2_000_000
@@ -76,6 +83,20 @@ def animation(page: Path, folder: Path) -> None:
         sys.exit(f"{to} has {to.stat().st_size} bytes, {MOST_BYTES} are allowed: lower RATE or WIDTH")
 
 
+def live(propwash: Path, folder: Path) -> None:
+    to = HERE / "live"
+    to.mkdir(exist_ok=True)
+    run(propwash, LIVE, folder)
+    shutil.copy(folder / "live.html", to / "data_set.html")
+    if not REAL.is_dir():
+        print(f"{to / 'real_flight.html'} stays as it is: {REAL} is not there")
+        return
+    shutil.copy(HERE.parent / "tests" / "data" / "blackbird.toml", folder)
+    run(propwash, DIAGNOSE_REAL, folder)
+    shutil.copy(folder / "real.html", to / "real_flight.html")
+    shutil.copy(REAL / "LICENSE.md", to / "real_flight.LICENSE.txt")
+
+
 def main() -> None:
     built = Path(sys.argv[1]).resolve()
     with tempfile.TemporaryDirectory() as name:
@@ -86,6 +107,7 @@ def main() -> None:
         run(built / "propwash", DIAGNOSE, folder)
         look(folder / "gap.html", "gap_report.png", "globalThis.Propwash?.scene !== undefined", (1400, 1360), steps=(TURN_ON,))
         animation(folder / "gap.html", folder)
+        live(built / "propwash", folder)
 
 
 main()
