@@ -124,13 +124,9 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     );
     assert!(std::fs::read(case.path("d.png")).unwrap().starts_with(b"\x89PNG"));
     let page = std::fs::read_to_string(case.path("d.html")).unwrap();
-    for words in [
-        "rotor_drag",
-        "Error ladder",
-        "Measured and simulated",
-        "Residual over time",
-        "Residual and cause",
-    ] {
+    for words in
+        ["rotor_drag", "Error ladder", "Measured and simulated", "Residual over time", "Residual and cause"]
+    {
         assert!(page.contains(words), "{words} in the page");
     }
 
