@@ -185,7 +185,7 @@ impl FlightConfig {
     /// Reads a description in JSON or TOML: one of a flight, or the manifest of a data set, which holds one.
     ///
     /// # Errors
-    /// [`DatasetError`](super::DatasetError) for a manifest without one, [`ArenaError`](crate::arena::ArenaError) saying which field is
+    /// [`DatasetError`] for a manifest without one, [`ArenaError`] saying which field is
     /// wrong and why.
     pub fn from_text(text: &str) -> Result<Self> {
         match serde_json::from_str::<Value>(text) {
