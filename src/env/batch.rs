@@ -565,9 +565,8 @@ impl Env {
         let substeps = u64::from(plan.config.substeps());
         self.dues.clear();
         for world in &self.worlds {
-            let due = plan.delay(world) % substeps;
-            if !self.dues.contains(&due) {
-                self.dues.push(due);
+            if !self.dues.contains(&world.due) {
+                self.dues.push(world.due);
             }
         }
         self.dues.sort_unstable();
@@ -580,11 +579,10 @@ impl Env {
             }
             let data = self.arena.data_mut();
             for (world, row) in self.worlds.iter().zip(data.command.chunks_exact_mut(each)) {
-                let delay = plan.delay(world);
-                if delay % substeps == due {
+                if world.due == due {
                     // Before the first command of an episode the slots hold the neutral one.
                     let ring = plan.command_ring as u64;
-                    let slot = ((world.step + ring - delay / substeps) % ring) as usize;
+                    let slot = ((world.step + ring - world.late) % ring) as usize;
                     row.copy_from_slice(&world.commands[slot * each..(slot + 1) * each]);
                 }
             }

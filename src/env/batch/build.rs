@@ -231,6 +231,7 @@ impl Plan {
             range_m,
             sensor: noise.map(NoisySensor::new),
             neutral: neutral_commands(config.action.kind, drones, command_width, n_rotors),
+            no_course: Course::default(),
             config,
         })
     }

@@ -21,6 +21,9 @@ use crate::sense::NoiseKey;
 pub(super) struct World {
     pub layout: usize,
     pub levels: Levels,
+    /// When a command is flown: whole steps of the environment later, and so many steps of the simulation into that step.
+    pub late: u64,
+    pub due: u64,
     pub memory: Vec<f32>,
     pub starts: Vec<Start>,
     pub drones: Vec<Flown>,
@@ -60,9 +63,12 @@ impl World {
         };
         let (rings, pixels) = (plan.depth_ring, plan.pixels);
         let apart = pixels > 0 && (plan.sensor.is_some() || rings > 1);
+        let [late, due] = plan.delay(&config.levels);
         Self {
             layout: 0,
             levels: config.levels,
+            late,
+            due,
             memory: vec![0.0; memory_len],
             starts: vec![Start::at([0.0; 3]); d],
             drones: vec![Flown { clearance_m: config.look_m, ..Flown::default() }; d],
@@ -117,6 +123,8 @@ pub(super) struct Plan {
     pub range_m: [f64; 2],
     pub sensor: Option<NoisySensor>,
     pub neutral: Vec<f32>,
+    /// That of worlds without a scene.
+    pub no_course: Course,
 }
 
 /// Height of the ground where there is no scene, m: what drones crash into and what their effects read.
@@ -135,10 +143,12 @@ impl Plan {
         episode_key(self.config.sim.options.origin(w), world.episode, world.step, purpose)
     }
 
-    /// Steps of the simulation that a command takes to a world's drones.
-    pub(super) fn delay(&self, world: &World) -> u64 {
-        let steps = world.levels.action_delay_s * f64::from(self.config.sim.options.sim_hz);
-        steps.round().clamp(0.0, f64::from(self.config.sim.options.sim_hz)) as u64
+    /// What a command takes to the drones: whole steps of the environment, and further steps of the simulation.
+    fn delay(&self, levels: &Levels) -> [u64; 2] {
+        let steps = levels.action_delay_s * f64::from(self.config.sim.options.sim_hz);
+        let steps = steps.round().clamp(0.0, f64::from(self.config.sim.options.sim_hz)) as u64;
+        let substeps = u64::from(self.config.substeps());
+        [steps / substeps, steps % substeps]
     }
 
     /// Turns the action of a world into its next command, and says how much each drone's changed.
@@ -210,6 +220,7 @@ impl Plan {
         world.memory.fill(0.0);
         world.last_action.fill(0.0);
         world.levels = self.rules.draw(&self.config.levels, self.key(w, world, LEVELS_OF));
+        [world.late, world.due] = self.delay(&world.levels);
         if n_layouts > 0 {
             world.layout = self.key(w, world, LAYOUT).stream().below(n_layouts as u64) as usize;
         }
@@ -226,8 +237,7 @@ impl Plan {
         goal: Option<&[[f64; 3]]>,
     ) -> Result<(), EnvError> {
         let draw = self.key(w, world, purpose).stream();
-        let none = Course::default();
-        let course = layouts.get(world.layout).map_or(&none, |l| &l.course);
+        let course = layouts.get(world.layout).map_or(&self.no_course, |l| &l.course);
         let mut worker = if layouts.is_empty() { None } else { Some(look.surroundings(w)?) };
         let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
         let worker = worker.as_deref_mut();
@@ -279,15 +289,18 @@ impl Plan {
     /// Where the drones of a world are and were.
     pub(super) fn update_poses(&self, w: usize, world: &mut World, data: &SimData<f32>, fresh: bool) {
         for d in 0..self.config.sim.n_drones() {
-            let s = data.state(w, d);
+            let row = data.row(w, d);
+            let three = |of: &[f32]| core::array::from_fn(|k| f64::from(of[3 * row + k]));
+            let now =
+                Pose::new(three(&data.pos), core::array::from_fn(|k| f64::from(data.quat[4 * row + k])));
             let drone = &mut world.drones[d];
-            drone.before = if fresh { Pose::new(s.pos, s.quat) } else { drone.now };
-            drone.now = Pose::new(s.pos, s.quat);
+            drone.before = if fresh { now } else { drone.now };
+            drone.now = now;
             world.seen[d] = DroneView {
-                pos_m: s.pos,
-                quat_xyzw: s.quat,
-                vel_m_s: s.vel,
-                ang_vel_rad_s: s.ang_vel,
+                pos_m: now.pos_m,
+                quat_xyzw: now.quat_xyzw,
+                vel_m_s: three(&data.vel),
+                ang_vel_rad_s: three(&data.ang_vel),
                 previous_pos_m: drone.before.pos_m,
                 clearance_m: drone.clearance_m,
                 crashed: false,
@@ -305,12 +318,12 @@ impl Plan {
         still: bool,
         depth: &mut [f32],
     ) -> Result<(), EnvError> {
-        let key = self.key(w, world, DEPTH);
         if let Some(layout) = layout {
             let mut worker = at.world(w)?;
             update_collisions(&mut worker, &mut world.drones, self.config.look_m, still)?;
             if self.pixels > 0 {
                 let apart = !world.clean.is_empty();
+                let key = self.key(w, world, DEPTH);
                 let key = NoiseKey { seed: key.seed, world: key.world, drone: 0, step: key.step, camera: 0 };
                 let clean = if apart { &mut world.clean[..] } else { &mut depth[..] };
                 match &self.sensor {
@@ -370,8 +383,7 @@ impl Plan {
         depth: &[f32],
         (action_change, reward): (&[f32], &mut [f32]),
     ) -> Result<Ending, EnvError> {
-        let none = Course::default();
-        let course = layout.map_or(&none, |l| &l.course);
+        let course = layout.map_or(&self.no_course, |l| &l.course);
         let images = layout.filter(|_| self.pixels > 0).map(|layout| Images {
             depth_m: if world.clean.is_empty() { depth } else { &world.clean },
             cameras: &layout.cameras,
@@ -412,8 +424,7 @@ impl Plan {
             }
         }
         let drones = if noisy { &world.observed } else { &world.seen };
-        let none = Course::default();
-        let course = layout.map_or(&none, |l| &l.course);
+        let course = layout.map_or(&self.no_course, |l| &l.course);
         let view = self.view((w, world), look, (drones, action_change), None, course);
         for (d, (row, s)) in out.chunks_exact_mut(self.width).zip(drones).enumerate() {
             store(&mut row[0..], &s.pos_m);
