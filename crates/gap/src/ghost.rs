@@ -28,8 +28,9 @@ impl Ghost {
     }
 }
 
-/// Flies a vehicle's model from the measured state anew every `every_s` seconds (0.02 to 10), with the inputs of the flight, and gives a
-/// pose every `sample_s` seconds and at each end.
+/// Flies a vehicle's model from the measured state anew every `every_s` seconds, with the inputs of the flight, and gives a pose every
+/// `sample_s` seconds and at each end, as the sensors that the vehicle models would read it. Both are rounded to whole steps of 5 ms, at
+/// least one; nothing flies where the log is shorter than `every_s`.
 ///
 /// # Errors
 /// [`GapError::Log`] where the vehicle lacks the dynamics that the log drives.
@@ -40,15 +41,14 @@ pub fn ghost(track: &Track, vehicle: &Vehicle, every_s: f64, sample_s: f64) -> R
     let replay = Replay::new(track, &around, &raw, &drone);
     let plant = replay.plant();
     let steps = |s: f64| (s / STEP_S).round().max(1.0) as usize;
-    let (per, sample) = (steps(every_s.clamp(0.02, 10.0)), steps(sample_s));
+    let (per, sample) = (steps(every_s), steps(sample_s));
     let (mut out, mut points) = (Ghost::default(), Vec::new());
-    let mut at = 0;
-    while at + per < replay.n_steps() {
-        let whole = (at * STEP..=(at + per) * STEP).all(|k| raw.valid.get(k).copied().unwrap_or(false));
-        match around.measured[at].filter(|_| whole) {
+    let mut at = 0usize;
+    while at.saturating_add(per) < replay.n_steps() {
+        match replay.start(at, per) {
             Some(start) => {
                 out.starts_s.push(replay.time_s(at));
-                plant.roll(&replay.ticks[at * STEP..], at * STEP, per, &start, &[], &mut points);
+                plant.roll(&replay.ticks[at * STEP..], at * STEP, per, start, &[], &mut points);
                 for i in (0..per).step_by(sample).chain([per]) {
                     // Just before the next start, so that times rise.
                     let early = if i == per { 1e-4 } else { 0.0 };

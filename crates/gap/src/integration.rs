@@ -25,11 +25,7 @@ pub(crate) fn errors(replay: &Replay) -> Vec<[f64; 4]> {
     let Some(Simulated { step_s, order: 1 }) = replay.track.log.simulated else { return none };
     let steps = HORIZONS_S.map(|h| (h / STEP_S).round() as usize);
     let far = steps[steps.len() - 1];
-    let whole = |i: &usize| {
-        i + far < replay.n_steps()
-            && replay.around.measured[*i].is_some()
-            && (i * STEP..=(i + far) * STEP).all(|k| replay.raw.valid.get(k).copied().unwrap_or(false))
-    };
+    let whole = |i: &usize| i + far < replay.n_steps() && replay.start(*i, far).is_some();
     let able: Vec<usize> = (0..replay.n_steps()).filter(whole).collect();
     let stride = able.len().div_ceil(STARTS).max(1);
     let (mut sums, mut n) = (none, 0.0);

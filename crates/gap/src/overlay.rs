@@ -64,10 +64,9 @@ pub fn overlays(
         let mut points = Vec::new();
         let mut at = first;
         while at + per <= last {
-            let whole = (at * STEP..=(at + per) * STEP).all(|k| raw.valid.get(k).copied().unwrap_or(false));
-            let start = replay.around.measured[at].filter(|_| whole);
+            let start = replay.start(at, per);
             if let Some(start) = start {
-                plant.roll(&replay.ticks[at * STEP..], at * STEP, per, &start, &[], &mut points);
+                plant.roll(&replay.ticks[at * STEP..], at * STEP, per, start, &[], &mut points);
             }
             for i in (0..per).step_by(EVERY) {
                 times.push(replay.time_s(at + i));

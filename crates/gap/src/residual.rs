@@ -49,6 +49,13 @@ impl<'a> Replay<'a> {
         let valid = self.raw.valid.get(step * STEP).copied().unwrap_or(false);
         self.around.measured[step].as_ref().filter(|_| valid)
     }
+
+    /// The measured state of an instant from which on the inputs are known for so many instants: where a roll-out can start.
+    pub(super) fn start(&self, step: usize, steps: usize) -> Option<&Measured> {
+        let valid = |k: usize| self.raw.valid.get(k).copied().unwrap_or(false);
+        let start = self.around.measured.get(step)?.as_ref()?;
+        (step * STEP..=(step + steps) * STEP).all(valid).then_some(start)
+    }
 }
 
 fn state_of(m: &Measured) -> State<f64> {

@@ -2,7 +2,7 @@
 
 use super::fit::{Cut, Prepared, Starts, linearise};
 use super::model::{Enters, Model};
-use super::replay::{Around, Raw, drive};
+use super::replay::{Around, Raw, STEP, drive};
 use super::slow_errors::slow_errors;
 use super::track::{Options, Track};
 use propwash_flight::{FlightLog, Format};
@@ -392,4 +392,22 @@ fn an_attitude_that_leans_with_the_acceleration_is_set_upright() {
     });
     let off = off.fold(0.0, f64::max);
     assert!(most > 0.01 && off < 0.15 * most, "{off} of {most}");
+}
+
+#[test]
+fn a_ghost_starts_where_the_sensors_read_what_was_measured() {
+    let (_, drone, track) = made();
+    let askew = "[[effect]]\nkind = \"sensor_offset\"\nposition_m = [0.03, -0.02, 0.01]\n";
+    let vehicle = Vehicle::from_toml("askew", &format!("{}\n{askew}", vehicle().to_toml())).unwrap();
+    let ghost = super::ghost::ghost(&track, &vehicle, 0.5, 0.1).unwrap();
+    assert!(ghost.starts_s.len() >= 4, "{:?}", ghost.starts_s);
+    let around = Around::new(&track, &drone);
+    for start in &ghost.starts_s {
+        let k = ghost.t_s.iter().position(|t| t == start).unwrap();
+        let i = (0..around.measured.len()).find(|i| (around.time_s(i * STEP) - start).abs() < 1e-9).unwrap();
+        let apart = vec3::norm(vec3::sub(ghost.pos_m[k], around.measured[i].unwrap().pos));
+        assert!(apart < 1e-9, "{start} s: {apart} m from the marker");
+    }
+    // It parts from the measurement between two starts no sooner than it must.
+    assert!(ghost.t_s.windows(2).all(|t| t[0] < t[1]));
 }

@@ -77,6 +77,19 @@ impl Proposal {
 }
 
 impl Pull {
+    /// Several parameters that go from the file to their estimates together.
+    fn share(moves: Vec<Move>) -> Self {
+        Self {
+            moves,
+            name: "share of the estimate".into(),
+            unit: String::new(),
+            filed: 0.0,
+            value: 1.0,
+            sigma: None,
+            both_sides: false,
+        }
+    }
+
     fn live(&self, change: usize) -> Handle {
         let step = self.value - self.filed;
         let back = if self.both_sides { -1.0 } else { 0.0 };
@@ -112,15 +125,7 @@ fn pulls(model: &Model, fits: &[(usize, ParameterFit)]) -> Vec<Pull> {
             })
             .collect();
     }
-    vec![Pull {
-        moves: moved.iter().map(|(k, p)| Move { parameter: *k, value: p.value }).collect(),
-        name: "share of the estimate".into(),
-        unit: String::new(),
-        filed: 0.0,
-        value: 1.0,
-        sigma: None,
-        both_sides: false,
-    }]
+    vec![Pull::share(moved.iter().map(|(k, p)| Move { parameter: *k, value: p.value }).collect())]
 }
 
 /// Estimates of some candidates' parameters with exactly `set` free.
@@ -243,15 +248,7 @@ fn corrections(diagnosed: &Diagnosed) -> Vec<Proposal> {
             role: Role::Correction,
             nats: None,
             of: None,
-            handles: vec![Pull {
-                moves,
-                name: "share of the estimate".into(),
-                unit: String::new(),
-                filed: 0.0,
-                value: 1.0,
-                sigma: None,
-                both_sides: false,
-            }],
+            handles: vec![Pull::share(moves)],
         });
     }
     out
