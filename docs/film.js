@@ -3,7 +3,7 @@
 "use strict";
 const { pathToFileURL } = require("node:url");
 const path = require("node:path");
-const { chromium } = require("playwright-core");
+const { launch } = require("../tests/web/browser.js");
 
 const SIZE = { width: 1060, height: 800 };
 /** Seconds of flight before the switch, of the slider from zero to its estimate, and after. */
@@ -50,10 +50,7 @@ async function film(page, folder, rate) {
 
 (async () => {
   const [html, folder, rate] = process.argv.slice(2);
-  const browser = await chromium.launch({
-    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-  });
+  const browser = await launch();
   const page = await browser.newPage({ viewport: SIZE, colorScheme: "light", bypassCSP: true });
   await page.goto(pathToFileURL(html).href);
   await page.waitForFunction(() => globalThis.Propwash?.scene, undefined, { timeout: 60000 });

@@ -13,7 +13,6 @@ allows it and stands beside the page.
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import subprocess
 import sys
@@ -45,8 +44,7 @@ def run(program: Path, arguments: str, folder: Path) -> None:
 
 
 def node(script: Path, arguments: list[str], given: str | None = None) -> None:
-    paths = {**os.environ, "NODE_PATH": str(WEB / "node_modules")}
-    subprocess.run(["node", script, *arguments], input=given, text=True, check=True, env=paths, stdout=subprocess.DEVNULL)
+    subprocess.run(["node", script, *arguments], input=given, text=True, check=True, stdout=subprocess.DEVNULL)
 
 
 #: Turns the first effect of a report on, with a part of its estimate.

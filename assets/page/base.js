@@ -61,6 +61,30 @@
     return out;
   };
 
+  /** A table behind a button, filled when it is opened and by its function `fill`. `rows` gives the head and then the lines.
+   * @param {string} title @param {() => any[][]} rows @returns {any} */
+  P.twin = (title, rows) => {
+    const details = P.el("details", { class: "numbers" }, P.el("summary", {}, "Table: " + title));
+    const fill = () => {
+      if (!details.open) return;
+      const [head, ...lines] = rows();
+      const body = lines.map((line) => P.el("tr", {}, ...line.map((/** @type {any} */ c) => P.el("td", {}, c))));
+      const table = P.el("table", {}, P.el("thead", {}, P.el("tr", {}, ...head.map((/** @type {any} */ h) => P.el("th", { scope: "col" }, h)))),
+        P.el("tbody", {}, ...body));
+      details.querySelector(".scroll")?.remove();
+      details.append(P.el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Table: " + title }, table));
+    };
+    details.addEventListener("toggle", fill);
+    details.fill = fill;
+    return details;
+  };
+
+  /** Every so manieth of many lines, so that a table has at most so many. @param {number} n */
+  P.every = (n, most = 60) => {
+    const step = Math.max(1, Math.ceil(n / most));
+    return Array.from({ length: Math.ceil(n / step) }, (_, k) => k * step);
+  };
+
   /** A number with so many significant digits, and its unit.
    * @param {number} value @param {string} [unit] @param {number} [digits] */
   P.number = (value, unit = "", digits = 3) => {

@@ -88,21 +88,11 @@
 
   /** The same numbers behind a button, thinned. @param {any} spec */
   function table(spec) {
-    const details = P.el("details", { class: "numbers" }, P.el("summary", {}, "Table: " + spec.title));
-    details.addEventListener("toggle", () => {
-      if (!details.open || details.querySelector("table")) return;
-      const step = Math.max(1, Math.ceil(spec.t.length / ROWS));
+    return P.twin(spec.title, () => {
       const head = ["t, s", ...spec.series.map((/** @type {any} */ s) => s.name + (spec.unit ? ", " + spec.unit : ""))];
-      const body = P.el("tbody");
-      for (let k = 0; k < spec.t.length; k += step) {
-        const cells = [spec.t[k].toFixed(2), ...spec.series.map((/** @type {any} */ s) => P.number(s.y[k]))];
-        body.append(P.el("tr", {}, ...cells.map((c) => P.el("td", {}, c))));
-      }
-      const row = P.el("tr", {}, ...head.map((h) => P.el("th", { scope: "col" }, h)));
-      details.append(P.el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": spec.title },
-        P.el("table", {}, P.el("thead", {}, row), body)));
+      const line = (/** @type {number} */ k) => [spec.t[k].toFixed(2), ...spec.series.map((/** @type {any} */ s) => P.number(s.y[k]))];
+      return [head, ...P.every(spec.t.length, ROWS).map(line)];
     });
-    return details;
   }
 
   /** A strip of colours over the time of a player; a click jumps there.

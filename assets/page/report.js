@@ -47,29 +47,6 @@
     seen.observe(element);
   };
 
-  /** A table behind a button, filled when it is opened. `rows` gives the head and then the lines. */
-  P.twin = (title, rows) => {
-    const details = P.el("details", { class: "numbers" }, P.el("summary", {}, "Table: " + title));
-    const fill = () => {
-      if (!details.open) return;
-      const [head, ...lines] = rows();
-      const body = lines.map((line) => P.el("tr", {}, ...line.map((c) => P.el("td", {}, c))));
-      const table = P.el("table", {}, P.el("thead", {}, P.el("tr", {}, ...head.map((h) => P.el("th", { scope: "col" }, h)))),
-        P.el("tbody", {}, ...body));
-      details.querySelector(".scroll")?.remove();
-      details.append(P.el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Table: " + title }, table));
-    };
-    details.addEventListener("toggle", fill);
-    details.fill = fill;
-    return details;
-  };
-
-  /** Every so manieth of many lines, so that a table has at most so many. */
-  P.every = (n, most = 60) => {
-    const step = Math.max(1, Math.ceil(n / most));
-    return Array.from({ length: Math.ceil(n / step) }, (_, k) => k * step);
-  };
-
   const list = (array) => Array.from(array, (v) => (Number.isFinite(v) ? v : null));
 
   /** Points with error bars, drawn for one series. */

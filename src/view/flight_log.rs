@@ -22,8 +22,7 @@ const GHOST_SAMPLES: usize = 2500;
 /// The page of a log.
 pub(super) fn page(path: &Path, options: &Options) -> Result<Made> {
     let (log, report) = FlightLog::open(path, None)?;
-    let mut data =
-        Data { title: path.display().to_string(), kind: "flight log", colour: "speed", ..Data::default() };
+    let mut data = Data { title: super::title(path), kind: "flight log", colour: "speed", ..Data::default() };
     if log.position_m.is_empty() {
         return Err(Error::Usage {
             flag: "WHAT",

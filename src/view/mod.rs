@@ -4,8 +4,8 @@
 //! use propwash::view::{self, Options};
 //!
 //! let page = view::page("data/forest".as_ref(), &Options::default())?;
-//! std::fs::write("view.html", page.html).unwrap();
-//! # Ok::<(), propwash::Error>(())
+//! std::fs::write("view.html", page.html)?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
 use std::path::{Path, PathBuf};
@@ -78,13 +78,20 @@ pub fn page(what: &Path, options: &Options) -> Result<Made> {
             refuse("--world", options.worlds.is_empty())?;
             refuse("--scene", options.scene.is_none())?;
             refuse("--vehicle", options.vehicle.is_none())?;
-            of_scene(&SceneSource::file(what), &what.display().to_string())
+            of_scene(&SceneSource::file(what), &title(what))
         }
         Kind::Log => {
             refuse("--world", options.worlds.is_empty())?;
             flight_log::page(what, options)
         }
     }
+}
+
+/// The last part of a path: a page is handed on, and the folders of who made it are nobody's business.
+pub(crate) fn title(path: &Path) -> String {
+    let last = |p: &Path| p.file_name().map(|name| name.to_string_lossy().into_owned());
+    let whole = || last(&path.canonicalize().ok()?);
+    last(path).or_else(whole).unwrap_or_else(|| path.display().to_string())
 }
 
 /// Refuses what is no scene.
@@ -171,7 +178,7 @@ fn of_dataset(dir: &Path, options: &Options) -> Result<Made> {
     refuse("--scene", options.scene.is_none())?;
     refuse("--vehicle", options.vehicle.is_none())?;
     let set = Dataset::open(dir)?;
-    let mut data = Data { title: dir.display().to_string(), kind: "data set", ..Data::default() };
+    let mut data = Data { title: title(dir), kind: "data set", ..Data::default() };
     let scene = set.scene()?;
     match &scene {
         Some(scene) => data.scene = Some(shapes::shapes(scene, &mut data.notes)?),
@@ -274,4 +281,19 @@ fn made(data: Data, watched: bool) -> Made {
 /// Numbers of triples or fours in one row, each component in 16 bits of its own range.
 fn columns<const N: usize>(rows: &[[f64; N]]) -> Vec<Array> {
     (0..N).map(|c| Array::i16(&rows.iter().map(|row| row[c]).collect::<Vec<_>>()).packed()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_title_names_no_folders() {
+        assert_eq!(title("/somebody/private/forest".as_ref()), "forest");
+        assert_eq!(title("private/flight 7.csv".as_ref()), "flight 7.csv");
+        let here = title(".".as_ref());
+        assert!(!here.is_empty() && !here.contains(['/', '.']), "{here}");
+        let scene = of_scene(&SceneSource::file("xml/zoo.xml"), "zoo").unwrap();
+        assert!(!scene.html.contains("xml/zoo"), "the scene's name on the page");
+    }
 }

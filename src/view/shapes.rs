@@ -104,9 +104,9 @@ pub(super) fn shapes(scene: &Scene, notes: &mut Vec<String>) -> Result<Shapes> {
     };
     let rest = scene.obstacles().iter().map(rest).collect::<Result<_, _>>()?;
     let meshes = triangles.iter().map(encoded).collect();
-    // Without the word that messages begin with.
+    // Without the word that messages begin with, and without folders.
     let name = scene.name().trim_start_matches("scene ").trim_matches('\'').trim_start_matches("scene ");
-    Ok(Shapes { name: name.to_string(), geoms, meshes, rest })
+    Ok(Shapes { name: super::title(name.as_ref()), geoms, meshes, rest })
 }
 
 /// To the micrometre, so that a page has no digits that nobody sees.

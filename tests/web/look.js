@@ -4,7 +4,7 @@
 "use strict";
 const fs = require("node:fs");
 const { pathToFileURL } = require("node:url");
-const { chromium } = require("playwright-core");
+const { launch } = require("./browser.js");
 
 async function look(browser, asked) {
   const page = await browser.newPage({
@@ -39,10 +39,7 @@ async function look(browser, asked) {
 
 (async () => {
   const asked = JSON.parse(fs.readFileSync(0, "utf8"));
-  const browser = await chromium.launch({
-    executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-  });
+  const browser = await launch();
   const out = [];
   for (const one of asked) out.push(await look(browser, one));
   await browser.close();

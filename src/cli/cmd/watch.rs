@@ -104,7 +104,7 @@ struct Maker {
 impl Maker {
     /// The page of the scene; where it cannot be built, what MuJoCo says before the last one that could.
     fn make(&mut self) -> String {
-        let title = self.scene.display().to_string();
+        let title = view::title(&self.scene);
         match view::watched(&SceneSource::file(&self.scene), &title) {
             Ok(made) => {
                 let html = made.html.clone();
