@@ -326,6 +326,120 @@ fn asked(port: u16, path: &str, host: &str, origin: Option<&str>) -> (String, St
     (head.lines().next().unwrap().to_string(), body.to_string())
 }
 
+/// A program that serves a scene, and its port; ended with the value.
+struct Watched(std::process::Child, u16);
+
+impl Watched {
+    fn start(folder: &Path, what: &str) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_propwash"))
+            .args(["view", what, "--watch"])
+            .current_dir(folder)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let port = line.split(':').nth(2).and_then(|p| p.split('/').next()).unwrap().parse().unwrap();
+        Self(child, port)
+    }
+}
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let watched = Watched::start(folder.path(), "room");
+    let press = |key: &str, shift: bool| {
+        format!(
+            "Propwash.shown.view.canvas.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}', shiftKey: {shift}, cancelable: true }}))"
+        )
+    };
+    let click = |text: &str| {
+        format!(
+            "[...document.querySelectorAll('button, summary')].find((b) => b.textContent === '{text}').click()"
+        )
+    };
+    let later = "new Promise((done) => setTimeout(done, 1500))".to_string();
+    let pixels = "(() => { const S = Propwash.shown.probe, out = []; for (let k = 0; k < 100; k++) { const p = S.images.pixel((k * 13) % 60, (k * 29) % 106); \
+                  out.push([p.distance, p.geom]); } return out; })()";
+    let tried = |places: &str| {
+        format!(
+            "(async () => {{ const S = Propwash.shown.probe; S.places.value = '{places}'; await S.tryIt(); return S.said.textContent; }})()"
+        )
+    };
+    let steps = [
+        click("Fly a depth camera"),
+        "(() => { const s = document.querySelector('.probe select'); s.value = 'd435'; s.dispatchEvent(new Event('change')); })()".into(),
+        press("w", true),
+        press("ArrowLeft", true),
+        press("e", false),
+        later,
+        "(({ state }) => [state.x, state.y, state.z, state.heading, state.pitch])(Propwash.shown.probe)".into(),
+        pixels.into(),
+        click("Try a path"),
+        tried("0 0 1\\n0 0 -3"),
+        tried("0 0 1\\n0 0 1.2"),
+        tried("0 0 1"),
+        tried("0 0 1\\n0 0 high"),
+    ];
+    let mut look = json!({ "address": format!("http://127.0.0.1:{}/", watched.1), "ready": "Propwash?.shown?.probe !== undefined", "steps": steps });
+    let shown = web::look(std::slice::from_ref(&look));
+    assert_eq!(shown[0]["said"], json!([]));
+    let values = &shown[0]["values"];
+    let state = numbers(&values[6]);
+    assert_eq!(state, [0.5, 0.0, 1.1, 25.0, 0.0], "keys move the camera");
+
+    // The same image by the library.
+    let room = Scene::build(&SceneSource::file("room"), &[]).unwrap();
+    let (s, c) = (0.5 * state[3].to_radians()).sin_cos();
+    let quat = propwash::math::quat::mul([0.0, 0.0, s, c], [0.5, -0.5, -0.5, 0.5]);
+    let device = propwash::sense::DepthDevice::named("d435").unwrap();
+    let camera = propwash::sense::Camera::in_world(
+        &room,
+        Pose::new([state[0], state[1], state[2]], quat),
+        device.lens(),
+    )
+    .and_then(|c| c.with_size(106, 60)?.with_range(device.range_m[0], device.range_m[1]))
+    .unwrap();
+    let (mut worker, mut frame) = (room.worker().unwrap(), propwash::sense::DepthFrame::new());
+    worker.update().unwrap();
+    camera.render(&mut worker, &mut frame).unwrap();
+    let mut hits = 0;
+    for (k, seen) in values[7].as_array().unwrap().iter().enumerate() {
+        let at = ((k * 13) % 60) * 106 + (k * 29) % 106;
+        assert_eq!(seen[1].as_i64().unwrap(), i64::from(frame.geom_id[at]));
+        if frame.status[at] == 0 {
+            hits += 1;
+            assert!((seen[0].as_f64().unwrap() - f64::from(frame.depth_m[at])).abs() < 1e-6);
+        } else {
+            assert!(seen[0].is_null());
+        }
+    }
+    assert!(hits > 50, "{hits} pixels see something");
+
+    let text = |k: usize| values[k].as_str().unwrap();
+    assert!(text(9).contains("cf2x touches geom 'rug' after 0.97"), "{}", text(9));
+    assert!(text(10).contains("touches nothing on 0.2"), "{}", text(10));
+    assert!(text(11).contains("Expected 2 to 200 places") && text(12).contains("Line 2"), "{values}");
+
+    look["axe"] = json!(true);
+    let mut dark = look.clone();
+    (dark["scheme"], dark["width"]) = (json!("dark"), json!(320));
+    for seen in web::look(&[look, dark]).iter() {
+        assert_eq!(seen["axe"], json!([]));
+        assert!(seen["wide"].as_f64().unwrap() <= 1400.0);
+    }
+}
+
 #[test]
 fn a_watched_scene_is_drawn_again_when_it_is_saved() {
     let folder = tempfile::tempdir().unwrap();
@@ -336,15 +450,8 @@ fn a_watched_scene_is_drawn_again_when_it_is_saved() {
         std::fs::write(folder.path().join("mine.xml"), text).unwrap();
     };
     scene("1 1 1");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_propwash"))
-        .args(["view", "mine.xml", "--watch"])
-        .current_dir(folder.path())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-    let port: u16 = line.split(':').nth(2).and_then(|p| p.split('/').next()).unwrap().parse().unwrap();
+    let watched = Watched::start(folder.path(), "mine.xml");
+    let port = watched.1;
     let host = format!("127.0.0.1:{port}");
     let page = || asked(port, "/", &host, None).1;
     let first = page();
@@ -357,8 +464,17 @@ fn a_watched_scene_is_drawn_again_when_it_is_saved() {
     let foreign = asked(port, "/", &format!("evil.example:{port}"), None).0;
     let other = asked(port, "/version?seen=0", &host, Some("http://evil.example")).0;
     let own = asked(port, "/version?seen=0", &host, Some(&format!("http://{host}"))).0;
-    child.kill().unwrap();
-    child.wait().unwrap();
+    let refused: Vec<(String, String)> = [
+        "/depth?device=ideal&pos=0,0&quat=0,0,0,1",
+        "/depth?device=other&pos=0,0,0&quat=0,0,0,1",
+        "/depth?pos=0,0,0&quat=0,0,0,1",
+        "/path?shell=cf2x&at=0,0,1",
+        "/path?shell=cf2x&at=0,0,1&at=0,0,inf",
+        "/etc?x=1",
+    ]
+    .map(|path| asked(port, path, &host, None))
+    .into();
+    let probed = asked(port, "/depth?device=ideal&pos=0,0,0&quat=0,0,0,1", "evil.example", None).0;
 
     assert!(first.contains("thing_1 1 1") && first.contains("connect-src 'self'"));
     assert_eq!(broken.0, "2");
@@ -371,4 +487,10 @@ fn a_watched_scene_is_drawn_again_when_it_is_saved() {
         foreign.contains("403") && other.contains("403") && own.contains("200"),
         "{foreign} {other} {own}"
     );
+    assert!(probed.contains("403"));
+    for (k, words) in
+        ["three numbers", "one of ideal", "device", "2 to 200", "at", "/depth or /path"].iter().enumerate()
+    {
+        assert!(refused[k].0.contains("400") && refused[k].1.contains(words), "{:?}", refused[k]);
+    }
 }

@@ -56,6 +56,8 @@ bool isCut() {
       this.cut = null;
       this.cutting = { cutOn: { value: 0 }, cutLow: { value: new THREE.Vector3() }, cutHigh: { value: new THREE.Vector3() } };
       this.lastTarget = new THREE.Vector3();
+      /** @type {((event: KeyboardEvent) => boolean) | null} takes keys before they turn the camera; says whether it took one */
+      this.pilot = null;
       this.waiting = false;
       new ResizeObserver(() => this.resize()).observe(this.canvas);
       this.canvas.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => this.turn(event));
@@ -447,6 +449,7 @@ bool isCut() {
 
     /** With the picture in focus: a and d go round, w and s over, + and − nearer and farther. @param {KeyboardEvent} event */
     turn(event) {
+      if (this.pilot?.(event)) return;
       const away = this.camera.position.clone().sub(this.controls.target);
       const up = new THREE.Vector3(0, 0, 1);
       const side = up.clone().cross(away).normalize();

@@ -335,10 +335,7 @@
 
   // ----- camera images ------------------------------------------------------------------------------------------------------
 
-  const depthCanvas = P.el("canvas", { class: "image", role: "img", "aria-label": "depth image" });
-  const labelCanvas = P.el("canvas", { class: "image", role: "img", "aria-label": "geoms in the image" });
-  const readout = P.el("p", { role: "status", class: "readout" }, "Point at a pixel: distance and geom.");
-  const told = P.el("p", { class: "small" });
+  const images = new P.DepthImages({ label, light: (/** @type {number | null} */ geom) => view.highlight(geom) });
   /** @type {any} */
   let image = null;
   let asked = -1;
@@ -382,57 +379,15 @@
   }
 
   function paint() {
-    const { width, height, far } = D.camera;
-    const range = Math.min(far, Math.max(...Array.from(image.values, metres).filter(Number.isFinite), 0.1));
-    const color = (/** @type {number} */ id) => {
-      const hue = (id * 137.508) % 360;
-      const k = (/** @type {number} */ n) => (n + hue / 30) % 12;
-      const part = (/** @type {number} */ n) => 0.55 - 0.35 * Math.max(-1, Math.min(k(n) - 3, Math.min(9 - k(n), 1)));
-      return [part(0), part(8), part(4)];
-    };
-    const fill = (/** @type {any} */ canvas, /** @type {(k: number) => number[]} */ rgb) => {
-      [canvas.width, canvas.height] = [width, height];
-      const pen = canvas.getContext("2d");
-      const out = pen.createImageData(width, height);
-      for (let k = 0; k < width * height; k++) {
-        const c = rgb(k);
-        for (let n = 0; n < 3; n++) out.data[4 * k + n] = 255 * c[n];
-        out.data[4 * k + 3] = 255;
-      }
-      pen.putImageData(out, 0, 0);
-    };
-    fill(depthCanvas, (k) => {
-      const distance = metres(image.values[k]);
-      return Number.isFinite(distance) ? P.cividis(1 - distance / range) : [0.08, 0.08, 0.1];
-    });
-    fill(labelCanvas, (k) => (image.geoms[k] ? color(image.geoms[k]) : [0.08, 0.08, 0.1]));
-    told.textContent = `Image of ${world.frames.t[image.f].toFixed(2)} s: yellow is near, dark blue ${P.number(range, "m")}, black nothing in range. ` +
-      `Distances ${D.camera.kind === "range" ? "along the ray" : "along the camera's axis"}.`;
-  }
-
-  /** What a pixel of the image says. @param {number} row @param {number} column */
-  function pixel(row, column) {
-    const k = row * D.camera.width + column;
-    const value = image.values[k];
     const [miss, near] = D.camera.codes;
-    const distance = metres(value);
-    const found = value === miss ? "nothing" : value === near ? "too near" : Number.isFinite(distance) ? distance.toFixed(3) + " m" : "too far";
-    return { distance, geom: image.geoms[k] - 1, text: `row ${row}, column ${column}: ${found}` + (image.geoms[k] ? `, ${label(image.geoms[k] - 1)}` : "") };
-  }
-
-  for (const canvas of [depthCanvas, labelCanvas]) {
-    const point = (/** @type {PointerEvent} */ event) => {
-      if (!image) return;
-      const box = canvas.getBoundingClientRect();
-      const column = Math.min(D.camera.width - 1, Math.max(0, Math.floor(((event.clientX - box.left) / box.width) * D.camera.width)));
-      const row = Math.min(D.camera.height - 1, Math.max(0, Math.floor(((event.clientY - box.top) / box.height) * D.camera.height)));
-      const found = pixel(row, column);
-      readout.textContent = found.text;
-      view.highlight(found.geom >= 0 ? found.geom : null);
-    };
-    canvas.addEventListener("pointermove", point);
-    canvas.addEventListener("pointerdown", point);
-    canvas.addEventListener("pointerleave", () => view.highlight(null));
+    const value = (/** @type {number} */ k) => image.values[k];
+    images.show({
+      width: D.camera.width, height: D.camera.height, far: D.camera.far,
+      metres: (/** @type {number} */ k) => metres(value(k)), geom: (/** @type {number} */ k) => image.geoms[k] - 1,
+      missing: (/** @type {number} */ k) => (value(k) === miss ? "nothing" : value(k) === near ? "too near" : "too far"),
+      told: (/** @type {string} */ range) => `Image of ${world.frames.t[image.f].toFixed(2)} s: yellow is near, dark blue ${range}, black nothing in range. ` +
+        `Distances ${D.camera.kind === "range" ? "along the ray" : "along the camera's axis"}.`,
+    });
   }
 
   // ----- pointing at geoms --------------------------------------------------------------------------------------------------
@@ -563,11 +518,7 @@
 
   function build() {
     const pieces = [P.el("div", { class: "stage" }, picture, P.el("div", { class: "bar" }, view.viewButtons(D.worlds.length > 0), layers), legend, words)];
-    if (D.worlds.some((/** @type {any} */ w) => w.frames)) {
-      const images = P.el("div", { class: "images" }, P.el("figure", {}, P.el("figcaption", {}, "Depth"), depthCanvas),
-        P.el("figure", {}, P.el("figcaption", {}, "Geoms"), labelCanvas));
-      side.append(images, readout, told);
-    }
+    if (D.worlds.some((/** @type {any} */ w) => w.frames)) side.append(images.element);
     side.prepend(choices);
     side.append(contactBox);
     const blind = (D.scene?.geoms ?? []).filter((/** @type {any} */ g) => g.why && g.drone === undefined);
@@ -650,7 +601,8 @@
     if (Number.isFinite(t)) player.set(t);
     say();
     // For programs that look at this page, such as its tests.
-    P.shown = { view, player, drones, world: () => world, marks: () => marks, show, choose, read, metres, pixel, image: () => image, data: D };
+    P.shown = { view, player, drones, world: () => world, marks: () => marks, show, choose, read, metres, pixel: images.pixel.bind(images), image: () => image, data: D, side, label };
+    document.dispatchEvent(new Event("propwash-shown"));
   }
   start();
 })();

@@ -40,7 +40,7 @@ pub struct ViewArgs {
     #[arg(long)]
     pub open: bool,
     /// Serve the page of a scene on this machine in place of writing it, and load it again whenever a file in the scene's folder is saved;
-    /// what MuJoCo finds wrong stands on it.
+    /// what MuJoCo finds wrong stands on it. A depth camera can be flown there by keys, and a drone's path tried for collisions.
     #[arg(long, conflicts_with_all = ["out", "json", "force", "world", "scene", "vehicle"])]
     pub watch: bool,
     /// Port of --watch on 127.0.0.1. Default: any that is free.

@@ -21,10 +21,12 @@ use crate::{Error, Result};
 mod flight_log;
 mod flown;
 mod mesh;
+mod probe;
 mod shapes;
 mod worlds;
 
 pub use flown::{Drone, Marks, Track, World};
+pub(crate) use probe::Probe;
 pub use shapes::MAX_TRIANGLES;
 
 /// Bytes that a page may have: what does not fit is thinned, and the page says so.
@@ -64,6 +66,9 @@ struct Data {
     obstacles: Vec<String>,
     /// What colours paths: `clearance`, or `speed` where there is none.
     colour: &'static str,
+    /// What can be tried in a watched scene.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    probe: Option<probe::Choices>,
 }
 
 /// The page of a data set (its folder), a scene (a file or the name of one that comes with the program) or a flight log (.csv, .parquet,
@@ -160,9 +165,10 @@ fn scene_data(source: &SceneSource, title: &str) -> Result<Data> {
     Ok(data)
 }
 
-/// The page of a scene that a server of this machine gives out: it asks for `/version` and loads itself again when that changes.
+/// The page of a scene that a server of this machine gives out: it asks for `/version` and loads itself again when that changes, and
+/// for `/depth` and `/path` where a camera or a path is tried.
 pub(crate) fn watched(source: &SceneSource, title: &str) -> Result<Made> {
-    Ok(made(scene_data(source, title)?, true))
+    Ok(made(Data { probe: Some(probe::Choices::all()), ..scene_data(source, title)? }, true))
 }
 
 /// What [`watched`] gave last, or an empty page, under what is wrong with the scene now.
@@ -208,6 +214,7 @@ impl Data {
             obstacles: self.obstacles.clone(),
             colour: self.colour,
             worlds: Vec::new(),
+            probe: None,
         }
     }
 }
@@ -253,6 +260,8 @@ pub fn of_simulation(now: &Snapshot) -> Result<Made> {
 
 const STYLE: &str = include_str!("../../assets/page/view.css");
 const SCRIPT: &str = include_str!("../../assets/page/view.js");
+const IMAGES: &str = include_str!("../../assets/page/images.js");
+const PROBE: &str = include_str!("../../assets/page/probe.js");
 const WATCH: &str = include_str!("../../assets/page/watch.js");
 
 /// The page of its data.
@@ -266,9 +275,9 @@ fn made(data: Data, watched: bool) -> Made {
     for part in [Part::Three, Part::UPlot, Part::Base, Part::Player, Part::Plots, Part::Scene3D] {
         page.part(part);
     }
-    page.style(STYLE).script(SCRIPT);
+    page.style(STYLE).script(IMAGES).script(SCRIPT);
     if watched {
-        page.script(WATCH).may_ask_its_server();
+        page.script(PROBE).script(WATCH).may_ask_its_server();
     }
     page.body(&format!(
         "<header><h1>{}</h1><p id=\"about\"></p><div id=\"actions\"></div></header>\n<main id=\"view\"></main>",

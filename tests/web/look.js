@@ -1,5 +1,5 @@
-// Opens pages from file:// without a network in headless Chromium and says what they show. Reads a list of looks as JSON:
-// [{"page", "width", "height", "scheme", "hash", "steps": ["expression", …], "axe", "picture"}]; writes [{"values", "said", "wide", "axe"}].
+// Opens pages from file:// without a network, or from a server of this machine ("address"), in headless Chromium and says what they show.
+// Reads a list of looks as JSON: [{"page" | "address", "width", "height", "scheme", "hash", "steps": ["expression", …], "axe", "picture"}]; writes [{"values", "said", "wide", "axe"}].
 // An expression is one of the page; a promise is waited for. `said` are messages of the console and errors; `wide` is the page's width.
 "use strict";
 const fs = require("node:fs");
@@ -10,12 +10,12 @@ async function look(browser, asked) {
   const page = await browser.newPage({
     viewport: { width: asked.width ?? 1400, height: asked.height ?? 900 }, colorScheme: asked.scheme ?? "light", reducedMotion: "reduce", bypassCSP: Boolean(asked.axe),
   });
-  await page.context().setOffline(true);
+  await page.context().setOffline(!asked.address);
   const said = [];
   page.on("console", (message) => said.push(`${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => said.push(`error: ${error.message}`));
-  page.on("request", (request) => /^(file|data|blob):/.test(request.url()) || said.push(`request: ${request.url()}`));
-  const url = pathToFileURL(asked.page);
+  page.on("request", (request) => /^(file|data|blob):/.test(request.url()) || (asked.address && request.url().startsWith(asked.address)) || said.push(`request: ${request.url()}`));
+  const url = asked.address ? new URL(asked.address) : pathToFileURL(asked.page);
   url.hash = asked.hash ?? "";
   await page.goto(url.href);
   // Playwright's own waiting makes code from text inside the page, which the page's policy forbids.
