@@ -12,6 +12,7 @@ use propwash_physics::effects::slung_payload::{Params, Pendulum};
 use propwash_physics::rigid_body::State;
 use propwash_physics::surroundings::Load;
 use propwash_trace::math::{quat, vec3};
+use std::sync::Arc;
 
 /// Half width of the smoothing of the acceleration at the cable's upper end, s. A load swings slowly; vibration is also
 /// felt by the accelerometer, whose errors must not enter both sides of the fit.
@@ -141,7 +142,7 @@ impl Pulled {
 }
 
 /// The load of a vehicle file.
-fn filed(drone: &Drone<f64>) -> Option<Params<f64>> {
+pub(crate) fn filed(drone: &Drone<f64>) -> Option<Params<f64>> {
     drone.effects.iter().find_map(|e| match e {
         AnyEffect::SlungPayload(p) => Some(*p),
         _ => None,
@@ -155,7 +156,8 @@ pub(crate) fn reattach(logs: &mut [Prepared], found: &Drone<f64>) -> Vec<f64> {
     for log in logs.iter_mut() {
         let pulled = Pulled::of(log, found);
         if pulled.seen.is_some() {
-            (log.around.load, log.around.cable) = pulled.load(found);
+            let around = Arc::make_mut(&mut log.around);
+            (around.load, around.cable) = pulled.load(found);
             lengths.extend(log.around.cable.map(|c| c.length_m));
         }
     }

@@ -14,6 +14,7 @@ use super::speak::{advice, speak};
 use super::track::Track;
 use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{Diagnosis, Said};
+use super::watch::Watch;
 use super::wiring;
 use super::witness::Witness;
 use propwash_physics::effects::{Area, FromLog};
@@ -28,8 +29,8 @@ pub struct Settings<'a> {
     pub only: Option<Vec<String>>,
     /// Leaves out the advice what to fly next, for which manoeuvres may have to be flown in simulation.
     pub no_advice: bool,
-    /// Progress callback `(done, total)`.
-    pub progress: Option<&'a dyn Fn(usize, usize)>,
+    /// Who watches.
+    pub watch: Watch<'a>,
 }
 
 /// A diagnosis with the fit behind it.
@@ -58,21 +59,20 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     }
     let mut logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
     wiring::check(&logs, &drone)?;
-    let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
+    let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
     let mut model = Model::new(&drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?;
     let given = settings.given.as_ref().map(|ids| indices(&model, ids)).transpose()?;
     if let Some(ids) = &settings.only {
         let chosen = indices(&model, ids)?;
         model.may = (0..model.candidates.len()).map(|c| chosen.contains(&c)).collect();
     }
-    let quiet = |_: usize, _: usize| {};
-    let progress = settings.progress.unwrap_or(&quiet);
-    let mut less = LeftOut { progress, why: Vec::new() };
-    let mut solution = solve(&logs, &mut model, given.as_deref(), progress)?;
+    let watch = &settings.watch;
+    let mut less = LeftOut { watch, why: Vec::new() };
+    let mut solution = solve(&logs, &mut model, given.as_deref(), watch)?;
     if given.is_none() {
         solution = less.without_little_gain(&logs, &mut model, solution)?;
     }
-    let cables = polish(&mut logs, &mut model, &mut solution, progress)?;
+    let cables = polish(&mut logs, &mut model, &mut solution, watch)?;
     if given.is_none() {
         solution = less.without_lost(&logs, &mut model, solution)?;
     }
@@ -93,7 +93,7 @@ fn polish(
     logs: &mut [Prepared],
     model: &mut Model,
     solution: &mut Solution,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Option<String>, GapError> {
     let (mut rehung, mut cables) = (false, None);
     if let Some((load, name)) = model.given(FromLog::CableLength)
@@ -110,18 +110,18 @@ fn polish(
     // Shapes to test findings against are only needed from here on.
     let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
     let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
-    if let Some(polished) = polished(logs, &mut shaped, solution, progress)? {
+    if let Some(polished) = polished(logs, &mut shaped, solution, watch)? {
         (*model, *solution) = (shaped, polished);
     } else if rehung {
         let set = solution.set.clone();
-        *solution = solve(logs, model, Some(&set), progress)?;
+        *solution = solve(logs, model, Some(&set), watch)?;
     }
     Ok(cables)
 }
 
 /// What was left out of a solution after the search, and why.
 struct LeftOut<'a> {
-    progress: &'a dyn Fn(usize, usize),
+    watch: &'a Watch<'a>,
     why: Vec<Why>,
 }
 
@@ -163,7 +163,7 @@ impl LeftOut<'_> {
                 format!("left out: takes {:.0} % of the excess error on unseen windows", 100.0 * share);
             self.why.push(Why::new(&model.candidates[least].id, Rule::LittleGain, text));
             let rest: Vec<usize> = solution.set.iter().copied().filter(|c| *c != least).collect();
-            solution = solve(logs, model, Some(&rest), self.progress)?;
+            solution = solve(logs, model, Some(&rest), self.watch)?;
         }
         Ok(solution)
     }
@@ -187,7 +187,7 @@ impl LeftOut<'_> {
                 return Ok(solution);
             };
             drop(evidence);
-            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+            let Some(rest) = left_out(logs, model, &solution, lost, self.watch)? else {
                 return Ok(solution);
             };
             let text = format!("left out: {nats:.1} nats in the last fit");
@@ -211,7 +211,7 @@ impl LeftOut<'_> {
                 })
             };
             let Some(lost) = solution.set.iter().find(nothing).copied() else { return Ok(solution) };
-            let Some(rest) = left_out(logs, model, &solution, lost, self.progress)? else {
+            let Some(rest) = left_out(logs, model, &solution, lost, self.watch)? else {
                 return Ok(solution);
             };
             let id = &model.candidates[lost].id;

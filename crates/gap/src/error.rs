@@ -73,6 +73,21 @@ pub enum GapError {
         /// The difference between them.
         reason: String,
     },
+    /// An own expression is wrong.
+    #[error("column {column} of `{text}`: expected {expected}, found {found}")]
+    Expression {
+        /// As typed.
+        text: String,
+        /// Where it is wrong, in characters from 1.
+        column: usize,
+        /// What would be right.
+        expected: String,
+        /// What stands there.
+        found: String,
+    },
+    /// The work was ended at the caller's wish.
+    #[error("cancelled: everything is as it was before")]
+    Cancelled,
     /// The numerical problem cannot be solved.
     #[error("{what} cannot be computed: {reason}")]
     Numbers {

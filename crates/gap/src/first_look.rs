@@ -24,7 +24,7 @@ pub(super) fn within_tolerance(tracks: &[Track], inputs: &[Inputs]) -> Result<Op
     }
     let of_log = |(t, i): (_, &Inputs)| Prepared::of(t, i.around.clone(), i.raw.clone(), drone);
     let logs: Vec<Prepared> = tracks.iter().zip(inputs).map(of_log).collect();
-    let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
+    let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
     let mut model = Model::new(drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?;
     let Some(solution) = glance(&logs, &mut model)? else { return Ok(None) };
     Ok(Some(solution.set.is_empty() && !unexplained(&logs, &model, &solution)))

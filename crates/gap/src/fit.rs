@@ -14,7 +14,7 @@ use super::drive_slopes::{DriveInputs, drive_inputs};
 use super::model::{Enters, Model};
 use super::per_log::{Values, of_log};
 use super::policy::NOISE_WINDOWS;
-use super::replay::{Around, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, delays};
+use super::replay::{Around, Context, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S, delays};
 use super::residual::believed;
 use super::slow_errors::slow_errors;
 use super::track::{Drive, Measured, Noise, Track};
@@ -27,6 +27,8 @@ use propwash_trace::dual::Dual;
 use propwash_trace::math::quat;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Directions per pass of duals.
 pub(super) const N: usize = 12;
@@ -45,21 +47,20 @@ const OUTPUTS: usize = 12;
 /// What stays constant while a log is fitted.
 pub(crate) struct Prepared<'a> {
     pub track: &'a Track,
-    pub around: Around,
-    pub raw: Raw,
+    pub around: Arc<Around>,
+    pub raw: Arc<Raw>,
     /// Lower bound on the noise of its channels; for poses, the white-noise equivalent of their slow errors.
     pub noise: Noise,
 }
 
 impl<'a> Prepared<'a> {
     pub fn new(track: &'a Track, drone: &Drone<f64>) -> Self {
-        let around = Around::new(track, drone);
-        let raw = Raw::new(track, &around);
+        let Context { around, raw } = Context::of(track, drone);
         Self::of(track, around, raw, drone)
     }
 
     /// The same with context and inputs that are known already.
-    pub fn of(track: &'a Track, around: Around, raw: Raw, drone: &Drone<f64>) -> Self {
+    pub fn of(track: &'a Track, around: Arc<Around>, raw: Arc<Raw>, drone: &Drone<f64>) -> Self {
         let slow = slow_errors(track, &around, drone.body.gravity_m_s2);
         let mut least = track.noise.channels();
         for (c, slow) in slow.into_iter().enumerate() {
@@ -199,17 +200,19 @@ struct Node {
 
 /// Which windows of the logs are used.
 #[derive(Clone, Copy)]
-pub(crate) struct Cut {
+pub(crate) struct Cut<'a> {
     /// Their length, s.
     pub length_s: f64,
     /// Most windows (approximately), evenly spread.
     pub most: usize,
+    /// Once set, the windows that are left are skipped.
+    pub cancel: Option<&'a AtomicBool>,
 }
 
-impl Cut {
+impl Cut<'_> {
     /// All windows of a length.
     pub fn all(length_s: f64) -> Self {
-        Self { length_s, most: usize::MAX }
+        Self { length_s, most: usize::MAX, cancel: None }
     }
 }
 
@@ -234,8 +237,8 @@ pub(crate) fn linearise(
         let inputs = drive_inputs(p, model, values, chosen);
         // An input attitude is the one for which the model's sensors read the measured one.
         let believed = (p.track.drive == Drive::Thrust)
-            .then(|| Around { measured: believed(p.track, &p.around, &plain), ..p.around.clone() });
-        let around = believed.as_ref().unwrap_or(&p.around);
+            .then(|| Around { measured: believed(p.track, &p.around, &plain), ..(*p.around).clone() });
+        let around = believed.as_ref().unwrap_or(&*p.around);
         let passes = passes(model, values, chosen);
         let base = model.drone_at(values, &model.effects_of(chosen), |_, v| Wide::lit(v));
         let job = Job {
@@ -258,7 +261,9 @@ pub(crate) fn linearise(
             .collect();
         let kept = starts.len().div_ceil(NOISE_WINDOWS).max(1);
         let all = starts.into_par_iter().enumerate();
-        windows.par_extend(all.filter_map(|(i, from)| job.window(from, i % kept == 0)));
+        let cancelled = || cut.cancel.is_some_and(|c| c.load(Ordering::Relaxed));
+        let window = |(i, from)| if cancelled() { None } else { job.window(from, i % kept == 0) };
+        windows.par_extend(all.filter_map(window));
     }
     windows.sort_by_key(|w| (w.log, w.from));
     let Values { shared: at, apart } = values.clone();

@@ -232,7 +232,7 @@ fn unparted(ladder: Vec<Rung>, found: usize) -> Vec<Rung> {
 }
 
 /// Provenance of the values in a file.
-fn source(flights: &Flights, by: &str) -> Source {
+pub(crate) fn source(flights: &Flights, by: &str) -> Source {
     let held: Vec<String> = flights
         .whole
         .iter()

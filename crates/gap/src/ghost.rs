@@ -1,7 +1,7 @@
 //! Where a model goes that starts again from the measurement every so many seconds, over a whole flight.
 
 use super::GapError;
-use super::replay::{Around, Raw, STEP, STEP_S, drone_for};
+use super::replay::{Context, STEP, STEP_S, drone_for};
 use super::residual::Replay;
 use super::track::Track;
 use propwash_vehicle::Vehicle;
@@ -36,8 +36,7 @@ impl Ghost {
 /// [`GapError::Log`] where the vehicle lacks the dynamics that the log drives.
 pub fn ghost(track: &Track, vehicle: &Vehicle, every_s: f64, sample_s: f64) -> Result<Ghost, GapError> {
     let drone = drone_for(track, vehicle)?;
-    let around = Around::new(track, &drone);
-    let raw = Raw::new(track, &around);
+    let Context { around, raw } = Context::of(track, &drone);
     let replay = Replay::new(track, &around, &raw, &drone);
     let plant = replay.plant();
     let steps = |s: f64| (s / STEP_S).round().max(1.0) as usize;

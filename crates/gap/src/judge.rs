@@ -6,7 +6,7 @@ use super::ladder::{Flights, pooled};
 use super::policy::{
     ACTS_NOWHERE, BAND_S, FED_IN_RAD, FEWEST_INSTANTS, JUDGE_HORIZONS_S, ONE_DIRECTION, SETTLING_S,
 };
-use super::replay::{Around, Raw, STEP_S, drone_for};
+use super::replay::{Context, STEP_S, drone_for};
 use super::residual::{Replay, Residuals, replay_errors};
 use super::track::{Drive, Track};
 use super::verdict::{HeldOut, HorizonError, Lack, Rung};
@@ -85,8 +85,7 @@ impl Seen {
     /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
     pub fn of(track: &Track, vehicle: &Vehicle, spans_s: &[[f64; 2]]) -> Result<Vec<Self>, GapError> {
         let drone = drone_for(track, vehicle)?;
-        let around = Around::new(track, &drone);
-        let raw = Raw::new(track, &around);
+        let Context { around, raw } = Context::of(track, &drone);
         let replay = Replay::new(track, &around, &raw, &drone);
         let residuals = Residuals::new(&replay);
         let finite =

@@ -42,6 +42,7 @@ pub mod report;
 pub(crate) mod residual;
 pub(crate) mod search;
 mod sensor_regression;
+pub mod session;
 pub(crate) mod shapes;
 mod slow_errors;
 mod solve;
@@ -52,6 +53,7 @@ mod unseen;
 mod usable;
 pub mod verdict;
 mod walk;
+pub mod watch;
 mod wiring;
 pub(crate) mod witness;
 

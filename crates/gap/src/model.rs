@@ -326,6 +326,18 @@ impl Model {
         keep
     }
 
+    /// The drone with some parameters at other values than the file's, with the effects of the file and of these parameters'
+    /// candidates.
+    pub fn moved(&self, moves: impl Iterator<Item = (usize, f64)>) -> Drone<f64> {
+        let mut values = self.filed();
+        let mut chosen: Vec<usize> = Vec::new();
+        for (k, value) in moves {
+            values[k] = value;
+            chosen.push(self.parameters[k].candidate);
+        }
+        self.plain_at(&values, &chosen)
+    }
+
     /// The drone over f64 with the parameters at `values` and the effects of the file and of `chosen`.
     pub fn plain_at(&self, values: &[f64], chosen: &[usize]) -> Drone<f64> {
         self.drone_at(values, &self.effects_of(chosen), |_, v| v)

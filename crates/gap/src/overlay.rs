@@ -1,7 +1,7 @@
 //! Overlays of measurement and simulation over a segment of a flight, in roll-outs restarted from the measurement.
 
 use super::GapError;
-use super::replay::{Around, Raw, STEP, STEP_S, drone_for};
+use super::replay::{Context, STEP, STEP_S, drone_for};
 use super::report::Overlay;
 use super::residual::Replay;
 use super::track::{Drive, Track};
@@ -54,8 +54,7 @@ pub fn overlays(
     let per = (ROLL_S / STEP_S).round() as usize;
     let simulate = |vehicle: &Vehicle| -> Result<Rows, GapError> {
         let drone = drone_for(track, vehicle)?;
-        let around = Around::new(track, &drone);
-        let raw = Raw::new(track, &around);
+        let Context { around, raw } = Context::of(track, &drone);
         let replay = Replay::new(track, &around, &raw, &drone);
         let plant = replay.plant();
         let first = ((begin - around.from_s) / STEP_S).round().max(0.0) as usize;

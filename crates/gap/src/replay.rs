@@ -1,11 +1,14 @@
 //! Replays a log through a model: its inputs at every instant, and roll-outs from measured states.
 
 mod commanded;
+mod context;
+mod readings;
 
 use super::GapError;
 use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track};
 use commanded::commanded;
+pub(crate) use context::{Context, Contexts};
 use propwash_flight::{Channel, resample};
 use propwash_physics::drone::{self, Drone, Dynamics};
 use propwash_physics::effects::{Command, Parts};
@@ -16,6 +19,8 @@ use propwash_physics::surroundings::{Load, Neighbour, Surroundings};
 use propwash_trace::Real;
 use propwash_trace::dual::Dual;
 use propwash_trace::math::quat;
+use readings::Readings;
+use std::sync::Arc;
 
 /// Interval between the instants at which inputs are known, s.
 pub(crate) const TICK_S: f64 = 0.0025;
@@ -91,6 +96,8 @@ pub(crate) struct Around {
     pub cable: Option<Cable>,
     /// Number of ticks.
     pub n_ticks: usize,
+    /// What sensors read along the log.
+    pub readings: Arc<Readings>,
 }
 
 impl Around {
@@ -125,7 +132,16 @@ impl Around {
             }
         }
         let (load, cable) = Pulled::new(track, drone, &at, &measured).load(drone);
-        Self { from_s, measured, wind, neighbours, load, cable, n_ticks: n_steps * STEP + 1 }
+        Self {
+            from_s,
+            measured,
+            wind,
+            neighbours,
+            load,
+            cable,
+            n_ticks: n_steps * STEP + 1,
+            readings: Arc::default(),
+        }
     }
 
     /// Time of a tick, s.
@@ -271,8 +287,8 @@ impl Raw {
 /// A log with the vehicle that it is compared with: its parameters, its context and its inputs.
 pub(crate) struct Inputs {
     pub drone: Drone<f64>,
-    pub around: Around,
-    pub raw: Raw,
+    pub around: Arc<Around>,
+    pub raw: Arc<Raw>,
 }
 
 impl Inputs {
@@ -282,8 +298,7 @@ impl Inputs {
     /// As [`drone_for`].
     pub fn new(track: &Track, vehicle: &propwash_vehicle::Vehicle) -> Result<Self, GapError> {
         let drone = drone_for(track, vehicle)?;
-        let around = Around::new(track, &drone);
-        let raw = Raw::new(track, &around);
+        let Context { around, raw } = Context::of(track, &drone);
         Ok(Self { drone, around, raw })
     }
 }

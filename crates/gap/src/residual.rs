@@ -10,6 +10,7 @@ use propwash_flight::{Channel, resample};
 use propwash_physics::drone::Drone;
 use propwash_physics::rigid_body::{Rate, State};
 use propwash_trace::math::{quat, vec3};
+use rayon::prelude::*;
 
 pub(crate) use rollouts::{expected_errors, replay_errors};
 
@@ -77,6 +78,8 @@ pub(crate) fn believed(track: &Track, around: &Around, drone: &Drone<f64>) -> Ve
     };
     let (poses, rates) = (later(clock.pose_s), later(rate_s));
     (0..around.measured.len())
+        .into_par_iter()
+        .with_min_len(256)
         .map(|i| {
             around.measured[i]?;
             let pose = poses.as_ref().unwrap_or(&around.measured)[i]?;

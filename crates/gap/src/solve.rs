@@ -10,6 +10,7 @@ use super::policy::{INTERVAL_TOLERANCE, WEAK_NATS};
 use super::search::{Evidence, Posterior};
 use super::starts::{Start, fewer_clocks, named_by_witness};
 use super::walk::settle;
+use super::watch::Watch;
 use nalgebra::DVector;
 
 /// Prior standard deviation of the logarithm of the factor by which a vehicle's tolerances are wider than usual.
@@ -28,6 +29,8 @@ pub(crate) struct Solution {
     pub set: Vec<usize>,
     pub linear: Linear,
     pub reduced: Vec<Reduced>,
+    /// The same by parts of the log, once it is [`Solution::compact`].
+    pub parts: Vec<Vec<Reduced>>,
     pub disturbance: Disturbance,
     /// Disturbances without findings, at the same window length.
     pub disturbance_before: Disturbance,
@@ -125,8 +128,7 @@ pub(super) fn difference(posterior: &Posterior, at: &[f64]) -> Vec<f64> {
     posterior.mean.iter().zip(at).map(|(m, a)| m - a).collect()
 }
 
-/// Searches (or, with `given`, fits that set) until it converges. `progress(done, total)` is called for every
-/// linearisation.
+/// Searches (or, with `given`, fits that set) until it converges. `watch` is told of every linearisation.
 ///
 /// A search descends from the vehicle file. A common delay of all sensors is equivalent to a delay of the commands, so that
 /// a search can end anywhere along that degenerate direction. It is restarted from the point on it that needs the fewest
@@ -135,9 +137,9 @@ pub(crate) fn solve(
     logs: &[Prepared],
     model: &mut Model,
     given: Option<&[usize]>,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Solution, GapError> {
-    let mut best = settle(logs, model, given, None, progress)?.ok_or_else(no_window)?;
+    let mut best = settle(logs, model, given, None, watch)?.ok_or_else(no_window)?;
     if given.is_some() {
         return Ok(best);
     }
@@ -145,21 +147,21 @@ pub(crate) fn solve(
     for _ in 0..2 {
         let Some(start) = fewer_clocks(model, &best).filter(|s| !tried.contains(&s.set)) else { break };
         tried.push(start.set.clone());
-        if let Some(other) = again(logs, model, None, start, progress)?
+        if let Some(other) = again(logs, model, None, start, watch)?
             && other.better_than(&best, model)?
         {
             best = other;
         }
     }
     if let Some(start) = named_by_witness(logs, model, &best)
-        && let Some(other) = again(logs, model, None, start, progress)?
+        && let Some(other) = again(logs, model, None, start, watch)?
         && other.better_than(&best, model)?
     {
         best = other;
     }
     // An effect far beyond its plausible size may mark a local optimum: start again from single candidates, one by one.
     if !best.set.iter().any(|c| implausible(model, &best, *c)) {
-        return pruned(logs, model, best, progress);
+        return pruned(logs, model, best, watch);
     }
     let evidence = best.evidence(model)?;
     let mut alone: Vec<(f64, usize)> = (0..model.candidates.len())
@@ -177,13 +179,13 @@ pub(crate) fn solve(
         }
         let back = Some(best.set.clone());
         let start = Start { set, held: 3, back, disturbance: unknown, ..Start::beside(model, &best) };
-        if let Some(other) = again(logs, model, None, start, progress)?
+        if let Some(other) = again(logs, model, None, start, watch)?
             && other.better_than(&best, model)?
         {
             best = other;
         }
     }
-    pruned(logs, model, best, progress)
+    pruned(logs, model, best, watch)
 }
 
 /// Removes effects that the log does not need after all. An effect with little evidence may exist only because the model
@@ -194,7 +196,7 @@ fn pruned(
     logs: &[Prepared],
     model: &mut Model,
     mut best: Solution,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Solution, GapError> {
     if forces_only(logs) {
         return Ok(best);
@@ -215,7 +217,7 @@ fn pruned(
         weak.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut better = None;
         for (_, c) in weak {
-            let Some(other) = left_out(logs, model, &best, c, progress)? else { continue };
+            let Some(other) = left_out(logs, model, &best, c, watch)? else { continue };
             let rest = other.set.clone();
             let without = other.evidence(model)?;
             let mut with = rest.clone();
@@ -241,14 +243,14 @@ pub(crate) fn left_out(
     model: &mut Model,
     found: &Solution,
     candidate: usize,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Option<Solution>, GapError> {
     let set: Vec<usize> = found.set.iter().copied().filter(|x| *x != candidate).collect();
     let mut values = found.linear.at.clone();
     model.of(candidate).for_each(|k| values[k] = model.parameters[k].filed);
     let widest = found.tolerance;
     let start = Start { values, set: set.clone(), horizon: 1, widest, ..Start::beside(model, found) };
-    again(logs, model, Some(&set), start, progress)
+    again(logs, model, Some(&set), start, watch)
 }
 
 /// The same set with the model relinearised at all its estimates, including those within tolerance: several small errors
@@ -257,52 +259,122 @@ pub(crate) fn polished(
     logs: &[Prepared],
     model: &mut Model,
     found: &Solution,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Option<Solution>, GapError> {
     if forces_only(logs) {
         return Ok(None);
     }
+    refitted(logs, model, found, (&found.set, &found.posterior), watch)
+}
+
+/// A set fitted by one linearisation at its `posterior` and at what that corrects within tolerance.
+pub(crate) fn refitted(
+    logs: &[Prepared],
+    model: &mut Model,
+    found: &Solution,
+    (set, posterior): (&[usize], &Posterior),
+    watch: &Watch,
+) -> Result<Option<Solution>, GapError> {
     let timing = model.timing();
-    let mut start = Start { set: found.set.clone(), horizon: 1, follow: true, ..Start::beside(model, found) };
+    let mut start = Start { set: set.to_vec(), horizon: 1, follow: true, ..Start::beside(model, found) };
     // Candidates may have been added since.
-    for (k, p) in model.parameters.iter().enumerate().take(found.posterior.mean.len()) {
-        if found.set.contains(&p.candidate)
+    for (k, p) in model.parameters.iter().enumerate().take(posterior.mean.len()) {
+        if set.contains(&p.candidate)
             || timing.contains(&p.candidate)
-            || corrected(model, &found.posterior, p.candidate)
+            || corrected(model, posterior, p.candidate)
         {
-            start.values[k] = found.posterior.mean[k];
+            start.values[k] = posterior.mean[k];
         }
     }
-    again(logs, model, Some(&found.set), start, progress)
+    again(logs, model, Some(set), start, watch)
 }
 
 /// Widens standard deviations to at least the scatter between parts of the log.
 pub(crate) fn with_scatter(model: &Model, mut found: Solution) -> Result<Solution, GapError> {
-    let n = model.parameters.len();
-    let scores: Vec<DVector<f64>> = found
-        .reduced
-        .chunks(PART)
-        .map(|part| part.iter().fold(DVector::zeros(n), |sum, r| sum + score(r, &found.deltas)))
-        .collect();
-    let scatter = if scores.len() < FEWEST_PARTS {
-        None
-    } else {
-        found.evidence(model)?.by_scatter(&found.set, &scores)
-    };
-    let wider = found.beside_tolerances(model, INTERVAL_TOLERANCE)?.covariance(&found.set);
-    for (k, sigma) in found.posterior.sigma.iter_mut().enumerate() {
-        // An estimate held by a bound has no standard deviation.
-        if *sigma > 0.0 {
-            let scatter = scatter.as_ref().map_or(0.0, |s| s[k]);
-            let p = &model.parameters[k];
-            let size = found.posterior.mean[k] - p.filed;
-            if let Some(wider) = wider.as_ref().filter(|_| found.set.contains(&p.candidate)) {
-                *sigma = sigma.max(wider[(k, k)].max(0.0).sqrt());
-            }
-            *sigma = sigma.max(scatter).hypot(BENT * p.spike).hypot(SIZE_KNOWN * size);
-        }
-    }
+    let all = Information::new(model, &found.linear, &found.reduced, |_| true)?;
+    let parts: Vec<&[Reduced]> = found.reduced.chunks(PART).collect();
+    let mut posterior = found.posterior.clone();
+    found.widen(model, &all, (&found.set, &found.deltas), &parts, &mut posterior)?;
+    found.posterior = posterior;
     Ok(found)
+}
+
+impl Solution {
+    /// Widens the standard deviations of a set's `posterior` to at least the scatter between the `parts` of the log, at
+    /// `deltas` from the linearisation point.
+    fn widen(
+        &self,
+        model: &Model,
+        all: &Information,
+        (set, deltas): (&[usize], &[Vec<f64>]),
+        parts: &[&[Reduced]],
+        posterior: &mut Posterior,
+    ) -> Result<(), GapError> {
+        let n = model.parameters.len();
+        let of_part =
+            |part: &&[Reduced]| part.iter().fold(DVector::zeros(n), |sum, r| sum + score(r, deltas));
+        let scores: Vec<DVector<f64>> = parts.iter().map(of_part).collect();
+        let evidence = |wider: f64| {
+            let (at, tolerance) = (&self.linear.at, wider * self.tolerance);
+            Evidence::new(model, &all.h, &all.g, at, self.dispersion, tolerance)
+        };
+        let enough = scores.len() >= FEWEST_PARTS;
+        let scatter = if enough { evidence(1.0)?.by_scatter(set, &scores) } else { None };
+        let wider = evidence(INTERVAL_TOLERANCE)?.covariance(set);
+        for (k, sigma) in posterior.sigma.iter_mut().enumerate() {
+            // An estimate held by a bound has no standard deviation.
+            if *sigma > 0.0 {
+                let scatter = scatter.as_ref().map_or(0.0, |s| s[k]);
+                let p = &model.parameters[k];
+                let size = posterior.mean[k] - p.filed;
+                if let Some(wider) = wider.as_ref().filter(|_| set.contains(&p.candidate)) {
+                    *sigma = sigma.max(wider[(k, k)].max(0.0).sqrt());
+                }
+                *sigma = sigma.max(scatter).hypot(BENT * p.spike).hypot(SIZE_KNOWN * size);
+            }
+        }
+        Ok(())
+    }
+
+    /// The posterior of another set at the same linearisation, as wide as [`with_scatter`] makes that of its own. `all` are
+    /// the sums of a solution that is [`Solution::compact`].
+    pub fn of_set(&self, model: &Model, all: &Information, set: &[usize]) -> Result<Posterior, GapError> {
+        let at = &self.linear.at;
+        let evidence = Evidence::new(model, &all.h, &all.g, at, self.dispersion, self.tolerance)?;
+        let mut posterior = evidence.posterior(set)?;
+        let deltas = all.deltas(&difference(&posterior, at));
+        let parts: Vec<&[Reduced]> = self.parts.iter().map(Vec::as_slice).collect();
+        self.widen(model, all, (set, &deltas), &parts, &mut posterior)?;
+        Ok(posterior)
+    }
+
+    /// Leaves of the windows the sums over each part of the log, which is all that other sets need: a hundredth of the
+    /// memory.
+    pub fn compact(&mut self) {
+        let part = |part: &[Reduced]| {
+            let mut out: Vec<Reduced> = Vec::new();
+            for r in part {
+                match out.iter_mut().find(|sum| sum.log == r.log) {
+                    Some(sum) => {
+                        sum.h += &r.h;
+                        sum.g += &r.g;
+                        sum.c += r.c;
+                        sum.occam += r.occam;
+                    }
+                    None => out.push(r.clone()),
+                }
+            }
+            out
+        };
+        self.parts = self.reduced.chunks(PART).map(part).collect();
+        self.reduced = self.parts.concat();
+        self.linear.windows = Vec::new();
+    }
+
+    /// All of it about every parameter.
+    pub fn information(&self, model: &Model) -> Result<Information, GapError> {
+        Information::new(model, &self.linear, &self.reduced, |_| true)
+    }
 }
 
 /// Best accuracy of a parameter, as a share of its tolerance: the other parameters bias the model within theirs. In flights
@@ -351,9 +423,9 @@ fn again(
     model: &mut Model,
     given: Option<&[usize]>,
     start: Start,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Option<Solution>, GapError> {
-    match settle(logs, model, given, Some(start), progress) {
+    match settle(logs, model, given, Some(start), watch) {
         Err(GapError::Log { .. }) => Ok(None),
         other => other,
     }
@@ -363,7 +435,7 @@ fn again(
 /// too few windows are usable.
 pub(crate) fn glance(logs: &[Prepared], model: &mut Model) -> Result<Option<Solution>, GapError> {
     let start = Start { horizon: 1, quick: true, ..Start::file(model, Disturbance::unknown()) };
-    again(logs, model, None, start, &|_, _| {})
+    again(logs, model, None, start, &Watch::default())
 }
 
 pub(super) fn no_window() -> GapError {

@@ -98,7 +98,7 @@ fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Wi
     let candidate = &model.candidates[c];
     let rest: Vec<usize> = solution.set.iter().copied().filter(|x| *x != c).collect();
     let nats = evidence.of(&solution.set) - evidence.of(&rest);
-    let look_alikes = look_alikes(model, solution, evidence, c);
+    let look_alikes = alike(model, evidence, &solution.set, c);
     let mut names = vec![candidate.id.as_str()];
     names.extend(look_alikes.iter().flat_map(|l| &l.ids).map(String::as_str));
     let stands_for = model.hidden_behind(&names);
@@ -119,9 +119,10 @@ fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Wi
     }
 }
 
-fn look_alikes(model: &Model, solution: &Solution, evidence: &Evidence, c: usize) -> Vec<LookAlike> {
-    let mut alike = evidence.in_place_of(&solution.set, c, THRESHOLD);
-    let together = evidence.in_place_of_all(&solution.set, c, THRESHOLD);
+/// What fits about as well in place of a candidate of a set.
+pub(super) fn alike(model: &Model, evidence: &Evidence, set: &[usize], c: usize) -> Vec<LookAlike> {
+    let mut alike = evidence.in_place_of(set, c, THRESHOLD);
+    let together = evidence.in_place_of_all(set, c, THRESHOLD);
     let new = |set: &[usize]| !alike.iter().any(|(ids, _)| ids.iter().all(|i| set.contains(i)));
     let together: Vec<_> = together.into_iter().filter(|(set, _)| new(set)).collect();
     alike.extend(together);

@@ -6,6 +6,7 @@ mod objects;
 mod sensors;
 
 use super::inputs::Smoothing;
+use super::replay::Contexts;
 use super::{GapError, lean, usable};
 use drive::{choose_drive, plausible_thrust};
 use propwash_flight::resample::Cursor;
@@ -181,6 +182,8 @@ pub struct Track {
     pub(crate) attitude: Channel<4>,
     pub(crate) gyro: Channel<3>,
     pub(crate) accel: Channel<3>,
+    /// What replays of it share.
+    pub(crate) contexts: Contexts,
 }
 
 /// Builds an error of a log from what was expected, what was found, and what to do.
@@ -260,6 +263,7 @@ impl Track {
             gyro,
             accel,
             log,
+            contexts: Contexts::default(),
         };
         // A vehicle without these dynamics is refused later, where they are needed.
         if let Ok(drone) = vehicle.drone(dynamics)
@@ -283,7 +287,8 @@ impl Track {
     /// The same log restricted to a span (s).
     pub fn cut(&self, span_s: [f64; 2]) -> Self {
         let [from, to] = self.span_s;
-        Self { span_s: [span_s[0].max(from), span_s[1].min(to)], ..self.clone() }
+        let span_s = [span_s[0].max(from), span_s[1].min(to)];
+        Self { span_s, contexts: Contexts::default(), ..self.clone() }
     }
 
     /// Distance from height `z_m` down to the ground, m.

@@ -12,6 +12,7 @@ use super::search::{Evidence, Scored};
 use super::solve::{LONGEST_STEP, Solution, chi2, corrected, difference, no_window, price_of, score};
 use super::starts::Start;
 use super::track::Noise;
+use super::watch::{Ranked, Watch};
 use propwash_flight::clean;
 use propwash_physics::effects::FromLog;
 
@@ -32,7 +33,7 @@ pub(super) fn settle(
     model: &mut Model,
     given: Option<&[usize]>,
     start: Option<Start>,
-    progress: &dyn Fn(usize, usize),
+    watch: &Watch,
 ) -> Result<Option<Solution>, GapError> {
     let mut walk = Walk::new(logs, model, given, start);
     let all: usize = ROUNDS.iter().sum();
@@ -40,8 +41,9 @@ pub(super) fn settle(
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(walk.start.horizon) {
         walk.starts = Starts::new();
         for _ in 0..walk.rounds(rounds) {
-            let linear = walk.linearise(model, horizon_s);
-            progress(walk.done, all);
+            let linear = walk.linearise(model, horizon_s, watch);
+            watch.check()?;
+            watch.done(walk.done, all);
             walk.done += 1;
             if linear.windows.len() < 4 {
                 if last.is_some() {
@@ -54,6 +56,9 @@ pub(super) fn settle(
                 continue;
             }
             let Some(set) = walk.choose(model, &linear, &known, horizon_s)? else { return Ok(None) };
+            if let Some(early) = watch.early.filter(|_| walk.from_file && walk.given.is_none()) {
+                early(&walk.ranked(model, &linear, &known, &set)?);
+            }
             let (found, settled) = walk.step(model, linear, known, set)?;
             // A last round that jumps far from its linearisation point is discarded.
             let of_now = last.take_if(|l: &mut Solution| {
@@ -65,7 +70,7 @@ pub(super) fn settle(
             }
         }
     }
-    progress(all, all);
+    watch.done(all, all);
     let mut solution = last.ok_or_else(no_window)?;
     // Disturbances without any findings: the effects are reset to nominal, since a spike alone would not hold them there
     // against so much data.
@@ -160,7 +165,7 @@ impl<'a> Walk<'a> {
         done == 0 && self.from_file && self.may_gust
     }
 
-    fn linearise(&self, model: &Model, horizon_s: f64) -> Linear {
+    fn linearise(&self, model: &Model, horizon_s: f64, watch: &Watch) -> Linear {
         let moved = |c: usize| {
             let off = |k: usize| self.values.shared[k] != model.parameters[k].filed;
             self.start.follow && model.of(c).any(off)
@@ -175,7 +180,8 @@ impl<'a> Walk<'a> {
             (_, true) => SHORT_WINDOWS,
             _ => usize::MAX,
         };
-        let cut = Cut { length_s: horizon_s.max(shortest_window_s(self.logs)), most };
+        let length_s = horizon_s.max(shortest_window_s(self.logs));
+        let cut = Cut { length_s, most, cancel: watch.cancel };
         linearise(self.logs, model, &self.values, &at_work, cut, &self.starts, &self.noise)
     }
 
@@ -275,6 +281,27 @@ impl<'a> Walk<'a> {
         Ok(Some(best.set))
     }
 
+    /// The named candidates by the evidence for each alone, most first.
+    fn ranked(
+        &self,
+        model: &Model,
+        linear: &Linear,
+        known: &Known,
+        set: &[usize],
+    ) -> Result<Vec<Ranked>, GapError> {
+        let (h, g) = (&known.all.h, &known.all.g);
+        let evidence = Evidence::new(model, h, g, &linear.at, known.dispersion, self.tolerance)?;
+        let one = |c: usize| Ranked {
+            id: model.candidates[c].id.clone(),
+            title: model.candidates[c].title.clone(),
+            evidence_nats: evidence.of(&[c]),
+            chosen: set.contains(&c),
+        };
+        let mut out: Vec<Ranked> = model.named().filter(|c| model.may[*c]).map(one).collect();
+        out.sort_by(|a, b| b.chosen.cmp(&a.chosen).then(b.evidence_nats.total_cmp(&a.evidence_nats)));
+        Ok(out)
+    }
+
     /// Moves to the estimate with `set`; returns the solution, and whether it has converged.
     fn step(
         &mut self,
@@ -308,6 +335,7 @@ impl<'a> Walk<'a> {
             set,
             linear,
             reduced,
+            parts: Vec::new(),
             disturbance,
             disturbance_before: disturbance,
             dispersion: phi,

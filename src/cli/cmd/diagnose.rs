@@ -10,6 +10,7 @@ use crate::gap::diagnose::Settings;
 use crate::gap::fitted::{self, Calibrate, Filed, Fitted};
 use crate::gap::ladder::Flights;
 use crate::gap::report::{Report, ladder_png, text, why};
+use crate::gap::watch::Watch;
 use crate::gap::{Diagnosis, GapError, compare};
 use crate::vehicle::Vehicle;
 use crate::{Error, Result};
@@ -118,7 +119,7 @@ pub fn fit(
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let settings = Settings { progress: Some(&progress), ..settings };
+    let settings = Settings { watch: Watch { progress: Some(&progress), ..Watch::default() }, ..settings };
     let filed = Filed { label: name, vehicle, text: text_of(name)? };
     let result = fitted::fit(filed, flights, &settings, &format!("propwash {command}"), calibrate);
     bar.finish_and_clear();

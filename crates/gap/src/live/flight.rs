@@ -8,11 +8,13 @@ use crate::ghost::{Ghost, ghost};
 use crate::judge::{Stretch, settling_s};
 use crate::model::Model;
 use crate::policy::BAND_S;
-use crate::replay::{Around, Inputs, Raw, STEP, STEP_S};
-use crate::residual::{Replay, Residuals};
+use crate::replay::{Around, Context as Shared, Inputs, Raw, STEP, STEP_S};
+use crate::residual::{Replay, Residuals, Sample};
 use crate::track::Track;
 use propwash_physics::drone::Drone;
 use propwash_vehicle::Vehicle;
+use serde::Serialize;
+use std::sync::Arc;
 
 /// Steps between points of a path.
 const PATH_EVERY: usize = 10;
@@ -20,8 +22,8 @@ const PATH_EVERY: usize = 10;
 const RESTART_S: f64 = 0.5;
 
 /// Residuals on the grid of a flight; NaN where unknown.
-#[derive(Clone, Debug)]
-pub(super) struct Evaluated {
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Evaluated {
     /// N, body, shape (sample, 3).
     pub force_n: Vec<[f64; 3]>,
     /// N·m, body, shape (sample, 3); empty where the drive carries no torques.
@@ -50,19 +52,30 @@ impl Evaluated {
 }
 
 /// A flight prepared for many evaluations.
-pub(super) struct Flight<'a> {
-    track: &'a Track,
-    around: Around,
-    raw: Raw,
+pub(crate) struct Flight {
+    pub track: Arc<Track>,
+    around: Arc<Around>,
+    raw: Arc<Raw>,
     /// Numbers of the samples' spans of [`BAND_S`].
     numbers: Vec<usize>,
-    t_s: Vec<f64>,
+    pub t_s: Vec<f64>,
     /// Whether a sample is on the judged flight.
     pub judged: Vec<bool>,
     pub filed: Evaluated,
-    force_sigma_n: [f64; 3],
-    torque_sigma_n_m: [f64; 3],
+    pub force_sigma_n: [f64; 3],
+    pub torque_sigma_n_m: [f64; 3],
     causes: Vec<LiveCause>,
+}
+
+/// Root mean squares by body axis over the instants of a flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Axes {
+    /// N.
+    pub force_n: [f64; 3],
+    /// N·m; null where the drive carries no torques.
+    pub torque_n_m: Option<[f64; 3]>,
+    /// Number of instants, 5 ms apart.
+    pub n: usize,
 }
 
 impl From<Ghost> for Poses {
@@ -76,11 +89,11 @@ fn per() -> usize {
     (BAND_S / STEP_S).round() as usize
 }
 
-impl<'a> Flight<'a> {
+impl Flight {
     /// The residuals of a vehicle on a flight that is judged from a time on, s.
-    pub fn new(track: &'a Track, judged_from_s: f64, vehicle: &Vehicle) -> Result<Self, GapError> {
-        let Inputs { drone, around, raw } = Inputs::new(track, vehicle)?;
-        let replay = Replay::new(track, &around, &raw, &drone);
+    pub fn new(track: Arc<Track>, judged_from_s: f64, vehicle: &Vehicle) -> Result<Self, GapError> {
+        let Inputs { drone, around, raw } = Inputs::new(&track, vehicle)?;
+        let replay = Replay::new(&track, &around, &raw, &drone);
         let seen = stretch(&replay);
         let middle = |number: &usize| replay.time_s(number * per() + per() / 2);
         let t_s: Vec<f64> = seen.numbers.iter().map(middle).collect();
@@ -103,23 +116,50 @@ impl<'a> Flight<'a> {
 
     /// The residuals with some parameters at other values.
     pub fn with(&self, model: &Model, moves: &[Move]) -> Evaluated {
-        let mut values = model.filed();
-        let mut chosen: Vec<usize> = Vec::new();
-        for m in moves {
-            values[m.parameter] = m.value;
-            chosen.push(model.parameters[m.parameter].candidate);
-        }
-        self.of(&model.plain_at(&values, &chosen))
+        self.looked(&model.moved(moves.iter().map(|m| (m.parameter, m.value)))).0
     }
 
-    fn of(&self, drone: &Drone<f64>) -> Evaluated {
+    fn looked(&self, drone: &Drone<f64>) -> (Evaluated, (Residuals, f64)) {
         // What hangs on a cable depends on the vehicle.
         let around = match self.around.cable {
-            Some(_) => Around::new(self.track, drone),
+            Some(_) => Shared::of(&self.track, drone).around,
             None => self.around.clone(),
         };
-        let replay = Replay::new(self.track, &around, &self.raw, drone);
-        on(&stretch(&replay), &self.numbers)
+        let replay = Replay::new(&self.track, &around, &self.raw, drone);
+        let residuals = Residuals::new(&replay);
+        let [from, to] = self.settled_s();
+        let seen = Stretch::new(&replay, &residuals, [from, to]);
+        (on(&seen, &self.numbers), (residuals, from))
+    }
+
+    /// The span that is judged at all, s: motors have settled.
+    fn settled_s(&self) -> [f64; 2] {
+        let [from, to] = self.track.span_s;
+        [from + settling_s(&self.track), to]
+    }
+
+    /// The residuals of a vehicle on the spans, and its root mean squares of force (N) and torque (N·m) by body axis over all
+    /// instants within `window_s` after the motors have settled, as a comparison has them.
+    pub fn exact(&self, drone: &Drone<f64>, window_s: [f64; 2]) -> (Evaluated, Axes) {
+        let (seen, (residuals, from_s)) = self.looked(drone);
+        let time_s = |step: usize| self.around.time_s(step * STEP);
+        let inside = |step: usize| {
+            let t = time_s(step);
+            t >= from_s && t >= window_s[0] && t <= window_s[1]
+        };
+        let list: Vec<&Sample> = residuals.samples.iter().filter(|s| inside(s.step)).collect();
+        let mut axes = Axes { n: list.len(), ..Axes::default() };
+        let turned: Vec<[f64; 3]> = list.iter().filter_map(|s| s.torque_n_m).collect();
+        for k in 0..3 {
+            let force: f64 = list.iter().map(|s| s.force_n[k].powi(2)).sum();
+            axes.force_n[k] = (force / list.len().max(1) as f64).sqrt();
+        }
+        axes.torque_n_m = (!turned.is_empty()).then(|| {
+            std::array::from_fn(|k| {
+                (turned.iter().map(|t| t[k] * t[k]).sum::<f64>() / turned.len() as f64).sqrt()
+            })
+        });
+        (seen, axes)
     }
 
     /// Whether a change of force, and one of torque, is more than nothing.
@@ -148,14 +188,6 @@ impl<'a> Flight<'a> {
     /// For the page: every `stride`-th sample.
     pub fn live(&self, which: usize, changes: &[&Vec<Evaluated>], stride: usize) -> LiveFlight {
         let thin = |list: &[[f64; 3]]| list.iter().step_by(stride).copied().collect::<Vec<_>>();
-        let change = |c: &&Vec<Evaluated>| {
-            let c = &c[which];
-            let [force, torque] = self.of_channels(c);
-            Change {
-                force_n: if force { thin(&c.force_n) } else { Vec::new() },
-                torque_n_m: if torque { thin(&c.torque_n_m) } else { Vec::new() },
-            }
-        };
         LiveFlight {
             log: self.track.name.clone(),
             t_s: self.t_s.iter().step_by(stride).copied().collect(),
@@ -164,7 +196,7 @@ impl<'a> Flight<'a> {
             torque_n_m: thin(&self.filed.torque_n_m),
             force_sigma_n: self.force_sigma_n,
             torque_sigma_n_m: self.torque_sigma_n_m,
-            changes: changes.iter().map(change).collect(),
+            changes: self.changes(which, changes, stride),
             causes: self
                 .causes
                 .iter()
@@ -175,6 +207,20 @@ impl<'a> Flight<'a> {
                 .collect(),
             path: Path::default(),
         }
+    }
+
+    /// Changes of flight `which`, of every `stride`-th sample.
+    pub fn changes(&self, which: usize, changes: &[&Vec<Evaluated>], stride: usize) -> Vec<Change> {
+        let thin = |list: &[[f64; 3]]| list.iter().step_by(stride).copied().collect::<Vec<_>>();
+        let change = |c: &&Vec<Evaluated>| {
+            let c = &c[which];
+            let [force, torque] = self.of_channels(c);
+            Change {
+                force_n: if force { thin(&c.force_n) } else { Vec::new() },
+                torque_n_m: if torque { thin(&c.torque_n_m) } else { Vec::new() },
+            }
+        };
+        changes.iter().map(change).collect()
     }
 
     /// The measured path, of about `most` points, with the simulations of one or two vehicles that restart from it.
@@ -190,7 +236,7 @@ impl<'a> Flight<'a> {
             measured.pos.push(m.pos);
             measured.quat.push(m.quat);
         }
-        let poses = |v: &Vehicle| Ok(Poses::from(ghost(self.track, v, RESTART_S, sample_s)?));
+        let poses = |v: &Vehicle| Ok(Poses::from(ghost(&self.track, v, RESTART_S, sample_s)?));
         let (before, after) = rayon::join(|| poses(before), || after.map(poses).transpose());
         Ok(Path { measured, before: before?, after: after?.unwrap_or_default(), restart_s: RESTART_S })
     }

@@ -7,7 +7,7 @@
 //! several together the straight line is checked against exact evaluations ([`LiveEffect::trust`], [`Live::together_off`]).
 
 mod flight;
-mod proposals;
+pub(crate) mod proposals;
 
 use crate::GapError;
 use crate::diagnose::Diagnosed;
@@ -15,12 +15,14 @@ use crate::ladder::Flights;
 use crate::model::Model;
 use crate::replay::drone_for;
 use crate::track::Track;
-use flight::{Evaluated, Flight};
-use proposals::{Move, Proposal};
+pub use flight::Axes;
+pub(crate) use flight::{Evaluated, Flight};
+pub(crate) use proposals::{Move, Proposal};
 use propwash_physics::drone::Drone;
 use propwash_vehicle::Vehicle;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::sync::Arc;
 
 /// Most samples of all flights together; more are thinned evenly.
 const MOST_SAMPLES: usize = 2000;
@@ -55,6 +57,9 @@ pub struct Live {
     pub together_off: Option<f64>,
     /// Root mean square of force (N) and torque (N·m) with all findings at their estimates, by the model itself.
     pub together_exact: Option<[f64; 2]>,
+    /// All changes at full resolution, by handle and flight: what one more effect is added beside.
+    #[serde(skip)]
+    pub(crate) columns: Vec<Arc<Vec<Evaluated>>>,
 }
 
 /// Sums of a quadratic form: Σ|r₀ + Σ s·D|² = c + 2 g·s + sᵀ H s over n samples.
@@ -68,6 +73,18 @@ pub struct Form {
     pub g: Vec<f64>,
     /// Σ D·D, by handle and handle.
     pub h: Vec<Vec<f64>>,
+}
+
+impl Form {
+    /// The root mean square at some shares; none without samples.
+    pub fn at(&self, s: &[f64]) -> Option<f64> {
+        let mut sum = self.c;
+        for (k, a) in s.iter().enumerate().filter(|(_, a)| **a != 0.0) {
+            sum += 2.0 * a * self.g[k];
+            sum += s.iter().zip(&self.h[k]).map(|(b, h)| a * b * h).sum::<f64>();
+        }
+        (self.n > 0).then(|| (sum.max(0.0) / self.n as f64).sqrt())
+    }
 }
 
 /// A flight: means over 50 ms.
@@ -195,6 +212,15 @@ pub struct Handle {
     pub range: [f64; 2],
     /// Number of parameters.
     pub parameters: usize,
+    /// Names of several parameters that move together, with their estimates, SI; empty for one.
+    pub together: Vec<(String, f64)>,
+}
+
+impl Handle {
+    /// How far a parameter goes at full share, SI.
+    pub(crate) fn full(&self, name: &str, filed: f64) -> f64 {
+        self.together.iter().find(|(n, _)| n == name).map_or(0.0, |(_, value)| value - filed)
+    }
 }
 
 impl Live {
@@ -209,14 +235,21 @@ impl Live {
         before: &Vehicle,
         after: Option<&Vehicle>,
     ) -> Result<Self, GapError> {
-        let model = &diagnosed.model;
-        let proposals = proposals::all(diagnosed);
-        let all = placed(flights);
-        let flights = prepared(&all, before)?;
-        let mut out = assembled(model, &flights, proposals);
+        let seen = judged_flights(flights, before)?;
+        let mut out = Self::over(&diagnosed.model, proposals::all(diagnosed), &seen, (before, after))?;
+        out.judged_on = judged_on(flights).into();
+        Ok(out)
+    }
+
+    /// The same of flights that are prepared already, with what is offered.
+    pub(crate) fn over(
+        model: &Model,
+        proposals: Vec<Proposal>,
+        flights: &[Flight],
+        (before, after): (&Vehicle, Option<&Vehicle>),
+    ) -> Result<Self, GapError> {
+        let mut out = assembled(model, flights, proposals);
         out.rotors(&model.drone);
-        let unseen = all.iter().any(|(_, from)| from.is_some());
-        out.judged_on = if unseen { "held-out flight" } else { "the flight of the fit" }.into();
         for (flight, live) in flights.iter().zip(&mut out.flights) {
             live.path = flight.path(before, after, MOST_POINTS / flights.len())?;
         }
@@ -232,12 +265,8 @@ impl Live {
         let flights = prepared(&all, vehicle)?;
         let Some(first) = tracks.first() else { return Ok(Self::default()) };
         let model = Model::bare(&drone_for(first, vehicle)?);
-        let mut out = assembled(&model, &flights, Vec::new());
-        out.rotors(&model.drone);
+        let mut out = Self::over(&model, Vec::new(), &flights, (vehicle, None))?;
         out.judged_on = if tracks.len() > 1 { "all flights" } else { "the whole flight" }.into();
-        for (flight, live) in flights.iter().zip(&mut out.flights) {
-            live.path = flight.path(vehicle, None, MOST_POINTS / flights.len())?;
-        }
         Ok(out)
     }
 }
@@ -256,12 +285,23 @@ fn placed(flights: &Flights) -> Vec<(&Track, Option<f64>)> {
     held_out.chain(flights.whole.iter().zip(&flights.cut_s).map(|(t, cut)| (t, *cut))).collect()
 }
 
-fn prepared<'a>(all: &[(&'a Track, Option<f64>)], vehicle: &Vehicle) -> Result<Vec<Flight<'a>>, GapError> {
+/// The flights of a diagnosis ready for many evaluations, in the order of [`Live::flights`].
+pub(crate) fn judged_flights(flights: &Flights, vehicle: &Vehicle) -> Result<Vec<Flight>, GapError> {
+    prepared(&placed(flights), vehicle)
+}
+
+/// Where figures are taken, in words.
+pub(crate) fn judged_on(flights: &Flights) -> &'static str {
+    let unseen = placed(flights).iter().any(|(_, from)| from.is_some());
+    if unseen { "held-out flight" } else { "the flight of the fit" }
+}
+
+fn prepared(all: &[(&Track, Option<f64>)], vehicle: &Vehicle) -> Result<Vec<Flight>, GapError> {
     let unseen = all.iter().any(|(_, from)| from.is_some());
     all.par_iter()
         .map(|(track, from)| {
             let judged_from_s = if unseen { from.unwrap_or(f64::INFINITY) } else { f64::NEG_INFINITY };
-            Flight::new(track, judged_from_s, vehicle)
+            Flight::new(Arc::new((*track).clone()), judged_from_s, vehicle)
         })
         .collect()
 }
@@ -334,7 +374,33 @@ fn assembled(model: &Model, flights: &[Flight], proposals: Vec<Proposal>) -> Liv
     live.effects = checks.effects(&offered);
     (live.together_off, live.together_exact) = checks.together(&offered);
     live.flights = flights.iter().enumerate().map(|(i, f)| f.live(i, &chosen, stride)).collect();
+    let mut all: Vec<Option<Vec<Evaluated>>> = changes.into_iter().map(Some).collect();
+    live.columns = kept.into_iter().filter_map(|h| Some(Arc::new(all[h].take()?))).collect();
     live
+}
+
+impl Live {
+    /// Adds an effect to those that can be turned on.
+    pub(crate) fn offer(&mut self, model: &Model, flights: &[Flight], proposal: Proposal) {
+        let moves: Vec<Vec<Move>> = proposal.handles.iter().map(|h| h.moves.clone()).collect();
+        let filed: Vec<&Evaluated> = flights.iter().map(|f| &f.filed).collect();
+        let first = self.columns.len();
+        for list in evaluate(model, flights, &moves) {
+            let change = list.iter().zip(&filed).map(|(at, filed)| at.minus(filed)).collect();
+            self.columns.push(Arc::new(change));
+        }
+        let changes: Vec<&Vec<Evaluated>> = self.columns.iter().map(|c| &**c).collect();
+        self.force = form(flights, &changes, |e| &e.force_n);
+        self.torque = form(flights, &changes, |e| &e.torque_n_m);
+        let checks = Checks { model, flights, filed: &filed, changes: &changes };
+        let effects = checks.effects(&[(proposal, first)]);
+        let samples: usize = flights.iter().map(|f| f.judged.len()).sum();
+        let stride = samples.div_ceil(MOST_SAMPLES).max(1);
+        for (i, flight) in flights.iter().enumerate() {
+            self.flights[i].changes.extend(flight.changes(i, &changes[first..], stride));
+        }
+        self.effects.extend(effects);
+    }
 }
 
 /// The sums of a quadratic form on the judged flight.
@@ -361,7 +427,7 @@ fn form(flights: &[Flight], changes: &[&Vec<Evaluated>], of: fn(&Evaluated) -> &
 /// Checks forecasts against exact evaluations.
 struct Checks<'a> {
     model: &'a Model,
-    flights: &'a [Flight<'a>],
+    flights: &'a [Flight],
     filed: &'a [&'a Evaluated],
     changes: &'a [&'a Vec<Evaluated>],
 }

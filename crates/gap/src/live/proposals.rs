@@ -15,7 +15,7 @@ const MOST_SLIDERS: usize = 3;
 
 /// A parameter of the model from its filed value to another one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Move {
+pub(crate) struct Move {
     /// Index of the parameter.
     pub parameter: usize,
     /// Its new value, SI.
@@ -24,9 +24,10 @@ pub(super) struct Move {
 
 /// What moves with one slider.
 #[derive(Clone, Debug)]
-pub(super) struct Pull {
+pub(crate) struct Pull {
     /// At the estimate.
     pub moves: Vec<Move>,
+    together: Vec<(String, f64)>,
     name: String,
     unit: String,
     filed: f64,
@@ -38,12 +39,12 @@ pub(super) struct Pull {
 
 /// An effect to be offered.
 #[derive(Clone, Debug)]
-pub(super) struct Proposal {
-    id: String,
-    title: String,
+pub(crate) struct Proposal {
+    pub id: String,
+    pub title: String,
     pub role: Role,
-    nats: Option<f64>,
-    of: Option<String>,
+    pub nats: Option<f64>,
+    pub of: Option<String>,
     pub handles: Vec<Pull>,
 }
 
@@ -78,9 +79,11 @@ impl Proposal {
 
 impl Pull {
     /// Several parameters that go from the file to their estimates together.
-    fn share(moves: Vec<Move>) -> Self {
+    fn share(model: &Model, moves: Vec<Move>) -> Self {
+        let together = moves.iter().map(|m| (model.parameters[m.parameter].name.clone(), m.value)).collect();
         Self {
             moves,
+            together,
             name: "share of the estimate".into(),
             unit: String::new(),
             filed: 0.0,
@@ -103,6 +106,7 @@ impl Pull {
             sigma: self.sigma.filter(|s| s.is_finite() && *s > 0.0),
             range: [ends[0].min(ends[1]), ends[0].max(ends[1])],
             parameters: self.moves.len(),
+            together: self.together.clone(),
         }
     }
 }
@@ -116,6 +120,7 @@ fn pulls(model: &Model, fits: &[(usize, ParameterFit)]) -> Vec<Pull> {
             .iter()
             .map(|(k, p)| Pull {
                 moves: vec![Move { parameter: *k, value: p.value }],
+                together: Vec::new(),
                 name: p.name.clone(),
                 unit: p.unit.clone(),
                 filed: p.filed,
@@ -125,7 +130,7 @@ fn pulls(model: &Model, fits: &[(usize, ParameterFit)]) -> Vec<Pull> {
             })
             .collect();
     }
-    vec![Pull::share(moved.iter().map(|(k, p)| Move { parameter: *k, value: p.value }).collect())]
+    vec![Pull::share(model, moved.iter().map(|(k, p)| Move { parameter: *k, value: p.value }).collect())]
 }
 
 /// Estimates of some candidates' parameters with exactly `set` free.
@@ -155,7 +160,7 @@ fn index(model: &Model, id: &str) -> Option<usize> {
 }
 
 /// All proposals: findings, corrections, look-alikes, then the other candidates by their evidence alone.
-pub(super) fn all(diagnosed: &Diagnosed) -> Vec<Proposal> {
+pub(crate) fn all(diagnosed: &Diagnosed) -> Vec<Proposal> {
     let (model, verdict) = (&diagnosed.model, &diagnosed.verdict);
     let mut out = found(diagnosed);
     out.extend(corrections(diagnosed));
@@ -198,6 +203,30 @@ pub(super) fn all(diagnosed: &Diagnosed) -> Vec<Proposal> {
     }
     out.retain(|p| !p.handles.is_empty() && p.handles.iter().all(|h| !h.moves.is_empty()));
     out
+}
+
+/// One candidate at some values, offered by itself.
+pub(crate) fn single(
+    model: &Model,
+    candidate: usize,
+    nats: Option<f64>,
+    value: impl Fn(usize) -> (f64, f64),
+) -> Proposal {
+    let fit = |k: usize| {
+        let p = &model.parameters[k];
+        let (value, sigma) = value(k);
+        (k, ParameterFit { name: p.name.clone(), unit: p.unit.into(), filed: p.filed, value, sigma })
+    };
+    let fits: Vec<(usize, ParameterFit)> = model.of(candidate).map(fit).collect();
+    let of = &model.candidates[candidate];
+    Proposal {
+        id: of.id.clone(),
+        title: of.title.clone(),
+        role: Role::Candidate,
+        nats,
+        of: None,
+        handles: pulls(model, &fits),
+    }
 }
 
 fn found(diagnosed: &Diagnosed) -> Vec<Proposal> {
@@ -248,7 +277,7 @@ fn corrections(diagnosed: &Diagnosed) -> Vec<Proposal> {
             role: Role::Correction,
             nats: None,
             of: None,
-            handles: vec![Pull::share(moves)],
+            handles: vec![Pull::share(model, moves)],
         });
     }
     out

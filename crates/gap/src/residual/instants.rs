@@ -155,7 +155,9 @@ impl Linear {
         let memory_s = (p * (track.noise.accel_m_s2 / sigma).powi(2)).max(p);
         let weights = kernel(half_s, |u| 3.0 - 5.0 * u * u);
         let late_s = replay.drone.clock().accel_s;
-        let read = resample::local_parabola(&track.accel, &times(replay, late_s), half_s);
+        let readings = &replay.around.readings;
+        let fit = || resample::local_parabola(&track.accel, &times(replay, late_s), half_s);
+        let read = readings.accel.at(late_s, fit);
         let pairs = (0..replay.n_steps())
             .map(|i| {
                 let (read, m) = (read[i].as_ref()?, replay.known(i)?);
@@ -176,7 +178,9 @@ impl Linear {
         let sigma = track.noise.position_m * gains(&track.position.t_s, half_s, track.span_s)[2];
         let weights = kernel(half_s, |u| (1.0 - u * u).powi(2));
         let late_s = replay.drone.clock().pose_s;
-        let read = resample::local_parabola(&track.position, &times(replay, late_s), half_s);
+        let readings = &replay.around.readings;
+        let fit = || resample::local_parabola(&track.position, &times(replay, late_s), half_s);
+        let read = readings.position.at(late_s, fit);
         let pairs = (0..replay.n_steps())
             .map(|i| {
                 let read = read[i].as_ref()?;
@@ -208,9 +212,12 @@ impl Angular {
         let sigma = track.noise.gyro_rad_s * gains(&track.gyro.t_s, half_s, track.span_s)[1];
         // A sample represents its surroundings too.
         let weights = kernel(half_s + 0.5 * p, |u| 1.0 - u * u);
-        let slopes = resample::local_parabola(&track.gyro, &times(replay, drone.clock().gyro_s), half_s);
+        let late_s = drone.clock().gyro_s;
+        let fit = || resample::local_parabola(&track.gyro, &times(replay, late_s), half_s);
+        let slopes = replay.around.readings.gyro.at(late_s, fit);
         let measured = slopes
-            .iter()
+            .par_iter()
+            .with_min_len(256)
             .enumerate()
             .map(|(i, s)| {
                 let (s, m) = (s.as_ref()?, replay.known(i)?);
@@ -226,11 +233,10 @@ impl Angular {
         let half_s = (0.05 * (track.noise.attitude_rad / 3e-4).powf(0.3)).clamp(0.05, 0.1).max(4.2 * p);
         let sigma = track.noise.attitude_rad * gains(&track.attitude.t_s, half_s, track.span_s)[2];
         let weights = kernel(half_s, |u| (1.0 - u * u).powi(2));
-        let measured = times(replay, replay.drone.clock().pose_s)
-            .par_iter()
-            .with_min_len(256)
-            .map(|at| bend_of_attitude(&track.attitude, *at, half_s))
-            .collect();
+        let late_s = replay.drone.clock().pose_s;
+        let bend = |at: &f64| bend_of_attitude(&track.attitude, *at, half_s);
+        let bends = || times(replay, late_s).par_iter().with_min_len(256).map(bend).collect();
+        let measured = replay.around.readings.bends.at(late_s, bends).to_vec();
         Self { measured, weights, half_s, sigma }
     }
 }

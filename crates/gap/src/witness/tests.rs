@@ -5,6 +5,7 @@ use super::*;
 use crate::replay::drone_for;
 use crate::solve::solve;
 use crate::starts::named_by_witness;
+use crate::watch::Watch;
 use crate::{Drive, Options, Track};
 use propwash_flight::{FlightLog, Format};
 use propwash_physics::drone::Drone;
@@ -38,7 +39,7 @@ impl Flights {
         let drone = drone_for(&self.tracks[0], &self.vehicle).unwrap();
         let logs: Vec<Prepared> = self.tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
         let all: Vec<&Track> = self.tracks.iter().collect();
-        let arounds: Vec<_> = logs.iter().map(|l| &l.around).collect();
+        let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
         (Model::new(&drone, &all, &arounds).unwrap(), logs)
     }
 }
@@ -310,7 +311,7 @@ fn what_the_search_has_not_found_is_a_start_of_its_own() {
     let (mut model, logs) = flights.ready();
     let drag = named(&model, &["linear_drag"]);
     let [nothing, all] =
-        [&[][..], &drag].map(|given| solve(&logs, &mut model, Some(given), &|_, _| ()).unwrap());
+        [&[][..], &drag].map(|given| solve(&logs, &mut model, Some(given), &Watch::default()).unwrap());
     let start = named_by_witness(&logs, &model, &nothing).map(|s| s.set);
     assert_eq!(start.as_ref(), Some(&drag));
     assert!(named_by_witness(&logs, &model, &all).is_none());
