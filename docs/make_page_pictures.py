@@ -1,4 +1,4 @@
-"""Takes the pictures of README and docs that show pages: docs/view.png, docs/gap_report.png and the animation docs/gap.webp. Writes the pages
+"""Takes the pictures of README and docs that show pages: docs/view.png, docs/gap_report.png, docs/lab*.png and the animation docs/gap.webp. Writes the pages
 of docs/live, which the site of the documentation carries.
 
 `cargo xtask pictures` builds what it needs and runs it. By hand, with Pillow, node, Chromium, and after `npm ci` in tests/web:
@@ -95,6 +95,59 @@ def live(propwash: Path, folder: Path) -> None:
     shutil.copy(REAL / "LICENSE.md", to / "real_flight.LICENSE.txt")
 
 
+#: What a person does in the lab before its pictures are taken: words that are clicked, conditions that are waited for, pictures.
+EXACT = "document.getElementById('exactness')?.textContent === 'figures are those of the model itself'"
+LAB = [
+    {"picture": "lab_start.png"},
+    {"drop": ["flight.csv", "quad.toml"]},
+    {"until": "document.querySelector('.card.log .tag') !== null"},
+    {"picture": "lab_check.png"},
+    {"until": "(location.hash = '#map=1', true)"},
+    {"until": "document.querySelector('#verdict .sane') !== null"},
+    {"picture": "lab_map.png"},
+    {"click": "Back"},
+    {"until": "document.querySelector('.card.log .tag') !== null"},
+    {"click": "Continue"},
+    {"until": EXACT},
+    {"click": "Find what is missing"},
+    {"until": "document.getElementById('headline') !== null && document.querySelector('.effect') !== null"},
+    {"css": ".effect .on"},
+    {"until": f"document.querySelector('.effect.is-on') !== null && {EXACT}"},
+    {"size": [1400, 1200]},
+    {"until": "new Promise((done) => setTimeout(done, 1500, true))"},
+    {"picture": "lab.png"},
+    {"size": [1400, 900]},
+    {"click": "4 Next flight"},
+    {"until": "document.getElementById('plan') !== null"},
+    {"click": "Plan it"},
+    {"until": "document.querySelector('#plan canvas') !== null"},
+    {"until": "new Promise((done) => setTimeout(done, 1000, true))"},
+    {"picture": "lab_next.png"},
+    {"click": "5 Save"},
+    {"until": "document.getElementById('folder') !== null"},
+    {"fill": ["#folder", "/home/me/flights"]},
+    {"picture": "lab_save.png"},
+]
+
+
+def lab(propwash: Path, folder: Path) -> None:
+    running = subprocess.Popen([propwash, "lab", "--no-open"], cwd=folder, stdout=subprocess.PIPE, text=True)
+    try:
+        url = running.stdout.readline().split()[1]
+        steps = []
+        for step in LAB:
+            ((kind, given),) = step.items()
+            if kind == "picture":
+                given = str(HERE / given)
+            if kind == "drop":
+                given = [str(folder / name) for name in given]
+            steps.append({kind: given})
+        node(WEB / "act.js", [], json.dumps({"url": url, "steps": steps}))
+    finally:
+        running.terminate()
+        running.wait()
+
+
 def main() -> None:
     built = Path(sys.argv[1]).resolve()
     with tempfile.TemporaryDirectory() as name:
@@ -105,6 +158,7 @@ def main() -> None:
         run(built / "propwash", DIAGNOSE, folder)
         look(folder / "gap.html", "gap_report.png", "globalThis.Propwash?.scene !== undefined", (1400, 1360), steps=(TURN_ON,))
         animation(folder / "gap.html", folder)
+        lab(built / "propwash", folder)
         live(built / "propwash", folder)
 
 

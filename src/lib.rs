@@ -70,6 +70,8 @@ pub mod env;
 
 // Pages that show flights in a browser.
 pub use propwash_page as page;
+#[cfg(feature = "lab")]
+pub mod lab;
 pub mod view;
 
 pub mod cli;

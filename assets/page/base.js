@@ -47,6 +47,14 @@
     return numbers(spec, new Uint8Array(await new Response(stream).arrayBuffer()));
   };
 
+  /** Rows of arrays that hold their components. @param {any[]} specs @returns {Promise<Float32Array>} */
+  P.rows = async (specs) => {
+    const parts = await Promise.all(specs.map(P.unpack));
+    const out = new Float32Array(parts.length * parts[0].length);
+    parts.forEach((part, c) => part.forEach((/** @type {number} */ v, /** @type {number} */ k) => (out[k * parts.length + c] = v)));
+    return out;
+  };
+
   /** An element. Text is text: what looks like a tag in it is shown, never read.
    * @param {string} tag @param {Record<string, any>} [set] attributes; functions under `on…` are listeners
    * @param {...(Node | string)} inside @returns {any} */
@@ -122,6 +130,11 @@
   P.onTheme = (then) => {
     themed.push(then);
     then();
+  };
+  /** Remembers who is called now; what is given back forgets everybody who came later. */
+  P.themes = () => {
+    const known = themed.length;
+    return () => void themed.splice(known);
   };
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const isDark = () => (document.documentElement.dataset.theme ?? (dark.matches ? "dark" : "light")) === "dark";

@@ -90,8 +90,9 @@
       return P.el("div", { class: "player" }, this.button, speed, this.slider, this.told);
     }
 
-    /** Space plays; left and right move by 0.1 s, with shift by 1 s. Fields that use these keys keep them. */
-    keys() {
+    /** Space plays; left and right move by 0.1 s, with shift by 1 s. Fields that use these keys keep them.
+     * @param {AbortSignal} [until] */
+    keys(until) {
       document.addEventListener("keydown", (event) => {
         if (event.ctrlKey || event.altKey || event.metaKey) return;
         const at = /** @type {any} */ (event.target);
@@ -102,7 +103,7 @@
           this.set(this.time + (event.key === "ArrowLeft" ? -1 : 1) * (event.shiftKey ? 1 : 0.1));
         } else return;
         event.preventDefault();
-      });
+      }, { signal: until });
     }
   }
   P.Player = Player;

@@ -1,6 +1,6 @@
 "use strict";
 // The report of a comparison or a diagnosis: charts that the page carries as they are, by uPlot, each with a table behind a button; folded
-// sections; the contents. What moves stands in `lab.js`.
+// sections; the contents. What moves stands in `live.js`.
 (() => {
   const P = (globalThis.Propwash ??= {});
 

@@ -93,6 +93,13 @@ bool isCut() {
       this.draw();
     }
 
+    /** Lets go of the graphics card's memory: a page may have only so many pictures in 3-D. */
+    end() {
+      this.controls.dispose();
+      this.renderer.dispose();
+      this.renderer.forceContextLoss();
+    }
+
     /** Draws with the next frame. */
     need() {
       if (this.waiting) return;
@@ -113,6 +120,26 @@ bool isCut() {
     }
 
     // ----- geoms ------------------------------------------------------------------------------------------------------------
+
+    /** A scene of the page's data: its geoms, with obstacles where the scene has them.
+     * @param {any} scene @param {(geom: any) => any} [carrier] the object in whose frame a geom stands, if it is neither the world's nor an obstacle's
+     * @returns {Promise<any[]>} the obstacles */
+    async addScene(scene, carrier) {
+      const meshes = await Promise.all(scene.meshes.map(async (/** @type {any} */ m) => {
+        const faces = await P.unpack(m.faces);
+        for (let k = 1; k < faces.length; k++) faces[k] = (faces[k] + faces[k - 1]) >>> 0;
+        return { vertices: await P.rows(m.vertices), faces };
+      }));
+      const carried = scene.rest.map((/** @type {any} */ [pos, quat]) => {
+        const group = new THREE.Group();
+        group.position.set(pos[0], pos[1], pos[2]);
+        group.quaternion.set(quat[0], quat[1], quat[2], quat[3]);
+        this.scene.add(group);
+        return group;
+      });
+      this.addGeoms(scene.geoms, meshes, (geom) => carrier?.(geom) ?? carried[geom.obstacle]);
+      return carried;
+    }
 
     /** All geoms of a scene; `seen: false` draws a geom hatched, with its outline.
      * @param {{kind: string, size: number[], pos: number[], quat: number[], rgba: number[], name: string, seen: boolean, mesh?: number}[]} list

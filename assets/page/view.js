@@ -41,13 +41,7 @@
 
   // ----- data ---------------------------------------------------------------------------------------------------------------
 
-  /** @param {any[]} specs arrays of components @returns {Promise<Float32Array>} rows of them */
-  async function rows(specs) {
-    const parts = await Promise.all(specs.map(P.unpack));
-    const out = new Float32Array(parts.length * parts[0].length);
-    parts.forEach((part, c) => part.forEach((/** @type {number} */ v, /** @type {number} */ k) => (out[k * parts.length + c] = v)));
-    return out;
-  }
+  const { rows } = P;
 
   /** @param {any} spec */
   async function track(spec) {
@@ -101,14 +95,7 @@
 
   async function addScene() {
     if (!D.scene) return;
-    const meshes = await Promise.all(D.scene.meshes.map(async (/** @type {any} */ m) => {
-      const faces = await P.unpack(m.faces);
-      for (let k = 1; k < faces.length; k++) faces[k] = (faces[k] + faces[k - 1]) >>> 0;
-      return { vertices: await rows(m.vertices), faces };
-    }));
-    carried = D.scene.rest.map(() => new THREE.Group());
-    carried.forEach((group) => view.scene.add(group));
-    view.addGeoms(D.scene.geoms, meshes, (/** @type {any} */ geom) => drones[geom.drone] ?? carried[geom.obstacle]);
+    carried = await view.addScene(D.scene, (/** @type {any} */ geom) => drones[geom.drone]);
   }
 
   /** Puts obstacles where they are at a moment, or where the scene has them. @param {number} time */

@@ -6,6 +6,8 @@ use super::gap_args::{
     ADD_EXAMPLES, AddArgs, COMPARE_EXAMPLES, CompareArgs, DIAGNOSE_EXAMPLES, DiagnoseArgs,
 };
 use super::gap_logs::DriveArg;
+use super::lab_args::LAB_EXAMPLES;
+pub use super::lab_args::LabArgs;
 use super::view_args::VIEW_EXAMPLES;
 pub use super::view_args::ViewArgs;
 use crate::arena::{CameraConfig, MountConfig, ObstacleMotion, SensorConfig, read_value};
@@ -38,6 +40,7 @@ Examples:
   propwash fly --scene forest --drone cf2x_L250 --worlds 16 --trajectory lissajous \\
                --seconds 4 --camera fpv --size 64x64 --out data/forest
   propwash view data/forest --open                   the flight in three dimensions, in the browser
+  propwash lab                                       from a flight log to a better vehicle, in the browser
   propwash log check flight.csv                      what is wrong with a flight log, in words
   propwash vehicle diff cf2x_L250 mine.toml          what differs between two vehicles
   propwash identify flight.csv --model attitude --vehicle cf2x_L250 --out better.toml
@@ -119,6 +122,9 @@ pub enum Command {
     /// Show a scene, a data set or a flight log in three dimensions: one page that needs no other file and no network.
     #[command(after_help = VIEW_EXAMPLES)]
     View(ViewArgs),
+    /// From a flight log to a better vehicle in the browser: see the flight, find what is missing, switch it on, save.
+    #[command(after_help = LAB_EXAMPLES)]
+    Lab(LabArgs),
     /// List the vehicles, or show one with all its values and sources.
     #[command(after_help = DRONES_EXAMPLES, allow_negative_numbers = true)]
     Drones(DronesArgs),

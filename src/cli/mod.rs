@@ -6,6 +6,7 @@ mod cmd;
 mod exit;
 mod gap_args;
 mod gap_logs;
+mod lab_args;
 mod output;
 mod progress;
 mod view_args;
@@ -74,6 +75,7 @@ fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
     let outcome = match args.command {
         args::Command::Fly(a) => cmd::fly::run(&a),
         args::Command::View(a) => cmd::view::run(&a),
+        args::Command::Lab(a) => cmd::lab::run(&a),
         args::Command::Depth(a) => cmd::depth::run(&a),
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),

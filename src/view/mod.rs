@@ -151,6 +151,18 @@ fn refuse(flag: &'static str, absent: bool) -> Result<()> {
     Err(Error::Usage { flag, expected: expected.into(), got: got.into() })
 }
 
+/// The shapes of a scene as pages draw them, with what was left out, for a page that asks for them.
+///
+/// # Errors
+/// Those of scenes.
+#[cfg(feature = "lab")]
+pub(crate) fn scene_shapes(source: &SceneSource) -> Result<serde_json::Value> {
+    let scene = Scene::build(source, &[])?;
+    let mut notes = Vec::new();
+    let shapes = shapes::shapes(&scene, &mut notes)?;
+    Ok(serde_json::json!({ "scene": shapes, "notes": notes }))
+}
+
 /// The page of a scene without drones.
 pub fn of_scene(source: &SceneSource, title: &str) -> Result<Made> {
     Ok(finished(scene_data(source, title)?))

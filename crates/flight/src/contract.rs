@@ -22,7 +22,7 @@ pub(super) enum Kind {
 }
 
 /// Fixed names of the contract with the kind of their unit.
-const NAMES: &[(&str, Kind)] = &[
+pub(super) const NAMES: &[(&str, Kind)] = &[
     ("t", Kind::Time),
     ("px", Kind::Length),
     ("py", Kind::Length),

@@ -13,6 +13,7 @@ mod contract;
 mod error;
 pub mod files;
 mod mapping;
+pub mod peek;
 pub mod resample;
 pub mod stray;
 mod table;

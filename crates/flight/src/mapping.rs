@@ -559,7 +559,7 @@ const UNITS: &[(Kind, &[(&str, f64)])] = &[
     (Kind::Number, &[("1", 1.0), ("percent", 1e-2), ("uint16", 1.0 / 65535.0)]),
 ];
 
-fn units_for(kind: Kind) -> &'static [(&'static str, f64)] {
+pub(super) fn units_for(kind: Kind) -> &'static [(&'static str, f64)] {
     UNITS.iter().find(|(k, _)| *k == kind).map_or(&[], |(_, u)| u)
 }
 

@@ -23,6 +23,7 @@ use flown::{Flown, Setting};
 use information::{Judge, Width};
 use library::Manoeuvre;
 use nalgebra::DMatrix;
+use propwash_flight::FlightLog;
 use propwash_physics::controllers::ControlMode;
 use propwash_physics::drone::Drone;
 use propwash_rollout::trajectory::Spline;
@@ -266,9 +267,11 @@ impl Entry {
     }
 }
 
-/// Simulates the library: the manoeuvres that the vehicle can fly, and the reasons for the others.
-fn fly_library(setting: &Setting) -> Result<(Vec<Entry>, Vec<String>), GapError> {
-    let mut left: Vec<&'static Manoeuvre> = library::ALL.iter().filter(|m| m.fits(setting.room)).collect();
+/// Simulates the library, or those of it that are named: the manoeuvres that the vehicle can fly, and the reasons for the others.
+fn fly_library(setting: &Setting, names: Option<&[String]>) -> Result<(Vec<Entry>, Vec<String>), GapError> {
+    let wanted = |m: &Manoeuvre| names.is_none_or(|names| names.iter().any(|n| n == m.name));
+    let mut left: Vec<&'static Manoeuvre> =
+        library::ALL.iter().filter(|m| m.fits(setting.room) && wanted(m)).collect();
     let (mut entries, mut failed) = (Vec::new(), Vec::new());
     for (round, intensity) in INTENSITIES.into_iter().enumerate() {
         if left.is_empty() {
@@ -433,7 +436,7 @@ pub fn plan(vehicle: &Vehicle, request: &Request) -> Result<FlightPlan, GapError
     let drone = drone_of(vehicle, request.drive)?;
     let room = room_of(request, &drone);
     let setting = setting(vehicle, &drone, &room, request);
-    let (entries, mut warnings) = fly_library(&setting)?;
+    let (entries, mut warnings) = fly_library(&setting, None)?;
     if entries.is_empty() {
         return Err(GapError::Log {
             log: vehicle.name.clone(),
@@ -520,7 +523,7 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
     let drone = drone_of(vehicle, request.drive)?;
     let room = room_of(request, &drone);
     let setting = setting(vehicle, &drone, &room, request);
-    let (entries, failed) = fly_library(&setting)?;
+    let (entries, failed) = fly_library(&setting, Some(names))?;
     let order: Vec<usize> = names
         .iter()
         .map(|name| {
@@ -539,6 +542,33 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
     Ok(join(&entries, &order).0)
 }
 
+/// A practice log: `truth` flies the manoeuvres `names`, which are planned for `vehicle`, by its own controller, and the sensors of the request
+/// log it, a load on a cable as the object `payload`. Where the two vehicles differ, the log shows what `vehicle` lacks.
+///
+/// # Errors
+/// Those of [`flight`]; [`GapError::Log`] where `truth` cannot fly what `vehicle` can.
+pub fn rehearse(
+    vehicle: &Vehicle,
+    truth: &Vehicle,
+    request: &Request,
+    names: &[String],
+) -> Result<FlightLog, GapError> {
+    let knots = flight(vehicle, request, names)?;
+    let drone = drone_of(truth, request.drive)?;
+    let room = room_of(request, &drone);
+    let setting = Setting { tracks_load: true, ..setting(truth, &drone, &room, request) };
+    let flown = flown::fly(&setting, &[path(&knots)?])?.remove(0);
+    if flown.lost {
+        return Err(GapError::Log {
+            log: truth.name.clone(),
+            expected: format!("a vehicle that flies {} as {} does", names.join(", "), vehicle.name),
+            found: "it turns over or meets the ground".into(),
+            remedy: "hide a smaller effect, or fly gentler manoeuvres".into(),
+        });
+    }
+    Ok(flown.log)
+}
+
 /// Simulation settings of a request.
 fn setting<'a>(
     vehicle: &'a Vehicle,
@@ -546,7 +576,15 @@ fn setting<'a>(
     room: &'a Room,
     request: &'a Request,
 ) -> Setting<'a> {
-    Setting { vehicle, drone, room, sensors: &request.sensors, air: &request.air, seed: request.seed }
+    Setting {
+        vehicle,
+        drone,
+        room,
+        sensors: &request.sensors,
+        air: &request.air,
+        seed: request.seed,
+        tracks_load: false,
+    }
 }
 
 /// Manoeuvres one after the other.

@@ -47,7 +47,8 @@ pub enum Part {
 }
 
 impl Part {
-    fn style(self) -> Option<&'static str> {
+    /// Its style, for servers that give it out as a file.
+    pub fn style(self) -> Option<&'static str> {
         match self {
             Self::UPlot => Some(include_str!("../../../assets/page/vendor/uPlot.css")),
             Self::Base => Some(include_str!("../../../assets/page/page.css")),
@@ -55,7 +56,8 @@ impl Part {
         }
     }
 
-    fn script(self) -> &'static str {
+    /// Its script.
+    pub fn script(self) -> &'static str {
         match self {
             Self::Three => include_str!("../../../assets/page/vendor/three.js"),
             Self::UPlot => include_str!("../../../assets/page/vendor/uPlot.js"),

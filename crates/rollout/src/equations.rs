@@ -7,7 +7,7 @@ use propwash_physics::controllers::Rates;
 use propwash_physics::drone::Drone;
 use propwash_physics::measure::Reading;
 use propwash_physics::rigid_body::Rate;
-use propwash_physics::surroundings::Reads;
+use propwash_physics::surroundings::{Reads, Surroundings};
 use propwash_physics::{airframe, attitude_response};
 use propwash_trace::lanes::Number;
 
@@ -97,6 +97,15 @@ impl<'a, N: Number> Equations<'a, N> {
     /// As [`Sim::battery_v`](super::Sim::battery_v).
     pub fn battery_v(&self, world: usize, drone: usize) -> Option<f64> {
         self.of_world(world).battery_v(drone)
+    }
+
+    /// As [`Sim::load_m`](super::Sim::load_m).
+    pub fn load_m(&self, world: usize, drone: usize) -> Option<[f64; 3]> {
+        let numbers: Vec<f64> =
+            self.data.effect_memory[self.effect_memory_of(world, drone)].iter().map(|v| v.wide()).collect();
+        let mut around = Surroundings::calm();
+        self.drone(world, drone).recall(&numbers, 1.0 / f64::from(self.options.sim_hz), &mut around);
+        (around.load.present > 0.0).then_some(around.load.position_m)
     }
 
     /// As [`Sim::thrust_n`](super::Sim::thrust_n).

@@ -685,6 +685,12 @@ impl<N: Number> Sim<N> {
         self.equations().battery_v(world, drone)
     }
 
+    /// Where the load of one drone hung when the last step began, m, world; `None` for a vehicle without one (effect
+    /// `slung_payload`) and before the first step.
+    pub fn load_m(&self, world: usize, drone: usize) -> Option<[f64; 3]> {
+        self.equations().load_m(world, drone)
+    }
+
     /// Collective thrust of one drone at its present rotor speeds or thrust state, N: of the rotors as built, before what
     /// the air adds.
     pub fn thrust_n(&self, world: usize, drone: usize) -> f64 {

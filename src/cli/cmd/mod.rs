@@ -11,6 +11,7 @@ pub mod drones;
 pub mod excite;
 pub mod fly;
 pub mod identify;
+pub mod lab;
 pub mod log;
 pub mod remove;
 pub mod scene;

@@ -53,7 +53,7 @@ fn open(page: &Path) -> Result<()> {
 }
 
 /// Opens a path or an address in the browser.
-fn start(path: &Path) -> Result<()> {
+pub(super) fn start(path: &Path) -> Result<()> {
     let program = if cfg!(target_os = "macos") { "open" } else { "xdg-open" };
     let mut command = Command::new(program);
     command.arg(path).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());

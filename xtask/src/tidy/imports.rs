@@ -29,6 +29,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ),
     ("env", &["arena", "rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
     ("view", &["page", "gap", "dataset", "arena", "scene", "sense", "flight", "vehicle", "math", "error"]),
+    ("lab", &["view", "page", "gap", "arena", "scene", "flight", "vehicle", "physics", "math", "error"]),
     ("cli", &["*"]),
 ];
 

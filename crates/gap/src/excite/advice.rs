@@ -59,8 +59,9 @@ pub(super) fn ready(vehicle: &Vehicle, drive: Drive, sensors: &Sensors) -> Optio
         sensors: &request.sensors,
         air: &request.air,
         seed: request.seed,
+        tracks_load: false,
     };
-    let (entries, _) = fly_library(&setting).ok()?;
+    let (entries, _) = fly_library(&setting, None).ok()?;
     let flights: Vec<Ready> = entries
         .par_iter()
         .filter_map(|e| {

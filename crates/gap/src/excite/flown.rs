@@ -47,6 +47,8 @@ pub(super) struct Setting<'a> {
     pub sensors: &'a Sensors,
     pub air: &'a Air,
     pub seed: u64,
+    /// Whether the load on a cable is tracked, as the object `payload`.
+    pub tracks_load: bool,
 }
 
 /// Simulates all paths at once, one world each.
@@ -229,6 +231,15 @@ impl Recorder {
         if due(sensors.accel_hz) {
             let off = normals(&mut self.noise, sensors.accel_m_s2);
             self.log.specific_force_m_s2.push(t + clock.accel_s, vec3::add(reading.accel, off));
+        }
+        // The load is where it was when the step before began.
+        if setting.tracks_load
+            && due(sensors.pose_hz)
+            && let Some(load) = sim.load_m(w, 0)
+        {
+            let at = t - 1.0 / f64::from(SIM_HZ) + clock.pose_s;
+            let off = normals(&mut self.noise, sensors.position_m);
+            self.log.objects_m.entry("payload".into()).or_default().push(at, vec3::add(load, off));
         }
         let commands = &sim.data.rotor_command[row * sim.data.n_rotors..][..n];
         for (i, channel) in self.log.cmd_rotor_rad_s.iter_mut().enumerate() {

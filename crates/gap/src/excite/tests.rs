@@ -32,7 +32,7 @@ impl Bench {
 
     fn setting<'a>(&'a self, drone: &'a Drone<f64>, seed: u64) -> Setting<'a> {
         let (sensors, air) = (&self.request.sensors, &self.request.air);
-        Setting { vehicle: &self.vehicle, drone, room: &self.room, sensors, air, seed }
+        Setting { vehicle: &self.vehicle, drone, room: &self.room, sensors, air, seed, tracks_load: false }
     }
 
     /// The track of a path flown by `drone`.
@@ -241,4 +241,27 @@ fn advice_needs_a_controller_and_known_candidates() {
     assert_eq!(ask(&bare, &["com_offset"], &["weak_rotor.1"]), None);
     let refused = super::plan(&bare, &wanting(&["com_offset"])).unwrap_err().to_string();
     assert!(refused.contains("bare: expected a controller"), "{refused}");
+}
+
+#[test]
+fn a_practice_flight_shows_what_the_filed_vehicle_lacks() {
+    let vehicle = Vehicle::builtin("cf2x_L250").unwrap();
+    let hidden = format!(
+        "{}\n[[effect]]\nkind = \"slung_payload\"\nmass_kg = 0.004\ncable_length_m = 0.3\nattachment_m = [0.0, 0.0, -0.01]\ndamping_per_s = 0.1\n",
+        vehicle.to_toml()
+    );
+    let truth = Vehicle::from_toml("with a load", &hidden).unwrap();
+    let request = Request { seconds: 30.0, ..Request::default() };
+    let names = ["quick eight".to_string()];
+    let log = rehearse(&vehicle, &truth, &request, &names).unwrap();
+    let load = &log.objects_m["payload"];
+    assert!(load.len() > 500, "{}", load.len());
+    // The cable's length lies between the vehicle, whose pose has some noise, and the load.
+    let poses = propwash_flight::resample::linear(&log.position_m, &load.t_s, 0.1);
+    let far = poses.iter().zip(&load.values).filter_map(|(p, l)| {
+        let d = vec3::sub((*p)?, *l);
+        Some((vec3::norm(d) - 0.305).abs())
+    });
+    assert!(far.fold(0.0, f64::max) < 0.03);
+    assert!(rehearse(&vehicle, &vehicle, &request, &names).unwrap().objects_m.is_empty());
 }

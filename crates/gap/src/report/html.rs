@@ -21,7 +21,7 @@ use std::fmt::Write as _;
 
 const STYLE: &str = include_str!("../../../../assets/page/report.css");
 const SCRIPT: &str = include_str!("../../../../assets/page/report.js");
-const LAB: &str = include_str!("../../../../assets/page/lab.js");
+const LIVE: &str = include_str!("../../../../assets/page/live.js");
 
 /// The page of a report.
 pub(super) fn page(report: &Report) -> String {
@@ -897,7 +897,7 @@ impl Page {
         }
         out.script(SCRIPT);
         if live.is_some() {
-            out.script(LAB);
+            out.script(LIVE);
         }
         out.finish()
     }

@@ -25,6 +25,16 @@ pub use rungs::turns;
 pub use text::{TEXT_COLUMNS, text};
 pub use why::why;
 
+/// The data of the living part of a page, for a page that asks a server for them: residuals, columns and paths, numbers as base64. The
+/// comparison knows the worst stretches and what the error depends on.
+pub fn living<'a>(
+    live: &'a Live,
+    diagnosis: Option<&'a Diagnosis>,
+    comparison: Option<&Comparison>,
+) -> impl Serialize + use<'a> {
+    page_live::data(live, diagnosis, comparison)
+}
+
 /// Everything that a page shows. Empty parts are left out.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Report {

@@ -1,0 +1,428 @@
+//! The page of `propwash lab` in a browser, as people use it. Skipped, with one line, where node or Chromium is missing.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use serde_json::{Value, json};
+
+#[path = "common/lab.rs"]
+mod lab;
+#[path = "common/web.rs"]
+mod web;
+
+use lab::Lab;
+
+/// The force that the model lacks, N, as the page shows it.
+const FORCE: &str = "Number(document.getElementById('force-now').dataset.si)";
+const EXACT: &str =
+    "document.getElementById('exactness')?.textContent === 'figures are those of the model itself'";
+const SHOWN: &str = "document.getElementById('force-now')?.dataset.si !== undefined";
+const FOUND: &str =
+    "document.getElementById('headline') !== null && document.querySelector('.effect') !== null";
+const FIRST: &str = "document.querySelector('.effect').dataset.effect";
+
+fn example() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let profile = test.parent().and_then(Path::parent).unwrap().to_path_buf();
+    let example = profile.join("examples").join("hidden_flight");
+    assert!(example.is_file(), "{} is missing: run `cargo build --examples` first", example.display());
+    example
+}
+
+/// Writes a flight with a hidden effect and its vehicle file into a folder: `flight.csv` and `quad.toml`.
+fn hidden(folder: &Path, effect: &str, seed: &str) {
+    let made = Command::new(example())
+        .args([
+            "--effect",
+            effect,
+            "--seed",
+            seed,
+            "--seconds",
+            "50",
+            "--out",
+            "flight.csv",
+            "--vehicle-out",
+            "quad.toml",
+        ])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+}
+
+/// Uses the lab's page as `tests/web/act.js` describes it.
+fn act(lab: &Lab, more: &Value, steps: &[Value]) -> Value {
+    let mut asked =
+        json!({ "url": format!("http://127.0.0.1:{}/?token={}", lab.port, lab.token), "steps": steps });
+    asked.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/web");
+    let mut child = Command::new("node")
+        .arg("act.js")
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(asked.to_string().as_bytes()).unwrap();
+    let out = child.wait_with_output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let told: Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(told["said"], json!([]), "the console is silent and no other host is asked");
+    told
+}
+
+fn click(words: &str) -> Value {
+    json!({ "click": words })
+}
+
+fn until(expression: &str) -> Value {
+    json!({ "until": expression })
+}
+
+fn value(expression: &str) -> Value {
+    json!({ "value": expression })
+}
+
+fn number(told: &Value, k: usize) -> f64 {
+    told["values"][k].as_f64().unwrap_or_else(|| panic!("value {k} of {}", told["values"]))
+}
+
+fn words(told: &Value, k: usize) -> String {
+    told["values"][k].as_str().unwrap_or_else(|| panic!("value {k} of {}", told["values"])).to_string()
+}
+
+/// What `compare` says of the force by axis, N.
+fn compared(folder: &Path, vehicle: &str) -> Vec<f64> {
+    let out = Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .args(["compare", "flight.csv", "--vehicle", vehicle, "--json"])
+        .current_dir(folder)
+        .output()
+        .unwrap();
+    assert!(matches!(out.status.code(), Some(0 | 1)), "{}", String::from_utf8_lossy(&out.stderr));
+    let told: Value = serde_json::from_slice(&out.stdout).unwrap();
+    let rms = &told["logs"][0]["one_step"]["force"]["rms"];
+    rms.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
+}
+
+#[test]
+fn a_hidden_effect_is_found_switched_on_moved_taken_back_and_saved() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    hidden(folder.path(), "rotor_drag", "3");
+    let files = ["flight.csv", "quad.toml"].map(|f| folder.path().join(f));
+    let lab = Lab::start_in(folder, &[]);
+    let slider = ".effect[data-effect=rotor_drag] input[type=range]";
+    let steps = [
+        json!({ "drop": files }),
+        until("document.querySelector('.card.log .tag.sure, .card.log .tag.doubt') !== null"),
+        click("Continue"),
+        until(SHOWN),
+        until(EXACT),
+        value(FORCE),
+        value("document.querySelectorAll('.effect .on:checked').length"),
+        click("Find what is missing"),
+        until(FOUND),
+        value("document.getElementById('headline').textContent"),
+        value(FIRST),
+        value("document.querySelectorAll('.effect .on:checked').length"),
+        json!({ "css": ".effect[data-effect=rotor_drag] .on" }),
+        until(&format!("{EXACT} && {FORCE} < 0.25")),
+        value(FORCE),
+        // The sliders are 200 times the share of the estimate.
+        json!({ "slide": [slider, 100] }),
+        until(&format!("{EXACT} && {FORCE} > 0.1")),
+        value(FORCE),
+        value(&format!("document.querySelector('{slider}').getAttribute('aria-valuetext')")),
+        click("Undo"),
+        until(&format!("{EXACT} && {FORCE} < 0.1")),
+        value(FORCE),
+        click("Redo"),
+        until(&format!("{EXACT} && {FORCE} > 0.1")),
+        value(FORCE),
+        click("Undo"),
+        until(&format!("{EXACT} && {FORCE} < 0.1")),
+        value("document.getElementById('compared').dataset.si"),
+        click("Save …"),
+        until("document.getElementById('folder') !== null"),
+        value("[...document.querySelectorAll('.diff .added')].map((l) => l.textContent).join('\\n')"),
+        value("document.querySelectorAll('.diff .removed').length"),
+        click("Save"),
+        until("document.querySelector('#saved .note') !== null"),
+        // Once more: nothing is replaced unasked.
+        click("Save"),
+        until("document.querySelector('#saved [role=alert]') !== null"),
+        value("document.getElementById('saved').textContent"),
+        click("Keep them"),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    let (before, on, half) = (number(&told, 0), number(&told, 5), number(&told, 6));
+    assert_eq!(told["values"][1], json!(0), "nothing is on by itself");
+    assert!(words(&told, 2).contains("rotor_drag"), "{}", words(&told, 2));
+    assert_eq!(words(&told, 3), "rotor_drag");
+    assert_eq!(told["values"][4], json!(0), "a search turns nothing on");
+    assert!(on <= 0.2 * before, "{before} → {on}");
+    assert!(half > 1.5 * on && half < 0.7 * before, "{on} … {half} … {before}");
+    let way = words(&told, 7);
+    let percent: f64 = way.split(", ").nth(1).and_then(|w| w.split(' ').next()).unwrap().parse().unwrap();
+    assert!((45.0..55.0).contains(&percent), "{way}");
+    assert!((number(&told, 8) - on).abs() < 1e-6 * on, "undone: {} and {on}", number(&told, 8));
+    assert!((number(&told, 9) - half).abs() < 1e-6 * half, "redone: {} and {half}", number(&told, 9));
+    assert!(words(&told, 11).contains("drag_n_s2_per_rad_m"), "{}", words(&told, 11));
+    assert!(
+        words(&told, 13).contains("there already") && words(&told, 13).contains("better.toml"),
+        "{}",
+        words(&told, 13)
+    );
+    // The saved file has the figures of the page.
+    let shown: Value = serde_json::from_str(&words(&told, 10)).unwrap();
+    let shown: Vec<f64> = shown["force_n"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    for (page, file) in shown.iter().zip(compared(lab.folder.path(), "better.toml")) {
+        assert!((page - file).abs() <= 1e-3 * file, "page {shown:?}, compare {file}");
+    }
+    // And so do the steps as commands: the same file but for its date.
+    let better = std::fs::read_to_string(lab.folder.path().join("better.toml")).unwrap();
+    std::fs::remove_file(lab.folder.path().join("better.toml")).unwrap();
+    let bin = Path::new(env!("CARGO_BIN_EXE_propwash")).parent().unwrap();
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
+    let ran =
+        Command::new("sh").arg("steps.sh").env("PATH", path).current_dir(lab.folder.path()).output().unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    assert_eq!(std::fs::read_to_string(lab.folder.path().join("better.toml")).unwrap(), better);
+}
+
+#[test]
+fn the_first_minute_takes_four_clicks() {
+    if !web::is_there() {
+        return;
+    }
+    let lab = Lab::start(&[]);
+    let steps = [
+        click("Try it: Hidden rotor drag"),
+        until("document.querySelector('.card.log .tag.sure') !== null"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        value(FORCE),
+        click("Find what is missing"),
+        until(FOUND),
+        value(FIRST),
+        json!({ "css": ".effect .on" }),
+        until("document.querySelector('.effect.is-on') !== null"),
+        until(EXACT),
+        value(FORCE),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert!(told["clicks"].as_u64().unwrap() <= 4, "{}", told["clicks"]);
+    assert_eq!(words(&told, 1), "rotor_drag");
+    assert!(number(&told, 2) <= 0.5 * number(&told, 0), "{} → {}", number(&told, 0), number(&told, 2));
+}
+
+#[test]
+fn a_person_who_clicks_visible_words_alone_finds_a_slung_payload_and_saves() {
+    if !web::is_there() {
+        return;
+    }
+    let lab = Lab::start(&[]);
+    let steps = [
+        click("Try it: Hidden slung payload"),
+        until("document.querySelector('.card.log .tag.sure') !== null"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        value(FORCE),
+        click("Find what is missing"),
+        until(FOUND),
+        value(FIRST),
+        click("All that was found"),
+        until(&format!("document.querySelector('.effect.is-on') !== null && {EXACT}")),
+        value(FORCE),
+        click("Save …"),
+        until("document.getElementById('folder') !== null"),
+        click("Save"),
+        until("document.querySelector('#saved .note') !== null"),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert_eq!(words(&told, 1), "slung_payload");
+    assert!(number(&told, 2) <= 0.5 * number(&told, 0), "{} → {}", number(&told, 0), number(&told, 2));
+    let saved = std::fs::read_to_string(lab.folder.path().join("better.toml")).unwrap();
+    assert!(saved.contains("kind = \"slung_payload\""), "{saved}");
+}
+
+#[test]
+fn where_nothing_is_hidden_nothing_is_on_and_nothing_is_claimed() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    hidden(folder.path(), "none", "5");
+    let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
+    let steps = [
+        until("document.querySelector('.card.log') !== null"),
+        click("Continue"),
+        until(SHOWN),
+        click("Find what is missing"),
+        until("document.getElementById('headline') !== null"),
+        value("document.getElementById('headline').textContent"),
+        value("document.querySelectorAll('.effect .on:checked').length"),
+        value("document.getElementById('effects').textContent.includes('Nothing was found')"),
+        // Cancelled work changes nothing.
+        value("Propwash.lab.state.engine.history.length"),
+        click("Search again"),
+        until(
+            "document.querySelector('progress') !== null && document.querySelector('progress').closest('[hidden]') === null",
+        ),
+        click("Cancel"),
+        until("document.getElementById('said').textContent.includes('Cancelled')"),
+        value("Propwash.lab.state.engine.history.length"),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert!(words(&told, 0).contains("nothing is missing"), "{}", words(&told, 0));
+    assert_eq!((&told["values"][1], &told["values"][2]), (&json!(0), &json!(true)));
+    assert_eq!(told["values"][3], told["values"][4]);
+}
+
+/// A flight with the names and units of a Crazyflie's log.
+fn foreign(folder: &Path) -> PathBuf {
+    hidden(folder, "rotor_drag", "3");
+    let text = std::fs::read_to_string(folder.join("flight.csv")).unwrap();
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let deg = 180.0 / std::f64::consts::PI;
+    let renamed = |name: &str| -> Option<(String, f64)> {
+        let axis = name.chars().last()?;
+        Some(match name {
+            "t" => ("timestamp".into(), 1e3),
+            "px" | "py" | "pz" => (format!("stateEstimateZ.{axis}"), 1e3),
+            "wx" | "wy" | "wz" => (format!("gyro.{axis}"), deg),
+            "ax" | "ay" | "az" => (format!("acc.{axis}"), 1.0 / 9.80665),
+            "qx" | "qy" | "qz" | "qw" => (format!("stateEstimate.{name}"), 1.0),
+            _ => (format!("motor.m{}", name.strip_prefix("cmd_rotor")?), 1.0),
+        })
+    };
+    let kept: Vec<(usize, String, f64)> =
+        names.iter().enumerate().filter_map(|(i, n)| renamed(n).map(|(name, f)| (i, name, f))).collect();
+    let mut out: String = kept.iter().map(|k| k.1.clone()).collect::<Vec<_>>().join(",");
+    for line in lines {
+        let cells: Vec<&str> = line.split(',').collect();
+        let row: Vec<String> = kept
+            .iter()
+            .map(|(i, _, f)| cells[*i].parse::<f64>().map_or(String::new(), |v| (v * f).to_string()))
+            .collect();
+        out.push('\n');
+        out.push_str(&row.join(","));
+    }
+    let path = folder.join("foreign.csv");
+    std::fs::write(&path, out).unwrap();
+    path
+}
+
+#[test]
+fn foreign_columns_are_named_by_mouse_and_a_broken_log_is_said_in_words() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let log = foreign(folder.path());
+    let broken = folder.path().join("broken.csv");
+    std::fs::write(&broken, "t,px,py,pz\n0,1,2\n").unwrap();
+    let hostile = folder.path().join("<img src=x onerror=hacked=1>.csv");
+    std::fs::write(&hostile, "t,<script>hacked=1</script>\n0,1\n1,2\n").unwrap();
+    let vehicle = folder.path().join("quad.toml");
+    let lab = Lab::start_in(folder, &[]);
+    let steps = [
+        json!({ "drop": [broken, hostile, vehicle] }),
+        until("document.querySelectorAll('.card.log .tag.bad').length === 2"),
+        value("document.querySelector('.card.log').textContent"),
+        value("[typeof globalThis.hacked, document.querySelectorAll('main img, main script').length].join()"),
+        click("Name the columns of <img src=x onerror=hacked=1>.csv"),
+        until("document.querySelector('.map tbody tr') !== null"),
+        value("document.querySelector('.map').textContent.includes('<script>hacked=1</script>')"),
+        value("[typeof globalThis.hacked, document.querySelectorAll('main img, main script').length].join()"),
+        click("Back"),
+        until("document.querySelector('.card.log') !== null"),
+        json!({ "drop": [log] }),
+        until("document.querySelectorAll('.card.log').length === 3"),
+        click("Name the columns of foreign.csv"),
+        until("document.querySelector('#verdict .sane') !== null"),
+        value("[...document.querySelectorAll('#verdict .sane li')].map((l) => l.className).join()"),
+        // The wrong unit is seen at once.
+        json!({ "choose": ["select[aria-label='unit of acc.z']", "m/s2"] }),
+        until("document.querySelector('#verdict .sane .wrong') !== null"),
+        json!({ "choose": ["select[aria-label='unit of acc.z']", "g"] }),
+        until(
+            "document.querySelector('#verdict .sane .wrong') === null && document.querySelector('#verdict .sane') !== null",
+        ),
+        click("Use this mapping"),
+        until("document.querySelectorAll('.card.log .tag.sure, .card.log .tag.doubt').length === 1"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        value(FORCE),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert!(words(&told, 0).contains("cells"), "{}", words(&told, 0));
+    assert_eq!(words(&told, 1), "undefined,0");
+    assert_eq!(told["values"][2], json!(true));
+    assert_eq!(words(&told, 3), "undefined,0");
+    assert_eq!(words(&told, 4), "fine,fine");
+    assert!((0.2..1.0).contains(&number(&told, 5)), "{}", number(&told, 5));
+}
+
+#[test]
+fn every_screen_suits_screen_readers_and_small_windows() {
+    if !web::is_there() {
+        return;
+    }
+    let lab = Lab::start(&[]);
+    let mut steps = Vec::new();
+    let look = |steps: &mut Vec<Value>, name: &str| {
+        steps.push(until("document.getElementById('said').textContent === '' || document.querySelector('#said .bad') === null"));
+        for scheme in ["light", "dark"] {
+            steps.push(json!({ "scheme": scheme }));
+            steps.push(json!({ "axe": format!("{name} {scheme}") }));
+        }
+        steps.push(json!({ "size": [320, 700] }));
+        steps.push(json!({ "axe": format!("{name} narrow") }));
+        steps.push(json!({ "wide": name }));
+        steps.push(json!({ "size": [1400, 900] }));
+    };
+    look(&mut steps, "start");
+    steps.push(click("Try it: Hidden wind"));
+    steps.push(until("document.querySelector('.card.log .tag.sure') !== null"));
+    look(&mut steps, "check");
+    steps.push(json!({ "until": "(location.hash = '#map=1', true)" }));
+    steps.push(until("document.querySelector('#verdict .sane') !== null"));
+    look(&mut steps, "map");
+    steps.push(click("Back"));
+    steps.push(until("document.querySelector('.card.log') !== null"));
+    steps.push(click("Continue"));
+    steps.push(until(&format!("{SHOWN} && {EXACT}")));
+    look(&mut steps, "flight");
+    steps.push(click("Find what is missing"));
+    steps.push(until(FOUND));
+    steps.push(json!({ "css": ".effect .on" }));
+    steps.push(until(&format!("document.querySelector('.effect.is-on') !== null && {EXACT}")));
+    // Expressions are judged at every key.
+    steps.push(click("An expression of your own"));
+    steps.push(json!({ "type": [".own input", "k * vx_bod"] }));
+    steps.push(until("document.querySelector('#expression-said').className === 'wrong' && document.querySelector('#expression-said').textContent.includes('^')"));
+    steps.push(json!({ "type": [".own input", "y"] }));
+    steps.push(until("document.querySelector('#expression-said').className === ''"));
+    look(&mut steps, "effects");
+    steps.push(click("4 Next flight"));
+    steps.push(until("document.getElementById('plan') !== null"));
+    steps.push(click("Plan it"));
+    steps.push(until("document.querySelector('#plan .next canvas') !== null"));
+    look(&mut steps, "next");
+    steps.push(click("5 Save"));
+    steps.push(until("document.getElementById('folder') !== null"));
+    look(&mut steps, "save");
+    let told = act(&lab, &json!({}), &steps);
+    for (screen, found) in told["axe"].as_object().unwrap() {
+        assert_eq!(*found, json!([]), "{screen}");
+    }
+    for (screen, wide) in told["wide"].as_object().unwrap() {
+        assert_eq!(*wide, json!(320), "{screen} scrolls sideways");
+    }
+}
