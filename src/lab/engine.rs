@@ -278,7 +278,7 @@ impl Engine {
     pub fn judge(axis: &str, text: &str) -> Answer {
         let axis = Axis::named(axis).map_err(Error::from)?;
         Ok(match Session::check_expression(axis, text) {
-            Ok(words) => json!({ "fine": true, "words": words }),
+            Ok(unit) => json!({ "fine": true, "words": format!("can be tried; k is in {unit}") }),
             Err(GapError::Expression { column, expected, found, .. }) => {
                 let words = format!("expected {expected}, found {found}");
                 json!({ "fine": false, "column": column.saturating_sub(1), "words": words })

@@ -1,5 +1,7 @@
 //! Pages in a browser: `tests/web/look.js` opens them in headless Chromium.
 
+#![allow(dead_code, reason = "every program that includes this uses its own part of it")]
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

@@ -198,7 +198,7 @@
   // ----- own expressions ------------------------------------------------------------------------------------------------------
 
   const AXES = [["force_body_x", "force along body x"], ["force_body_y", "force along body y"], ["force_body_z", "force along body z"], ["torque_x", "torque about body x"], ["torque_y", "torque about body y"], ["torque_z", "torque about body z"]];
-  const text = P.el("input", { type: "text", spellcheck: "false", autocomplete: "off", autocapitalize: "off", "aria-label": "expression", placeholder: "k * airspeed_x * abs(airspeed_x)", "aria-describedby": "expression-said" });
+  const text = P.el("input", { type: "text", spellcheck: "false", autocomplete: "off", autocapitalize: "off", "aria-label": "expression", placeholder: "-k * vx_body * abs(vx_body)", "aria-describedby": "expression-said" });
   const said = P.el("pre", { id: "expression-said", role: "status" });
   const axis = P.el("select", { "aria-label": "acts as" }, ...AXES.map(([v, words]) => P.el("option", { value: v }, words)));
   const add = lab.button("Try it", async () => {
