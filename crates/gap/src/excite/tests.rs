@@ -5,6 +5,7 @@ use crate::search::Evidence;
 use nalgebra::DVector;
 use propwash_physics::effects::Sign;
 use propwash_rollout::random::{Key, purpose};
+use propwash_trace::math::vec3;
 
 fn quad() -> Vehicle {
     Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/data/planted_quad.toml")).unwrap()
