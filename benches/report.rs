@@ -18,12 +18,13 @@ use common::{Fallible, ended};
 use serde_json::Value;
 
 /// Titles of the sections, in their order.
-const SECTIONS: [(&str, &str); 6] = [
+const SECTIONS: [(&str, &str); 7] = [
     ("steps", "Steps, swarms, memory"),
     ("loop", "The whole loop"),
     ("depth", "Depth images"),
     ("contacts", "Contacts and clearances"),
     ("identify", "Identification"),
+    ("lab", "The lab"),
     ("instructions", "Instructions"),
 ];
 

@@ -23,6 +23,7 @@ from ._repr import shorten_all as _shorten_all  # noqa: E402
 from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
+from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved  # noqa: E402
 from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
 from .jobs import (  # noqa: E402
     Advice,
@@ -76,6 +77,12 @@ __all__ = [
     "Geom",
     "GeomLint",
     "Identification",
+    "Lab",
+    "LabEffect",
+    "LabFigures",
+    "LabParameter",
+    "LabResidual",
+    "LabSaved",
     "LintReport",
     "LogChannel",
     "LogComparison",

@@ -30,7 +30,7 @@ pub struct Reading {
 }
 
 impl Reading {
-    fn read(&self, logs: &[PathBuf], vehicle: &PyVehicle) -> PyResult<Vec<Track>> {
+    pub fn read(&self, logs: &[PathBuf], vehicle: &PyVehicle) -> PyResult<Vec<Track>> {
         let drive = drive(self.drive.as_deref())?;
         let ground = self.ground_z.unwrap_or(0.0);
         if let Some(ceiling) = self.ceiling_z.filter(|c| !(*c > ground)) {
@@ -198,7 +198,9 @@ impl IntoPython for propwash::gap::GapError {
         let words = self.to_string();
         match self {
             G::Unknown { .. } => pyo3::exceptions::PyKeyError::new_err(words),
-            G::Log { .. } | G::DifferentVehicles { .. } => PyValueError::new_err(words),
+            G::Log { .. } | G::DifferentVehicles { .. } | G::Expression { .. } => {
+                PyValueError::new_err(words)
+            }
             _ => Error::new_err(words),
         }
     }

@@ -1,6 +1,7 @@
 //! Flags of the commands that compare a vehicle with flight logs: compare, diagnose, add.
 
 use super::gap_logs::{GapLogArgs, ReadingArgs};
+use crate::gap::session::Put;
 use clap::Args as ClapArgs;
 use std::path::PathBuf;
 
@@ -99,6 +100,8 @@ Examples:
   propwash add rotor_drag --vehicle my_quad.toml --fit flight.csv --out better.toml
   propwash add payload weak_rotor.2 --vehicle my_quad.toml --fit a.csv b.csv --out better.toml
   propwash add --from-diagnosis diagnosis.json --vehicle my_quad.toml --out better.toml
+  propwash add --set rotor_drag:drag_n_s2_per_rad_m=6.5e-5+-3e-6 --vehicle my_quad.toml \
+    --fit flight.csv --out better.toml
 
 The file gets values, standard deviations, the logs' SHA-256 and the date, in SI units. Nothing is
 written that raises the error on flight that the fit has not seen. Exit codes: 0 the file was
@@ -108,10 +111,21 @@ written, 1 nothing makes the vehicle better and no file was written, 2 error.";
 #[derive(Clone, Debug, ClapArgs)]
 pub struct AddArgs {
     /// Effects, by the ids that diagnose names (rotor_drag, weak_rotor.2). With --from-diagnosis: all of it if not given.
-    #[arg(value_name = "EFFECT")]
+    #[arg(value_name = "EFFECT", required_unless_present_any = ["from_diagnosis", "set", "adjust"])]
     pub effects: Vec<String>,
+    /// Write this value of a parameter of an effect, SI, with its standard deviation where it has one; nothing is fitted, and
+    /// the flights of --fit are named as its source. Repeat it for several. `propwash lab` writes such commands.
+    #[arg(long, value_name = "EFFECT:PARAMETER=VALUE[+-SIGMA]", conflicts_with_all = ["effects", "from_diagnosis", "calibrate", "report"])]
+    pub set: Vec<Put>,
+    /// The same of a parameter within its tolerance, which is no missing effect.
+    #[arg(long, value_name = "EFFECT:PARAMETER=VALUE[+-SIGMA]", conflicts_with_all = ["effects", "from_diagnosis", "calibrate", "report"])]
+    pub adjust: Vec<Put>,
+    /// Write an effect of your own for --set: its name, what it acts on (force_body_x …, force_world_x …, torque_x …), the plausible
+    /// size of its coefficient `k`, and its text (docs/effects/expression.md).
+    #[arg(long, value_name = "NAME:AXIS:SIZE:TEXT", requires = "set")]
+    pub expression: Vec<String>,
     /// Flights to fit the effects to: .csv, .parquet, .ulg.
-    #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis", requires = "effects")]
+    #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis")]
     pub fit: Vec<PathBuf>,
     /// A diagnosis written by `propwash diagnose --out`; nothing is fitted again.
     #[arg(long, value_name = "FILE.json",

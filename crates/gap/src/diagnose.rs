@@ -29,6 +29,8 @@ pub struct Settings<'a> {
     pub only: Option<Vec<String>>,
     /// Leaves out the advice what to fly next, for which manoeuvres may have to be flown in simulation.
     pub no_advice: bool,
+    /// Leaves out the ladder of [`crate::fitted::fit`], for which every step is flown on all flights.
+    pub no_ladder: bool,
     /// Who watches.
     pub watch: Watch<'a>,
 }

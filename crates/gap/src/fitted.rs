@@ -175,9 +175,11 @@ pub fn fit(
         }
     }
     // Ladder steps whose roll-outs diverge are skipped.
-    match flights.ladder(&rungs) {
-        Ok(ladder) => verdict.ladder = unparted(ladder, found),
-        Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+    if !settings.no_ladder {
+        match flights.ladder(&rungs) {
+            Ok(ladder) => verdict.ladder = unparted(ladder, found),
+            Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
+        }
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);

@@ -12,9 +12,10 @@ use crate::gap::GapError;
 use crate::gap::accept::{self, Source, today_utc};
 use crate::gap::complete::{Completion, Entry, note};
 use crate::gap::diagnose::Settings;
-use crate::gap::fitted::Calibrate;
+use crate::gap::fitted::{Calibrate, Filed};
 use crate::gap::headline::{before_after, pair};
 use crate::gap::report::{Report, turns};
+use crate::gap::session::{Put, completed_by};
 use crate::gap::verdict::{Calibration, HorizonError, ParameterFit, Rung};
 use crate::physics::drone::Drone;
 use crate::physics::effects::{Area, candidates};
@@ -31,8 +32,34 @@ pub fn run(args: &AddArgs) -> Result<Outcome> {
     output::check(&[("--out", Some(&args.out)), ("--report", report)], args.force)?;
     match &args.from_diagnosis {
         Some(path) => from_diagnosis(args, path),
-        None => fitted(args),
+        None if args.set.is_empty() && args.adjust.is_empty() => fitted(args),
+        None => by_values(args),
     }
+}
+
+/// Writes values that are given, without a fit.
+fn by_values(args: &AddArgs) -> Result<Outcome> {
+    refuse_log("--out", Some(&args.out), &args.fit, &args.held_out.held_out)?;
+    let (vehicle, flights) = open(&args.reading, &args.fit, &args.held_out)?;
+    let name = &args.reading.vehicle;
+    let corrections = args.adjust.iter().map(|put| Put { correction: true, ..put.clone() });
+    let puts: Vec<Put> = args.set.iter().cloned().chain(corrections).collect();
+    let filed = Filed { label: name, vehicle: &vehicle, text: text_of(name)? };
+    let (text, _, remarks) = completed_by(&filed, &flights, "propwash add", &puts, &args.expression)?;
+    accept_and_say(args, &text)?;
+    if args.json {
+        return print_json(
+            &json!({ "vehicle": name, "out": &args.out, "values": puts.len(), "remarks": remarks }),
+        )
+        .map(|()| Outcome::Fine);
+    }
+    for put in &puts {
+        print(put)?;
+    }
+    for remark in remarks {
+        print(format_args!("warning: {remark}"))?;
+    }
+    Ok(Outcome::Fine)
 }
 
 fn fitted(args: &AddArgs) -> Result<Outcome> {

@@ -33,6 +33,7 @@ use propwash_physics::effects::Group;
 use propwash_vehicle::Vehicle;
 use serde::Serialize;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 pub use history::HistoryStep;
 pub use own::Axis;
@@ -171,10 +172,19 @@ impl Session {
     pub fn find(&mut self, watch: &Watch) -> Result<()> {
         let text = own::with_all(&self.label, &self.text, &self.now.base.own)?;
         let vehicle = Vehicle::from_toml(&self.filed.name, &text)?;
-        let settings = Settings { no_advice: true, watch: *watch, ..Settings::default() };
+        // A search starts anew from several points: seen from outside it only goes on.
+        let done = AtomicUsize::new(0);
+        let told = |now: usize, of: usize| {
+            if now < of {
+                let total = of + LATER;
+                watch.done(done.fetch_add(1, Ordering::Relaxed).min(total - 1), total);
+            }
+        };
+        let inner = Watch { progress: Some(&told), ..*watch };
+        let settings = Settings { no_advice: true, no_ladder: true, watch: inner, ..Settings::default() };
         let filed = Filed { label: &self.label, vehicle: &vehicle, text };
         let parted = self.now.parted.clone();
-        let found = fitted::fit(filed, &parted, &settings, BY, Calibrate::Show)?;
+        let found = fitted::fit(filed, &parted, &settings, BY, Calibrate::No)?;
         watch.check()?;
         let (diagnosed, after) = (found.diagnosed, found.after);
         let proposals = live::proposals::all(&diagnosed);
@@ -182,8 +192,11 @@ impl Session {
             Live::over(&diagnosed.model, proposals, &self.now.seen, (&self.filed, after.as_ref()))?;
         shown.judged_on = live::judged_on(&parted).into();
         watch.check()?;
-        let model = diagnosed.model.clone();
+        let mut model = diagnosed.model.clone();
         let own = self.now.base.own.clone();
+        for o in &own {
+            model.candidates.iter_mut().filter(|c| c.id == o.name).for_each(|c| c.title = o.title());
+        }
         let fit = Arc::new(Fitted::new(diagnosed, true)?);
         let base = Base { model, fit: Some(fit), live: Arc::new(shown), own };
         let setting = present::Setting::filed(base.model.filed());
@@ -192,6 +205,7 @@ impl Session {
         for name in self.now.base.own.iter().map(|o| o.name.clone()).collect::<Vec<_>>() {
             self.offered(&name)?;
         }
+        watch.done(1, 1);
         Ok(())
     }
 
@@ -205,7 +219,11 @@ impl Session {
         let set = self.now.setting.set();
         let mut model = base.model.clone();
         let drone = drone_for(&self.tracks[0], &self.filed)?;
-        let logs = prepared(&self.now.parted, &drone);
+        let mut logs = prepared(&self.now.parted, &drone);
+        if logs.iter().any(|l| l.around.cable.is_some()) {
+            let (values, chosen) = (&self.now.setting.values, &self.now.setting.on);
+            crate::cable::reattach(&mut logs, &model.plain_at(values, chosen));
+        }
         let fresh = || -> Result<Diagnosed> {
             let ids = set.iter().map(|c| base.model.candidates[*c].id.clone()).collect();
             let text = own::with_all(&self.label, &self.text, &base.own)?;
@@ -215,7 +233,8 @@ impl Session {
             Ok(diagnose(&self.now.parted.fit, &vehicle, &settings)?)
         };
         let again = |fit: &Fitted, model: &mut Model| -> Result<Option<Solution>, GapError> {
-            if forces_only(&logs) {
+            // Logs of another fit had other noise, clocks and weather.
+            if forces_only(&logs) || self.now.fitted.as_ref() != Some(&self.now.uses) {
                 let solution = solve::solve(&logs, model, Some(&set), watch)?;
                 return Ok(Some(solve::with_scatter(model, solution)?));
             }
@@ -396,6 +415,9 @@ impl Session {
         Ok(plan(&self.filed, &Request { want, sensors, drive, ..request.clone() })?)
     }
 }
+
+/// Linearisations of a search beyond those from the file, about.
+const LATER: usize = 6;
 
 /// The command in whose name files are written.
 const BY: &str = "propwash add";

@@ -144,6 +144,11 @@ impl Own {
         self.slab
     }
 
+    /// What it is, in words.
+    pub fn title(&self) -> String {
+        format!("{} = {}", self.axis.name(), self.text)
+    }
+
     /// Whether the user wrote the coefficient.
     fn has_coefficient(&self) -> bool {
         let name = |c: char| c.is_ascii_alphanumeric() || c == '_';
@@ -250,7 +255,7 @@ fn with_candidate(model: &Model, own: &Own) -> Result<Model, GapError> {
     let candidates = propwash_physics::effects::expression::candidates(&drone);
     let candidate = candidates.into_iter().find(|c| c.id == own.name);
     let mut candidate = candidate.ok_or_else(|| fault("it has no coefficient".into()))?;
-    candidate.title = format!("{} = {}", own.axis.name(), own.text);
+    candidate.title = own.title();
     let mut out = model.clone();
     out.drone.effects.push(*effect);
     out.listed.push(false);

@@ -74,6 +74,11 @@ impl Session {
         let report = match self.now.base.fit.as_ref().filter(|f| f.searched) {
             Some(fit) => {
                 let mut report = Report::of_diagnosis(&fit.diagnosed, parted, &self.filed, after)?;
+                let mut rungs = vec![("as filed".to_string(), self.filed.clone())];
+                rungs.extend(after.map(|v| ("with what is on".to_string(), v.clone())));
+                if let Some(d) = &mut report.diagnosis {
+                    d.ladder = parted.ladder(&rungs)?;
+                }
                 report.warnings.push(format!("saved after: {}", self.history.words().join("; ")));
                 report
             }
@@ -124,7 +129,7 @@ impl Session {
 }
 
 /// Lines of two texts: kept, added, removed, by the longest common part. Removed lines come before those in their place.
-fn diff(old: &str, new: &str) -> Vec<Line> {
+pub(super) fn diff(old: &str, new: &str) -> Vec<Line> {
     let (a, b): (Vec<&str>, Vec<&str>) = (old.lines().collect(), new.lines().collect());
     let head = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
     let tail = a[head..].iter().rev().zip(b[head..].iter().rev()).take_while(|(x, y)| x == y).count();
