@@ -97,6 +97,39 @@ fn the_true_values_lie_within_five_standard_deviations() {
     }
 }
 
+/// By a collective thrust alone, thrust and mass can only be told by their ratio. Scales say which it is.
+#[test]
+fn a_weighed_mass_leaves_the_thrust_to_be_wrong() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+    let text = std::fs::read_to_string(path).unwrap();
+    let weighed = text.replacen("mass_kg = 0.75\n", "mass_kg = 0.75\nsigma = { mass_kg = 0.001 }\n", 1);
+    let ids = |text: &str| {
+        let vehicle = Vehicle::from_toml("quad", text).unwrap();
+        let mut plan = Plan::exciting(&vehicle, &["thrust_scale"], SECONDS, 4);
+        plan.sensors = Sensors::with(Inputs::Thrust);
+        let flight = planted::fly(&plan).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("flight.csv");
+        flight.write(&file).unwrap();
+        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+        let d = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+        let first = d.findings.first().unwrap_or_else(|| panic!("{}", d.verdict));
+        let alike = first.look_alikes.iter().flat_map(|l| l.ids.clone()).collect::<Vec<_>>();
+        (first.id.clone(), alike, d.warnings)
+    };
+    let (_, alike, warnings) = ids(&text);
+    assert!(alike.iter().any(|id| ["wrong_mass", "thrust_scale"].contains(&id.as_str())), "{alike:?}");
+    assert!(!warnings.iter().any(|w| w.contains("wrong_mass was not searched")), "{warnings:?}");
+    let (first, alike, warnings) = ids(&weighed);
+    assert_eq!(first, "thrust_scale");
+    assert!(!alike.iter().any(|id| id == "wrong_mass"), "{alike:?}");
+    assert!(
+        warnings
+            .iter()
+            .any(|w| w.contains("mass_kg = 0.75 ± 0.001") && w.contains("wrong_mass was not searched"))
+    );
+}
+
 /// A lean of the motion capture's world by 0.02 rad shifts a position 4 m from the origin by 80 mm: where a window may start must not be
 /// held near the measured position, which took a quarter to four fifths of the lean of large vehicles away.
 #[test]

@@ -239,7 +239,7 @@ pub fn compare(tracks: &[Track], vehicle: &Vehicle) -> Result<Comparison, GapErr
     let departs = replayed.iter().any(|r| !r.agrees) && replayed.iter().all(|r| r.other_rotors.is_none());
     let (within_tolerance, parts): (_, Vec<Part>) = rayon::join(
         // A failed fit does not invalidate the comparison itself.
-        || departs.then(|| within_tolerance(tracks, &inputs).ok().flatten()).flatten(),
+        || departs.then(|| within_tolerance(tracks, &inputs, vehicle).ok().flatten()).flatten(),
         || replayed.into_par_iter().map(|r| r.compared(vehicle)).collect(),
     );
     let pooled = (parts.len() > 1).then(|| pool(&parts));

@@ -62,11 +62,11 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     let mut logs: Vec<Prepared> = tracks.iter().map(|t| Prepared::new(t, &drone)).collect();
     wiring::check(&logs, &drone)?;
     let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
-    let mut model = Model::new(&drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?;
+    let mut model = Model::new(&drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?.held_to(vehicle);
     let given = settings.given.as_ref().map(|ids| indices(&model, ids)).transpose()?;
     if let Some(ids) = &settings.only {
         let chosen = indices(&model, ids)?;
-        model.may = (0..model.candidates.len()).map(|c| chosen.contains(&c)).collect();
+        model.may = (0..model.candidates.len()).map(|c| model.may[c] && chosen.contains(&c)).collect();
     }
     let watch = &settings.watch;
     let mut less = LeftOut { watch, why: Vec::new() };

@@ -11,13 +11,18 @@ use super::model::Model;
 use super::replay::Inputs;
 use super::solve::{Solution, glance};
 use super::track::Track;
+use propwash_vehicle::Vehicle;
 
 /// Whether parameters within the vehicle's tolerances explain its residuals on flights; `None` where too little of them is
 /// usable.
 ///
 /// # Errors
 /// [`GapError`] where the vehicle lacks the dynamics or a value is not finite.
-pub(super) fn within_tolerance(tracks: &[Track], inputs: &[Inputs]) -> Result<Option<bool>, GapError> {
+pub(super) fn within_tolerance(
+    tracks: &[Track],
+    inputs: &[Inputs],
+    vehicle: &Vehicle,
+) -> Result<Option<bool>, GapError> {
     let (Some(first), Some(Inputs { drone, .. })) = (tracks.first(), inputs.first()) else { return Ok(None) };
     if tracks.iter().any(|t| t.dynamics != first.dynamics) {
         return Ok(None);
@@ -25,7 +30,7 @@ pub(super) fn within_tolerance(tracks: &[Track], inputs: &[Inputs]) -> Result<Op
     let of_log = |(t, i): (_, &Inputs)| Prepared::of(t, i.around.clone(), i.raw.clone(), drone);
     let logs: Vec<Prepared> = tracks.iter().zip(inputs).map(of_log).collect();
     let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
-    let mut model = Model::new(drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?;
+    let mut model = Model::new(drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?.held_to(vehicle);
     let Some(solution) = glance(&logs, &mut model)? else { return Ok(None) };
     Ok(Some(solution.set.is_empty() && !unexplained(&logs, &model, &solution)))
 }

@@ -48,6 +48,7 @@ mod slow_errors;
 mod solve;
 mod speak;
 mod starts;
+mod stated;
 pub mod track;
 mod unseen;
 mod usable;

@@ -5,6 +5,7 @@ use super::GapError;
 use super::inputs::Smoothing;
 use super::policy::{SMOOTHED_TIMING, UNKNOWN_ANSWER};
 use super::replay::Around;
+use super::stated::Held;
 use super::track::{Drive, Track};
 use propwash_flight::clean;
 use propwash_physics::airframe;
@@ -77,6 +78,8 @@ pub(crate) struct Model {
     pub not_tried: Vec<(String, String)>,
     /// Candidates that these logs can only determine one at a time.
     pub never_both: Vec<usize>,
+    /// Candidates that are held to what the vehicle file states.
+    pub held: Vec<Held>,
 }
 
 /// Least share of its nominal value of a time constant, a mass or an inertia: a factor of ten is another vehicle.
@@ -96,6 +99,7 @@ impl Model {
             shapes: Vec::new(),
             not_tried: Vec::new(),
             never_both: Vec::new(),
+            held: Vec::new(),
         }
     }
 
@@ -261,6 +265,14 @@ impl Model {
             parameters,
             not_tried: self.not_tried.clone(),
             never_both: (0..kept.len()).filter(|i| self.never_both.contains(&kept[*i])).collect(),
+            held: self
+                .held
+                .iter()
+                .filter_map(|h| {
+                    let candidate = kept.iter().position(|c| *c == h.candidate)?;
+                    Some(Held { candidate, ..h.clone() })
+                })
+                .collect(),
         }
     }
 

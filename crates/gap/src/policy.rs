@@ -106,6 +106,9 @@ pub(crate) const CERTAIN_ALONE_NATS: f64 = WEAK_NATS;
 /// found beside a downwash with 13 nats.
 pub(crate) const NAMED_SIGMAS: f64 = 1.96;
 
+/// Standard deviations beyond which an estimate speaks against what the vehicle file states: three, as for outliers.
+pub(crate) const AGAINST_STATED_SIGMAS: f64 = 3.0;
+
 /// Evidence, in nats, below which an effect is tentatively left out with a new fit: it may exist only because the model was
 /// linearised with it.
 pub(crate) const WEAK_NATS: f64 = 40.0;

@@ -88,7 +88,11 @@ pub(super) fn speak(
         second: opinion::selection(model, &witness),
         dispersion: solution.dispersion,
         per_log: differences(logs, model, solution)?,
-        warnings: tracks.iter().flat_map(|t| t.warnings.iter().map(move |w| name(t, w))).collect(),
+        warnings: tracks
+            .iter()
+            .flat_map(|t| t.warnings.iter().map(move |w| name(t, w)))
+            .chain(model.say_held(&solution.posterior.mean))
+            .collect(),
     })
 }
 

@@ -1,7 +1,7 @@
 //! Checks the linearisation against finite differences, on a simulated flight.
 
 use super::fit::{Cut, Prepared, Starts, linearise};
-use super::model::{Enters, Model};
+use super::model::{Enters, Model, Parameter};
 use super::replay::{Around, Raw, STEP, drive};
 use super::slow_errors::slow_errors;
 use super::track::{Options, Track};
@@ -72,6 +72,67 @@ fn made() -> (Vehicle, Drone<f64>, Track) {
     let options = Options { ceiling_z_m: Some(3.0), ..Options::default() };
     let track = Track::new(flight(&drone, 3), &vehicle, &options).unwrap();
     (vehicle, drone, track)
+}
+
+#[test]
+fn what_the_file_states_with_a_sigma_is_a_prior_and_is_not_searched() {
+    let text = include_str!("../../../tests/data/planted_quad.toml")
+        .replacen("mass_kg = 0.75\n", "mass_kg = 0.75\nsigma = { mass_kg = 0.003, inertia_kg_m2.0.0 = 5e-5 }\n", 1)
+        .replacen("radius_m = 0.0635\n", "radius_m = 0.0635\nsigma = { thrust_curve_n_per_rad_s.2 = 3.2e-8, time_constant_up_s = 0.003 }\n", 1)
+        .replacen(
+            "kind = \"linear_drag\"\n",
+            "kind = \"linear_drag\"\nsigma = { drag_n_s_per_m = [[0.01, 0.0, 0.0], [0.0, 0.02, 0.0], [0.0, 0.0, 0.03]] }\n",
+            1,
+        );
+    let measured = Vehicle::from_toml("quad", &text).unwrap();
+    let (drone, track) = (measured.drone("first_principles").unwrap(), made().2);
+    let around = Around::new(&track, &drone);
+    let of = |vehicle: &Vehicle| Model::new(&drone, &[&track], &[&around]).unwrap().held_to(vehicle);
+    let model = of(&measured);
+    let prior = |kind: &str, name: &str| {
+        let of = |p: &&Parameter| model.candidates[p.candidate].kind == kind && p.name == name;
+        let p = model.parameters.iter().find(of).unwrap();
+        (p.spike, model.may[p.candidate])
+    };
+    let near = |(sigma, may): (f64, bool), expected: (f64, bool)| {
+        assert!(
+            (sigma / expected.0 - 1.0).abs() < 1e-9 && may == expected.1,
+            "{sigma} {may}, expected {expected:?}"
+        );
+    };
+    near(prior("wrong_mass", "factor"), (0.004, false));
+    near(prior("wrong_inertia", "factor.0"), (0.02, false));
+    near(prior("thrust_scale", "factor"), (0.02, false));
+    near(prior("linear_drag", "drag_n_s_per_m.1.1"), (0.02, false));
+    // Of two times one is stated: the other is searched, and so are both.
+    near(prior("motor_lag", "spin_up_factor"), (0.1, true));
+    let plain = Model::new(&drone, &[&track], &[&around]).unwrap();
+    let as_before = |name: &str| {
+        let k = model.parameters.iter().position(|p| p.name == name).unwrap();
+        assert_eq!(model.parameters[k].spike, plain.parameters[k].spike, "{name}");
+    };
+    ["factor.1", "factor.2", "spin_down_factor"].into_iter().for_each(as_before);
+
+    let mut values = model.filed();
+    let said = model.say_held(&values);
+    assert!(
+        said.iter().any(|w| w.contains("body.mass_kg = 0.75 ± 0.003: held to that, wrong_mass")),
+        "{said:?}"
+    );
+    let mass = model.parameters.iter().position(|p| p.name == "factor" && p.spike == 0.004).unwrap();
+    values[mass] = 1.02;
+    let said = model.say_held(&values);
+    assert!(said.iter().any(|w| w.contains("5.0 of its sigmas higher (wrong_mass)")), "{said:?}");
+
+    // What a fit wrote is none.
+    let log = format!("kind = \"linear_drag\"\nsource_log_sha256 = \"{}\"\n", "0".repeat(64));
+    let fitted = text.replacen("kind = \"linear_drag\"\n", &log, 1);
+    let model = of(&Vehicle::from_toml("quad", &fitted).unwrap());
+    assert!(
+        model.held.iter().all(|h| model.candidates[h.candidate].kind != "linear_drag"),
+        "{:?}",
+        model.held
+    );
 }
 
 #[test]

@@ -132,7 +132,7 @@ impl Session {
             rayon::join(|| live::judged_flights(&parted, vehicle), || prepared(&parted, &drone));
         let (seen, logs) = (Arc::new(seen?), logs);
         wiring::check(&logs, &drone)?;
-        let model = model_of(&logs, &drone)?;
+        let model = model_of(&logs, &drone, vehicle)?;
         drop(logs);
         let mut shown = Live::over(&model, Vec::new(), &seen, (vehicle, None))?;
         shown.judged_on = live::judged_on(&parted).into();
@@ -335,6 +335,16 @@ impl Session {
                     }
                     .into());
                 };
+                // The model divides by it: nearer to zero another vehicle flies, or none.
+                if let Some(least) = base.model.least(k).filter(|least| value < *least) {
+                    return Err(GapError::Log {
+                        log: format!("{effect}.{parameter}"),
+                        expected: format!("at least {least}"),
+                        found: value.to_string(),
+                        remedy: "give a larger value".into(),
+                    }
+                    .into());
+                }
                 for c in list.iter().filter(|x| !setting.on.contains(x)).copied().collect::<Vec<_>>() {
                     setting.on.push(c);
                 }
@@ -344,7 +354,7 @@ impl Session {
                 }
                 setting.by_hand.retain(|x| *x != k);
                 setting.by_hand.push(k);
-                setting.values[k] = base.model.least(k).map_or(value, |least| value.max(least));
+                setting.values[k] = value;
                 setting.sigma[k] = f64::NAN;
             }
         }
@@ -448,10 +458,14 @@ fn prepared<'a>(parted: &'a Flights, drone: &propwash_physics::drone::Drone<f64>
     parted.fit.par_iter().map(|t| Prepared::new(t, drone)).collect()
 }
 
-fn model_of(logs: &[Prepared], drone: &propwash_physics::drone::Drone<f64>) -> Result<Model, GapError> {
+fn model_of(
+    logs: &[Prepared],
+    drone: &propwash_physics::drone::Drone<f64>,
+    vehicle: &Vehicle,
+) -> Result<Model, GapError> {
     let tracks: Vec<&Track> = logs.iter().map(|l| l.track).collect();
     let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
-    Model::new(drone, &tracks, &arounds)
+    Ok(Model::new(drone, &tracks, &arounds)?.held_to(vehicle))
 }
 
 /// A setting with everything at its estimate beside the effects that are on, but for what was set by hand.

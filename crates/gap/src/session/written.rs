@@ -110,7 +110,7 @@ pub fn completed_by(
     let Some(first) = flights.fit.first() else { return Err(super::no_flight().into()) };
     let drone = drone_for(first, &vehicle)?;
     let logs: Vec<Prepared> = flights.fit.iter().map(|t| Prepared::new(t, &drone)).collect();
-    let model = super::model_of(&logs, &drone)?;
+    let model = super::model_of(&logs, &drone, &vehicle)?;
     let (entries, corrections) = sorted(&model, puts)?;
     let mut completion = Completion::new(&vehicle, text, filed.label, first.dynamics, source(flights, by));
     for entry in &entries {
