@@ -40,6 +40,7 @@ fn there_is_a_test_for_every_example() {
         "custom_stage.rs",
         "fly_and_see.rs",
         "hidden_flight.rs",
+        "own_backend.rs",
         "own_effect.rs",
         "own_sensor.rs",
         "own_task.rs",
@@ -54,6 +55,38 @@ fn own_sensor() {
     let said = example("own_sensor", &[]);
     let (fall, truth) = (number(&said, "falls by"), number(&said, "atmosphere"));
     assert!((truth - 60.0).abs() < 2.0 && (fall - truth).abs() < 2.0, "{said}");
+}
+
+#[test]
+fn own_backend() {
+    let said = example("own_backend", &[]);
+    let off = |digits: u32| number(&said, &format!("with {digits} binary digits the climb is"));
+    assert!(off(52) < 1e-3 && off(23) < 0.1, "{said}");
+    assert!(off(23) < off(16) && off(16) < off(10) && off(10) > 10.0, "{said}");
+}
+
+#[test]
+fn own_vehicle() {
+    let dir = tempfile::tempdir().unwrap();
+    let out = dir.path().join("data");
+    let flown = Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args("fly --scene room --drone examples/own_vehicle/hexa.toml --trajectory circle --seconds 3 --size 32x24 --out".split(' '))
+        .arg(&out)
+        .output()
+        .unwrap();
+    assert!(flown.status.success(), "{}", String::from_utf8_lossy(&flown.stderr));
+    let data = propwash::dataset::Dataset::open(&out).unwrap();
+    assert_eq!(data.manifest().vehicles[0].n_rotors, 6);
+    let world = data.world(0).unwrap();
+    assert!(world.record().quarantine.is_none());
+    // It follows the circle at its height, by its own controller.
+    let states = world.states(Some(&["pz", "ref_z"])).unwrap();
+    let off =
+        states.column("pz").unwrap().iter().zip(states.column("ref_z").unwrap()).map(|(a, b)| (a - b).abs());
+    assert!(off.fold(0.0, f64::max) < 0.1);
+    // Others see and touch its own shell.
+    assert!(data.manifest().geoms.iter().any(|g| g.name == "drone0/rotor_front_right"));
 }
 
 #[test]

@@ -12,6 +12,7 @@ import pytest
 from conftest import ROOT
 
 import propwash
+import propwash.envs
 
 TESTED = {"own_dataset.py", "own_task.py", "raptor.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
 
@@ -41,6 +42,20 @@ def test_a_task_of_ones_own_is_flown(tmp_path):
     hits = dict(re.findall(r"(.+): hit in (\d+) %", said))
     assert int(hits["holds its place"]) > 90 and int(hits["gives way"]) < 10, said
     assert "Propwash/Dodge-v0, 64 episodes" in said and (tmp_path / "own_task.png").stat().st_size > 20_000
+
+
+def test_a_vehicle_of_ones_own_flies_and_learns():
+    hexa = str(ROOT / "examples/own_vehicle/hexa.toml")
+    sim = propwash.Sim(drone=hexa, scene="room")
+    sim.state_control(propwash.Command.hover([[[0.5, 0.0, 1.2]]]))
+    sim.step(2000)
+    assert np.abs(sim.data.pos[0, 0] - [0.5, 0.0, 1.2]).max() < 0.05, sim.data.pos
+    assert sim.data.rotor_vel.shape == (1, 1, 6) and sim.render_depth("fpv", (32, 24)).min() > 0.1
+    env = propwash.envs.DroneVectorEnv(4, "reach_pos", drone=hexa)
+    env.reset(seed=1)
+    for _ in range(5):
+        observed, reward, *_ = env.step(np.zeros(env.action_space.shape, np.float32))
+    assert np.isfinite(reward).all() and np.isfinite(observed["pos"]).all()
 
 
 def test_a_policys_flights_become_a_data_set(tmp_path):

@@ -6,6 +6,7 @@
 
 #![forbid(unsafe_code)]
 
+mod backend;
 mod blocks;
 mod data;
 mod equations;
@@ -22,6 +23,7 @@ mod traced;
 pub mod trajectory;
 mod views;
 
+pub use backend::{Backend, PreparedStep};
 pub use data::SimData;
 pub use equations::{Equations, WorldEquations};
 pub use error::RolloutError;

@@ -1,5 +1,8 @@
 //! The batched simulation.
 
+use std::sync::Arc;
+
+use super::backend::Backend;
 use super::blocks::{Block, Phase, non_finite};
 use super::equations::Equations;
 use super::lanes::{Lanes, Options as LaneOptions};
@@ -381,6 +384,22 @@ impl<N: Number> Sim<N> {
                 }
             }
         }
+        Ok(())
+    }
+
+    /// Lets a backend of your own run the steps, or with `None` kernels and byte code again. It takes effect with the next step.
+    ///
+    /// # Errors
+    /// [`RolloutError::Option`] for a simulation that flies by [`Engine::Reference`], whose steps no code is traced from.
+    pub fn set_backend(&mut self, backend: Option<Arc<dyn Backend<N>>>) -> Result<(), RolloutError> {
+        let Some(lanes) = &mut self.lanes else {
+            return Err(RolloutError::Option {
+                name: "engine",
+                expected: "`lanes`, for a backend to run the steps".into(),
+                got: format!("{:?}, which computes them by the equations", self.options.engine),
+            });
+        };
+        lanes.set_backend(backend);
         Ok(())
     }
 

@@ -146,6 +146,33 @@ fn slot<S: Real>(home: &[S], effects: usize) -> Slot<S> {
     }
 }
 
+/// What goes into a step: parameters, then the numbers of the home by place.
+fn inputs(n_fixed: usize, n_places: usize, first_neighbour: u32) -> Vec<Input> {
+    let mut inputs: Vec<Input> = (0..n_fixed).map(|k| Input::Fixed(k as u32)).collect();
+    for p in 0..n_places as u32 {
+        let in_neighbour = (p.wrapping_sub(first_neighbour)) % place::NEIGHBOUR;
+        inputs.push(match p {
+            _ if p >= first_neighbour && in_neighbour < 6 => Input::Fresh(p),
+            _ if p >= first_neighbour => Input::Given(p),
+            place::TIME..place::EFFECTS => Input::Fresh(p),
+            place::ROTOR_COMMAND..place::TIME => Input::Given(p),
+            _ => Input::Carried(p),
+        });
+    }
+    inputs
+}
+
+/// The `j`-th other drone among the numbers of the home.
+fn neighbour(home: &[Sym], first_neighbour: u32, j: usize) -> Neighbour<Sym> {
+    let first = (first_neighbour + j as u32 * place::NEIGHBOUR) as usize;
+    Neighbour {
+        pos: core::array::from_fn(|i| home[first + i]),
+        vel: core::array::from_fn(|i| home[first + 3 + i]),
+        weight_n: home[first + 6],
+        disc_radius_m: home[first + 7],
+    }
+}
+
 /// The step of `drone` as a graph of its inputs, and what goes in and out. A parameter of exactly 0, 1 or −1 may stand in the
 /// graph as such, unless `varies` says that it differs between drones.
 pub(super) fn graph(
@@ -166,17 +193,7 @@ pub(super) fn graph(
     let first_neighbour = place::EFFECTS + effects as u32;
     let n_places = first_neighbour as usize + shape.neighbours * place::NEIGHBOUR as usize;
 
-    let mut inputs: Vec<Input> = (0..n_fixed).map(|k| Input::Fixed(k as u32)).collect();
-    for p in 0..n_places as u32 {
-        let in_neighbour = (p.wrapping_sub(first_neighbour)) % place::NEIGHBOUR;
-        inputs.push(match p {
-            _ if p >= first_neighbour && in_neighbour < 6 => Input::Fresh(p),
-            _ if p >= first_neighbour => Input::Given(p),
-            place::TIME..place::EFFECTS => Input::Fresh(p),
-            place::ROTOR_COMMAND..place::TIME => Input::Given(p),
-            _ => Input::Carried(p),
-        });
-    }
+    let inputs = inputs(n_fixed, n_places, first_neighbour);
     let mut outputs = Vec::new();
     let graph = trace_finite(n_fixed + n_places, |x| {
         let (parameters, x) = x.split_at(n_fixed);
@@ -188,17 +205,8 @@ pub(super) fn graph(
         });
         let [dt_s, state_s, attitude_s, body_rate_s] = core::array::from_fn(|i| parameters[n_fixed - 4 + i]);
         let mut slot = slot(x, effects);
-        let neighbours: Vec<Neighbour<Sym>> = (0..shape.neighbours)
-            .map(|j| {
-                let first = first_neighbour + j as u32 * place::NEIGHBOUR;
-                Neighbour {
-                    pos: core::array::from_fn(|i| at(first, i)),
-                    vel: core::array::from_fn(|i| at(first + 3, i)),
-                    weight_n: at(first, 6),
-                    disc_radius_m: at(first, 7),
-                }
-            })
-            .collect();
+        let neighbours: Vec<Neighbour<Sym>> =
+            (0..shape.neighbours).map(|j| neighbour(x, first_neighbour, j)).collect();
         if controls {
             let periods = mellinger::Periods { state: state_s, attitude: attitude_s, body_rate: body_rate_s };
             slot.control(&drone, shape.mode, shape.due, &periods);

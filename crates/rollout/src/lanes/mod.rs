@@ -8,8 +8,9 @@
 mod arrays;
 mod pack;
 mod plan;
+mod runner;
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use fearless_simd::Level;
 
@@ -18,6 +19,7 @@ use pack::Pool;
 use plan::{Kind, Plan, kinds};
 
 use super::SimData;
+use super::backend::Backend;
 use super::blocks::Phase;
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
@@ -54,11 +56,15 @@ pub(super) struct Options {
 #[derive(Debug)]
 pub(super) struct Lanes<N: Number> {
     kinds: Vec<Kind<N>>,
+    /// The user's, instead of kernels and byte code.
+    backend: Option<Arc<dyn Backend<N>>>,
     arrays: Arrays,
     /// Rows whose parameters changed since their tables were filled; `None` for all.
     changed: Option<Vec<usize>>,
     /// Counts fillings of tables.
     stamp: u64,
+    /// Where the memory of a slot's effects begins within that of its world; kept, so that no call allocates.
+    effects_from: Vec<usize>,
     /// One per thread, so that none waits.
     scratch: Vec<Mutex<Scratch<N>>>,
     /// The instructions that are used.
@@ -69,9 +75,11 @@ impl<N: Number> Default for Lanes<N> {
     fn default() -> Self {
         Self {
             kinds: Vec::new(),
+            backend: None,
             arrays: Arrays::default(),
             changed: None,
             stamp: 0,
+            effects_from: Vec::new(),
             scratch: Vec::new(),
             level: level(),
         }
@@ -122,6 +130,12 @@ struct Shared<'a, N: Number> {
 }
 
 impl<N: Number> Lanes<N> {
+    /// Another way to run the code of steps: a backend of the user's, or with `None` kernels and byte code.
+    pub fn set_backend(&mut self, backend: Option<Arc<dyn Backend<N>>>) {
+        self.backend = backend;
+        self.forget_tables();
+    }
+
     /// Parameters of all drones may have changed.
     pub fn forget_tables(&mut self) {
         self.changed = None;
@@ -154,26 +168,13 @@ impl<N: Number> Lanes<N> {
         while self.scratch.len() < threads + 1 {
             self.scratch.push(Mutex::default());
         }
-        let mut effects_from = [0usize; 64];
-        let many;
         let dt = 1.0 / f64::from(options.sim_hz);
+        self.effects_from.clear();
         let mut n_effects = 0;
-        let from: &[usize] = if nominal.len() <= effects_from.len() {
-            for (slot, drone) in effects_from.iter_mut().zip(nominal) {
-                *slot = n_effects;
-                n_effects += drone.memory_len(dt);
-            }
-            &effects_from[..nominal.len()]
-        } else {
-            many = nominal
-                .iter()
-                .map(|drone| {
-                    n_effects += drone.memory_len(dt);
-                    n_effects - drone.memory_len(dt)
-                })
-                .collect::<Vec<_>>();
-            &many
-        };
+        for drone in nominal {
+            self.effects_from.push(n_effects);
+            n_effects += drone.memory_len(dt);
+        }
         let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
         let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
         let lanes = if compiled { N::Cell::LANES } else { N::Four::LANES };
@@ -197,7 +198,7 @@ impl<N: Number> Lanes<N> {
             seeds,
             nominal,
             own,
-            effects_from: from,
+            effects_from: &self.effects_from,
             worlds_at_once,
             parallel: threads > 1 && work >= SERIAL_LIMIT,
         };
@@ -255,24 +256,15 @@ impl<N: Number> Lanes<N> {
                 kind.typical = fixed(drone(kind.slots[0]), rate, options.sim_hz);
                 kind.varies = vec![false; kind.typical.len()];
             }
-            // Which numbers of some drone of this kind are not those that the table was filled with.
-            let mut more = false;
-            let mut differ = |row: usize| {
-                let numbers = fixed(drone(row), rate, options.sim_hz);
-                for ((varies, a), b) in kind.varies.iter_mut().zip(&kind.typical).zip(&numbers) {
-                    if !*varies && a.to_bits() != b.to_bits() {
-                        (*varies, more) = (true, true);
-                    }
-                }
-            };
+            let numbers = |row: usize| fixed(drone(row), rate, options.sim_hz);
             let mine = |row: &usize| kind.slots.contains(&(row % nominal.len()));
-            match own {
-                Some(_) if all => (0..n_rows).filter(mine).for_each(&mut differ),
-                Some(_) => changed.iter().copied().filter(mine).for_each(&mut differ),
-                None if all => kind.slots.iter().copied().for_each(&mut differ),
-                None => {}
-            }
-            if more {
+            let rows: Vec<usize> = match own {
+                Some(_) if all => (0..n_rows).filter(mine).collect(),
+                Some(_) => changed.iter().copied().filter(mine).collect(),
+                None if all => kind.slots.clone(),
+                None => Vec::new(),
+            };
+            if kind.note_differences(&rows, numbers) {
                 kind.plans.clear();
             }
             let dues = kind.dues.clone();
@@ -289,13 +281,11 @@ impl<N: Number> Lanes<N> {
                     };
                     let schedule = scheduled(&nominal[kind.slots[0]], &shape, &|k| kind.varies[k]);
                     let scratch = kind.n_home + kind.plans.iter().map(|p| p.program.len).sum::<usize>();
-                    kind.plans.push(Plan::new(&shape, schedule, scratch));
+                    kind.plans.push(Plan::new(&shape, schedule, scratch, self.backend.as_deref()));
                     let plan = kind.plans.last_mut();
                     if let Some(plan) = plan {
                         plan.fill(&kind.typical, &kind.varies, kind.slots.len() * n_worlds);
-                        plan.fill_rows(kind.slots.as_slice(), nominal.len(), n_worlds, None, |row| {
-                            fixed(drone(row), rate, options.sim_hz)
-                        });
+                        plan.fill_rows(&kind.slots, nominal.len(), n_worlds, None, numbers);
                     }
                     self.stamp += 1;
                 }
@@ -303,9 +293,7 @@ impl<N: Number> Lanes<N> {
             if !changed.is_empty() {
                 self.stamp += 1;
                 for plan in &mut kind.plans {
-                    plan.fill_rows(kind.slots.as_slice(), nominal.len(), n_worlds, Some(changed), |row| {
-                        fixed(drone(row), rate, options.sim_hz)
-                    });
+                    plan.fill_rows(&kind.slots, nominal.len(), n_worlds, Some(changed), numbers);
                 }
             }
             kind.collect(&self.arrays);

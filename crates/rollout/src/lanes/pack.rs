@@ -421,15 +421,12 @@ impl<C: Interpret> Pack<C> {
                 self.file[plan.scratch + *entry as usize].set(lane, plan.rows[at]);
             }
         }
-        let entries = plan.entries::<C>(shared.level);
+        let (runner, level) = (plan.runner::<C>(shared.level), shared.level);
         if span.first || !plan.enter.often.is_empty() {
             for (from, to) in plan.enter.all_or_often(span.first) {
                 self.file[*to as usize] = self.file[*from as usize];
             }
-            match &entries {
-                Some(kernel) => (kernel.call)(shared.level, &mut self.file[plan.scratch..]),
-                None => C::interpret(shared.level, &plan.program.call, &mut self.file, 1),
-            }
+            runner.call(level, plan, &mut self.file);
         }
         let once = plan.fresh.is_empty();
         for s in 0..if once { 1 } else { n } {
@@ -438,23 +435,10 @@ impl<C: Interpret> Pack<C> {
                 self.fresh(shared, view, around, *p, from + s, &mut cell);
                 self.file[*p as usize] = cell;
             }
-            let times = if once { n } else { 1 };
-            match &entries {
-                Some(kernel) => {
-                    let (home, scratch) = self.file.split_at_mut(plan.scratch);
-                    (kernel.step)(shared.level, home, scratch, times);
-                }
-                None => C::interpret(shared.level, &plan.program.step, &mut self.file, times),
-            }
+            runner.step(level, plan, &mut self.file, if once { n } else { 1 });
         }
         if span.last || plan.needs_epilogue {
-            match &entries {
-                Some(kernel) => {
-                    let (home, scratch) = self.file.split_at_mut(plan.scratch);
-                    (kernel.epilogue)(shared.level, home, scratch);
-                }
-                None => C::interpret(shared.level, &plan.program.epilogue, &mut self.file, 1),
-            }
+            runner.epilogue(level, plan, &mut self.file);
         }
         for (cell, to) in plan.leave.all_or_often(span.last) {
             self.file[*to as usize] = self.file[*cell as usize];

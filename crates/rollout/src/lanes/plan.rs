@@ -6,6 +6,8 @@ use super::super::blocks::Phase;
 use super::super::traced::{Shape, bare, place, relevant};
 use super::Options;
 use super::arrays::{Arrays, Columns, columns};
+use super::runner::Runner;
+use crate::backend::{Backend, PreparedStep};
 use propwash_kernels as kernels;
 use propwash_physics::controllers::{Due, Rates};
 use propwash_physics::drone::Drone;
@@ -44,6 +46,8 @@ pub(super) struct Plan<N> {
     pub(super) due: Due,
     pub(super) schedule: Schedule,
     pub(super) kernel: Option<&'static Kernel>,
+    /// What runs the code where the simulation has a backend of the user's, instead of kernel and byte code.
+    pub(super) prepared: Option<Box<dyn PreparedStep<N>>>,
     pub(super) program: Program,
     /// First cell of its scratch in the file of a pack.
     pub(super) scratch: usize,
@@ -135,9 +139,15 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
 
 impl<N: Number> Plan<N> {
     /// The plan of a step, whose scratch begins at cell `scratch` of the file.
-    pub(super) fn new(shape: &Shape, schedule: Schedule, scratch: usize) -> Self {
+    pub(super) fn new(
+        shape: &Shape,
+        schedule: Schedule,
+        scratch: usize,
+        backend: Option<&dyn Backend<N>>,
+    ) -> Self {
         let wanted = key(&schedule);
-        let kernel = kernels::ALL.iter().find(|k| k.key == wanted);
+        let prepared = backend.map(|b| b.prepare(&schedule));
+        let kernel = kernels::ALL.iter().find(|k| k.key == wanted && prepared.is_none());
         // Byte code too where there is a kernel: not all types of cells and levels have its functions.
         let program = Program::new(&schedule, scratch);
         let (mut reads, mut writes, mut fresh) = (Vec::new(), Vec::new(), Vec::new());
@@ -177,6 +187,7 @@ impl<N: Number> Plan<N> {
             due: shape.due,
             schedule,
             kernel,
+            prepared,
             program,
             scratch,
             reads,
@@ -195,6 +206,15 @@ impl<N: Number> Plan<N> {
     /// The kernel for cells of this type.
     pub(super) fn entries<C: Interpret<Number = N>>(&self, level: Level) -> Option<Entries<C>> {
         self.kernel.and_then(|k| C::entries(k, level))
+    }
+
+    /// What runs it on cells of this type.
+    pub(super) fn runner<C: Interpret<Number = N>>(&self, level: Level) -> Runner<'_, C> {
+        match (&self.prepared, self.entries::<C>(level)) {
+            (Some(step), _) => Runner::Backend(step.as_ref()),
+            (None, Some(entries)) => Runner::Kernel(entries),
+            (None, None) => Runner::ByteCode,
+        }
     }
 
     /// The table of the first drone, and which of its entries differ between drones.
@@ -246,6 +266,19 @@ impl<N: Number> Plan<N> {
 }
 
 impl<N: Number> Kind<N> {
+    /// Marks numbers of the drones in `rows` that are not those that the tables were filled with; true where there are more than before.
+    pub(super) fn note_differences(&mut self, rows: &[usize], numbers: impl Fn(usize) -> Vec<f64>) -> bool {
+        let mut more = false;
+        for row in rows {
+            for ((varies, a), b) in self.varies.iter_mut().zip(&self.typical).zip(&numbers(*row)) {
+                if !*varies && a.to_bits() != b.to_bits() {
+                    (*varies, more) = (true, true);
+                }
+            }
+        }
+        more
+    }
+
     /// What all plans together read and write.
     pub(super) fn collect(&mut self, arrays: &Arrays) {
         let n_plans = self.plans.len();
