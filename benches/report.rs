@@ -2,8 +2,6 @@
 //!
 //! `cargo xtask bench` runs it.
 
-#[path = "report/canvas.rs"]
-mod canvas;
 mod common;
 #[path = "report/plot.rs"]
 mod plot;

@@ -72,6 +72,8 @@ pub mod env;
 pub use propwash_page as page;
 #[cfg(feature = "lab")]
 pub mod lab;
+// Pictures: drawing, and PNG in and out.
+pub use propwash_picture as picture;
 pub mod view;
 
 pub mod cli;

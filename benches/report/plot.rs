@@ -1,8 +1,8 @@
 //! Steps per second by the number of worlds, a panel for each control mode.
 
+use propwash::picture::{Anchor, Canvas, Effort, Ink};
 use serde_json::Value;
 
-use super::canvas::{Anchor, Canvas, Ink};
 use super::common::Fallible;
 
 const SIZE: [u32; 2] = [1600, 640];
@@ -50,7 +50,7 @@ pub fn picture(lines: &[Value]) -> Fallible<Vec<u8>> {
     if modes.is_empty() || least <= 0.0 {
         return Err("no rates in what `steps` wrote: run it with the part `rates`".into());
     }
-    let mut canvas = Canvas::new(SIZE[0], SIZE[1])?;
+    let mut canvas = Canvas::new(SIZE[0], SIZE[1], [255; 3])?;
     let title = "Steps per second on one core, by the number of worlds";
     canvas.text([70.0, 52.0], 28.0, true, DARK, Anchor::Start, title);
     legend(&mut canvas);
@@ -76,12 +76,20 @@ pub fn picture(lines: &[Value]) -> Fallible<Vec<u8>> {
                     .map(|(worlds, rate)| [across.at(worlds), up.at(1e6 * rate)])
                     .collect();
                 canvas.line(&points, ink, 3.0, dashed);
-                points.iter().for_each(|point| canvas.disc(*point, 6.0, ink, dashed));
+                points.iter().for_each(|point| marker(&mut canvas, *point, ink, dashed));
             }
         }
     }
     canvas.text([0.5 * SIZE[0] as f32, 622.0], 19.0, false, SOFT, Anchor::Middle, "worlds");
-    canvas.encode()
+    Ok(canvas.png(Effort::Best)?)
+}
+
+/// A disc; hollow ones are white inside.
+fn marker(canvas: &mut Canvas, at: [f32; 2], ink: Ink, hollow: bool) {
+    canvas.disc(at, 6.0, ink);
+    if hollow {
+        canvas.disc(at, 0.55 * 6.0, [255; 3]);
+    }
 }
 
 fn legend(canvas: &mut Canvas) {
@@ -89,7 +97,7 @@ fn legend(canvas: &mut Canvas) {
     for ((_, who), ink) in WHO.into_iter().zip(INKS) {
         for (precision, dashed) in PRECISIONS.into_iter().zip([false, true]) {
             canvas.line(&[[x, 86.0], [x + 46.0, 86.0]], ink, 3.0, dashed);
-            canvas.disc([x + 23.0, 86.0], 6.0, ink, dashed);
+            marker(canvas, [x + 23.0, 86.0], ink, dashed);
             let words = format!("{who}, {precision}");
             x += 56.0 + canvas.text([x + 56.0, 93.0], 19.0, false, DARK, Anchor::Start, &words) + 34.0;
         }

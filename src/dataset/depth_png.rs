@@ -1,8 +1,10 @@
 //! 16-bit depth images.
 
-use std::fs::{self, File};
-use std::io::{BufReader, Write};
+use std::fs;
+use std::io::Write;
 use std::path::Path;
+
+use crate::picture::{PictureError, grey16_png, read_grey16};
 
 use super::error::{DatasetError, Result};
 use crate::flight::files;
@@ -80,37 +82,17 @@ pub(super) fn write(path: &Path, width: usize, height: usize, values: &[u16]) ->
 
 /// A 16-bit grey image as PNG; `path` is named in errors.
 fn image(path: &Path, width: usize, height: usize, values: &[u16]) -> Result<Vec<u8>> {
-    let mut image = Vec::new();
-    let mut encoder = png::Encoder::new(&mut image, width as u32, height as u32);
-    encoder.set_color(png::ColorType::Grayscale);
-    encoder.set_depth(png::BitDepth::Sixteen);
-    encoder.set_compression(png::Compression::Fast);
-    encoder.set_filter(png::Filter::Up);
-    let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_be_bytes()).collect();
-    let write = || -> Result<(), png::EncodingError> {
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&bytes)?;
-        writer.finish()
-    };
-    write().map_err(|error| DatasetError::damaged(path, "an image that PNG can hold", error))?;
-    Ok(image)
+    grey16_png(width as u32, height as u32, values)
+        .map_err(|error| DatasetError::damaged(path, "an image that PNG can hold", error))
 }
 
 /// Reads a 16-bit grey image: width, height, values row major.
 pub fn read(path: &Path) -> Result<(usize, usize, Vec<u16>)> {
-    let file = File::open(path).map_err(DatasetError::io(path))?;
-    let broken = |error: png::DecodingError| DatasetError::damaged(path, "a whole PNG image", error);
-    let mut reader = png::Decoder::new(BufReader::new(file)).read_info().map_err(broken)?;
-    let (color, depth) = (reader.info().color_type, reader.info().bit_depth);
-    if (color, depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
-        return Err(DatasetError::damaged(path, "16-bit grey", format!("{color:?}, {depth:?}")));
-    }
-    let size = reader
-        .output_buffer_size()
-        .ok_or_else(|| DatasetError::damaged(path, "an image that fits in memory", "a larger one"))?;
-    let mut bytes = vec![0; size];
-    let info = reader.next_frame(&mut bytes).map_err(broken)?;
-    let values =
-        bytes[..info.buffer_size()].chunks_exact(2).map(|b| u16::from_be_bytes([b[0], b[1]])).collect();
-    Ok((info.width as usize, info.height as usize, values))
+    let bytes = fs::read(path).map_err(DatasetError::io(path))?;
+    let image = read_grey16(&bytes).map_err(|error| match error {
+        PictureError::Kind { expected, found } => DatasetError::damaged(path, expected, found),
+        PictureError::Png(error) => DatasetError::damaged(path, "a whole PNG image", error),
+        other => DatasetError::damaged(path, "16-bit grey", other),
+    })?;
+    Ok((image.width, image.height, image.values))
 }

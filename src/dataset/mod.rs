@@ -3,7 +3,6 @@
 //! `docs/formats.md` describes every file, column, unit and code. The bytes depend on nothing but the manifest and
 //! what is written: not on the clock, the number of threads, or interruptions.
 
-mod canvas;
 mod changes;
 pub mod depth_png;
 mod error;

@@ -23,8 +23,8 @@ const TABLE: &[(&str, &[&str])] = &[
     (
         "dataset",
         &[
-            "arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "scalar", "math", "random",
-            "error",
+            "arena", "rollout", "scene", "sense", "flight", "vehicle", "physics", "picture", "scalar",
+            "math", "random", "error",
         ],
     ),
     ("env", &["arena", "rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
