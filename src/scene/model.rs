@@ -1,5 +1,7 @@
 //! From MJCF to a compiled model with drones in it, and what is in the model.
 
+mod describe;
+
 use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::fmt;
@@ -16,7 +18,6 @@ use sha2::{Digest, Sha256};
 use super::engine::{Building, load_plugins};
 use super::{SceneError, Worker};
 use super::{shipped, sizes, sync};
-use crate::math::{quat, vec3};
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -626,7 +627,7 @@ impl Scene {
             // SAFETY: narena only says how large mj_makeData shall make the arena; no data exists yet.
             unsafe { model.ffi_mut().narena = wanted };
         }
-        let mut scene = Self(Arc::new(describe(model, what, shells, warnings, keyframes_dropped)?));
+        let mut scene = Self(Arc::new(describe::describe(model, what, shells, warnings, keyframes_dropped)?));
         if let Some(text) = super::lint::hollow_meshes(&scene)
             && let Some(inner) = Arc::get_mut(&mut scene.0)
         {
@@ -654,7 +655,7 @@ impl Scene {
         check_extents(&model).map_err(broken)?;
         let shell = |name: &String| Shell { name: name.clone(), xml: String::new(), dir: None };
         let shells: Vec<Shell> = shells.iter().map(shell).collect();
-        let mut inner = describe(model, what, &shells, heard, 0)?;
+        let mut inner = describe::describe(model, what, &shells, heard, 0)?;
         let m = inner.model.ffi();
         let arena = m.narena.clamp(MIN_ARENA, wanted_arena(m.nbody + m.nflex, m.ngeom, shells.len() as i64));
         // SAFETY: as in `build_once`; no more is taken than there, whatever the file says.
@@ -1185,258 +1186,6 @@ fn physics_remarks(m: &ffi::mjModel, warnings: &mut Vec<String>) {
                  effects of the vehicle, such as linear_drag"
             ));
         }
-    }
-}
-
-fn describe(
-    mut model: MjModel,
-    name: String,
-    shells: &[Shell],
-    mut warnings: Vec<String>,
-    keyframes_dropped: usize,
-) -> Result<Inner, SceneError> {
-    let hash = hash_of(&mut model);
-    let m = model.ffi();
-    let n_body = m.nbody as usize;
-    let n_geom = m.ngeom as usize;
-    let n_cam = m.ncam as usize;
-    // SAFETY: a compiled model; each array has the number of elements that mjmodel.h states for it, and ids in it are
-    // in range or -1.
-    unsafe {
-        let names = slice(m.names.cast::<u8>(), m.nnames as usize);
-        let text = |adr: *const i32, id: usize| {
-            let start = *adr.add(id) as usize;
-            let end = names[start..].iter().position(|c| *c == 0).map_or(names.len(), |n| start + n);
-            String::from_utf8_lossy(&names[start..end]).into_owned()
-        };
-        let root_id = slice(m.body_rootid, n_body);
-        let body_names: Vec<String> = (0..n_body).map(|b| text(m.name_bodyadr, b)).collect();
-        let mut drone_body = Vec::new();
-        let mut drone_qpos = Vec::new();
-        for (drone, shell) in shells.iter().enumerate() {
-            let wanted = format!("drone{drone}/drone");
-            let body = body_names.iter().position(|n| *n == wanted).ok_or_else(|| SceneError::Shell {
-                shell: shell.name.clone(),
-                message: format!("its root body '{wanted}' is missing from the compiled scene"),
-            })?;
-            let joint = *m.body_jntadr.add(body);
-            if joint < 0 || *m.jnt_type.add(joint as usize) != ffi::mjtJoint::mjJNT_FREE as i32 {
-                return Err(SceneError::Shell {
-                    shell: shell.name.clone(),
-                    message: format!("its root body '{wanted}' has no free joint in the compiled scene"),
-                });
-            }
-            drone_body.push(body);
-            drone_qpos.push(*m.jnt_qposadr.add(joint as usize) as usize);
-        }
-        let drone_of = |body: usize| drone_body.iter().position(|root| *root == root_id[body] as usize);
-
-        let mut obstacles = Vec::new();
-        for body in 1..n_body {
-            if drone_of(body).is_some() {
-                continue;
-            }
-            let mocap = *m.body_mocapid.add(body);
-            let free = *m.body_jntnum.add(body) == 1
-                && *m.jnt_type.add(*m.body_jntadr.add(body) as usize) == ffi::mjtJoint::mjJNT_FREE as i32;
-            let (kind, address) = if mocap >= 0 {
-                (ObstacleKind::Mocap, mocap as usize)
-            } else if free {
-                let joint = *m.body_jntadr.add(body) as usize;
-                (ObstacleKind::FreeJoint, *m.jnt_qposadr.add(joint) as usize)
-            } else {
-                continue;
-            };
-            let (pos_m, quat) = match kind {
-                ObstacleKind::Mocap => {
-                    (*m.body_pos.cast::<[f64; 3]>().add(body), *m.body_quat.cast::<[f64; 4]>().add(body))
-                }
-                ObstacleKind::FreeJoint => {
-                    let q = slice(m.qpos0.add(address), 7);
-                    ([q[0], q[1], q[2]], [q[3], q[4], q[5], q[6]])
-                }
-            };
-            obstacles.push(ObstacleInfo {
-                index: obstacles.len(),
-                body_id: body,
-                name: if body_names[body].is_empty() {
-                    format!("body#{body}")
-                } else {
-                    body_names[body].clone()
-                },
-                kind,
-                pos_m,
-                quat_xyzw: sync::from_wxyz(quat),
-                address,
-            });
-        }
-
-        let weld = slice(m.body_weldid, n_body);
-        let parents = slice(m.body_parentid, n_body);
-
-        let mut sites = Vec::new();
-        for site in 0..m.nsite as usize {
-            let name = text(m.name_siteadr, site);
-            let body_id = *m.site_bodyid.add(site) as usize;
-            if name.is_empty() || drone_of(body_id).is_some() {
-                continue;
-            }
-            let mut pos_m = *m.site_pos.cast::<[f64; 3]>().add(site);
-            let mut quat_xyzw = sync::from_wxyz(*m.site_quat.cast::<[f64; 4]>().add(site));
-            let mut body = body_id;
-            while body != 0 {
-                let q = sync::from_wxyz(*m.body_quat.cast::<[f64; 4]>().add(body));
-                pos_m = vec3::add(*m.body_pos.cast::<[f64; 3]>().add(body), quat::rotate(q, pos_m));
-                quat_xyzw = quat::mul(q, quat_xyzw);
-                body = parents[body] as usize;
-            }
-            let size_m = *m.site_size.cast::<[f64; 3]>().add(site);
-            sites.push(SiteInfo { name, body_id, pos_m, quat_xyzw, size_m });
-        }
-
-        let mut bodies: Vec<BodyInfo> = Vec::with_capacity(n_body);
-        for body in 0..n_body {
-            let parent_id = parents[body] as usize;
-            let own = obstacles.iter().position(|o: &ObstacleInfo| o.body_id == body);
-            bodies.push(BodyInfo {
-                id: body,
-                name: body_names[body].clone(),
-                parent_id,
-                drone: drone_of(body),
-                is_static: weld[body] == 0,
-                obstacle: own.or_else(|| if body == 0 { None } else { bodies[parent_id].obstacle }),
-                n_geoms: *m.body_geomnum.add(body) as usize,
-            });
-        }
-
-        let mesh_names: Vec<String> = (0..m.nmesh as usize).map(|i| text(m.name_meshadr, i)).collect();
-        let hfield_names: Vec<String> = (0..m.nhfield as usize).map(|i| text(m.name_hfieldadr, i)).collect();
-        let mut geoms = Vec::with_capacity(n_geom);
-        let mut drone_geoms = vec![Vec::new(); shells.len()];
-        for id in 0..n_geom {
-            let kind = GeomType::from_id(*m.geom_type.add(id)).ok_or_else(|| SceneError::Compile {
-                what: name.clone(),
-                message: format!("geom #{id} has the unknown type {}", *m.geom_type.add(id)),
-            })?;
-            let body_id = *m.geom_bodyid.add(id) as usize;
-            let material = *m.geom_matid.add(id);
-            let alpha = if material >= 0 {
-                *m.mat_rgba.add(4 * material as usize + 3)
-            } else {
-                *m.geom_rgba.add(4 * id + 3)
-            };
-            let data = *m.geom_dataid.add(id);
-            let asset = match (kind, usize::try_from(data)) {
-                (GeomType::Mesh | GeomType::Sdf, Ok(d)) => mesh_names.get(d).cloned(),
-                (GeomType::Hfield, Ok(d)) => hfield_names.get(d).cloned(),
-                _ => None,
-            };
-            let drone = bodies[body_id].drone;
-            if let Some(d) = drone {
-                drone_geoms[d].push(id);
-            }
-            geoms.push(GeomInfo {
-                id,
-                name: text(m.name_geomadr, id),
-                kind,
-                body_id,
-                group: (*m.geom_group.add(id)).clamp(0, 5),
-                alpha,
-                rgba: geom_color(m, id),
-                contype: *m.geom_contype.add(id),
-                conaffinity: *m.geom_conaffinity.add(id),
-                drone,
-                asset,
-                size_m: *m.geom_size.cast::<[f64; 3]>().add(id),
-                bounding_radius_m: *m.geom_rbound.add(id),
-                aabb_m: *m.geom_aabb.cast::<[f64; 6]>().add(id),
-                margin_m: *m.geom_margin.add(id),
-                gap_m: *m.geom_gap.add(id),
-                is_static: bodies[body_id].is_static,
-            });
-        }
-        check_numbers(m, &name, &bodies, &geoms)?;
-        physics_remarks(m, &mut warnings);
-
-        let mut cameras = Vec::with_capacity(n_cam);
-        let mut needs_com = false;
-        for id in 0..n_cam {
-            let mode = match *m.cam_mode.add(id) {
-                1 => CameraMode::Track,
-                2 => CameraMode::TrackCom,
-                3 => CameraMode::TargetBody,
-                4 => CameraMode::TargetBodyCom,
-                _ => CameraMode::Fixed,
-            };
-            needs_com |= matches!(mode, CameraMode::TrackCom | CameraMode::TargetBodyCom);
-            let body_id = *m.cam_bodyid.add(id) as usize;
-            let intrinsic = *m.cam_intrinsic.cast::<[f32; 4]>().add(id);
-            let sensor = *m.cam_sensorsize.cast::<[f32; 2]>().add(id);
-            let resolution = *m.cam_resolution.cast::<[i32; 2]>().add(id);
-            cameras.push(CameraInfo {
-                id,
-                name: text(m.name_camadr, id),
-                body_id,
-                drone: bodies[body_id].drone,
-                mode,
-                orthographic: *m.cam_projection.add(id) != 0,
-                fovy_deg: *m.cam_fovy.add(id),
-                resolution: resolution.map(|r| r.max(0) as usize),
-                sensor_size_m: sensor.map(f64::from),
-                intrinsic_m: intrinsic.map(f64::from),
-            });
-        }
-
-        let drone_radius = drone_geoms
-            .iter()
-            .zip(&drone_body)
-            .map(|(list, root)| shell_radius(m, list, *root))
-            .collect::<Vec<_>>();
-        for (drone, shell) in shells.iter().enumerate() {
-            if !drone_geoms[drone].iter().any(|g| geoms[*g].can_collide()) {
-                warnings.push(format!(
-                    "drone {drone} (shell '{}'): no geom of it can collide (contype and conaffinity are 0): it has no \
-                     contacts and no clearance",
-                    shell.name
-                ));
-            }
-        }
-        if m.nflex > 0 {
-            warnings.push(format!(
-                "{} flex(es): contacts find them, depth does not see them, clearance does not measure them, the \
-                 swept check between steps passes through them",
-                m.nflex
-            ));
-        }
-        if keyframes_dropped > 0 {
-            warnings.push(format!(
-                "{keyframes_dropped} keyframe(s) of the scene are not used: bodies start at their model pose"
-            ));
-        }
-
-        let (n_flex, n_skin) = (m.nflex as usize, m.nskin as usize);
-        Ok(Inner {
-            model,
-            name,
-            geoms,
-            bodies,
-            cameras,
-            obstacles,
-            sites,
-            shells: shells.iter().map(|s| s.name.clone()).collect(),
-            drone_body,
-            drone_qpos,
-            drone_geoms,
-            drone_radius,
-            mesh_names,
-            hfield_names,
-            hash,
-            warnings,
-            needs_com,
-            n_flex,
-            n_skin,
-            kept: OnceLock::new(),
-        })
     }
 }
 

@@ -5,9 +5,16 @@
 //! four decimals. Every scene leaves the start around (0, 0, 1) m free, names each geom and body, has cameras `overview` and `top`, and
 //! carries its moving obstacles as mocap bodies `mover_0`, `mover_1`, ….
 
+mod boxes;
+mod corridor;
+mod forest;
 mod rooms;
 mod track;
 
+pub use boxes::boxes;
+pub use corridor::corridor;
+use corridor::{BAR_M, Gate, WALL_M, gate, wall};
+pub use forest::forest;
 pub use rooms::{RoomsOptions, rooms};
 pub use track::{TrackOptions, track};
 
@@ -556,683 +563,63 @@ fn check(
 const MOST_THINGS: f64 = 20_000.0;
 const MOST_MOVING: f64 = 1_000.0;
 
-// ------------------------------------------------------------------------------------------------ forest
+// ------------------------------------------------------------------------------------------------ a square of things
 
-const TREE_SHAPES: [&str; 6] = ["pine", "oak", "birch", "poplar", "dead", "bush"];
-
-/// A tree before it has a place. Lengths in m.
-struct Tree {
-    shape: &'static str,
-    height: f64,
-    trunk_radius: f64,
-    /// How far the trunk's top is off its foot, in the body's frame.
-    lean: [f64; 2],
-    heading: [f64; 2],
-    /// Disc that holds the whole trunk seen from above.
-    trunk_reach: f64,
-    /// Disc that holds the whole tree seen from above.
-    reach: f64,
-    parts: Vec<Part>,
+/// The square around the start that a forest or boxes fill.
+struct Square {
+    kind: Kind,
+    size_m: f64,
+    clearing_radius_m: f64,
+    min_gap_m: f64,
 }
 
-/// A crown (ellipsoid) or a branch (capsule) of a tree, in the body's frame.
-enum Part {
-    Crown { size: [f64; 3], pos: [f64; 3], material: &'static str },
-    Branch { radius: f64, from: [f64; 3], to: [f64; 3] },
-}
-
-impl Part {
-    /// Radius of the disc around the body's axis that holds the part, seen from above.
-    fn reach(&self) -> f64 {
-        let off = |p: &[f64; 3]| (p[0] * p[0] + p[1] * p[1]).sqrt();
-        match self {
-            Part::Crown { size, pos, .. } => off(pos) + size[0].max(size[1]),
-            Part::Branch { radius, from, to } => off(from).max(off(to)) + radius,
-        }
-    }
-}
-
-impl Tree {
-    fn draw(draw: &mut Draw) -> Self {
-        // Of ten trees: three pines, two oaks, two birches, one each of the others.
-        let shape = TREE_SHAPES[[0, 0, 0, 1, 1, 2, 2, 3, 4, 5][draw.below(10)]];
-        let heading = draw.direction();
-        let (height, trunk_radius, lean) = match shape {
-            "pine" => (draw.within(2.6, 4.6), draw.within(0.07, 0.13), draw.within(0.0, 0.05)),
-            "oak" => (draw.within(2.2, 3.2), draw.within(0.10, 0.18), draw.within(0.0, 0.12)),
-            "birch" => (draw.within(2.8, 3.8), draw.within(0.04, 0.07), draw.within(0.0, 0.20)),
-            "poplar" => (draw.within(3.4, 5.2), draw.within(0.06, 0.10), draw.within(0.0, 0.05)),
-            "dead" => (draw.within(1.8, 3.0), draw.within(0.06, 0.12), draw.within(0.05, 0.25)),
-            _ => (draw.within(0.3, 0.6), draw.within(0.03, 0.05), 0.0),
-        };
-        let lean_to = draw.direction().map(|c| c * lean);
-        // A point on the trunk's axis at a fraction of its height.
-        let axis = |fraction: f64| [lean_to[0] * fraction, lean_to[1] * fraction, height * fraction];
-        let mut parts = Vec::new();
-        match shape {
-            "pine" => {
-                // Tiers, each narrower than the one below.
-                let tiers = 3 + draw.below(2);
-                let (widest, lowest) = (draw.within(0.55, 0.85), draw.within(0.25, 0.4));
-                for tier in 0..tiers {
-                    let t = tier as f64 / tiers as f64;
-                    let radius = widest * (1.0 - 0.75 * t);
-                    let thick = 0.62 * (1.0 - lowest) * height / tiers as f64;
-                    let pos = axis(lowest + (1.0 - lowest) * (t + 0.5 / tiers as f64));
-                    parts.push(Part::Crown { size: [radius, radius, thick], pos, material: "needles" });
-                }
-            }
-            "oak" => {
-                for i in 0..3 + draw.below(2) {
-                    let radius = draw.within(0.45, 0.75);
-                    let [c, s] = draw.direction();
-                    let off = if i == 0 { 0.0 } else { draw.within(0.25, 0.5) };
-                    let top = axis(1.0);
-                    let pos = [top[0] + c * off, top[1] + s * off, top[2] + draw.within(-0.15, 0.35)];
-                    let material = if i % 2 == 0 { "leaves" } else { "leaves_light" };
-                    parts.push(Part::Crown { size: [radius, radius, 0.8 * radius], pos, material });
-                }
-                // A low branch that reaches out at the height of flight.
-                let [c, s] = draw.direction();
-                let (from, out) = (axis(draw.within(0.4, 0.6)), draw.within(0.5, 0.8));
-                let to = [from[0] + c * out, from[1] + s * out, from[2] + 0.35 * out];
-                parts.push(Part::Branch { radius: 0.035, from, to });
-            }
-            "birch" => {
-                let radius = draw.within(0.35, 0.5);
-                let size = [radius, radius, draw.within(0.7, 1.0)];
-                parts.push(Part::Crown { size, pos: axis(0.85), material: "leaves_light" });
-            }
-            "poplar" => {
-                let radius = draw.within(0.3, 0.42);
-                let size = [radius, radius, 0.44 * height];
-                parts.push(Part::Crown { size, pos: axis(0.58), material: "leaves" });
-            }
-            "dead" => {
-                for _ in 0..2 + draw.below(4) {
-                    let from = axis(draw.within(0.3, 0.95));
-                    let [c, s] = draw.direction();
-                    let out = draw.within(0.3, 0.8);
-                    let to = [from[0] + c * out, from[1] + s * out, from[2] + draw.within(0.1, 0.5) * out];
-                    parts.push(Part::Branch { radius: draw.within(0.015, 0.035), from, to });
-                }
-            }
-            _ => {
-                for i in 0..2 + draw.below(2) {
-                    let radius = draw.within(0.25, 0.42);
-                    let [c, s] = draw.direction();
-                    let off = if i == 0 { 0.0 } else { draw.within(0.15, 0.3) };
-                    let pos = [c * off, s * off, 0.75 * radius + height * 0.3];
-                    parts.push(Part::Crown {
-                        size: [radius, radius, 0.85 * radius],
-                        pos,
-                        material: "leaves",
-                    });
-                }
-            }
-        }
-        let trunk_reach = trunk_radius + lean;
-        let reach = parts.iter().map(Part::reach).fold(trunk_reach, f64::max);
-        Tree { shape, height, trunk_radius, lean: lean_to, heading, trunk_reach, reach, parts }
+impl Square {
+    /// Refuses options out of range.
+    fn check(&self) -> Result<(), GenerateError> {
+        let (kind, half) = (self.kind, self.half());
+        check(kind, "size_m", self.size_m, 4.0, 1_000.0, " m")?;
+        let most = " m (half of size_m at most)";
+        check(kind, "clearing_radius_m", self.clearing_radius_m, 0.5, half, most)?;
+        check(kind, "min_gap_m", self.min_gap_m, 0.0, half, most)
     }
 
-    fn write(&self, out: &mut Mjcf, name: &str, x: f64, y: f64) {
-        out.open(name, [x, y, 0.0], self.heading);
-        let bark = match self.shape {
-            "birch" => "bark_birch",
-            "dead" => "bark_dead",
-            _ => "bark",
-        };
-        let top = [self.lean[0], self.lean[1], self.height];
-        out.stick(&format!("{name}_trunk"), "capsule", self.trunk_radius, [0.0; 3], top, bark);
-        for (i, part) in self.parts.iter().enumerate() {
-            match part {
-                Part::Crown { size, pos, material } => {
-                    out.geom(&format!("{name}_crown_{i}"), "ellipsoid", size, *pos, material);
-                }
-                Part::Branch { radius, from, to } => {
-                    out.stick(&format!("{name}_branch_{i}"), "capsule", *radius, *from, *to, bark);
-                }
-            }
-        }
-        out.close();
+    /// Half of an edge, m.
+    fn half(&self) -> f64 {
+        0.5 * self.size_m
     }
-}
 
-/// A forest as MJCF text.
-///
-/// # Errors
-///
-/// An option out of range, or more trees, rocks, logs or moving obstacles than find a place.
-pub fn forest(options: &ForestOptions) -> Result<String, GenerateError> {
-    let kind = Kind::Forest;
-    let o = options;
-    check(kind, "size_m", o.size_m, 4.0, 1_000.0, " m")?;
-    check(
-        kind,
-        "clearing_radius_m",
-        o.clearing_radius_m,
-        0.5,
-        0.5 * o.size_m,
-        " m (half of size_m at most)",
-    )?;
-    check(kind, "min_gap_m", o.min_gap_m, 0.0, 0.5 * o.size_m, " m (half of size_m at most)")?;
-    check(kind, "trees", o.trees as f64, 0.0, MOST_THINGS, "")?;
-    check(kind, "rocks", o.rocks as f64, 0.0, MOST_THINGS, "")?;
-    check(kind, "logs", o.logs as f64, 0.0, MOST_THINGS, "")?;
-    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
-    let half = 0.5 * o.size_m;
-    let too_many = |what: &'static str, wanted: usize, fit: usize| GenerateError::TooMany {
-        kind,
-        what,
-        wanted,
-        fit,
-        remedy: format!(
-            "enlarge size_m (now {}), or lower min_gap_m (now {}) or clearing_radius_m (now {})",
-            number(o.size_m),
-            number(o.min_gap_m),
-            number(o.clearing_radius_m)
-        ),
-    };
-
-    let settings = format!(
-        "seed {}, trees {}, rocks {}, logs {}, moving {}, size_m {}, clearing_radius_m {}, min_gap_m {}",
-        o.seed,
-        o.trees,
-        o.rocks,
-        o.logs,
-        o.moving,
-        number(o.size_m),
-        number(o.clearing_radius_m),
-        number(o.min_gap_m)
-    );
-    let mut out = Mjcf::begin(
-        kind,
-        "A forest: trees of six shapes, rocks, fallen logs and moving obstacles, with a clearing around the start.",
-        &settings,
-        0.7 * o.size_m,
-        [[0.50, 0.70, 0.90], [0.93, 0.94, 0.90]],
-        [[0.33, 0.40, 0.24], [0.29, 0.36, 0.21]],
-        &[
-            ("bark", [0.36, 0.26, 0.18]),
-            ("bark_birch", [0.88, 0.87, 0.82]),
-            ("bark_dead", [0.52, 0.47, 0.42]),
-            ("needles", [0.11, 0.30, 0.19]),
-            ("leaves", [0.24, 0.45, 0.16]),
-            ("leaves_light", [0.50, 0.62, 0.22]),
-            ("rock", [0.55, 0.54, 0.52]),
-        ],
-    );
-    out.camera("overview", [-0.62 * o.size_m, -0.7 * o.size_m, 0.55 * o.size_m], [0.0; 3], 50.0);
-    out.camera("top", [0.0, 0.0, 1.2 * o.size_m], [0.0; 3], 50.0);
-
-    // What is on the ground, and the same with crowns and branches, for the moving obstacles.
-    let mut trunks = Places::new(o.min_gap_m.max(1.0));
-    let mut wholes = Places::new(1.0);
-    let digits = o.trees.saturating_sub(1).max(100).to_string().len();
-    for i in 0..o.trees {
-        let mut draw = Draw::new(o.seed, Purpose::ForestTree, i);
-        let tree = Tree::draw(&mut draw);
-        let place =
-            trunks.throw(&mut draw, half, tree.trunk_reach, o.min_gap_m, tree.reach, o.clearing_radius_m);
-        let disc = place.ok_or_else(|| too_many("trees", o.trees, i))?;
-        trunks.take(disc);
-        wholes.take(Disc { radius: tree.reach, ..disc });
-        tree.write(&mut out, &format!("{}_{i:0digits$}", tree.shape), disc.x, disc.y);
-    }
-    // Rocks and logs lie between the trunks: they keep off them and off each other, but need no gap to fly through.
-    for i in 0..o.rocks {
-        let mut draw = Draw::new(o.seed, Purpose::ForestRock, i);
-        let size = [draw.within(0.12, 0.4), draw.within(0.12, 0.4), draw.within(0.1, 0.3)];
-        let radius = size[0].max(size[1]);
-        let heading = draw.direction();
-        let place = trunks.throw(&mut draw, half, radius, 0.05, radius, o.clearing_radius_m);
-        let disc = place.ok_or_else(|| too_many("rocks", o.rocks, i))?;
-        trunks.take(disc);
-        let name = format!("rock_{i:02}");
-        out.open(&name, [disc.x, disc.y, 0.0], heading);
-        out.geom(&name, "ellipsoid", &size, [0.0, 0.0, 0.3 * size[2]], "rock");
-        out.close();
-    }
-    for i in 0..o.logs {
-        let mut draw = Draw::new(o.seed, Purpose::ForestLog, i);
-        let (radius, half_length) = (draw.within(0.06, 0.14), draw.within(0.5, 1.2));
-        let name = format!("log_{i:02}");
-        // A log is a row of discs, each as free as a rock.
-        let step = half_length / 3.0;
-        let disc_radius = radius + 0.5 * step;
-        let row = |x: f64, y: f64, c: f64, s: f64| {
-            (-3..=3).map(move |k| {
-                let along = f64::from(k) * step;
-                Disc { x: x + c * along, y: y + s * along, radius: disc_radius }
-            })
-        };
-        let mut found = None;
-        for _ in 0..TRIES {
-            let (x, y) = (draw.within(-half, half), draw.within(-half, half));
-            let [c, s] = draw.direction();
-            let inside = |d: &Disc| {
-                d.x.abs() <= half
-                    && d.y.abs() <= half
-                    && (d.x * d.x + d.y * d.y).sqrt() >= o.clearing_radius_m + d.radius
-            };
-            if row(x, y, c, s).all(|d| inside(&d) && trunks.is_free(&d, 0.0)) {
-                found = Some((x, y, c, s));
-                break;
-            }
-        }
-        let (x, y, c, s) = found.ok_or_else(|| too_many("logs", o.logs, i))?;
-        row(x, y, c, s).for_each(|d| trunks.take(d));
-        out.open(&name, [x, y, 0.0], [c, s]);
-        out.stick(
-            &name,
-            "capsule",
-            radius,
-            [-half_length, 0.0, 0.9 * radius],
-            [half_length, 0.0, 0.9 * radius],
-            "bark",
-        );
-        out.close();
-    }
-    if let Err(fit) =
-        movers(&mut out, &mut wholes, o.seed, Purpose::ForestMover, o.moving, half, o.clearing_radius_m)
-    {
-        return Err(too_many("moving obstacles", o.moving, fit));
-    }
-    Ok(out.end())
-}
-
-// ------------------------------------------------------------------------------------------------ corridor
-
-/// Half of the hall's edge, around the start, m: room for a flight of ±2 m before the corridor begins.
-const HALL_HALF_M: f64 = 3.0;
-/// Thickness of walls, m.
-const WALL_M: f64 = 0.1;
-/// Distance between gates along the corridor, m.
-const GATE_STEP_M: f64 = 1.2;
-/// A straight piece is at least this much longer than the corridor is wide, m: corners stay apart and have room for a gate between them.
-const SHORTEST_RUN_OVER_WIDTH_M: f64 = 1.6;
-/// Thickness of a gate's bars, m.
-const BAR_M: f64 = 0.06;
-
-/// A straight piece of the corridor: from `start` along `along`, which is a unit vector of an axis.
-struct Run {
-    start: [f64; 2],
-    along: [f64; 2],
-    length: f64,
-}
-
-impl Run {
-    /// The point `s` m along the run and `side` m to its left.
-    fn at(&self, s: f64, side: f64) -> [f64; 2] {
-        let [c, n] = self.along;
-        [self.start[0] + c * s - n * side, self.start[1] + n * s + c * side]
-    }
-}
-
-/// Runs along +x and ±y by turns: the way never comes back, so it cannot cross itself.
-fn corridor_path(o: &CorridorOptions) -> Vec<Run> {
-    let mut draw = Draw::new(o.seed, Purpose::CorridorPath, 0);
-    let shortest = o.width_m + SHORTEST_RUN_OVER_WIDTH_M;
-    let mut runs: Vec<Run> = Vec::new();
-    let (mut at, mut along, mut left) = ([HALL_HALF_M, 0.0], [1.0, 0.0], o.length_m);
-    loop {
-        let mut length = draw.within(shortest, shortest + 3.4);
-        if left - length < shortest {
-            length = left;
-        }
-        runs.push(Run { start: at, along, length });
-        left -= length;
-        if left <= 0.0 {
-            return runs;
-        }
-        at = [at[0] + along[0] * length, at[1] + along[1] * length];
-        along = match along {
-            [1.0, 0.0] if draw.unit() < 0.5 => [0.0, 1.0],
-            [1.0, 0.0] => [0.0, -1.0],
-            _ => [1.0, 0.0],
-        };
-    }
-}
-
-/// A box on the ground between two corners of its footprint.
-fn wall(out: &mut Mjcf, name: &str, a: [f64; 2], b: [f64; 2], height: f64) {
-    let half = [0.5 * (b[0] - a[0]).abs(), 0.5 * (b[1] - a[1]).abs(), 0.5 * height];
-    let pos = [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * height];
-    out.geom(name, "box", &half, pos, "wall");
-}
-
-/// A gate: a frame around an opening, on posts.
-struct Gate {
-    /// Foot, m.
-    at: [f64; 2],
-    /// The way through, a unit vector: the x axis of the body.
-    along: [f64; 2],
-    /// Half of the free width and height, m.
-    opening: f64,
-    /// The opening's middle: to the left of the foot, and above the ground, m.
-    side: f64,
-    z: f64,
-    /// An octagon of round bars; else a square.
-    octagon: bool,
-}
-
-impl Gate {
-    /// One that fits into the corridor.
-    fn in_corridor(at: [f64; 2], along: [f64; 2], draw: &mut Draw, o: &CorridorOptions) -> Self {
-        let opening = draw.within(0.4, 0.5);
-        let play = 0.5 * o.width_m - opening - BAR_M - 0.02;
-        let side = draw.within(-play, play);
-        let z = draw.within(0.8, (o.height_m - opening - BAR_M).min(1.5));
-        Self { at, along, opening, side, z, octagon: draw.unit() < 0.5 }
-    }
-}
-
-/// Writes a gate, with a site of its name that fills the opening: what a race looks for. Its x axis is the way through.
-fn gate(out: &mut Mjcf, name: &str, gate: &Gate) {
-    let Gate { at, along, opening, side, z, octagon } = *gate;
-    let frame = opening + 0.5 * BAR_M; // to the middle of the bars
-    let b = 0.5 * BAR_M;
-    out.open(name, [at[0], at[1], 0.0], along);
-    out.site(name, [b, opening, opening], [0.0, side, z]);
-    if octagon {
-        // The apothem is `frame`; half of a side is frame tan 22.5 degrees = frame (sqrt 2 - 1).
-        let k = frame * (std::f64::consts::SQRT_2 - 1.0);
-        let corners = [
-            (frame, k),
-            (k, frame),
-            (-k, frame),
-            (-frame, k),
-            (-frame, -k),
-            (-k, -frame),
-            (k, -frame),
-            (frame, -k),
-        ];
-        for i in 0..8 {
-            let ((y0, z0), (y1, z1)) = (corners[i], corners[(i + 1) % 8]);
-            let (from, to) = ([0.0, side + y0, z + z0], [0.0, side + y1, z + z1]);
-            out.stick(&format!("{name}_bar_{i}"), "capsule", b, from, to, "gate_round");
-        }
-    } else {
-        let long = opening + BAR_M;
-        out.geom(&format!("{name}_left"), "box", &[b, b, long], [0.0, side + frame, z], "gate_square");
-        out.geom(&format!("{name}_right"), "box", &[b, b, long], [0.0, side - frame, z], "gate_square");
-        out.geom(&format!("{name}_top"), "box", &[b, opening, b], [0.0, side, z + frame], "gate_square");
-        out.geom(&format!("{name}_bottom"), "box", &[b, opening, b], [0.0, side, z - frame], "gate_square");
-    }
-    // Posts carry the frame at its lower corners.
-    let (foot, top) =
-        if octagon { (frame * (std::f64::consts::SQRT_2 - 1.0), z - frame) } else { (frame, z - frame) };
-    for (end, y) in [("left", side + foot), ("right", side - foot)] {
-        out.stick(&format!("{name}_post_{end}"), "capsule", 0.02, [0.0, y, 0.0], [0.0, y, top], "post");
-    }
-    out.close();
-}
-
-/// A hall around the start and a winding corridor with gates and overhead beams, as MJCF text. Flight begins along +x.
-///
-/// # Errors
-///
-/// An option out of range, or more gates and moving obstacles than fit along the corridor.
-pub fn corridor(options: &CorridorOptions) -> Result<String, GenerateError> {
-    let kind = Kind::Corridor;
-    let o = options;
-    check(kind, "width_m", o.width_m, 1.4, 5.0, " m (5 m so that it leaves the hall through one wall)")?;
-    check(kind, "height_m", o.height_m, 2.0, 20.0, " m")?;
-    let shortest = o.width_m + SHORTEST_RUN_OVER_WIDTH_M;
-    check(kind, "length_m", o.length_m, shortest, 2_000.0, " m (width_m + 1.6 m at least)")?;
-    check(kind, "gates", o.gates as f64, 0.0, MOST_MOVING, "")?;
-    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
-
-    let runs = corridor_path(o);
-    let w = 0.5 * o.width_m;
-    // Slots for gates and moving obstacles: evenly along each run, out of the corners.
-    let mut slots = Vec::new();
-    for (r, run) in runs.iter().enumerate() {
-        let low = if r == 0 { 0.5 } else { w + 0.2 };
-        let free = run.length - low - if r + 1 == runs.len() { 0.6 } else { w + 0.2 };
-        let n = ((free / GATE_STEP_M).floor() as usize).max(usize::from(free >= 0.0));
-        let step = free / n.max(1) as f64;
-        slots.extend((0..n).map(|k| (r, low + (k as f64 + 0.5) * step)));
-    }
-    let wanted = o.gates + o.moving;
-    if wanted > slots.len() {
-        return Err(GenerateError::TooMany {
-            kind,
-            what: "gates and moving obstacles together",
+    /// Only `fit` of the things find a place.
+    fn too_many(&self, what: &'static str, wanted: usize, fit: usize) -> GenerateError {
+        GenerateError::TooMany {
+            kind: self.kind,
+            what,
             wanted,
-            fit: slots.len(),
+            fit,
             remedy: format!(
-                "enlarge length_m (now {}) or lower width_m (now {})",
-                number(o.length_m),
-                number(o.width_m)
+                "enlarge size_m (now {}), or lower min_gap_m (now {}) or clearing_radius_m (now {})",
+                number(self.size_m),
+                number(self.min_gap_m),
+                number(self.clearing_radius_m)
             ),
-        });
-    }
-    // A random choice without repetition: the first `wanted` cards of a shuffled pack; gates in the order in which they are flown through.
-    let mut pack: Vec<usize> = (0..slots.len()).collect();
-    let mut draw = Draw::new(o.seed, Purpose::CorridorSlots, 0);
-    for i in 0..wanted {
-        let j = i + draw.below(pack.len() - i);
-        pack.swap(i, j);
-    }
-    pack[..o.gates].sort_unstable();
-
-    let settings = format!(
-        "seed {}, gates {}, moving {}, length_m {}, width_m {}, height_m {}",
-        o.seed,
-        o.gates,
-        o.moving,
-        number(o.length_m),
-        number(o.width_m),
-        number(o.height_m)
-    );
-    // The whole way, for the cameras.
-    let (mut min, mut max) = ([-HALL_HALF_M; 2], [HALL_HALF_M; 2]);
-    for run in &runs {
-        for axis in 0..2 {
-            let end = run.at(run.length, 0.0)[axis];
-            min[axis] = min[axis].min(end - w);
-            max[axis] = max[axis].max(end + w);
         }
     }
-    let middle = [0.5 * (min[0] + max[0]), 0.5 * (min[1] + max[1]), 0.0];
-    let span = (max[0] - min[0]).max(max[1] - min[1]);
-    let mut out = Mjcf::begin(
-        kind,
-        "A hall around the start and a winding corridor with gates to fly through, overhead beams and moving obstacles. No ceiling.",
-        &settings,
-        0.6 * span,
-        [[0.30, 0.36, 0.45], [0.75, 0.78, 0.82]],
-        [[0.46, 0.46, 0.48], [0.41, 0.41, 0.43]],
-        &[
-            ("wall", [0.80, 0.79, 0.75]),
-            ("gate_square", [0.90, 0.45, 0.10]),
-            ("gate_round", [0.15, 0.45, 0.80]),
-            ("post", [0.25, 0.26, 0.28]),
-            ("beam", [0.50, 0.34, 0.22]),
-            ("pipe", [0.60, 0.62, 0.66]),
-        ],
-    );
-    let from = [middle[0] - 0.35 * span, middle[1] - 0.75 * span, 0.8 * span];
-    out.camera("overview", from, middle, 55.0);
-    out.camera("top", [middle[0], middle[1], 1.3 * span], middle, 55.0);
 
-    // The hall; its wall towards +x leaves the corridor's mouth open.
-    let (h, t, height) = (HALL_HALF_M, WALL_M, o.height_m);
-    out.open("hall", [0.0; 3], [1.0, 0.0]);
-    wall(&mut out, "hall_back", [-h - t, -h - t], [-h, h + t], height);
-    wall(&mut out, "hall_left", [-h, h], [h, h + t], height);
-    wall(&mut out, "hall_right", [-h, -h - t], [h, -h], height);
-    wall(&mut out, "hall_front_left", [h, w], [h + t, h + t], height);
-    wall(&mut out, "hall_front_right", [h, -h - t], [h + t, -w], height);
-    let (corner, side) = (h - 0.4, h - 0.2);
-    let columns = [
-        (-corner, -corner),
-        (-corner, corner),
-        (corner, corner),
-        (corner, -corner),
-        (0.0, side),
-        (0.0, -side),
-    ];
-    for (i, (x, y)) in columns.into_iter().enumerate() {
-        let at = [x, y, 0.5 * height];
-        out.geom(&format!("hall_column_{i}"), "cylinder", &[0.12, 0.5 * height], at, "pipe");
+    /// Its options as the head of the file states them.
+    fn settings(&self) -> String {
+        format!(
+            "size_m {}, clearing_radius_m {}, min_gap_m {}",
+            number(self.size_m),
+            number(self.clearing_radius_m),
+            number(self.min_gap_m)
+        )
     }
-    out.close();
 
-    for (r, run) in runs.iter().enumerate() {
-        out.open(&format!("run_{r:02}"), [0.0; 3], [1.0, 0.0]);
-        let turn = |a: &Run, b: &Run| a.along[0] * b.along[1] - a.along[1] * b.along[0]; // +1 to the left, -1 to the right
-        let turn_in = r.checked_sub(1).map_or(0.0, |before| turn(&runs[before], run));
-        let turn_out = runs.get(r + 1).map_or(0.0, |after| turn(run, after));
-        for (end, side) in [("left", 1.0), ("right", -1.0)] {
-            // At a corner the wall on the inside of the turn ends half a width before the centre line's corner, the outer one half a width after.
-            // Where two walls meet, the one before fills the corner.
-            let (inner_in, outer_out) = (side * turn_in > 0.0, side * turn_out < 0.0);
-            let first = if r == 0 { t } else { side * turn_in * w + if inner_in { t } else { 0.0 } };
-            let last = run.length - side * turn_out * w + if outer_out { t } else { 0.0 };
-            let name = format!("run_{r:02}_{end}");
-            wall(&mut out, &name, run.at(first, side * w), run.at(last, side * (w + t)), height);
-        }
-        if r + 1 == runs.len() {
-            wall(&mut out, "end", run.at(run.length, -w - t), run.at(run.length + t, w + t), height);
-        }
-        // Overhead beams and pipes, from wall to wall.
-        let mut draw = Draw::new(o.seed, Purpose::CorridorBeam, r);
-        for i in 0..1 + draw.below(2) {
-            let s = draw.within(w + 0.2, run.length - w - 0.2);
-            let z = draw.within((0.82 * height).max(1.8), height - 0.1);
-            let (a, b) = (run.at(s, w), run.at(s, -w));
-            let name = format!("run_{r:02}_beam_{i}");
-            if i == 0 {
-                let half =
-                    [(0.5 * (a[0] - b[0]).abs()).max(0.06), (0.5 * (a[1] - b[1]).abs()).max(0.06), 0.08];
-                out.geom(&name, "box", &half, [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), z], "beam");
-            } else {
-                out.stick(&name, "cylinder", 0.04, [a[0], a[1], z], [b[0], b[1], z], "pipe");
-            }
-        }
-        out.close();
+    /// Cameras that see all of it.
+    fn cameras(&self, out: &mut Mjcf) {
+        let size = self.size_m;
+        out.camera("overview", [-0.62 * size, -0.7 * size, 0.55 * size], [0.0; 3], 50.0);
+        out.camera("top", [0.0, 0.0, 1.2 * size], [0.0; 3], 50.0);
     }
-    for (i, &slot) in pack[..o.gates].iter().enumerate() {
-        let (r, s) = slots[slot];
-        let mut draw = Draw::new(o.seed, Purpose::CorridorGate, i);
-        let at = runs[r].at(s + draw.within(-0.15, 0.15), 0.0);
-        gate(&mut out, &format!("gate_{i:02}"), &Gate::in_corridor(at, runs[r].along, &mut draw, o));
-    }
-    for (i, &slot) in pack[o.gates..wanted].iter().enumerate() {
-        let (r, s) = slots[slot];
-        let mut draw = Draw::new(o.seed, Purpose::CorridorMover, i);
-        let play = w - MOVER_RADIUS_M;
-        let [x, y] = runs[r].at(s, draw.within(-play, play));
-        out.mover(i, x, y, draw.within(0.8, 1.5));
-    }
-    Ok(out.end())
-}
-
-// ------------------------------------------------------------------------------------------------ boxes
-
-/// Boxes, pillars, slabs and floating blocks, as MJCF text.
-///
-/// # Errors
-///
-/// An option out of range, or more things than find a place.
-pub fn boxes(options: &BoxesOptions) -> Result<String, GenerateError> {
-    let kind = Kind::Boxes;
-    let o = options;
-    check(kind, "size_m", o.size_m, 4.0, 1_000.0, " m")?;
-    check(
-        kind,
-        "clearing_radius_m",
-        o.clearing_radius_m,
-        0.5,
-        0.5 * o.size_m,
-        " m (half of size_m at most)",
-    )?;
-    check(kind, "min_gap_m", o.min_gap_m, 0.0, 0.5 * o.size_m, " m (half of size_m at most)")?;
-    check(kind, "count", o.count as f64, 0.0, MOST_THINGS, "")?;
-    check(kind, "moving", o.moving as f64, 0.0, MOST_MOVING, "")?;
-    let half = 0.5 * o.size_m;
-    let too_many = |what: &'static str, wanted: usize, fit: usize| GenerateError::TooMany {
-        kind,
-        what,
-        wanted,
-        fit,
-        remedy: format!(
-            "enlarge size_m (now {}), or lower min_gap_m (now {}) or clearing_radius_m (now {})",
-            number(o.size_m),
-            number(o.min_gap_m),
-            number(o.clearing_radius_m)
-        ),
-    };
-    let settings = format!(
-        "seed {}, count {}, moving {}, size_m {}, clearing_radius_m {}, min_gap_m {}",
-        o.seed,
-        o.count,
-        o.moving,
-        number(o.size_m),
-        number(o.clearing_radius_m),
-        number(o.min_gap_m)
-    );
-    let mut out = Mjcf::begin(
-        kind,
-        "Clutter: boxes, pillars, slabs and floating blocks, with a clearing around the start.",
-        &settings,
-        0.7 * o.size_m,
-        [[0.45, 0.55, 0.70], [0.90, 0.90, 0.92]],
-        [[0.62, 0.62, 0.64], [0.55, 0.55, 0.58]],
-        &[
-            ("paint_0", [0.80, 0.30, 0.28]),
-            ("paint_1", [0.25, 0.50, 0.75]),
-            ("paint_2", [0.92, 0.76, 0.30]),
-            ("paint_3", [0.32, 0.60, 0.42]),
-            ("paint_4", [0.58, 0.44, 0.70]),
-        ],
-    );
-    out.camera("overview", [-0.62 * o.size_m, -0.7 * o.size_m, 0.55 * o.size_m], [0.0; 3], 50.0);
-    out.camera("top", [0.0, 0.0, 1.2 * o.size_m], [0.0; 3], 50.0);
-
-    let mut places = Places::new(o.min_gap_m.max(1.0));
-    let digits = o.count.saturating_sub(1).max(100).to_string().len();
-    for i in 0..o.count {
-        let mut draw = Draw::new(o.seed, Purpose::BoxesThing, i);
-        let heading = draw.direction();
-        let material = format!("paint_{}", draw.below(5));
-        // Half sizes, and the height of the centre.
-        let (name, shape, size, z) = match draw.below(4) {
-            0 => {
-                let size = [draw.within(0.15, 0.45), draw.within(0.15, 0.45), draw.within(0.15, 0.9)];
-                ("box", "box", size.to_vec(), size[2])
-            }
-            1 => {
-                let tall = draw.within(0.8, 1.6);
-                ("pillar", "cylinder", vec![draw.within(0.08, 0.25), tall], tall)
-            }
-            2 => {
-                let size = [draw.within(0.4, 0.8), draw.within(0.03, 0.08), draw.within(0.4, 1.2)];
-                ("slab", "box", size.to_vec(), size[2])
-            }
-            _ => {
-                let size = [draw.within(0.1, 0.35), draw.within(0.1, 0.35), draw.within(0.1, 0.3)];
-                ("floating", "box", size.to_vec(), draw.within(0.7, 2.0))
-            }
-        };
-        let radius = if shape == "box" { (size[0] * size[0] + size[1] * size[1]).sqrt() } else { size[0] };
-        let place = places.throw(&mut draw, half, radius, o.min_gap_m, radius, o.clearing_radius_m);
-        let disc = place.ok_or_else(|| too_many("boxes", o.count, i))?;
-        places.take(disc);
-        let name = format!("{name}_{i:0digits$}");
-        out.open(&name, [disc.x, disc.y, z], heading);
-        out.geom(&name, shape, &size, [0.0; 3], &material);
-        out.close();
-    }
-    if let Err(fit) =
-        movers(&mut out, &mut places, o.seed, Purpose::BoxesMover, o.moving, half, o.clearing_radius_m)
-    {
-        return Err(too_many("moving obstacles", o.moving, fit));
-    }
-    Ok(out.end())
 }
 
 #[cfg(test)]

@@ -209,19 +209,8 @@ fn furnish(out: &mut Mjcf, places: &mut Places, o: &RoomsOptions) -> Result<(), 
         let center = [(room % o.columns) as f64 * o.room_m, (room / o.columns) as f64 * o.room_m];
         let heading = draw.direction();
         let which = draw.below(5);
-        let radius = [0.62, 0.5, 0.3, 0.55, 0.2][which];
-        // Clear of the walls by the way that a drone needs.
-        let play = 0.5 * o.room_m - 0.5 * WALL_M - radius - 0.15;
-        let disc = (0..200).find_map(|_| {
-            let disc = Disc {
-                x: center[0] + draw.within(-play.max(0.0), play.max(1e-9)),
-                y: center[1] + draw.within(-play.max(0.0), play.max(1e-9)),
-                radius,
-            };
-            let clear = (disc.x * disc.x + disc.y * disc.y).sqrt() > CLEARING_M + radius;
-            (play > 0.0 && clear && places.is_free(&disc, 0.25)).then_some(disc)
-        });
-        let disc = disc.ok_or_else(|| GenerateError::TooMany {
+        let found = free_place(&mut draw, places, o, center, REACH_M[which]);
+        let disc = found.ok_or_else(|| GenerateError::TooMany {
             kind: Kind::Rooms,
             what: "things",
             wanted: o.things,
@@ -229,62 +218,80 @@ fn furnish(out: &mut Mjcf, places: &mut Places, o: &RoomsOptions) -> Result<(), 
             remedy: format!("enlarge room_m (now {})", number(o.room_m)),
         })?;
         places.take(disc);
-        let at = [disc.x, disc.y, 0.0];
-        let name = |what: &str| format!("{what}_{i:0digits$}");
+        let (at, draw) = ([disc.x, disc.y, 0.0], &mut draw);
+        let name = format!("{}_{i:0digits$}", ["table", "shelf", "plant", "sofa", "lamp"][which]);
         match which {
-            0 => {
-                let (x, y, z) = (draw.within(0.3, 0.5), draw.within(0.25, 0.35), draw.within(0.65, 0.78));
-                let table = name("table");
-                out.open(&table, at, heading);
-                out.geom(&format!("{table}_top"), "box", &[x, y, 0.02], [0.0, 0.0, z], "wood");
-                for (k, (sx, sy)) in
-                    [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].into_iter().enumerate()
-                {
-                    let (lx, ly) = (sx * (x - 0.04), sy * (y - 0.04));
-                    out.stick(
-                        &format!("{table}_leg_{k}"),
-                        "cylinder",
-                        0.025,
-                        [lx, ly, 0.0],
-                        [lx, ly, z],
-                        "metal",
-                    );
-                }
-            }
-            1 => {
-                let (x, y, z) = (draw.within(0.3, 0.45), draw.within(0.12, 0.2), draw.within(0.8, 1.1));
-                let shelf = name("shelf");
-                out.open(&shelf, at, heading);
-                out.geom(&shelf, "box", &[x, y, z], [0.0, 0.0, z], "wood");
-            }
-            2 => {
-                let plant = name("plant");
-                out.open(&plant, at, heading);
-                out.geom(&format!("{plant}_pot"), "cylinder", &[0.14, 0.15], [0.0, 0.0, 0.15], "pot");
-                let z = draw.within(0.25, 0.5);
-                out.geom(
-                    &format!("{plant}_leaves"),
-                    "ellipsoid",
-                    &[0.26, 0.26, z],
-                    [0.0, 0.0, 0.3 + z],
-                    "plant",
-                );
-            }
-            3 => {
-                let seat = name("sofa");
-                out.open(&seat, at, heading);
-                out.geom(&format!("{seat}_seat"), "box", &[0.45, 0.3, 0.2], [0.0, 0.0, 0.2], "cloth");
-                out.geom(&format!("{seat}_back"), "box", &[0.45, 0.06, 0.2], [0.0, 0.24, 0.6], "cloth");
-            }
-            _ => {
-                let lamp = name("lamp");
-                let z = draw.within(1.3, 1.7);
-                out.open(&lamp, at, heading);
-                out.stick(&format!("{lamp}_pole"), "capsule", 0.015, [0.0, 0.0, 0.0], [0.0, 0.0, z], "metal");
-                out.geom(&format!("{lamp}_shade"), "sphere", &[0.16], [0.0, 0.0, z], "cloth");
-            }
+            0 => table(out, &name, at, heading, draw),
+            1 => shelf(out, &name, at, heading, draw),
+            2 => plant(out, &name, at, heading, draw),
+            3 => sofa(out, &name, at, heading),
+            _ => lamp(out, &name, at, heading, draw),
         }
         out.close();
     }
     Ok(())
+}
+
+/// Radius of the disc that holds a table, a shelf, a plant, a sofa, a lamp, m.
+const REACH_M: [f64; 5] = [0.62, 0.5, 0.3, 0.55, 0.2];
+
+/// A free disc in the room around `center`, clear of its walls by the way that a drone needs.
+fn free_place(
+    draw: &mut Draw,
+    places: &Places,
+    o: &RoomsOptions,
+    center: [f64; 2],
+    radius: f64,
+) -> Option<Disc> {
+    let play = 0.5 * o.room_m - 0.5 * WALL_M - radius - 0.15;
+    (0..200).find_map(|_| {
+        let disc = Disc {
+            x: center[0] + draw.within(-play.max(0.0), play.max(1e-9)),
+            y: center[1] + draw.within(-play.max(0.0), play.max(1e-9)),
+            radius,
+        };
+        let clear = (disc.x * disc.x + disc.y * disc.y).sqrt() > CLEARING_M + radius;
+        (play > 0.0 && clear && places.is_free(&disc, 0.25)).then_some(disc)
+    })
+}
+
+/// A table on four legs.
+fn table(out: &mut Mjcf, name: &str, at: [f64; 3], heading: [f64; 2], draw: &mut Draw) {
+    let (x, y, z) = (draw.within(0.3, 0.5), draw.within(0.25, 0.35), draw.within(0.65, 0.78));
+    out.open(name, at, heading);
+    out.geom(&format!("{name}_top"), "box", &[x, y, 0.02], [0.0, 0.0, z], "wood");
+    for (k, (sx, sy)) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].into_iter().enumerate() {
+        let (lx, ly) = (sx * (x - 0.04), sy * (y - 0.04));
+        out.stick(&format!("{name}_leg_{k}"), "cylinder", 0.025, [lx, ly, 0.0], [lx, ly, z], "metal");
+    }
+}
+
+/// A shelf.
+fn shelf(out: &mut Mjcf, name: &str, at: [f64; 3], heading: [f64; 2], draw: &mut Draw) {
+    let (x, y, z) = (draw.within(0.3, 0.45), draw.within(0.12, 0.2), draw.within(0.8, 1.1));
+    out.open(name, at, heading);
+    out.geom(name, "box", &[x, y, z], [0.0, 0.0, z], "wood");
+}
+
+/// A plant in a pot.
+fn plant(out: &mut Mjcf, name: &str, at: [f64; 3], heading: [f64; 2], draw: &mut Draw) {
+    out.open(name, at, heading);
+    out.geom(&format!("{name}_pot"), "cylinder", &[0.14, 0.15], [0.0, 0.0, 0.15], "pot");
+    let z = draw.within(0.25, 0.5);
+    out.geom(&format!("{name}_leaves"), "ellipsoid", &[0.26, 0.26, z], [0.0, 0.0, 0.3 + z], "plant");
+}
+
+/// A sofa with a back.
+fn sofa(out: &mut Mjcf, name: &str, at: [f64; 3], heading: [f64; 2]) {
+    out.open(name, at, heading);
+    out.geom(&format!("{name}_seat"), "box", &[0.45, 0.3, 0.2], [0.0, 0.0, 0.2], "cloth");
+    out.geom(&format!("{name}_back"), "box", &[0.45, 0.06, 0.2], [0.0, 0.24, 0.6], "cloth");
+}
+
+/// A lamp on a pole.
+fn lamp(out: &mut Mjcf, name: &str, at: [f64; 3], heading: [f64; 2], draw: &mut Draw) {
+    let z = draw.within(1.3, 1.7);
+    out.open(name, at, heading);
+    out.stick(&format!("{name}_pole"), "capsule", 0.015, [0.0, 0.0, 0.0], [0.0, 0.0, z], "metal");
+    out.geom(&format!("{name}_shade"), "sphere", &[0.16], [0.0, 0.0, z], "cloth");
 }

@@ -57,6 +57,52 @@ fn around(u: f64) -> [f64; 2] {
     }
 }
 
+/// The head of the file: what it is, its light, its materials, and cameras that see `reach` m around.
+fn begin(o: &TrackOptions, reach: f64) -> Mjcf {
+    let settings = format!(
+        "seed {}, gates {}, posts {}, moving {}, radius_m {}, bend {}",
+        o.seed,
+        o.gates,
+        o.posts,
+        o.moving,
+        number(o.radius_m),
+        number(o.bend)
+    );
+    let mut out = Mjcf::begin(
+        Kind::Track,
+        "A race track: gates along a closed course around the start, counter-clockwise in the order of their names, and posts.",
+        &settings,
+        1.2 * reach,
+        [[0.35, 0.55, 0.80], [0.88, 0.92, 0.96]],
+        [[0.42, 0.52, 0.36], [0.38, 0.47, 0.33]],
+        &[
+            ("gate_square", [0.90, 0.45, 0.10]),
+            ("gate_round", [0.15, 0.45, 0.80]),
+            ("post", [0.25, 0.26, 0.28]),
+            ("pole", [0.85, 0.82, 0.30]),
+        ],
+    );
+    out.camera("overview", [-1.3 * reach, -1.5 * reach, 1.1 * reach], [0.0; 3], 50.0);
+    out.camera("top", [0.0, 0.0, 2.5 * reach], [0.0; 3], 50.0);
+    out
+}
+
+/// Gates at their feet; each looks along the way from the one before to the one after.
+fn stand_gates(o: &TrackOptions, out: &mut Mjcf, places: &mut Places, feet: &[[f64; 2]]) {
+    for (i, at) in feet.iter().enumerate() {
+        let mut draw = Draw::new(o.seed, Purpose::TrackGate, i);
+        let (before, after) = (feet[(i + o.gates - 1) % o.gates], feet[(i + 1) % o.gates]);
+        let way = [after[0] - before[0], after[1] - before[1]];
+        let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
+        let opening = draw.within(OPENING_M[0], OPENING_M[1]);
+        let z = draw.within(MIDDLE_M[0], MIDDLE_M[1]);
+        let along = way.map(|v| v / length);
+        let octagon = draw.unit() < 0.5;
+        gate(out, &format!("gate_{i:02}"), &Gate { at: *at, along, opening, side: 0.0, z, octagon });
+        places.take(Disc { x: at[0], y: at[1], radius: opening + BAR_M + APART_M });
+    }
+}
+
 /// Gates of a race along a closed course around the start, counter-clockwise, and posts beside it, as MJCF text. The sites `gate_00`,
 /// `gate_01`, … fill the openings; their x axes point the way through.
 ///
@@ -84,46 +130,10 @@ pub fn track(options: &TrackOptions) -> Result<String, GenerateError> {
         })
         .collect();
 
-    let settings = format!(
-        "seed {}, gates {}, posts {}, moving {}, radius_m {}, bend {}",
-        o.seed,
-        o.gates,
-        o.posts,
-        o.moving,
-        number(o.radius_m),
-        number(o.bend)
-    );
     let reach = o.radius_m * (1.0 + o.bend) + 1.0;
-    let mut out = Mjcf::begin(
-        kind,
-        "A race track: gates along a closed course around the start, counter-clockwise in the order of their names, and posts.",
-        &settings,
-        1.2 * reach,
-        [[0.35, 0.55, 0.80], [0.88, 0.92, 0.96]],
-        [[0.42, 0.52, 0.36], [0.38, 0.47, 0.33]],
-        &[
-            ("gate_square", [0.90, 0.45, 0.10]),
-            ("gate_round", [0.15, 0.45, 0.80]),
-            ("post", [0.25, 0.26, 0.28]),
-            ("pole", [0.85, 0.82, 0.30]),
-        ],
-    );
-    out.camera("overview", [-1.3 * reach, -1.5 * reach, 1.1 * reach], [0.0; 3], 50.0);
-    out.camera("top", [0.0, 0.0, 2.5 * reach], [0.0; 3], 50.0);
-
+    let mut out = begin(o, reach);
     let mut places = Places::new(1.0);
-    for (i, at) in feet.iter().enumerate() {
-        let mut draw = Draw::new(o.seed, Purpose::TrackGate, i);
-        let (before, after) = (feet[(i + o.gates - 1) % o.gates], feet[(i + 1) % o.gates]);
-        let way = [after[0] - before[0], after[1] - before[1]];
-        let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
-        let opening = draw.within(OPENING_M[0], OPENING_M[1]);
-        let z = draw.within(MIDDLE_M[0], MIDDLE_M[1]);
-        let along = way.map(|v| v / length);
-        let octagon = draw.unit() < 0.5;
-        gate(&mut out, &format!("gate_{i:02}"), &Gate { at: *at, along, opening, side: 0.0, z, octagon });
-        places.take(Disc { x: at[0], y: at[1], radius: opening + BAR_M + APART_M });
-    }
+    stand_gates(o, &mut out, &mut places, &feet);
     let too_many = |what: &'static str, wanted: usize, fit: usize| GenerateError::TooMany {
         kind,
         what,
