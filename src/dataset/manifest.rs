@@ -420,41 +420,43 @@ impl Manifest {
                 "use e.g. 0.001 for millimetres",
             );
         }
-        for (i, c) in self.cameras.iter().enumerate() {
-            let size = (self.cameras[0].width, self.cameras[0].height);
-            if (c.width, c.height) != size
-                || c.width == 0
-                || c.height == 0
-                || c.width > 65_535
-                || c.height > 65_535
-            {
-                return bad(
-                    format!("cameras[{i}].width, height"),
-                    "1 to 65535, the same for all drones".into(),
-                    format!("{}x{}, first camera {}x{}", c.width, c.height, size.0, size.1),
-                    "give all drones cameras of one size",
-                );
-            }
-            if !c.k.iter().flatten().all(|x| x.is_finite()) {
-                let found = format!("{:?}", c.k);
-                return bad(
-                    format!("cameras[{i}].k"),
-                    "finite numbers".into(),
-                    found,
-                    "check the field of view",
-                );
-            }
-            let (lowest, highest) = (unit, f64::from(depth_png::MAX_DISTANCE) * unit);
-            if !(c.near_m >= lowest && c.near_m < c.far_m && c.far_m <= highest) {
-                return bad(
-                    format!("cameras[{i}].near_m, far_m"),
-                    format!(
-                        "{lowest} m <= near < far <= {highest} m, which is what 16 bits hold in units of {unit} m"
-                    ),
-                    format!("{} m to {} m", c.near_m, c.far_m),
-                    "change the camera's range or depth_png.metres_per_unit (the depth scale)",
-                );
-            }
+        (0..self.cameras.len()).try_for_each(|i| self.check_camera(i))
+    }
+
+    /// Refuses a camera that is not of the size of all, or whose range 16 bits cannot hold.
+    fn check_camera(&self, i: usize) -> Result<()> {
+        let bad = |field: String, expected: String, found: String, remedy: &'static str| {
+            Err(DatasetError::Manifest { field, expected, found, remedy })
+        };
+        let (c, unit) = (&self.cameras[i], self.depth_png.metres_per_unit);
+        let size = (self.cameras[0].width, self.cameras[0].height);
+        if (c.width, c.height) != size
+            || c.width == 0
+            || c.height == 0
+            || c.width > 65_535
+            || c.height > 65_535
+        {
+            return bad(
+                format!("cameras[{i}].width, height"),
+                "1 to 65535, the same for all drones".into(),
+                format!("{}x{}, first camera {}x{}", c.width, c.height, size.0, size.1),
+                "give all drones cameras of one size",
+            );
+        }
+        if !c.k.iter().flatten().all(|x| x.is_finite()) {
+            let found = format!("{:?}", c.k);
+            return bad(format!("cameras[{i}].k"), "finite numbers".into(), found, "check the field of view");
+        }
+        let (lowest, highest) = (unit, f64::from(depth_png::MAX_DISTANCE) * unit);
+        if !(c.near_m >= lowest && c.near_m < c.far_m && c.far_m <= highest) {
+            return bad(
+                format!("cameras[{i}].near_m, far_m"),
+                format!(
+                    "{lowest} m <= near < far <= {highest} m, which is what 16 bits hold in units of {unit} m"
+                ),
+                format!("{} m to {} m", c.near_m, c.far_m),
+                "change the camera's range or depth_png.metres_per_unit (the depth scale)",
+            );
         }
         Ok(())
     }
@@ -470,6 +472,47 @@ impl Manifest {
         if self.flight.clearance_every_steps == 0 {
             tables.remove("clearance.parquet");
         }
+        let on_disk = OnDisk {
+            format: FORMAT,
+            format_version: FORMAT_VERSION,
+            propwash_version: env!("CARGO_PKG_VERSION"),
+            manifest: self,
+            conventions: BTreeMap::from([
+                ("units", "SI; time in seconds from the start of the flight"),
+                ("quaternions", "x, y, z, w; body (or camera) to world"),
+                ("world", "z up"),
+                ("body", "x forward, y left, z up"),
+                (
+                    "camera",
+                    "looks along -z, x right, y up; pixel (0, 0) top left, rays through pixel centres",
+                ),
+            ]),
+            pixel_status: BTreeMap::from([("hit", 0), ("miss", 1), ("too_far", 2), ("too_near", 3)]),
+            tables,
+            frames: self.frame_arrays(),
+        };
+        let value = serde_json::to_value(&on_disk).map_err(|e| DatasetError::Manifest {
+            field: "(all)".into(),
+            expected: "values that JSON can hold".into(),
+            found: e.to_string(),
+            remedy: "use finite numbers and text",
+        })?;
+        if let Some(field) = first_null(&value, "") {
+            // JSON has no NaN and no infinity; serde writes them as null.
+            return Err(DatasetError::Manifest {
+                field,
+                expected: "a finite number".into(),
+                found: "NaN, infinity or null".into(),
+                remedy: "set a finite value",
+            });
+        }
+        let mut text = serde_json::to_string_pretty(&on_disk).unwrap_or_default();
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Arrays of `frames.npz`.
+    fn frame_arrays(&self) -> Vec<ArrayRecord> {
         let array = |name, dtype, shape, unit| ArrayRecord { name, dtype, shape, unit };
         let mut frames = Vec::new();
         if !self.cameras.is_empty() {
@@ -515,43 +558,7 @@ impl Manifest {
                 ));
             }
         }
-        let on_disk = OnDisk {
-            format: FORMAT,
-            format_version: FORMAT_VERSION,
-            propwash_version: env!("CARGO_PKG_VERSION"),
-            manifest: self,
-            conventions: BTreeMap::from([
-                ("units", "SI; time in seconds from the start of the flight"),
-                ("quaternions", "x, y, z, w; body (or camera) to world"),
-                ("world", "z up"),
-                ("body", "x forward, y left, z up"),
-                (
-                    "camera",
-                    "looks along -z, x right, y up; pixel (0, 0) top left, rays through pixel centres",
-                ),
-            ]),
-            pixel_status: BTreeMap::from([("hit", 0), ("miss", 1), ("too_far", 2), ("too_near", 3)]),
-            tables,
-            frames,
-        };
-        let value = serde_json::to_value(&on_disk).map_err(|e| DatasetError::Manifest {
-            field: "(all)".into(),
-            expected: "values that JSON can hold".into(),
-            found: e.to_string(),
-            remedy: "use finite numbers and text",
-        })?;
-        if let Some(field) = first_null(&value, "") {
-            // JSON has no NaN and no infinity; serde writes them as null.
-            return Err(DatasetError::Manifest {
-                field,
-                expected: "a finite number".into(),
-                found: "NaN, infinity or null".into(),
-                remedy: "set a finite value",
-            });
-        }
-        let mut text = serde_json::to_string_pretty(&on_disk).unwrap_or_default();
-        text.push('\n');
-        Ok(text)
+        frames
     }
 
     /// Reads the text of a `manifest.json`.

@@ -296,6 +296,24 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
     let text = manifest.to_json()?;
     fs::create_dir_all(dir).map_err(DatasetError::io(dir))?;
     let mut warnings = Vec::new();
+    let lock = lock(dir, &mut warnings)?;
+    settle_manifest(dir, &text)?;
+    let seal = checked_seal(dir, &text, manifest.n_worlds, &mut warnings)?;
+    let done = whole_worlds(dir, manifest.n_worlds, seal.as_ref(), &mut warnings)?;
+    let progress = done.iter().map(|d| if *d { Progress::Done } else { Progress::Open }).collect();
+    let shared = Shared {
+        dir: dir.to_path_buf(),
+        manifest: manifest.clone(),
+        manifest_sha256: files::sha256(text.as_bytes()),
+        progress: Mutex::new(progress),
+        warnings,
+        _lock: lock,
+    };
+    Ok((Writer { shared: Arc::new(shared) }, done))
+}
+
+/// Locks a folder against other runs, as long as the file lives.
+fn lock(dir: &Path, warnings: &mut Vec<String>) -> Result<File> {
     let lock = File::open(dir).map_err(DatasetError::io(dir))?;
     match lock.try_lock() {
         Ok(()) => {}
@@ -305,7 +323,11 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
             dir.display()
         )),
     }
+    Ok(lock)
+}
 
+/// Compares the manifest that is there with `text`, or writes it; removes what an interrupted run left half-written.
+fn settle_manifest(dir: &Path, text: &str) -> Result<()> {
     let entries = list(dir)?;
     let path = dir.join(MANIFEST);
     match fs::read_to_string(&path) {
@@ -314,7 +336,7 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
             Manifest::from_json(&path, &have)?;
             return Err(DatasetError::ManifestMismatch {
                 path: dir.to_path_buf(),
-                differences: differences(&have, &text),
+                differences: differences(&have, text),
             });
         }
         Err(e) if e.kind() == io::ErrorKind::NotFound => {
@@ -335,21 +357,39 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
     if !entries.iter().any(|n| n == MANIFEST) {
         files::write_atomic(dir, MANIFEST, text.as_bytes())?;
     }
+    Ok(())
+}
 
-    let seal = match read_seal(dir, &text, manifest.n_worlds) {
-        Ok(seal) => seal,
+/// The seal of a finished data set; a damaged one is removed and named in `warnings`.
+fn checked_seal(
+    dir: &Path,
+    text: &str,
+    n_worlds: usize,
+    warnings: &mut Vec<String>,
+) -> Result<Option<CompleteRecord>> {
+    match read_seal(dir, text, n_worlds) {
+        Ok(seal) => Ok(seal),
         Err(DatasetError::Damaged { path, expected, found }) => {
             remove(&dir.join(COMPLETE))?;
             let words = format!("expected {expected}, found {found}");
             warnings.push(format!("the seal was damaged and is made anew: {}: {words}", path.display()));
-            None
+            Ok(None)
         }
-        Err(other) => return Err(other),
-    };
-    let sealed = |world: usize| seal.as_ref().map(|seal| seal.worlds[world].world_json_sha256.as_str());
+        Err(other) => Err(other),
+    }
+}
+
+/// Which worlds are whole; damaged ones are removed and named in `warnings`. Shape `(world,)`.
+fn whole_worlds(
+    dir: &Path,
+    n_worlds: usize,
+    seal: Option<&CompleteRecord>,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<bool>> {
+    let sealed = |world: usize| seal.map(|seal| seal.worlds[world].world_json_sha256.as_str());
     let states: Vec<Result<bool>> =
-        (0..manifest.n_worlds).into_par_iter().map(|world| is_whole(dir, world, sealed(world))).collect();
-    let mut done = Vec::with_capacity(manifest.n_worlds);
+        (0..n_worlds).into_par_iter().map(|world| is_whole(dir, world, sealed(world))).collect();
+    let mut done = Vec::with_capacity(n_worlds);
     for (world, state) in states.into_iter().enumerate() {
         match state {
             Ok(whole) => done.push(whole),
@@ -369,16 +409,7 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
             Err(other) => return Err(other),
         }
     }
-    let progress = done.iter().map(|d| if *d { Progress::Done } else { Progress::Open }).collect();
-    let shared = Shared {
-        dir: dir.to_path_buf(),
-        manifest: manifest.clone(),
-        manifest_sha256: files::sha256(text.as_bytes()),
-        progress: Mutex::new(progress),
-        warnings,
-        _lock: lock,
-    };
-    Ok((Writer { shared: Arc::new(shared) }, done))
+    Ok(done)
 }
 
 /// Names in a folder, sorted.
@@ -603,7 +634,46 @@ struct FrameSpools {
     obstacle_quat_xyzw: Option<Spool>,
 }
 
+/// What `states.parquet` says of a command.
+struct Commands<'a> {
+    /// Roll, pitch, yaw (rad) and thrust (N).
+    attitude: Option<[f64; 4]>,
+    thrust: Option<f64>,
+    rotors: &'a [f64],
+    /// Numbers in columns of the control mode.
+    extra: &'a [f64],
+}
+
 impl FrameSpools {
+    /// Adds a frame that was checked.
+    fn push(&mut self, frame: &FrameInput) -> Result<()> {
+        self.time_s.push(std::iter::once(frame.t_s.to_le_bytes()))?;
+        self.step.push(std::iter::once((frame.step as i64).to_le_bytes()))?;
+        let (pos_m, quat_xyzw) = frame.obstacles;
+        if let (Some(pos), Some(quat)) = (&mut self.obstacle_pos_m, &mut self.obstacle_quat_xyzw) {
+            pos.push(pos_m.iter().flatten().map(|v| v.to_le_bytes()))?;
+            quat.push(quat_xyzw.iter().flatten().map(|v| v.to_le_bytes()))?;
+        }
+        for view in frame.views {
+            self.camera_pos_m.push(view.pos_m.iter().map(|v| v.to_le_bytes()))?;
+            self.camera_quat_xyzw.push(view.quat_xyzw.iter().map(|v| v.to_le_bytes()))?;
+            self.depth_m.push(view.depth_m.iter().map(|v| v.to_le_bytes()))?;
+            self.status.push_bytes(view.status)?;
+            self.geom_id.push(view.geom_id.iter().map(|v| v.to_le_bytes()))?;
+            self.body_id.push(view.body_id.iter().map(|v| v.to_le_bytes()))?;
+            if let (Some(spool), Some(normal)) = (&mut self.normal, view.normal) {
+                spool.push(normal.iter().flatten().map(|v| v.to_le_bytes()))?;
+            }
+            if let (Some(spool), Some(noisy)) = (&mut self.depth_noisy_m, view.noisy) {
+                spool.push(noisy.depth_m.iter().map(|v| v.to_le_bytes()))?;
+            }
+            if let (Some(spool), Some(noisy)) = (&mut self.status_noisy, view.noisy) {
+                spool.push_bytes(noisy.status)?;
+            }
+        }
+        Ok(())
+    }
+
     fn create(folder: &Path, manifest: &Manifest) -> Result<Self> {
         let (d, h, w) = (manifest.n_drones, manifest.cameras[0].height, manifest.cameras[0].width);
         let make = |name, descr, tail: &[usize]| Spool::create(folder, "frames", name, descr, tail);
@@ -808,57 +878,10 @@ impl WorldWriter {
     /// Writes a row of `states.parquet`.
     pub fn state(&mut self, row: &StateRow) -> Result<()> {
         self.check_drone("state", row.drone, row.t_s, row.step)?;
-        let manifest = &self.shared.manifest;
-        let mode = manifest.flight.control_mode.as_str();
-        let n_rotors = manifest.vehicles[row.drone].n_rotors;
-        let item = |part: &str| format!("state of drone {} at step {}, {part}", row.drone, row.step);
-        let width = manifest.command_width(row.drone);
-        if row.command.len() != width {
-            let found = format!("{} numbers", row.command.len());
-            let expected = format!("{width} numbers in mode {mode}");
-            return self.input_error(
-                item("command"),
-                expected,
-                found,
-                "give the command of the control mode",
-            );
-        }
-        for (part, values) in [("rotor speeds", row.rotor_rad_s), ("rotor commands", row.rotor_command_rad_s)]
-        {
-            if !values.is_empty() && values.len() != n_rotors {
-                let found = format!("{} numbers", values.len());
-                let expected = format!("{n_rotors} numbers or none");
-                return self.input_error(item(part), expected, found, "give one per rotor");
-            }
-        }
-        let (mut attitude, mut rotor_command) = (row.attitude_command, row.rotor_command_rad_s);
-        let mut thrust_command = attitude.map(|a| a[3]);
-        match mode {
-            "attitude" if attitude.is_some() => {
-                let remedy = "leave attitude_command empty, the command is it";
-                return self.input_error(item("attitude command"), "none in mode attitude", "one", remedy);
-            }
-            "rotor_vel" if !rotor_command.is_empty() => {
-                let remedy = "leave rotor_command_rad_s empty, the command is it";
-                return self.input_error(item("rotor commands"), "none in mode rotor_vel", "some", remedy);
-            }
-            "attitude" => {
-                attitude = Some([row.command[0], row.command[1], row.command[2], row.command[3]]);
-                thrust_command = Some(row.command[3]);
-            }
-            "rotor_vel" => rotor_command = row.command,
-            "body_rate" => thrust_command = Some(row.command[3]),
-            "force_torque" => thrust_command = Some(row.command[0]),
-            _ => {}
-        }
-        let extra: &[f64] = match mode {
-            "state" => row.command,
-            "body_rate" => &row.command[..3],
-            "force_torque" => &row.command[1..],
-            _ => &[],
-        };
-        debug_assert_eq!(extra.len(), extra_command_names(mode).len());
-        let most_rotors = manifest.n_rotors();
+        self.check_sizes(row)?;
+        let Commands { attitude, thrust: thrust_command, rotors: rotor_command, extra } =
+            self.commands(row)?;
+        let most_rotors = self.shared.manifest.n_rotors();
         let t = &mut self.states;
         t.float(row.t_s);
         t.integer(row.step as i64);
@@ -886,6 +909,68 @@ impl WorldWriter {
         t.maybe(row.battery_v);
         t.maybe_floats(row.wind_m_s.as_ref().map_or(&[], |w| w), 3);
         t.end_row().inspect_err(|_| self.failed = true)
+    }
+
+    /// Refuses a row whose command or rotors have not the numbers of the drone.
+    fn check_sizes(&self, row: &StateRow) -> Result<()> {
+        let manifest = &self.shared.manifest;
+        let mode = manifest.flight.control_mode.as_str();
+        let n_rotors = manifest.vehicles[row.drone].n_rotors;
+        let item = |part: &str| format!("state of drone {} at step {}, {part}", row.drone, row.step);
+        let width = manifest.command_width(row.drone);
+        if row.command.len() != width {
+            let found = format!("{} numbers", row.command.len());
+            let expected = format!("{width} numbers in mode {mode}");
+            return self.input_error(
+                item("command"),
+                expected,
+                found,
+                "give the command of the control mode",
+            );
+        }
+        for (part, values) in [("rotor speeds", row.rotor_rad_s), ("rotor commands", row.rotor_command_rad_s)]
+        {
+            if !values.is_empty() && values.len() != n_rotors {
+                let found = format!("{} numbers", values.len());
+                let expected = format!("{n_rotors} numbers or none");
+                return self.input_error(item(part), expected, found, "give one per rotor");
+            }
+        }
+        Ok(())
+    }
+
+    /// The command of a row by its columns; what the control mode makes of it may not be given twice.
+    fn commands<'r>(&self, row: &StateRow<'r>) -> Result<Commands<'r>> {
+        let mode = self.shared.manifest.flight.control_mode.as_str();
+        let item = |part: &str| format!("state of drone {} at step {}, {part}", row.drone, row.step);
+        let (mut attitude, mut rotor_command) = (row.attitude_command, row.rotor_command_rad_s);
+        let mut thrust_command = attitude.map(|a| a[3]);
+        match mode {
+            "attitude" if attitude.is_some() => {
+                let remedy = "leave attitude_command empty, the command is it";
+                return self.input_error(item("attitude command"), "none in mode attitude", "one", remedy);
+            }
+            "rotor_vel" if !rotor_command.is_empty() => {
+                let remedy = "leave rotor_command_rad_s empty, the command is it";
+                return self.input_error(item("rotor commands"), "none in mode rotor_vel", "some", remedy);
+            }
+            "attitude" => {
+                attitude = Some([row.command[0], row.command[1], row.command[2], row.command[3]]);
+                thrust_command = Some(row.command[3]);
+            }
+            "rotor_vel" => rotor_command = row.command,
+            "body_rate" => thrust_command = Some(row.command[3]),
+            "force_torque" => thrust_command = Some(row.command[0]),
+            _ => {}
+        }
+        let extra: &[f64] = match mode {
+            "state" => row.command,
+            "body_rate" => &row.command[..3],
+            "force_torque" => &row.command[1..],
+            _ => &[],
+        };
+        debug_assert_eq!(extra.len(), extra_command_names(mode).len());
+        Ok(Commands { attitude, thrust: thrust_command, rotors: rotor_command, extra })
     }
 
     /// Writes a row of `contacts.parquet`.
@@ -969,6 +1054,26 @@ impl WorldWriter {
 
     /// Writes a frame of all drones: exact arrays and 16-bit images.
     pub fn frame(&mut self, frame: &FrameInput) -> Result<()> {
+        self.check_frame(frame)?;
+        let images = self.encoded(frame)?;
+        // All is sound; from here only the disk can fail.
+        self.failed = true;
+        let camera = &self.shared.manifest.cameras[0];
+        for (name, pixels) in images {
+            depth_png::write(&self.partial.join(&name), camera.width, camera.height, &pixels)?;
+            self.images.push(name);
+        }
+        if let Some(spools) = &mut self.frames {
+            spools.push(frame)?;
+        }
+        self.last_frame_s = frame.t_s;
+        self.n_frames += 1;
+        self.failed = false;
+        Ok(())
+    }
+
+    /// Refuses a frame that is not what the manifest promises.
+    fn check_frame(&self, frame: &FrameInput) -> Result<()> {
         let number = self.n_frames;
         let manifest = &self.shared.manifest;
         let item = |part: &str| format!("frame {number}, {part}");
@@ -976,7 +1081,7 @@ impl WorldWriter {
             let expected = "no frames (the manifest has no camera)";
             return self.input_error(item("all"), expected, "one", "list cameras in the manifest");
         };
-        let (width, height, n) = (camera.width, camera.height, camera.width * camera.height);
+        let n = camera.width * camera.height;
         if frame.views.len() != manifest.n_drones {
             let (expected, found) = (manifest.n_drones.to_string(), frame.views.len().to_string());
             return self.input_error(item("views"), expected, found, "give one view per drone");
@@ -988,56 +1093,7 @@ impl WorldWriter {
             return self.input_error(item("time"), expected, found, "write frames in the order of time");
         }
         for (drone, view) in frame.views.iter().enumerate() {
-            let item = |part: &str| format!("frame {number} of drone {drone}, {part}");
-            let sizes = [
-                ("depth", view.depth_m.len()),
-                ("status", view.status.len()),
-                ("geom ids", view.geom_id.len()),
-                ("body ids", view.body_id.len()),
-                ("normals", view.normal.map_or(n, <[_]>::len)),
-                ("noisy depth", view.noisy.map_or(n, |v| v.depth_m.len())),
-                ("noisy status", view.noisy.map_or(n, |v| v.status.len())),
-            ];
-            if let Some((part, size)) = sizes.iter().find(|(_, size)| *size != n) {
-                let expected = format!("{n} pixels ({width}x{height})");
-                return self.input_error(
-                    item(part),
-                    expected,
-                    size.to_string(),
-                    "render at the manifest's size",
-                );
-            }
-            let promised = (manifest.normals, manifest.noise.is_some());
-            let given = (view.normal.is_some(), view.noisy.is_some());
-            if promised != given {
-                let text = |(normals, noise)| format!("normals {normals}, noisy depth {noise}");
-                let remedy = "make manifest and frames agree";
-                return self.input_error(item("parts"), text(promised), text(given), remedy);
-            }
-            if view.k != manifest.cameras[drone].k {
-                let expected = format!("{:?}", manifest.cameras[drone].k);
-                let found = format!("{:?}", view.k);
-                return self.input_error(item("K"), expected, found, "give the manifest the camera's matrix");
-            }
-            for (part, ids, n_known) in [
-                ("geom ids", view.geom_id, manifest.geoms.len()),
-                ("body ids", view.body_id, manifest.bodies.len()),
-            ] {
-                if let Some(id) = ids.iter().find(|id| **id < -1 || i64::from(**id) >= n_known as i64) {
-                    let expected = format!("-1 to {}", n_known as i64 - 1);
-                    let remedy = "list all geoms and bodies in the manifest";
-                    return self.input_error(item(part), expected, id.to_string(), remedy);
-                }
-            }
-            if !view.pos_m.iter().chain(&view.quat_xyzw).all(|x| x.is_finite()) {
-                let found = format!("{:?}, {:?}", view.pos_m, view.quat_xyzw);
-                return self.input_error(
-                    item("pose"),
-                    "finite numbers",
-                    found,
-                    "quarantine the world instead",
-                );
-            }
+            self.check_view(drone, view, n)?;
         }
         let (pos_m, quat_xyzw) = frame.obstacles;
         let (named, given) = (manifest.obstacles.len(), pos_m.len());
@@ -1047,6 +1103,60 @@ impl WorldWriter {
             let found = format!("{given} positions {pos_m:?} and {} orientations", quat_xyzw.len());
             return self.input_error(item("obstacles"), expected, found, "make manifest and frames agree");
         }
+        Ok(())
+    }
+
+    /// Refuses a view of one drone that is not what the manifest promises, or has not `n` pixels.
+    fn check_view(&self, drone: usize, view: &View, n: usize) -> Result<()> {
+        let (number, manifest) = (self.n_frames, &self.shared.manifest);
+        let camera = &manifest.cameras[drone];
+        let item = |part: &str| format!("frame {number} of drone {drone}, {part}");
+        let sizes = [
+            ("depth", view.depth_m.len()),
+            ("status", view.status.len()),
+            ("geom ids", view.geom_id.len()),
+            ("body ids", view.body_id.len()),
+            ("normals", view.normal.map_or(n, <[_]>::len)),
+            ("noisy depth", view.noisy.map_or(n, |v| v.depth_m.len())),
+            ("noisy status", view.noisy.map_or(n, |v| v.status.len())),
+        ];
+        if let Some((part, size)) = sizes.iter().find(|(_, size)| *size != n) {
+            let expected = format!("{n} pixels ({}x{})", camera.width, camera.height);
+            return self.input_error(item(part), expected, size.to_string(), "render at the manifest's size");
+        }
+        let promised = (manifest.normals, manifest.noise.is_some());
+        let given = (view.normal.is_some(), view.noisy.is_some());
+        if promised != given {
+            let text = |(normals, noise)| format!("normals {normals}, noisy depth {noise}");
+            let remedy = "make manifest and frames agree";
+            return self.input_error(item("parts"), text(promised), text(given), remedy);
+        }
+        if view.k != camera.k {
+            let expected = format!("{:?}", camera.k);
+            let found = format!("{:?}", view.k);
+            return self.input_error(item("K"), expected, found, "give the manifest the camera's matrix");
+        }
+        for (part, ids, n_known) in [
+            ("geom ids", view.geom_id, manifest.geoms.len()),
+            ("body ids", view.body_id, manifest.bodies.len()),
+        ] {
+            if let Some(id) = ids.iter().find(|id| **id < -1 || i64::from(**id) >= n_known as i64) {
+                let expected = format!("-1 to {}", n_known as i64 - 1);
+                let remedy = "list all geoms and bodies in the manifest";
+                return self.input_error(item(part), expected, id.to_string(), remedy);
+            }
+        }
+        if !view.pos_m.iter().chain(&view.quat_xyzw).all(|x| x.is_finite()) {
+            let found = format!("{:?}, {:?}", view.pos_m, view.quat_xyzw);
+            return self.input_error(item("pose"), "finite numbers", found, "quarantine the world instead");
+        }
+        Ok(())
+    }
+
+    /// The 16-bit images of a frame that was checked: path within the world, and pixels.
+    fn encoded(&self, frame: &FrameInput) -> Result<Vec<(String, Vec<u16>)>> {
+        let (number, manifest) = (self.n_frames, &self.shared.manifest);
+        let width = manifest.cameras[0].width;
         let unit = manifest.depth_png.metres_per_unit;
         let mut images = Vec::with_capacity(2 * frame.views.len());
         for (drone, view) in frame.views.iter().enumerate() {
@@ -1055,7 +1165,7 @@ impl WorldWriter {
                 view.noisy.map(|noisy| ("depth_noisy", noisy.depth_m, noisy.status)),
             ];
             for (folder, depth_m, status) in planes.into_iter().flatten() {
-                let mut pixels = Vec::with_capacity(n);
+                let mut pixels = Vec::with_capacity(depth_m.len());
                 for (i, (depth, status)) in depth_m.iter().zip(status).enumerate() {
                     let Some(value) = depth_png::encode(*depth, *status, unit) else {
                         let (row, column) = (i / width, i % width);
@@ -1076,41 +1186,7 @@ impl WorldWriter {
                 images.push((format!("{folder}/drone{drone}_{number:06}.png"), pixels));
             }
         }
-        // All is sound; from here only the disk can fail.
-        self.failed = true;
-        for (name, pixels) in images {
-            depth_png::write(&self.partial.join(&name), width, height, &pixels)?;
-            self.images.push(name);
-        }
-        let Some(spools) = &mut self.frames else { return Ok(()) };
-        spools.time_s.push(std::iter::once(frame.t_s.to_le_bytes()))?;
-        spools.step.push(std::iter::once((frame.step as i64).to_le_bytes()))?;
-        let (pos_m, quat_xyzw) = frame.obstacles;
-        if let (Some(pos), Some(quat)) = (&mut spools.obstacle_pos_m, &mut spools.obstacle_quat_xyzw) {
-            pos.push(pos_m.iter().flatten().map(|v| v.to_le_bytes()))?;
-            quat.push(quat_xyzw.iter().flatten().map(|v| v.to_le_bytes()))?;
-        }
-        for view in frame.views {
-            spools.camera_pos_m.push(view.pos_m.iter().map(|v| v.to_le_bytes()))?;
-            spools.camera_quat_xyzw.push(view.quat_xyzw.iter().map(|v| v.to_le_bytes()))?;
-            spools.depth_m.push(view.depth_m.iter().map(|v| v.to_le_bytes()))?;
-            spools.status.push_bytes(view.status)?;
-            spools.geom_id.push(view.geom_id.iter().map(|v| v.to_le_bytes()))?;
-            spools.body_id.push(view.body_id.iter().map(|v| v.to_le_bytes()))?;
-            if let (Some(spool), Some(normal)) = (&mut spools.normal, view.normal) {
-                spool.push(normal.iter().flatten().map(|v| v.to_le_bytes()))?;
-            }
-            if let (Some(spool), Some(noisy)) = (&mut spools.depth_noisy_m, view.noisy) {
-                spool.push(noisy.depth_m.iter().map(|v| v.to_le_bytes()))?;
-            }
-            if let (Some(spool), Some(noisy)) = (&mut spools.status_noisy, view.noisy) {
-                spool.push_bytes(noisy.status)?;
-            }
-        }
-        self.last_frame_s = frame.t_s;
-        self.n_frames += 1;
-        self.failed = false;
-        Ok(())
+        Ok(images)
     }
 
     /// Writes a sample of a sensor of the manifest, by its number: the numbers of each channel, (drone, shape of the channel).

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SenseError;
 use super::depth::{Camera, DepthFrame, DepthKind, PixelStatus};
-use crate::random::{Key, purpose};
+use crate::random::{Key, Stream, purpose};
 
 /// A depth sensor's errors. [`Default`] is none.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -92,6 +92,21 @@ impl DepthNoise {
         Ok(())
     }
 
+    /// A z-depth with axial noise, in the steps of the device.
+    fn measured(&self, mut z: f64, draws: &mut Stream) -> f64 {
+        if self.axial_base_m > 0.0 || self.axial_quadratic_per_m > 0.0 {
+            z += self.sigma_m(z) * draws.normal();
+        }
+        if self.quantum_m > 0.0 {
+            z = (z / self.quantum_m).round() * self.quantum_m;
+        }
+        if self.inverse_quantum_per_m > 0.0 && z > 0.0 {
+            let steps = (1.0 / (z * self.inverse_quantum_per_m)).round();
+            z = if steps > 0.0 { 1.0 / (steps * self.inverse_quantum_per_m) } else { f64::INFINITY };
+        }
+        z
+    }
+
     /// Writes the noisy version of `clean` into `noisy`, whose buffers are reused. `camera` is the one that rendered
     /// `clean`.
     ///
@@ -137,32 +152,13 @@ impl DepthNoise {
             let mut z = f64::from(clean.depth_m[i]) * cosine(i);
             if self.flying_probability > 0.0 && draws.unit() < self.flying_probability {
                 let mix = draws.unit();
-                let (row, col) = (i / w, i % w);
-                let mut jump = 0.0;
-                for (r, c) in
-                    [(row.wrapping_sub(1), col), (row, col.wrapping_sub(1)), (row, col + 1), (row + 1, col)]
-                {
-                    if r < h && c < w && hit(r * w + c) {
-                        let step = f64::from(clean.depth_m[r * w + c]) * cosine(r * w + c) - z;
-                        if step.abs() > f64::abs(jump) {
-                            jump = step;
-                        }
-                    }
-                }
+                let z_of = |k: usize| hit(k).then(|| f64::from(clean.depth_m[k]) * cosine(k));
+                let jump = greatest_jump(z, i, (w, h), z_of);
                 if jump.abs() > self.flying_edge_m {
                     z += mix * jump;
                 }
             }
-            if self.axial_base_m > 0.0 || self.axial_quadratic_per_m > 0.0 {
-                z += self.sigma_m(z) * draws.normal();
-            }
-            if self.quantum_m > 0.0 {
-                z = (z / self.quantum_m).round() * self.quantum_m;
-            }
-            if self.inverse_quantum_per_m > 0.0 && z > 0.0 {
-                let steps = (1.0 / (z * self.inverse_quantum_per_m)).round();
-                z = if steps > 0.0 { 1.0 / (steps * self.inverse_quantum_per_m) } else { f64::INFINITY };
-            }
+            z = self.measured(z, &mut draws);
             let value = z / cosine(i);
             let (depth, status) = if value > far || value == f64::INFINITY {
                 (f32::INFINITY, PixelStatus::TooFar)
@@ -185,4 +181,20 @@ impl DepthNoise {
         }
         Ok(())
     }
+}
+
+/// The greatest step from a z-depth to those beside, above and below pixel `i`; `z_of` is none where nothing was hit.
+fn greatest_jump(z: f64, i: usize, (w, h): (usize, usize), z_of: impl Fn(usize) -> Option<f64>) -> f64 {
+    let (row, col) = (i / w, i % w);
+    let mut jump = 0.0;
+    for (r, c) in [(row.wrapping_sub(1), col), (row, col.wrapping_sub(1)), (row, col + 1), (row + 1, col)] {
+        if r < h
+            && c < w
+            && let Some(other) = z_of(r * w + c)
+            && (other - z).abs() > f64::abs(jump)
+        {
+            jump = other - z;
+        }
+    }
+    jump
 }

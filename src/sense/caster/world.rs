@@ -190,58 +190,11 @@ impl World {
         let mut known: HashMap<usize, (usize, Hull)> = HashMap::new();
         let mut still = Vec::new();
         for geom in scene.geoms() {
-            let s = geom.size_m;
-            let mut asset = 0;
-            let mut foreign = geom.kind == GeomType::Sdf;
-            let hull = match geom.kind {
-                GeomType::Plane if s[0] > 0.0 && s[1] > 0.0 => Hull::of_box([0.0; 3], [s[0], s[1], 0.0]),
-                GeomType::Plane => Hull::along_z(0.0, f64::INFINITY),
-                GeomType::Sphere => Hull::along_z(0.0, s[0]),
-                GeomType::Capsule => Hull::along_z(s[1], s[0]),
-                GeomType::Cylinder if s[1] > s[0] => Hull::along_z(s[1], s[0]),
-                GeomType::Cylinder => Hull::along_z(0.0, s[0].hypot(s[1])),
-                GeomType::Ellipsoid => of_ellipsoid(s),
-                GeomType::Box => Hull::of_box([0.0; 3], s),
-                GeomType::Sdf => foreign_ball(geom),
-                GeomType::Mesh => match scene.mesh(geom.id) {
-                    Some(view) => {
-                        let key = view.vertices_m.as_ptr() as usize;
-                        let (number, hull) = *known.entry(key).or_insert_with(|| {
-                            world.meshes.push(Mesh::new(view.vertices_m, view.faces));
-                            (world.meshes.len() - 1, of_points(view.vertices_m))
-                        });
-                        asset = number;
-                        hull
-                    }
-                    None => {
-                        foreign = true;
-                        foreign_ball(geom)
-                    }
-                },
-                GeomType::Hfield => {
-                    let view = scene.hfield(geom.id);
-                    let key = view.map_or(0, |v| v.data.as_ptr() as usize);
-                    if let Some((number, hull)) = known.get(&key) {
-                        asset = *number;
-                        *hull
-                    } else if let Some((field, v)) =
-                        view.and_then(|v| Some((Hfield::new(v.n_row, v.n_col, v.size_m, v.data)?, v)))
-                    {
-                        let [sx, sy, top, base] = v.size_m;
-                        let hull = Hull::of_box([0.0, 0.0, 0.5 * (top - base)], [sx, sy, 0.5 * (top + base)]);
-                        asset = world.hfields.len();
-                        world.hfields.push(field);
-                        known.insert(key, (asset, hull));
-                        hull
-                    } else {
-                        foreign = true;
-                        foreign_ball(geom)
-                    }
-                }
-            };
+            let (hull, found) = world.hull_of(scene, geom, &mut known);
+            let (asset, foreign) = (found.unwrap_or(0), found.is_none());
             world.shapes.push(Shape {
                 kind: geom.kind,
-                size: s,
+                size: geom.size_m,
                 asset,
                 body: geom.body_id,
                 drone: geom.drone,
@@ -264,6 +217,53 @@ impl World {
         world.fixed = Fixed::new(still);
         world.solids = Solids::new(scene, &assets, pos, mat);
         world
+    }
+
+    /// What holds a geom, and the number of its asset (0 where it needs none); none where its rays are left to MuJoCo. Adds assets that
+    /// are not `known` by the address of their arrays.
+    fn hull_of(
+        &mut self,
+        scene: &Scene,
+        geom: &GeomInfo,
+        known: &mut HashMap<usize, (usize, Hull)>,
+    ) -> (Hull, Option<usize>) {
+        let s = geom.size_m;
+        let hull = match geom.kind {
+            GeomType::Plane if s[0] > 0.0 && s[1] > 0.0 => Hull::of_box([0.0; 3], [s[0], s[1], 0.0]),
+            GeomType::Plane => Hull::along_z(0.0, f64::INFINITY),
+            GeomType::Sphere => Hull::along_z(0.0, s[0]),
+            GeomType::Capsule => Hull::along_z(s[1], s[0]),
+            GeomType::Cylinder if s[1] > s[0] => Hull::along_z(s[1], s[0]),
+            GeomType::Cylinder => Hull::along_z(0.0, s[0].hypot(s[1])),
+            GeomType::Ellipsoid => of_ellipsoid(s),
+            GeomType::Box => Hull::of_box([0.0; 3], s),
+            GeomType::Sdf => return (foreign_ball(geom), None),
+            GeomType::Mesh => {
+                let Some(view) = scene.mesh(geom.id) else { return (foreign_ball(geom), None) };
+                let key = view.vertices_m.as_ptr() as usize;
+                let (number, hull) = *known.entry(key).or_insert_with(|| {
+                    self.meshes.push(Mesh::new(view.vertices_m, view.faces));
+                    (self.meshes.len() - 1, of_points(view.vertices_m))
+                });
+                return (hull, Some(number));
+            }
+            GeomType::Hfield => {
+                let view = scene.hfield(geom.id);
+                let key = view.map_or(0, |v| v.data.as_ptr() as usize);
+                if let Some((number, hull)) = known.get(&key) {
+                    return (*hull, Some(*number));
+                }
+                let made =
+                    view.and_then(|v| Some((Hfield::new(v.n_row, v.n_col, v.size_m, v.data)?, v.size_m)));
+                let Some((field, [sx, sy, top, base])) = made else { return (foreign_ball(geom), None) };
+                let hull = Hull::of_box([0.0, 0.0, 0.5 * (top - base)], [sx, sy, 0.5 * (top + base)]);
+                let number = self.hfields.len();
+                self.hfields.push(field);
+                known.insert(key, (number, hull));
+                return (hull, Some(number));
+            }
+        };
+        (hull, Some(0))
     }
 }
 
