@@ -13,6 +13,15 @@ pub const PARTS: [&str; 6] = ["single", "pairs", "none", "unlisted", "ordinary",
 /// Length of an ordinary flight, s.
 pub const ORDINARY_S: f64 = 30.0;
 
+/// Rows of the table, and what they are made of.
+struct Table<'a> {
+    vehicle: &'a Vehicle,
+    path: &'a str,
+    args: &'a Args,
+    /// What was measured, what was reached, of how many cases, and the goal.
+    rows: Vec<[String; 4]>,
+}
+
 /// Runs the parts that were asked for (all, where none was named) and prints the table.
 pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std::error::Error>> {
     if let Some(unknown) = args.parts.iter().find(|p| !PARTS.contains(&p.as_str())) {
@@ -20,7 +29,6 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         return Err(format!("expected parts among {known}, found `{unknown}`: take one of them").into());
     }
     let wanted = |part: &str| args.parts.is_empty() || args.parts.iter().any(|p| p == part);
-    let seeds = args.first..args.first + args.seeds;
     let base = Case {
         hidden: vec![],
         seed: 0,
@@ -32,74 +40,21 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         closure: false,
         tracked: true,
     };
-    let mut rows: Vec<[String; 4]> = Vec::new();
-    let mut row = |what: &str, reached: String, of: usize, goal: &str| {
-        rows.push([what.into(), reached, of.to_string(), goal.into()]);
-    };
+    let mut table = Table { vehicle, path, args, rows: Vec::new() };
     for noise in LEVELS {
         let base = Case { noise, ..base.clone() };
         let level = format!("{noise:?}").to_lowercase();
-        let over = |effects: &[&'static str], seeds: std::ops::Range<u64>, like: &Case| -> Vec<Case> {
-            let each = effects.iter().flat_map(|e| seeds.clone().map(move |seed| (*e, seed)));
-            each.map(|(e, seed)| Case { hidden: vec![e], seed, ..like.clone() }).collect()
-        };
         if wanted("single") {
-            let like = Case { closure: true, ..base.clone() };
-            let out = all(&over(HIDDEN, seeds.clone(), &like), vehicle, path)?;
-            let n = out.len();
-            row(&format!("one effect, {level}: first"), share(&out, Outcome::first_right), n, "≥ 97 %");
-            row(&format!("one effect, {level}: it and nothing else"), share(&out, Outcome::exact), n, "");
-            let (inside, of) = out.iter().map(Outcome::intervals).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
-            row(
-                &format!("intervals of 95 % that hold the truth, {level}"),
-                percent(inside, of),
-                of,
-                "90–99 %",
-            );
-            let mut closures: Vec<f64> = out.iter().filter_map(|o| o.closure).collect();
-            closures.sort_by(f64::total_cmp);
-            let at = |q: f64| closures.get((q * (closures.len() as f64 - 1.0)) as usize).copied();
-            if let (Some(median), Some(worst)) = (at(0.5), at(0.9)) {
-                let text = format!("{median:.3} (9 of 10 below {worst:.3})");
-                row(
-                    &format!("error after adding, over that of the true values, {level}"),
-                    text,
-                    closures.len(),
-                    "≤ 1.05",
-                );
-            }
-            confusion(&out);
-            misses(&out);
+            table.single(&level, &base)?;
         }
         if wanted("pairs") {
-            let out = all(&pairs(args.pairs, &base), vehicle, path)?;
-            row(
-                &format!("two effects, {level}: both and nothing else"),
-                share(&out, Outcome::group_right),
-                out.len(),
-                "≥ 90 %",
-            );
-            row(&format!("two effects, {level}: both"), share(&out, Outcome::in_a_group), out.len(), "");
+            table.pairs(&level, &base)?;
         }
         if wanted("none") {
-            let many = args.first..args.first + 4 * args.seeds;
-            let cases: Vec<Case> = many.map(|seed| Case { seed, ..base.clone() }).collect();
-            let out = all(&cases, vehicle, path)?;
-            row(
-                &format!("nothing hidden, {level}: nothing missing"),
-                share(&out, Outcome::silent),
-                out.len(),
-                "≥ 98 %",
-            );
+            table.none(&level, &base)?;
         }
         if wanted("unlisted") {
-            let out = all(&over(UNLISTED, seeds.clone(), &base), vehicle, path)?;
-            row(
-                &format!("not in the list, {level}: unexplained"),
-                share(&out, Outcome::exact),
-                out.len(),
-                "≥ 90 %",
-            );
+            table.unlisted(&level, &base)?;
         }
     }
     if wanted("ordinary") {
@@ -108,77 +63,179 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
             ("circle", Excitation::Circle),
             ("hover with yaw", Excitation::HoverYaw),
         ] {
-            let cases: Vec<Case> = HIDDEN
-                .iter()
-                .enumerate()
-                .map(|(i, e)| Case {
-                    hidden: vec![e],
-                    seed: args.first + i as u64 % args.seeds.max(1),
-                    excitation: Some(excitation),
-                    seconds: ORDINARY_S,
-                    ..base.clone()
-                })
-                .collect();
-            let out = all(&cases, vehicle, path)?;
-            let n = out.len();
-            row(&format!("{name}: named, or in the named group"), share(&out, Outcome::in_a_group), n, "");
-            row(&format!("{name}: nothing to be seen"), share(&out, Outcome::silent), n, "");
-            row(
-                &format!("{name}: a wrong name without doubt"),
-                share(&out, Outcome::confidently_wrong),
-                n,
-                "≤ 5 %",
-            );
-            let told = |o: &Outcome| o.in_a_group() || (o.silent() && o.could_not_show());
-            row(
-                &format!("{name}: in the group, or among what the flight could not show"),
-                share(&out, told),
-                n,
-                "≥ 95 %",
-            );
-            let open: Vec<&Outcome> = out.iter().filter(|o| !(o.exact() && o.certain())).collect();
-            let next = advised(&open, vehicle)?;
-            let flown: Vec<Outcome> = next.into_iter().flatten().collect();
-            let text = format!(
-                "{} of {} advised",
-                percent(flown.iter().filter(|o| o.exact()).count(), open.len()),
-                flown.len()
-            );
-            row(
-                &format!("{name}, not decided: right after the flight that is advised"),
-                text,
-                open.len(),
-                "",
-            );
-            let seen: Vec<Outcome> = out.into_iter().filter(|o| !o.silent()).collect();
-            row(
-                &format!("{name}: in the group, where anything is seen"),
-                share(&seen, Outcome::in_a_group),
-                seen.len(),
-                "≥ 95 %",
-            );
+            table.ordinary(name, excitation, &base)?;
         }
     }
     if wanted("time") {
+        table.time(&base)?;
+    }
+    println!("\n| what | reached | cases | goal |\n|---|---|---|---|");
+    for [what, reached, of, goal] in table.rows {
+        println!("| {what} | {reached} | {of} | {goal} |");
+    }
+    Ok(())
+}
+
+type Done = Result<(), Box<dyn std::error::Error>>;
+
+impl Table<'_> {
+    fn row(&mut self, what: &str, reached: String, of: usize, goal: &str) {
+        self.rows.push([what.into(), reached, of.to_string(), goal.into()]);
+    }
+
+    /// Each effect with each seed, otherwise as `like`.
+    fn over(&self, effects: &[&'static str], like: &Case) -> Vec<Case> {
+        let seeds = self.args.first..self.args.first + self.args.seeds;
+        let each = effects.iter().flat_map(|e| seeds.clone().map(move |seed| (*e, seed)));
+        each.map(|(e, seed)| Case { hidden: vec![e], seed, ..like.clone() }).collect()
+    }
+
+    /// One effect of the list.
+    fn single(&mut self, level: &str, base: &Case) -> Done {
+        let like = Case { closure: true, ..base.clone() };
+        let out = all(&self.over(HIDDEN, &like), self.vehicle, self.path)?;
+        let n = out.len();
+        self.row(&format!("one effect, {level}: first"), share(&out, Outcome::first_right), n, "≥ 97 %");
+        self.row(&format!("one effect, {level}: it and nothing else"), share(&out, Outcome::exact), n, "");
+        let (inside, of) = out.iter().map(Outcome::intervals).fold((0, 0), |a, b| (a.0 + b.0, a.1 + b.1));
+        self.row(
+            &format!("intervals of 95 % that hold the truth, {level}"),
+            percent(inside, of),
+            of,
+            "90–99 %",
+        );
+        self.closures(level, &out);
+        confusion(&out);
+        misses(&out);
+        Ok(())
+    }
+
+    /// How much error is left after adding what was found.
+    fn closures(&mut self, level: &str, out: &[Outcome]) {
+        let mut closures: Vec<f64> = out.iter().filter_map(|o| o.closure).collect();
+        closures.sort_by(f64::total_cmp);
+        let at = |q: f64| closures.get((q * (closures.len() as f64 - 1.0)) as usize).copied();
+        if let (Some(median), Some(worst)) = (at(0.5), at(0.9)) {
+            let text = format!("{median:.3} (9 of 10 below {worst:.3})");
+            self.row(
+                &format!("error after adding, over that of the true values, {level}"),
+                text,
+                closures.len(),
+                "≤ 1.05",
+            );
+        }
+    }
+
+    /// Two effects.
+    fn pairs(&mut self, level: &str, base: &Case) -> Done {
+        let out = all(&pairs(self.args.pairs, base), self.vehicle, self.path)?;
+        self.row(
+            &format!("two effects, {level}: both and nothing else"),
+            share(&out, Outcome::group_right),
+            out.len(),
+            "≥ 90 %",
+        );
+        self.row(&format!("two effects, {level}: both"), share(&out, Outcome::in_a_group), out.len(), "");
+        Ok(())
+    }
+
+    /// Nothing hidden.
+    fn none(&mut self, level: &str, base: &Case) -> Done {
+        let many = self.args.first..self.args.first + 4 * self.args.seeds;
+        let cases: Vec<Case> = many.map(|seed| Case { seed, ..base.clone() }).collect();
+        let out = all(&cases, self.vehicle, self.path)?;
+        self.row(
+            &format!("nothing hidden, {level}: nothing missing"),
+            share(&out, Outcome::silent),
+            out.len(),
+            "≥ 98 %",
+        );
+        Ok(())
+    }
+
+    /// An effect that is not in the list.
+    fn unlisted(&mut self, level: &str, base: &Case) -> Done {
+        let out = all(&self.over(UNLISTED, base), self.vehicle, self.path)?;
+        self.row(
+            &format!("not in the list, {level}: unexplained"),
+            share(&out, Outcome::exact),
+            out.len(),
+            "≥ 90 %",
+        );
+        Ok(())
+    }
+
+    /// Flights that were not flown to find anything.
+    fn ordinary(&mut self, name: &str, excitation: Excitation, base: &Case) -> Done {
+        let cases: Vec<Case> = HIDDEN
+            .iter()
+            .enumerate()
+            .map(|(i, e)| Case {
+                hidden: vec![e],
+                seed: self.args.first + i as u64 % self.args.seeds.max(1),
+                excitation: Some(excitation),
+                seconds: ORDINARY_S,
+                ..base.clone()
+            })
+            .collect();
+        let out = all(&cases, self.vehicle, self.path)?;
+        let n = out.len();
+        self.row(&format!("{name}: named, or in the named group"), share(&out, Outcome::in_a_group), n, "");
+        self.row(&format!("{name}: nothing to be seen"), share(&out, Outcome::silent), n, "");
+        self.row(
+            &format!("{name}: a wrong name without doubt"),
+            share(&out, Outcome::confidently_wrong),
+            n,
+            "≤ 5 %",
+        );
+        let told = |o: &Outcome| o.in_a_group() || (o.silent() && o.could_not_show());
+        self.row(
+            &format!("{name}: in the group, or among what the flight could not show"),
+            share(&out, told),
+            n,
+            "≥ 95 %",
+        );
+        let open: Vec<&Outcome> = out.iter().filter(|o| !(o.exact() && o.certain())).collect();
+        let next = advised(&open, self.vehicle)?;
+        let flown: Vec<Outcome> = next.into_iter().flatten().collect();
+        let text = format!(
+            "{} of {} advised",
+            percent(flown.iter().filter(|o| o.exact()).count(), open.len()),
+            flown.len()
+        );
+        self.row(
+            &format!("{name}, not decided: right after the flight that is advised"),
+            text,
+            open.len(),
+            "",
+        );
+        let seen: Vec<Outcome> = out.into_iter().filter(|o| !o.silent()).collect();
+        self.row(
+            &format!("{name}: in the group, where anything is seen"),
+            share(&seen, Outcome::in_a_group),
+            seen.len(),
+            "≥ 95 %",
+        );
+        Ok(())
+    }
+
+    /// How long it takes.
+    fn time(&mut self, base: &Case) -> Done {
         let case = Case { hidden: vec!["rotor_drag"], seconds: 60.0, ..base.clone() };
         let (mut took, mut compared) = (Vec::new(), Vec::new());
         for seed in 0..5 {
             let case = Case { seed, ..case.clone() };
-            took.push(case.run(vehicle, path).map_err(|e| e.to_string())?.took_s);
-            compared.push(case.compare(vehicle).map_err(|e| e.to_string())?);
+            took.push(case.run(self.vehicle, self.path).map_err(|e| e.to_string())?.took_s);
+            compared.push(case.compare(self.vehicle).map_err(|e| e.to_string())?);
         }
         took.sort_by(f64::total_cmp);
         compared.sort_by(f64::total_cmp);
         let what = "60 s at 240 Hz, all candidates, with reading: median time";
-        row(what, format!("{:.1} s", took[2]), 5, "≤ 5 s on 2 cores");
+        self.row(what, format!("{:.1} s", took[2]), 5, "≤ 5 s on 2 cores");
         let what = "60 s at 240 Hz, compare, without reading: median time";
-        row(what, format!("{:.2} s", compared[2]), 5, "≤ 0.5 s on 2 cores");
+        self.row(what, format!("{:.2} s", compared[2]), 5, "≤ 0.5 s on 2 cores");
+        Ok(())
     }
-    println!("\n| what | reached | cases | goal |\n|---|---|---|---|");
-    for [what, reached, of, goal] in rows {
-        println!("| {what} | {reached} | {of} | {goal} |");
-    }
-    Ok(())
 }
 
 /// All cases, several at a time; prints those that are not exact.

@@ -240,85 +240,24 @@ impl Mapping {
             }
         }
         for (name, column) in raw.columns {
-            let key = format!("columns.{name}");
-            let Some(kind) = kind_of(&name) else {
-                return Err(wrong(
-                    &key,
-                    "a name of the flight-log contract such as px, qw, vx, wx, ax, rotor1, cmd_thrust, obj_NAME_x",
-                    &name,
-                    "the name on the left is ours, the one in quotes is the file's",
-                ));
-            };
-            let raw = match column {
-                RawColumn::Name(from) => RawSource { from, unit: None, scale: None, offset: None },
-                RawColumn::Full(full) => full,
-            };
-            let factor = match raw.unit.as_deref() {
-                None => 1.0,
-                Some(unit) => unit_factor(kind, unit).ok_or_else(|| {
-                    wrong(
-                        &key,
-                        &format!("a unit of {}", units_of(kind)),
-                        unit,
-                        "correct `unit`, or give `scale`",
-                    )
-                })?,
-            };
-            let (scale, offset) = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
-            if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
-                let found = format!("scale {scale}, offset {offset}");
-                return Err(wrong(&key, "finite numbers, a scale other than 0", &found, "correct them"));
-            }
-            let source = Source { column: raw.from, scale: factor * scale, offset, explicit: true };
+            let source = source_of(&name, column, &wrong)?;
             out.columns.insert(name, source);
         }
         if let Some(attitude) = raw.attitude {
             let (attitude, inverse) = read_attitude(attitude, &wrong)?;
             (out.attitude, out.inverse_attitude) = (attitude, inverse);
         }
-        let frame = |key: &str, raw: Option<RawFrame>, names: &[(&str, Frame)]| -> Result<Frame> {
-            let known: Vec<&str> = names.iter().map(|(n, _)| *n).collect();
-            let expected =
-                format!("one of {}, or three axes such as [\"x\", \"-y\", \"-z\"]", known.join(", "));
-            match raw {
-                None => Ok(Frame::default()),
-                Some(RawFrame::Name(name)) => {
-                    let found = names.iter().find(|(n, _)| name.eq_ignore_ascii_case(n)).map(|(_, f)| *f);
-                    found.ok_or_else(|| wrong(key, &expected, &name, "correct the name"))
-                }
-                Some(RawFrame::Axes(axes)) => {
-                    let mut frame = Frame::default();
-                    for (i, axis) in axes.iter().enumerate() {
-                        let bare = axis.trim_start_matches(['-', '+']);
-                        frame.sign[i] = if axis.starts_with('-') { -1.0 } else { 1.0 };
-                        frame.axis[i] = match bare {
-                            "x" => 0,
-                            "y" => 1,
-                            "z" => 2,
-                            _ => return Err(wrong(key, &expected, axis, "correct the axis")),
-                        };
-                    }
-                    if frame.handedness() != 1.0 {
-                        return Err(wrong(
-                            key,
-                            "three different axes of a right-handed frame",
-                            &axes.join(", "),
-                            "change the sign of one axis, or name each once; a left-handed log must be mirrored first",
-                        ));
-                    }
-                    Ok(frame)
-                }
-            }
-        };
         let (same, turned) = (Frame::default(), Frame::TURNED);
         // East-north-down turned about x would be mirrored, so it is not offered.
         let y_up = Frame { axis: [0, 2, 1], sign: [1.0, -1.0, 1.0] };
-        out.world_from_file = frame(
+        out.world_from_file = frame_of(
             "world_frame",
             raw.world_frame,
             &[("enu", same), ("nwu", same), ("z_up", same), ("ned", turned), ("y_up", y_up)],
+            &wrong,
         )?;
-        out.body_from_file = frame("body_frame", raw.body_frame, &[("flu", same), ("frd", turned)])?;
+        out.body_from_file =
+            frame_of("body_frame", raw.body_frame, &[("flu", same), ("frd", turned)], &wrong)?;
         Ok(out)
     }
 
@@ -438,10 +377,74 @@ impl Mapping {
     }
 }
 
-fn read_attitude(
-    raw: RawAttitude,
-    wrong: &dyn Fn(&str, &str, &str, &'static str) -> FlightError,
-) -> Result<(Attitude, bool)> {
+/// Makes an error of this file: key, what was expected, what was found, what to do.
+type Wrong<'a> = dyn Fn(&str, &str, &str, &'static str) -> FlightError + 'a;
+
+/// Where a column of the contract comes from.
+fn source_of(name: &str, column: RawColumn, wrong: &Wrong<'_>) -> Result<Source> {
+    let key = format!("columns.{name}");
+    let Some(kind) = kind_of(name) else {
+        return Err(wrong(
+            &key,
+            "a name of the flight-log contract such as px, qw, vx, wx, ax, rotor1, cmd_thrust, obj_NAME_x",
+            name,
+            "the name on the left is ours, the one in quotes is the file's",
+        ));
+    };
+    let raw = match column {
+        RawColumn::Name(from) => RawSource { from, unit: None, scale: None, offset: None },
+        RawColumn::Full(full) => full,
+    };
+    let factor = match raw.unit.as_deref() {
+        None => 1.0,
+        Some(unit) => unit_factor(kind, unit).ok_or_else(|| {
+            wrong(&key, &format!("a unit of {}", units_of(kind)), unit, "correct `unit`, or give `scale`")
+        })?,
+    };
+    let (scale, offset) = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
+    if !(scale.is_finite() && scale != 0.0 && offset.is_finite()) {
+        let found = format!("scale {scale}, offset {offset}");
+        return Err(wrong(&key, "finite numbers, a scale other than 0", &found, "correct them"));
+    }
+    Ok(Source { column: raw.from, scale: factor * scale, offset, explicit: true })
+}
+
+/// A frame by its name, or by three axes.
+fn frame_of(key: &str, raw: Option<RawFrame>, names: &[(&str, Frame)], wrong: &Wrong<'_>) -> Result<Frame> {
+    let known: Vec<&str> = names.iter().map(|(n, _)| *n).collect();
+    let expected = format!("one of {}, or three axes such as [\"x\", \"-y\", \"-z\"]", known.join(", "));
+    match raw {
+        None => Ok(Frame::default()),
+        Some(RawFrame::Name(name)) => {
+            let found = names.iter().find(|(n, _)| name.eq_ignore_ascii_case(n)).map(|(_, f)| *f);
+            found.ok_or_else(|| wrong(key, &expected, &name, "correct the name"))
+        }
+        Some(RawFrame::Axes(axes)) => {
+            let mut frame = Frame::default();
+            for (i, axis) in axes.iter().enumerate() {
+                let bare = axis.trim_start_matches(['-', '+']);
+                frame.sign[i] = if axis.starts_with('-') { -1.0 } else { 1.0 };
+                frame.axis[i] = match bare {
+                    "x" => 0,
+                    "y" => 1,
+                    "z" => 2,
+                    _ => return Err(wrong(key, &expected, axis, "correct the axis")),
+                };
+            }
+            if frame.handedness() != 1.0 {
+                return Err(wrong(
+                    key,
+                    "three different axes of a right-handed frame",
+                    &axes.join(", "),
+                    "change the sign of one axis, or name each once; a left-handed log must be mirrored first",
+                ));
+            }
+            Ok(frame)
+        }
+    }
+}
+
+fn read_attitude(raw: RawAttitude, wrong: &Wrong<'_>) -> Result<(Attitude, bool)> {
     let plain = |column: &String| Source { column: column.clone(), scale: 1.0, offset: 0.0, explicit: true };
     let inverse = match raw.direction.as_deref() {
         None | Some("world_from_body") => false,

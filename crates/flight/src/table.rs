@@ -135,30 +135,30 @@ pub(super) fn read_csv(path: &Path, bytes: &[u8], rules: &CellRules) -> Result<T
         let line = record.position().map_or(rows.len() + 2, |p| lines.at(p.byte() as usize));
         for (i, column) in columns.iter_mut().enumerate() {
             let Some(column) = column else { continue };
-            let cell = &record[i];
-            if cell.is_empty() || rules.missing.iter().any(|m| m == cell) {
-                column.push(f64::NAN);
-                continue;
-            }
-            match cell.parse::<f64>() {
-                Ok(v) if v.is_finite() => column.push(v),
-                other => {
-                    let expected =
-                        if other.is_ok() { "a finite number or an empty cell" } else { "a number" };
-                    return Err(FlightError::Cell {
-                        path: path.to_path_buf(),
-                        row: line,
-                        column: names[i].as_str().into(),
-                        expected,
-                        found: cell.chars().take(40).collect::<String>().into(),
-                        remedy: NOT_A_NUMBER,
-                    });
-                }
-            }
+            column.push(number(&record[i], rules).map_err(|expected| FlightError::Cell {
+                path: path.to_path_buf(),
+                row: line,
+                column: names[i].as_str().into(),
+                expected,
+                found: record[i].chars().take(40).collect::<String>().into(),
+                remedy: NOT_A_NUMBER,
+            })?);
         }
         rows.push(line);
     }
     Ok(Table::new(names, columns, rows))
+}
+
+/// The number of a cell, NaN where nothing was measured; else what was expected.
+fn number(cell: &str, rules: &CellRules) -> Result<f64, &'static str> {
+    if cell.is_empty() || rules.missing.iter().any(|m| m == cell) {
+        return Ok(f64::NAN);
+    }
+    match cell.parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        Ok(_) => Err("a finite number or an empty cell"),
+        Err(_) => Err("a number"),
+    }
 }
 
 /// Numbers of lines. The parser's own are one too small where the row before ended in `\r\n` or was empty.

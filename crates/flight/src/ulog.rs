@@ -8,7 +8,7 @@ use super::error::{FlightError, Result};
 use super::files::parsed;
 use super::{ClockFault, FlightLog, Mapping};
 use propwash_trace::units::rpm_to_rad_s;
-use px4_ulog::stream_parser::model::{FlattenedFieldType, FlattenedFormat};
+use px4_ulog::stream_parser::model::{DataMessage, FlattenedFieldType, FlattenedFormat};
 use px4_ulog::stream_parser::{Message, SimpleCallbackResult, read_file_with_simple_callback};
 use std::collections::BTreeMap;
 
@@ -95,35 +95,11 @@ pub(super) fn read(log: &mut FlightLog, mapping: Option<&Mapping>) -> Result<()>
     };
     let mut topics: BTreeMap<String, Topic> = BTreeMap::new();
     let mut dropouts_ms = 0u64;
-    let mut repeated = 0;
+    let mut repeated = 0u64;
     let mut take = |message: &Message| {
         match message {
             Message::Data(data) if data.multi_id.value() == 0 => {
-                let topic = &data.flattened_format.message_name;
-                let fields: Vec<String> = match TOPICS.iter().find(|(n, _)| n == topic) {
-                    Some((_, fields)) => fields.iter().map(|f| f.to_string()).collect(),
-                    None => match motor_fields(topic) {
-                        Some(fields) => fields,
-                        None => return SimpleCallbackResult::KeepReading,
-                    },
-                };
-                let stamp = number(data.flattened_format, "timestamp_sample", data.data)
-                    .filter(|t| *t > 0.0)
-                    .or_else(|| number(data.flattened_format, "timestamp", data.data));
-                if let Some(us) = stamp {
-                    let values = fields
-                        .iter()
-                        .map(|f| number(data.flattened_format, f, data.data).unwrap_or(f64::NAN))
-                        .collect();
-                    let entry = topics.entry(topic.clone()).or_default();
-                    // The same sample may be published again; the first is kept.
-                    if entry.t_s.last() == Some(&(us * 1e-6)) {
-                        repeated += 1;
-                    } else {
-                        entry.t_s.push(us * 1e-6);
-                        entry.values.push(values);
-                    }
-                }
+                repeated += u64::from(!keep(&mut topics, data));
             }
             Message::DropoutMessage(dropout) => dropouts_ms += u64::from(dropout.duration_ms),
             _ => {}
@@ -155,18 +131,41 @@ pub(super) fn read(log: &mut FlightLog, mapping: Option<&Mapping>) -> Result<()>
     }
     log.n_rows = topics.values().map(|t| t.t_s.len()).sum();
     log.start_s = topics.values().filter_map(|t| t.t_s.first().copied()).fold(f64::INFINITY, f64::min);
-    for topic in topics.values() {
-        for i in 1..topic.t_s.len() {
-            if topic.t_s[i] <= topic.t_s[i - 1] {
-                log.clock_faults.push(ClockFault {
-                    row: i + 1,
-                    before_s: topic.t_s[i - 1],
-                    time_s: topic.t_s[i],
-                });
-            }
-        }
-    }
+    log.clock_faults.extend(topics.values().flat_map(clock_faults));
     Ok(())
+}
+
+/// Keeps a sample of a topic that is read; false where it repeats the time of the one before.
+fn keep(topics: &mut BTreeMap<String, Topic>, data: &DataMessage) -> bool {
+    let topic = &data.flattened_format.message_name;
+    let fields: Vec<String> = match TOPICS.iter().find(|(n, _)| n == topic) {
+        Some((_, fields)) => fields.iter().map(|f| f.to_string()).collect(),
+        None => match motor_fields(topic) {
+            Some(fields) => fields,
+            None => return true,
+        },
+    };
+    let stamp = number(data.flattened_format, "timestamp_sample", data.data)
+        .filter(|t| *t > 0.0)
+        .or_else(|| number(data.flattened_format, "timestamp", data.data));
+    if let Some(us) = stamp {
+        let values =
+            fields.iter().map(|f| number(data.flattened_format, f, data.data).unwrap_or(f64::NAN)).collect();
+        let entry = topics.entry(topic.clone()).or_default();
+        // The same sample may be published again; the first is kept.
+        if entry.t_s.last() == Some(&(us * 1e-6)) {
+            return false;
+        }
+        entry.t_s.push(us * 1e-6);
+        entry.values.push(values);
+    }
+    true
+}
+
+/// Times of a topic that do not rise.
+fn clock_faults(topic: &Topic) -> Vec<ClockFault> {
+    let fault = |i: usize| ClockFault { row: i + 1, before_s: topic.t_s[i - 1], time_s: topic.t_s[i] };
+    (1..topic.t_s.len()).filter(|i| topic.t_s[*i] <= topic.t_s[*i - 1]).map(fault).collect()
 }
 
 /// The named columns of a topic where all are finite.

@@ -37,6 +37,20 @@ enum Drive<'a, S> {
     Thrust(S),
 }
 
+impl<S: Real> Drive<'_, S> {
+    /// Collective thrust where it is known without rotors, N.
+    #[inline(always)]
+    fn collective_n(&self, response: Option<&attitude_response::Params<S>>, state: &State<S>) -> Option<S> {
+        match (response, self) {
+            (Some(p), Drive::Command(Command::Attitude(c))) => {
+                Some(attitude_response::thrust(p, state.thrust, c[3]))
+            }
+            (_, Drive::Thrust(thrust)) => Some(*thrust),
+            _ => None,
+        }
+    }
+}
+
 /// All parameters of one vehicle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drone<S> {
@@ -362,13 +376,7 @@ impl<S: Real> Drone<S> {
         drive: &Drive<S>,
         surroundings: &Surroundings<S>,
     ) -> Rate<S> {
-        let collective_n = match (response, drive) {
-            (Some(p), Drive::Command(Command::Attitude(c))) => {
-                Some(attitude_response::thrust(p, state.thrust, c[3]))
-            }
-            (_, Drive::Thrust(thrust)) => Some(*thrust),
-            _ => None,
-        };
+        let collective_n = drive.collective_n(response, state);
         let mut surroundings = *surroundings;
         surroundings.wind_m_s =
             self.air(&View { body, airframe, state, surroundings: &surroundings, collective_n, memory: &[] });

@@ -385,8 +385,37 @@ impl<'a> Scheduler<'a> {
             epilogue.code.stores.push((at, *slot));
         }
         let mut wanted_of_call = std::mem::take(&mut epilogue.below_call);
+        let finals = self.finals(&later, &slot_of_value, &mut wanted_of_call);
+        let table = std::mem::take(&mut epilogue.below_once);
+        let (step_code, epilogue_code, state) = (step.code, epilogue.code, step.slots);
+
+        let call = self.call(table, &wanted_of_call);
+        // Only given inputs that the call reads get scratch cells.
+        let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
+        let table = call.below_once;
+        let once = self.once(&table);
+        Schedule {
+            once,
+            n_constants: table.len(),
+            n_call: wanted_of_call.len(),
+            call: call.code,
+            step: step_code,
+            epilogue: epilogue_code,
+            given,
+            state,
+            finals,
+        }
+    }
+
+    /// Where results come from that no step computes; what the call has to add for them is appended to `wanted_of_call`.
+    fn finals(
+        &self,
+        later: &[(Output, NodeId)],
+        slot_of_value: &HashMap<NodeId, u32>,
+        wanted_of_call: &mut Vec<Want>,
+    ) -> Vec<(Output, Source)> {
         let mut finals = Vec::new();
-        for (output, place) in later {
+        for &(output, place) in later {
             let source = match self.node(place) {
                 Node::Literal(bits) => Source::Constant(f64::from_bits(bits)),
                 _ if self.level[place as usize] >= Level::Step => Source::State(slot_of_value[&place]),
@@ -403,12 +432,15 @@ impl<'a> Scheduler<'a> {
             };
             finals.push((output, source));
         }
-        let mut table = std::mem::take(&mut epilogue.below_once);
-        let (step_code, epilogue_code, state) = (step.code, epilogue.code, step.slots);
+        finals
+    }
 
-        let mut call = Builder::new(&self, Level::Call);
-        call.below_once = std::mem::take(&mut table);
-        for (slot, want) in wanted_of_call.iter().enumerate() {
+    /// The code of the call, which fills the per-call table with what is wanted of it; `table` is what is wanted of the constant table so
+    /// far.
+    fn call<'b>(&'b self, table: Vec<Want>, wanted: &[Want]) -> Builder<'a, 'b> {
+        let mut call = Builder::new(self, Level::Call);
+        call.below_once = table;
+        for (slot, want) in wanted.iter().enumerate() {
             let at = match *want {
                 Want::Value(place) => call.value(place),
                 Want::Reciprocal(place) => {
@@ -419,21 +451,7 @@ impl<'a> Scheduler<'a> {
             };
             call.code.stores.push((at, slot as u32));
         }
-        // Only given inputs that the call reads get scratch cells.
-        let given: Vec<Input> = call.slots.iter().filter_map(|s| s.input).collect();
-        let table = call.below_once;
-        let once = self.once(&table);
-        Schedule {
-            once,
-            n_constants: table.len(),
-            n_call: wanted_of_call.len(),
-            call: call.code,
-            step: step_code,
-            epilogue: epilogue_code,
-            given,
-            state,
-            finals,
-        }
+        call
     }
 
     /// Values of a step that the epilogue reads.

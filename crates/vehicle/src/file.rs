@@ -468,17 +468,7 @@ impl Check<'_> {
         if spin.abs() != 1.0 {
             return Err(self.wrong(key("spin"), "1 (clockwise from above) or -1", spin, "write 1 or -1"));
         }
-        let mut axis = own.axis.or(default.axis).unwrap_or([0.0, 0.0, 1.0]);
-        let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
-        if (length - 1.0).abs() > UNIT_TOLERANCE {
-            return Err(self.wrong(
-                key("axis"),
-                "a unit vector",
-                format!("{axis:?} of length {length}"),
-                "divide the numbers by the length",
-            ));
-        }
-        axis = axis.map(|a| a / length);
+        let axis = self.unit_axis(&key("axis"), own.axis.or(default.axis).unwrap_or([0.0, 0.0, 1.0]))?;
 
         let thrust_curve = self.one_of(
             index,
@@ -507,6 +497,44 @@ impl Check<'_> {
                 ("torque_per_thrust_m", &|r| r.torque_per_thrust_m.map(|k| thrust_curve.map(|c| k * c))),
             ],
         )?;
+        let [spin_up, spin_down] = self.lags(index, own, default)?;
+        let inertia = own.inertia_kg_m2.or(default.inertia_kg_m2);
+        let inertia_kg_m2 = inertia.ok_or_else(|| {
+            missing("inertia_kg_m2", "the inertia of propeller and bell, kg·m² (0 drops its torques)")
+        })?;
+        self.not_negative(key("inertia_kg_m2"), inertia_kg_m2)?;
+        let radius = own.radius_m.or(default.radius_m);
+        let radius_m = radius.ok_or_else(|| missing("radius_m", "the propeller radius in m"))?;
+        self.positive(key("radius_m"), radius_m, "a radius above 0 m")?;
+        Ok(rotor::Params {
+            position_m,
+            axis,
+            spin,
+            thrust_curve,
+            torque_curve,
+            spin_up,
+            spin_down,
+            inertia_kg_m2,
+            radius_m,
+        })
+    }
+
+    /// An axis of length 1.
+    fn unit_axis(&self, key: &str, axis: [f64; 3]) -> Result<[f64; 3], VehicleError> {
+        let length = (axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]).sqrt();
+        if (length - 1.0).abs() > UNIT_TOLERANCE {
+            return Err(self.wrong(
+                key,
+                "a unit vector",
+                format!("{axis:?} of length {length}"),
+                "divide the numbers by the length",
+            ));
+        }
+        Ok(axis.map(|a| a / length))
+    }
+
+    /// How a rotor speeds up and slows down: [c_v 1/s, c_d 1/rad] each.
+    fn lags(&self, index: usize, own: &Rotor, default: &Rotor) -> Result<[[f64; 2]; 2], VehicleError> {
         let rpm = |c: [f64; 2]| [c[0], c[1] / RAD_S_PER_RPM];
         // A time constant that is not positive is caught below: it gives no positive coefficient.
         let lag = |tau: f64| [if tau > 0.0 { 1.0 / tau } else { -1.0 }, 0.0];
@@ -535,32 +563,14 @@ impl Check<'_> {
         {
             if c[0] < 0.0 || c[1] < 0.0 || (c[0] == 0.0 && c[1] == 0.0) {
                 return Err(self.wrong(
-                    key(name),
+                    format!("rotor.{index}.{name}"),
                     "coefficients that are not negative and not both 0, or a positive time constant",
                     format!("c_v = {} 1/s, c_d = {} 1/rad", c[0], c[1]),
                     "write [c_v, c_d] with at least one positive number",
                 ));
             }
         }
-        let inertia = own.inertia_kg_m2.or(default.inertia_kg_m2);
-        let inertia_kg_m2 = inertia.ok_or_else(|| {
-            missing("inertia_kg_m2", "the inertia of propeller and bell, kg·m² (0 drops its torques)")
-        })?;
-        self.not_negative(key("inertia_kg_m2"), inertia_kg_m2)?;
-        let radius = own.radius_m.or(default.radius_m);
-        let radius_m = radius.ok_or_else(|| missing("radius_m", "the propeller radius in m"))?;
-        self.positive(key("radius_m"), radius_m, "a radius above 0 m")?;
-        Ok(rotor::Params {
-            position_m,
-            axis,
-            spin,
-            thrust_curve,
-            torque_curve,
-            spin_up,
-            spin_down,
-            inertia_kg_m2,
-            radius_m,
-        })
+        Ok([spin_up, spin_down])
     }
 
     /// The value that a rotor, or else the default, gives in exactly one of several forms.

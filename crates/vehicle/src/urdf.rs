@@ -134,62 +134,93 @@ struct MassProperties {
     inertia: Matrix3<f64>,
 }
 
+/// Refuses macros, which are to be expanded first.
+fn xacro(label: &str) -> VehicleError {
+    VehicleError::value(
+        label,
+        "xacro",
+        "a plain URDF",
+        "xacro macros, which only the program xacro can expand",
+        "run `xacro FILE.xacro > FILE.urdf` and import the result",
+    )
+}
+
+/// The XML of a URDF, whose root is a robot.
+fn document<'t>(label: &str, text: &'t str) -> Result<roxmltree::Document<'t>, VehicleError> {
+    let document = roxmltree::Document::parse(text).map_err(|e| {
+        if text.contains("<xacro:") {
+            return xacro(label);
+        }
+        let place = format!("line {}", e.pos().row);
+        VehicleError::value(
+            label,
+            place,
+            "well-formed XML",
+            e,
+            "correct the file; an XML checker shows the place",
+        )
+    })?;
+    let root = document.root_element();
+    if root.tag_name().name() != "robot" {
+        return Err(VehicleError::value(
+            label,
+            root.tag_name().name(),
+            "the root element <robot> of a URDF",
+            format!("<{}>", root.tag_name().name()),
+            "give a URDF; MJCF scenes and shells need no conversion",
+        ));
+    }
+    let uses_xacro = |node: &roxmltree::Node| {
+        node.tag_name().namespace().is_some_and(|ns| ns.contains("xacro"))
+            || node.attributes().any(|a| a.value().contains("${") || a.value().contains("$("))
+    };
+    if document.descendants().any(|node| uses_xacro(&node)) {
+        return Err(xacro(label));
+    }
+    let depth = depth(root);
+    if depth > MAX_DEPTH {
+        return Err(VehicleError::value(
+            label,
+            "robot",
+            format!("elements nested at most {MAX_DEPTH} deep"),
+            depth,
+            "this is no URDF; check the file",
+        ));
+    }
+    Ok(document)
+}
+
+/// The attributes of `<properties>`, and warnings of what has no meaning here.
+fn read_properties(label: &str, root: roxmltree::Node) -> (Option<BTreeMap<String, String>>, Vec<String>) {
+    let mut warnings = Vec::new();
+    let all: Vec<_> = root.children().filter(|n| n.has_tag_name("properties")).collect();
+    if all.len() > 1 {
+        warnings.push(format!("{label}: {} <properties> elements, only the first was read", all.len()));
+    }
+    let properties = all.first().map(|node| {
+        node.attributes().map(|a| (a.name().to_string(), a.value().to_string())).collect::<BTreeMap<_, _>>()
+    });
+    let known = ["link", "joint", "material", "properties"];
+    let other: BTreeSet<&str> = root
+        .children()
+        .filter(|n| n.is_element() && !known.contains(&n.tag_name().name()))
+        .map(|n| n.tag_name().name())
+        .collect();
+    if !other.is_empty() {
+        let names: Vec<String> = other.iter().map(|n| format!("<{n}>")).collect();
+        warnings.push(format!("{label}: elements without meaning here were left out: {}", names.join(", ")));
+    }
+    (properties, warnings)
+}
+
 impl Urdf {
     fn read(path: &Path, options: &UrdfOptions) -> Result<Self, VehicleError> {
         let label = path.display().to_string();
-        let xacro = || {
-            VehicleError::value(
-                &label,
-                "xacro",
-                "a plain URDF",
-                "xacro macros, which only the program xacro can expand",
-                "run `xacro FILE.xacro > FILE.urdf` and import the result",
-            )
-        };
         if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("xacro")) {
-            return Err(xacro());
+            return Err(xacro(&label));
         }
         let text = super::read_text(path)?;
-        let document = roxmltree::Document::parse(&text).map_err(|e| {
-            if text.contains("<xacro:") {
-                return xacro();
-            }
-            let place = format!("line {}", e.pos().row);
-            VehicleError::value(
-                &label,
-                place,
-                "well-formed XML",
-                e,
-                "correct the file; an XML checker shows the place",
-            )
-        })?;
-        let root = document.root_element();
-        if root.tag_name().name() != "robot" {
-            return Err(VehicleError::value(
-                &label,
-                root.tag_name().name(),
-                "the root element <robot> of a URDF",
-                format!("<{}>", root.tag_name().name()),
-                "give a URDF; MJCF scenes and shells need no conversion",
-            ));
-        }
-        let uses_xacro = |node: &roxmltree::Node| {
-            node.tag_name().namespace().is_some_and(|ns| ns.contains("xacro"))
-                || node.attributes().any(|a| a.value().contains("${") || a.value().contains("$("))
-        };
-        if document.descendants().any(|node| uses_xacro(&node)) {
-            return Err(xacro());
-        }
-        let depth = depth(root);
-        if depth > MAX_DEPTH {
-            return Err(VehicleError::value(
-                &label,
-                "robot",
-                format!("elements nested at most {MAX_DEPTH} deep"),
-                depth,
-                "this is no URDF; check the file",
-            ));
-        }
+        let document = document(&label, &text)?;
         // The reader of urdf-rs is not ours: should it panic on an odd file, that is an error like any other.
         let robot = std::panic::catch_unwind(|| urdf_rs::read_from_string(&text))
             .unwrap_or_else(|_| Err("the reader gave up".to_string().into()))
@@ -203,27 +234,7 @@ impl Urdf {
                 )
             })?;
 
-        let mut warnings = Vec::new();
-        let all: Vec<_> = root.children().filter(|n| n.has_tag_name("properties")).collect();
-        if all.len() > 1 {
-            warnings.push(format!("{label}: {} <properties> elements, only the first was read", all.len()));
-        }
-        let properties = all.first().map(|node| {
-            node.attributes()
-                .map(|a| (a.name().to_string(), a.value().to_string()))
-                .collect::<BTreeMap<_, _>>()
-        });
-        let known = ["link", "joint", "material", "properties"];
-        let other: BTreeSet<&str> = root
-            .children()
-            .filter(|n| n.is_element() && !known.contains(&n.tag_name().name()))
-            .map(|n| n.tag_name().name())
-            .collect();
-        if !other.is_empty() {
-            let names: Vec<String> = other.iter().map(|n| format!("<{n}>")).collect();
-            warnings
-                .push(format!("{label}: elements without meaning here were left out: {}", names.join(", ")));
-        }
+        let (properties, warnings) = read_properties(&label, document.root_element());
         let stem = path.file_stem().map_or_else(|| "urdf".into(), |s| s.to_string_lossy().into_owned());
         let name = options.name.clone().unwrap_or(stem);
         if name.is_empty() || name.contains(['/', '\\']) {
@@ -356,31 +367,10 @@ impl Urdf {
         let kf = need("kf", "the thrust coefficient, N/rpm²")?;
         let km = need("km", "the torque coefficient, N·m/rpm²")?;
         let thrust_to_weight = need("thrust2weight", "the greatest thrust of all rotors over the weight")?;
-        let used = ["kf", "km", "thrust2weight", "arm", "prop_radius", "configuration"];
-        let unused: Vec<&str> = properties.keys().map(String::as_str).filter(|k| !used.contains(k)).collect();
-        if !unused.is_empty() {
-            warnings.push(format!(
-                "{}: properties without a counterpart were left out: {}; effects such as drag, ground effect and downwash \
-                 are added to the vehicle file as [[effect]] entries",
-                self.label,
-                unused.join(", ")
-            ));
-        }
-        let Some(model_name) = &options.controller_from else {
-            return Err(self.error(
-                "controller_from",
-                &format!(
-                    "a built-in vehicle whose controller and rotor lag are taken over ({})",
-                    BUILTIN.join(", ")
-                ),
-                "nothing",
-                "name one; gains are scaled to the mass, inertia and thrust of this vehicle",
-            ));
-        };
-        let model = Vehicle::builtin(model_name)?;
+        self.remark_unused(properties, warnings);
+        let model = self.model(options)?;
+        let model_name = &model.name;
         let file_name = self.file_name();
-        let from_urdf = format!("URDF {file_name}");
-
         let rotors = self.rotors(properties, mass, options, warnings)?;
         let n = rotors.len();
         let weight = mass.mass_kg * STANDARD_GRAVITY_M_S2;
@@ -392,40 +382,100 @@ impl Urdf {
                 self.label
             ));
         }
-        let radius_m = match self.property(properties, "prop_radius")? {
-            Some(radius) => radius,
-            None => {
-                let radius = model.contents.base.airframe.rotors[0].radius_m;
-                warnings.push(format!(
-                    "{}: no prop_radius; {radius} m was taken from {model_name} (used by ground effect and downwash)",
-                    self.label
-                ));
-                radius
-            }
+        let rotor_default =
+            self.rotor_default(properties, &model, [kf, km], rpm_to_rad_s(hover_rpm), &rotors, warnings)?;
+        warnings.push(format!(
+            "{}: rotor lag and controller gains are not in a URDF; they come from {model_name}, scaled, and are untested on \
+             this vehicle",
+            self.label
+        ));
+        let file = VehicleFile {
+            description: Some(format!("Imported from {file_name}")),
+            shell: format!("{}.xml", self.name),
+            body: self.body(mass),
+            rotor_default: Some(rotor_default),
+            rotor: rotors,
+            attitude_response: AttitudeResponses::default(),
+            controller: Controllers { mellinger: None, direct: None },
+            rates: model.file().rates.clone(),
+            effect: Vec::new(),
         };
-        let gravity_m_s2 = [0.0, 0.0, -STANDARD_GRAVITY_M_S2];
-        let body = Body {
+        let controller = self.controller(&model, &file, thrust_to_weight * weight / n as f64, km / kf)?;
+        let file =
+            VehicleFile { controller: Controllers { mellinger: Some(controller), direct: None }, ..file };
+        let vehicle = Vehicle::build(self.name.clone(), &self.label, file)?;
+        warnings.extend(vehicle.warnings().iter().cloned());
+        Ok(vehicle.to_toml().to_string())
+    }
+
+    /// Warns of properties that a vehicle file has no place for.
+    fn remark_unused(&self, properties: &BTreeMap<String, String>, warnings: &mut Vec<String>) {
+        let used = ["kf", "km", "thrust2weight", "arm", "prop_radius", "configuration"];
+        let unused: Vec<&str> = properties.keys().map(String::as_str).filter(|k| !used.contains(k)).collect();
+        if !unused.is_empty() {
+            warnings.push(format!(
+                "{}: properties without a counterpart were left out: {}; effects such as drag, ground effect and downwash \
+                 are added to the vehicle file as [[effect]] entries",
+                self.label,
+                unused.join(", ")
+            ));
+        }
+    }
+
+    /// The built-in vehicle whose controller and rotor lag are taken over.
+    fn model(&self, options: &UrdfOptions) -> Result<Vehicle, VehicleError> {
+        let Some(model_name) = &options.controller_from else {
+            return Err(self.error(
+                "controller_from",
+                &format!(
+                    "a built-in vehicle whose controller and rotor lag are taken over ({})",
+                    BUILTIN.join(", ")
+                ),
+                "nothing",
+                "name one; gains are scaled to the mass, inertia and thrust of this vehicle",
+            ));
+        };
+        Vehicle::builtin(model_name)
+    }
+
+    /// Mass and inertia of all links together.
+    fn body(&self, mass: &MassProperties) -> Body {
+        Body {
             mass_kg: mass.mass_kg,
             inertia_kg_m2: core::array::from_fn(|i| core::array::from_fn(|j| mass.inertia[(i, j)])),
-            gravity_m_s2,
+            gravity_m_s2: [0.0, 0.0, -STANDARD_GRAVITY_M_S2],
             source: Some(format!(
-                "{from_urdf}, all links together, joints at zero; standard gravity (ISO 80000-3)"
+                "URDF {}, all links together, joints at zero; standard gravity (ISO 80000-3)",
+                self.file_name()
             )),
             note: None,
             sigma: BTreeMap::new(),
-        };
-        let near_hover = NearHover::of(&model);
-        let hover = rpm_to_rad_s(hover_rpm);
+        }
+    }
+
+    /// What the rotors have in common: curves N/rpm² and N·m/rpm² of the URDF, lag and inertia by similarity with `model` at `hover` rad/s.
+    fn rotor_default(
+        &self,
+        properties: &BTreeMap<String, String>,
+        model: &Vehicle,
+        [kf, km]: [f64; 2],
+        hover: f64,
+        rotors: &[Rotor],
+        warnings: &mut Vec<String>,
+    ) -> Result<Rotor, VehicleError> {
+        let (n, model_name) = (rotors.len(), &model.name);
+        let from_urdf = format!("URDF {}", self.file_name());
+        let near_hover = NearHover::of(model);
         // A reaction torque that leads the yaw torque by as much time as the model's: lag and lead belong together.
         let inertia_kg_m2 = near_hover.lead_s * slope(curve_rpm_to_rad_s([0.0, 0.0, km]), hover);
         let measured = rotors.iter().filter_map(|r| r.inertia_kg_m2).count();
-        let rotor_default = Rotor {
+        let rotor = Rotor {
             thrust_curve_n_per_rpm: Some([0.0, 0.0, kf]),
             torque_curve_n_m_per_rpm: Some([0.0, 0.0, km]),
             time_constant_up_s: Some(near_hover.up_s),
             time_constant_down_s: Some(near_hover.down_s),
             inertia_kg_m2: Some(inertia_kg_m2),
-            radius_m: Some(radius_m),
+            radius_m: Some(self.rotor_radius(properties, model, warnings)?),
             source: Some(format!(
                 "{from_urdf}, <properties> (kf, km, prop_radius); time constants and inertia: estimated from {model_name}"
             )),
@@ -443,28 +493,25 @@ impl Urdf {
                 n - measured
             ));
         }
+        Ok(rotor)
+    }
+
+    /// Radius of the propellers; the model's, with a warning, where the URDF does not state it.
+    fn rotor_radius(
+        &self,
+        properties: &BTreeMap<String, String>,
+        model: &Vehicle,
+        warnings: &mut Vec<String>,
+    ) -> Result<f64, VehicleError> {
+        if let Some(radius) = self.property(properties, "prop_radius")? {
+            return Ok(radius);
+        }
+        let radius = model.contents.base.airframe.rotors[0].radius_m;
         warnings.push(format!(
-            "{}: rotor lag and controller gains are not in a URDF; they come from {model_name}, scaled, and are untested on \
-             this vehicle",
-            self.label
+            "{}: no prop_radius; {radius} m was taken from {} (used by ground effect and downwash)",
+            self.label, model.name
         ));
-        let file = VehicleFile {
-            description: Some(format!("Imported from {file_name}")),
-            shell: format!("{}.xml", self.name),
-            body,
-            rotor_default: Some(rotor_default),
-            rotor: rotors,
-            attitude_response: AttitudeResponses::default(),
-            controller: Controllers { mellinger: None, direct: None },
-            rates: model.file().rates.clone(),
-            effect: Vec::new(),
-        };
-        let controller = self.controller(&model, &file, thrust_to_weight * weight / n as f64, km / kf)?;
-        let file =
-            VehicleFile { controller: Controllers { mellinger: Some(controller), direct: None }, ..file };
-        let vehicle = Vehicle::build(self.name.clone(), &self.label, file)?;
-        warnings.extend(vehicle.warnings().iter().cloned());
-        Ok(vehicle.to_toml().to_string())
+        Ok(radius)
     }
 
     fn file_name(&self) -> String {
@@ -561,7 +608,34 @@ impl Urdf {
         options: &UrdfOptions,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<Rotor>, VehicleError> {
-        let from = |what: String| Some(format!("URDF {}, {what}", self.file_name()));
+        let found = self.rotor_links(mass, warnings)?;
+        let arm = self.property(properties, "arm")?;
+        let mut rotors = if found.is_empty() {
+            self.rotors_by_arm(properties, arm, mass, warnings)?
+        } else {
+            self.rotors_by_links(found, arm, mass, warnings)
+        };
+        if rotors.len() > MAX_ROTORS {
+            return Err(self.error(
+                "robot",
+                &format!("at most {MAX_ROTORS} links called prop… or rotor…"),
+                rotors.len(),
+                "rename the links that are no rotors",
+            ));
+        }
+        let spins = self.spins(&rotors, options, warnings)?;
+        for (rotor, spin) in rotors.iter_mut().zip(spins) {
+            rotor.spin = Some(spin);
+        }
+        Ok(rotors)
+    }
+
+    /// Links or joints called prop… or rotor…, as rotors, by the numbers in their names.
+    fn rotor_links(
+        &self,
+        mass: &MassProperties,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<(String, Rotor)>, VehicleError> {
         let mut found: Vec<(String, Rotor)> = Vec::new();
         for link in &self.robot.links {
             let joint = self.robot.joints.iter().find(|j| j.child.link == link.name);
@@ -589,7 +663,7 @@ impl Urdf {
                     position_m: Some((hub.coords - mass.center).into()),
                     axis: tilted.then(|| axis.into()),
                     inertia_kg_m2: (spin_inertia > 0.0).then_some(spin_inertia),
-                    source: from(format!("link {}", link.name)),
+                    source: Some(format!("URDF {}, link {}", self.file_name(), link.name)),
                     ..Rotor::default()
                 },
             ));
@@ -601,76 +675,80 @@ impl Urdf {
             order.sort_by_key(|i| numbers[*i]);
             found = order.into_iter().map(|i| found[i].clone()).collect();
         }
-        let arm = self.property(properties, "arm")?;
-        let mut rotors: Vec<Rotor> = if found.is_empty() {
-            let Some(arm) = arm else {
+        Ok(found)
+    }
+
+    /// Four rotors at the ends of arms.
+    fn rotors_by_arm(
+        &self,
+        properties: &BTreeMap<String, String>,
+        arm: Option<f64>,
+        mass: &MassProperties,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<Rotor>, VehicleError> {
+        let Some(arm) = arm else {
+            return Err(self.error(
+                "properties, arm",
+                "the distance of the rotors from the centre, m, or links called prop… or rotor…",
+                "nothing",
+                "add the attribute or the links",
+            ));
+        };
+        let plus = match properties.get("configuration").map(|c| c.trim().to_lowercase()).as_deref() {
+            None | Some("x") => false,
+            Some("+" | "plus" | "p") => true,
+            Some(other) => {
                 return Err(self.error(
-                    "properties, arm",
-                    "the distance of the rotors from the centre, m, or links called prop… or rotor…",
-                    "nothing",
-                    "add the attribute or the links",
+                    "properties, configuration",
+                    "x or +",
+                    other,
+                    "correct the attribute",
                 ));
-            };
-            let plus = match properties.get("configuration").map(|c| c.trim().to_lowercase()).as_deref() {
-                None | Some("x") => false,
-                Some("+" | "plus" | "p") => true,
-                Some(other) => {
-                    return Err(self.error(
-                        "properties, configuration",
-                        "x or +",
-                        other,
-                        "correct the attribute",
+            }
+        };
+        warnings.push(format!(
+            "{}: no links called prop… or rotor…; four rotors were put at arm = {arm} m in {} configuration",
+            self.label,
+            if plus { "+" } else { "X" }
+        ));
+        let d = arm * std::f64::consts::FRAC_1_SQRT_2;
+        let places = if plus {
+            [[arm, 0.0], [0.0, arm], [-arm, 0.0], [0.0, -arm]]
+        } else {
+            [[d, -d], [-d, -d], [-d, d], [d, d]]
+        };
+        let rotor = |[x, y]: [f64; 2]| Rotor {
+            position_m: Some((Vector3::new(x, y, 0.0) - mass.center).into()),
+            source: Some(format!("URDF {}, <properties> (arm)", self.file_name())),
+            ..Rotor::default()
+        };
+        Ok(places.map(rotor).into())
+    }
+
+    /// Rotors at links, with a warning of those that are not as far out as `arm` says.
+    fn rotors_by_links(
+        &self,
+        found: Vec<(String, Rotor)>,
+        arm: Option<f64>,
+        mass: &MassProperties,
+        warnings: &mut Vec<String>,
+    ) -> Vec<Rotor> {
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        warnings.push(format!("{}: rotors are at the links {}", self.label, names.join(", ")));
+        if let Some(arm) = arm {
+            for (name, rotor) in &found {
+                let [x, y, _] = rotor.position_m.unwrap_or_default();
+                let (dx, dy) = (x + mass.center.x, y + mass.center.y);
+                let distance = dx.hypot(dy);
+                if (distance - arm).abs() > 0.05 * arm {
+                    warnings.push(format!(
+                        "{}: link `{name}` is {distance} m from the centre, but arm = {arm} m; the link was used",
+                        self.label
                     ));
                 }
-            };
-            warnings.push(format!(
-                "{}: no links called prop… or rotor…; four rotors were put at arm = {arm} m in {} configuration",
-                self.label,
-                if plus { "+" } else { "X" }
-            ));
-            let d = arm * std::f64::consts::FRAC_1_SQRT_2;
-            let places = if plus {
-                [[arm, 0.0], [0.0, arm], [-arm, 0.0], [0.0, -arm]]
-            } else {
-                [[d, -d], [-d, -d], [-d, d], [d, d]]
-            };
-            let rotor = |[x, y]: [f64; 2]| Rotor {
-                position_m: Some((Vector3::new(x, y, 0.0) - mass.center).into()),
-                source: from("<properties> (arm)".into()),
-                ..Rotor::default()
-            };
-            places.map(rotor).into()
-        } else {
-            let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
-            warnings.push(format!("{}: rotors are at the links {}", self.label, names.join(", ")));
-            if let Some(arm) = arm {
-                for (name, rotor) in &found {
-                    let [x, y, _] = rotor.position_m.unwrap_or_default();
-                    let (dx, dy) = (x + mass.center.x, y + mass.center.y);
-                    let distance = dx.hypot(dy);
-                    if (distance - arm).abs() > 0.05 * arm {
-                        warnings.push(format!(
-                            "{}: link `{name}` is {distance} m from the centre, but arm = {arm} m; the link was used",
-                            self.label
-                        ));
-                    }
-                }
             }
-            found.into_iter().map(|(_, rotor)| rotor).collect()
-        };
-        if rotors.len() > MAX_ROTORS {
-            return Err(self.error(
-                "robot",
-                &format!("at most {MAX_ROTORS} links called prop… or rotor…"),
-                rotors.len(),
-                "rename the links that are no rotors",
-            ));
         }
-        let spins = self.spins(&rotors, options, warnings)?;
-        for (rotor, spin) in rotors.iter_mut().zip(spins) {
-            rotor.spin = Some(spin);
-        }
-        Ok(rotors)
+        found.into_iter().map(|(_, rotor)| rotor).collect()
     }
 
     fn spins(

@@ -433,6 +433,27 @@ fn gyro(log: &FlightLog, attitude: &Channel<4>, found: &mut Findings, delays: &m
     }
 }
 
+/// What an accelerometer may have been logged as, in the order in which [`forces`] predicts them.
+const ACCELEROMETERS: [(&str, Fault); 8] = [
+    ("", Fault::AccelerometerFrame),
+    ("the accelerometer is in the world frame, expected the body frame", Fault::AccelerometerFrame),
+    ("gravity was taken off (body frame); a specific force is needed", Fault::AccelerometerFrame),
+    (
+        "it is the acceleration in the world without gravity; a specific force in the body is needed",
+        Fault::AccelerometerFrame,
+    ),
+    ("the accelerometer is forward-right-down, expected forward-left-up", Fault::AccelerometerFrame),
+    (
+        "the log is north-east-down and forward-right-down (`world_frame = \"ned\"`, `body_frame = \"frd\"`)",
+        Fault::AccelerometerFrame,
+    ),
+    (
+        "the quaternion turns world into body, expected body into world (`direction = \"body_from_world\"`)",
+        Fault::AttitudeFrame,
+    ),
+    ("the quaternion columns are in the order w, x, y, z (`order = \"wxyz\"`)", Fault::AttitudeFrame),
+];
+
 fn forces(
     log: &FlightLog,
     attitude: &Channel<4>,
@@ -485,26 +506,7 @@ fn forces(
     if y.len() < 64 {
         return;
     }
-    let texts = [
-        ("", Fault::AccelerometerFrame),
-        ("the accelerometer is in the world frame, expected the body frame", Fault::AccelerometerFrame),
-        ("gravity was taken off (body frame); a specific force is needed", Fault::AccelerometerFrame),
-        (
-            "it is the acceleration in the world without gravity; a specific force in the body is needed",
-            Fault::AccelerometerFrame,
-        ),
-        ("the accelerometer is forward-right-down, expected forward-left-up", Fault::AccelerometerFrame),
-        (
-            "the log is north-east-down and forward-right-down (`world_frame = \"ned\"`, `body_frame = \"frd\"`)",
-            Fault::AccelerometerFrame,
-        ),
-        (
-            "the quaternion turns world into body, expected body into world (`direction = \"body_from_world\"`)",
-            Fault::AttitudeFrame,
-        ),
-        ("the quaternion columns are in the order w, x, y, z (`order = \"wxyz\"`)", Fault::AttitudeFrame),
-    ];
-    let hypotheses: Vec<Hypothesis> = texts
+    let hypotheses: Vec<Hypothesis> = ACCELEROMETERS
         .iter()
         .zip(x)
         .map(|((text, fault), predicted)| Hypothesis { text, fault: *fault, predicted })

@@ -254,7 +254,46 @@ impl Check<'_> {
                 "correct or remove the key",
             ));
         }
-        let mut numbers: BTreeMap<&str, f64> = BTreeMap::new();
+        let numbers = self.declared_numbers(place, table)?;
+        let Some(value) = numbers.get("value").copied() else {
+            return Err(self.wrong(
+                join(place, "value"),
+                "the value of the parameter",
+                "nothing",
+                "write value = 0.0 for an effect that a fit shall find",
+            ));
+        };
+        let Some(unit) = table.get("unit").and_then(toml::Value::as_str).filter(|u| !u.trim().is_empty())
+        else {
+            return Err(self.wrong(
+                join(place, "unit"),
+                "the unit of the parameter",
+                "nothing",
+                "write e.g. unit = \"N·s/m\", or unit = \"1\" for a ratio",
+            ));
+        };
+        let [spike, slab] = self.widths(place, &numbers)?;
+        let sign = self.sign(place, table)?;
+        let bounds = self.bounds(place, &numbers)?;
+        if !bounds.holds(value) {
+            return Err(self.wrong(
+                join(place, "value"),
+                &bounds.words(),
+                value,
+                "write a value in this range",
+            ));
+        }
+        let freedom = Freedom { sign, ..Freedom::any(name, intern_text(unit), spike, slab) };
+        Ok((Declared { freedom, bounds }, value))
+    }
+
+    /// The numbers of a declaration by key; texts are checked to be such.
+    fn declared_numbers(
+        &self,
+        place: &str,
+        table: &toml::Table,
+    ) -> Result<BTreeMap<&'static str, f64>, VehicleError> {
+        let mut numbers: BTreeMap<&'static str, f64> = BTreeMap::new();
         for key in ["value", "spike", "slab", "min", "max"] {
             let number = match table.get(key) {
                 None => continue,
@@ -273,23 +312,11 @@ impl Check<'_> {
                 return Err(self.wrong(join(place, key), "a text", found, "write it in quotes"));
             }
         }
-        let Some(value) = numbers.get("value").copied() else {
-            return Err(self.wrong(
-                join(place, "value"),
-                "the value of the parameter",
-                "nothing",
-                "write value = 0.0 for an effect that a fit shall find",
-            ));
-        };
-        let Some(unit) = table.get("unit").and_then(toml::Value::as_str).filter(|u| !u.trim().is_empty())
-        else {
-            return Err(self.wrong(
-                join(place, "unit"),
-                "the unit of the parameter",
-                "nothing",
-                "write e.g. unit = \"N·s/m\", or unit = \"1\" for a ratio",
-            ));
-        };
+        Ok(numbers)
+    }
+
+    /// Widths of the prior without and with the effect.
+    fn widths(&self, place: &str, numbers: &BTreeMap<&str, f64>) -> Result<[f64; 2], VehicleError> {
         let number = |key: &str, otherwise: f64| numbers.get(key).copied().unwrap_or(otherwise);
         let (spike, slab) = (number("spike", 0.0), number("slab", 0.0));
         for (key, width) in [("spike", spike), ("slab", slab)] {
@@ -310,19 +337,27 @@ impl Check<'_> {
                 "write the parameter's plausible size where the effect is there, or remove the spike",
             ));
         }
-        let sign = match table.get("sign").and_then(toml::Value::as_str) {
-            None | Some("any") => Sign::Any,
-            Some("up") => Sign::Up,
-            Some("down") => Sign::Down,
-            Some(other) => {
-                return Err(self.wrong(
-                    join(place, "sign"),
-                    "any, up or down",
-                    other,
-                    "say which way the value may go",
-                ));
-            }
-        };
+        Ok([spike, slab])
+    }
+
+    /// Which way the value may go.
+    fn sign(&self, place: &str, table: &toml::Table) -> Result<Sign, VehicleError> {
+        match table.get("sign").and_then(toml::Value::as_str) {
+            None | Some("any") => Ok(Sign::Any),
+            Some("up") => Ok(Sign::Up),
+            Some("down") => Ok(Sign::Down),
+            Some(other) => Err(self.wrong(
+                join(place, "sign"),
+                "any, up or down",
+                other,
+                "say which way the value may go",
+            )),
+        }
+    }
+
+    /// Between which values it may lie.
+    fn bounds(&self, place: &str, numbers: &BTreeMap<&str, f64>) -> Result<Bounds, VehicleError> {
+        let number = |key: &str, otherwise: f64| numbers.get(key).copied().unwrap_or(otherwise);
         let bounds = Bounds::within(number("min", f64::NEG_INFINITY), number("max", f64::INFINITY));
         if bounds.least > bounds.most {
             return Err(self.wrong(
@@ -332,15 +367,6 @@ impl Check<'_> {
                 "write the smaller one as min",
             ));
         }
-        if !bounds.holds(value) {
-            return Err(self.wrong(
-                join(place, "value"),
-                &bounds.words(),
-                value,
-                "write a value in this range",
-            ));
-        }
-        let freedom = Freedom { sign, ..Freedom::any(name, intern_text(unit), spike, slab) };
-        Ok((Declared { freedom, bounds }, value))
+        Ok(bounds)
     }
 }
