@@ -82,6 +82,8 @@
   /** After the engine has other values: they glide there, and the exact figures follow. */
   async function adopt() {
     if (!living) return;
+    asked++;
+    tellExactness(false);
     living.adopt(targets(lab.state.engine));
     renew();
     await settle();
