@@ -188,7 +188,8 @@ mod tests {
         assert_eq!(unit("k * thrust_n", "N").unwrap(), "1");
         assert_eq!(unit("k * wz * rotor_sum", "N·m").unwrap(), "N·m·s²");
         assert_eq!(unit("k * air_density * vx^2", "N").unwrap(), "m²");
-        assert_eq!(unit("k * max(0, 1 - ground_m / 0.5)", "N").unwrap(), "N");
+        // Numbers have no unit of their own: that of 0.5 m stays with the coefficient.
+        assert_eq!(unit("k * max(0, 1 - ground_m / 0.5)", "N").unwrap(), "N/m");
     }
 
     #[test]
