@@ -47,6 +47,7 @@ pub struct Engine {
     comparison: Option<Comparison>,
     /// Changes whenever the columns for the page do.
     columns: u64,
+    /// What they offer, by which one sees that they have changed.
     effects: Vec<String>,
 }
 
@@ -114,9 +115,14 @@ impl Engine {
         Ok(out)
     }
 
-    /// Gives the columns another number where others are offered than before.
+    /// Gives the columns another number where others are offered than before, with other estimates, or on other flight.
     fn renumber(&mut self) {
-        let now: Vec<String> = self.session.live().effects.iter().map(|e| e.id.clone()).collect();
+        let live = self.session.live();
+        let mut now: Vec<String> = vec![live.judged_on.clone()];
+        now.extend(live.effects.iter().map(|e| {
+            let estimates: Vec<f64> = e.handles.iter().map(|h| h.value).collect();
+            format!("{} {:?} {estimates:?}", e.id, e.role)
+        }));
         if now != self.effects || self.columns == 0 {
             self.effects = now;
             self.columns += 1;
@@ -266,7 +272,6 @@ impl Engine {
         if !moved {
             return Err(Refusal::conflict("there is no step to go to"));
         }
-        self.columns += 1;
         self.renumber();
         Ok(Value::Null)
     }

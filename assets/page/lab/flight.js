@@ -159,7 +159,7 @@
     const engine = lab.state.engine;
     // Elements are made anew: what had the focus keeps it.
     const focused = document.activeElement instanceof HTMLButtonElement && (head.contains(document.activeElement) || foot.contains(document.activeElement)) ? document.activeElement.textContent : null;
-    const stale = engine.stale ? P.el("p", { class: "note" }, "The logs are used otherwise than in the last fit. ", lab.button("Fit again", () => long("fit", "Fitting …").then(adopt))) : "";
+    const stale = engine.stale ? P.el("p", { class: "note" }, "The logs are used otherwise than in the last fit. ", lab.button("Fit again", () => long("fit", "Fitting …").then(rebuilt))) : "";
     head.replaceChildren(P.el("div", { class: "find" }, ...(engine.searched
       ? [P.el("p", { class: "headline", id: "headline" }, engine.headline), engine.unexplained ? P.el("p", { class: "note" }, "Something remains unexplained: no effect of the list accounts for all that is missing.") : ""]
       : [P.el("p", { class: "headline" }, engine.headline), P.el("p", {}, "Which physical effect does the model lack? The search fits every candidate to the flight and says which ones the measurement asks for.")]),
@@ -167,7 +167,7 @@
     const on = engine.effects.filter((/** @type {any} */ e) => e.on).length;
     foot.replaceChildren(
       P.el("div", { class: "buttons", role: "group", "aria-label": "steps" },
-        engine.searched && on ? lab.button("Fit the ones that are on", () => long("fit", "Fitting …").then(adopt)) : "",
+        engine.searched && on ? lab.button("Fit the ones that are on", () => long("fit", "Fitting …").then(rebuilt)) : "",
         engine.can_undo ? lab.button("Undo", undo) : "", engine.can_redo ? lab.button("Redo", redo) : "",
         lab.button("Keys", () => manual.showModal()), on ? lab.button("Save …", () => P.go("save"), { class: "main" }) : ""),
       exactness, compared, steps(engine), own);
@@ -234,6 +234,8 @@
   async function rebuild() {
     const [data, scene] = await Promise.all([lab.act("live"), lab.act("shapes")]);
     if (!data) return;
+    asked++;
+    tellExactness(false);
     const window_ = living?.window() ?? null;
     const time = living?.player.time;
     living?.end();
