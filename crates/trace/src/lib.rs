@@ -3,8 +3,9 @@
 //! A formula is written once over the number trait [`Real`], which the reference (`f64`), throughput (`f32`, [`lanes`]),
 //! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`schedule`]
 //! schedules it, [`adjoint`] turns it into that of its derivatives, [`export`] prints it as Rust (a [`kernel::Kernel`]), and
-//! [`bytecode`] runs what has no kernel. [`math`] builds vectors and rotations of numbers, [`params`] makes
-//! structs of them that can be visited by name, [`units`] converts those of files, [`names`] guesses what a mistyped one means.
+//! [`bytecode`] runs what has no kernel, [`formula`] runs what carries no state. [`math`] builds vectors and rotations of numbers,
+//! [`params`] makes structs of them that can be visited by name, [`units`] converts those of files, [`names`] guesses what a mistyped
+//! one means.
 //!
 //! Published scalar traits require `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot provide. Here a
 //! comparison returns a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real` contains no
@@ -18,6 +19,7 @@ pub mod adjoint;
 pub mod bytecode;
 pub mod dual;
 pub mod export;
+pub mod formula;
 pub mod kernel;
 pub mod lanes;
 pub mod math;
