@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
 use propwash::arena::ArenaError;
 use propwash::env::{Env, EnvConfig, EnvSensorChannel};
+use propwash::rollout::pool::alone;
 use propwash::sense::DepthFrame;
 use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -34,14 +35,33 @@ pub struct PyEnv {
     pool: Arc<ThreadPool>,
     /// The process that made it.
     process: u32,
-    parallel: bool,
+    runs: Runs,
     /// Shape of actions.
     action: [usize; 3],
     /// Numbers of actions, reused.
     numbers: Mutex<(Vec<f64>, Vec<f32>)>,
 }
 
+/// Where steps run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Runs {
+    /// In the thread that calls, since there is too little for more of them.
+    Here,
+    /// There too, since there shall be one thread.
+    Alone,
+    /// In the threads of the pool.
+    InPool,
+}
+
 impl PyEnv {
+    fn run<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        match self.runs {
+            Runs::Here => work(),
+            Runs::Alone => alone(work),
+            Runs::InPool => self.pool.install(work),
+        }
+    }
+
     fn env(&self) -> PyResult<MutexGuard<'_, Env>> {
         let process = std::process::id();
         if process != self.process {
@@ -157,11 +177,15 @@ impl PyEnv {
         };
         let env = py.detach(|| pool.install(make)).or_raise()?;
         let action = [env.config().sim.options.n_worlds, env.config().sim.n_drones(), env.action_width()];
-        let parallel = env.is_parallel();
+        let runs = match (env.is_parallel(), pool.current_num_threads() == 1 && env.can_be_alone()) {
+            (false, _) => Runs::Here,
+            (true, true) => Runs::Alone,
+            (true, false) => Runs::InPool,
+        };
         let env = Arc::new(Mutex::new(env));
         let owner = Py::new(py, EnvOwner { _env: env.clone() })?;
         let process = std::process::id();
-        Ok(Self { env, owner, pool, process, parallel, action, numbers: Mutex::default() })
+        Ok(Self { env, owner, pool, process, runs, action, numbers: Mutex::default() })
     }
 
     /// Shape of actions: worlds, drones, numbers of each.
@@ -280,12 +304,12 @@ impl PyEnv {
         let goals = goal.is_some().then(|| goals.as_chunks::<3>().0);
         let mut env = self.env()?;
         let env = &mut *env;
-        let mut reset = || match &seed {
+        let reset = || match &seed {
             Some(Seeds::Each(seeds)) => env.reset_each(seeds, goals),
             Some(Seeds::One(seed)) => env.reset_to(Some(*seed), mask.as_deref(), goals),
             None => env.reset_to(None, mask.as_deref(), goals),
         };
-        py.detach(|| if self.parallel { self.pool.install(reset) } else { reset() }).or_raise()
+        py.detach(|| self.run(reset)).or_raise()
     }
 
     /// Flies one step. Returns whether any episode ended, and whether any action was held within its limits.
@@ -304,13 +328,9 @@ impl PyEnv {
             }
         }
         let env = &mut *env;
-        py.detach(|| match self.parallel {
-            true => self.pool.install(|| env.step(narrow)),
-            false => env.step(narrow),
-        })
-        .or_raise()?;
+        py.detach(|| self.run(|| env.step(narrow))).or_raise()?;
         let ended = env.ending().iter().any(|e| *e != 0);
-        Ok((ended, (0..self.action[0]).any(|w| env.clipped(w))))
+        Ok((ended, env.any_clipped()))
     }
 
     /// Worlds whose last action was held within its limits.

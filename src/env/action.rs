@@ -171,14 +171,34 @@ impl ActionConfig {
 impl Limits {
     /// Entry `i` of an action in the units of its kind, and whether it lay outside the limits and was held within them.
     pub fn value(&self, normalized: bool, i: usize, action: f64) -> (f64, bool) {
-        let (low, middle, high) = (self.low[i], self.neutral[i], self.high[i]);
-        if !normalized {
-            return (action.clamp(low, high), action < low || action > high);
-        }
-        let a = action.clamp(-1.0, 1.0);
-        let value = if a < 0.0 { middle + a * (middle - low) } else { middle + a * (high - middle) };
-        (value, a != action)
+        value([self.low[i], self.neutral[i], self.high[i]], normalized, action)
     }
+
+    /// Writes an action, whose numbers are those of a command, in the units of its kind. Returns whether an entry was held within the
+    /// limits.
+    #[inline]
+    pub fn command(&self, normalized: bool, action: &[f32], command: &mut [f32]) -> bool {
+        let limits = self.low.iter().zip(&self.neutral).zip(&self.high);
+        let mut clipped = false;
+        for ((a, to), ((low, middle), high)) in action.iter().zip(command).zip(limits) {
+            let (value, held) = value([*low, *middle, *high], normalized, f64::from(*a));
+            *to = value as f32;
+            clipped |= held;
+        }
+        clipped
+    }
+}
+
+/// An entry of an action in the units of its kind, by the least number, what 0 stands for, and the greatest; and whether it was held
+/// within them.
+#[inline(always)]
+fn value([low, middle, high]: [f64; 3], normalized: bool, action: f64) -> (f64, bool) {
+    if !normalized {
+        return (action.clamp(low, high), action < low || action > high);
+    }
+    let a = action.clamp(-1.0, 1.0);
+    let value = if a < 0.0 { middle + a * (middle - low) } else { middle + a * (high - middle) };
+    (value, a != action)
 }
 
 /// The set-point of velocity actions does not run away farther than this from the drone, m …

@@ -1,7 +1,10 @@
 //! Worlds that are reset, flown, seen and judged together.
 
+mod act;
 mod batched;
 mod build;
+mod judging;
+mod rows;
 mod sensors;
 mod world;
 
@@ -10,6 +13,8 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use self::batched::Batched;
+use self::judging::Formulas;
+use self::rows::Rows;
 pub use self::sensors::EnvSensorChannel;
 use self::sensors::Sensors;
 use self::world::{FREE_PLACES, Out, Plan, World};
@@ -23,6 +28,7 @@ use super::task::{Channel, Obstacles, Outcome, STATE, Task, store, yaw};
 use crate::arena::{Arena, CameraConfig, Look, SceneConfig};
 use crate::math::{quat, vec3};
 use crate::rollout::Sim;
+use crate::rollout::pool::threads;
 use crate::scene::Scene;
 
 /// Why an episode has ended, if it has.
@@ -42,6 +48,16 @@ pub enum Ending {
     TimeUp = 4,
     /// The state stopped being finite, and the world was quarantined.
     Quarantined = 5,
+}
+
+impl Ending {
+    /// By its number, of those that a task gives; any other number is none.
+    fn by_task(number: u8) -> Self {
+        [Self::None, Self::Crashed, Self::Left, Self::Done]
+            .get(usize::from(number))
+            .copied()
+            .unwrap_or_default()
+    }
 }
 
 impl From<Outcome> for Ending {
@@ -145,6 +161,9 @@ pub struct Env {
     layouts: Vec<Layout>,
     arena: Arena<f32>,
     worlds: Vec<World>,
+    rows: Rows,
+    /// Those of the task, where it has some and worlds have one drone.
+    formulas: Option<Formulas>,
     /// Which worlds to reset; reused.
     mask: Vec<bool>,
     /// Due times of commands within a step; reused.
@@ -292,7 +311,12 @@ impl Env {
 
     /// Whether an entry of the last action of a world lay outside its limits and was held within them.
     pub fn clipped(&self, world: usize) -> bool {
-        self.worlds[world].clipped
+        self.rows.clipped[world]
+    }
+
+    /// Whether an entry of the last action of any world was.
+    pub fn any_clipped(&self) -> bool {
+        self.rows.clipped.contains(&true)
     }
 
     /// Layout in which a world flies, by number.
@@ -329,6 +353,11 @@ impl Env {
     pub fn is_parallel(&self) -> bool {
         let serial = SERIAL[usize::from(!self.layouts.is_empty())];
         self.worlds.len() >= serial || self.arena.is_parallel(self.plan.config.substeps() as usize)
+    }
+
+    /// Whether all of a step heeds [`alone`](crate::rollout::pool::alone): what scenes and sensors do is shared by threads of the pool.
+    pub fn can_be_alone(&self) -> bool {
+        self.layouts.is_empty() && self.sensors.channels.is_empty()
     }
 
     /// Begins new episodes in all worlds, or in those whose entry is true. A seed, which needs all worlds, starts the random numbers
@@ -497,7 +526,7 @@ impl Env {
         }
         let autoreset = self.plan.config.autoreset;
         if autoreset == Autoreset::Disabled
-            && let Some(world) = self.worlds.iter().position(|w| w.ended)
+            && let Some(world) = self.rows.ended.iter().position(|ended| *ended)
         {
             return Err(EnvError::Ended { world });
         }
@@ -507,21 +536,7 @@ impl Env {
     /// A step whose actions have been checked.
     fn fly_and_judge(&mut self, actions: &[f32]) -> Result<(), EnvError> {
         let (d, autoreset) = (self.plan.config.sim.n_drones(), self.plan.config.autoreset);
-        let each = d * self.plan.action_width;
-        let (plan, data) = (&self.plan, &self.arena.sim().data);
-        let parallel = self.worlds.len() >= SERIAL[0];
-        let act = |w: usize, world: &mut World, action: &[f32], change: &mut [f32]| {
-            plan.act(w, world, data, action, change);
-        };
-        if parallel {
-            let each = self.worlds.par_iter_mut().zip(actions.par_chunks(each));
-            let each = each.zip(self.action_change.par_chunks_mut(d)).enumerate();
-            each.for_each(|(w, ((world, action), change))| act(w, world, action, change));
-        } else {
-            let each = self.worlds.iter_mut().zip(actions.chunks(each));
-            let each = each.zip(self.action_change.chunks_mut(d)).enumerate();
-            each.for_each(|(w, ((world, action), change))| act(w, world, action, change));
-        }
+        self.act(actions);
         if let Asked::Batch(batched) = &mut self.asked {
             batched.batch.action.copy_from_slice(actions);
         }
@@ -529,22 +544,20 @@ impl Env {
             self.move_obstacles()?;
         }
         self.fly()?;
-        if autoreset == Autoreset::NextStep && self.worlds.iter().any(|w| w.ended) {
+        if autoreset == Autoreset::NextStep && self.rows.ended.contains(&true) {
             let mut mask = std::mem::take(&mut self.mask);
-            for (m, world) in mask.iter_mut().zip(&self.worlds) {
-                *m = world.ended;
-            }
+            mask.copy_from_slice(&self.rows.ended);
             let outcome = self.begin(&mask, None);
             self.mask = mask;
             outcome?;
         }
         self.observe_and_judge(None, true)?;
-        if autoreset == Autoreset::SameStep && self.worlds.iter().any(|w| w.ended) {
+        if autoreset == Autoreset::SameStep && self.rows.ended.contains(&true) {
             let mut mask = std::mem::take(&mut self.mask);
             let (row, image) = (d * self.plan.width, (d * self.plan.pixels).max(1));
-            for (w, (m, world)) in mask.iter_mut().zip(&self.worlds).enumerate() {
-                *m = world.ended;
-                if world.ended {
+            for (w, (m, ended)) in mask.iter_mut().zip(&self.rows.ended).enumerate() {
+                *m = *ended;
+                if *ended {
                     let (o, i) = (w * row..(w + 1) * row, w * image..(w + 1) * image);
                     self.final_observation[o.clone()].copy_from_slice(&self.observation[o]);
                     self.final_depth[i.clone()].copy_from_slice(&self.depth[i]);
@@ -563,6 +576,9 @@ impl Env {
         let plan = &self.plan;
         let each = plan.config.sim.n_drones() * plan.command_width;
         let substeps = u64::from(plan.config.substeps());
+        if !plan.is_late() {
+            return Ok(self.arena.step(substeps as usize)?);
+        }
         self.dues.clear();
         for world in &self.worlds {
             if !self.dues.contains(&world.due) {
@@ -578,11 +594,12 @@ impl Env {
                 flown = due;
             }
             let data = self.arena.data_mut();
-            for (world, row) in self.worlds.iter().zip(data.command.chunks_exact_mut(each)) {
+            let rows = self.rows.step.iter().zip(data.command.chunks_exact_mut(each));
+            for (world, (step, row)) in self.worlds.iter().zip(rows) {
                 if world.due == due {
                     // Before the first command of an episode the slots hold the neutral one.
                     let ring = plan.command_ring as u64;
-                    let slot = ((world.step + ring - world.late) % ring) as usize;
+                    let slot = ((step + ring - world.late) % ring) as usize;
                     row.copy_from_slice(&world.commands[slot * each..(slot + 1) * each]);
                 }
             }
@@ -598,12 +615,12 @@ impl Env {
         match &mut self.asked {
             Asked::World(task) => {
                 let rows = pos_m.chunks_exact_mut(3 * n).zip(quat_xyzw.chunks_exact_mut(4 * n));
-                for (world, (pos, quat)) in self.worlds.iter_mut().zip(rows) {
+                for (w, (world, (pos, quat))) in self.worlds.iter().zip(rows).enumerate() {
                     let own = self.layouts[world.layout].scene.obstacles().len();
                     let (pos, quat) = (pos.as_chunks_mut::<3>().0, quat.as_chunks_mut::<4>().0);
                     let mut obstacles = Obstacles { pos_m: &mut pos[..own], quat_xyzw: &mut quat[..own] };
-                    let time_s = (world.step + 1) as f64 * self.plan.config.step_s();
-                    task.move_obstacles(&mut world.memory, time_s, &mut obstacles);
+                    let time_s = (self.rows.step[w] + 1) as f64 * self.plan.config.step_s();
+                    task.move_obstacles(self.rows.memory_of_mut(w), time_s, &mut obstacles);
                 }
                 Ok(())
             }
@@ -621,6 +638,7 @@ impl Env {
         // Which scene a world is in comes first: tasks look for a start in it.
         for (w, world) in self.worlds.iter_mut().enumerate().filter(|(w, _)| mask[*w]) {
             plan.begin(w, world, layouts.len(), self.arena.sim().data.episodes[w] - 1);
+            self.rows.begin(w);
             let d = plan.config.sim.n_drones();
             self.action_change[w * d..(w + 1) * d].fill(0.0);
         }
@@ -630,18 +648,21 @@ impl Env {
             self.arena.reset_obstacles(mask)?;
         }
         let (look, places, d) = (self.arena.look(), self.asked.places(), plan.config.sim.n_drones());
-        let begin = |(w, world): (usize, &mut World)| {
+        let (stride, memory_len) = (self.rows.memory_stride, self.rows.memory_len);
+        let begin = |(w, (world, memory)): (usize, (&mut World, &mut [f32]))| {
             if !mask[w] {
                 return Ok(());
             }
             let goal = goal.map(|goals| &goals[w * d..(w + 1) * d]);
-            plan.place(w, world, layouts, look, places, goal)
+            plan.place(w, (world, &mut memory[..memory_len]), layouts, look, places, goal)
         };
         let many = mask.iter().filter(|m| **m).count();
-        if many >= SERIAL[usize::from(!layouts.is_empty())] {
-            self.worlds.par_iter_mut().enumerate().map(begin).collect::<Result<Vec<()>, _>>()?;
+        if many >= SERIAL[usize::from(!layouts.is_empty())] && threads() > 1 {
+            let rows = self.worlds.par_iter_mut().zip(self.rows.memory.par_chunks_mut(stride));
+            rows.enumerate().map(begin).collect::<Result<Vec<()>, _>>()?;
         } else {
-            self.worlds.iter_mut().enumerate().try_for_each(begin)?;
+            let mut rows = self.worlds.iter_mut().zip(self.rows.memory.chunks_mut(stride)).enumerate();
+            rows.try_for_each(begin)?;
         }
         self.ask_batch_for_starts(mask, goal.is_some())?;
         self.put_at_starts(mask);
@@ -672,9 +693,8 @@ impl Env {
                     store(&mut data.disturbance_force[3 * row..3 * row + 3], &world.levels.force_n);
                 }
             }
-            plan.fill_neutral(world);
-            let each = world.commands.len() / plan.command_ring;
-            data.command[w * each..(w + 1) * each].copy_from_slice(&world.commands[..each]);
+            let each = plan.config.sim.n_drones() * plan.command_width;
+            plan.fill_neutral(world, &mut data.command[w * each..(w + 1) * each]);
         }
     }
 
@@ -682,63 +702,73 @@ impl Env {
     fn observe_and_judge(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
         // First, so that tasks can see by sensors too.
         self.sensors.sample(&mut self.arena, &self.plan.config, mask)?;
-        self.look_at_worlds(mask, judge)?;
+        if judge {
+            // A world that has just begun, also within a step, has flown nothing.
+            for (step, flown) in self.rows.step.iter_mut().zip(&self.arena.sim().data.steps) {
+                *step += u64::from(*flown != 0);
+            }
+        }
+        // Each by itself where something must be asked of it: scenes, noise, a task that sees one world at a time.
+        let by_world = matches!(self.asked, Asked::World(_)) && self.formulas.is_none();
+        let one_by_one = by_world || !self.layouts.is_empty() || self.plan.is_noisy;
+        if one_by_one {
+            self.look_at_worlds(mask, judge)?;
+        }
+        self.look_at_rows(mask, judge, one_by_one)?;
         self.ask_batch(mask, judge)
     }
 
     /// The part of it that is done world by world.
     fn look_at_worlds(&mut self, mask: Option<&[bool]>, judge: bool) -> Result<(), EnvError> {
-        let task = self.asked.of_worlds();
+        let task = self.asked.of_worlds().filter(|_| self.formulas.is_none());
         let (plan, layouts, look) = (&self.plan, &self.layouts, self.arena.look());
         let d = plan.config.sim.n_drones();
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
+        let Rows { step, ended, memory, memory_len, memory_stride, .. } = &mut self.rows;
         let one = |w: usize, world: &mut World, out: Out| {
             if mask.is_some_and(|m| !m[w]) {
                 return Ok(());
             }
             plan.observe_and_judge(task, w, world, layouts.get(world.layout), look, judge, out)
         };
-        if self.worlds.len() >= SERIAL[usize::from(!layouts.is_empty())] {
+        if self.worlds.len() >= SERIAL[usize::from(!layouts.is_empty())] && threads() > 1 {
             self.worlds
                 .par_iter_mut()
-                .zip(self.observation.par_chunks_mut(row))
-                .zip(self.depth.par_chunks_mut(image))
-                .zip(self.reward.par_chunks_mut(d))
-                .zip(self.terminated.par_iter_mut().zip(&mut self.truncated))
-                .zip(self.ending.par_iter_mut())
+                .zip(self.observation.par_chunks_mut(row).zip(self.depth.par_chunks_mut(image)))
+                .zip(self.terminated.par_iter_mut().zip(&mut self.truncated).zip(&mut self.ending))
                 .zip(self.clearance.par_chunks_mut(d).zip(self.crashed.par_chunks_mut(d)))
-                .zip(self.action_change.par_chunks(d))
+                .zip(self.action_change.par_chunks(d).zip(self.reward.par_chunks_mut(d)))
+                .zip(step.par_iter().zip(ended).zip(memory.par_chunks_mut(*memory_stride)))
                 .enumerate()
-                .map(
-                    |(
-                        w,
-                        (
-                            (
-                                (((((world, observation), depth), reward), (terminated, truncated)), ending),
-                                (clearance, crashed),
-                            ),
-                            action_change,
-                        ),
-                    )| {
-                        let out = Out {
-                            observation,
-                            depth,
-                            reward,
-                            terminated,
-                            truncated,
-                            ending,
-                            clearance,
-                            crashed,
-                            action_change,
-                        };
-                        one(w, world, out)
-                    },
-                )
+                .map(|(w, (((((world, seen), endings), touched), change), kept))| {
+                    let ((observation, depth), ((terminated, truncated), ending)) = (seen, endings);
+                    let ((clearance, crashed), (action_change, reward)) = (touched, change);
+                    let ((step, ended), memory) = kept;
+                    let out = Out {
+                        step: *step,
+                        memory: &mut memory[..*memory_len],
+                        ended,
+                        observation,
+                        depth,
+                        reward,
+                        terminated,
+                        truncated,
+                        ending,
+                        clearance,
+                        crashed,
+                        action_change,
+                    };
+                    one(w, world, out)
+                })
                 .collect::<Result<Vec<()>, _>>()?;
             return Ok(());
         }
         for (w, world) in self.worlds.iter_mut().enumerate() {
+            let remembered = w * *memory_stride..w * *memory_stride + *memory_len;
             let out = Out {
+                step: step[w],
+                memory: &mut memory[remembered],
+                ended: &mut ended[w],
                 observation: &mut self.observation[w * row..(w + 1) * row],
                 depth: &mut self.depth[w * image..(w + 1) * image],
                 reward: &mut self.reward[w * d..(w + 1) * d],

@@ -13,6 +13,7 @@ mod batch;
 mod batch_task;
 mod config;
 mod error;
+pub mod formulas;
 mod layouts;
 mod randomize;
 mod sensing;
@@ -24,6 +25,7 @@ pub use batch::{Ending, Env, EnvSensorChannel};
 pub use batch_task::{Batch, BatchObstacles, BatchTask, Draw, FreePlace, episode_stream};
 pub use config::{Autoreset, EnvConfig};
 pub use error::EnvError;
+pub use formulas::{Formulas, Seen, TracedTask, Verdict};
 pub use layouts::{Course, Gate};
 pub use randomize::{LEVELS, Levels};
 pub use task::{

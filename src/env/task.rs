@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::EnvError;
 use super::action::ActionKind;
 use super::config::EnvConfig;
+use super::formulas::TracedTask;
 use super::layouts::Course;
 use crate::arena::{CameraConfig, Look, SceneConfig};
 use crate::math::quat;
@@ -352,6 +353,12 @@ pub trait Task: Send + Sync {
 
     /// Writes its channels of drone `drone`, side by side in their order. `view` may be noisy.
     fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]);
+
+    /// The task as formulas ([`TracedTask::of`]), where it implements [`Formulas`](super::Formulas): an environment whose worlds have one
+    /// drone then judges and observes many worlds at once by them, and calls neither [`Task::judge`] nor [`Task::observe`].
+    fn formulas(&self) -> Option<TracedTask> {
+        None
+    }
 }
 
 /// Writes numbers as f32.

@@ -13,7 +13,7 @@ mod equations;
 mod error;
 mod lanes;
 pub mod pipeline;
-mod pool;
+pub mod pool;
 pub mod quarantine;
 pub mod random;
 pub mod randomize;

@@ -158,7 +158,10 @@ mod tests {
                 let inputs: Vec<f64> = (0..4).map(|i| C::Number::of(number(i, lane)).wide()).collect();
                 for (k, wanted) in everything(&inputs).into_iter().enumerate() {
                     let got = registers.output(&formula, k).get(lane).wide();
-                    assert!((got - wanted).abs() <= tolerance, "result {k}, lane {lane}: {got}, not {wanted}");
+                    assert!(
+                        (got - wanted).abs() <= tolerance,
+                        "result {k}, lane {lane}: {got}, not {wanted}"
+                    );
                 }
             }
         }

@@ -83,7 +83,7 @@ impl Env {
             }
             batch.goal_given[w] = has_goals;
             if !batch.goal_pos.is_empty() {
-                batch.goal_pos[3 * w * d..3 * (w + 1) * d].copy_from_slice(&world.memory);
+                batch.goal_pos[3 * w * d..3 * (w + 1) * d].copy_from_slice(self.rows.memory_of(w));
             }
         }
         let lengths = batch.written();
@@ -131,7 +131,7 @@ impl Env {
             check_lengths(lengths, batch)?;
             self.reward.copy_from_slice(&batch.reward);
             let is_sound = all_finite(&batch.reward);
-            for (w, world) in self.worlds.iter_mut().enumerate() {
+            for w in 0..self.worlds.len() {
                 let rows = w * d..(w + 1) * d;
                 let ending = match (data.quarantine[w].is_some(), data.steps[w] == 0) {
                     (false, false) => {
@@ -146,7 +146,7 @@ impl Env {
                     }
                 };
                 let out = (&mut self.terminated[w], &mut self.truncated[w], &mut self.ending[w]);
-                plan.conclude(world, ending, out);
+                self.rows.ended[w] = plan.conclude(self.rows.step[w], ending, out);
             }
         }
         let own = plan.width - STATE_WIDTH;

@@ -3,6 +3,8 @@
 use std::sync::Arc;
 
 use super::batched::Batched;
+use super::judging::Formulas;
+use super::rows::Rows;
 use super::sensors::Sensors;
 use super::world::{OPEN_GROUND_M, Plan, World};
 use super::{Asked, Env};
@@ -12,7 +14,7 @@ use crate::env::action::ActionKind;
 use crate::env::batch_task::{Batch, BatchTask, Places};
 use crate::env::config::{Autoreset, EnvConfig};
 use crate::env::layouts::{Course, Layout};
-use crate::env::randomize::LevelRules;
+use crate::env::randomize::{LevelRules, Levels};
 use crate::env::sensing::NoisySensor;
 use crate::env::task::{Channel, STATE, STATE_WIDTH, Task, store};
 use crate::env::tasks::{OwnTask, TaskConfig};
@@ -83,11 +85,17 @@ impl Env {
         if layouts.is_empty() {
             asked.check_course(&Course::default(), "none")?;
         }
-        let plan = Plan::new(config, &asked, &setup, &arena, rules)?;
+        let mut plan = Plan::new(config, &asked, &setup, &arena, rules)?;
+        let task = asked.of_worlds().filter(|_| plan.config.sim.n_drones() == 1);
+        let formulas = task.and_then(|task| task.formulas()).map(|task| Formulas::new(&task, plan.is_noisy));
+        if let Some(formulas) = &formulas {
+            plan.compares_actions = formulas.reads_action_change();
+            plan.reads_previous = formulas.reads_previous();
+        }
         if let Asked::Batch(batched) = &mut asked {
             batched.batch = Batch::new(&plan.config, plan.batch_size(&batched.places));
         }
-        let mut env = Self::empty(plan, asked, layouts, arena);
+        let mut env = Self::empty(plan, (asked, formulas), layouts, arena);
         for (number, mounted) in setup.sensors().iter().enumerate() {
             env.take_sensor(number, mounted.sample_hz)?;
         }
@@ -95,11 +103,16 @@ impl Env {
     }
 
     /// An environment whose arrays hold nothing yet.
-    fn empty(plan: Plan, asked: Asked, layouts: Vec<Layout>, arena: Arena<f32>) -> Self {
+    fn empty(
+        plan: Plan,
+        (asked, formulas): (Asked, Option<Formulas>),
+        layouts: Vec<Layout>,
+        arena: Arena<f32>,
+    ) -> Self {
         let (n, d) = (plan.config.sim.options.n_worlds, plan.config.sim.n_drones());
         let kept = if plan.config.autoreset == Autoreset::SameStep { n } else { 0 };
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
-        let world = World::new(&plan, asked.memory_len(d));
+        let world = World::new(&plan);
         Self {
             mask: vec![false; n],
             dues: Vec::with_capacity(plan.config.substeps() as usize),
@@ -111,12 +124,15 @@ impl Env {
             terminated: vec![false; n],
             truncated: vec![false; n],
             ending: vec![0; n],
-            clearance: vec![0.0; n * d],
+            // Without a scene nothing is near.
+            clearance: vec![plan.config.look_m as f32; n * d],
             crashed: vec![false; n * d],
             action_change: vec![0.0; n * d],
             final_observation: vec![0.0; kept * row],
             final_depth: vec![0.0; kept * image],
             worlds: vec![world; n],
+            rows: Rows::new(&plan, asked.memory_len(d)),
+            formulas,
             sensors: Sensors::default(),
             layouts,
             arena,
@@ -215,7 +231,10 @@ impl Plan {
         let own: usize = asked.channels().iter().map(|c| c.width).sum();
         let step_s = config.step_s();
         let late = |name: &str, level: f64| (rules.most(name, level).min(1.0) / step_s).round() as usize;
-        let command_ring = late("env.action_delay_s", config.levels.action_delay_s) + 2;
+        let delay_s = rules.most("env.action_delay_s", config.levels.action_delay_s);
+        let is_late = (delay_s * f64::from(config.sim.options.sim_hz)).round() > 0.0;
+        let command_ring =
+            if is_late { late("env.action_delay_s", config.levels.action_delay_s) + 2 } else { 0 };
         let depth_ring =
             if pixels == 0 { 1 } else { late("env.depth_delay_s", config.levels.depth_delay_s) + 1 };
         Ok(Self {
@@ -223,7 +242,6 @@ impl Plan {
             action_width: config.action.kind.width(n_rotors),
             command_width,
             width: STATE_WIDTH + own,
-            rules,
             command_ring,
             depth_ring,
             pixels,
@@ -232,7 +250,33 @@ impl Plan {
             sensor: noise.map(NoisySensor::new),
             neutral: neutral_commands(config.action.kind, drones, command_width, n_rotors),
             no_course: Course::default(),
+            is_noisy: rules_may_blur(&rules, &config.levels),
+            compares_actions: true,
+            reads_previous: false,
+            most_steps: steps_of(config.max_episode_s, step_s),
+            rules,
             config,
         })
     }
+}
+
+/// Whether the observed state of some episode may differ from the true one.
+fn rules_may_blur(rules: &LevelRules, levels: &Levels) -> bool {
+    [
+        ("env.pos_sigma_m", levels.pos_sigma_m),
+        ("env.vel_sigma_m_s", levels.vel_sigma_m_s),
+        ("env.attitude_sigma_rad", levels.attitude_sigma_rad),
+        ("env.ang_vel_sigma_rad_s", levels.ang_vel_sigma_rad_s),
+    ]
+    .into_iter()
+    .any(|(name, level)| rules.most(name, level) > 0.0)
+}
+
+/// Steps after which `time_s` is over: the first that ends within a nanosecond of it, or later.
+fn steps_of(time_s: f64, step_s: f64) -> u64 {
+    let mut steps = ((time_s / step_s) as u64).saturating_sub(2);
+    while (steps as f64 * step_s) < time_s - 1e-9 {
+        steps += 1;
+    }
+    steps
 }

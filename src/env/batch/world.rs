@@ -3,13 +3,13 @@
 use super::Ending;
 use crate::arena::Look;
 use crate::env::EnvError;
-use crate::env::action::{ActionKind, Limits, SetPoint};
+use crate::env::action::{Limits, SetPoint};
 use crate::env::batch_task::episode_key;
 use crate::env::config::EnvConfig;
 use crate::env::layouts::{Course, Layout};
 use crate::env::randomize::{LevelRules, Levels};
 use crate::env::sensing::{Flown, NoisySensor, render_depth, update_collisions};
-use crate::env::task::{DroneView, EpisodeStart, Images, STATE_WIDTH, Start, Task, WorldView, store, yaw};
+use crate::env::task::{DroneView, EpisodeStart, Images, STATE_WIDTH, Start, Task, WorldView, store};
 use crate::math::quat;
 use crate::random::{Key, purpose};
 use crate::rollout::SimData;
@@ -24,33 +24,26 @@ pub(super) struct World {
     /// When a command is flown: whole steps of the environment later, and so many steps of the simulation into that step.
     pub late: u64,
     pub due: u64,
-    pub memory: Vec<f32>,
     pub starts: Vec<Start>,
     pub drones: Vec<Flown>,
     /// True states, and as observed.
     pub seen: Vec<DroneView>,
     pub observed: Vec<DroneView>,
-    /// (drone, action)
-    pub last_action: Vec<f32>,
     pub set_points: Vec<SetPoint>,
-    /// Commands of the last steps, (age, drone, command).
+    /// Commands of the last steps, where some may be late; else empty. (age, drone, command)
     pub commands: Vec<f32>,
     pub camera_poses: Vec<Pose>,
     /// Images without noise, where those observed differ. (drone, height, width)
     pub clean: Vec<f32>,
     /// Images of the last steps, where they are observed late. (age, drone, height, width)
     pub ring: Vec<f32>,
-    /// Steps of the environment since the reset.
-    pub step: u64,
     /// Episodes before this one.
     pub episode: u64,
-    pub ended: bool,
-    pub clipped: bool,
 }
 
 impl World {
-    /// A world that has not begun, whose task remembers `memory_len` numbers.
-    pub(super) fn new(plan: &Plan, memory_len: usize) -> Self {
+    /// A world that has not begun.
+    pub(super) fn new(plan: &Plan) -> Self {
         let (config, d) = (&plan.config, plan.config.sim.n_drones());
         let rest = DroneView {
             pos_m: [0.0; 3],
@@ -69,27 +62,38 @@ impl World {
             levels: config.levels,
             late,
             due,
-            memory: vec![0.0; memory_len],
             starts: vec![Start::at([0.0; 3]); d],
             drones: vec![Flown { clearance_m: config.look_m, ..Flown::default() }; d],
             seen: vec![rest; d],
             observed: vec![rest; d],
-            last_action: vec![0.0; d * plan.action_width],
             set_points: vec![SetPoint::default(); d],
             commands: vec![0.0; plan.command_ring * d * plan.command_width],
             camera_poses: vec![Pose::default(); if pixels == 0 { 0 } else { d }],
             clean: vec![0.0; if apart { d * pixels } else { 0 }],
             ring: vec![0.0; if rings > 1 { rings * d * pixels } else { 0 }],
-            step: 0,
             episode: 0,
-            ended: false,
-            clipped: false,
+        }
+    }
+
+    /// Number `k` of the observed state of its first drone: position, attitude, velocity, angular velocity.
+    pub(super) fn shown(&self, k: usize) -> f64 {
+        let of = if self.levels.is_noisy() { &self.observed[0] } else { &self.seen[0] };
+        match k {
+            0..3 => of.pos_m[k],
+            3..7 => of.quat_xyzw[k - 3],
+            7..10 => of.vel_m_s[k - 7],
+            _ => of.ang_vel_rad_s[k - 10],
         }
     }
 }
 
-/// Where the results of one world go.
+/// Where the results of one world go, and what is kept of it elsewhere.
 pub(super) struct Out<'a> {
+    /// Steps of the environment since the reset.
+    pub step: u64,
+    /// What the task remembers.
+    pub memory: &'a mut [f32],
+    pub ended: &'a mut bool,
     pub observation: &'a mut [f32],
     pub depth: &'a mut [f32],
     pub reward: &'a mut [f32],
@@ -112,7 +116,7 @@ pub(super) struct Plan {
     /// Numbers observed of one drone.
     pub width: usize,
     pub rules: LevelRules,
-    /// Commands that are kept.
+    /// Commands that are kept; 0: none is late.
     pub command_ring: usize,
     /// Images that are kept; 1: none is late.
     pub depth_ring: usize,
@@ -125,6 +129,14 @@ pub(super) struct Plan {
     pub neutral: Vec<f32>,
     /// That of worlds without a scene.
     pub no_course: Course,
+    /// Observed states may have noise.
+    pub is_noisy: bool,
+    /// Something may look at how much actions change.
+    pub compares_actions: bool,
+    /// Formulas of the task look at where drones were before.
+    pub reads_previous: bool,
+    /// Steps after which the time of an episode is over.
+    pub most_steps: u64,
 }
 
 /// Height of the ground where there is no scene, m: what drones crash into and what their effects read.
@@ -139,8 +151,8 @@ const STATE_NOISE: u32 = purpose("env.state");
 
 impl Plan {
     /// Which random numbers a world takes.
-    pub(super) fn key(&self, w: usize, world: &World, purpose: u32) -> Key {
-        episode_key(self.config.sim.options.origin(w), world.episode, world.step, purpose)
+    pub(super) fn key(&self, w: usize, world: &World, step: u64, purpose: u32) -> Key {
+        episode_key(self.config.sim.options.origin(w), world.episode, step, purpose)
     }
 
     /// What a command takes to the drones: whole steps of the environment, and further steps of the simulation.
@@ -151,78 +163,13 @@ impl Plan {
         [steps / substeps, steps % substeps]
     }
 
-    /// Turns the action of a world into its next command, and says how much each drone's changed.
-    pub(super) fn act(
-        &self,
-        w: usize,
-        world: &mut World,
-        data: &SimData<f32>,
-        action: &[f32],
-        action_change: &mut [f32],
-    ) {
-        let each = self.config.sim.n_drones() * self.command_width;
-        let slot = world.step as usize % self.command_ring * each;
-        let normalized = self.config.action.normalized;
-        world.clipped = false;
-        for (d, action) in action.chunks_exact(self.action_width).enumerate() {
-            let limits = &self.limits[d];
-            let last = &mut world.last_action[d * self.action_width..(d + 1) * self.action_width];
-            let command =
-                &mut world.commands[slot + d * self.command_width..slot + (d + 1) * self.command_width];
-            let mut values = [0.0; crate::physics::rigid_body::MAX_ROTORS];
-            let mut change = 0.0;
-            for (i, a) in action.iter().enumerate() {
-                let (value, clipped) = limits.value(normalized, i, f64::from(*a));
-                values[i] = value;
-                world.clipped |= clipped;
-                let range =
-                    if normalized { 2.0 } else { (limits.high[i] - limits.low[i]).max(f64::MIN_POSITIVE) };
-                change += (f64::from(a - last[i]).abs() / range).min(1.0);
-            }
-            last.copy_from_slice(action);
-            action_change[d] = if world.step == 0 { 0.0 } else { (change / self.action_width as f64) as f32 };
-            if self.config.action.kind == ActionKind::Velocity {
-                let row = data.row(w, d);
-                let pos = core::array::from_fn(|k| f64::from(data.pos[3 * row + k]));
-                let quat = core::array::from_fn(|k| f64::from(data.quat[4 * row + k]));
-                let four = [values[0], values[1], values[2], values[3]];
-                let accel = self.config.action.max_accel_m_s2;
-                world.set_points[d].follow(four, (pos, yaw(quat)), accel, self.config.step_s(), command);
-            } else {
-                store(command, &values[..self.command_width]);
-            }
-        }
-    }
-
-    /// Every kept command becomes the neutral one.
-    pub(super) fn fill_neutral(&self, world: &mut World) {
-        let each = self.config.sim.n_drones() * self.command_width;
-        for commands in world.commands.chunks_exact_mut(each) {
-            commands.copy_from_slice(&self.neutral);
-            if self.config.action.kind == ActionKind::Velocity {
-                for (point, command) in
-                    world.set_points.iter().zip(commands.chunks_exact_mut(self.command_width))
-                {
-                    let mut point = *point;
-                    let at = (point.pos_m, point.yaw_rad);
-                    point.follow([0.0; 4], at, 1.0, 0.0, command);
-                }
-            }
-        }
-    }
-
     /// Draws an episode: everything but where drones start.
     pub(super) fn begin(&self, w: usize, world: &mut World, n_layouts: usize, episode: u64) {
         world.episode = episode;
-        world.step = 0;
-        world.ended = false;
-        world.clipped = false;
-        world.memory.fill(0.0);
-        world.last_action.fill(0.0);
-        world.levels = self.rules.draw(&self.config.levels, self.key(w, world, LEVELS_OF));
+        world.levels = self.rules.draw(&self.config.levels, self.key(w, world, 0, LEVELS_OF));
         [world.late, world.due] = self.delay(&world.levels);
         if n_layouts > 0 {
-            world.layout = self.key(w, world, LAYOUT).stream().below(n_layouts as u64) as usize;
+            world.layout = self.key(w, world, 0, LAYOUT).stream().below(n_layouts as u64) as usize;
         }
     }
 
@@ -230,16 +177,16 @@ impl Plan {
     pub(super) fn place(
         &self,
         w: usize,
-        world: &mut World,
+        (world, memory): (&mut World, &mut [f32]),
         layouts: &[Layout],
         look: Look<f32>,
         (task, purpose): (&dyn Task, u32),
         goal: Option<&[[f64; 3]]>,
     ) -> Result<(), EnvError> {
-        let draw = self.key(w, world, purpose).stream();
+        let draw = self.key(w, world, 0, purpose).stream();
         let course = layouts.get(world.layout).map_or(&self.no_course, |l| &l.course);
         let mut worker = if layouts.is_empty() { None } else { Some(look.surroundings(w)?) };
-        let (starts, memory) = (&mut world.starts[..], &mut world.memory[..]);
+        let starts = &mut world.starts[..];
         let worker = worker.as_deref_mut();
         task.begin(&mut EpisodeStart { draw, world: w, course, worker, goal, starts, memory })
     }
@@ -261,10 +208,7 @@ impl Plan {
         let fresh = data.steps[w] == 0;
         let quarantined = data.quarantine[w].is_some();
         self.update_poses(w, world, data, fresh);
-        if judge && !fresh {
-            world.step += 1;
-        }
-        self.sense(w, world, layout, at, fresh || quarantined, out.depth)?;
+        self.sense((w, out.step), world, layout, at, fresh || quarantined, out.depth)?;
         for (d, drone) in world.drones.iter().enumerate() {
             out.clearance[d] = drone.clearance_m as f32;
             out.crashed[d] = drone.crashed;
@@ -277,12 +221,14 @@ impl Plan {
                 (true, _) => Ending::Quarantined,
                 (_, true) => Ending::None,
                 _ => {
-                    self.judge(task, (w, world), (layout, at), out.depth, (out.action_change, out.reward))?
+                    let told = (&mut *out.memory, out.action_change, out.reward);
+                    self.judge(task, (w, out.step, &*world), (layout, at), out.depth, told)?
                 }
             };
-            self.conclude(world, ending, (out.terminated, out.truncated, out.ending));
+            *out.ended = self.conclude(out.step, ending, (out.terminated, out.truncated, out.ending));
         }
-        self.observe(task, (w, world), (layout, at), (out.action_change, out.observation));
+        let told = (&*out.memory, out.action_change, out.observation);
+        self.observe(task, (w, out.step, world), (layout, at), told);
         Ok(())
     }
 
@@ -311,7 +257,7 @@ impl Plan {
     /// What the drones of a world touched and see. `still`: they did not fly here.
     pub(super) fn sense(
         &self,
-        w: usize,
+        (w, step): (usize, u64),
         world: &mut World,
         layout: Option<&Layout>,
         at: Look<f32>,
@@ -323,7 +269,7 @@ impl Plan {
             update_collisions(&mut worker, &mut world.drones, self.config.look_m, still)?;
             if self.pixels > 0 {
                 let apart = !world.clean.is_empty();
-                let key = self.key(w, world, DEPTH);
+                let key = self.key(w, world, step, DEPTH);
                 let key = NoiseKey { seed: key.seed, world: key.world, drone: 0, step: key.step, camera: 0 };
                 let clean = if apart { &mut world.clean[..] } else { &mut depth[..] };
                 match &self.sensor {
@@ -339,7 +285,7 @@ impl Plan {
                 if self.sensor.is_none() {
                     depth.copy_from_slice(&world.clean);
                 }
-                self.keep_image(world, depth);
+                self.keep_image(world, step, depth);
             }
         } else {
             for drone in &mut world.drones {
@@ -356,14 +302,14 @@ impl Plan {
     /// What a task sees of a world.
     pub(super) fn view<'a>(
         &self,
-        (w, world): (usize, &World),
+        (w, step): (usize, u64),
         look: Look<'a, f32>,
         (drones, action_change): (&'a [DroneView], &'a [f32]),
         images: Option<Images<'a>>,
         course: &'a Course,
     ) -> WorldView<'a> {
         WorldView {
-            time_s: world.step as f64 * self.config.step_s(),
+            time_s: step as f64 * self.config.step_s(),
             step_s: self.config.step_s(),
             drones,
             images,
@@ -378,10 +324,10 @@ impl Plan {
     pub(super) fn judge(
         &self,
         task: &dyn Task,
-        (w, world): (usize, &mut World),
+        (w, step, world): (usize, u64, &World),
         (layout, look): (Option<&Layout>, Look<f32>),
         depth: &[f32],
-        (action_change, reward): (&[f32], &mut [f32]),
+        (memory, action_change, reward): (&mut [f32], &[f32], &mut [f32]),
     ) -> Result<Ending, EnvError> {
         let course = layout.map_or(&self.no_course, |l| &l.course);
         let images = layout.filter(|_| self.pixels > 0).map(|layout| Images {
@@ -389,35 +335,34 @@ impl Plan {
             cameras: &layout.cameras,
             poses: &world.camera_poses,
         });
-        let mut memory = std::mem::take(&mut world.memory);
-        let view = self.view((w, world), look, (&world.seen, action_change), images, course);
-        let outcome = task.judge(&view, &mut memory, reward);
-        world.memory = memory;
+        let view = self.view((w, step), look, (&world.seen, action_change), images, course);
+        let outcome = task.judge(&view, memory, reward);
         check_rewards(w, reward)?;
         Ok(outcome.into())
     }
 
-    /// Ends an episode, or lets it go on: writes whether it was terminated or truncated, and why it ended.
-    pub(super) fn conclude(&self, world: &mut World, ending: Ending, out: (&mut bool, &mut bool, &mut u8)) {
+    /// Ends an episode after `step` steps, or lets it go on: writes whether it was terminated or truncated, and why it ended. Returns
+    /// whether it has ended.
+    #[inline]
+    pub(super) fn conclude(&self, step: u64, ending: Ending, out: (&mut bool, &mut bool, &mut u8)) -> bool {
         let (terminated, truncated, number) = out;
-        let time_up = world.step as f64 * self.config.step_s() >= self.config.max_episode_s - 1e-9;
         *terminated = ending != Ending::None;
-        *truncated = ending == Ending::None && time_up;
+        *truncated = ending == Ending::None && step >= self.most_steps;
         *number = if *truncated { Ending::TimeUp } else { ending } as u8;
-        world.ended = *terminated || *truncated;
+        *terminated || *truncated
     }
 
     /// Writes what is observed of a world: the state, with noise where there is some, and what the task adds.
     pub(super) fn observe(
         &self,
         task: Option<&dyn Task>,
-        (w, world): (usize, &mut World),
+        (w, step, world): (usize, u64, &mut World),
         (layout, look): (Option<&Layout>, Look<f32>),
-        (action_change, out): (&[f32], &mut [f32]),
+        (memory, action_change, out): (&[f32], &[f32], &mut [f32]),
     ) {
         let noisy = world.levels.is_noisy();
         if noisy {
-            let key = self.key(w, world, STATE_NOISE);
+            let key = self.key(w, world, step, STATE_NOISE);
             world.observed.copy_from_slice(&world.seen);
             for (d, seen) in world.observed.iter_mut().enumerate() {
                 blur(seen, &world.levels, Key { drone: d as u32, ..key });
@@ -425,29 +370,29 @@ impl Plan {
         }
         let drones = if noisy { &world.observed } else { &world.seen };
         let course = layout.map_or(&self.no_course, |l| &l.course);
-        let view = self.view((w, world), look, (drones, action_change), None, course);
+        let view = self.view((w, step), look, (drones, action_change), None, course);
         for (d, (row, s)) in out.chunks_exact_mut(self.width).zip(drones).enumerate() {
             store(&mut row[0..], &s.pos_m);
             store(&mut row[3..], &s.quat_xyzw);
             store(&mut row[7..], &s.vel_m_s);
             store(&mut row[10..], &s.ang_vel_rad_s);
             if let Some(task) = task {
-                task.observe(&view, &world.memory, d, &mut row[STATE_WIDTH..]);
+                task.observe(&view, memory, d, &mut row[STATE_WIDTH..]);
             }
         }
     }
 
     /// Keeps the newest image and puts the one that is observed now in its place.
-    pub(super) fn keep_image(&self, world: &mut World, depth: &mut [f32]) {
+    pub(super) fn keep_image(&self, world: &mut World, step: u64, depth: &mut [f32]) {
         if self.depth_ring == 1 {
             return;
         }
         let n = depth.len();
         let ring = self.depth_ring as u64;
         let late = (world.levels.depth_delay_s / self.config.step_s()).round() as u64;
-        let newest = (world.step % ring) as usize;
+        let newest = (step % ring) as usize;
         world.ring[newest * n..(newest + 1) * n].copy_from_slice(depth);
-        let shown = (world.step.saturating_sub(late.min(ring - 1)) % ring) as usize;
+        let shown = (step.saturating_sub(late.min(ring - 1)) % ring) as usize;
         depth.copy_from_slice(&world.ring[shown * n..(shown + 1) * n]);
     }
 }

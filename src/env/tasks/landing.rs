@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
-    load3, one_drone, store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Formulas, Outcome, Seen, Task, TracedTask, Verdict,
+    WorldView, distance, formulas, in_order, in_range, one_drone, or_crash, store,
 };
 use crate::math::vec3;
+use crate::scalar::Real;
 
 /// Options.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -37,9 +38,10 @@ impl Default for Landing {
 }
 
 impl Landing {
-    /// The place: that given at the reset, which the memory then holds behind a one, or that of the options.
-    fn goal(&self, memory: &[f32]) -> [f64; 3] {
-        if memory[0] == 0.0 { self.goal_m } else { load3(&memory[1..]) }
+    /// The place, m: that given at the reset, which the memory then holds behind a one, or that of the options.
+    fn goal<S: Real>(&self, memory: &[S]) -> [S; 3] {
+        let own = memory[0].lt(S::lit(0.5));
+        core::array::from_fn(|k| S::select(own, S::lit(self.goal_m[k]), memory[1 + k]))
     }
 }
 
@@ -74,17 +76,26 @@ impl Task for Landing {
     }
 
     fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
-        let seen = &view.drones[0];
-        if seen.crashed {
-            reward[0] = -1.0;
-            return Outcome::Crashed;
-        }
-        let off = self.steepness_per_m * distance(seen.pos_m, self.goal(memory));
-        reward[0] = (-off - self.steepness_s_per_m * vec3::norm(seen.vel_m_s)).exp() as f32;
-        Outcome::Continue
+        formulas::judge(self, view, memory, reward)
     }
 
     fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
-        store(out, &vec3::sub(self.goal(memory), view.drones[drone].pos_m));
+        formulas::observe(self, view, memory, drone, out);
+    }
+
+    fn formulas(&self) -> Option<TracedTask> {
+        Some(TracedTask::of(self))
+    }
+}
+
+impl Formulas for Landing {
+    fn verdict<S: Real>(&self, seen: &Seen<S>, memory: &[S]) -> Verdict<S> {
+        let off = S::lit(self.steepness_per_m) * distance(seen.pos_m, self.goal(memory));
+        let fast = S::lit(self.steepness_s_per_m) * vec3::norm(seen.vel_m_s);
+        or_crash(seen, Verdict::going_on((-off - fast).exp()))
+    }
+
+    fn observation<S: Real>(&self, seen: &Seen<S>, memory: &[S], out: &mut [S]) {
+        out.copy_from_slice(&vec3::sub(self.goal(memory), seen.pos_m));
     }
 }

@@ -19,10 +19,12 @@ use serde::{Deserialize, Serialize};
 use super::EnvError;
 use super::action::ActionKind;
 use super::config::EnvConfig;
+use super::formulas::{self, Formulas, Seen, TracedTask, Verdict};
 use super::layouts::Course;
 use super::task::{Channel, EpisodeStart, Outcome, Start, Task, TaskDefaults, WorldView, store, yaw};
 use crate::arena::{CameraConfig, SceneConfig};
 use crate::math::vec3;
+use crate::scalar::Real;
 
 /// A task that is built in.
 #[derive(Clone, Debug, PartialEq)]
@@ -154,14 +156,26 @@ pub(super) fn load3(memory: &[f32]) -> [f64; 3] {
     core::array::from_fn(|k| f64::from(memory[k]))
 }
 
+/// The first three of a list of numbers.
+pub(super) fn first3<S: Real>(list: &[S]) -> [S; 3] {
+    [list[0], list[1], list[2]]
+}
+
 /// Distance of two points, m.
-pub(super) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(super) fn distance<S: Real>(a: [S; 3], b: [S; 3]) -> S {
     vec3::norm(vec3::sub(a, b))
 }
 
 /// Whether a point lies in a box.
-pub(super) fn is_within(p: [f64; 3], [low, high]: [[f64; 3]; 2]) -> bool {
-    (0..3).all(|k| (low[k]..=high[k]).contains(&p[k]))
+pub(super) fn is_within<S: Real>(p: [S; 3], [low, high]: [[f64; 3]; 2]) -> S::Mask {
+    let along = |k: usize| S::lit(low[k]).le(p[k]) & p[k].le(S::lit(high[k]));
+    along(0) & along(1) & along(2)
+}
+
+/// A verdict, or, where the drone crashed, reward −1 and the end of the episode.
+pub(super) fn or_crash<S: Real>(seen: &Seen<S>, verdict: Verdict<S>) -> Verdict<S> {
+    let crashed = seen.crashed.gt(S::lit(0.5));
+    Verdict { reward: S::select(crashed, S::lit(-1.0), verdict.reward), crashed, ..verdict }
 }
 
 /// Weights that the obstacle tasks share.

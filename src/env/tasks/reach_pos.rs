@@ -3,10 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
-    load3, one_drone, store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Formulas, Outcome, Seen, Task, TracedTask, Verdict,
+    WorldView, distance, first3, formulas, in_order, in_range, one_drone, or_crash, store,
 };
 use crate::math::vec3;
+use crate::scalar::Real;
 
 /// Options.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -63,16 +64,25 @@ impl Task for ReachPos {
     }
 
     fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
-        let seen = &view.drones[0];
-        if seen.crashed {
-            reward[0] = -1.0;
-            return Outcome::Crashed;
-        }
-        reward[0] = (-self.steepness_per_m * distance(seen.pos_m, load3(memory))).exp() as f32;
-        Outcome::Continue
+        formulas::judge(self, view, memory, reward)
     }
 
     fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
-        store(out, &vec3::sub(load3(memory), view.drones[drone].pos_m));
+        formulas::observe(self, view, memory, drone, out);
+    }
+
+    fn formulas(&self) -> Option<TracedTask> {
+        Some(TracedTask::of(self))
+    }
+}
+
+impl Formulas for ReachPos {
+    fn verdict<S: Real>(&self, seen: &Seen<S>, memory: &[S]) -> Verdict<S> {
+        let off = distance(seen.pos_m, first3(memory));
+        or_crash(seen, Verdict::going_on((S::lit(-self.steepness_per_m) * off).exp()))
+    }
+
+    fn observation<S: Real>(&self, seen: &Seen<S>, memory: &[S], out: &mut [S]) {
+        out.copy_from_slice(&vec3::sub(first3(memory), seen.pos_m));
     }
 }

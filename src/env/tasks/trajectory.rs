@@ -6,10 +6,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    Channel, EnvConfig, EnvError, EpisodeStart, Outcome, Task, WorldView, distance, in_order, in_range,
-    is_within, load3, one_drone, store,
+    Channel, EnvConfig, EnvError, EpisodeStart, Formulas, Outcome, Seen, Task, TracedTask, Verdict,
+    WorldView, distance, first3, formulas, in_order, in_range, is_within, one_drone, or_crash, store,
 };
 use crate::math::vec3;
+use crate::scalar::Real;
 
 /// What the trajectory looks like.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -68,12 +69,12 @@ impl Default for Trajectory {
 const MIDDLE_M: f64 = 1.0;
 
 impl Trajectory {
-    /// The point at `time_s`; the memory holds amplitudes (m), cycles and phases (rad) of the three axes.
-    fn at(&self, memory: &[f32], time_s: f64) -> [f64; 3] {
-        let (size, cycles, phase) = (load3(memory), load3(&memory[3..]), load3(&memory[6..]));
-        let turn = 2.0 * PI * time_s / self.period_s;
-        let mut out = core::array::from_fn(|k| size[k] * (cycles[k] * turn + phase[k]).sin());
-        out[2] += MIDDLE_M;
+    /// The point at `time_s`, m; the memory holds amplitudes (m), cycles and phases (rad) of the three axes.
+    fn at<S: Real>(&self, memory: &[S], time_s: S) -> [S; 3] {
+        let (size, cycles, phase) = (first3(memory), first3(&memory[3..]), first3(&memory[6..]));
+        let turn = S::lit(2.0 * PI) * time_s / S::lit(self.period_s);
+        let mut out: [S; 3] = core::array::from_fn(|k| size[k] * (cycles[k] * turn + phase[k]).sin_cos().0);
+        out[2] = out[2] + S::lit(MIDDLE_M);
         out
     }
 }
@@ -112,27 +113,39 @@ impl Task for Trajectory {
             }),
         };
         store(b.memory, &numbers);
-        let first = self.at(b.memory, 0.0);
+        let remembered: Vec<f64> = b.memory.iter().map(|v| f64::from(*v)).collect();
+        let first = self.at(&remembered, 0.0);
         let off = [self.start_off_m; 3];
         b.start_within([vec3::sub(first, off), vec3::add(first, off)], self.start_speed_m_s);
         Ok(())
     }
 
     fn judge(&self, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
-        let seen = &view.drones[0];
-        if seen.crashed || !is_within(seen.pos_m, self.space_m) {
-            reward[0] = -1.0;
-            return if seen.crashed { Outcome::Crashed } else { Outcome::Left };
-        }
-        let off = distance(seen.pos_m, self.at(memory, view.time_s));
-        reward[0] = (-self.steepness_per_m * off).exp() as f32;
-        Outcome::Continue
+        formulas::judge(self, view, memory, reward)
     }
 
     fn observe(&self, view: &WorldView, memory: &[f32], drone: usize, out: &mut [f32]) {
+        formulas::observe(self, view, memory, drone, out);
+    }
+
+    fn formulas(&self) -> Option<TracedTask> {
+        Some(TracedTask::of(self))
+    }
+}
+
+impl Formulas for Trajectory {
+    fn verdict<S: Real>(&self, seen: &Seen<S>, memory: &[S]) -> Verdict<S> {
+        let off = distance(seen.pos_m, self.at(memory, seen.time_s));
+        let left = !is_within(seen.pos_m, self.space_m);
+        let reward = (S::lit(-self.steepness_per_m) * off).exp();
+        let reward = S::select(left, S::lit(-1.0), reward);
+        or_crash(seen, Verdict { left, ..Verdict::going_on(reward) })
+    }
+
+    fn observation<S: Real>(&self, seen: &Seen<S>, memory: &[S], out: &mut [S]) {
         for (k, out) in out.chunks_exact_mut(3).enumerate() {
-            let point = self.at(memory, view.time_s + k as f64 * self.samples_dt_s);
-            store(out, &vec3::sub(point, view.drones[drone].pos_m));
+            let time_s = seen.time_s + S::lit(k as f64 * self.samples_dt_s);
+            out.copy_from_slice(&vec3::sub(self.at(memory, time_s), seen.pos_m));
         }
     }
 }

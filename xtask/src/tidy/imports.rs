@@ -27,7 +27,10 @@ const TABLE: &[(&str, &[&str])] = &[
             "math", "random", "error",
         ],
     ),
-    ("env", &["arena", "rollout", "scene", "sense", "vehicle", "physics", "math", "random", "error"]),
+    (
+        "env",
+        &["arena", "rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"],
+    ),
     ("view", &["page", "gap", "dataset", "arena", "scene", "sense", "flight", "vehicle", "math", "error"]),
     ("lab", &["view", "page", "gap", "arena", "scene", "flight", "vehicle", "physics", "math", "error"]),
     ("cli", &["*"]),

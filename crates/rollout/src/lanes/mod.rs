@@ -164,7 +164,7 @@ impl<N: Number> Lanes<N> {
             self.arrays = Arrays::of(data);
         }
         self.prepare(options, nominal, own, rates, data.n_worlds);
-        let threads = rayon::current_num_threads();
+        let threads = crate::pool::threads();
         while self.scratch.len() < threads + 1 {
             self.scratch.push(Mutex::default());
         }
