@@ -399,3 +399,99 @@ fn foreign_columns_are_named_and_checked() {
         told["result"]["sane"].as_array().unwrap().iter().find(|s| s["title"] == "gravity").unwrap();
     assert_eq!(gravity["fine"], json!(false), "{gravity}");
 }
+
+/// A session with the example of hidden rotor drag, opened.
+fn opened(lab: &Lab) -> u64 {
+    let session = lab.session();
+    for (verb, body) in [("example", json!({ "name": "rotor_drag" })), ("open", json!({}))] {
+        let reply = lab.act(session, verb, &body);
+        assert_eq!(reply.status, 200, "{verb}: {}", reply.text());
+    }
+    session
+}
+
+#[test]
+fn a_save_replaces_nothing_unasked_and_says_where_it_cannot_write() {
+    let lab = Lab::start(&[]);
+    let session = opened(&lab);
+    assert_eq!(lab.act(session, "toggle", &json!({ "effect": "linear_drag", "on": true })).status, 200);
+    let folder = lab.folder.path();
+    let save = |folder: &Path, name: &str, replace: bool| {
+        let files = json!([{ "which": "vehicle", "name": name }]);
+        lab.act(session, "save", &json!({ "folder": folder, "files": files, "replace": replace }))
+    };
+    let mine = folder.join("better.toml");
+    std::fs::write(&mine, "mine").unwrap();
+    let asked = save(folder, "better.toml", false);
+    assert_eq!((asked.status, &asked.json()["exists"]), (409, &json!([mine])), "{}", asked.text());
+    assert_eq!(std::fs::read_to_string(&mine).unwrap(), "mine");
+    assert_eq!(save(folder, "better.toml", true).status, 200);
+    assert!(std::fs::read_to_string(&mine).unwrap().contains("[body]"));
+    for (to, name, words) in [
+        (folder.to_path_buf(), "../outside.toml", "the plain name of a file"),
+        (folder.to_path_buf(), "", "the plain name of a file"),
+        (PathBuf::from("somewhere"), "a.toml", "a folder with its whole path"),
+        (folder.join("no/such"), "a.toml", "make that folder first"),
+        // What takes no files, also for who may do everything.
+        (mine.clone(), "a.toml", "is no folder"),
+        (PathBuf::from("/proc"), "a.toml", "/proc/a.toml"),
+    ] {
+        let refusal = save(&to, name, false).refusal();
+        assert!(refusal.contains(words), "{}/{name}: {refusal}", to.display());
+    }
+    assert!(!folder.parent().unwrap().join("outside.toml").exists());
+    let file = lab.ask(&format!("GET /api/sessions/{session}/files/steps"), b"");
+    assert!(file.header("content-disposition").unwrap().starts_with("attachment"), "{}", file.head);
+    assert!(file.text().starts_with("#!/bin/sh"), "{}", file.text());
+}
+
+#[test]
+fn a_search_is_told_to_every_page_cancelled_by_any_and_outlives_none_that_leaves() {
+    let lab = Lab::start(&[]);
+    let session = opened(&lab);
+    let listen = || {
+        let mut stream = TcpStream::connect(("127.0.0.1", lab.port)).unwrap();
+        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        write!(
+            stream,
+            "GET /api/sessions/{session}/events HTTP/1.1\r\nHost: {}\r\nCookie: {}\r\n\r\n",
+            lab.host(),
+            lab.cookie()
+        )
+        .unwrap();
+        stream
+    };
+    let hears = |stream: &mut TcpStream, word: &str| {
+        let mut heard = String::new();
+        let mut piece = [0; 4096];
+        while !heard.contains(word) {
+            let n = stream.read(&mut piece).expect("news");
+            assert!(n > 0, "the news ended: {heard}");
+            heard.push_str(&String::from_utf8_lossy(&piece[..n]));
+        }
+    };
+    let state = || lab.ask(&format!("GET /api/sessions/{session}"), b"").json()["engine"].clone();
+    let before = state();
+    let mut pages = [listen(), listen()];
+    for page in &mut pages {
+        hears(page, "200 ok".to_uppercase().as_str());
+    }
+    std::thread::scope(|scope| {
+        let search = scope.spawn(|| lab.act(session, "find", &json!({})));
+        pages.iter_mut().for_each(|page| hears(page, "progress"));
+        assert_eq!(
+            lab.post(&format!("/api/sessions/{session}/cancel"), &json!({})).json()["cancelled"],
+            json!(true)
+        );
+        let ended = search.join().unwrap();
+        assert_eq!((ended.status, &ended.json()["cancelled"]), (409, &json!(true)), "{}", ended.text());
+    });
+    assert_eq!(state(), before, "everything is as it was");
+    // A page that is closed in the middle of a search: the session goes on and can be asked.
+    let mut gone = TcpStream::connect(("127.0.0.1", lab.port)).unwrap();
+    write!(gone, "POST /api/sessions/{session}/do/find HTTP/1.1\r\nHost: {}\r\nCookie: {}\r\nContent-Length: 2\r\n\r\n{{}}", lab.host(), lab.cookie()).unwrap();
+    hears(&mut pages[0], "progress");
+    drop(gone);
+    assert_eq!(lab.post(&format!("/api/sessions/{session}/cancel"), &json!({})).status, 200);
+    assert_eq!(state()["vehicle"], before["vehicle"]);
+}
