@@ -125,7 +125,7 @@ LAB = [
     {"picture": "lab_next.png"},
     {"click": "5 Save"},
     {"until": "document.getElementById('folder') !== null"},
-    {"fill": ["#folder", "/home/me/flights"]},
+    {"fill": ["#folder", "/flights"]},
     {"picture": "lab_save.png"},
 ]
 

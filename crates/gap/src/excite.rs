@@ -543,7 +543,7 @@ pub fn flight(vehicle: &Vehicle, request: &Request, names: &[String]) -> Result<
 }
 
 /// A practice log: `truth` flies the manoeuvres `names`, which are planned for `vehicle`, by its own controller, and the sensors of the request
-/// log it, a load on a cable as the object `payload`. Where the two vehicles differ, the log shows what `vehicle` lacks.
+/// log it, a load on a cable as the object `load`. Where the two vehicles differ, the log shows what `vehicle` lacks.
 ///
 /// # Errors
 /// Those of [`flight`]; [`GapError::Log`] where `truth` cannot fly what `vehicle` can.

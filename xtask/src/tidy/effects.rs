@@ -34,6 +34,11 @@ const MAY_NAME: &[(&str, &[&str], &str)] = &[
     ("crates/vehicle/src/file.rs", &["thrust_scale"], "a key of vehicle files has the same name"),
     ("src/cli/cmd/fly.rs", &["mount"], "a field of cameras has the same name"),
     ("src/dataset/changes.rs", &["mount"], "a field of cameras has the same name"),
+    (
+        "src/lab/examples.rs",
+        &["rotor_drag", "slung_payload", "constant_wind"],
+        "effects that the examples of the lab hide",
+    ),
 ];
 
 /// Checks that code, list and pages name the same effects, and that every page is whole.

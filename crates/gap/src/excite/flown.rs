@@ -47,7 +47,7 @@ pub(super) struct Setting<'a> {
     pub sensors: &'a Sensors,
     pub air: &'a Air,
     pub seed: u64,
-    /// Whether the load on a cable is tracked, as the object `payload`.
+    /// Whether the load on a cable is tracked, as the object `load`.
     pub tracks_load: bool,
 }
 
@@ -239,7 +239,7 @@ impl Recorder {
         {
             let at = t - 1.0 / f64::from(SIM_HZ) + clock.pose_s;
             let off = normals(&mut self.noise, sensors.position_m);
-            self.log.objects_m.entry("payload".into()).or_default().push(at, vec3::add(load, off));
+            self.log.objects_m.entry("load".into()).or_default().push(at, vec3::add(load, off));
         }
         let commands = &sim.data.rotor_command[row * sim.data.n_rotors..][..n];
         for (i, channel) in self.log.cmd_rotor_rad_s.iter_mut().enumerate() {

@@ -255,7 +255,7 @@ fn a_practice_flight_shows_what_the_filed_vehicle_lacks() {
     let request = Request { seconds: 30.0, ..Request::default() };
     let names = ["quick eight".to_string()];
     let log = rehearse(&vehicle, &truth, &request, &names).unwrap();
-    let load = &log.objects_m["payload"];
+    let load = &log.objects_m["load"];
     assert!(load.len() > 500, "{}", load.len());
     // The cable's length lies between the vehicle, whose pose has some noise, and the load.
     let poses = propwash_flight::resample::linear(&log.position_m, &load.t_s, 0.1);
