@@ -12,7 +12,7 @@ use propwash::scalar::Real;
 use propwash::scalar::bytecode::Interpret;
 use propwash::scalar::dual::Dual;
 use propwash::scalar::formula::{Formula, Registers};
-use propwash::scalar::lanes::{Cell, F32x16, F64x8, Number};
+use propwash::scalar::lanes::{F32x16, F64x8, Number};
 
 /// Numbers that a drone is seen by, before those that the task remembers.
 const SEEN: usize = 21;
