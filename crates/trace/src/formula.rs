@@ -134,7 +134,7 @@ impl<C: Interpret> Registers<C> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::lanes::{Cell, F32x16, F64x8};
+    use crate::lanes::{F32x16, F64x8};
 
     /// An input that is passed on, a constant, a value that two results share, a comparison.
     fn everything<S: Real>(v: &[S]) -> Vec<S> {

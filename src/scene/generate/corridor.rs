@@ -325,3 +325,32 @@ fn hang_beams(o: &CorridorOptions, out: &mut Mjcf, run: &Run, r: usize) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_corridor_is_as_long_as_asked_and_never_meets_itself() {
+        for seed in 0..50 {
+            let o = CorridorOptions { seed, length_m: 40.0, ..Default::default() };
+            let runs = corridor_path(&o);
+            let length: f64 = runs.iter().map(|r| r.length).sum();
+            assert!((length - 40.0).abs() < 1e-9);
+            assert!(runs.len() >= 3);
+            // Free space of a run, seen from above; runs that are not neighbours must not touch, walls included.
+            let hull = |r: &Run| {
+                let (a, b) = (r.at(0.0, 0.0), r.at(r.length, 0.0));
+                let w = 0.5 * o.width_m + WALL_M;
+                [a[0].min(b[0]) - w, a[1].min(b[1]) - w, a[0].max(b[0]) + w, a[1].max(b[1]) + w]
+            };
+            for (i, a) in runs.iter().enumerate() {
+                for b in runs.iter().skip(i + 2) {
+                    let (p, q) = (hull(a), hull(b));
+                    let apart = p[2] < q[0] || q[2] < p[0] || p[3] < q[1] || q[3] < p[1];
+                    assert!(apart, "seed {seed}");
+                }
+            }
+        }
+    }
+}

@@ -180,3 +180,17 @@ fn bush(draw: &mut Draw, trunk: &Trunk) -> Vec<Part> {
     }
     parts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_shape_of_tree_grows_in_a_large_forest() {
+        let o = crate::scene::generate::ForestOptions { trees: 300, size_m: 40.0, ..Default::default() };
+        let text = crate::scene::generate::forest(&o).unwrap();
+        for shape in SHAPES {
+            assert!(text.contains(&format!("<body name=\"{shape}_")), "no {shape}");
+        }
+    }
+}
