@@ -46,7 +46,7 @@ fn numbers(memory_len: usize, i: usize) -> Vec<f64> {
     let at = |k: usize| f64::from((0.7 * (1.3 * i as f64 + 2.1 * k as f64)).sin() as f32);
     let mut v: Vec<f64> = (0..SEEN + memory_len).map(at).collect();
     (v[2], v[17]) = (v[2] + 1.0, f64::from(u8::from(i % 5 == 3)));
-    v[SEEN] = if i % 2 == 0 { 0.0 } else { 1.0 };
+    v[SEEN] = if i.is_multiple_of(2) { 0.0 } else { 1.0 };
     v
 }
 

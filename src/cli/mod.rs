@@ -42,20 +42,27 @@ pub fn run_with(words: impl IntoIterator<Item = OsString>, again: impl IntoItera
 /// Runs `work`; where it panics, in this thread or in one that works for it, gives what the panic says and where. Nothing else is
 /// printed of it, unless RUST_BACKTRACE asks for that.
 fn caught<T>(work: impl FnOnce() -> T) -> Result<T, String> {
-    let said = Arc::new(Mutex::new(String::new()));
+    let said = Arc::new(Mutex::new(Vec::<String>::new()));
     let before = panic::take_hook();
     let (hears, tell) = (said.clone(), std::env::var_os("RUST_BACKTRACE").is_some_and(|v| v != "0"));
     let before = Arc::new(before);
     let passes_on = before.clone();
     panic::set_hook(Box::new(move |info| {
-        *hears.lock().unwrap_or_else(PoisonError::into_inner) = info.to_string();
-        if tell {
+        hears.lock().unwrap_or_else(PoisonError::into_inner).push(info.to_string());
+        // Sessions of the lab go on after a panic, of which nothing else would be seen.
+        if tell || std::thread::current().name().is_some_and(|name| name.starts_with("lab")) {
             passes_on(info);
         }
     }));
     let done = panic::catch_unwind(AssertUnwindSafe(work));
     panic::set_hook(Box::new(move |info| before(info)));
-    done.map_err(|_| said.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    done.map_err(|panic| {
+        let text = panic.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| panic.downcast_ref::<&str>().map(ToString::to_string)).unwrap_or_default();
+        let said = said.lock().unwrap_or_else(PoisonError::into_inner);
+        // Threads that work on their own, as those of the lab do, may have panicked too and been caught elsewhere.
+        said.iter().rfind(|heard| heard.contains(&text)).cloned().unwrap_or(text)
+    })
 }
 
 fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {

@@ -4,6 +4,7 @@ use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Component, Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -312,10 +313,23 @@ pub fn create_or_resume(dir: &Path, manifest: &Manifest) -> Result<(Writer, Vec<
     Ok((Writer { shared: Arc::new(shared) }, done))
 }
 
+/// How often, and after how long each time, a folder that another run seems to have is tried again.
+const LOCK_TRIES: usize = 10;
+const LOCK_WAIT: Duration = Duration::from_millis(20);
+
 /// Locks a folder against other runs, as long as the file lives.
 fn lock(dir: &Path, warnings: &mut Vec<String>) -> Result<File> {
     let lock = File::open(dir).map_err(DatasetError::io(dir))?;
-    match lock.try_lock() {
+    let mut tried = lock.try_lock();
+    // A child that another thread of this process starts holds copies of our files for a moment, until it runs its own program.
+    for _ in 0..LOCK_TRIES {
+        if !matches!(tried, Err(TryLockError::WouldBlock)) {
+            break;
+        }
+        std::thread::sleep(LOCK_WAIT);
+        tried = lock.try_lock();
+    }
+    match tried {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => return Err(DatasetError::Busy { path: dir.to_path_buf() }),
         Err(TryLockError::Error(e)) => warnings.push(format!(

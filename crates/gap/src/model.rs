@@ -11,7 +11,7 @@ use propwash_flight::clean;
 use propwash_physics::airframe;
 use propwash_physics::drone::Drone;
 use propwash_physics::effects::{
-    Answer, AnyEffect, Area, Candidate, Effect, FromLog, Needs, Relative, Sign, candidates, nature,
+    Answer, AnyEffect, Area, Candidate, Effect, Filed, FromLog, Needs, Relative, Sign, candidates, nature,
 };
 use propwash_physics::params::Parameters;
 use propwash_physics::rigid_body::MAX_ROTORS;
@@ -57,6 +57,8 @@ pub(crate) struct Parameter {
     pub divides: bool,
     /// Where it enters.
     pub enters: Enters,
+    /// What the vehicle file states of which it is a multiple.
+    pub scales: Option<Filed>,
 }
 
 /// The vehicle and all candidates.
@@ -180,6 +182,7 @@ impl Model {
                 back: size / slab,
                 divides: freedom.divides,
                 enters,
+                scales: freedom.scales,
             });
         }
         self.candidates.push(candidate);

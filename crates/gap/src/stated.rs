@@ -4,8 +4,9 @@
 //! A sigma that a fit wrote says how well *those* flights determined an effect, not how well it is known on the next one: it is
 //! no prior.
 
-use super::model::Model;
+use super::model::{Model, Parameter};
 use super::policy::AGAINST_STATED_SIGMAS;
+use propwash_physics::effects::Filed;
 use propwash_vehicle::{Provenance, Vehicle};
 use std::collections::BTreeMap;
 
@@ -38,7 +39,7 @@ impl Model {
         };
         for c in 0..self.candidates.len() {
             let (kind, own) = (self.candidates[c].kind, self.of(c).collect::<Vec<_>>());
-            let priors: Vec<_> = own.iter().map(|k| stated.prior(kind, &self.parameters[*k].name)).collect();
+            let priors: Vec<_> = own.iter().map(|k| stated.prior(kind, &self.parameters[*k])).collect();
             for (k, prior) in own.iter().zip(&priors) {
                 let Some(prior) = prior else { continue };
                 let p = &mut self.parameters[*k];
@@ -89,22 +90,19 @@ struct Stated<'a> {
 }
 
 impl Stated<'_> {
-    /// The prior of a parameter of a candidate, where the file states what it scales.
-    fn prior(&self, kind: &str, parameter: &str) -> Option<Prior> {
-        let axis = || parameter.rsplit('.').next()?.parse::<usize>().ok();
-        match kind {
-            "wrong_mass" => self.share("body.mass_kg", &[]),
-            "wrong_inertia" => axis().and_then(|i| self.share("body.inertia_kg_m2", &[i, i])),
-            "thrust_scale" => self.curve(&["thrust_curve_n_per_rad_s", "thrust_curve_n_per_rpm"]),
-            "torque_scale" => self
+    /// The prior of a parameter of a kind of effects, where the file states what it scales or, for an effect of the file, itself.
+    fn prior(&self, kind: &str, parameter: &Parameter) -> Option<Prior> {
+        let Some(filed) = parameter.scales else { return self.of_effect(kind, &parameter.name) };
+        match filed {
+            Filed::Mass => self.share("body.mass_kg", &[]),
+            Filed::Inertia(axis) => self.share("body.inertia_kg_m2", &[axis, axis]),
+            Filed::Thrust => self.curve(&["thrust_curve_n_per_rad_s", "thrust_curve_n_per_rpm"]),
+            Filed::Torque => self
                 .curve(&["torque_curve_n_m_per_rad_s", "torque_curve_n_m_per_rpm"])
                 .or_else(|| self.share("rotor_default.torque_per_thrust_m", &[])),
-            "rotor_inertia" => self.share("rotor_default.inertia_kg_m2", &[]),
-            "motor_lag" => {
-                let way = if parameter.starts_with("spin_up") { "up" } else { "down" };
-                self.share(&format!("rotor_default.time_constant_{way}_s"), &[])
-            }
-            _ => self.of_effect(kind, parameter),
+            Filed::RotorInertia => self.share("rotor_default.inertia_kg_m2", &[]),
+            Filed::SpinUp => self.share("rotor_default.time_constant_up_s", &[]),
+            Filed::SpinDown => self.share("rotor_default.time_constant_down_s", &[]),
         }
     }
 

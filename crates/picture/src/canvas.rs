@@ -272,7 +272,8 @@ mod tests {
     #[test]
     fn images_grow_by_repetition_and_shrink_by_mean() {
         let mut canvas = Canvas::new(6, 4, [255; 3]).unwrap();
-        let chess = |row: usize, column: usize| if (row + column) % 2 == 0 { [0; 3] } else { [200; 3] };
+        let chess =
+            |row: usize, column: usize| if (row + column).is_multiple_of(2) { [0; 3] } else { [200; 3] };
         canvas.image([0, 0, 4, 4], (2, 2), chess);
         assert_eq!([at(&canvas, 1, 1), at(&canvas, 2, 1), at(&canvas, 3, 3)], [[0; 3], [200; 3], [0; 3]]);
         canvas.image([4, 0, 2, 2], (4, 4), chess);

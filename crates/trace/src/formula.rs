@@ -144,7 +144,7 @@ mod tests {
     }
 
     fn check<C: Interpret>(tolerance: f64) {
-        let formula = Formula::new(4, |v| everything(v));
+        let formula = Formula::new(4, everything);
         assert_eq!(formula.reads(), [0, 2], "inputs 1 and 3 are not read");
         let mut registers = Registers::<C>::new(&formula);
         // Twice: the first run must leave nothing behind that the second reads.

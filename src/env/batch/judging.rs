@@ -92,7 +92,7 @@ impl<'a> Part<'a> {
     fn split(self, n: usize) -> (Self, Self) {
         let all = self.len();
         // Arrays may be empty, or have several numbers of each world.
-        fn cut<'a, T>(array: &'a mut [T], n: usize, all: usize) -> (&'a mut [T], &'a mut [T]) {
+        fn cut<T>(array: &mut [T], n: usize, all: usize) -> (&mut [T], &mut [T]) {
             array.split_at_mut(array.len() / all * n)
         }
         let (observation, more_observation) = cut(self.observation, n, all);

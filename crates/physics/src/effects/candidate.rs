@@ -37,11 +37,33 @@ pub struct Freedom {
     pub divides: bool,
     /// Whether it shows in torques alone: it is only free where the rotors' speeds are known.
     pub in_torques: bool,
+    /// What the vehicle file states of which this is a multiple.
+    pub scales: Option<Filed>,
+}
+
+/// A value of vehicle files: what a factor multiplies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filed {
+    /// Mass.
+    Mass,
+    /// Moment of inertia about a body axis.
+    Inertia(usize),
+    /// Thrust of all rotors.
+    Thrust,
+    /// Torque of all rotors.
+    Torque,
+    /// Moment of inertia of the rotors.
+    RotorInertia,
+    /// Time in which rotors spin up.
+    SpinUp,
+    /// Time in which rotors spin down.
+    SpinDown,
 }
 
 impl Freedom {
     fn new(name: String, unit: &'static str, (spike, slab): (f64, f64), sign: Sign) -> Self {
-        Self { name, unit, spike, slab, sign, divides: false, in_torques: false }
+        Self { name, unit, spike, slab, sign, divides: false, in_torques: false, scales: None }
     }
 
     /// A parameter that can be off either way.
@@ -63,6 +85,13 @@ impl Freedom {
     #[must_use]
     pub fn dividing(mut self) -> Self {
         self.divides = true;
+        self
+    }
+
+    /// The same, a multiple of what the file states.
+    #[must_use]
+    pub fn scaling(mut self, filed: Filed) -> Self {
+        self.scales = Some(filed);
         self
     }
 

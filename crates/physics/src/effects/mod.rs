@@ -62,7 +62,7 @@ pub mod wrong_inertia;
 pub mod wrong_mass;
 
 pub use candidate::{
-    Answer, Area, Bounds, Candidate, Freedom, FromLog, Group, Nature, Needs, Relative, Scale, Sign,
+    Answer, Area, Bounds, Candidate, Filed, Freedom, FromLog, Group, Nature, Needs, Relative, Scale, Sign,
 };
 pub use custom::{RegisterError, kinds, register};
 

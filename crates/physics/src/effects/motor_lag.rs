@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
+use crate::effects::candidate::{Area, Bounds, Candidate, Filed, Freedom, Needs};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -53,13 +53,13 @@ impl<S: Real> Effect<S> for Params<S> {
 
 /// What a search for missing physics may free; see [`Candidate`].
 pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
-    let freedom = |name: &str| Freedom::any(name, "1", 0.05, 0.4).dividing();
+    let freedom = |name: &str, of| Freedom::any(name, "1", 0.05, 0.4).dividing().scaling(of);
     vec![
         Candidate::new(
             "motor_lag",
             "motors slower or faster than filed",
             Area::Drive,
-            vec![freedom("spin_up_factor"), freedom("spin_down_factor")],
+            vec![freedom("spin_up_factor", Filed::SpinUp), freedom("spin_down_factor", Filed::SpinDown)],
             "make sharp steps of thrust, roll and pitch, up and down",
         )
         .needing(Needs::Commands),

@@ -4,7 +4,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Group, Nature};
+use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Filed, Freedom, Group, Nature};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -55,7 +55,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
             "rotor_inertia",
             "rotors with more or less inertia than filed",
             Area::Mass,
-            vec![Freedom::any("factor", "1", 0.1, 1.5)],
+            vec![Freedom::any("factor", "1", 0.1, 1.5).scaling(Filed::RotorInertia)],
             "yaw in sharp steps, and roll and pitch quickly while yawing",
         )
         .answering(Answer::RotorAcceleration),

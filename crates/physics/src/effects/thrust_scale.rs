@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Relative};
+use crate::effects::candidate::{Area, Bounds, Candidate, Filed, Freedom, Nature, Relative};
 use crate::params::parameters;
 use propwash_trace::Real;
 use propwash_trace::math::vec3;
@@ -57,7 +57,7 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         "thrust_scale",
         "all rotors give more or less thrust than filed",
         Area::Drive,
-        vec![Freedom::any("factor", "1", 0.012, 0.12)],
+        vec![Freedom::any("factor", "1", 0.012, 0.12).scaling(Filed::Thrust)],
         "climb and sink hard, roll and pitch quickly, and drop for a moment with little thrust",
     )]
 }

@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Nature, Relative};
+use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Filed, Freedom, Nature, Relative};
 use crate::params::parameters;
 use propwash_trace::Real;
 use propwash_trace::math::vec3;
@@ -53,7 +53,7 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
             "torque_scale",
             "all rotors meet more or less torque than filed",
             Area::Drive,
-            vec![Freedom::any("factor", "1", 0.03, 0.3)],
+            vec![Freedom::any("factor", "1", 0.03, 0.3).scaling(Filed::Torque)],
             "yaw to and fro, slowly and quickly, at low and at high thrust",
         )
         .answering(Answer::Torque(2)),

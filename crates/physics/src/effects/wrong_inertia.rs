@@ -6,7 +6,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Freedom, Group, Nature, Relative};
+use crate::effects::candidate::{Answer, Area, Bounds, Candidate, Filed, Freedom, Group, Nature, Relative};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -63,7 +63,8 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         ("z", "inertia about the upward axis other than filed", "yaw to and fro quickly"),
     ];
     let candidate = |(i, (axis, title, manoeuvre))| {
-        let freedom = Freedom::any(format!("factor.{i}"), "1", 0.03, 0.2).dividing();
+        let freedom =
+            Freedom::any(format!("factor.{i}"), "1", 0.03, 0.2).dividing().scaling(Filed::Inertia(i));
         Candidate::new("wrong_inertia", title, Area::Mass, vec![freedom], manoeuvre)
             .part(axis)
             .answering(Answer::Torque(i))

@@ -5,7 +5,7 @@
 
 use super::{Effect, Parts};
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, Nature, Relative};
+use crate::effects::candidate::{Area, Bounds, Candidate, Filed, Freedom, Nature, Relative};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -48,7 +48,7 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         "wrong_mass",
         "vehicle heavier or lighter than filed",
         Area::Mass,
-        vec![Freedom::any("factor", "1", 0.005, 0.15).dividing()],
+        vec![Freedom::any("factor", "1", 0.005, 0.15).dividing().scaling(Filed::Mass)],
         "climb and sink hard, roll and pitch quickly, and drop for a moment with little thrust",
     )]
 }
