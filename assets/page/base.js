@@ -102,6 +102,24 @@
     return value.toFixed(Math.min(places, 6)).replace("-", "−") + (unit ? " " + unit : "");
   };
 
+  /** A question that is asked again and again, such as at every key: while an answer is on its way only the newest question is kept, so that
+   * answers never come in another order than the questions. @template Q @param {(question: Q) => Promise<any>} ask */
+  P.newest = (ask) => {
+    let busy = false;
+    /** @type {Q[]} */
+    let waiting = [];
+    return async (/** @type {Q} */ question) => {
+      waiting = [question];
+      if (busy) return;
+      busy = true;
+      try {
+        for (let now = waiting.pop(); now !== undefined; now = waiting.pop()) await ask(now);
+      } finally {
+        busy = false;
+      }
+    };
+  };
+
   /** Whether the person asked for less motion. */
   P.still = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 

@@ -19,25 +19,6 @@
   ]);
   const START = { x: 0, y: 0, z: 1, heading: 0, pitch: 0 };
 
-  /** Waits for answers one after the other: while one is on its way, only the newest question is kept.
-   * @param {(question: any) => Promise<void>} ask */
-  function newest(ask) {
-    let busy = false;
-    /** @type {any} */
-    let next = null;
-    return async (/** @type {any} */ question) => {
-      next = question;
-      if (busy) return;
-      busy = true;
-      while (next !== null) {
-        const now = next;
-        next = null;
-        await ask(now);
-      }
-      busy = false;
-    };
-  }
-
   /** An answer of the server; what it says in words where it refuses. @param {string} what @param {[string, string][]} words */
   async function answer(what, words) {
     const query = words.map(([name, value]) => `${name}=${value}`).join("&");
@@ -116,7 +97,7 @@
       });
     }
 
-    const ask = newest(async () => {
+    const ask = P.newest(async () => {
       const of = chosen();
       const turn = attitude().multiply(new THREE.Quaternion().fromArray(FORWARD));
       try {

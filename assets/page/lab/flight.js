@@ -210,15 +210,19 @@
     add.hidden = true;
     await rebuild();
   }, { hidden: true });
-  async function judge() {
-    add.hidden = true;
-    if (!text.value.trim()) return (said.textContent = "");
-    const told = await lab.tried(() => lab.act("try_expression", { axis: axis.value, text: text.value }));
-    if (told === undefined || told === null) return;
+  const ask = P.newest(async (/** @type {{axis: string, text: string}} */ asked) => {
+    const told = await lab.tried(() => lab.act("try_expression", asked));
+    // What was typed since then is asked next.
+    if (!told || asked.text !== text.value || asked.axis !== axis.value) return;
     said.className = told.fine ? "" : "wrong";
-    const under = told.column === null || told.column === undefined ? "" : `${text.value}\n${" ".repeat(told.column)}^ `;
+    const under = told.column === null || told.column === undefined ? "" : `${asked.text}\n${" ".repeat(told.column)}^ `;
     said.textContent = under + told.words;
     add.hidden = !told.fine;
+  });
+  function judge() {
+    add.hidden = true;
+    if (!text.value.trim()) said.textContent = "";
+    else ask({ axis: axis.value, text: text.value });
   }
   text.addEventListener("input", judge);
   axis.addEventListener("change", judge);
