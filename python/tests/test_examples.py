@@ -51,7 +51,7 @@ def test_a_vehicle_of_ones_own_flies_and_learns():
     sim.step(2000)
     assert np.abs(sim.data.pos[0, 0] - [0.5, 0.0, 1.2]).max() < 0.05, sim.data.pos
     assert sim.data.rotor_vel.shape == (1, 1, 6) and sim.render_depth("fpv", (32, 24)).min() > 0.1
-    env = propwash.envs.DroneVectorEnv(4, "reach_pos", drone=hexa)
+    env = propwash.envs.DroneVectorEnv(4, task="reach_pos", drone=hexa)
     env.reset(seed=1)
     for _ in range(5):
         observed, reward, *_ = env.step(np.zeros(env.action_space.shape, np.float32))
