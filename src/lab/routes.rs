@@ -269,14 +269,16 @@ struct InABox {
 
 type Work = Box<dyn FnOnce(&mut Desk, &Run) -> Answer + Send>;
 
+/// What a verb is about, and its work.
+fn then(
+    about: impl Into<String>,
+    work: impl FnOnce(&mut Desk, &Run) -> Answer + Send + 'static,
+) -> Result<(String, Work), Refusal> {
+    Ok((about.into(), Box::new(work)))
+}
+
 /// A verb with what it is about (a newer one about the same replaces it while it waits) and its work.
 fn work(verb: &str, body: &[u8]) -> Result<(String, Work), Refusal> {
-    fn then(
-        about: impl Into<String>,
-        work: impl FnOnce(&mut Desk, &Run) -> Answer + Send + 'static,
-    ) -> Result<(String, Work), Refusal> {
-        Ok((about.into(), Box::new(work)))
-    }
     match verb {
         "example" => {
             let asked: Named = read(body)?;
@@ -315,12 +317,6 @@ fn work(verb: &str, body: &[u8]) -> Result<(String, Work), Refusal> {
 
 /// Verbs of the engine.
 fn engine_work(verb: &str, body: &[u8]) -> Result<(String, Work), Refusal> {
-    fn then(
-        about: impl Into<String>,
-        work: impl FnOnce(&mut Desk, &Run) -> Answer + Send + 'static,
-    ) -> Result<(String, Work), Refusal> {
-        Ok((about.into(), Box::new(work)))
-    }
     match verb {
         "open" => then("open", |desk, _| desk.open()),
         "live" => then("live", |desk, _| desk.engine()?.live()),

@@ -3,6 +3,7 @@
 //! Images and touches are those of the simulator's own rays and checks, so that what the page says is what a flight would give.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use serde::Serialize;
 
@@ -152,11 +153,10 @@ impl Probe {
         if !(2..=MOST_PLACES).contains(&places.len()) {
             return Err(wrong("at", format!("2 to {MOST_PLACES} places"), places.len().to_string()));
         }
-        if !self.flown.contains_key(name) {
-            let with = built(&self.source, &[Shell::builtin(name)?])?;
-            self.flown.insert(name, with);
-        }
-        let (scene, worker) = self.flown.get_mut(name).expect("just put there");
+        let (scene, worker) = match self.flown.entry(name) {
+            Entry::Occupied(there) => there.into_mut(),
+            Entry::Vacant(place) => place.insert(built(&self.source, &[Shell::builtin(name)?])?),
+        };
         let mut before_m = 0.0;
         let mut hit = None;
         for (leg, ends) in places.windows(2).enumerate() {

@@ -229,29 +229,7 @@ impl LeftOut<'_> {
 
 /// Indices of candidates by their ids.
 fn indices(model: &Model, ids: &[String]) -> Result<Vec<usize>, GapError> {
-    let mut out = Vec::new();
-    for id in ids {
-        let found = model.named().find(|c| model.candidates[*c].id == *id);
-        match found {
-            Some(index) => out.push(index),
-            None => {
-                if let Some((_, reason)) = model.not_tried.iter().find(|(of, _)| of == id) {
-                    return Err(GapError::Log {
-                        log: "the logs".into(),
-                        expected: format!("what {id} needs"),
-                        found: reason.clone(),
-                        remedy: "give a log that has it, or another effect".into(),
-                    });
-                }
-                let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
-                return Err(GapError::Unknown {
-                    name: id.clone(),
-                    what: "candidate",
-                    known: known.join(", "),
-                });
-            }
-        }
-    }
+    let mut out = ids.iter().map(|id| model.candidate(id)).collect::<Result<Vec<_>, _>>()?;
     out.sort_unstable();
     out.dedup();
     Ok(out)

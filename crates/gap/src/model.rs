@@ -286,6 +286,26 @@ impl Model {
         self.not_tried.iter().map(|(id, _)| id).filter(behind).cloned().collect()
     }
 
+    /// The candidate of an id that verdicts may name.
+    ///
+    /// # Errors
+    /// [`GapError::Log`] where the logs cannot decide it, [`GapError::Unknown`] where there is none.
+    pub fn candidate(&self, id: &str) -> Result<usize, GapError> {
+        if let Some(index) = self.named().find(|c| self.candidates[*c].id == id) {
+            return Ok(index);
+        }
+        if let Some((_, reason)) = self.not_tried.iter().find(|(of, _)| of == id) {
+            return Err(GapError::Log {
+                log: "the logs".into(),
+                expected: format!("what {id} needs"),
+                found: reason.clone(),
+                remedy: "give a log that has it, or another effect".into(),
+            });
+        }
+        let known: Vec<&str> = self.named().map(|c| self.candidates[c].id.as_str()).collect();
+        Err(GapError::Unknown { name: id.into(), what: "candidate", known: known.join(", ") })
+    }
+
     /// Candidates that shift samples or commands in time. Half a millisecond is within tolerance, but too far for a linear
     /// approximation of the sensor outputs: the model is always relinearised at them, found or not.
     pub fn timing(&self) -> Vec<usize> {

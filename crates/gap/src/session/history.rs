@@ -108,13 +108,12 @@ impl History {
 
 impl Session {
     /// Goes on to a new step.
-    pub(super) fn take(&mut self, what: String, base: Arc<Base>, setting: Setting) -> Result<()> {
+    pub(super) fn take(&mut self, what: String, base: Arc<Base>, setting: Setting) {
         self.now.base = base;
         self.now.setting = setting;
         self.exact = None;
         let figures = self.forecast();
         self.history.push(Step { what, place: self.now.clone(), figures });
-        Ok(())
     }
 
     /// Takes the last step back; says whether there was one.

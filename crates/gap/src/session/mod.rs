@@ -201,7 +201,7 @@ impl Session {
         let base = Base { model, fit: Some(fit), live: Arc::new(shown), own };
         let setting = present::Setting::filed(base.model.filed());
         self.now.fitted = Some(self.now.uses.clone());
-        self.take("find what is missing".into(), Arc::new(base), setting)?;
+        self.take("find what is missing".into(), Arc::new(base), setting);
         for name in self.now.base.own.iter().map(|o| o.name.clone()).collect::<Vec<_>>() {
             self.offered(&name)?;
         }
@@ -259,7 +259,8 @@ impl Session {
         setting.by_hand.clear();
         let setting = estimated(&next, setting)?;
         self.now.fitted = Some(self.now.uses.clone());
-        self.take("fit what is on".into(), next, setting)
+        self.take("fit what is on".into(), next, setting);
+        Ok(())
     }
 
     /// Turns an effect on or off, by the name of an offered effect or of any candidate. Everything is then at its estimate
@@ -292,7 +293,8 @@ impl Session {
         let base = self.now.base.clone();
         let setting = estimated(&base, setting)?;
         let word = if on { "on" } else { "off" };
-        self.take(format!("{effect} {word}"), base, setting)
+        self.take(format!("{effect} {word}"), base, setting);
+        Ok(())
     }
 
     /// Sets a parameter of an effect by hand, SI, which turns the effect on. For a group of small corrections the parameter is
@@ -358,7 +360,8 @@ impl Session {
                 setting.sigma[k] = f64::NAN;
             }
         }
-        self.take(format!("{effect} by hand"), base, setting)
+        self.take(format!("{effect} by hand"), base, setting);
+        Ok(())
     }
 
     /// Says what a log is for. Nothing is fitted again by itself: what was found stays until [`Session::fit`] or
@@ -396,7 +399,8 @@ impl Session {
             self.offered(&effect.id)?;
         }
         let base = self.now.base.clone();
-        self.take(words, base, setting)
+        self.take(words, base, setting);
+        Ok(())
     }
 
     /// A flight in the given room that would tell the effects that are on, and the look-alikes of findings, from each other:

@@ -237,7 +237,7 @@ impl Session {
             return Err(error.into());
         }
         let (base, setting): (_, Setting) = (self.now.base.clone(), self.now.setting.clone());
-        self.take(format!("{name}: {} {text}", axis.name()), base, setting)?;
+        self.take(format!("{name}: {} {text}", axis.name()), base, setting);
         Ok(name)
     }
 }

@@ -193,20 +193,7 @@ impl Session {
         {
             return Ok(Target::Group(group));
         }
-        let index = |id: &str| model.named().find(|c| model.candidates[*c].id == id);
-        let list: Option<Vec<usize>> = id.split(" + ").map(index).collect();
-        let Some(list) = list else {
-            if let Some((_, reason)) = model.not_tried.iter().find(|(of, _)| of == id) {
-                return Err(GapError::Log {
-                    log: "the logs".into(),
-                    expected: format!("what {id} needs"),
-                    found: reason.clone(),
-                    remedy: "give a log that has it, or another effect".into(),
-                });
-            }
-            let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
-            return Err(GapError::Unknown { name: id.into(), what: "effect", known: known.join(", ") });
-        };
+        let list = id.split(" + ").map(|id| model.candidate(id)).collect::<Result<Vec<_>, _>>()?;
         if !known && let [candidate] = list[..] {
             let live = self.with_column(&base, candidate)?;
             self.now.base = Arc::new(Base { live: Arc::new(live), ..(*base).clone() });

@@ -126,6 +126,10 @@ impl Session {
         let named = base.model.named().map(|c| &base.model.candidates[c]);
         let mut warnings: Vec<String> = self.now.parted.warnings.clone();
         warnings.extend(verdict.map(|v| v.warnings.clone()).unwrap_or_default());
+        let effects = self.effect_states().unwrap_or_else(|fault| {
+            warnings.push(format!("the effects cannot be shown: {fault}"));
+            Vec::new()
+        });
         warnings.dedup();
         State {
             vehicle: self.label.clone(),
@@ -134,7 +138,7 @@ impl Session {
             stale: self.now.fitted.as_ref().is_some_and(|uses| *uses != self.now.uses),
             unexplained: verdict.is_some_and(|v| v.remainder.unexplained),
             flights: self.flight_states(),
-            effects: self.effect_states().unwrap_or_default(),
+            effects,
             candidates: named.map(|c| (c.id.clone(), c.title.clone())).collect(),
             judged_on: base.live.judged_on.clone(),
             figures,

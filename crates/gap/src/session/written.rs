@@ -15,7 +15,7 @@ use propwash_vehicle::Vehicle;
 use std::fmt;
 use std::str::FromStr;
 
-/// A parameter with its value, as `propwash add --set` takes it: `rotor_drag.drag_n_s2_per_rad_m=6.5e-5+-2.7e-6`.
+/// A parameter with its value, as `propwash add --set` takes it: `rotor_drag:drag_n_s2_per_rad_m=6.5e-5+-2.7e-6`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Put {
     /// Candidate id.
