@@ -50,7 +50,7 @@ from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved
 from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
-from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus  # noqa: E402
+from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
@@ -107,6 +107,7 @@ __all__ = [
     "SensorChannel",
     "Sim",
     "State",
+    "Swept",
     "Vehicle",
     "View",
     "Viewer",

@@ -224,6 +224,50 @@ class Clearance:
         return _only(self.scenes)
 
 
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """What drones touched first on their way, one entry for each that touched something, in the order of worlds. ``n`` is their number."""
+
+    world: NDArray[np.int32]
+    """The world. (n,)"""
+    drone: NDArray[np.int32]
+    """The drone. Two that met have an entry each. (n,)"""
+    fraction: NDArray[np.float64]
+    """Where on the way it touched, 0 (where it came from) to 1 (where it is now); 0 for one that touched at the start. (n,)"""
+    pos: NDArray[np.float64]
+    """Where the drone was then, m, world. (n, 3)"""
+    drone_geom: NDArray[np.int32]
+    """The geom of the drone. (n,)"""
+    other_geom: NDArray[np.int32]
+    """What is touched. (n,)"""
+    other_body: NDArray[np.int32]
+    """The body of what is touched. (n,)"""
+    other_drone: NDArray[np.int32]
+    """The other drone, -1 for a thing of the scene. (n,)"""
+    point: NDArray[np.float64]
+    """Where it is touched, m, world. (n, 3)"""
+    normal: NDArray[np.float64]
+    """Unit normal from the other thing to the drone, world; zero where the two overlapped at the start. (n, 3)"""
+    exact: NDArray[np.bool_]
+    """False where the touch may be early (signed distance fields). (n,)"""
+    quarantined: NDArray[np.bool_]
+    """Worlds that stand still since their numbers stopped being numbers. (n_worlds,)"""
+    touched: NDArray[np.bool_]
+    """Whether a drone touched anything. (n_worlds, n_drones)"""
+    scenes: tuple[SceneInfo, ...]
+    """All scenes of the simulation."""
+    layout: NDArray[np.int64]
+    """Which of them each world flies in. (n_worlds,)"""
+
+    @property
+    def scene(self) -> SceneInfo:
+        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
+        return _only(self.scenes)
+
+    def __len__(self) -> int:
+        return len(self.world)
+
+
 def _only(scenes: tuple[SceneInfo, ...]) -> SceneInfo:
     if len(scenes) != 1:
         raise _native.Error(f"the worlds fly in {len(scenes)} scenes, each with ids of its own: take scenes[layout[world]]")

@@ -19,7 +19,7 @@ from ._mirror import Mirror, mirror, picture
 from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
 from .scene import SceneInfo, scene_info
-from .sense import Camera, Clearance, Contacts, DepthFrame, _floats, _whole
+from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _floats, _whole
 from .viewer import Viewer
 
 if TYPE_CHECKING:
@@ -624,6 +624,23 @@ class Sim:
         arrays: dict[str, Any] = self._native.clearance(limit)
         return Clearance(**arrays, quarantined=self.quarantined, **self._labels(None))
 
+    def swept(self, pos: ArrayLike, quat: ArrayLike | None = None) -> Swept:
+        """What each drone touched first on its straight way from earlier poses to where it is now: what was flown through between
+        two calls of ``contacts``, such as a thin wall. Obstacles count where they are now.
+
+        Args:
+            pos: Where the drones were, m, world: a copy of ``data.pos`` from before the steps.
+            quat: Their attitudes then, x y z w; those of now where it is None.
+
+        Each is of shape (n_worlds, n_drones, n), or one that broadcasts to it.
+        """
+        shape = (self.n_worlds, self.n_drones)
+        before = _broadcast("pos", pos, (*shape, 3))
+        arrays: dict[str, Any] = self._native.swept(before, None if quat is None else _broadcast("quat", quat, (*shape, 4)))
+        touched = np.zeros(shape, bool)
+        touched[arrays["world"], arrays["drone"]] = True
+        return Swept(**arrays, touched=touched, quarantined=self.quarantined, **self._labels(None))
+
     def render_depth(
         self,
         camera: str | Camera | None = None,
@@ -925,8 +942,12 @@ def _scene(scene: SceneLike, layouts: int | None = None) -> Any:
         each = [_scene(os.fspath(one)) for one in scene]
         files = [one["files"][0] for one in each if "files" in one]
         return {"files": files} if len(files) == len(each) else {"each": each}
+    remedy = {
+        "MjSpec": ": write it beside its meshes by spec.to_file(path), and give that path",
+        "MjModel": ": no drones can be put into a compiled model; give the MJCF file that it was made of",
+    }.get(type(scene).__name__, "")
     raise TypeError(
-        f"scene: expected a path, MJCF text, a list of paths or a dict, got {scene!r} ({type(scene).__name__})"
+        f"scene: expected a path, MJCF text, a list of paths or a dict, got {scene!r} ({type(scene).__name__}){remedy}"
     )
 
 

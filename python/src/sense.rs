@@ -1,7 +1,7 @@
 //! What drones of a simulation see, touch and come near to in its scene.
 
 use numpy::{Element, PyArrayDyn, PyArrayMethods, PyReadwriteArrayDyn, PyUntypedArrayMethods};
-use propwash::arena::ArenaError;
+use propwash::arena::{ArenaError, Way};
 use propwash::scene::{Pose, Scene};
 use propwash::sense::{Camera, ChannelType, Clearance, Contact, DepthPlanes, SenseError, SensorChannel};
 use pyo3::exceptions::{PyIndexError, PyValueError};
@@ -272,6 +272,53 @@ impl PySim {
             "on_other",
             arrays::owned(py, all.iter().flat_map(|c| c.on_other_m).collect(), &points)?,
         )?;
+        Ok(out)
+    }
+
+    /// What each drone touched first on its straight way from the poses given, positions (n_worlds, n_drones, 3) and attitudes
+    /// (n_worlds, n_drones, 4), to where it is now, as arrays by name, one entry for each drone that touched something.
+    fn swept<'py>(
+        &self,
+        py: Python<'py>,
+        pos: &Bound<'_, PyAny>,
+        quat: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let (mut places, mut attitudes) = (Vec::new(), Vec::new());
+        arrays::numbers("pos", "(n_worlds, n_drones, 3)", pos, &self.shape(&[3]), &mut places)?;
+        if let Some(quat) = quat {
+            arrays::numbers("quat", "(n_worlds, n_drones, 4)", quat, &self.shape(&[4]), &mut attitudes)?;
+        }
+        let mut core = self.core()?;
+        let (flight, _) = core.sensing()?;
+        let ways = either!(flight, arena => {
+            let look = arena.look();
+            let mut before = look.poses();
+            for (row, pose) in before.iter_mut().enumerate() {
+                pose.pos_m.copy_from_slice(&places[3 * row..3 * row + 3]);
+                if let Some(quat) = attitudes.get(4 * row..4 * row + 4) {
+                    pose.quat_xyzw.copy_from_slice(quat);
+                }
+            }
+            py.detach(|| self.pool.install(|| look.swept(&before, None)))
+        })
+        .map_err(|e| in_worlds(e, None))?;
+        let n = ways.len();
+        let out = PyDict::new(py);
+        let ids = |name: &str, of: &dyn Fn(&Way) -> i32| -> PyResult<()> {
+            out.set_item(name, arrays::owned(py, ways.iter().map(of).collect(), &[n])?)
+        };
+        ids("world", &|w| w.world as i32)?;
+        ids("drone", &|w| w.drone as i32)?;
+        ids("drone_geom", &|w| w.hit.drone_geom)?;
+        ids("other_geom", &|w| w.hit.other_geom)?;
+        ids("other_body", &|w| w.hit.other_body)?;
+        ids("other_drone", &|w| w.hit.other_drone.map_or(-1, |d| d as i32))?;
+        let all = || ways.iter().map(|w| &w.hit);
+        out.set_item("fraction", arrays::owned(py, all().map(|h| h.fraction).collect(), &[n])?)?;
+        out.set_item("pos", arrays::owned(py, all().flat_map(|h| h.pos_m).collect(), &[n, 3])?)?;
+        out.set_item("point", arrays::owned(py, all().flat_map(|h| h.point_m).collect(), &[n, 3])?)?;
+        out.set_item("normal", arrays::owned(py, all().flat_map(|h| h.normal).collect(), &[n, 3])?)?;
+        out.set_item("exact", arrays::owned(py, all().map(|h| h.exact).collect(), &[n])?)?;
         Ok(out)
     }
 

@@ -174,7 +174,8 @@ impl PySim {
         )))
     }
 
-    fn shape(&self, tail: &[usize]) -> Vec<usize> {
+    /// `tail` of every drone.
+    pub fn shape(&self, tail: &[usize]) -> Vec<usize> {
         [&[self.n_worlds, self.n_drones], tail].concat()
     }
 }

@@ -282,8 +282,9 @@ def test_the_glossary_is_in_order():
     assert len(words) > 100 and words == sorted(words)
 
 
-def test_the_api_page_names_all_that_the_package_gives():
-    told = set(re.findall(r"^::: propwash\.(\w+)$", (ROOT / "docs/api.md").read_text(), re.M))
+def test_the_api_pages_name_all_that_the_package_gives():
+    pages = "\n".join(page.read_text() for page in (ROOT / "docs").glob("api*.md"))
+    told = set(re.findall(r"^::: propwash\.(\w+)$", pages, re.M))
     assert set(propwash.__all__) - {"__version__"} <= told
 
 

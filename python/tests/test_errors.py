@@ -270,6 +270,13 @@ def test_texts_of_objects_stay_short():
     assert eval(repr(propwash.Camera("fpv", range=(0.1, 4.0))), vars(propwash)) == propwash.Camera("fpv", range=(0.1, 4.0))
 
 
+def test_objects_of_mujoco_are_refused_with_the_way_out():
+    mujoco = pytest.importorskip("mujoco")
+    refused(TypeError, ["MjSpec", "spec.to_file(path)"], lambda: propwash.Sim(scene=mujoco.MjSpec()))
+    model = mujoco.MjModel.from_xml_string("<mujoco/>")
+    refused(TypeError, ["MjModel", "give the MJCF file"], lambda: propwash.Sim(scene=model))
+
+
 def test_stages_refuse_what_makes_no_sense():
     pipeline = propwash.Sim().pipeline
     refused(TypeError, ["function", "int"], lambda: pipeline.append("x", 5))

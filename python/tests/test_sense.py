@@ -137,6 +137,37 @@ def test_clearance_gives_the_closest_points(wall):
     assert not far.found.any() and np.all(far.distance == 0.1) and np.all(far.other_geom == -1)
 
 
+def test_a_thin_wall_that_was_flown_through_between_two_calls_is_found():
+    xml = (
+        '<mujoco><worldbody><geom name="thin" type="box" size="0.005 5 5" pos="1.07 0 0"/><geom name="far" size="1" pos="90 0 0"/>'
+        "</worldbody></mujoco>"
+    )
+    sim = propwash.Sim(2, n_drones=2, scene=xml)
+    # The first drone of world 0 flies through the wall at 20 m/s, all others away from it.
+    vel = np.full((2, 2, 3), [-20.0, 0.0, 0.0])
+    vel[0, 0, 0] = 20.0
+    sim.set_initial(pos=[[0.0, 0.0, 1.0], [0.0, 2.0, 1.0]], vel=vel)
+    sim.reset()
+    found = []
+    for _ in range(5):
+        pos, quat = sim.data.pos.copy(), sim.data.quat.copy()
+        sim.step(10)
+        assert not sim.contacts().touching.any(), "no call of contacts falls on the wall"
+        swept = sim.swept(pos, quat)
+        for k in range(len(swept)):
+            where = pos[0, 0] + swept.fraction[k] * (sim.data.pos[0, 0] - pos[0, 0])
+            assert np.allclose(swept.pos[k], where, atol=1e-5) and 0.0 < swept.fraction[k] < 1.0
+            assert np.isclose(swept.point[k, 0], 1.065, atol=1e-4) and np.allclose(swept.normal[k], [-1.0, 0.0, 0.0], atol=1e-6)
+            found.append((swept.world[k], swept.drone[k], swept.scene.geoms[swept.other_geom[k]].name, swept.other_drone[k]))
+        assert np.array_equal(swept.touched, [[len(swept) == 1, False], [False, False]]) and not swept.quarantined.any()
+    assert found == [(0, 0, "thin", -1)]
+    assert np.array_equal(sim.swept([[0.0, 0.0, 1.0], [0.0, 2.0, 1.0]]).touched[0], [True, False]), "positions broadcast, attitudes are those of now"
+    with pytest.raises(ValueError, match="pos: expected shape"):
+        sim.swept(np.zeros((3, 3)))
+    with pytest.raises(propwash.Error, match="position"):
+        sim.swept([np.nan, 0.0, 0.0])
+
+
 def test_worlds_that_stand_still_are_marked_in_what_is_sensed(wall):
     wall.data.vel[0] = np.nan
     with pytest.warns(propwash.QuarantineWarning):
