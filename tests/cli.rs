@@ -167,6 +167,8 @@ fn wrong_command_lines_are_refused_in_one_line() {
     refused("scene", &["new", "forrest", "--out", "x"], &["'forrest'", "forest"]);
     refused("depth --scene xml/room.xml --camera top --pos 0,0,1 --out x.png", &[], &["--camera", "--pos"]);
     no_flight(&["--wrolds", "3"], &["--wrolds", "--worlds"]);
+    // What has one possible value need not be said.
+    refused("identify no.csv --vehicle cf2x_L250 --out x.toml", &[], &["no.csv", "check the path"]);
     no_flight(&["--video", "a.mp4"], &["--video", "pip install 'propwash[video]'", "python -m propwash fly"]);
 }
 
@@ -185,6 +187,14 @@ fn what_was_meant_by_a_wrong_name_is_asked() {
     for (line, more, asked) in refusals {
         refused(line, more, &[asked]);
     }
+    // A mistyped ending makes a path look like a name, in the folder where it was typed.
+    let told = Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .args(["drones", "quad.tml"])
+        .current_dir(dir.path())
+        .output()
+        .unwrap();
+    assert!(text(&told.stderr).contains("did you mean `quad.toml`?"), "{}", text(&told.stderr));
+    refused("remove drag --vehicle cf2x_L250 --out", &[&mistyped], &["did you mean `linear_drag`"]);
     // One word for one thing: both names of a vehicle's flag are taken everywhere.
     refused("compare no.csv --drone cf2x_L250", &[], &["no.csv"]);
     refused("fly --scene forest --vehicle cf2x_L251 --out", &[&mistyped], &["did you mean"]);
@@ -634,6 +644,14 @@ fn an_effect_is_removed_and_the_difference_is_told() {
         said.contains("body.mass_kg  0.0328 → 0.0361 ± 0.0002  kg") && said.contains("+10.06 %"),
         "{said}"
     );
+
+    // An effect that was fitted: known digits, and no factor of a rotor that the vehicle has not.
+    let weak = "\n[[effect]]\nkind = \"weak_rotor\"\nfactor = [0.99853261, 1, 1, 1, 1, 1, 1, 1]\nsigma = { factor.0 = 0.0033844443 }\n";
+    let weak = write(dir.path(), "weak.toml", built_in.clone() + weak);
+    let said = expect("vehicle diff cf2x_L250", &[&weak], 1);
+    assert!(said.contains("factor.0  - → 0.9985 ± 0.0034\n") && !said.contains("factor.1"), "{said}");
+    let said = json(&expect("vehicle diff --json", &["cf2x_L250", &weak], 1));
+    assert_eq!(said["diff"]["effects"][0]["parameters"].as_array().unwrap().len(), 8);
 
     // Nothing is replaced unasked, the input included.
     refused("remove", &remove, &["bare.toml", "there is no file yet", "--force"]);

@@ -389,6 +389,14 @@ fn the_command_tells_in_tables_and_json_and_exits_by_what_it_found() {
     let text = String::from_utf8(out.stdout).unwrap();
     assert_eq!(out.status.code(), Some(1), "{text}");
     assert!(text.contains("departs from the log") && text.contains("what the residuals go with"), "{text}");
+    // A mean that is left stands beside what varies and is explained; residuals have three digits.
+    assert!(text.contains("% of what varies"), "{text}");
+    let residual = text.lines().find(|line| line.trim_start().starts_with("force  x")).unwrap();
+    let rms = residual.split_whitespace().nth(3).unwrap();
+    assert!(
+        rms.chars().filter(char::is_ascii_digit).count() <= 4 && rms.parse::<f64>().unwrap() > 0.0,
+        "{residual}"
+    );
 
     let out = propwash(&["compare", good, "--vehicle", bare_file, "--json", "--ground-z", "-0.1"]);
     assert_eq!(out.status.code(), Some(1));

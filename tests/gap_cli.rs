@@ -11,7 +11,7 @@ use propwash::gap::{Options, Track};
 use propwash::vehicle::Vehicle;
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 const QUAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
 
@@ -315,6 +315,27 @@ fn nothing_is_written_that_raises_the_error_on_unseen_flight() {
 fn track(path: &Path) -> Track {
     Track::new(FlightLog::load(path, None).unwrap(), &Vehicle::load(QUAD).unwrap(), &Options::default())
         .unwrap()
+}
+
+/// `propwash diagnose … | head`: what is read no further takes no file away.
+#[test]
+fn a_reader_that_has_seen_enough_leaves_every_file() {
+    let case = Case::new(&["rotor_drag"], 15.0);
+    let files = ["d.json", "gap.html", "ladder.png"];
+    let line = "diagnose flight.csv --vehicle quad.toml --out d.json --report gap.html --ladder ladder.png";
+    let mut child = Command::new(env!("CARGO_BIN_EXE_propwash"))
+        .args(line.split_whitespace())
+        .current_dir(case.folder.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    // The reader goes before anything is written.
+    drop(child.stdout.take());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    for file in files {
+        assert!(case.path(file).is_file(), "{file}");
+    }
 }
 
 #[test]

@@ -205,7 +205,7 @@ pub struct IdentifyArgs {
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
     /// The model.
-    #[arg(long, value_enum)]
+    #[arg(long, value_enum, default_value_t = ModelArg::Attitude)]
     pub model: ModelArg,
     /// Setting of the model: so_rpy, so_rpy_rotor (thrust lags) or so_rpy_rotor_drag (with linear drag).
     #[arg(long, default_value = "so_rpy_rotor_drag", value_name = "NAME")]

@@ -2,9 +2,11 @@
 
 use crate::Error;
 use crate::flight::files::suggestion;
+use crate::names::of_list;
 use crate::scene::SceneError;
 use crate::vehicle::VehicleError;
 use anstyle::AnsiColor;
+use std::path::Path;
 
 /// What a command came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +29,12 @@ pub fn code(outcome: Result<Outcome, Error>) -> u8 {
             let meant = match &error {
                 Error::Vehicle(VehicleError::Read { path, .. })
                 | Error::Scene(SceneError::Read { path, .. }) => suggestion(path),
+                // A path with a mistyped ending looks like a name.
+                Error::Vehicle(VehicleError::UnknownVehicle { name, known })
+                    if of_list(name, known).is_empty() =>
+                {
+                    suggestion(Path::new(name))
+                }
                 _ => String::new(),
             };
             complain(&(one_line(&error.to_string()) + &meant));

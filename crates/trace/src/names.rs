@@ -1,5 +1,8 @@
 //! Which name was meant by one that does not exist.
 
+/// Names of which one is offered where several hold what was asked for; more are no help.
+const MOST_GUESSES: usize = 4;
+
 /// The nearest of the names that there are, where one is near enough to be what was meant: at most two letters apart (capitals do
 /// not count) and not wholly another one.
 pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
@@ -8,9 +11,22 @@ pub fn nearest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     (best.0 <= 2 && best.0 < best.1.chars().count()).then_some(best.1)
 }
 
-/// `; did you mean …?` where one of the names is near, else nothing.
+/// `; did you mean …?` where one of the names is near, or a few have the name as one of their words (`drag` of `linear_drag`), else
+/// nothing.
 pub fn suggestion<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
-    nearest(name, known).map_or_else(String::new, |k| format!("; did you mean `{k}`?"))
+    let known: Vec<&str> = known.into_iter().collect();
+    if let Some(near) = nearest(name, known.iter().copied()) {
+        return format!("; did you mean `{near}`?");
+    }
+    let word = name.to_lowercase();
+    let holds = |k: &&str| k.split(['_', '.']).any(|part| part == word);
+    match known.into_iter().filter(holds).collect::<Vec<_>>()[..] {
+        [ref first @ .., last] if first.len() < MOST_GUESSES => {
+            let first: String = first.iter().map(|k| format!("`{k}` or ")).collect();
+            format!("; did you mean {first}`{last}`?")
+        }
+        _ => String::new(),
+    }
 }
 
 /// The same for names in one text, separated by commas.
@@ -49,6 +65,10 @@ mod tests {
         assert_eq!(nearest("x", []), None);
         assert_eq!(suggestion("zo", known), "; did you mean `zoo`?");
         assert_eq!(suggestion("nothing", known), "");
+        let effects = ["linear_drag", "rotor_drag", "payload", "mount.pose", "mount.imu"];
+        assert_eq!(suggestion("drag", effects), "; did you mean `linear_drag` or `rotor_drag`?");
+        assert_eq!(suggestion("IMU", effects), "; did you mean `mount.imu`?");
+        assert_eq!(suggestion("a", ["a_1", "a_2", "a_3", "a_4", "a_5"]), "", "of many none is offered");
         assert_eq!(of_list("linear_darg", "linear_drag, payload"), "; did you mean `linear_drag`?");
     }
 }

@@ -159,7 +159,7 @@ fn show_errors(before: &Rung, after: &Rung) -> Result<()> {
     let unseen = !after.held_out.is_empty();
     let errors = |r: &Rung| if unseen { r.held_out.clone() } else { r.training.clone() };
     let lack = |r: &Rung| if unseen { r.held_out_lack } else { r.training_lack };
-    let on = if unseen { "flight that the fit has not seen" } else { "the flight of the fit" };
+    let on = if unseen { "flight that the fit has not seen" } else { "flight used for the fit" };
     print(format_args!("error on {on}, before → after"))?;
     if let (Some(b), Some(a)) = (lack(before), lack(after)) {
         print(format_args!("  force that the model lacks   {}", pair(b.force_n, a.force_n, "N")))?;

@@ -152,16 +152,28 @@ fn small(values: [f64; 3]) -> (f64, &'static str) {
     if values.iter().all(|v| v.abs() < 1.0) { (1e3, "m") } else { (1.0, "") }
 }
 
+/// A number in three digits, as many as a residual has at most.
+fn three_digits(v: f64) -> String {
+    let decimals = match v.abs() {
+        a if a >= 99.95 => 0,
+        a if a >= 9.995 => 1,
+        a if a >= 0.9995 => 2,
+        _ => 3,
+    };
+    format!("{v:.decimals$}")
+}
+
 fn show_axes(what: &str, unit: &str, a: &Axes) -> Result<()> {
     let (scale, prefix) = small(a.rms);
     for (k, axis) in ["x", "y", "z"].iter().enumerate() {
-        let explained =
-            a.explained[k].map_or("hardly varies".into(), |e| format!("model explains {:.0} %", 100.0 * e));
+        // Without what stays the same (`mean`), which may be large beside 100 %.
+        let explained = a.explained[k]
+            .map_or("hardly varies".into(), |e| format!("model explains {:.0} % of what varies", 100.0 * e));
         print(format_args!(
-            "    {what:<6} {axis}  rms {:>9.4} {prefix}{unit} ({:.1}× noise), mean {:>9.4} {prefix}{unit}, {explained}",
-            scale * a.rms[k],
+            "    {what:<6} {axis}  rms {:>8} {prefix}{unit} ({:.1}× noise), mean {:>8} {prefix}{unit}, {explained}",
+            three_digits(scale * a.rms[k]),
             a.in_sigmas[k],
-            scale * a.mean[k]
+            three_digits(scale * a.mean[k])
         ))?;
     }
     Ok(())

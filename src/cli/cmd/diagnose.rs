@@ -34,15 +34,9 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         let text = serde_json::to_string_pretty(verdict).map_err(json_error)?;
         output::report("--out", path, format!("{text}\n").as_bytes(), args.force)?;
     }
-    // Said before anything is drawn: a picture that cannot be drawn takes no verdict back.
-    if args.json {
-        print_json(&serde_json::to_value(verdict).map_err(json_error)?)?;
-    } else {
-        print(text(verdict).trim_end())?;
-        if args.why {
-            print(why(verdict).trim_end())?;
-        }
-    }
+    // Said before anything is drawn: a picture that cannot be drawn takes no verdict back. Nor does a reader that has seen enough
+    // (`propwash diagnose … | head`) take the files.
+    let said = say(args, verdict);
     if let Some(path) = &args.ladder {
         output::report("--ladder", path, &ladder_png(verdict)?, args.force)?;
     }
@@ -50,7 +44,16 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         let page = Report::of_diagnosis(&fitted.diagnosed, &flights, &vehicle, fitted.after())?;
         output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
+    said?;
     Ok(outcome(verdict))
+}
+
+fn say(args: &DiagnoseArgs, verdict: &Diagnosis) -> Result<()> {
+    if args.json {
+        return print_json(&serde_json::to_value(verdict).map_err(json_error)?);
+    }
+    print(text(verdict).trim_end())?;
+    if args.why { print(why(verdict).trim_end()) } else { Ok(()) }
 }
 
 /// Exit code of a verdict: found where something is missing or unexplained.

@@ -7,7 +7,9 @@ use crate::Result;
 use crate::cli::args::{VehicleArgs, VehicleCommand, VehicleDiffArgs};
 use crate::cli::exit::{Outcome, warn};
 use crate::gap::accept;
-use crate::vehicle::{ParameterDiff, Vehicle, VehicleDiff, diff};
+use crate::physics::effects::AnyEffect;
+use crate::vehicle::effects::named_parameters;
+use crate::vehicle::{EffectDiff, ParameterDiff, Vehicle, VehicleDiff, diff};
 use serde_json::json;
 use std::path::Path;
 
@@ -67,9 +69,22 @@ fn show(args: &VehicleDiffArgs, found: &VehicleDiff) -> Result<()> {
         let all = effect.dynamics.len() == crate::vehicle::DYNAMICS.len();
         let of = if all { String::new() } else { format!(" in {}", effect.dynamics.join(", ")) };
         print(format_args!("effect {} {}{of}", effect.kind, effect.change))?;
-        rows(&effect.parameters)?;
+        rows(&told(effect))?;
     }
     Ok(())
+}
+
+/// What is worth a line of an effect: of one that was added or removed not what it leaves as it is without a deviation, such as the factors
+/// of rotors that the vehicle has not. Unless that is all.
+fn told(effect: &EffectDiff) -> Vec<ParameterDiff> {
+    let whole = AnyEffect::by_kind(&effect.kind).map(|e| named_parameters(&e)).unwrap_or_default();
+    let idle = |p: &&ParameterDiff| {
+        let value = p.new.or(p.old);
+        let default = whole.iter().find(|(name, _)| *name == p.name).map(|(_, v)| *v);
+        effect.change != "changed" && p.new_sigma.or(p.old_sigma).is_none() && value == default
+    };
+    let telling: Vec<ParameterDiff> = effect.parameters.iter().filter(|p| !idle(p)).cloned().collect();
+    if telling.is_empty() { effect.parameters.clone() } else { telling }
 }
 
 /// One line per number: name, old, new, unit, change.
@@ -77,7 +92,7 @@ fn rows(parameters: &[ParameterDiff]) -> Result<()> {
     let value = |v: Option<f64>, sigma: Option<f64>| match (v, sigma) {
         (None, _) => "-".to_string(),
         (Some(v), None) => short(v),
-        (Some(v), Some(s)) => format!("{} ± {}", short(v), short(s)),
+        (Some(v), Some(s)) => interval(v, s),
     };
     let cells: Vec<[String; 4]> = parameters
         .iter()
@@ -102,6 +117,31 @@ fn rows(parameters: &[ParameterDiff]) -> Result<()> {
     Ok(())
 }
 
+/// A value in the digits that its standard deviation leaves, two of the deviation, or as it stands in the file where that is shorter.
+fn interval(v: f64, sigma: f64) -> String {
+    let whole = format!("{} ± {}", short(v), short(sigma));
+    if !(sigma.is_finite() && sigma > 0.0) {
+        return whole;
+    }
+    let rounded = rounded_interval(v, sigma);
+    if rounded.chars().count() < whole.chars().count() { rounded } else { whole }
+}
+
+fn rounded_interval(v: f64, sigma: f64) -> String {
+    // The place of the second digit after rounding: 0.0996 has it at 0.001.
+    let rounded = format!("{sigma:.1e}");
+    let exponent: i32 = rounded.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    let size = v.abs().max(sigma);
+    if (1e-3..1e6).contains(&size) {
+        let decimals = usize::try_from(1 - exponent).unwrap_or(0);
+        return format!("{v:.decimals$} ± {sigma:.decimals$}");
+    }
+    let leading = size.log10().floor() as i32;
+    let decimals = usize::try_from(leading - exponent + 1).unwrap_or(0);
+    let by = 10f64.powi(-leading);
+    format!("({:.decimals$} ± {:.decimals$})e{leading}", v * by, sigma * by)
+}
+
 /// A number in as many digits as tell it from others, at most eight.
 fn short(v: f64) -> String {
     let exact = v.to_string();
@@ -110,4 +150,21 @@ fn short(v: f64) -> String {
     }
     let rounded: f64 = format!("{v:.7e}").parse().unwrap_or(v);
     if (1e-3..1e6).contains(&v.abs()) { rounded.to_string() } else { format!("{rounded:e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn fitted_values_have_the_digits_that_are_known() {
+        assert_eq!(interval(0.20059267, 0.0032037245), "0.2006 ± 0.0032");
+        assert_eq!(interval(6.4913646e-5, 1.3779378e-6), "(6.49 ± 0.14)e-5");
+        assert_eq!(interval(8.2754947e-5, 7.3675177e-4), "(0.8 ± 7.4)e-4");
+        assert_eq!(interval(0.98738092, 0.0996), "0.99 ± 0.10");
+        assert_eq!(interval(-1234.5678, 321.987), "-1235 ± 322");
+        // What a person wrote stays as it was written.
+        assert_eq!(interval(0.0361, 0.0002), "0.0361 ± 0.0002");
+        assert_eq!(interval(0.25, 0.0), "0.25 ± 0");
+    }
 }
