@@ -793,6 +793,11 @@ fn a_comparison_makes_a_page_with_and_without_what_was_found() {
         ] {
             assert!(markup.contains(words), "{words}");
         }
+        assert!(
+            markup.contains(">your model<")
+                && !markup.contains("as filed")
+                && !markup.contains("with what was found")
+        );
         // Position as filed after 1 s: 0.0004 + 0.0671 m; with what was found 0.0004 + 0.04 · 0.0671 m.
         assert!(markup.contains("67.5 mm (17 ×)"));
         assert_eq!(markup.contains("→ 3.08 mm"), added);

@@ -193,7 +193,7 @@ fn warn_of_judge(judge: &Judge, vehicle: &Vehicle, verdict: &mut Diagnosis) {
         verdict.warnings.push(format!("{} {words}", judge.title()));
     } else if !judge.unseen && !verdict.findings.is_empty() {
         verdict.warnings.push(
-            "no flight was kept from the fit: what is written was judged on the flight of the fit alone"
+            "no flight was kept from the fit: what is written was judged on flight used for the fit alone"
                 .into(),
         );
     }

@@ -414,7 +414,7 @@ impl Judge {
 
     /// Its name in words.
     pub fn title(&self) -> &'static str {
-        if self.unseen { "unseen flight" } else { "the flight of the fit" }
+        if self.unseen { "unseen flight" } else { "flight used for the fit" }
     }
 
     /// Whether nothing can be measured on it with a vehicle that flies.

@@ -415,7 +415,7 @@ impl Diagnosis {
     pub fn judged_on(&self) -> &'static str {
         match self.logs.iter().any(|l| l.held_out) {
             true => "held-out flight",
-            false => "the flight of the fit",
+            false => "flight used for the fit",
         }
     }
 

@@ -50,7 +50,7 @@ pub struct Live {
     pub force: Form,
     /// The same of torque.
     pub torque: Form,
-    /// `held-out flight` or `the flight of the fit`: where these sums are taken.
+    /// `held-out flight` or `flight used for the fit`: where these sums are taken.
     pub judged_on: String,
     /// Largest relative error of the forecast force or torque figure with all findings at their estimates; null where one
     /// or none was found.
@@ -293,7 +293,7 @@ pub(crate) fn judged_flights(flights: &Flights, vehicle: &Vehicle) -> Result<Vec
 /// Where figures are taken, in words.
 pub(crate) fn judged_on(flights: &Flights) -> &'static str {
     let unseen = placed(flights).iter().any(|(_, from)| from.is_some());
-    if unseen { "held-out flight" } else { "the flight of the fit" }
+    if unseen { "held-out flight" } else { "flight used for the fit" }
 }
 
 fn prepared(all: &[(&Track, Option<f64>)], vehicle: &Vehicle) -> Result<Vec<Flight>, GapError> {

@@ -303,8 +303,8 @@ impl Page {
         }
         let unseen = rungs.iter().any(|r| !r.held_out.is_empty());
         let (on, marks) = match unseen {
-            true => ("on flight that the fit has not seen", " Upright marks: the flight of the fit."),
-            false => ("on the flight of the fit", ""),
+            true => ("on flight that the fit has not seen", " Upright marks: flight used for the fit."),
+            false => ("on flight used for the fit", ""),
         };
         self.section(
             "ladder",
@@ -339,7 +339,7 @@ impl Page {
         for (name, unit, error) in ladder_channels(rungs).iter().copied() {
             put!(
                 self,
-                "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>{name}: unseen flight (flight of the fit)</th>"
+                "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>{name}: unseen flight (flight used for the fit)</th>"
             );
             let scales: Vec<Scale> = horizons.iter().map(|h| ladder_scale(rungs, *h, unit, error)).collect();
             for (h, scale) in horizons.iter().zip(&scales) {
@@ -373,8 +373,7 @@ impl Page {
             "Drag over a stretch to look closer; double-click to go back.",
         );
         let found = overlays.iter().any(|o| !o.with_effects.is_empty());
-        let legend =
-            [("ink", "", "measured"), ("filed", "", "as filed"), ("found", "", "with what was found")];
+        let legend = [("ink", "", "measured"), ("filed", "", "your model"), ("found", "", "after")];
         self.legend(&legend[..if found { 3 } else { 2 }]);
         let charts = overlays.iter().enumerate().map(|(k, o)| {
             let chart = page_data::overlay(k, o);
@@ -422,12 +421,12 @@ impl Page {
             "residuals",
             "Residual over time",
             "Residual over time",
-            "Measured minus simulated. The numbered stretches are those in which the model as filed fails most.",
+            "Measured minus simulated. The numbered stretches are those in which your model fails most.",
         );
         let found = residuals.iter().any(|r| !r.after.is_empty());
-        let mut legend = vec![("filed", "", "as filed")];
+        let mut legend = vec![("filed", "", "your model")];
         if found {
-            legend.push(("found", "", "with what was found"));
+            legend.push(("found", "", "after"));
         }
         legend.push(("mark", "block", "worst stretches"));
         if residuals.iter().any(|r| r.sigma.is_some()) {
@@ -454,8 +453,8 @@ impl Page {
             return;
         }
         self.body.push_str(
-            "<table class=\"stack\"><thead><tr><th>stretch</th><th class=\"n\">time, s</th><th class=\"n\">as filed</th>\
-             <th class=\"n\">with what was found</th><th>there</th></tr></thead><tbody>",
+            "<table class=\"stack\"><thead><tr><th>stretch</th><th class=\"n\">time, s</th><th class=\"n\">your model</th>\
+             <th class=\"n\">after</th><th>there</th></tr></thead><tbody>",
         );
         for (i, w) in r.worst.iter().enumerate() {
             let after = w.rms_after.map_or("–".into(), |v| quantity(v, &r.unit, 3));
@@ -469,7 +468,7 @@ impl Page {
             };
             put!(
                 self,
-                "<tr><td data-label=\"stretch\">{number}</td><td class=\"n\" data-label=\"time, s\">{:.2} – {:.2}</td><td class=\"n\" data-label=\"as filed\">{}</td><td class=\"n\" data-label=\"then\">{}</td><td data-label=\"there\">{}</td></tr>",
+                "<tr><td data-label=\"stretch\">{number}</td><td class=\"n\" data-label=\"time, s\">{:.2} – {:.2}</td><td class=\"n\" data-label=\"your model\">{}</td><td class=\"n\" data-label=\"after\">{}</td><td data-label=\"there\">{}</td></tr>",
                 w.from_s,
                 w.to_s,
                 esc(&quantity(w.rms_before, &r.unit, 3)),
@@ -491,7 +490,7 @@ impl Page {
             "Means in bins of the cause; bars are 95 % intervals of the mean. A model that lacks nothing lies on zero.",
         );
         let found = causes.iter().any(|c| !c.after.is_empty());
-        let legend = [("filed", "", "as filed"), ("found", "", "with what was found")];
+        let legend = [("filed", "", "your model"), ("found", "", "after")];
         self.legend(&legend[..if found { 2 } else { 1 }]);
         self.body.push_str("<div class=\"plots\">\n");
         for (k, c) in causes.iter().enumerate() {
@@ -524,7 +523,7 @@ impl Page {
             "parameters",
             "Parameters",
             "Parameters",
-            "Estimates with 95 % intervals. In the drawings the upright line is the value as filed, the bar the interval; each has its own scale.",
+            "Estimates with 95 % intervals. In the drawings the upright line is the value of your model, the bar the interval; each has its own scale.",
         );
         if !found.is_empty() {
             self.parameter_table(found.into_iter());
@@ -562,14 +561,14 @@ impl Page {
 
     fn parameter_table<'a>(&mut self, rows: impl Iterator<Item = (&'a str, &'a ParameterFit)>) {
         self.body.push_str(
-            "<table class=\"stack\"><thead><tr><th>effect</th><th>parameter</th><th class=\"n\">as filed</th>\
+            "<table class=\"stack\"><thead><tr><th>effect</th><th>parameter</th><th class=\"n\">your model</th>\
              <th class=\"n\">estimate</th><th style=\"width:34%\">interval</th></tr></thead><tbody>\n",
         );
         for (id, p) in rows {
             put!(
                 self,
                 "<tr><td data-label=\"effect\"><code>{}</code></td><td data-label=\"parameter\"><code>{}</code></td>\
-                 <td class=\"n\" data-label=\"as filed\">{}</td><td class=\"n\" data-label=\"estimate\">{}</td>\
+                 <td class=\"n\" data-label=\"your model\">{}</td><td class=\"n\" data-label=\"estimate\">{}</td>\
                  <td class=\"wide\">{}</td></tr>\n",
                 esc(id),
                 esc(&p.name),
@@ -628,8 +627,8 @@ impl Page {
             put!(self, "<p>{}</p>\n", esc(&r.text));
         }
         self.body.push_str(
-            "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>unexplained, standard deviation</th><th class=\"n\">as filed</th>\
-             <th class=\"n\">with what was found</th></tr></thead><tbody>",
+            "<div class=\"scroll\" tabindex=\"0\" role=\"group\" aria-label=\"table\"><table><thead><tr><th>unexplained, standard deviation</th><th class=\"n\">your model</th>\
+             <th class=\"n\">after</th></tr></thead><tbody>",
         );
         for (name, unit, before, after) in [
             ("force over mass", "m/s²", r.force_before_m_s2, r.force_m_s2),

@@ -118,11 +118,11 @@ impl Page {
         let both = measures.iter().flat_map(|m| &m.values).any(|v| v[0].is_some() && v[1].is_some());
         let unseen = measures.iter().flat_map(|m| &m.values).any(|v| v[0].is_some());
         let words = match (both, unseen) {
-            (true, _) => "Bars: flight that the fit has not seen; upright marks: the flight of the fit.",
+            (true, _) => "Bars: flight that the fit has not seen; upright marks: flight used for the fit.",
             (false, true) => "On flight that the fit has not seen.",
-            (false, false) => "On the flight of the fit.",
+            (false, false) => "On flight used for the fit.",
         };
-        let words = format!("{words} Root mean squares; {} is the model as filed.", percent(1.0));
+        let words = format!("{words} Root mean squares; {} is your model.", percent(1.0));
         let y = self.0.height() as f32 - 28.0;
         self.0.text([MARGIN, y], 17.0, false, SOFT, Anchor::Start, &words);
     }

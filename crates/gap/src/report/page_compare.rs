@@ -16,7 +16,7 @@ impl Page {
     /// The sections of a comparison; `after` is the one with the findings.
     pub(super) fn comparison(&mut self, before: &Comparison, after: Option<&Comparison>) {
         let lead =
-            if after.is_some() { "As filed → with what was found." } else { "The vehicle as filed." };
+            if after.is_some() { "Your model, and after what was found is added." } else { "Your model." };
         self.folded("compared", "Model and flight", "Model against flight", lead);
         for c in [Some(before), after].into_iter().flatten() {
             put!(self, "<p>{}</p>\n", esc(&super::html::sentence(&c.verdict)));

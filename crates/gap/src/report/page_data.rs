@@ -77,8 +77,8 @@ pub(super) fn overlay(k: usize, o: &Overlay) -> Chart {
     let scale = shown(&o.unit);
     let mut chart = over_time(format!("overlay-{k}"), &o.channel, &scale);
     chart.line("measured", "ink", 2.6, &o.t_s, &o.measured, scale.factor);
-    chart.line("as filed", "filed", 1.6, &o.t_s, &o.as_filed, scale.factor);
-    chart.line("with what was found", "found", 1.6, &o.t_s, &o.with_effects, scale.factor);
+    chart.line("your model", "filed", 1.6, &o.t_s, &o.as_filed, scale.factor);
+    chart.line("after", "found", 1.6, &o.t_s, &o.with_effects, scale.factor);
     chart
 }
 
@@ -86,8 +86,8 @@ pub(super) fn overlay(k: usize, o: &Overlay) -> Chart {
 pub(super) fn residual(k: usize, r: &ResidualSeries) -> Chart {
     let scale = fitting(&r.unit, r.before.iter().chain(&r.after));
     let mut chart = over_time(format!("residual-{k}"), &r.name, &scale);
-    chart.line("as filed", "filed", 1.4, &r.t_s, &r.before, scale.factor);
-    chart.line("with what was found", "found", 1.4, &r.t_s, &r.after, scale.factor);
+    chart.line("your model", "filed", 1.4, &r.t_s, &r.before, scale.factor);
+    chart.line("after", "found", 1.4, &r.t_s, &r.after, scale.factor);
     chart.marks = r.worst.iter().enumerate().map(|(i, w)| (w.from_s, w.to_s, (i + 1).to_string())).collect();
     chart.noise = r.sigma.filter(|s| s.is_finite() && *s > 0.0).map(|s| HALF_95 * s * scale.factor);
     chart
@@ -110,9 +110,9 @@ pub(super) fn against(k: usize, a: &Against) -> Chart {
     // A bin without a finite position on the axis cannot be plotted.
     let placed = |bins: &[Bin]| bins.iter().copied().filter(|b| b.cause.is_finite()).collect::<Vec<_>>();
     let (before, after) = (placed(&a.before), placed(&a.after));
-    let mut traces = vec![trace("as filed", "filed", 0, &before)];
+    let mut traces = vec![trace("your model", "filed", 0, &before)];
     if !after.is_empty() {
-        traces.push(trace("with what was found", "found", 1, &after));
+        traces.push(trace("after", "found", 1, &after));
     }
     Chart {
         id: format!("cause-{k}"),

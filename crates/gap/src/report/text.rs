@@ -186,10 +186,10 @@ impl Out {
         self.instants(ladder, unseen);
         self.heading(match (unseen, seen) {
             (true, true) => {
-                "Error of roll-outs, RMS at their end: on unseen flight (on the flight of the fit)"
+                "Error of roll-outs, RMS at their end: on unseen flight (on flight used for the fit)"
             }
             (true, false) => "Error of roll-outs, RMS at their end: on unseen flight",
-            _ => "Error of roll-outs, RMS at their end: on the flight of the fit",
+            _ => "Error of roll-outs, RMS at their end: on flight used for the fit",
         });
         for (name, unit, error) in ladder_channels(ladder).iter().copied() {
             let mut header = vec![name.to_string()];
@@ -232,7 +232,7 @@ impl Out {
         self.heading(if unseen {
             "What the model lacks at the instants, RMS of means over 50 ms, on unseen flight"
         } else {
-            "What the model lacks at the instants, RMS of means over 50 ms, on the flight of the fit"
+            "What the model lacks at the instants, RMS of means over 50 ms, on flight used for the fit"
         });
         let mut header = vec![String::new()];
         for m in &shown {
