@@ -154,6 +154,14 @@ def train(minutes: float, num_envs: int, seed: int, total: int) -> tuple[Policy,
     return policy, curve
 
 
+def goal_place(obs: dict[str, np.ndarray]) -> np.ndarray:
+    """Where the goal is, x and y in m, world: it is observed along the drone's heading."""
+    x, y, z, w = obs["quat"]
+    heading = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    turned = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    return obs["pos"][:2] + turned @ obs["goal"][:2]
+
+
 def fly(policy: propwash.Policy | None, seed: int, num_envs: int = 64) -> tuple[float, dict[str, float], list]:
     """One episode in each of many unseen forests by the mean action: part that arrived, endings, and four of the flights."""
     envs = gymnasium.make_vec("Propwash/ForestDepth-v0", num_envs=num_envs, autoreset_mode="Disabled", **UNSEEN)
@@ -161,6 +169,7 @@ def fly(policy: propwash.Policy | None, seed: int, num_envs: int = 64) -> tuple[
     generator = np.random.default_rng(seed)
     ending = np.zeros(num_envs, int)
     ways = [[obs["pos"][w]] for w in range(4)]
+    goals = [goal_place({name: values[w] for name, values in obs.items()}) for w in range(4)]
     pictures = [shade(envs.unwrapped.view(w, ABOVE)) for w in range(4)]
     images: list[list[np.ndarray]] = [[obs["depth"][w]] for w in range(4)]
     for _ in range(int(SETTINGS["freq"] * SETTINGS["max_episode_time"]) + 1):
@@ -181,7 +190,7 @@ def fly(policy: propwash.Policy | None, seed: int, num_envs: int = 64) -> tuple[
             obs, _ = envs.reset(options={"reset_mask": done})
     names = propwash.envs.ENDINGS
     parts = {names[e]: float((ending == e).mean()) for e in sorted(set(ending.tolist()))}
-    shown = [(pictures[w], np.array(ways[w]), images[w], names[ending[w]]) for w in range(4)]
+    shown = [(pictures[w], np.array(ways[w]), images[w], names[ending[w]], goals[w]) for w in range(4)]
     return float((ending == 3).mean()), parts, shown
 
 
@@ -233,24 +242,28 @@ def plot_curve(curve: list[tuple[float, ...]], path: Path) -> None:
 
 
 def plot_flight(shown: list, path: Path) -> None:
-    """Ways of four worlds over their forests from above, and what the drone saw in the middle of its way."""
+    """Ways of four worlds over their forests from above, with their goals, and what the drone saw in the middle of its way."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, grid = plt.subplots(2, 4, figsize=(13, 6), height_ratios=[2, 1])
-    reach = 30.0 * np.tan(np.radians(17.0))
-    for w, (picture, way, images, ending) in enumerate(shown):
+    figure, grid = plt.subplots(2, 4, figsize=(13, 6), height_ratios=[2, 1], layout="constrained")
+    reach, far = 30.0 * np.tan(np.radians(17.0)), SETTINGS["camera"]["range_m"][1]
+    for w, (picture, way, images, ending, goal) in enumerate(shown):
         axes = grid[0, w]
-        axes.imshow(picture, extent=(-reach, reach, -reach, reach))
-        axes.plot(way[:, 0], way[:, 1], color="red", linewidth=1.8)
-        axes.plot(*way[0, :2], "o", color="white", markeredgecolor="black")
-        axes.plot(*way[-1, :2], "*", color="gold", markeredgecolor="black", markersize=12)
-        axes.set(title=ending, xlabel="x, m", ylabel="y, m")
-        grid[1, w].imshow(0.2 / np.maximum(images[len(images) // 2], 0.2), cmap="magma", vmin=0.0, vmax=0.3)
-        grid[1, w].set(title="nearness, half way", xticks=[], yticks=[])
-    figure.tight_layout()
+        # Grey and pale, so that the way stands out.
+        axes.imshow(0.5 + 0.5 * picture.mean(axis=-1) / 255.0, cmap="gray", vmin=0.0, vmax=1.0, extent=(-reach, reach, -reach, reach))
+        axes.plot(way[:, 0], way[:, 1], color="#0072b2", linewidth=2.0)
+        axes.plot(*way[0, :2], "o", color="white", markeredgecolor="black", label="start")
+        axes.plot(*goal[:2], "*", color="#f0e442", markeredgecolor="black", markersize=13, label="goal")
+        if ending == "crashed":
+            axes.plot(*way[-1, :2], "X", color="#d55e00", markeredgecolor="black", markersize=9, label="crash")
+        axes.set(title=ending, xlabel="x, m", ylabel="y, m" if w == 0 else "")
+        axes.legend(loc="upper left", fontsize=7, framealpha=0.9)
+        seen = grid[1, w].imshow(np.minimum(images[len(images) // 2], far), cmap="cividis_r", vmin=0.0, vmax=far)
+        grid[1, w].set(title="depth half way", xticks=[], yticks=[])
+    figure.colorbar(seen, ax=grid[1, :], shrink=0.9, pad=0.01, label="m")
     figure.savefig(path, dpi=100)
     print(f"wrote {path}")
 

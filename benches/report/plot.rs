@@ -15,6 +15,9 @@ const INKS: [Ink; 2] = [[0, 114, 178], [213, 94, 0]];
 const WHO: [(&str, &str); 2] = [("propwash", "Propwash"), ("crazyflow", "Crazyflow")];
 const PRECISIONS: [&str; 2] = ["f32", "f64"];
 
+/// Number of worlds at which the picture states the ratio.
+const RATIO_AT: f64 = 1024.0;
+
 /// Values along an axis from 10^low to 10^high, and where they are in pixels.
 struct Axis {
     low: f64,
@@ -53,6 +56,8 @@ pub fn picture(lines: &[Value]) -> Fallible<Vec<u8>> {
     let mut canvas = Canvas::new(SIZE[0], SIZE[1], [255; 3])?;
     let title = "Steps per second on one core, by the number of worlds";
     canvas.text([70.0, 52.0], 28.0, true, DARK, Anchor::Start, title);
+    let machine = machine(lines);
+    canvas.text([SIZE[0] as f32 - 20.0, 52.0], 18.0, false, SOFT, Anchor::End, &machine);
     legend(&mut canvas);
     let left = 110.0;
     let pitch = (SIZE[0] as f32 - left - 20.0) / modes.len() as f32;
@@ -79,9 +84,37 @@ pub fn picture(lines: &[Value]) -> Fallible<Vec<u8>> {
                 points.iter().for_each(|point| marker(&mut canvas, *point, ink, dashed));
             }
         }
+        gap(&mut canvas, &rows, mode, &across, &up);
     }
     canvas.text([0.5 * SIZE[0] as f32, 622.0], 19.0, false, SOFT, Anchor::Middle, "worlds");
     Ok(canvas.png(Effort::Best)?)
+}
+
+/// Machine, version and day of what is shown.
+fn machine(lines: &[Value]) -> String {
+    let head = lines.iter().find_map(|line| line.get("head"));
+    let word = |key: &str| head.and_then(|h| h[key].as_str()).unwrap_or("?").to_string();
+    let cores = head.and_then(|h| h["cores"].as_u64()).unwrap_or(0);
+    format!("{}, {cores} cores; Propwash {}; {}", word("processor"), word("propwash"), word("date"))
+}
+
+/// How many times as fast ours is as the peer, between their lines in f32 at the number of worlds [`RATIO_AT`].
+fn gap(canvas: &mut Canvas, rows: &[&Value], mode: &str, across: &Axis, up: &Axis) {
+    let row = rows.iter().find(|row| {
+        row["mode"] == mode && row["precision"] == PRECISIONS[0] && row["worlds"].as_f64() == Some(RATIO_AT)
+    });
+    let rate = |who: usize| row.and_then(|row| row[WHO[who].0].as_f64());
+    let (Some(ours), Some(peer)) = (rate(0), rate(1)) else { return };
+    let (x, from, to) = (across.at(RATIO_AT), up.at(1e6 * peer) - 10.0, up.at(1e6 * ours) + 10.0);
+    canvas.line(&[[x, from], [x, to]], SOFT, 1.5, false);
+    canvas.text(
+        [x + 10.0, 0.3 * from + 0.7 * to + 26.0],
+        19.0,
+        true,
+        DARK,
+        Anchor::Start,
+        &format!("{:.0} ×", ours / peer),
+    );
 }
 
 /// A disc; hollow ones are white inside.

@@ -2,7 +2,7 @@
 
 use crate::picture::{Anchor, Canvas, Ink, tick_label, ticks};
 
-use super::colors::{CLEARANCE_GREEN_M, CLEARANCE_RED_M, clearance_color};
+use super::colors::{CLEARANCE_FAR_M, CLEARANCE_NEAR_M, clearance_color};
 use super::{DRAWING_X, HeightMap, INK, Overview, RIGHT_END, RIGHT_X, RULE, words};
 
 /// Where nothing is.
@@ -95,9 +95,9 @@ impl Overview {
     /// The scale of clearances, and what the marks mean.
     fn draw_legend(&self, canvas: &mut Canvas) {
         let last = (SCALE_W - 1) as f32;
-        let ratio = CLEARANCE_GREEN_M / CLEARANCE_RED_M;
+        let ratio = CLEARANCE_FAR_M / CLEARANCE_NEAR_M;
         for i in 0..SCALE_W {
-            let clearance_m = CLEARANCE_RED_M * ratio.powf(i as f64 / f64::from(last));
+            let clearance_m = CLEARANCE_NEAR_M * ratio.powf(i as f64 / f64::from(last));
             canvas.rect([DRAWING_X + i as f32, SCALE_Y, 1.0, 14.0], clearance_color(clearance_m));
         }
         for (at, label) in [(0.0, "0.1"), (0.477, "0.3"), (1.0, "1 m")] {
