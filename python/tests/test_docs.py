@@ -288,6 +288,16 @@ def test_the_api_pages_name_all_that_the_package_gives():
     assert set(propwash.__all__) - {"__version__"} <= told
 
 
+def test_tests_that_pages_name_are_there():
+    named = [(page, *name) for page in PAGES for name in re.findall(r"`([\w./-]+\.(?:rs|py))::(\w+)`", page.read_text())]
+    assert len([page for page, *_ in named if page.name == "reviews.md"]) > 80
+    for page, path, name in named:
+        file = ROOT / path
+        assert file.is_file(), f"{page.name} names {path}, which is not there"
+        test = rf"#\[test\]\n(?:\s*(?:#\[.*\]|//.*)\n)*\s*fn {name}\b" if file.suffix == ".rs" else rf"^def {name}\b"
+        assert re.search(test, file.read_text(), re.M), f"{page.name} names {name}, which is no test of {path}"
+
+
 def test_every_page_is_in_the_navigation():
     """mkdocs says so too, when the site is built."""
     navigation = (ROOT / "mkdocs.yml").read_text().split("\nnav:\n")[1]
