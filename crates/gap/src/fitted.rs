@@ -3,6 +3,7 @@
 mod calibration;
 mod findings;
 mod partners;
+mod parts;
 
 use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
@@ -142,7 +143,10 @@ pub fn fit(
     for (id, error) in &unwritable {
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
-    let kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
+    let mut kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
+    if verdict.remainder.unexplained {
+        kept = parts::judged(&writer, &judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
+    }
     say_doubts(verdict);
 
     let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];

@@ -4,7 +4,8 @@ use super::GapError;
 use super::compare::HORIZONS_S;
 use super::ladder::{Flights, pooled};
 use super::policy::{
-    ACTS_NOWHERE, BAND_S, FED_IN_RAD, FEWEST_INSTANTS, JUDGE_HORIZONS_S, ONE_DIRECTION, SETTLING_S,
+    ACTS_NOWHERE, BAND_S, FED_IN_RAD, FEWEST_INSTANTS, JUDGE_HORIZONS_S, ONE_DIRECTION, PARTS_JUDGED,
+    SETTLING_S,
 };
 use super::replay::{Context, STEP_S, drone_for};
 use super::residual::{Replay, Residuals, replay_errors};
@@ -440,6 +441,24 @@ impl Judge {
         let seen = Seen::together(parts);
         self.looks.lock().unwrap_or_else(PoisonError::into_inner).insert(key, seen.clone());
         Ok(seen)
+    }
+
+    /// Residuals of a vehicle in each part of its flights: [`PARTS_JUDGED`] of equal length per flight.
+    ///
+    /// # Errors
+    /// Those of [`Seen::of`].
+    pub fn in_parts(&self, vehicle: &Vehicle) -> Result<Vec<Seen>, GapError> {
+        let parts: Vec<Vec<Seen>> = self
+            .tracks
+            .par_iter()
+            .map(|(t, from_s)| {
+                let length = (t.span_s[1] - from_s) / PARTS_JUDGED as f64;
+                let begin = |k: usize| from_s + k as f64 * length;
+                let spans: Vec<[f64; 2]> = (0..PARTS_JUDGED).map(|k| [begin(k), begin(k + 1)]).collect();
+                Seen::of(t, vehicle, &spans)
+            })
+            .collect::<Result<_, GapError>>()?;
+        Ok(parts.into_iter().flatten().collect())
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, RISES,
+    WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -129,8 +130,10 @@ impl Rule {
             }
             Self::NeverWorse => format!(
                 "nothing is written with which an error on unseen flight rises, by more than {:.0} %, or which makes all \
-                 errors together worse",
-                100.0 * (RISES - 1.0)
+                 errors together worse; where something is unexplained, all errors together must fall to {} in every \
+                 third of that flight",
+                100.0 * (RISES - 1.0),
+                percent(WELL_BELOW)
             ),
         }
     }
