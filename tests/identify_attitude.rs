@@ -292,6 +292,7 @@ fn every_parameter_of_a_noise_free_minute_is_within_one_per_cent_and_the_delay_w
     let truth = Truth::new(1);
     let found = run(&truth, &Flight::default()).unwrap();
     println!("{found}");
+    assert!(!found.warnings.iter().any(|w| w.contains("left out")), "{:?}", found.warnings);
     for (name, value) in truth.named() {
         let got = found.get(&name).unwrap_or_else(|| panic!("{name} is missing")).value;
         println!("{name:28} {value:12.6} {got:12.6} {:8.3} %", 100.0 * (got / value - 1.0));

@@ -459,8 +459,8 @@ impl<'a> Job<'a> {
         let places: Vec<String> = odd.iter().take(5).map(|w| format!("{:.1} s", spans[*w].0)).collect();
         let more = if odd.len() > 5 { ", …" } else { "" };
         self.warnings.push(format!(
-            "{} of {} windows were left out of the {what}: they fit five times worse than the others (from {}{more}); a collision, \
-             a hand or a tracking fault is likely there",
+            "{} of {} windows were left out of the {what}: they fit five times worse than the others (from {}{more}); the model \
+             does not do what the vehicle does there: a turn harder than its, a collision, a hand or a tracking fault",
             odd.len(),
             spans.len(),
             places.join(", ")
