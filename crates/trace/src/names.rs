@@ -68,7 +68,8 @@ mod tests {
         let effects = ["linear_drag", "rotor_drag", "payload", "mount.pose", "mount.imu"];
         assert_eq!(suggestion("drag", effects), "; did you mean `linear_drag` or `rotor_drag`?");
         assert_eq!(suggestion("IMU", effects), "; did you mean `mount.imu`?");
-        assert_eq!(suggestion("a", ["a_1", "a_2", "a_3", "a_4", "a_5"]), "", "of many none is offered");
+        let factors = ["scale_of_a", "scale_of_b", "scale_of_c", "scale_of_d", "scale_of_e"];
+        assert_eq!(suggestion("scale", factors), "", "of many none is offered");
         assert_eq!(of_list("linear_darg", "linear_drag, payload"), "; did you mean `linear_drag`?");
     }
 }
