@@ -1166,7 +1166,7 @@ fn the_overview_shows_what_the_data_set_holds() {
     };
     assert_eq!(written.into_raw(), picture.rgb);
 
-    // Each thing in its colour, in its place: depth codes on the sheet, red near passes and none without clearance.
+    // Each thing in its colour, in its place: depth codes on the sheet, orange near passes and none without clearance.
     let count = |picture: &dataset::Picture, [x, y, w, h]: [usize; 4], wanted: &dyn Fn([u8; 3]) -> bool| {
         (y..y + h)
             .flat_map(|row| (x..x + w).map(move |column| (row * 1600 + column) * 3))
@@ -1174,16 +1174,16 @@ fn the_overview_shows_what_the_data_set_holds() {
             .count()
     };
     let (sheet, map) = ([28, 138, 888, 784], [986, 138, 586, 524]);
-    let red = |p: [u8; 3]| p[0] > 190 && p[1] < 90 && p[2] < 90;
+    let orange = |p: [u8; 3]| p[0] > 190 && p[1] < 130 && p[2] < 90;
     assert!(count(&picture, sheet, &|p| p == [226, 228, 232]) > 10_000, "sky");
     assert!(count(&picture, sheet, &|p| p == [128, 131, 137]) > 100, "too far");
-    assert!(count(&picture, map, &red) > 200, "near passes");
+    assert!(count(&picture, map, &orange) > 200, "near passes");
     let mut safe = overview.clone();
     safe.paths.iter_mut().for_each(|p| p.clearance_m.fill(3.0));
     safe.contacts.clear();
     let safe = safe.draw().unwrap();
-    assert_eq!(count(&safe, map, &red), 0);
-    assert!(count(&safe, map, &|p| p[1] > 120 && p[0] < 90 && p[2] < 110) > 5_000, "green paths");
+    assert_eq!(count(&safe, map, &orange), 0);
+    assert!(count(&safe, map, &|p| p[2] > 150 && p[0] < 90 && p[1] < 130) > 5_000, "blue paths");
 }
 
 #[test]
