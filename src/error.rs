@@ -71,6 +71,12 @@ impl From<crate::env::EnvError> for Error {
     }
 }
 
+impl From<crate::geometry::GeometryError> for Error {
+    fn from(error: crate::geometry::GeometryError) -> Self {
+        Self::Sense(error.into())
+    }
+}
+
 impl From<crate::gap::Error> for Error {
     fn from(error: crate::gap::Error) -> Self {
         use crate::gap::Error as Of;

@@ -36,7 +36,7 @@
 //! their own need no MuJoCo; `docs/architecture.md` says which uses which.
 //!
 //! ```text
-//! vehicle + command → physics → rollout → scene → sense → arena → dataset | env
+//! vehicle + command → physics → rollout → scene (over geometry) → sense → arena → dataset | env
 //! flight → gap → vehicle
 //! ```
 
@@ -54,6 +54,9 @@ pub use propwash_vehicle as vehicle;
 pub use propwash_kernels as kernels;
 pub use propwash_rollout as rollout;
 pub use propwash_rollout::random;
+
+// Shapes, and what rays meet, what is near and what touches, without MuJoCo.
+pub use propwash_geometry as geometry;
 
 pub mod scene;
 pub mod sense;

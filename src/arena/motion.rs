@@ -144,7 +144,8 @@ const RAYS: [[f64; 2]; 7] =
 
 /// An upright cylinder about the place of an obstacle that holds its geoms: radius and half height, m.
 fn cylinder(scene: &Scene, obstacle: usize, at: [f64; 3], worker: &Worker) -> Result<[f64; 2], ArenaError> {
-    let (positions, matrices) = worker.geom_poses()?;
+    let poses = worker.poses()?;
+    let (positions, matrices) = (poses.geom_pos_m, poses.geom_mat);
     let mut most = [0.0f64; 3];
     for geom in scene.geoms().iter().filter(|g| scene.bodies()[g.body_id].obstacle == Some(obstacle)) {
         let (r, [cx, cy, cz, hx, hy, hz]) = (matrices[geom.id], geom.aabb_m);

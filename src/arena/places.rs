@@ -7,7 +7,7 @@ use super::sensors::Mounted;
 use crate::rollout::SimData;
 use crate::rollout::quarantine::{MAX_POSITION_M, NO_ATTITUDE, TOO_FAR};
 use crate::scalar::lanes::Number;
-use crate::scene::{Lent, MAX_COORDINATE_M, Pose, Scene, SceneError, Worker, WorkerPool};
+use crate::scene::{Lent, MAX_COORDINATE_M, Pose, Scene, SceneError, Worker, WorkerPool, checked_pose};
 use crate::sense::{SenseError, Worlds};
 
 // What flies can be placed.
@@ -233,7 +233,7 @@ impl<'a, N: Number> Look<'a, N> {
         if at.pos_m.iter().any(|v| v.abs() > MAX_COORDINATE_M) {
             return Some(TOO_FAR);
         }
-        Pose::checked("a drone", at.pos_m, at.quat_xyzw).is_err().then_some(NO_ATTITUDE)
+        checked_pose(|| "a drone".into(), at.pos_m, at.quat_xyzw).is_err().then_some(NO_ATTITUDE)
     }
 
     /// What came of looking at worlds, without the failures of those that are quarantined: they are marked already.

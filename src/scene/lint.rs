@@ -5,7 +5,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::model::{GeomInfo, GeomType, MeshView, ObstacleKind, Scene, SceneSource, Shell};
+use super::GeomType;
+use super::model::{GeomInfo, MeshView, ObstacleKind, Scene, SceneSource, Shell};
 use super::{SceneError, Worker};
 use crate::math::vec3;
 

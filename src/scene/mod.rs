@@ -1,4 +1,5 @@
-//! The MuJoCo boundary: scenes in, poses in, rays, contacts and distances out. The crate's only `unsafe` code.
+//! The MuJoCo boundary: scenes in, poses in, the table of geoms for `geometry` out, and MuJoCo's own rays, contacts and distances. The
+//! crate's only `unsafe` code.
 //!
 //! A [`Scene`] is a compiled model with the shells of the drones attached, shared by all threads. A [`Worker`] is one
 //! set of poses in it, owned by one thread at a time. The constraint solver never runs.
@@ -14,21 +15,23 @@ mod shells;
 mod shipped;
 mod sizes;
 mod sync;
+mod table;
 mod workers;
 
+pub use crate::geometry::GeomType;
 pub use engine::load_plugin_library;
 pub use error::SceneError;
 pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
 pub(crate) use lint::{contact_verdict, depth_verdict};
 pub use model::{
-    BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, GeomType, HfieldView, MeshView, ObstacleInfo,
+    BodyInfo, BuildOptions, CameraInfo, CameraMode, GeomInfo, HfieldView, MeshView, ObstacleInfo,
     ObstacleKind, Scene, SceneSource, Shell, SiteInfo,
 };
 pub(crate) use pair::{MAX_PAIR_CONTACTS, PairContacts};
 pub use shells::SHELLS;
 pub use shipped::SCENES;
-pub use sync::{MAX_COORDINATE_M, Pose};
-pub(crate) use sync::{checked as checked_pose, quat_of_matrix};
+pub(crate) use sync::quat_of_matrix;
+pub use sync::{MAX_COORDINATE_M, Pose, checked as checked_pose};
 pub(crate) use workers::RayScratch;
 pub use workers::{GeomDistance, Lent, RawContact, RayHit, Worker, WorkerPool};
 

@@ -2,7 +2,6 @@
 
 mod describe;
 
-use std::any::Any;
 use std::ffi::{CStr, CString};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -16,8 +15,9 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use super::engine::{Building, load_plugins};
-use super::{SceneError, Worker};
+use super::{GeomType, SceneError, Worker};
 use super::{shipped, sizes, sync};
+use crate::geometry::Table;
 
 /// The shell of a drone: its shapes and cameras as MJCF, with a root body named `drone`. No dynamics.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -75,70 +75,6 @@ pub struct BuildOptions {
 impl Default for BuildOptions {
     fn default() -> Self {
         Self { raise_memory: true }
-    }
-}
-
-/// Shape of a geom (mjtGeom).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum GeomType {
-    /// Half space under its own x-y plane; rays see only its rectangle, contacts the whole plane.
-    Plane,
-    /// Height field on a base box.
-    Hfield,
-    /// Sphere.
-    Sphere,
-    /// Cylinder with half spheres at its ends.
-    Capsule,
-    /// Ellipsoid.
-    Ellipsoid,
-    /// Cylinder with flat ends.
-    Cylinder,
-    /// Box.
-    Box,
-    /// Triangle mesh; rays see the triangles, contacts the convex hull.
-    Mesh,
-    /// Signed distance field.
-    Sdf,
-}
-
-impl GeomType {
-    /// All types.
-    pub const ALL: [GeomType; 9] = [
-        Self::Plane,
-        Self::Hfield,
-        Self::Sphere,
-        Self::Capsule,
-        Self::Ellipsoid,
-        Self::Cylinder,
-        Self::Box,
-        Self::Mesh,
-        Self::Sdf,
-    ];
-
-    fn from_id(id: i32) -> Option<Self> {
-        usize::try_from(id).ok().and_then(|i| Self::ALL.get(i).copied())
-    }
-
-    /// Name as in MJCF.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Plane => "plane",
-            Self::Hfield => "hfield",
-            Self::Sphere => "sphere",
-            Self::Capsule => "capsule",
-            Self::Ellipsoid => "ellipsoid",
-            Self::Cylinder => "cylinder",
-            Self::Box => "box",
-            Self::Mesh => "mesh",
-            Self::Sdf => "sdf",
-        }
-    }
-}
-
-impl fmt::Display for GeomType {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(self.name())
     }
 }
 
@@ -358,8 +294,8 @@ pub(super) struct Inner {
     pub(super) needs_com: bool,
     pub(super) n_flex: usize,
     pub(super) n_skin: usize,
-    /// See [`Scene::keep`].
-    kept: OnceLock<Arc<dyn Any + Send + Sync>>,
+    /// See [`Worker::table`].
+    pub(super) table: OnceLock<Table>,
 }
 
 /// A compiled scene with drones in it; cheap to clone, shared by threads.
@@ -772,11 +708,9 @@ impl Scene {
         &self.0.warnings
     }
 
-    /// What a sense derives from the compiled model, made once and shared by all that hold the scene. There is one place
-    /// for it: a second type is made anew at each call.
-    pub(crate) fn keep<T: Any + Send + Sync>(&self, make: impl Fn() -> T) -> Arc<T> {
-        let kept = self.0.kept.get_or_init(|| Arc::new(make())).clone();
-        kept.downcast::<T>().unwrap_or_else(|_| Arc::new(make()))
+    /// The table of its geoms, once a worker was asked for it ([`Worker::table`]).
+    pub fn table(&self) -> Option<&Table> {
+        self.0.table.get()
     }
 
     /// Number of flexes (deformable bodies) in the scene.

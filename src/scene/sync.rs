@@ -1,39 +1,10 @@
 //! Plain poses to MuJoCo's arrays and back. The only place where quaternions change from x, y, z, w to w, x, y, z.
 
 use super::SceneError;
+pub use crate::geometry::Pose;
 
 /// Largest coordinate that is taken, m. MuJoCo itself calls a state beyond 1e10 bad.
 pub const MAX_COORDINATE_M: f64 = 1e9;
-
-/// Position (m, world) and unit quaternion (x, y, z, w; body to world).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
-    /// Position in the world, m.
-    pub pos_m: [f64; 3],
-    /// Quaternion x, y, z, w, body to world.
-    pub quat_xyzw: [f64; 4],
-}
-
-impl Pose {
-    /// A pose; nothing is checked here.
-    pub fn new(pos_m: [f64; 3], quat_xyzw: [f64; 4]) -> Self {
-        Self { pos_m, quat_xyzw }
-    }
-
-    /// A pose with finite numbers and a unit quaternion; `who` names it in the error.
-    ///
-    /// # Errors
-    /// [`SceneError::BadPose`] for NaN, infinities, coordinates beyond [`MAX_COORDINATE_M`] and quaternions of length zero.
-    pub fn checked(who: &str, pos_m: [f64; 3], quat_xyzw: [f64; 4]) -> Result<Self, SceneError> {
-        checked(|| who.to_string(), pos_m, quat_xyzw)
-    }
-}
-
-impl Default for Pose {
-    fn default() -> Self {
-        Self { pos_m: [0.0; 3], quat_xyzw: [0.0, 0.0, 0.0, 1.0] }
-    }
-}
 
 /// x, y, z, w → w, x, y, z.
 #[inline]
@@ -47,15 +18,11 @@ pub(crate) fn from_wxyz(q: [f64; 4]) -> [f64; 4] {
     [q[1], q[2], q[3], q[0]]
 }
 
-/// The pose with a unit quaternion, or what is wrong with it.
+/// A pose (position, m; quaternion x, y, z, w of any length but zero) with a unit quaternion; `who` names it in the error.
 ///
 /// # Errors
 /// [`SceneError::BadPose`] for NaN, infinities, coordinates beyond [`MAX_COORDINATE_M`] and quaternions shorter than 1e-6.
-pub(crate) fn checked(
-    who: impl Fn() -> String,
-    pos: [f64; 3],
-    quat_xyzw: [f64; 4],
-) -> Result<Pose, SceneError> {
+pub fn checked(who: impl Fn() -> String, pos: [f64; 3], quat_xyzw: [f64; 4]) -> Result<Pose, SceneError> {
     if pos.iter().any(|x| !x.is_finite() || x.abs() > MAX_COORDINATE_M) {
         return Err(SceneError::BadPose { who: who(), what: format!("position {pos:?} m") });
     }

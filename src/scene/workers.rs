@@ -19,6 +19,8 @@ use super::kinematics::Moved;
 use super::model::{ObstacleKind, slice};
 use super::sync;
 use super::{GeomType, Pose, Scene, SceneError};
+use crate::geometry::sweep::GeomPlace;
+use crate::geometry::{Memory, Poses, Table};
 
 #[repr(C)]
 struct BatchConfig {
@@ -182,7 +184,9 @@ pub struct Worker {
     standing: Vec<Standing>,
     /// Poses of obstacles that were set since the worker was made.
     obstacle_poses: Vec<Option<Pose>>,
-    /// Buffers that callers borrow for rays, so that no frame allocates.
+    /// What queries of `geometry` remember of these poses.
+    memory: Memory,
+    /// Buffers that callers of MuJoCo's queries borrow, so that no frame allocates.
     pub(crate) scratch: RayScratch,
 }
 
@@ -201,21 +205,17 @@ impl Standing {
     }
 }
 
-/// Reusable buffers for rays.
+/// Reusable buffers for MuJoCo's rays and distances.
 #[derive(Default)]
 pub(crate) struct RayScratch {
     pub directions: Vec<[f64; 3]>,
     pub distances: Vec<f64>,
     pub geoms: Vec<i32>,
     pub normals: Vec<[f64; 3]>,
-    /// Lower bound of distance and number of a geom.
+    /// Lower bound of distance and number of a geom, or number of a ray.
     pub bounds: Vec<(f64, usize)>,
     /// Places of a drone's geoms in its body frame: position and rotation (row major).
-    pub places: Vec<([f64; 3], [f64; 9])>,
-    /// Whatever the ray caster of `sense` keeps from frame to frame.
-    pub caster: Option<Box<dyn std::any::Any + Send>>,
-    /// Whatever collision detection of `sense` keeps.
-    pub collider: Option<Box<dyn std::any::Any + Send>>,
+    pub places: Vec<GeomPlace>,
 }
 
 // SAFETY: mjData and the batch belong to this worker alone and hold nothing tied to a thread (the batch has no threads
@@ -261,6 +261,7 @@ impl Worker {
             drone_poses: vec![Pose::default(); scene.n_drones()],
             standing: Standing::all(scene),
             obstacle_poses: vec![None; scene.obstacles().len()],
+            memory: Memory::default(),
             scratch: RayScratch::default(),
         };
         worker.moved = Moved::new(&worker);
@@ -448,9 +449,49 @@ impl Worker {
         self.collided = false;
     }
 
-    /// Number of the poses that [`Worker::update`] last placed; never 0.
-    pub(crate) fn version(&self) -> u64 {
-        self.version
+    /// The table of the scene's geoms, made where it is first asked for and shared by all workers.
+    ///
+    /// # Errors
+    /// [`SceneError::Stale`].
+    pub fn table(&self) -> Result<&Table, SceneError> {
+        let poses = self.poses()?;
+        Ok(self.scene.0.table.get_or_init(|| super::table::of_scene(&self.scene, &poses)))
+    }
+
+    /// Where everything is.
+    ///
+    /// # Errors
+    /// [`SceneError::Stale`].
+    pub fn poses(&self) -> Result<Poses<'_>, SceneError> {
+        self.ready("the places of geoms")?;
+        Ok(self.placed_poses())
+    }
+
+    /// Where everything was placed last. The lifetime is the caller's to bound: it must end before the data changes.
+    fn placed_poses<'a>(&self) -> Poses<'a> {
+        let inner = &self.scene.0;
+        // SAFETY: the data holds a position and a matrix for each geom of its model and a position for each body.
+        unsafe {
+            let d = &*self.data;
+            Poses {
+                geom_pos_m: slice(d.geom_xpos.cast::<[f64; 3]>(), inner.geoms.len()),
+                geom_mat: slice(d.geom_xmat.cast::<[f64; 9]>(), inner.geoms.len()),
+                body_pos_m: slice(d.xpos.cast::<[f64; 3]>(), inner.bodies.len()),
+                version: self.version,
+            }
+        }
+    }
+
+    /// What queries of `geometry` need: the table, where everything is, and what they remember of it.
+    ///
+    /// # Errors
+    /// [`SceneError::Stale`].
+    pub fn geometry(&mut self) -> Result<(&Table, Poses<'_>, &mut Memory), SceneError> {
+        self.table()?;
+        // No method that changes the data can run while the memory is lent.
+        let poses = self.placed_poses();
+        let table = self.scene.0.table.get_or_init(|| super::table::of_scene(&self.scene, &poses));
+        Ok((table, poses, &mut self.memory))
     }
 
     /// Finds all contacts at these poses; [`Worker::contact`] reads them. Returns how many there are.
@@ -693,26 +734,11 @@ impl Worker {
         }
     }
 
-    /// Positions (m) and rotation matrices (row major) of all geoms in the world, by id.
-    ///
-    /// # Errors
-    /// [`SceneError::Stale`].
-    #[allow(clippy::type_complexity)]
-    pub(crate) fn geom_poses(&self) -> Result<(&[[f64; 3]], &[[f64; 9]]), SceneError> {
-        self.ready("the places of geoms")?;
-        let count = self.scene.0.geoms.len();
-        // SAFETY: the data holds a position and a matrix for each geom of its model, and lives as long as self.
-        unsafe {
-            let d = &*self.data;
-            Ok((slice(d.geom_xpos.cast::<[f64; 3]>(), count), slice(d.geom_xmat.cast::<[f64; 9]>(), count)))
-        }
-    }
-
     /// Where the geoms of a drone are in its body frame, into `places`.
     pub(crate) fn drone_geom_places(
         &self,
         drone: usize,
-        places: &mut Vec<([f64; 3], [f64; 9])>,
+        places: &mut Vec<GeomPlace>,
     ) -> Result<(), SceneError> {
         self.ready("the place of a geom")?;
         let body = self.body_pose(self.scene.drone_body(drone)?)?;
@@ -739,7 +765,7 @@ impl Worker {
         &mut self,
         drone: usize,
         pose: &Pose,
-        places: &[([f64; 3], [f64; 9])],
+        places: &[GeomPlace],
     ) -> Result<(), SceneError> {
         self.ready("moving geoms")?;
         let scene = self.scene.clone();

@@ -3,10 +3,10 @@
 use rayon::prelude::*;
 
 use super::SenseError;
-use super::caster::Planes;
 use super::clearance::{Clearance, clearance};
 use super::contact::{Contact, contacts};
 use super::depth::{Camera, DepthPlanes, STATUS_NOT_RENDERED};
+use crate::geometry::ray::Planes;
 use crate::scene::{Lent, Pose, Scene, SceneError, Worker, WorkerPool};
 
 /// Worlds that can be looked at, each with a worker of its scene.
@@ -270,7 +270,7 @@ pub fn render_worlds<'c>(
                 Ok(())
             });
             if done.is_err() {
-                planes.fill_unknown();
+                fill_unknown(planes.reborrow());
                 pose.fill(Pose { pos_m: [f64::NAN; 3], quat_xyzw: [f64::NAN; 4] });
             }
             done
@@ -314,42 +314,13 @@ fn batch_size(cameras: &[Camera], n_worlds: usize) -> Result<(usize, usize), Sen
     Ok((images, pixels))
 }
 
-impl<'a> Planes<'a> {
-    /// The planes of `n` consecutive images, or groups of them, of `size` pixels each.
-    fn chunks(self, size: usize, n: usize) -> impl Iterator<Item = Planes<'a>> {
-        let mut depth = self.depth.map(|p| p.chunks_mut(size));
-        let mut status = self.status.map(|p| p.chunks_mut(size));
-        let mut geom = self.geom.map(|p| p.chunks_mut(size));
-        let mut body = self.body.map(|p| p.chunks_mut(size));
-        let mut normal = self.normal.map(|p| p.chunks_mut(size));
-        (0..n).map(move |_| Planes {
-            depth: depth.as_mut().and_then(Iterator::next),
-            status: status.as_mut().and_then(Iterator::next),
-            geom: geom.as_mut().and_then(Iterator::next),
-            body: body.as_mut().and_then(Iterator::next),
-            normal: normal.as_mut().and_then(Iterator::next),
-        })
-    }
-
-    fn reborrow(&mut self) -> Planes<'_> {
-        Planes {
-            depth: self.depth.as_deref_mut(),
-            status: self.status.as_deref_mut(),
-            geom: self.geom.as_deref_mut(),
-            body: self.body.as_deref_mut(),
-            normal: self.normal.as_deref_mut(),
-        }
-    }
-
-    /// Of a world that failed.
-    fn fill_unknown(&mut self) {
-        let planes = self.reborrow();
-        planes.depth.into_iter().for_each(|p| p.fill(f32::NAN));
-        planes.status.into_iter().for_each(|p| p.fill(STATUS_NOT_RENDERED));
-        planes.geom.into_iter().for_each(|p| p.fill(-1));
-        planes.body.into_iter().for_each(|p| p.fill(-1));
-        planes.normal.into_iter().for_each(|p| p.fill([0.0; 3]));
-    }
+/// Fills the planes of a world that failed.
+fn fill_unknown(planes: Planes) {
+    planes.depth.into_iter().for_each(|p| p.fill(f32::NAN));
+    planes.status.into_iter().for_each(|p| p.fill(STATUS_NOT_RENDERED));
+    planes.geom.into_iter().for_each(|p| p.fill(-1));
+    planes.body.into_iter().for_each(|p| p.fill(-1));
+    planes.normal.into_iter().for_each(|p| p.fill([0.0; 3]));
 }
 
 fn all_or_failures(results: Vec<Result<(), SenseError>>) -> Result<(), SenseError> {

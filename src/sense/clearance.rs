@@ -10,9 +10,9 @@
 use serde::Serialize;
 
 use super::SenseError;
-use super::caster::world::World;
-use super::collide::{Collider, Finder, Found, Meeting, Movers};
+use super::collide::Collider;
 use super::contact::MAX_PER_PAIR;
+use crate::geometry::{Found, Meeting, PairDistance, Query};
 use crate::scene::{GeomType, PairContacts, Scene, Worker};
 
 /// The nearest obstacle of a drone.
@@ -78,15 +78,6 @@ impl Clearance {
     }
 }
 
-/// Signed distance of a drone's geom and another geom.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct PairDistance {
-    pub distance_m: f64,
-    pub on_drone_m: [f64; 3],
-    pub on_other_m: [f64; 3],
-    pub exact: bool,
-}
-
 /// Distance of a drone to the nearest geom of the scene or of another drone, looking no farther than `max_distance_m`, by
 /// [`Collider::Native`].
 ///
@@ -119,12 +110,8 @@ pub fn clearance_by(
     }
     let scene = worker.scene().clone();
     let center = worker.body_pose(scene.drone_body(drone)?)?.pos_m;
-    let world = World::of(worker)?;
-    if collider == Collider::Native && world.solids.alone.is_none() {
-        let mut movers = Movers::take(worker);
-        let result = nearest_native(worker, &scene, &world, &mut movers, drone, max_distance_m);
-        movers.put(worker);
-        return result;
+    if collider.is_native(worker)? {
+        return nearest_native(worker, &scene, drone, max_distance_m);
     }
     let radius = scene.drone_radius_m(drone)?;
     let mut bounds = std::mem::take(&mut worker.scratch.bounds);
@@ -136,12 +123,12 @@ pub fn clearance_by(
 fn nearest_native(
     worker: &mut Worker,
     scene: &Scene,
-    world: &World,
-    movers: &mut Movers,
     drone: usize,
     max_m: f64,
 ) -> Result<Clearance, SenseError> {
-    let found = Finder::new(scene, world, worker, movers)?.nearest(movers, drone, max_m)?;
+    let (table, poses, memory) = worker.geometry()?;
+    let found = Query::new(table, poses, &mut memory.near).nearest(&mut memory.near, drone, max_m);
+    let open = memory.near.pairs.len();
     let mut best = Clearance::nothing(drone, max_m);
     let named = |f: &Found| {
         let m = &f.meeting;
@@ -162,12 +149,11 @@ fn nearest_native(
         best = named(found);
     }
     // How deep these overlap only MuJoCo says.
-    for k in 0..movers.pairs.len() {
-        let (own, other) = (movers.pairs[k].0 as usize, movers.pairs[k].1 as usize);
-        let mut pair = {
-            let finder = Finder::new(scene, world, worker, movers)?;
-            named(&Found { meeting: finder.meet(own, other, max_m), own, other })
-        };
+    for k in 0..open {
+        let (table, poses, memory) = worker.geometry()?;
+        let (own, other) = (memory.near.pairs[k].0 as usize, memory.near.pairs[k].1 as usize);
+        let query = Query::new(table, poses, &mut memory.near);
+        let mut pair = named(&Found { meeting: query.meet(own, other, max_m), own, other });
         if matches!(scene.geoms()[other].kind, GeomType::Hfield | GeomType::Sdf) {
             deepest_of_field(worker, scene, &mut pair)?;
         } else {
@@ -350,22 +336,18 @@ fn field_distance(
     other: usize,
     max_m: f64,
 ) -> Result<PairDistance, SenseError> {
-    let world = World::of(worker)?;
-    let mut movers = Movers::take(worker);
     let own_is_field = matches!(scene.geoms()[own].kind, GeomType::Sdf | GeomType::Hfield);
     let (field, solid) = if own_is_field { (own, other) } else { (other, own) };
-    let met = Finder::new(scene, &world, worker, &mut movers).map(|finder| {
-        if finder.is_convex(solid) {
-            finder.meet(solid, field, max_m)
-        } else {
-            // Of two fields: bounding boxes are a lower bound.
-            let center = finder.pos[solid];
-            let near = finder.box_distance(field, center) - scene.geoms()[solid].bounding_radius_m;
-            Meeting { distance: near.min(max_m), bound: true, ..Meeting::far() }
-        }
-    });
-    movers.put(worker);
-    let met = met?;
+    let (table, poses, memory) = worker.geometry()?;
+    let query = Query::new(table, poses, &mut memory.near);
+    let met = if query.is_convex(solid) {
+        query.meet(solid, field, max_m)
+    } else {
+        // Of two fields: bounding boxes are a lower bound.
+        let near =
+            query.box_distance(field, poses.geom_pos_m[solid]) - scene.geoms()[solid].bounding_radius_m;
+        Meeting { distance: near.min(max_m), bound: true, ..Meeting::far() }
+    };
     let (on_drone_m, on_other_m) =
         if own_is_field { (met.on_second, met.on_first) } else { (met.on_first, met.on_second) };
     Ok(PairDistance { distance_m: met.distance.min(max_m), on_drone_m, on_other_m, exact: !met.bound })

@@ -13,8 +13,8 @@
 use serde::Serialize;
 
 use super::SenseError;
-use super::caster::world::World;
-use super::collide::{Collider, Finder, Movers};
+use super::collide::Collider;
+use crate::geometry::Query;
 use crate::scene::{MAX_PAIR_CONTACTS, PairContacts, RawContact, Scene, Worker};
 
 /// Most contacts that MuJoCo reports for one pair of geoms (mjMAXCONPAIR).
@@ -80,13 +80,9 @@ pub fn contacts_by(
     out: &mut Vec<Contact>,
 ) -> Result<usize, SenseError> {
     out.clear();
-    let world = World::of(worker)?;
-    if collider == Collider::Native && world.solids.alone.is_none() {
+    if collider.is_native(worker)? {
         let scene = worker.scene().clone();
-        let mut movers = Movers::take(worker);
-        let result = contacts_native(worker, &scene, &world, &mut movers, out);
-        movers.put(worker);
-        return result;
+        return contacts_native(worker, &scene, out);
     }
     let count = worker.collide()?;
     let scene = worker.scene();
@@ -102,25 +98,21 @@ pub fn contacts_by(
     Ok(limited)
 }
 
-fn contacts_native(
-    worker: &mut Worker,
-    scene: &Scene,
-    world: &World,
-    movers: &mut Movers,
-    out: &mut Vec<Contact>,
-) -> Result<usize, SenseError> {
-    {
-        let finder = Finder::new(scene, world, worker, movers)?;
-        movers.touches.clear();
-        for drone in 0..scene.n_drones() {
-            finder.touching(movers, drone)?;
-        }
+fn contacts_native(worker: &mut Worker, scene: &Scene, out: &mut Vec<Contact>) -> Result<usize, SenseError> {
+    let (table, poses, memory) = worker.geometry()?;
+    let memory = &mut memory.near;
+    let query = Query::new(table, poses, memory);
+    memory.touches.clear();
+    for drone in 0..scene.n_drones() {
+        query.touching(memory, drone);
     }
-    movers.touches.sort_unstable_by_key(|t| (t.drone, t.own, t.other));
+    memory.touches.sort_unstable_by_key(|t| (t.drone, t.own, t.other));
+    let n_touches = memory.touches.len();
     let mut limited = 0;
-    let geoms = &world.solids.geoms;
     let mut found = PairContacts::default();
-    for t in &movers.touches {
+    for k in 0..n_touches {
+        let (table, _, memory) = worker.geometry()?;
+        let t = memory.near.touches[k];
         if let Some(met) = &t.ball {
             // From the first to the second.
             let raw = RawContact {
@@ -133,7 +125,8 @@ fn contacts_native(
             out.extend(of_drone(scene, &raw));
             continue;
         }
-        worker.collide_pair(t.own, t.other, geoms[t.own].margin + geoms[t.other].margin, &mut found)?;
+        let margin = table.geoms()[t.own].margin + table.geoms()[t.other].margin;
+        worker.collide_pair(t.own, t.other, margin, &mut found)?;
         limited += usize::from(found.len() == MAX_PER_PAIR);
         out.extend(found.iter().filter_map(|raw| of_drone(scene, &raw)));
     }

@@ -11,9 +11,10 @@ use std::sync::{Arc, Mutex, PoisonError, Weak};
 use serde::{Deserialize, Serialize};
 
 use super::SenseError;
-use super::caster::{self, Caster, Planes, RayPattern, RayQuery, Rule};
+use super::caster::{self, Caster, RayPattern, RayQuery};
+use crate::geometry::ray::{DepthRule, Planes};
 use crate::math::quat;
-use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker};
+use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker, checked_pose};
 
 /// What a pixel of a depth image states, m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -430,7 +431,7 @@ impl Camera {
 
     /// The drone that carries it and that it does not see.
     pub fn own_drone(&self) -> Option<usize> {
-        self.query.own_drone
+        self.query.filter.own_drone
     }
 
     /// Who casts its rays.
@@ -440,7 +441,7 @@ impl Camera {
 
     /// Which groups it sees.
     pub fn groups(&self) -> [bool; 6] {
-        self.query.groups.map(|g| g != 0)
+        self.query.filter.groups
     }
 
     /// The matrix of intrinsics, pixels: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], for image points whose origin is the
@@ -533,7 +534,7 @@ impl Camera {
         let pose = self.pose(worker)?;
         match self.caster {
             Caster::Native => {
-                let rule = Rule {
+                let rule = DepthRule {
                     z_depth: self.kind == DepthKind::ZDepth,
                     near: self.near_m as f32,
                     far: self.far_m as f32,
@@ -626,7 +627,7 @@ pub struct DepthPlanes<'a> {
 }
 
 fn check_mount(pose: Pose) -> Result<Pose, SceneError> {
-    Pose::checked("a camera", pose.pos_m, pose.quat_xyzw)
+    checked_pose(|| "a camera".into(), pose.pos_m, pose.quat_xyzw)
 }
 
 /// One depth image with all that is known about it. Planes are row major, (height × width).

@@ -1,5 +1,6 @@
 //! What can go wrong when drones sense.
 
+use crate::geometry::GeometryError;
 use crate::scene::SceneError;
 
 /// Errors of cameras, contacts, clearances and swept checks.
@@ -43,4 +44,15 @@ pub enum SenseError {
         /// World and what happened in it, in the order of worlds; at least one.
         failures: Vec<(usize, SenseError)>,
     },
+}
+
+impl From<GeometryError> for SenseError {
+    fn from(error: GeometryError) -> Self {
+        match error {
+            GeometryError::Shape { what, shape, expected, found } => {
+                Self::Shape { what, shape, expected, found }
+            }
+            other => Self::Parameter { what: other.to_string() },
+        }
+    }
 }

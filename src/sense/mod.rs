@@ -8,7 +8,6 @@ pub mod contact;
 pub mod depth;
 pub mod device;
 mod error;
-mod gjk;
 pub mod noise;
 pub mod sensor;
 pub mod sensors;

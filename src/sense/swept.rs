@@ -1,18 +1,17 @@
 //! Swept check: does a drone touch anything between two poses? A fast drone cannot tunnel through a thin wall.
 //!
-//! Conservative advancement (Mirtich, "Impulse-based dynamic simulation of rigid body systems", PhD thesis, Berkeley,
-//! 1996, section 2.3.2): at each pose between the two, the distance of a pair of geoms bounds from below how far the
-//! drone can move before they touch. Between convex shapes the plane between the closest points bounds it by the
-//! speed along the normal only, so flight along a wall takes few steps.
+//! How: [`geometry::sweep`](crate::geometry::sweep).
 
 use serde::Serialize;
 
 use super::SenseError;
-use super::caster::world::World;
-use super::clearance::{PairDistance, box_distance, pair_distance};
-use super::collide::{Collider, Finder, Movers};
-use crate::math::{quat, vec3};
-use crate::scene::{GeomType, Pose, Scene, Worker, checked_pose};
+use super::clearance::{box_distance, pair_distance};
+use super::collide::Collider;
+use crate::geometry::Query;
+pub use crate::geometry::sweep::TOUCH_M;
+use crate::geometry::sweep::{GeomPlace, Touch, Way, first_touch};
+use crate::math::vec3;
+use crate::scene::{Pose, Scene, SceneError, Worker, checked_pose};
 
 /// The first touch on the way.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -41,11 +40,24 @@ pub struct SweptHit {
     pub exact: bool,
 }
 
-/// Surfaces nearer than this touch, m (plus twice the scene's `ccd_tolerance`, 1e-6 m by default).
-pub const TOUCH_M: f64 = 1e-5;
-
-/// Steps after which a way along a surface, a hair beyond [`TOUCH_M`], counts as a touch.
-const MAX_STEPS: usize = 10_000;
+impl SweptHit {
+    fn of(touch: &Touch, scene: &Scene) -> Self {
+        let other = &scene.geoms()[touch.other];
+        Self {
+            fraction: touch.fraction,
+            pos_m: touch.pose.pos_m,
+            quat_xyzw: touch.pose.quat_xyzw,
+            drone_geom: touch.own as i32,
+            other_geom: touch.other as i32,
+            other_body: other.body_id as i32,
+            other_drone: other.drone,
+            point_m: touch.point_m,
+            normal: touch.normal,
+            distance_m: touch.distance_m,
+            exact: touch.exact,
+        }
+    }
+}
 
 /// First touch of a drone that moves from one pose to another, positions along a line, rotation about one axis at a
 /// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles sweep against their poses at the
@@ -145,45 +157,42 @@ fn swept_without(
     leave: &dyn Fn(usize) -> bool,
 ) -> Result<Option<SweptHit>, SenseError> {
     let scene = worker.scene().clone();
-    let world = World::of(worker)?;
+    let native = collider.is_native(worker)?;
     scene.drone_body(drone)?;
     let who = || format!("drone {drone} in a swept check");
     let from = checked_pose(who, from.pos_m, from.quat_xyzw)?;
     let to = checked_pose(who, to.pos_m, to.quat_xyzw)?;
     let way = Way::new(from, to);
-    let radius = scene.drone_radius_m(drone)?;
-
-    // Whatever is farther from the middle of the way than half the way plus the drone is never reached.
-    let middle = [0, 1, 2].map(|k| 0.5 * (from.pos_m[k] + to.pos_m[k]));
-    let touch = TOUCH_M + 2.0 * scene.ccd_tolerance();
-    let reach = 0.5 * way.length + radius + 2.0 * touch;
     let mut near = std::mem::take(&mut worker.scratch.bounds);
     let mut places = std::mem::take(&mut worker.scratch.places);
-    near.clear();
-    let result = if collider == Collider::Native && world.solids.alone.is_none() {
-        let mut movers = Movers::take(worker);
-        let result = Finder::new(&scene, &world, worker, &mut movers).map_err(SenseError::from);
-        let result = result.and_then(|finder| {
-            worker.drone_geom_places(drone, &mut places)?;
-            finder.within(&movers, drone, middle, reach, &mut near)?;
-            let measure = |pose: &Pose, number: usize, own, other, limit| {
-                let (local, turned) = &places[number];
-                Ok(finder.distance_at(pose, local, turned, own, other, limit))
-            };
-            first_touch(&scene, drone, &way, &mut near, leave, &places, measure)
-        });
-        movers.put(worker);
-        match result {
-            // How deep they overlap only MuJoCo says.
-            Ok(Some(hit)) if hit.distance_m <= 0.0 => deepened(worker, &scene, drone, hit, &places).map(Some),
-            other => other,
-        }
+    let result = if native {
+        swept_native(worker, &scene, drone, &way, &mut near, leave, &mut places)
     } else {
-        swept_mujoco(worker, &scene, drone, &way, middle, reach, &mut near, leave, &mut places)
+        swept_mujoco(worker, &scene, drone, &way, &mut near, leave, &mut places)
     };
     worker.scratch.bounds = near;
     worker.scratch.places = places;
     result
+}
+
+fn swept_native(
+    worker: &mut Worker,
+    scene: &Scene,
+    drone: usize,
+    way: &Way,
+    near: &mut Vec<(f64, usize)>,
+    leave: &dyn Fn(usize) -> bool,
+    places: &mut Vec<GeomPlace>,
+) -> Result<Option<SweptHit>, SenseError> {
+    worker.drone_geom_places(drone, places)?;
+    let (table, poses, memory) = worker.geometry()?;
+    let query = Query::new(table, poses, &mut memory.near);
+    let hit = query.sweep(&memory.near, drone, way, places, near, leave);
+    match hit.map(|touch| SweptHit::of(&touch, scene)) {
+        // How deep they overlap only MuJoCo says.
+        Some(hit) if hit.distance_m <= 0.0 => deepened(worker, scene, drone, hit, places).map(Some),
+        other => Ok(other),
+    }
 }
 
 fn swept_mujoco(
@@ -191,13 +200,14 @@ fn swept_mujoco(
     scene: &Scene,
     drone: usize,
     way: &Way,
-    middle: [f64; 3],
-    reach: f64,
     near: &mut Vec<(f64, usize)>,
     leave: &dyn Fn(usize) -> bool,
-    places: &mut Vec<([f64; 3], [f64; 9])>,
+    places: &mut Vec<GeomPlace>,
 ) -> Result<Option<SweptHit>, SenseError> {
+    // Whatever is farther from the middle of the way than half the way plus the drone is never reached.
+    let (middle, reach) = way.reach(worker.table()?, scene.drone_radius_m(drone)?);
     worker.drone_geom_places(drone, places)?;
+    near.clear();
     for geom in scene.geoms() {
         if geom.drone == Some(drone) || !geom.can_collide() {
             continue;
@@ -210,16 +220,18 @@ fn swept_mujoco(
     if near.is_empty() {
         return Ok(None);
     }
+    // As the scene lends it, since the closure below moves the worker's geoms; it was made above.
+    let table = scene.table().ok_or(SceneError::Stale { asked: "a swept check" })?;
     let measure = |pose: &Pose, _: usize, own, other, limit| {
         worker.move_drone_geoms(drone, pose, places)?;
         pair_distance(worker, scene, own, other, limit)
     };
-    let result = first_touch(scene, drone, way, near, leave, places, measure);
+    let result = first_touch(table, drone, way, near, leave, places, measure);
     // Puts the geoms back.
     let back = worker.update();
-    let hit = result?;
+    let touch = result?;
     back?;
-    Ok(hit)
+    Ok(touch.map(|touch| SweptHit::of(&touch, scene)))
 }
 
 /// A hit with the depth and the points that MuJoCo finds.
@@ -228,7 +240,7 @@ fn deepened(
     scene: &Scene,
     drone: usize,
     mut hit: SweptHit,
-    places: &[([f64; 3], [f64; 9])],
+    places: &[GeomPlace],
 ) -> Result<SweptHit, SenseError> {
     let pose = Pose { pos_m: hit.pos_m, quat_xyzw: hit.quat_xyzw };
     let (Ok(own), Ok(other)) = (usize::try_from(hit.drone_geom), usize::try_from(hit.other_geom)) else {
@@ -241,138 +253,4 @@ fn deepened(
     hit.distance_m = pair.distance_m;
     hit.point_m = [0, 1, 2].map(|k| 0.5 * (pair.on_drone_m[k] + pair.on_other_m[k]));
     Ok(hit)
-}
-
-/// A motion between two poses.
-struct Way {
-    from: Pose,
-    delta: [f64; 3],
-    length: f64,
-    /// Rotation vector in the body frame, rad.
-    turn: [f64; 3],
-    angle: f64,
-}
-
-impl Way {
-    fn new(from: Pose, to: Pose) -> Self {
-        let delta = [0, 1, 2].map(|k| to.pos_m[k] - from.pos_m[k]);
-        let mut q = quat::mul(quat::conjugate(from.quat_xyzw), to.quat_xyzw);
-        if q[3] < 0.0 {
-            q = q.map(|x| -x);
-        }
-        let sine = (q[0] * q[0] + q[1] * q[1] + q[2] * q[2]).sqrt();
-        let angle = 2.0 * sine.atan2(q[3]);
-        let scale = if sine > 1e-12 { angle / sine } else { 2.0 };
-        Self {
-            from,
-            delta,
-            length: delta.iter().map(|x| x * x).sum::<f64>().sqrt(),
-            turn: [q[0] * scale, q[1] * scale, q[2] * scale],
-            angle,
-        }
-    }
-
-    fn at(&self, s: f64) -> Pose {
-        let turned = quat::exp(self.turn.map(|x| x * s));
-        Pose {
-            pos_m: [0, 1, 2].map(|k| self.from.pos_m[k] + s * self.delta[k]),
-            quat_xyzw: quat::normalize(quat::mul(self.from.quat_xyzw, turned)),
-        }
-    }
-}
-
-fn is_convex(kind: GeomType) -> bool {
-    !matches!(kind, GeomType::Hfield | GeomType::Sdf)
-}
-
-/// First touch with the geoms `near` (sorted here), by a `measure` of the distance of two geoms below a limit: at a pose of
-/// the drone, for its geom of that number.
-fn first_touch(
-    scene: &Scene,
-    drone: usize,
-    way: &Way,
-    near: &mut [(f64, usize)],
-    leave: &dyn Fn(usize) -> bool,
-    places: &[([f64; 3], [f64; 9])],
-    mut measure: impl FnMut(&Pose, usize, usize, usize, f64) -> Result<PairDistance, SenseError>,
-) -> Result<Option<SweptHit>, SenseError> {
-    near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut best: Option<SweptHit> = None;
-    for &(_, other) in near.iter().filter(|(_, other)| !leave(*other)) {
-        for (n, &own) in scene.drone_geoms(drone)?.iter().enumerate() {
-            let info = &scene.geoms()[own];
-            if !info.can_collide() {
-                continue;
-            }
-            let offset = places[n].0.iter().map(|x| x * x).sum::<f64>().sqrt();
-            let arm = offset + info.bounding_radius_m;
-            let end = best.map_or(1.0, |b| b.fraction);
-            let gap = |pose: &Pose, limit: f64| measure(pose, n, own, other, limit);
-            if let Some(hit) = touch_of_pair(scene, way, own, other, arm, end, gap)? {
-                let earlier = best.is_none_or(|b| hit.fraction < b.fraction);
-                if earlier {
-                    best = Some(hit);
-                }
-            }
-        }
-    }
-    Ok(best)
-}
-
-/// First touch of one pair before `end`.
-fn touch_of_pair(
-    scene: &Scene,
-    way: &Way,
-    own: usize,
-    other: usize,
-    arm: f64,
-    end: f64,
-    mut measure: impl FnMut(&Pose, f64) -> Result<PairDistance, SenseError>,
-) -> Result<Option<SweptHit>, SenseError> {
-    let convex = is_convex(scene.geoms()[own].kind) && is_convex(scene.geoms()[other].kind);
-    let fastest = way.length + way.angle * arm;
-    let tolerance = scene.ccd_tolerance();
-    let touch = TOUCH_M + 2.0 * tolerance;
-    let mut s = 0.0;
-    for step in 0..MAX_STEPS {
-        let pose = way.at(s);
-        let horizon = fastest * (end - s) + 2.0 * touch;
-        let pair = measure(&pose, horizon)?;
-        let gap = pair.distance_m;
-        if gap >= horizon {
-            return Ok(None);
-        }
-        let apart = [0, 1, 2].map(|k| pair.on_drone_m[k] - pair.on_other_m[k]);
-        let size = apart.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if gap <= touch || step + 1 == MAX_STEPS {
-            let normal = if size > 0.0 && gap > 0.0 { apart.map(|x| x / size) } else { [0.0; 3] };
-            return Ok(Some(SweptHit {
-                fraction: s,
-                pos_m: pose.pos_m,
-                quat_xyzw: pose.quat_xyzw,
-                drone_geom: own as i32,
-                other_geom: other as i32,
-                other_body: scene.geoms()[other].body_id as i32,
-                other_drone: scene.geoms()[other].drone,
-                point_m: [0, 1, 2].map(|k| 0.5 * (pair.on_drone_m[k] + pair.on_other_m[k])),
-                normal,
-                distance_m: gap,
-                exact: pair.exact,
-            }));
-        }
-        let closing = if convex && pair.exact && size > 0.0 {
-            let along = (0..3).map(|k| apart[k] * way.delta[k]).sum::<f64>() / size;
-            // Closest points are known to the tolerance, the normal to the tolerance over the gap.
-            (-along).max(0.0) + way.length * (2.0 * tolerance / size).min(1.0) + way.angle * arm
-        } else {
-            fastest
-        };
-        // Stop half a touch short, so that neither rounding nor tolerance steps over the surface.
-        let free = gap - tolerance - 0.5 * TOUCH_M;
-        if closing * (end - s) <= free {
-            return Ok(None);
-        }
-        s += free / closing;
-    }
-    Ok(None)
 }

@@ -6,11 +6,11 @@ use mujoco_rs::mujoco_c as ffi;
 use mujoco_rs::prelude::MjModel;
 
 use super::{
-    BodyInfo, CameraInfo, CameraMode, GeomInfo, GeomType, Inner, ObstacleInfo, ObstacleKind, Shell, SiteInfo,
+    BodyInfo, CameraInfo, CameraMode, GeomInfo, Inner, ObstacleInfo, ObstacleKind, Shell, SiteInfo,
     check_numbers, geom_color, hash_of, physics_remarks, shell_radius, slice,
 };
 use crate::math::{quat, vec3};
-use crate::scene::{SceneError, sync};
+use crate::scene::{GeomType, SceneError, sync};
 
 /// Arrays of a compiled model, and whose the bodies are.
 struct Compiled<'a> {
@@ -75,7 +75,7 @@ pub(super) fn describe(
         needs_com,
         n_flex,
         n_skin,
-        kept: OnceLock::new(),
+        table: OnceLock::new(),
     })
 }
 

@@ -1,25 +1,24 @@
 //! MuJoCo's own rays: the reference, and the only ones that know signed distance fields.
 
-use super::super::SenseError;
-use super::pattern::RayPattern;
-use super::world::World;
-use super::{Query, unit};
+use super::RayQuery;
+use crate::geometry::ray::{DepthRule, Planes, RayPattern, Rays};
 use crate::math::quat;
 use crate::scene::{Pose, RayHit, RayScratch, Scene, Worker};
+use crate::sense::SenseError;
 
 /// How far behind a surface of its own drone a ray starts anew, m.
 const STEP_BEYOND_M: f64 = 1e-9;
 
-fn own(scene: &Scene, query: &Query, geom: i32) -> bool {
-    query.own_drone.is_some()
-        && usize::try_from(geom).is_ok_and(|g| scene.geoms()[g].drone == query.own_drone)
+fn own(scene: &Scene, query: &RayQuery, geom: i32) -> bool {
+    query.filter.own_drone.is_some()
+        && usize::try_from(geom).is_ok_and(|g| scene.geoms()[g].drone == query.filter.own_drone)
 }
 
 /// Casts `scratch.directions` (world, unit) from one point; distances (−1 for none), geoms and, where wanted, normals
 /// stand in `scratch` afterwards.
 pub(in super::super) fn many(
     worker: &mut Worker,
-    query: &Query,
+    query: &RayQuery,
     origin: [f64; 3],
     scratch: &mut RayScratch,
     want_normals: bool,
@@ -31,8 +30,8 @@ pub(in super::super) fn many(
     worker.rays(
         origin,
         &scratch.directions,
-        Some(&query.groups),
-        query.own_body,
+        Some(&query.filter.groups.map(u8::from)),
+        query.filter.own_body,
         &mut scratch.distances,
         &mut scratch.geoms,
         want_normals.then_some(&mut scratch.normals[..]),
@@ -65,7 +64,7 @@ pub(in super::super) fn many(
 fn beyond(
     worker: &mut Worker,
     scene: &Scene,
-    query: &Query,
+    query: &RayQuery,
     origin: [f64; 3],
     direction: [f64; 3],
     mut travelled: f64,
@@ -73,7 +72,9 @@ fn beyond(
     loop {
         travelled += STEP_BEYOND_M;
         let from = [0, 1, 2].map(|k| origin[k] + travelled * direction[k]);
-        let Some(hit) = worker.ray(from, direction, Some(&query.groups), query.own_body)? else {
+        let Some(hit) =
+            worker.ray(from, direction, Some(&query.filter.groups.map(u8::from)), query.filter.own_body)?
+        else {
             return Ok(None);
         };
         travelled += hit.distance;
@@ -86,11 +87,12 @@ fn beyond(
 /// One ray (unit direction).
 pub(super) fn one(
     worker: &mut Worker,
-    query: &Query,
+    query: &RayQuery,
     origin: [f64; 3],
     direction: [f64; 3],
 ) -> Result<Option<RayHit>, SenseError> {
-    let hit = worker.ray(origin, direction, Some(&query.groups), query.own_body)?;
+    let hit =
+        worker.ray(origin, direction, Some(&query.filter.groups.map(u8::from)), query.filter.own_body)?;
     match hit {
         Some(hit) if query.compound => {
             let scene = worker.scene().clone();
@@ -104,74 +106,65 @@ pub(super) fn one(
     }
 }
 
-/// Adds to a frame what only MuJoCo's rays see: rays that may meet such a geom are cast by MuJoCo, and its answer stands
-/// where it is such a geom.
-pub(super) fn foreign(
+/// Whether only MuJoCo's rays know a geom.
+pub(super) fn is_foreign(worker: &Worker, geom: usize) -> bool {
+    worker.table().is_ok_and(|table| table.geoms()[geom].foreign)
+}
+
+/// One frame in which there may be geoms that only MuJoCo's rays know: rays that may meet one are cast by MuJoCo too, and its answer
+/// stands where it is such a geom.
+pub(super) fn render(
     worker: &mut Worker,
-    world: &World,
-    query: &Query,
     pose: &Pose,
     pattern: &RayPattern,
-    ranges: &mut [f32],
-    geoms: &mut [i32],
-    mut normals: Option<&mut [[f32; 3]]>,
+    query: &RayQuery,
+    rule: DepthRule,
+    mut planes: Planes,
 ) -> Result<(), SenseError> {
     let mut scratch = std::mem::take(&mut worker.scratch);
-    let done = foreign_with(worker, world, query, pose, pattern, ranges, geoms, &mut normals, &mut scratch);
+    let done = render_with(worker, pose, pattern, query, rule, &mut planes, &mut scratch);
     worker.scratch = scratch;
     done
 }
 
-fn foreign_with(
+fn render_with(
     worker: &mut Worker,
-    world: &World,
-    query: &Query,
     pose: &Pose,
     pattern: &RayPattern,
-    ranges: &mut [f32],
-    geoms: &mut [i32],
-    normals: &mut Option<&mut [[f32; 3]]>,
+    query: &RayQuery,
+    rule: DepthRule,
+    planes: &mut Planes,
     scratch: &mut RayScratch,
 ) -> Result<(), SenseError> {
-    let r = quat::matrix(pose.quat_xyzw);
+    let (origin_m, frame, filter) = (pose.pos_m, quat::matrix(pose.quat_xyzw), &query.filter);
     scratch.directions.clear();
     scratch.bounds.clear();
-    {
-        let (pos, mat) = worker.geom_poses()?;
-        for i in 0..pattern.len() {
-            let d = pattern.direction(i);
-            let d = unit([0, 1, 2].map(|k| r[k][0] * d[0] + r[k][1] * d[1] + r[k][2] * d[2]));
-            let meets = world.foreign.iter().any(|id| {
-                let id = *id as usize;
-                let shape = &world.shapes[id];
-                let hull = shape.hull.placed(pos[id], &mat[id]);
-                let c = [0, 1, 2].map(|k| hull.centre[k] - pose.pos_m[k]);
-                let reach = hull.reach();
-                let ahead = c[0] * d[0] + c[1] * d[1] + c[2] * d[2];
-                let square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
-                query.sees(shape)
-                    && square - ahead * ahead <= reach * reach
-                    && ahead >= -reach
-                    && ahead - reach <= f64::from(ranges[i])
-            });
-            if meets {
-                scratch.directions.push(d);
-                scratch.bounds.push((0.0, i));
-            }
+    let (table, poses, memory) = worker.geometry()?;
+    let rays = Rays { table, poses, filter, origin_m, frame, pattern, rule };
+    rays.ranges(&mut memory.rays, planes.normal.as_deref_mut());
+    for i in 0..pattern.len() {
+        let d = rays.direction(i);
+        if rays.may_meet_foreign(d, memory.rays.ranges[i]) {
+            scratch.directions.push(d);
+            scratch.bounds.push((0.0, i));
         }
     }
-    many(worker, query, pose.pos_m, scratch, normals.is_some())?;
+    many(worker, query, origin_m, scratch, planes.normal.is_some())?;
+    let (table, poses, memory) = worker.geometry()?;
+    let (ranges, geoms) = (&mut memory.rays.ranges, &mut memory.rays.geoms);
     for (k, (_, i)) in scratch.bounds.iter().enumerate() {
         let t = scratch.distances[k];
         let Ok(geom) = usize::try_from(scratch.geoms[k]) else { continue };
         // An infinite range is a ray that met nothing of ours.
-        if t >= 0.0 && world.shapes[geom].foreign && t as f32 <= ranges[*i] {
+        if t >= 0.0 && table.geoms()[geom].foreign && t as f32 <= ranges[*i] {
             ranges[*i] = t as f32 + 0.0;
             geoms[*i] = scratch.geoms[k];
-            if let Some(normals) = normals {
+            if let Some(normals) = planes.normal.as_deref_mut() {
                 normals[*i] = scratch.normals[k].map(|x| x as f32);
             }
         }
     }
+    let rays = Rays { table, poses, filter, origin_m, frame, pattern, rule };
+    rays.state(ranges, geoms, planes.reborrow());
     Ok(())
 }

@@ -1,7 +1,7 @@
 //! Ranges along rays: a LiDAR with rings, a row of range finders, a single beam.
 
 use crate::math::{quat, vec3};
-use crate::scene::Pose;
+use crate::scene::{Pose, checked_pose};
 use crate::sense::sensor::{Moment, Sensor, SensorChannel};
 use crate::sense::{RayPattern, RayPlanes, RayQuery, SenseError, cast_pattern};
 
@@ -45,7 +45,7 @@ impl Lidar {
         if !(sigma_m >= 0.0 && sigma_m.is_finite()) {
             return refused(format!("expected noise of at least 0 m, got {sigma_m}"));
         }
-        let mount = Pose::checked(&name, mount.pos_m, mount.quat_xyzw)?;
+        let mount = checked_pose(|| name.clone(), mount.pos_m, mount.quat_xyzw)?;
         Ok(Self { pattern: RayPattern::new(directions)?, name, shape: shape.into(), mount, most_m, sigma_m })
     }
 

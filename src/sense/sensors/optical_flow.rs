@@ -6,7 +6,7 @@
 
 use super::lidar::mounted;
 use crate::math::{quat, vec3};
-use crate::scene::Pose;
+use crate::scene::{Pose, checked_pose};
 use crate::sense::sensor::{Moment, Sensor, SensorChannel};
 use crate::sense::{RayPattern, RayPlanes, RayQuery, SenseError, cast_pattern};
 
@@ -42,7 +42,7 @@ impl OpticalFlow {
                 ),
             });
         }
-        let mount = Pose::checked(&name, mount.pos_m, mount.quat_xyzw)?;
+        let mount = checked_pose(|| name.clone(), mount.pos_m, mount.quat_xyzw)?;
         Ok(Self { beam: RayPattern::new(&[[1.0, 0.0, 0.0]])?, name, mount, most_m, sigma_rad_s })
     }
 

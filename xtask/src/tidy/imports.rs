@@ -17,8 +17,8 @@ const MODULES: &str = "Modules of the root package";
 /// `physics::measure` allows that one file of `physics`; `*` allows all. Every module may import itself.
 const TABLE: &[(&str, &[&str])] = &[
     ("error", &["*"]),
-    ("scene", &["math", "names", "random", "error"]),
-    ("sense", &["scene", "physics::measure", "math", "random", "error"]),
+    ("scene", &["geometry", "math", "names", "random", "error"]),
+    ("sense", &["geometry", "scene", "physics::measure", "math", "random", "error"]),
     ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
     (
         "dataset",
