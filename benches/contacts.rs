@@ -15,7 +15,7 @@ use common::report::{Report, count, figures, number, numbers, shown, word, words
 use common::scenes::{draws, forest, hills};
 use common::{Fallible, ended, machine, median};
 use propwash::scene::{Scene, SceneSource, Shell, Worker, mujoco_version};
-use propwash::sense::{Collider, Contact, clearance_by, contacts_by};
+use propwash::sense::{Collider, Contact, Queries};
 
 /// Finds contacts and clearances of drones in forests, near a mesh, on a height field and in swarms, by Propwash's collider,
 /// by MuJoCo and by its peers in turn, one core each.
@@ -274,10 +274,10 @@ fn query(
     match work {
         0 => return Ok(worker.collide()?),
         1 => {
-            contacts_by(Collider::MuJoCo, worker, found)?;
+            Queries::by(Collider::MuJoCo, worker).contacts(found)?;
         }
         2 => {
-            contacts_by(Collider::Native, worker, found)?;
+            Queries::by(Collider::Native, worker).contacts(found)?;
         }
         3 => {
             let scene = worker.scene().clone();
@@ -294,7 +294,7 @@ fn query(
         _ => {
             let by = if work == 4 { Collider::MuJoCo } else { Collider::Native };
             for drone in 0..world.len() {
-                clearance_by(by, worker, drone, args.max)?;
+                Queries::by(by, worker).clearance(drone, args.max)?;
             }
         }
     }

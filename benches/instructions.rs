@@ -17,9 +17,7 @@ use propwash::physics::controllers::ControlMode;
 use propwash::rollout::{Engine, Sim, SimOptions};
 use propwash::scalar::lanes::{Number, level_name};
 use propwash::scene::{Pose, Scene, SceneSource, Shell, WorkerPool};
-use propwash::sense::{
-    Camera, Clearance, Contact, DepthFrame, DepthKind, Lens, WorldPoses, clearance_batch, contacts_batch,
-};
+use propwash::sense::{Camera, Clearance, Contact, DepthFrame, DepthKind, Lens, WorldPoses, Worlds};
 use propwash::vehicle::Vehicle;
 use serde::{Deserialize, Serialize};
 
@@ -324,7 +322,7 @@ fn contacts(times: usize) -> Fallible<()> {
     let (pool, pos, quat) = drones()?;
     let (mut out, mut limited): (Vec<Vec<Contact>>, Vec<usize>) = Default::default();
     for _ in 0..times {
-        contacts_batch(&pool, &poses(&pos, &quat), &mut out, &mut limited)?;
+        poses(&pos, &quat).within(&pool).contacts(&mut out, &mut limited)?;
     }
     Ok(())
 }
@@ -333,7 +331,7 @@ fn clearances(times: usize) -> Fallible<()> {
     let (pool, pos, quat) = drones()?;
     let mut out: Vec<Clearance> = Vec::new();
     for _ in 0..times {
-        clearance_batch(&pool, &poses(&pos, &quat), 5.0, &mut out)?;
+        poses(&pos, &quat).within(&pool).clearances(5.0, &mut out)?;
     }
     Ok(())
 }

@@ -7,7 +7,7 @@ use propwash::physics::rigid_body::State;
 use propwash::rollout::trajectory::Trajectory;
 use propwash::rollout::{Sim, SimOptions};
 use propwash::scene::{Scene, SceneSource, Shell};
-use propwash::sense::{Camera, DepthFrame, PixelStatus, clearance, contacts};
+use propwash::sense::{Camera, DepthFrame, PixelStatus, Queries};
 use propwash::vehicle::Vehicle;
 
 fn main() -> propwash::Result<()> {
@@ -46,13 +46,13 @@ fn main() -> propwash::Result<()> {
         Err(_) => println!("straight ahead: nothing"),
     }
 
-    let near = clearance(&mut worker, 0, 5.0)?;
+    let near = Queries::at(&mut worker).clearance(0, 5.0)?;
     if near.found {
         let name = scene.geom_label(near.other_geom as usize);
         println!("nearest obstacle: {name}, {:.3} m away at {:.3?} m", near.distance_m, near.on_other_m);
     }
     let mut touching = Vec::new();
-    contacts(&mut worker, &mut touching)?;
+    Queries::at(&mut worker).contacts(&mut touching)?;
     println!("contacts: {}", touching.iter().filter(|c| c.touches()).count());
     Ok(())
 }

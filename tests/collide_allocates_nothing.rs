@@ -9,7 +9,7 @@ mod scenes;
 use allocations::allocations;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{Pose, Shell, Worker};
-use propwash::sense::{clearance, contacts, swept};
+use propwash::sense::{Queries, Sweep};
 use scenes::{build, random_quat};
 
 fn draws() -> Stream {
@@ -25,14 +25,14 @@ fn round(worker: &mut Worker, s: &mut Stream, found: &mut Vec<propwash::sense::C
         }
         worker.set_obstacle(0, [0; 3].map(|_| s.uniform(-1.0, 1.0)), random_quat(s)).unwrap();
         worker.update().unwrap();
-        contacts(worker, found).unwrap();
+        Queries::at(worker).contacts(found).unwrap();
         total += found.len();
         for drone in 0..n {
-            clearance(worker, drone, 2.0).unwrap();
+            Queries::at(worker).clearance(drone, 2.0).unwrap();
         }
         let pose = |s: &mut Stream| Pose::new([0; 3].map(|_| s.uniform(-1.0, 1.0)), random_quat(s));
         let (from, to) = (pose(s), pose(s));
-        swept(worker, 0, from, to).unwrap();
+        Queries::at(worker).swept(&Sweep::new(0, from, to)).unwrap();
     }
     total
 }

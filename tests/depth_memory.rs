@@ -8,8 +8,7 @@ use std::fmt::Write as _;
 use allocations::used;
 use propwash::scene::{Pose, Scene, SceneSource, Shell, Worker, WorkerPool};
 use propwash::sense::{
-    Camera, Caster, DepthBatch, DepthFrame, DepthKind, RayPattern, RayPlanes, RayQuery, WorldPoses,
-    cast_pattern, render_batch,
+    Camera, Caster, DepthBatch, DepthFrame, DepthKind, Queries, RayPattern, RayPlanes, RayQuery, WorldPoses,
 };
 
 /// `n` posts on a floor, a mesh, a height field, and a drone with a camera.
@@ -105,7 +104,7 @@ fn no_frame_allocates_once_the_worker_has_seen_its_size() {
         let pose = Pose::new([0.0, 0.0, z], [0.0, 0.0, 0.0, 1.0]);
         let planes =
             RayPlanes { range_m: Some(&mut range), normal: Some(&mut normal), ..RayPlanes::default() };
-        cast_pattern(&mut worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+        Queries::at(&mut worker).pattern(&pose, &pattern, &RayQuery::default(), planes).unwrap();
     };
     cast(50.0);
     let (_, _, count) = used(|| cast(0.5));
@@ -134,7 +133,7 @@ fn depth_of_1024_worlds_takes_less_than_twice_its_output() {
     let (out, bytes, _) = used(|| {
         let camera = Camera::on_drone(&scene, 0, "fpv").unwrap().with_size(64, 64).unwrap();
         let mut out = DepthBatch::default();
-        render_batch(&WorkerPool::new(&scene), &[camera], &poses, &mut out).unwrap();
+        out.render(&poses.within(&WorkerPool::new(&scene)), &[camera]).unwrap();
         out
     });
     let output = 13 * out.depth_m.len() + WORLDS * size_of::<Pose>();

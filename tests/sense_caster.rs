@@ -14,8 +14,8 @@ use propwash::random::Stream;
 use propwash::scene::{GeomType, Pose, Scene, Shell, Worker};
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
-    Camera, Caster, DepthFrame, DepthKind, DepthPlanes, Lens, RayHits, RayPattern, RayPlanes, RayQuery,
-    SenseError, cast_pattern, cast_rays,
+    Camera, Caster, DepthFrame, DepthKind, DepthPlanes, Lens, Queries, RayHits, RayPattern, RayPlanes,
+    RayQuery, SenseError,
 };
 use rays::{Agreement, GROUPS, draws, mixed, origin, own_kinds, zoo};
 use scenes::{build, random_quat, random_unit};
@@ -126,7 +126,7 @@ fn single_rays_agree_with_mj_ray_for_every_geom_type() {
         let origins: Vec<_> = (0..n).map(|_| origin(&scene, &worker, &mut s)).collect();
         let directions: Vec<_> = (0..n).map(|_| random_unit(&mut s).map(|x| x * (0.5 + s.unit()))).collect();
         let mut hits = RayHits::default();
-        cast_rays(&mut worker, &origins, &directions, &RayQuery::default(), &mut hits).unwrap();
+        Queries::at(&mut worker).rays(&origins, &directions, &RayQuery::default(), &mut hits).unwrap();
         let (mut flips, mut seen, mut normals) = (0, 0, 0);
         for i in 0..n {
             let length = directions[i].iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -334,10 +334,10 @@ fn lidar_patterns_see_what_single_rays_see() {
             normal: Some(&mut normal),
             body_id: None,
         };
-        cast_pattern(&mut worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+        Queries::at(&mut worker).pattern(&pose, &pattern, &RayQuery::default(), planes).unwrap();
         let world: Vec<_> = directions.iter().map(|d| quat::rotate(pose.quat_xyzw, *d)).collect();
         let mut hits = RayHits::default();
-        cast_rays(&mut worker, &vec![pose.pos_m; n], &world, &RayQuery::default(), &mut hits).unwrap();
+        Queries::at(&mut worker).rays(&vec![pose.pos_m; n], &world, &RayQuery::default(), &mut hits).unwrap();
         let mut odd = 0;
         for i in 0..n {
             if geom[i] != hits.geom_id[i] {
@@ -372,25 +372,28 @@ fn rays_that_cannot_be_cast_are_named() {
         assert!(message.contains("ray 1"), "{message}");
         let mut hits = RayHits::default();
         let query = RayQuery::default();
-        let message = cast_rays(&mut worker, &[[0.0; 3]], &[bad], &query, &mut hits).unwrap_err().to_string();
+        let message =
+            Queries::at(&mut worker).rays(&[[0.0; 3]], &[bad], &query, &mut hits).unwrap_err().to_string();
         assert!(message.contains("ray 0"), "{message}");
     }
     let empty = RayPattern::new(&[]).unwrap();
     assert!(empty.is_empty());
-    cast_pattern(&mut worker, &Pose::default(), &empty, &RayQuery::default(), RayPlanes::default()).unwrap();
+    Queries::at(&mut worker)
+        .pattern(&Pose::default(), &empty, &RayQuery::default(), RayPlanes::default())
+        .unwrap();
     let pattern = RayPattern::new(&[[1.0, 0.0, 0.0]; 3]).unwrap();
     let mut short = [0.0; 2];
     let planes = RayPlanes { range_m: Some(&mut short), ..RayPlanes::default() };
     let query = RayQuery::default();
-    assert!(cast_pattern(&mut worker, &Pose::default(), &pattern, &query, planes).is_err());
+    assert!(Queries::at(&mut worker).pattern(&Pose::default(), &pattern, &query, planes).is_err());
     for (query, name) in
         [(RayQuery::default().without_body(7), "body 7"), (query_of_another_scene(), "drone 0")]
     {
-        let told = cast_pattern(&mut worker, &Pose::default(), &pattern, &query, RayPlanes::default());
+        let told = Queries::at(&mut worker).pattern(&Pose::default(), &pattern, &query, RayPlanes::default());
         let message = told.unwrap_err().to_string();
         assert!(message.contains(name) && message.contains("does not exist"), "{message}");
         let mut hits = RayHits::default();
-        let told = cast_rays(&mut worker, &[[0.0; 3]], &[[1.0, 0.0, 0.0]], &query, &mut hits);
+        let told = Queries::at(&mut worker).rays(&[[0.0; 3]], &[[1.0, 0.0, 0.0]], &query, &mut hits);
         assert_eq!(told.unwrap_err().to_string(), message);
     }
     // MuJoCo's own rays say it too; without the check its answer is that of all bodies.
@@ -401,7 +404,7 @@ fn rays_that_cannot_be_cast_are_named() {
     let (mut distances, mut geoms) = ([0.0], [0]);
     assert!(worker.rays(at, &[along], None, Some(7), &mut distances, &mut geoms, None).is_err());
     let nowhere = Pose::new([f64::NAN; 3], LEVEL);
-    assert!(cast_pattern(&mut worker, &nowhere, &pattern, &query, RayPlanes::default()).is_err());
+    assert!(Queries::at(&mut worker).pattern(&nowhere, &pattern, &query, RayPlanes::default()).is_err());
 }
 
 /// Rays along the axes and through edges and corners, where divisions by zero lurk.
@@ -427,7 +430,8 @@ fn rays_along_axes_through_edges_and_corners_are_finite() {
             let pos = [centre + place[0], place[1], place[2]];
             let mut range = vec![0.0; pattern.len()];
             let planes = RayPlanes { range_m: Some(&mut range), ..RayPlanes::default() };
-            cast_pattern(&mut worker, &Pose::new(pos, LEVEL), &pattern, &RayQuery::default(), planes)
+            Queries::at(&mut worker)
+                .pattern(&Pose::new(pos, LEVEL), &pattern, &RayQuery::default(), planes)
                 .unwrap();
             for i in 0..pattern.len() {
                 assert!(!range[i].is_nan() && range[i] >= 0.0, "{pos:?} {:?}: {}", directions[i], range[i]);
@@ -527,7 +531,7 @@ fn large_images_and_narrow_lenses_work() {
 #[test]
 fn batches_and_threads_change_no_bit() {
     use propwash::scene::WorkerPool;
-    use propwash::sense::{DepthBatch, WorldPoses, render_batch};
+    use propwash::sense::{DepthBatch, WorldPoses};
     let mut s = draws(11);
     let shell = Shell {
         name: "ball".into(),
@@ -553,7 +557,7 @@ fn batches_and_threads_change_no_bit() {
         };
         let mut out = DepthBatch::default();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| render_batch(&WorkerPool::new(&scene), &cameras, &poses, &mut out)).unwrap();
+        pool.install(|| out.render(&poses.within(&WorkerPool::new(&scene)), &cameras)).unwrap();
         out
     };
     let all = batch(0, n, 1);
@@ -580,6 +584,6 @@ fn a_ring_of_beams_meets_the_ball_ahead_and_nothing_behind() {
     let pattern = RayPattern::new(&ring).unwrap();
     let mut range_m = vec![0.0; pattern.len()];
     let planes = RayPlanes { range_m: Some(&mut range_m), ..RayPlanes::default() };
-    cast_pattern(&mut worker, &Pose::default(), &pattern, &RayQuery::default(), planes).unwrap();
+    Queries::at(&mut worker).pattern(&Pose::default(), &pattern, &RayQuery::default(), planes).unwrap();
     assert_eq!((range_m[0], range_m[180]), (2.0, f32::INFINITY));
 }

@@ -5,10 +5,7 @@ mod scenes;
 
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, Shell, Worker, WorkerPool};
-use propwash::sense::{
-    Clearance, Collider, Contact, WorldPoses, clearance_batch, clearance_by, contacts_batch, contacts_by,
-    swept_by,
-};
+use propwash::sense::{Clearance, Collider, Contact, Queries, Sweep, WorldPoses, Worlds};
 use scenes::{build, random_quat};
 
 /// Contacts of the one that the other does not find have a signed distance of less than this, m, beyond the margin. The
@@ -78,7 +75,7 @@ fn place(worker: &mut Worker, drone: usize, pos: [f64; 3], s: &mut Stream) {
 fn both(worker: &mut Worker) -> [Vec<Contact>; 2] {
     [Collider::Native, Collider::MuJoCo].map(|by| {
         let mut out = Vec::new();
-        contacts_by(by, worker, &mut out).unwrap();
+        Queries::by(by, worker).contacts(&mut out).unwrap();
         // Stable: the contacts of one pair keep their order.
         out.sort_by_key(|c| (c.drone, c.drone_geom, c.other_geom));
         out
@@ -150,7 +147,7 @@ fn same_contacts(
 }
 
 fn nearest(worker: &mut Worker, drone: usize, max: f64) -> [Clearance; 2] {
-    [Collider::Native, Collider::MuJoCo].map(|by| clearance_by(by, worker, drone, max).unwrap())
+    [Collider::Native, Collider::MuJoCo].map(|by| Queries::by(by, worker).clearance(drone, max).unwrap())
 }
 
 /// Distances and points of both.
@@ -405,7 +402,7 @@ fn both_colliders_sweep_to_the_same_touch() {
                 .unwrap();
             worker.update().unwrap();
             let [ours, theirs] = [Collider::Native, Collider::MuJoCo]
-                .map(|by| swept_by(by, &mut worker, 0, from, to, &[]).unwrap());
+                .map(|by| Queries::by(by, &mut worker).swept(&Sweep::new(0, from, to)).unwrap());
             match (ours, theirs) {
                 (Some(a), Some(b)) => {
                     hits += 1;
@@ -443,8 +440,8 @@ fn many_worlds_do_not_depend_on_threads() {
         let (mut touching, mut limited, mut near) = (Vec::new(), Vec::new(), Vec::new());
         let errors = pool.install(|| {
             [
-                contacts_batch(&workers, &poses, &mut touching, &mut limited).err(),
-                clearance_batch(&workers, &poses, 2.0, &mut near).err(),
+                poses.within(&workers).contacts(&mut touching, &mut limited).err(),
+                poses.within(&workers).clearances(2.0, &mut near).err(),
             ]
         });
         (touching, limited, near, errors.map(|e| e.map(|e| e.to_string())))

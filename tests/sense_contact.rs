@@ -6,9 +6,7 @@ mod scenes;
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker};
-use propwash::sense::{
-    Collider, Contact, SenseError, TOUCH_M, clearance, contacts, contacts_by, swept, swept_pair,
-};
+use propwash::sense::{Collider, Contact, Queries, SenseError, Sweep, TOUCH_M};
 use scenes::{build, random_quat};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -47,7 +45,7 @@ fn touching(worker: &mut Worker, at: &[[f64; 3]]) -> Vec<Contact> {
     }
     worker.update().unwrap();
     let mut found = Vec::new();
-    contacts(worker, &mut found).unwrap();
+    Queries::at(worker).contacts(&mut found).unwrap();
     found
 }
 
@@ -122,7 +120,7 @@ fn a_drone_does_not_touch_itself() {
     let scene = build("<mujoco/>", &[folded]);
     let mut worker = scene.worker().unwrap();
     assert_eq!(touching(&mut worker, &[[0.0; 3]]), []);
-    let c = clearance(&mut worker, 0, 5.0).unwrap();
+    let c = Queries::at(&mut worker).clearance(0, 5.0).unwrap();
     assert!(!c.found && c.distance_m == 5.0);
 }
 
@@ -167,7 +165,7 @@ fn contacts_that_do_not_fit_are_an_error_and_not_fewer_contacts() {
         let mut worker = scene.worker().unwrap();
         let mut found = Vec::new();
         for _ in 0..3 {
-            let error = contacts_by(Collider::MuJoCo, &mut worker, &mut found).unwrap_err();
+            let error = Queries::by(Collider::MuJoCo, &mut worker).contacts(&mut found).unwrap_err();
             let message = error.to_string();
             assert!(message.contains("memory"), "{message}");
             assert!(
@@ -180,14 +178,14 @@ fn contacts_that_do_not_fit_are_an_error_and_not_fewer_contacts() {
             // The process lives and the worker can still be used.
             worker.set_drone(0, [3.0, 0.0, 0.25], LEVEL).unwrap();
             worker.update().unwrap();
-            let c = clearance(&mut worker, 0, 10.0).unwrap();
+            let c = Queries::at(&mut worker).clearance(0, 10.0).unwrap();
             assert!((c.distance_m - 1.9).abs() < 1e-6, "{c:?}");
         }
         // The native collider has no arena to fill.
-        assert_eq!(contacts(&mut worker, &mut found).unwrap(), 0);
+        assert_eq!(Queries::at(&mut worker).contacts(&mut found).unwrap(), 0);
         // With room, all is found.
         let roomy = Scene::build(&source, &[ball(0.1)]).unwrap();
-        contacts_by(Collider::MuJoCo, &mut roomy.worker().unwrap(), &mut found).unwrap();
+        Queries::by(Collider::MuJoCo, &mut roomy.worker().unwrap()).contacts(&mut found).unwrap();
         assert!(found.len() >= 30, "{}", found.len());
     }
 }
@@ -205,14 +203,14 @@ fn a_pair_with_more_contacts_than_mujoco_reports_is_said() {
     worker.set_drone(0, [0.0, 0.0, 0.1], LEVEL).unwrap();
     worker.update().unwrap();
     let mut found = Vec::new();
-    assert_eq!(contacts(&mut worker, &mut found).unwrap(), 1);
+    assert_eq!(Queries::at(&mut worker).contacts(&mut found).unwrap(), 1);
     assert_eq!(found.len(), propwash::sense::MAX_PER_PAIR);
-    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    let c = Queries::at(&mut worker).clearance(0, 1.0).unwrap();
     assert!(c.distance_m <= 0.0 && !c.exact, "{c:?}");
     worker.set_drone(0, [0.0, 0.0, 0.3], LEVEL).unwrap();
     worker.update().unwrap();
-    assert_eq!(contacts(&mut worker, &mut found).unwrap(), 0);
-    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    assert_eq!(Queries::at(&mut worker).contacts(&mut found).unwrap(), 0);
+    let c = Queries::at(&mut worker).clearance(0, 1.0).unwrap();
     assert!(c.exact && (c.distance_m - 0.15).abs() < 1e-6, "{c:?}");
 }
 
@@ -226,11 +224,11 @@ fn the_deepest_of_many_overlaps_is_the_clearance() {
     worker.set_drone(0, [0.0, 0.0, 1.1], LEVEL).unwrap();
     worker.set_drone(1, [0.1, 0.0, 1.1], LEVEL).unwrap();
     worker.update().unwrap();
-    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    let c = Queries::at(&mut worker).clearance(0, 1.0).unwrap();
     assert!((c.distance_m + 0.3).abs() < 1e-9 && c.other_drone == Some(1), "{c:?}");
     worker.set_drone(1, [9.0, 0.0, 1.1], LEVEL).unwrap();
     worker.update().unwrap();
-    let c = clearance(&mut worker, 0, 1.0).unwrap();
+    let c = Queries::at(&mut worker).clearance(0, 1.0).unwrap();
     assert!((c.distance_m + 0.2).abs() < 1e-9 && c.other_geom == 2, "{c:?}");
 }
 
@@ -401,7 +399,7 @@ fn clearance_of_a_ball_agrees_with_closed_forms_for_every_type() {
                 let d = sub(pos, gp);
                 let local = [0, 1, 2].map(|k| gm[k] * d[0] + gm[3 + k] * d[1] + gm[6 + k] * d[2]);
                 let Some(expected) = oracle(&scene, 0, local) else { continue };
-                let c = clearance(&mut worker, 0, 100.0).unwrap();
+                let c = Queries::at(&mut worker).clearance(0, 100.0).unwrap();
                 let own = scene.drone_geoms(0).unwrap()[0];
                 let by_mujoco = worker.geom_distance(own, 0, 100.0).unwrap().distance_m;
                 mujoco_differs += usize::from((by_mujoco - c.distance_m).abs() > 1e-3);
@@ -421,7 +419,7 @@ fn clearance_of_a_ball_agrees_with_closed_forms_for_every_type() {
                 // Nothing is nearer than a smaller maximum.
                 let max = 0.5 * c.distance_m;
                 if max > 1e-3 {
-                    let none = clearance(&mut worker, 0, max).unwrap();
+                    let none = Queries::at(&mut worker).clearance(0, max).unwrap();
                     assert!(!none.found && none.distance_m == max);
                 }
             }
@@ -464,7 +462,7 @@ fn clearance_of_a_box_agrees_with_points_on_its_faces() {
             let (pos, q) = ([0; 3].map(|_| s.uniform(-1.2, 1.2)), random_quat(&mut s));
             worker.set_drone(0, pos, q).unwrap();
             worker.update().unwrap();
-            let c = clearance(&mut worker, 0, 9.0).unwrap();
+            let c = Queries::at(&mut worker).clearance(0, 9.0).unwrap();
             let mut sampled = f64::INFINITY;
             const N: i32 = 40;
             for axis in 0..3 {
@@ -517,8 +515,8 @@ fn clearance_and_contacts_agree_about_touching() {
             for _ in 0..60 {
                 worker.set_drone(0, [0; 3].map(|_| s.uniform(-1.2, 1.2)), LEVEL).unwrap();
                 worker.update().unwrap();
-                contacts(&mut worker, &mut found).unwrap();
-                let c = clearance(&mut worker, 0, 50.0).unwrap();
+                Queries::at(&mut worker).contacts(&mut found).unwrap();
+                let c = Queries::at(&mut worker).clearance(0, 50.0).unwrap();
                 let deepest = found.iter().map(|c| c.distance_m).fold(f64::INFINITY, f64::min);
                 if c.distance_m < -2e-2 && (kind != GeomType::Sdf || c.distance_m > -0.13) {
                     assert!(!found.is_empty(), "{kind} {c:?}");
@@ -563,7 +561,7 @@ fn clearance_names_the_nearest_of_many_and_counts_other_drones() {
         worker.set_drone(0, pos, LEVEL).unwrap();
         worker.set_drone(1, [0, 1, 2].map(|k| pos[k] + s.uniform(-1.5, 1.5)), LEVEL).unwrap();
         worker.update().unwrap();
-        let c = clearance(&mut worker, 0, 30.0).unwrap();
+        let c = Queries::at(&mut worker).clearance(0, 30.0).unwrap();
         let own = scene.drone_geoms(0).unwrap()[0];
         let mut best = (f64::INFINITY, 0);
         for g in scene.geoms().iter().filter(|g| g.drone != Some(0)) {
@@ -577,8 +575,8 @@ fn clearance_names_the_nearest_of_many_and_counts_other_drones() {
         by_drone += usize::from(c.other_drone == Some(1));
     }
     assert!(by_drone > 10, "{by_drone}");
-    assert!(clearance(&mut worker, 7, 1.0).is_err());
-    assert!(clearance(&mut worker, 0, f64::NAN).is_err());
+    assert!(Queries::at(&mut worker).clearance(7, 1.0).is_err());
+    assert!(Queries::at(&mut worker).clearance(0, f64::NAN).is_err());
 }
 
 #[test]
@@ -591,9 +589,9 @@ fn a_fast_drone_does_not_tunnel_through_a_thin_wall() {
     for end in [from, to] {
         worker.set_drone(0, end.pos_m, LEVEL).unwrap();
         worker.update().unwrap();
-        assert!(clearance(&mut worker, 0, 1.0).unwrap().distance_m > 0.1);
+        assert!(Queries::at(&mut worker).clearance(0, 1.0).unwrap().distance_m > 0.1);
     }
-    let hit = swept(&mut worker, 0, from, to).unwrap().unwrap();
+    let hit = Queries::at(&mut worker).swept(&Sweep::new(0, from, to)).unwrap().unwrap();
     // The front face at x + 0.1 meets 0.9995.
     assert!((hit.fraction - 0.1995 / 0.6).abs() < 1e-4, "{hit:?}");
     assert_eq!(scene.geoms()[hit.other_geom as usize].name, "foil");
@@ -601,21 +599,21 @@ fn a_fast_drone_does_not_tunnel_through_a_thin_wall() {
         norm(sub(hit.normal, [-1.0, 0.0, 0.0])) < 1e-2 && (hit.point_m[0] - 0.9995).abs() < 1e-4,
         "{hit:?}"
     );
-    let back = swept(&mut worker, 0, to, from).unwrap().unwrap();
+    let back = Queries::at(&mut worker).swept(&Sweep::new(0, to, from)).unwrap().unwrap();
     assert!((back.fraction - 0.1995 / 0.6).abs() < 1e-4);
     // Along the wall, 1 mm away, at 30 m/s: nothing; and the worker's pose was left alone.
     let (a, b) = (Pose::new([0.8985, -1.0, 0.0], LEVEL), Pose::new([0.8985, 1.0, 0.0], LEVEL));
-    assert_eq!(swept(&mut worker, 0, a, b).unwrap(), None);
+    assert_eq!(Queries::at(&mut worker).swept(&Sweep::new(0, a, b)).unwrap(), None);
     assert_eq!(worker.drone_pose(0).unwrap(), to);
-    assert!(clearance(&mut worker, 0, 1.0).unwrap().distance_m > 0.1);
+    assert!(Queries::at(&mut worker).clearance(0, 1.0).unwrap().distance_m > 0.1);
     // Spinning past it: the corner reaches 0.1414 m out.
     let h = (0.25 * std::f64::consts::PI).sin();
     let (a, b) = (Pose::new([0.88, 0.0, 0.0], LEVEL), Pose::new([0.88, 0.0, 0.0], [0.0, 0.0, h, h]));
-    let spin = swept(&mut worker, 0, a, b).unwrap().unwrap();
+    let spin = Queries::at(&mut worker).swept(&Sweep::new(0, a, b)).unwrap().unwrap();
     // 0.1 (cos a + sin a) = 0.1195.
     let angle = (0.1195f64 / 0.02f64.sqrt()).asin() - std::f64::consts::FRAC_PI_4;
     assert!((spin.fraction - angle / std::f64::consts::FRAC_PI_2).abs() < 1e-3, "{} {angle}", spin.fraction);
-    assert!(swept(&mut worker, 0, Pose::new([f64::NAN; 3], LEVEL), to).is_err());
+    assert!(Queries::at(&mut worker).swept(&Sweep::new(0, Pose::new([f64::NAN; 3], LEVEL), to)).is_err());
 }
 
 /// Three properties on random ways through random scenes: no touch before the reported one, a touch at the reported
@@ -681,10 +679,10 @@ fn swept_checks_agree_with_fine_stepping() {
                 let p = at(f);
                 worker.set_drone(0, p.pos_m, p.quat_xyzw).unwrap();
                 worker.update().unwrap();
-                clearance(&mut worker, 0, 0.5).unwrap().distance_m
+                Queries::at(&mut worker).clearance(0, 0.5).unwrap().distance_m
             };
             let fine: Vec<f64> = (0..=FINE).map(|i| gap(i as f64 / FINE as f64)).collect();
-            let hit = swept(&mut worker, 0, from, to).unwrap();
+            let hit = Queries::at(&mut worker).swept(&Sweep::new(0, from, to)).unwrap();
             match hit {
                 Some(hit) => {
                     let f = hit.fraction;
@@ -695,7 +693,7 @@ fn swept_checks_agree_with_fine_stepping() {
                     assert!(norm(sub(p.pos_m, hit.pos_m)) < 1e-9);
                     worker.set_drone(0, p.pos_m, p.quat_xyzw).unwrap();
                     worker.update().unwrap();
-                    let there = clearance(&mut worker, 0, 0.5).unwrap().distance_m;
+                    let there = Queries::at(&mut worker).clearance(0, 0.5).unwrap().distance_m;
                     assert!(there <= 2.0 * TOUCH_M, "at {f} the gap is {there}");
                     latest = latest.max(there);
                     if fine.iter().all(|d| *d > 0.0) { grazes += 1 } else { hits += 1 }
@@ -746,11 +744,11 @@ fn a_used_worker_finds_bit_for_bit_what_a_fresh_one_finds() {
                 worker.set_drone(drone, pose.pos_m, pose.quat_xyzw).unwrap();
             }
             worker.update().unwrap();
-            contacts(worker, &mut found[i]).unwrap();
+            Queries::at(worker).contacts(&mut found[i]).unwrap();
             for drone in 0..2 {
-                distances[i].push(clearance(worker, drone, 2.0).unwrap());
+                distances[i].push(Queries::at(worker).clearance(drone, 2.0).unwrap());
             }
-            hits[i].push(swept(worker, 0, poses[0], poses[1]).unwrap());
+            hits[i].push(Queries::at(worker).swept(&Sweep::new(0, poses[0], poses[1])).unwrap());
         }
         total += found[0].len();
         assert_eq!(found[0], found[1]);
@@ -774,8 +772,8 @@ fn drones_that_cross_each_other_within_a_step_are_found() {
         worker.set_drone(0, to.pos_m, LEVEL).unwrap();
         worker.set_drone(1, other_to.pos_m, LEVEL).unwrap();
         worker.update().unwrap();
-        let alone = swept(&mut worker, 0, from, to).unwrap();
-        (alone, swept_pair(&mut worker, 0, from, to, 1, other_from).unwrap())
+        let alone = Queries::at(&mut worker).swept(&Sweep::new(0, from, to)).unwrap();
+        (alone, Queries::at(&mut worker).swept(&Sweep::new(0, from, to).of_drone(1, other_from)).unwrap())
     };
     let (alone, hit) = cross(at(-1.0, 0.0), at(1.0, 0.0), at(0.0, -1.0), at(0.0, 1.0));
     assert_eq!(alone, None);

@@ -11,7 +11,7 @@ use propwash::scene::{GeomType, Pose, Scene, SceneError, Shell, Worker, WorkerPo
 use propwash::sense::depth::LOOKING_FORWARD_XYZW;
 use propwash::sense::{
     Camera, Caster, DepthBatch, DepthFrame, DepthKind, DepthNoise, DepthPlanes, Lens, NoiseKey, PixelStatus,
-    STATUS_NOT_RENDERED, SenseError, WorldPoses, render_batch, render_batch_into,
+    STATUS_NOT_RENDERED, SenseError, WorldPoses, Worlds,
 };
 use scenes::{build, random_quat};
 
@@ -520,8 +520,7 @@ fn a_batch_is_the_same_for_any_number_of_threads_and_equals_single_frames() {
     for threads in [1, 2, 5] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut out = DepthBatch::default();
-        pool.install(|| render_batch(&WorkerPool::new(&scene), &cameras, &poses(23, &data), &mut out))
-            .unwrap();
+        pool.install(|| out.render(&poses(23, &data).within(&WorkerPool::new(&scene)), &cameras)).unwrap();
         results.push(out);
     }
     assert_eq!(results[0], results[1]);
@@ -555,7 +554,7 @@ fn a_batch_fills_the_planes_that_are_asked_for_and_refuses_others_of_another_len
     let mut pose = vec![Pose::default(); 10];
     let into = |depth: &mut [f32], normal: &mut [[f32; 3]], pose: &mut [Pose], data: &_| {
         let planes = DepthPlanes { depth_m: Some(depth), normal: Some(normal), ..DepthPlanes::default() };
-        render_batch_into(&pool, &cameras, &poses(5, data), planes, pose)
+        poses(5, data).within(&pool).render(&|_| &cameras[..], planes, pose)
     };
     into(&mut depth, &mut normal, &mut pose, &data).unwrap();
     let (mut worker, mut frame) = (scene.worker().unwrap(), DepthFrame::new());
@@ -587,11 +586,11 @@ fn a_world_that_is_not_finite_is_named_and_harms_no_other() {
     let camera = [Camera::on_drone(&scene, 0, "fpv").unwrap().with_size(8, 8).unwrap()];
     let mut good = DepthBatch::default();
     let pool = WorkerPool::new(&scene);
-    render_batch(&pool, &camera, &poses(6, &data), &mut good).unwrap();
+    good.render(&poses(6, &data).within(&pool), &camera).unwrap();
     data.0[(2 * 2 + 1) * 3] = f64::NAN;
     // A batch that was rendered before keeps nothing of it in the world that fails.
     let mut bad = good.clone();
-    let error = render_batch(&pool, &camera, &poses(6, &data), &mut bad).unwrap_err();
+    let error = bad.render(&poses(6, &data).within(&pool), &camera).unwrap_err();
     let message = error.to_string();
     assert!(message.contains("world 2") && message.contains("drone 1"), "{message}");
     let SenseError::Worlds { failures, .. } = error else { panic!("{error:?}") };
@@ -607,10 +606,7 @@ fn a_world_that_is_not_finite_is_named_and_harms_no_other() {
         }
     }
     data.0.pop();
-    assert!(matches!(
-        render_batch(&pool, &camera, &poses(6, &data), &mut bad),
-        Err(SenseError::Shape { .. })
-    ));
+    assert!(matches!(bad.render(&poses(6, &data).within(&pool), &camera), Err(SenseError::Shape { .. })));
 }
 
 #[test]
@@ -621,13 +617,13 @@ fn absurd_numbers_of_worlds_are_refused_and_no_panic() {
     let camera = [Camera::in_world(&empty, view, Lens::Fovy { fovy_deg: 60.0 }).unwrap()];
     let none = (vec![], vec![], vec![]);
     let message =
-        render_batch(&WorkerPool::new(&empty), &camera, &poses(usize::MAX, &none), out).unwrap_err();
+        out.render(&poses(usize::MAX, &none).within(&WorkerPool::new(&empty)), &camera).unwrap_err();
     assert!(message.to_string().contains("fewer worlds"), "{message}");
     let scene = batch_scene();
     let camera = [Camera::on_drone(&scene, 0, "fpv").unwrap()];
     let data = batch_poses(1);
     let error =
-        render_batch(&WorkerPool::new(&scene), &camera, &poses(usize::MAX / 2, &data), out).unwrap_err();
+        out.render(&poses(usize::MAX / 2, &data).within(&WorkerPool::new(&scene)), &camera).unwrap_err();
     assert!(matches!(error, SenseError::Shape { .. }), "{error}");
 }
 

@@ -16,8 +16,7 @@ use std::fmt::Write as _;
 use propwash::random::Stream;
 use propwash::scene::{Pose, Worker};
 use propwash::sense::{
-    Camera, Caster, DepthFrame, DepthKind, Lens, RayHits, RayPattern, RayPlanes, RayQuery, cast_pattern,
-    cast_rays,
+    Camera, Caster, DepthFrame, DepthKind, Lens, Queries, RayHits, RayPattern, RayPlanes, RayQuery,
 };
 use rays::{Agreement, draws, mixed};
 use scenes::{build, random_quat, random_unit};
@@ -166,14 +165,9 @@ fn meshes_of_slivers_agree_with_mj_ray_and_are_tight() {
         let pattern = RayPattern::new(&directions).unwrap();
         let mut geom = vec![0; pattern.len()];
         let planes = RayPlanes { geom_id: Some(&mut geom), ..RayPlanes::default() };
-        cast_pattern(
-            &mut worker,
-            &Pose::new(middle, random_quat(&mut s)),
-            &pattern,
-            &RayQuery::default(),
-            planes,
-        )
-        .unwrap();
+        Queries::at(&mut worker)
+            .pattern(&Pose::new(middle, random_quat(&mut s)), &pattern, &RayQuery::default(), planes)
+            .unwrap();
         slips += geom.iter().filter(|g| **g != 0).count();
         println!("{facets} facets: {}", own.told());
         assert!(own.hits * 4 > own.rays, "{facets} facets: {}", own.told());
@@ -226,7 +220,7 @@ fn lenses_wider_than_half_the_sphere_see_what_is_behind_them() {
         let pattern = RayPattern::new(&fisheye(wide)).unwrap();
         let mut geom = vec![0; pattern.len()];
         let planes = RayPlanes { geom_id: Some(&mut geom), ..RayPlanes::default() };
-        cast_pattern(&mut worker, &Pose::default(), &pattern, &RayQuery::default(), planes).unwrap();
+        Queries::at(&mut worker).pattern(&Pose::default(), &pattern, &RayQuery::default(), planes).unwrap();
         geom.contains(&0)
     };
     assert!(!sees(180.0) && sees(320.0));
@@ -264,12 +258,12 @@ fn a_sensor_on_a_surface_stores_no_negative_zero() {
             let mut range = vec![0.0; pattern.len()];
             let planes = RayPlanes { range_m: Some(&mut range), ..RayPlanes::default() };
             let pose = Pose::new(pos, [0.0, 0.0, 0.0, 1.0]);
-            cast_pattern(&mut worker, &pose, &pattern, &RayQuery::default(), planes).unwrap();
+            Queries::at(&mut worker).pattern(&pose, &pattern, &RayQuery::default(), planes).unwrap();
             assert!(range.iter().all(|r| r.is_sign_positive()), "{pos:?}: {range:?}");
             zeros[0] += range.iter().filter(|r| **r == 0.0).count();
             let mut hits = RayHits::default();
             let from = vec![pos; directions.len()];
-            cast_rays(&mut worker, &from, &directions, &RayQuery::default(), &mut hits).unwrap();
+            Queries::at(&mut worker).rays(&from, &directions, &RayQuery::default(), &mut hits).unwrap();
             assert!(hits.range_m.iter().all(|r| r.is_sign_positive()), "{pos:?}: {:?}", hits.range_m);
             zeros[1] += hits.range_m.iter().filter(|r| **r == 0.0).count();
             // A camera that looks straight at the face.

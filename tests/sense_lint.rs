@@ -1,7 +1,7 @@
 //! The lint says what rays and contacts really do: each verdict is checked by a ray and by a probe.
 
 use propwash::scene::{GeomType, Pose, Scene, SceneSource, Shell, Worker, lint, lint_source};
-use propwash::sense::{Camera, DepthFrame, Lens, PixelStatus, contacts};
+use propwash::sense::{Camera, DepthFrame, Lens, PixelStatus, Queries};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
@@ -90,7 +90,7 @@ fn is_touched(scene: &Scene, worker: &mut Worker, geom: usize) -> bool {
         for k in -4..=4 {
             worker.set_drone(0, [p[0] + 0.1 * f64::from(i), p[1], p[2] + 0.1 * f64::from(k)], LEVEL).unwrap();
             worker.update().unwrap();
-            contacts(worker, &mut found).unwrap();
+            Queries::at(worker).contacts(&mut found).unwrap();
             if found.iter().any(|c| c.other_geom == geom as i32) {
                 assert_eq!(scene.geoms()[geom].drone, None);
                 return true;
@@ -157,7 +157,7 @@ fn concave_meshes_are_named_and_convex_ones_are_not() {
     worker.set_drone(0, [p[0] + 1e-3, p[1] + 1e-3, p[2] + 1e-3], LEVEL).unwrap();
     worker.update().unwrap();
     let mut found = Vec::new();
-    contacts(&mut worker, &mut found).unwrap();
+    Queries::at(&mut worker).contacts(&mut found).unwrap();
     assert!(found.iter().any(|c| c.other_geom == 0));
     let body = scene.drone_body(0).unwrap();
     for axis in 0..3 {
@@ -236,7 +236,7 @@ fn scenes_without_floor_or_geoms_and_with_flexes_are_told() {
         worker.ray([0.1, 0.13, 5.0], [0.0, 0.0, -1.0], None, scene.drone_body(0).ok()).unwrap().unwrap();
     assert!((hit.distance - 5.0).abs() < 1e-9, "{hit:?}");
     let mut found = Vec::new();
-    contacts(&mut worker, &mut found).unwrap();
+    Queries::at(&mut worker).contacts(&mut found).unwrap();
     assert!(found.iter().any(|c| c.other_flex == 0 && c.other_geom == -1 && c.other_body == -1), "{found:?}");
     let (geoms, _) =
         remarks("<mujoco><worldbody><body><geom type='box' size='1 1 1'/></body></worldbody></mujoco>");

@@ -6,7 +6,7 @@ use std::process::Command;
 use propwash::scene::{
     BuildOptions, Pose, Scene, SceneError, SceneSource, Shell, WorkerPool, load_plugin_library,
 };
-use propwash::sense::{Camera, DepthFrame, Lens, clearance, contacts};
+use propwash::sense::{Camera, DepthFrame, Lens, Queries};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
 
@@ -126,7 +126,7 @@ fn an_empty_world_is_a_world() {
     let scene = Scene::build(&text("<mujoco/>"), &[ball()]).unwrap();
     let mut worker = scene.worker().unwrap();
     assert_eq!(worker.ground_distance(0).unwrap(), None);
-    assert!(!clearance(&mut worker, 0, 3.0).unwrap().found);
+    assert!(!Queries::at(&mut worker).clearance(0, 3.0).unwrap().found);
 }
 
 #[test]
@@ -165,7 +165,7 @@ fn switches_that_would_silence_contacts_are_overridden_and_said() {
         worker.set_drone(1, [3.0, 0.0, 0.05], LEVEL).unwrap();
         worker.update().unwrap();
         let mut found = Vec::new();
-        contacts(&mut worker, &mut found).unwrap();
+        Queries::at(&mut worker).contacts(&mut found).unwrap();
         assert_eq!(found.len(), 2, "{xml}");
         assert!(found.iter().all(|c| (c.distance_m + 0.05).abs() < 1e-9));
     }
@@ -449,7 +449,7 @@ fn huge_numbers_and_deep_trees_do_not_crash() {
             Ok(scene) => {
                 let mut worker = scene.worker().unwrap();
                 worker.collide().unwrap();
-                clearance(&mut worker, 0, 10.0).unwrap();
+                Queries::at(&mut worker).clearance(0, 10.0).unwrap();
                 let camera =
                     Camera::in_world(&scene, Pose::default(), Lens::Fovy { fovy_deg: 60.0 }).unwrap();
                 camera.render(&mut worker, &mut DepthFrame::new()).unwrap();
@@ -522,9 +522,9 @@ fn every_scene_of_the_mujoco_wheel_loads_or_fails_with_mujocos_reason() {
                 worker.set_drone(1, [0.0, 0.05, 1.0], LEVEL).unwrap();
                 worker.update().unwrap();
                 let mut found = Vec::new();
-                contacts(&mut worker, &mut found).unwrap();
+                Queries::at(&mut worker).contacts(&mut found).unwrap();
                 assert!(found.iter().any(|c| c.other_drone == Some(1)), "{name}");
-                let c = clearance(&mut worker, 0, 20.0).unwrap();
+                let c = Queries::at(&mut worker).clearance(0, 20.0).unwrap();
                 assert!(c.found && c.distance_m <= -0.15 + 1e-9, "{name} {c:?}");
                 worker.ground_distance(0).unwrap();
                 let mut frame = DepthFrame::new();
@@ -574,12 +574,12 @@ fn plugins_of_the_wheel_make_fields_that_are_seen_and_touched() {
     let body = scene.drone_body(0).ok();
     let hit = worker.ray([reach + 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], None, body).unwrap().unwrap();
     assert_eq!(hit.geom_id, 0);
-    let c = clearance(&mut worker, 0, 9.0).unwrap();
+    let c = Queries::at(&mut worker).clearance(0, 9.0).unwrap();
     assert!(c.exact && (c.distance_m - (hit.distance - 0.1)).abs() < 2e-2, "{c:?} {hit:?}");
     worker.set_drone(0, [reach + 1.0 - hit.distance + 0.05, 0.0, 0.0], LEVEL).unwrap();
     worker.update().unwrap();
     let mut found = Vec::new();
-    contacts(&mut worker, &mut found).unwrap();
+    Queries::at(&mut worker).contacts(&mut found).unwrap();
     assert!(!found.is_empty());
 }
 
@@ -610,7 +610,7 @@ fn the_shells_of_the_crate_fly_in_its_scenes() {
         }
         worker.update().unwrap();
         let mut found = Vec::new();
-        contacts(&mut worker, &mut found).unwrap();
+        Queries::at(&mut worker).contacts(&mut found).unwrap();
         assert_eq!(found, [], "{source:?}");
         for drone in 0..shells.len() {
             assert!(scene.drone_radius_m(drone).unwrap() > 0.02);

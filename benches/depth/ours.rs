@@ -5,8 +5,8 @@ use std::time::Instant;
 use propwash::math::quat;
 use propwash::scene::{Pose, Scene, SceneSource, Shell, Worker, WorkerPool};
 use propwash::sense::{
-    Camera, Caster, DepthBatch, DepthFrame, DepthKind, Lens, RayPattern, RayPlanes, RayQuery, WorldPoses,
-    cast_pattern, render_batch,
+    Camera, Caster, DepthBatch, DepthFrame, DepthKind, Lens, Queries, RayPattern, RayPlanes, RayQuery,
+    WorldPoses,
 };
 use serde_json::json;
 
@@ -174,7 +174,12 @@ impl Contestant for Native {
                 body_id: Some(&mut self.frame.body_id),
                 normal: None,
             };
-            cast_pattern(&mut self.worker, &self.poses[k], &self.pattern, &RayQuery::default(), planes)?;
+            Queries::at(&mut self.worker).pattern(
+                &self.poses[k],
+                &self.pattern,
+                &RayQuery::default(),
+                planes,
+            )?;
         }
         Ok(())
     }
@@ -262,7 +267,7 @@ impl Contestant for Worlds {
             obstacle_pos_m: None,
             obstacle_quat_xyzw: None,
         };
-        Ok(render_batch(&self.pool, std::slice::from_ref(&self.camera), &poses, &mut self.out)?)
+        Ok(self.out.render(&poses.within(&self.pool), std::slice::from_ref(&self.camera))?)
     }
 
     fn ranges(&self) -> Vec<f32> {

@@ -10,7 +10,7 @@ use crate::math::vec3;
 use crate::random::{Key, purpose};
 use crate::scalar::lanes::Number;
 use crate::scene::{Scene, Worker};
-use crate::sense::{RayHits, RayQuery, cast_rays};
+use crate::sense::{Queries, RayHits, RayQuery};
 
 /// Along which way obstacles move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -182,7 +182,7 @@ fn room(
     }
     let query = RayQuery::default().with_groups([true; 6]).without_body(scene.obstacles()[obstacle].body_id);
     let mut hits = RayHits::default();
-    cast_rays(worker, &origins, &directions, &query, &mut hits)?;
+    Queries::at(worker).rays(&origins, &directions, &query, &mut hits)?;
     let free =
         |rays: &[f64]| (rays.iter().copied().fold(f64::INFINITY, f64::min) - MARGIN_M).clamp(0.0, most_m);
     Ok(hits.range_m.chunks_exact(RAYS.len()).map(free).collect())

@@ -152,7 +152,7 @@ pub(super) fn free_start<N: Number>(
         worker.update()?;
         let mut least = f64::INFINITY;
         for d in 0..n {
-            least = least.min(sense::clearance(&mut worker, d, START_CLEARANCE_M)?.distance_m);
+            least = least.min(sense::Queries::at(&mut worker).clearance(d, START_CLEARANCE_M)?.distance_m);
         }
         if least > best.1 {
             best = (trajectories, least);

@@ -258,6 +258,10 @@ impl<N: Number> Worlds for Look<'_, N> {
         self.worlds.map_or(self.data.n_worlds, <[usize]>::len)
     }
 
+    fn n_drones(&self) -> usize {
+        self.data.n_drones
+    }
+
     fn worker(&self, world: usize) -> Result<Lent<'_>, SceneError> {
         self.placed(self.number(world))
     }

@@ -7,8 +7,7 @@ use crate::math::{quat, vec3};
 use crate::scalar::lanes::Number;
 use crate::scene::Pose;
 use crate::sense::{
-    Camera, Clearance, Contact, DepthBatch, DepthPlanes, SenseError, SweptHit, Worlds, clearance_worlds,
-    contacts_worlds, render_worlds, swept_pair, swept_scene,
+    Camera, Clearance, Contact, DepthBatch, DepthPlanes, Queries, SenseError, Sweep, SweptHit, Worlds,
 };
 
 /// What a drone touched on its way, first things first: of the scene, or another drone.
@@ -40,12 +39,12 @@ impl<'a, N: Number> Look<'a, N> {
     }
 
     /// Renders depth in the worlds of the list, or in all, in parallel. `cameras`: those of each scene, by its number, as many and of
-    /// one size in all; `planes` and `poses` as in [`render_batch_into`](crate::sense::render_batch_into), worlds in the order of the
+    /// one size in all; `planes` and `poses` as in [`Worlds::render`], worlds in the order of the
     /// list.
     ///
     /// # Errors
     /// [`ArenaError::NoScene`], [`ArenaError::Option`] for worlds that there are not and lists of another length,
-    /// [`ArenaError::Sense`] as `render_batch_into`, by places in the list.
+    /// [`ArenaError::Sense`] as there, by places in the list.
     pub fn render(
         &self,
         cameras: &[&[Camera]],
@@ -60,7 +59,7 @@ impl<'a, N: Number> Look<'a, N> {
         }
         let layout = &self.places.layout;
         let of = |k: usize| cameras[layout[look.number(k)]];
-        Ok(look.but_quarantined(render_worlds(&look, &of, planes, poses))?)
+        Ok(look.but_quarantined(Worlds::render(&look, &of, planes, poses))?)
     }
 
     /// As [`Look::render`], all planes but normals, into buffers that grow as needed.
@@ -79,7 +78,7 @@ impl<'a, N: Number> Look<'a, N> {
     }
 
     /// All contacts of drones in the worlds of the list, or in all, one list for each; see
-    /// [`contacts_batch`](crate::sense::contacts_batch).
+    /// [`Worlds::contacts`].
     ///
     /// # Errors
     /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list, quarantined worlds left out.
@@ -90,11 +89,11 @@ impl<'a, N: Number> Look<'a, N> {
         limited: &mut Vec<usize>,
     ) -> Result<(), ArenaError> {
         let look = self.at("looking for contacts", worlds)?;
-        Ok(look.but_quarantined(contacts_worlds(&look, out, limited))?)
+        Ok(look.but_quarantined(Worlds::contacts(&look, out, limited))?)
     }
 
     /// Distance of every drone to the nearest thing in the worlds of the list, or in all, (world, drone), up to `max_distance_m`; see
-    /// [`clearance_batch`](crate::sense::clearance_batch).
+    /// [`Worlds::clearances`].
     ///
     /// # Errors
     /// [`ArenaError::NoScene`], [`ArenaError::Option`], [`ArenaError::Sense`] by places in the list, quarantined worlds left out.
@@ -105,7 +104,7 @@ impl<'a, N: Number> Look<'a, N> {
         out: &mut Vec<Clearance>,
     ) -> Result<(), ArenaError> {
         let look = self.at("looking for clearances", worlds)?;
-        Ok(look.but_quarantined(clearance_worlds(&look, self.data.n_drones, max_distance_m, out))?)
+        Ok(look.but_quarantined(Worlds::clearances(&look, max_distance_m, out))?)
     }
 
     /// Where all drones are, (world, drone): what [`Look::swept`] is asked with after some steps.
@@ -216,7 +215,7 @@ fn swept_world<N: Number>(look: &Look<N>, k: usize, before: &[Pose]) -> Result<V
     let mut first: Vec<Option<SweptHit>> = Vec::with_capacity(before.len());
     for (d, from) in before.iter().enumerate() {
         // Other drones move too: they are looked at in pairs.
-        first.push(swept_scene(&mut worker, d, *from, look.pose(world, d), &[])?);
+        first.push(Queries::at(&mut worker).swept(&Sweep::new(d, *from, look.pose(world, d)).of_scene())?);
     }
     let mut keep = |d: usize, hit: SweptHit| {
         if first[d].is_none_or(|known| hit.fraction < known.fraction) {
@@ -226,7 +225,9 @@ fn swept_world<N: Number>(look: &Look<N>, k: usize, before: &[Pose]) -> Result<V
     for d in 0..before.len() {
         for other in d + 1..before.len() {
             let to = look.pose(world, d);
-            if let Some(hit) = swept_pair(&mut worker, d, before[d], to, other, before[other])? {
+            if let Some(hit) = Queries::at(&mut worker)
+                .swept(&Sweep::new(d, before[d], to).of_drone(other, before[other]))?
+            {
                 keep(d, hit);
                 keep(other, seen_from(&hit, before[other], look.pose(world, other), d, &scene));
             }

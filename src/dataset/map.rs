@@ -4,7 +4,7 @@ use super::HeightMap;
 use super::recorder::Flight;
 use crate::error::Result;
 use crate::scene::{GeomType, Scene, Worker};
-use crate::sense::{RayHits, RayQuery, cast_rays};
+use crate::sense::{Queries, RayHits, RayQuery};
 
 /// Cells along the longer side of [`height_map`].
 const MAP_CELLS: usize = 360;
@@ -63,7 +63,12 @@ fn surfaces_below_cut(worker: &mut Worker, points: &[[f64; 2]]) -> Result<Vec<f3
         }
         let origins: Vec<[f64; 3]> =
             above.iter().map(|(i, z, _)| [points[*i][0], points[*i][1], *z]).collect();
-        cast_rays(worker, &origins, &vec![[0.0, 0.0, -1.0]; origins.len()], &RayQuery::default(), &mut hits)?;
+        Queries::at(worker).rays(
+            &origins,
+            &vec![[0.0, 0.0, -1.0]; origins.len()],
+            &RayQuery::default(),
+            &mut hits,
+        )?;
         let mut ray = 0..;
         above.retain_mut(|(i, z, inside)| {
             let k = ray.next().unwrap_or_default();

@@ -84,7 +84,7 @@ impl WorldLog {
         if content.scene.is_some() && last.iter().all(inside) {
             let mut worker = look.world(index)?;
             for d in 0..n {
-                let clear = sense::clearance(&mut worker, d, content.clearance_max_m)?;
+                let clear = sense::Queries::at(&mut worker).clearance(d, content.clearance_max_m)?;
                 start_clearance_m = start_clearance_m.min(clear.distance_m);
             }
         }
@@ -217,7 +217,7 @@ impl WorldLog {
             return Ok(());
         }
         let mut worker = look.world(self.index)?;
-        self.crowded_steps += u64::from(sense::contacts(&mut worker, &mut self.contacts)? > 0);
+        self.crowded_steps += u64::from(sense::Queries::at(&mut worker).contacts(&mut self.contacts)? > 0);
         let mut now = Vec::new();
         for c in self.contacts.iter().filter(|c| c.touches()) {
             let pair = (c.drone_geom, c.other_geom);
@@ -231,7 +231,7 @@ impl WorldLog {
             if step > 0 {
                 self.find_jumped((scene, &mut worker), look, (t, step), d, &mut met, out)?;
             }
-            let clear = sense::clearance(&mut worker, d, self.content.clearance_max_m)?;
+            let clear = sense::Queries::at(&mut worker).clearance(d, self.content.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
         }
         self.touching = now;
@@ -288,12 +288,16 @@ impl WorldLog {
             if touched[e] || seen[e] {
                 continue;
             }
-            if let Some(hit) = sense::swept_pair(worker, d, from, to, e, self.last[e])? {
+            if let Some(hit) =
+                sense::Queries::at(worker).swept(&sense::Sweep::new(d, from, to).of_drone(e, self.last[e]))?
+            {
                 out.contact(&jumped(t, step, d, &hit, scene))?;
             }
         }
         seen[d] = true;
-        while let Some(hit) = sense::swept_scene(worker, d, from, to, &known)? {
+        while let Some(hit) =
+            sense::Queries::at(worker).swept(&sense::Sweep::new(d, from, to).of_scene().without(&known))?
+        {
             out.contact(&jumped(t, step, d, &hit, scene))?;
             known.push(hit.other_geom);
         }
@@ -310,7 +314,7 @@ impl WorldLog {
     ) -> Result<()> {
         let mut worker = look.world(self.index)?;
         for d in 0..self.last.len() {
-            let clear = sense::clearance(&mut worker, d, self.content.clearance_max_m)?;
+            let clear = sense::Queries::at(&mut worker).clearance(d, self.content.clearance_max_m)?;
             self.slack[d] = clear.distance_m.max(0.0);
             let nearest = clear.found.then_some(Nearest {
                 distance_m: clear.distance_m,

@@ -5,7 +5,7 @@ use std::sync::{Mutex, PoisonError};
 use super::EnvError;
 use super::layouts::Layout;
 use crate::scene::{Pose, Worker};
-use crate::sense::{DepthFrame, DepthNoise, DepthPlanes, NoiseKey, clearance, swept_pair, swept_scene};
+use crate::sense::{DepthFrame, DepthNoise, DepthPlanes, NoiseKey, Queries, Sweep};
 
 /// A drone between two looks at it.
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,7 +30,7 @@ pub(super) fn update_collisions(
 ) -> Result<(), EnvError> {
     for d in 0..drones.len() {
         let known = drones[d].clearance_m;
-        let now = clearance(worker, d, look_m)?.distance_m;
+        let now = Queries::at(worker).clearance(d, look_m)?.distance_m;
         drones[d].clearance_m = now;
         drones[d].crashed = now <= 0.0;
         let (from, to) = (drones[d].before, drones[d].now);
@@ -38,7 +38,7 @@ pub(super) fn update_collisions(
             continue;
         }
         // It flew farther than it was free: it may have flown through something.
-        drones[d].crashed = swept_scene(worker, d, from, to, &[])?.is_some();
+        drones[d].crashed = Queries::at(worker).swept(&Sweep::new(d, from, to).of_scene())?.is_some();
     }
     if fresh {
         return Ok(());
@@ -49,7 +49,8 @@ pub(super) fn update_collisions(
                 continue;
             }
             let (a, b) = (drones[d], drones[other]);
-            if swept_pair(worker, d, a.before, a.now, other, b.before)?.is_some() {
+            if Queries::at(worker).swept(&Sweep::new(d, a.before, a.now).of_drone(other, b.before))?.is_some()
+            {
                 drones[d].crashed = true;
                 drones[other].crashed = true;
             }

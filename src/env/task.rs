@@ -13,7 +13,7 @@ use crate::arena::{CameraConfig, Look, SceneConfig};
 use crate::math::quat;
 use crate::random::Stream;
 use crate::scene::{Pose, Worker};
-use crate::sense::{Camera, clearance};
+use crate::sense::{Camera, Queries};
 
 /// Numbers that are observed together.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -142,7 +142,7 @@ impl EpisodeStart<'_> {
         let Some(worker) = self.worker.as_deref_mut() else { return Ok(range_m) };
         worker.set_drone(drone, pos_m, [0.0, 0.0, 0.0, 1.0])?;
         worker.update()?;
-        Ok(clearance(worker, drone, range_m)?.distance_m)
+        Ok(Queries::at(worker).clearance(drone, range_m)?.distance_m)
     }
 
     /// Puts all drones out of each other's way before places are looked for.

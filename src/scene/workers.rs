@@ -487,7 +487,7 @@ impl Worker {
     /// # Errors
     /// [`SceneError::Stale`].
     pub fn geometry(&mut self) -> Result<(&Table, Poses<'_>, &mut Memory), SceneError> {
-        self.table()?;
+        self.ready("the places of geoms")?;
         // No method that changes the data can run while the memory is lent.
         let poses = self.placed_poses();
         let table = self.scene.0.table.get_or_init(|| super::table::of_scene(&self.scene, &poses));
@@ -682,7 +682,7 @@ impl Worker {
     }
 
     /// Signed distance of two geoms by mj_geomDistance, up to `max_m`. MuJoCo 3.17.0 has none for signed distance fields
-    /// (it says the maximum) and leaves out cells of height fields; `sense::clearance` is right for both.
+    /// (it says the maximum) and leaves out cells of height fields; `sense::Queries::clearance` is right for both.
     ///
     /// # Errors
     /// [`SceneError::NoSuch`], [`SceneError::Engine`].

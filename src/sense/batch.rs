@@ -3,39 +3,110 @@
 use rayon::prelude::*;
 
 use super::SenseError;
-use super::clearance::{Clearance, clearance};
-use super::contact::{Contact, contacts};
+use super::clearance::Clearance;
+use super::contact::Contact;
 use super::depth::{Camera, DepthPlanes, STATUS_NOT_RENDERED};
+use super::queries::Queries;
 use crate::geometry::ray::Planes;
 use crate::scene::{Lent, Pose, Scene, SceneError, Worker, WorkerPool};
 
-/// Worlds that can be looked at, each with a worker of its scene.
+/// Worlds that can be looked at, each with a worker of its scene, and the queries of [`Queries`] for all of them in parallel. Results do not
+/// depend on the number of threads.
+///
+/// A world that fails (say, with a pose that is not finite) harms no other: the error names it, and the others are complete.
 pub trait Worlds: Sync {
     /// Number of worlds.
     fn n_worlds(&self) -> usize;
+
+    /// Number of drones in each.
+    fn n_drones(&self) -> usize;
 
     /// A worker that holds the poses of a world, updated.
     ///
     /// # Errors
     /// [`SceneError`], e.g. for a pose that is not finite.
     fn worker(&self, world: usize) -> Result<Lent<'_>, SceneError>;
+
+    /// What forbids to look at any world.
+    ///
+    /// # Errors
+    /// [`SenseError::Shape`] for arrays of poses of the wrong size.
+    fn check(&self) -> Result<(), SenseError> {
+        Ok(())
+    }
+
+    /// Finds the contacts of all drones, into one list for each world. `limited`, one number for each world: how many pairs of geoms may
+    /// have lost contacts, as [`Queries::contacts`] returns it. The list of a world that fails is empty.
+    ///
+    /// # Errors
+    /// Those of [`Worlds::check`] before anything is looked for; [`SenseError::Worlds`] with all worlds that failed.
+    fn contacts(&self, out: &mut Vec<Vec<Contact>>, limited: &mut Vec<usize>) -> Result<(), SenseError>
+    where
+        Self: Sized,
+    {
+        self.check()?;
+        contacts_of(self, out, limited)
+    }
+
+    /// Finds the clearance of all drones, (world, drone), looking no farther than `max_distance_m`. In a world that fails distances
+    /// are NaN and not exact.
+    ///
+    /// # Errors
+    /// As [`Worlds::contacts`].
+    fn clearances(&self, max_distance_m: f64, out: &mut Vec<Clearance>) -> Result<(), SenseError>
+    where
+        Self: Sized,
+    {
+        self.check()?;
+        clearances_of(self, max_distance_m, out)
+    }
+
+    /// Renders cameras, only the planes that are asked for, (world, camera, height, width), into buffers of the caller; the others cost
+    /// nothing. `cameras` names those of a world, as many and of the same size in each; `out_pose`: poses of the cameras, (world, camera).
+    ///
+    /// In a world that fails depth and pose are NaN, the status is [`STATUS_NOT_RENDERED`], ids are −1 and normals zero.
+    ///
+    /// # Errors
+    /// [`SenseError::Shape`], also for a plane or poses of another length, and [`SenseError::Parameter`], also for worlds whose cameras
+    /// differ in number or size, before anything is rendered; [`SenseError::Worlds`] with all worlds that failed.
+    fn render<'c>(
+        &self,
+        cameras: &(dyn Fn(usize) -> &'c [Camera] + Sync),
+        planes: DepthPlanes,
+        out_pose: &mut [Pose],
+    ) -> Result<(), SenseError>
+    where
+        Self: Sized,
+    {
+        self.check()?;
+        render_of(self, cameras, planes, out_pose)
+    }
 }
 
 /// Worlds of one scene at given poses.
-struct Placed<'a> {
+#[derive(Clone, Copy)]
+pub struct PosedWorlds<'a> {
     pool: &'a WorkerPool,
     poses: &'a WorldPoses<'a>,
 }
 
-impl Worlds for Placed<'_> {
+impl Worlds for PosedWorlds<'_> {
     fn n_worlds(&self) -> usize {
         self.poses.n_worlds
+    }
+
+    fn n_drones(&self) -> usize {
+        self.pool.scene().n_drones()
     }
 
     fn worker(&self, world: usize) -> Result<Lent<'_>, SceneError> {
         let mut worker = self.pool.lend()?;
         self.poses.apply(world, &mut worker)?;
         Ok(worker)
+    }
+
+    fn check(&self) -> Result<(), SenseError> {
+        self.poses.check(self.pool.scene())
     }
 }
 
@@ -55,6 +126,11 @@ pub struct WorldPoses<'a> {
 }
 
 impl WorldPoses<'_> {
+    /// These worlds in the scene of a pool, ready to be looked at.
+    pub fn within<'a>(&'a self, pool: &'a WorkerPool) -> PosedWorlds<'a> {
+        PosedWorlds { pool, poses: self }
+    }
+
     fn check(&self, scene: &Scene) -> Result<(), SenseError> {
         let (w, d, o) = (self.n_worlds, scene.n_drones(), scene.obstacles().len());
         let check = |what, expected: usize, found: usize, shape: String| {
@@ -145,26 +221,17 @@ pub struct DepthBatch {
 /// Most pixels of a [`DepthBatch`].
 const MAX_BATCH_PIXELS: usize = 1 << 36;
 
-/// Renders all cameras in all worlds, in parallel. The result does not depend on the number of threads.
-///
-/// All cameras must have the same image size. A world that fails (say, with a pose that is not finite) gets depth NaN,
-/// [`STATUS_NOT_RENDERED`] and a pose of NaN; the other worlds are rendered.
-///
-/// # Errors
-/// [`SenseError::Shape`] and [`SenseError::Parameter`] before anything is rendered; [`SenseError::Worlds`] with all
-/// worlds that failed.
-pub fn render_batch(
-    pool: &WorkerPool,
-    cameras: &[Camera],
-    poses: &WorldPoses,
-    out: &mut DepthBatch,
-) -> Result<(), SenseError> {
-    poses.check(pool.scene())?;
-    let (planes, out_pose) = out.fit(cameras, poses.n_worlds)?;
-    render_batch_into(pool, cameras, poses, planes, out_pose)
-}
-
 impl DepthBatch {
+    /// Renders all cameras, which must have the same image size, in all worlds; see [`Worlds::render`].
+    ///
+    /// # Errors
+    /// As [`Worlds::render`].
+    pub fn render(&mut self, worlds: &impl Worlds, cameras: &[Camera]) -> Result<(), SenseError> {
+        worlds.check()?;
+        let (planes, out_pose) = self.fit(cameras, worlds.n_worlds())?;
+        render_of(worlds, &|_| cameras, planes, out_pose)
+    }
+
     /// Makes room for the images of these cameras in `n_worlds` worlds; the planes to render into, and where poses of cameras go.
     ///
     /// # Errors
@@ -194,30 +261,8 @@ impl DepthBatch {
     }
 }
 
-/// As [`render_batch`], only the planes that are asked for, (world, camera, height, width), into buffers of the caller; the
-/// others cost nothing. `out_pose`: poses of the cameras, (world, camera).
-///
-/// In a world that fails ids are −1 and normals zero.
-///
-/// # Errors
-/// As [`render_batch`]; [`SenseError::Shape`] also for a plane or poses of another length.
-pub fn render_batch_into(
-    pool: &WorkerPool,
-    cameras: &[Camera],
-    poses: &WorldPoses,
-    planes: DepthPlanes,
-    out_pose: &mut [Pose],
-) -> Result<(), SenseError> {
-    poses.check(pool.scene())?;
-    batch_size(cameras, poses.n_worlds)?;
-    render_worlds(&Placed { pool, poses }, &|_| cameras, planes, out_pose)
-}
-
-/// As [`render_batch_into`], of any worlds; `cameras` names those of a world, as many and of the same size in each.
-///
-/// # Errors
-/// As [`render_batch_into`]; [`SenseError::Parameter`] also for worlds whose cameras differ in number or size.
-pub fn render_worlds<'c>(
+/// See [`Worlds::render`].
+fn render_of<'c>(
     worlds: &impl Worlds,
     cameras: &(dyn Fn(usize) -> &'c [Camera] + Sync),
     planes: DepthPlanes,
@@ -282,9 +327,7 @@ pub fn render_worlds<'c>(
 /// Images of a batch and pixels of each, or what forbids it.
 fn batch_size(cameras: &[Camera], n_worlds: usize) -> Result<(usize, usize), SenseError> {
     let Some(first) = cameras.first() else {
-        return Err(SenseError::Parameter {
-            what: "render_batch needs at least one camera, got none".into(),
-        });
+        return Err(SenseError::Parameter { what: "rendering needs at least one camera, got none".into() });
     };
     if let Some(odd) = cameras.iter().find(|c| (c.width(), c.height()) != (first.width(), first.height())) {
         return Err(SenseError::Parameter {
@@ -330,30 +373,8 @@ fn all_or_failures(results: Vec<Result<(), SenseError>>) -> Result<(), SenseErro
     if failures.is_empty() { Ok(()) } else { Err(SenseError::Worlds { worlds, failures }) }
 }
 
-/// Finds the contacts of all drones in all worlds, in parallel, into one list for each world. The result does not depend on
-/// the number of threads. `limited`, one number for each world: how many pairs of geoms may have lost contacts, as
-/// [`contacts`] returns it.
-///
-/// The list of a world that fails (say, with a pose that is not finite) is empty, and the error names it; the other worlds
-/// are complete.
-///
-/// # Errors
-/// [`SenseError::Shape`] before anything is looked for; [`SenseError::Worlds`] with all worlds that failed.
-pub fn contacts_batch(
-    pool: &WorkerPool,
-    poses: &WorldPoses,
-    out: &mut Vec<Vec<Contact>>,
-    limited: &mut Vec<usize>,
-) -> Result<(), SenseError> {
-    poses.check(pool.scene())?;
-    contacts_worlds(&Placed { pool, poses }, out, limited)
-}
-
-/// As [`contacts_batch`], of any worlds.
-///
-/// # Errors
-/// [`SenseError::Worlds`] with all worlds that failed.
-pub fn contacts_worlds(
+/// See [`Worlds::contacts`].
+fn contacts_of(
     worlds: &impl Worlds,
     out: &mut Vec<Vec<Contact>>,
     limited: &mut Vec<usize>,
@@ -368,7 +389,7 @@ pub fn contacts_worlds(
         .map(|(world, (out, limited))| {
             out.clear();
             let done = worlds.worker(world).map_err(SenseError::from).and_then(|mut worker| {
-                *limited = contacts(&mut worker, out)?;
+                *limited = Queries::at(&mut worker).contacts(out)?;
                 Ok(())
             });
             if done.is_err() {
@@ -380,34 +401,13 @@ pub fn contacts_worlds(
     all_or_failures(results)
 }
 
-/// Finds the clearance of all drones in all worlds, (world, drone), in parallel, looking no farther than `max_distance_m`.
-/// The result does not depend on the number of threads.
-///
-/// In a world that fails distances are NaN and not exact, and the error names it; the other worlds are complete.
-///
-/// # Errors
-/// [`SenseError::Shape`] before anything is looked for; [`SenseError::Worlds`] with all worlds that failed.
-pub fn clearance_batch(
-    pool: &WorkerPool,
-    poses: &WorldPoses,
-    max_distance_m: f64,
-    out: &mut Vec<Clearance>,
-) -> Result<(), SenseError> {
-    poses.check(pool.scene())?;
-    clearance_worlds(&Placed { pool, poses }, pool.scene().n_drones(), max_distance_m, out)
-}
-
-/// As [`clearance_batch`], of any worlds, which have `n_drones` drones each.
-///
-/// # Errors
-/// [`SenseError::Worlds`] with all worlds that failed.
-pub fn clearance_worlds(
+/// See [`Worlds::clearances`].
+fn clearances_of(
     worlds: &impl Worlds,
-    n_drones: usize,
     max_distance_m: f64,
     out: &mut Vec<Clearance>,
 ) -> Result<(), SenseError> {
-    let n = n_drones;
+    let n = worlds.n_drones();
     out.clear();
     if n == 0 {
         return Ok(());
@@ -419,7 +419,7 @@ pub fn clearance_worlds(
         .map(|(world, row)| {
             let done = worlds.worker(world).map_err(SenseError::from).and_then(|mut worker| {
                 for (drone, out) in row.iter_mut().enumerate() {
-                    *out = clearance(&mut worker, drone, max_distance_m)?;
+                    *out = Queries::at(&mut worker).clearance(drone, max_distance_m)?;
                 }
                 Ok(())
             });

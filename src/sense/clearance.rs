@@ -78,24 +78,8 @@ impl Clearance {
     }
 }
 
-/// Distance of a drone to the nearest geom of the scene or of another drone, looking no farther than `max_distance_m`, by
-/// [`Collider::Native`].
-///
-/// Only geoms that can collide count (contype or conaffinity not 0), on both sides. Nothing is allocated once the worker
-/// has seen as many geoms near a drone.
-///
-/// # Errors
-/// [`SenseError::Scene`] for an unknown drone, a worker that was not updated, or a failure of MuJoCo;
-/// [`SenseError::Parameter`] for a maximum that is not positive and finite.
-pub fn clearance(worker: &mut Worker, drone: usize, max_distance_m: f64) -> Result<Clearance, SenseError> {
-    clearance_by(Collider::default(), worker, drone, max_distance_m)
-}
-
-/// As [`clearance`], by either collider.
-///
-/// # Errors
-/// As [`clearance`].
-pub fn clearance_by(
+/// Distance of a drone to the nearest geom; see [`Queries::clearance`](super::Queries::clearance).
+pub(super) fn clearance(
     collider: Collider,
     worker: &mut Worker,
     drone: usize,

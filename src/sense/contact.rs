@@ -6,7 +6,7 @@
 //!
 //! Limits that are MuJoCo's own (3.17.0): it reports at most [`MAX_PER_PAIR`] contacts for one pair of geoms. Convex
 //! shapes stay far below; a large shape on a fine height field reaches it, and then which contacts are missing, and
-//! whether the deepest is among them, is up to MuJoCo: [`contacts`] returns how many pairs did. The number of pairs has
+//! whether the deepest is among them, is up to MuJoCo: [`Queries::contacts`](super::Queries::contacts) returns how many pairs did. The number of pairs has
 //! no limit but memory: when the arena of a worker is full `mj_collision` fails instead of finding fewer
 //! ([`SceneError::ContactsLost`](crate::scene::SceneError::ContactsLost)).
 
@@ -57,24 +57,8 @@ impl Contact {
     }
 }
 
-/// Finds all contacts of drones at the worker's poses into `out` (cleared first), by [`Collider::Native`]: in the order of
-/// drones, of their geoms, and of what they touch.
-///
-/// Contacts of a drone with itself and of scene geoms with each other are left out. Returns the number of pairs of geoms
-/// that reached [`MAX_PER_PAIR`]: 0 means that no contact is missing. Nothing is allocated once the worker and `out` have
-/// seen as many contacts.
-///
-/// # Errors
-/// [`SenseError::Scene`] where the worker was not updated, or MuJoCo fails.
-pub fn contacts(worker: &mut Worker, out: &mut Vec<Contact>) -> Result<usize, SenseError> {
-    contacts_by(Collider::default(), worker, out)
-}
-
-/// As [`contacts`], by either collider; those of MuJoCo come in its order.
-///
-/// # Errors
-/// As [`contacts`], and when contacts would be lost for want of memory.
-pub fn contacts_by(
+/// Finds all contacts of drones at the worker's poses; see [`Queries::contacts`](super::Queries::contacts).
+pub(super) fn contacts(
     collider: Collider,
     worker: &mut Worker,
     out: &mut Vec<Contact>,

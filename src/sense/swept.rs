@@ -59,53 +59,87 @@ impl SweptHit {
     }
 }
 
-/// First touch of a drone that moves from one pose to another, positions along a line, rotation about one axis at a
-/// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles sweep against their poses at the
-/// end of the step; [`swept_pair`] is for two drones.
-///
-/// The worker's own poses are left as they were.
-///
-/// # Errors
-/// [`SenseError::Scene`] for an unknown drone, bad poses, or a failure of MuJoCo.
-pub fn swept(
-    worker: &mut Worker,
+/// A motion of a drone whose first touch is looked for, from one pose to another: positions along a line, rotation about one axis at a
+/// constant rate (the shorter way). All else stays where the worker has it: with moving obstacles sweep against their poses at the end of
+/// the step; [`Sweep::of_drone`] is for two drones.
+#[derive(Clone, Copy, Debug)]
+pub struct Sweep<'a> {
     drone: usize,
     from: Pose,
     to: Pose,
-) -> Result<Option<SweptHit>, SenseError> {
-    swept_by(Collider::default(), worker, drone, from, to, &[])
+    against: Against,
+    ignored: &'a [i32],
 }
 
-/// As [`swept`], of what belongs to no drone, as if the geoms `ignored` were not there: asked again with what was found, it finds what
-/// comes next.
-///
-/// # Errors
-/// As [`swept`].
-pub fn swept_scene(
+/// What a sweep looks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Against {
+    All,
+    /// What belongs to no drone.
+    Scene,
+    /// A drone that comes from a pose.
+    Drone(usize, Pose),
+}
+
+impl<'a> Sweep<'a> {
+    /// Against everything but the drone itself.
+    pub fn new(drone: usize, from: Pose, to: Pose) -> Self {
+        Self { drone, from, to, against: Against::All, ignored: &[] }
+    }
+
+    /// Against what belongs to no drone.
+    #[must_use]
+    pub fn of_scene(self) -> Self {
+        Self { against: Against::Scene, ..self }
+    }
+
+    /// Against one drone that moves too, from a pose at the same time to where the worker has it. Exact for positions along lines; the
+    /// other's rotation counts as done at the start, which for a part of it at radius r shifts the touch by less than r times the
+    /// angle. Position, point and fraction are those of the touch.
+    #[must_use]
+    pub fn of_drone(self, other: usize, other_from: Pose) -> Self {
+        Self { against: Against::Drone(other, other_from), ..self }
+    }
+
+    /// As if these geoms were not there: asked again with what was found, it finds what comes next.
+    #[must_use]
+    pub fn without(self, ignored: &'a [i32]) -> Self {
+        Self { ignored, ..self }
+    }
+}
+
+/// First touch of a drone on its way; see [`Queries::swept`](super::Queries::swept).
+pub(super) fn swept(
+    collider: Collider,
     worker: &mut Worker,
-    drone: usize,
-    from: Pose,
-    to: Pose,
-    ignored: &[i32],
+    sweep: &Sweep,
 ) -> Result<Option<SweptHit>, SenseError> {
+    let Sweep { drone, from, to, against, ignored } = *sweep;
     let scene = worker.scene().clone();
-    let leave = |g: usize| scene.geoms()[g].drone.is_some() || ignored.contains(&(g as i32));
-    swept_without(Collider::default(), worker, drone, from, to, &leave)
+    let ignores = |g: usize| ignored.contains(&(g as i32));
+    match against {
+        Against::All => swept_without(collider, worker, drone, from, to, &ignores),
+        Against::Scene => {
+            let leave = |g: usize| scene.geoms()[g].drone.is_some() || ignores(g);
+            swept_without(collider, worker, drone, from, to, &leave)
+        }
+        Against::Drone(other, other_from) => {
+            let leave = |g: usize| scene.geoms()[g].drone != Some(other) || ignores(g);
+            swept_pair(collider, worker, drone, from, to, other, other_from, &leave)
+        }
+    }
 }
 
-/// First touch of two drones that move both, from poses at the same time to poses at the same time; `to` of the other is where the
-/// worker has it. Exact for positions along lines; the other's rotation counts as done at the start, which for a part of it at
-/// radius r shifts the touch by less than r times the angle. Position, point and fraction are those of the touch.
-///
-/// # Errors
-/// As [`swept`].
-pub fn swept_pair(
+/// First touch of two drones that move both.
+fn swept_pair(
+    collider: Collider,
     worker: &mut Worker,
     drone: usize,
     from: Pose,
     to: Pose,
     other: usize,
     other_from: Pose,
+    leave: &dyn Fn(usize) -> bool,
 ) -> Result<Option<SweptHit>, SenseError> {
     let scene = worker.scene().clone();
     let other_to = worker.drone_pose(other)?;
@@ -122,8 +156,7 @@ pub fn swept_pair(
     if apart > scene.drone_radius_m(drone)? + scene.drone_radius_m(other)? + 2.0 * touch {
         return Ok(None);
     }
-    let leave = |g: usize| scene.geoms()[g].drone != Some(other);
-    let hit = swept_without(Collider::default(), worker, drone, seen, to, &leave)?;
+    let hit = swept_without(collider, worker, drone, seen, to, leave)?;
     Ok(hit.map(|mut hit| {
         let back = vec3::scale(shift, 1.0 - hit.fraction);
         hit.pos_m = vec3::sub(hit.pos_m, back);
@@ -132,22 +165,7 @@ pub fn swept_pair(
     }))
 }
 
-/// As [`swept`], by either collider, as if the geoms `ignored` were not there.
-///
-/// # Errors
-/// As [`swept`].
-pub fn swept_by(
-    collider: Collider,
-    worker: &mut Worker,
-    drone: usize,
-    from: Pose,
-    to: Pose,
-    ignored: &[i32],
-) -> Result<Option<SweptHit>, SenseError> {
-    swept_without(collider, worker, drone, from, to, &|g| ignored.contains(&(g as i32)))
-}
-
-/// The same without the geoms of which `leave` says so.
+/// First touch without the geoms of which `leave` says so.
 fn swept_without(
     collider: Collider,
     worker: &mut Worker,

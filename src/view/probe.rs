@@ -8,7 +8,7 @@ use std::collections::hash_map::Entry;
 use serde::Serialize;
 
 use crate::scene::{Pose, SHELLS, Scene, SceneSource, Shell, Worker};
-use crate::sense::{Camera, DEVICES, DepthDevice, DepthFrame, DepthKind, clearance, swept};
+use crate::sense::{Camera, DEVICES, DepthDevice, DepthFrame, DepthKind, Queries, Sweep};
 use crate::{Error, Result};
 
 /// Most places of a path.
@@ -161,7 +161,7 @@ impl Probe {
         let mut hit = None;
         for (leg, ends) in places.windows(2).enumerate() {
             let length = distance(ends[0], ends[1]);
-            if let Some(touch) = swept(worker, 0, level(ends[0]), level(ends[1]))? {
+            if let Some(touch) = Queries::at(worker).swept(&Sweep::new(0, level(ends[0]), level(ends[1])))? {
                 hit = Some(Touch {
                     leg,
                     after_m: before_m + touch.fraction * length,
@@ -185,7 +185,8 @@ impl Probe {
             let pos_m = along(places, k as f64 * measured_every_m);
             worker.set_drone(0, pos_m, LEVEL)?;
             worker.update()?;
-            let found = clearance(worker, 0, nearest.as_ref().map_or(NEAR_M, |n| n.distance_m.max(0.0)))?;
+            let found = Queries::at(worker)
+                .clearance(0, nearest.as_ref().map_or(NEAR_M, |n| n.distance_m.max(0.0)))?;
             if found.found {
                 let name = scene.geom_label(found.other_geom as usize);
                 nearest = Some(Nearest { distance_m: found.distance_m, pos_m, name });

@@ -5,7 +5,7 @@
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, Pose, Scene, Worker};
-use propwash::sense::{RayPattern, RayPlanes, RayQuery, cast_pattern};
+use propwash::sense::{Queries, RayPattern, RayPlanes, RayQuery};
 
 use crate::scenes::{build, random_quat};
 
@@ -100,7 +100,7 @@ impl Agreement {
         let (mut range, mut geom) = (vec![0.0; pattern.len()], vec![0; pattern.len()]);
         let planes =
             RayPlanes { range_m: Some(&mut range), geom_id: Some(&mut geom), ..RayPlanes::default() };
-        cast_pattern(worker, pose, &pattern, &RayQuery::default(), planes).unwrap();
+        Queries::at(worker).pattern(pose, &pattern, &RayQuery::default(), planes).unwrap();
         for i in 0..pattern.len() {
             let d = quat::rotate(pose.quat_xyzw, pattern.direction(i));
             let truth = worker.ray(pose.pos_m, d, Some(&GROUPS), None).unwrap();

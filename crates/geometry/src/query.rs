@@ -82,19 +82,19 @@ impl<'a> Query<'a> {
         self.poses.body_pos_m[self.table.drones[drone].body]
     }
 
+    #[inline]
     pub(crate) fn place(&self, geom: usize) -> Place<'a> {
         Place { pos: self.poses.geom_pos_m[geom], mat: &self.poses.geom_mat[geom] }
     }
+}
 
-    /// Signed distance from a ball to the bounding box of a geom or to a plane: nothing of the two is nearer than that.
-    #[inline]
-    pub(crate) fn lower_bound(&self, geom: usize, centre: [f64; 3], radius: f64) -> f64 {
-        let (m, pos) = (&self.poses.geom_mat[geom], &self.poses.geom_pos_m[geom]);
-        let g: &Geom = &self.table.geoms[geom];
-        let d = [0, 1, 2].map(|k| centre[k] - pos[k]);
-        let local = [0, 1, 2].map(|k| m[k] * d[0] + m[3 + k] * d[1] + m[6 + k] * d[2]);
-        let distance = g.box_distance(local);
-        // In the box nothing is known of the depth.
-        if distance == 0.0 { f64::NEG_INFINITY } else { distance - radius }
-    }
+/// Signed distance from a ball to the bounding box of a geom at its place, or to a plane: nothing of the two is nearer than that.
+#[inline(always)]
+pub(crate) fn lower_bound(g: &Geom, place: Place, centre: [f64; 3], radius: f64) -> f64 {
+    let m = place.mat;
+    let d = [0, 1, 2].map(|k| centre[k] - place.pos[k]);
+    let local = [0, 1, 2].map(|k| m[k] * d[0] + m[3 + k] * d[1] + m[6 + k] * d[2]);
+    let distance = g.box_distance(local);
+    // In the box nothing is known of the depth.
+    if distance == 0.0 { f64::NEG_INFINITY } else { distance - radius }
 }

@@ -9,7 +9,7 @@ use crate::distance::pair::{Meeting, PairDistance, Place};
 use crate::kind::GeomType;
 use crate::pose::Pose;
 use crate::quat;
-use crate::query::{NearMemory, Query};
+use crate::query::{NearMemory, Query, lower_bound};
 use crate::table::Table;
 
 /// Surfaces nearer than this touch, m (plus twice the tolerance of the table, 1e-6 m by default).
@@ -143,7 +143,8 @@ impl Query<'_> {
                 mat[3 * i + j] = r[i][0] * turned[j] + r[i][1] * turned[3 + j] + r[i][2] * turned[6 + j];
             }
         }
-        let bound = self.lower_bound(other, pos, self.table.geoms[own].radius);
+        let bound =
+            lower_bound(&self.table.geoms[other], self.place(other), pos, self.table.geoms[own].radius);
         let m = if bound >= limit {
             Meeting { distance: bound, ..Meeting::far() }
         } else {

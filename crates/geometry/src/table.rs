@@ -118,6 +118,7 @@ pub struct Geom {
 
 impl Geom {
     /// From a point in the geom's frame to its bounding box; 0 inside. To a plane: signed.
+    #[inline]
     pub(crate) fn box_distance(&self, p: [f64; 3]) -> f64 {
         if self.kind == GeomType::Plane {
             return p[2];

@@ -93,7 +93,7 @@ impl RayQuery {
     }
 }
 
-/// Where [`cast_pattern`] writes; each plane is optional and has one entry for each ray.
+/// Where [`Queries::pattern`](super::Queries::pattern) writes; each plane is optional and has one entry for each ray.
 #[derive(Debug, Default)]
 pub struct RayPlanes<'a> {
     /// Distance along the ray, m; infinite where nothing was met.
@@ -106,14 +106,8 @@ pub struct RayPlanes<'a> {
     pub normal: Option<&'a mut [[f32; 3]]>,
 }
 
-/// Casts the rays of a pattern from `pose` (sensor to world) at the worker's poses.
-///
-/// Nothing is allocated once the worker has seen a pattern of this size.
-///
-/// # Errors
-/// [`SenseError::Shape`] for a plane of another size; [`SenseError::Scene`] for a bad pose, a body or drone that does not
-/// exist, and where the worker was not updated; [`SenseError::Parameter`] for a scene of 2²⁴ geoms or more.
-pub fn cast_pattern(
+/// Casts the rays of a pattern; see [`Queries::pattern`](super::Queries::pattern).
+pub(super) fn cast_pattern(
     worker: &mut Worker,
     pose: &Pose,
     pattern: &RayPattern,
@@ -127,7 +121,7 @@ pub fn cast_pattern(
     render(worker, &pose, pattern, query, rule, planes)
 }
 
-/// What [`cast_rays`] found, in buffers that are reused.
+/// What [`Queries::rays`](super::Queries::rays) found, in buffers that are reused.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RayHits {
     /// Distance along the ray, m; infinite where nothing was met.
@@ -140,13 +134,8 @@ pub struct RayHits {
     pub normal: Vec<[f64; 3]>,
 }
 
-/// Casts rays from any points in any directions (n × 3 each, world, directions of any length but zero), one by one in
-/// f64.
-///
-/// # Errors
-/// [`SenseError::Parameter`] for arrays of different lengths and for rays that are not finite or have no direction;
-/// [`SenseError::Scene`] for a body or drone that does not exist, and where the worker was not updated.
-pub fn cast_rays(
+/// Casts rays one by one; see [`Queries::rays`](super::Queries::rays).
+pub(super) fn cast_rays(
     worker: &mut Worker,
     origins_m: &[[f64; 3]],
     directions: &[[f64; 3]],
@@ -156,7 +145,7 @@ pub fn cast_rays(
     if origins_m.len() != directions.len() {
         return Err(SenseError::Parameter {
             what: format!(
-                "cast_rays needs a direction for each origin, got {} origins and {} directions",
+                "rays need a direction for each origin, got {} origins and {} directions",
                 origins_m.len(),
                 directions.len()
             ),

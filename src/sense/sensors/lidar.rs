@@ -3,7 +3,7 @@
 use crate::math::{quat, vec3};
 use crate::scene::{Pose, checked_pose};
 use crate::sense::sensor::{Moment, Sensor, SensorChannel};
-use crate::sense::{RayPattern, RayPlanes, RayQuery, SenseError, cast_pattern};
+use crate::sense::{Queries, RayPattern, RayPlanes, RayQuery, SenseError};
 
 /// Ranges along rays in the body of the drone. Beyond `most_m`, and where nothing is met, it reads `most_m`.
 #[derive(Clone, Debug)]
@@ -113,7 +113,7 @@ impl Sensor for Lidar {
         let worker = at.scene(&self.name)?;
         let query = RayQuery::default().without_drone(worker.scene(), drone)?;
         let planes = RayPlanes { range_m: Some(&mut *out[0]), ..RayPlanes::default() };
-        cast_pattern(worker, &pose, &self.pattern, &query, planes)?;
+        Queries::at(worker).pattern(&pose, &self.pattern, &query, planes)?;
         for range in out[0].iter_mut() {
             let truth = f64::from(*range);
             let noise = if self.sigma_m > 0.0 { self.sigma_m * at.draw.normal() } else { 0.0 };

@@ -8,7 +8,7 @@ use super::lidar::mounted;
 use crate::math::{quat, vec3};
 use crate::scene::{Pose, checked_pose};
 use crate::sense::sensor::{Moment, Sensor, SensorChannel};
-use crate::sense::{RayPattern, RayPlanes, RayQuery, SenseError, cast_pattern};
+use crate::sense::{Queries, RayPattern, RayPlanes, RayQuery, SenseError};
 
 /// An optical-flow sensor with a range finder along the same axis.
 #[derive(Clone, Debug)]
@@ -82,7 +82,7 @@ impl Sensor for OpticalFlow {
         let query = RayQuery::default().without_drone(worker.scene(), drone)?;
         let mut range = [f32::INFINITY];
         let planes = RayPlanes { range_m: Some(&mut range), ..RayPlanes::default() };
-        cast_pattern(worker, &pose, &self.beam, &query, planes)?;
+        Queries::at(worker).pattern(&pose, &self.beam, &query, planes)?;
         let distance = f64::from(range[0]);
         let seen = distance < self.most_m && distance > 1e-3;
         out[1][0] = if seen { range[0] } else { self.most_m as f32 };

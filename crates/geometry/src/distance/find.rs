@@ -2,7 +2,7 @@
 
 use super::pair::Meeting;
 use crate::kind::GeomType;
-use crate::query::{NearMemory, Query};
+use crate::query::{NearMemory, Query, lower_bound};
 use crate::vec3::{dot, sub};
 
 /// Two geoms that touch.
@@ -37,7 +37,7 @@ impl Query<'_> {
 
     /// Signed distance from a point to a plane, distance to the bounding box of any other geom.
     pub fn box_distance(&self, geom: usize, point: [f64; 3]) -> f64 {
-        self.lower_bound(geom, point, 0.0).max(0.0)
+        lower_bound(&self.table.geoms[geom], self.place(geom), point, 0.0).max(0.0)
     }
 
     /// Geoms that can collide and whose box comes nearer to a point than `reach`, with that distance; planes with their
@@ -53,7 +53,7 @@ impl Query<'_> {
         let table = self.table;
         let mut add = |id: usize| {
             let g = &table.geoms[id];
-            let bound = self.lower_bound(id, point, 0.0);
+            let bound = lower_bound(g, self.place(id), point, 0.0);
             let distance = if g.kind == GeomType::Plane { bound } else { bound.max(0.0) };
             if g.collides && distance < reach {
                 out.push((distance, id));
@@ -166,13 +166,14 @@ impl Query<'_> {
     ) {
         let table = self.table;
         let h = &table.geoms[other];
-        if !h.collides || self.lower_bound(other, centre, radius) > h.margin + table.margin {
+        let there = self.place(other);
+        if !h.collides || lower_bound(h, there, centre, radius) > h.margin + table.margin {
             return;
         }
         for &id in own {
             let g = &table.geoms[id];
             let margin = g.margin + h.margin;
-            if !g.collides || self.lower_bound(other, self.poses.geom_pos_m[id], g.radius) > margin {
+            if !g.collides || lower_bound(h, there, self.poses.geom_pos_m[id], g.radius) > margin {
                 continue;
             }
             if h.kind == GeomType::Sdf {
@@ -226,14 +227,15 @@ impl Search<'_, '_, '_> {
         let query = self.query;
         let table = query.table;
         let h = &table.geoms[other];
-        if !h.collides || query.lower_bound(other, self.centre, self.radius) > self.distance() {
+        let there = query.place(other);
+        if !h.collides || lower_bound(h, there, self.centre, self.radius) > self.distance() {
             return;
         }
         self.order.clear();
         for &id in self.own {
             let g = &table.geoms[id];
             if g.collides {
-                let bound = query.lower_bound(other, query.poses.geom_pos_m[id], g.radius);
+                let bound = lower_bound(h, there, query.poses.geom_pos_m[id], g.radius);
                 if bound <= self.distance() {
                     self.order.push((bound, id as u32));
                 }
@@ -270,11 +272,10 @@ impl Search<'_, '_, '_> {
             let length = dot(apart, apart).sqrt();
             if m.distance > 1e-6 && !m.bound {
                 let n = apart.map(|x| x / length);
-                let edge =
-                    match table.convex(other, query.poses.geom_pos_m[other], &query.poses.geom_mat[other]) {
-                        Some(shape) => Some(shape.extreme(n)),
-                        None => (h.kind == GeomType::Plane).then_some(m.on_second),
-                    };
+                let edge = match table.convex(other, there.pos, there.mat) {
+                    Some(shape) => Some(shape.extreme(n)),
+                    None => (h.kind == GeomType::Plane).then_some(m.on_second),
+                };
                 plane = edge.map(|p| (n, dot(n, p)));
             }
             // Of equals the one with the lower numbers, whatever the order in which they come.
