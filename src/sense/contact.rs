@@ -92,6 +92,10 @@ fn contacts_native(worker: &mut Worker, scene: &Scene, out: &mut Vec<Contact>) -
     }
     memory.touches.sort_unstable_by_key(|t| (t.drone, t.own, t.other));
     let n_touches = memory.touches.len();
+    if n_touches == 0 {
+        // The buffer below is large.
+        return Ok(0);
+    }
     let mut limited = 0;
     let mut found = PairContacts::default();
     for k in 0..n_touches {
