@@ -445,7 +445,7 @@ fn beside_something_unexplained_nothing_is_written_that_the_next_flight_denies()
         let fitted = fit(filed, &flights, &Settings::default(), "test", Calibrate::No).unwrap();
         let verdict = &fitted.diagnosed.verdict;
         assert!(verdict.remainder.unexplained, "{}", verdict.verdict);
-        let reasons: Vec<String> = verdict.findings.iter().filter_map(|f| f.unwritten()).collect();
+        let reasons: Vec<&str> = verdict.findings.iter().filter_map(|f| f.unwritten()).collect();
         assert!(reasons.iter().any(|r| r.contains("in a part of unseen flight")), "{seed}: {reasons:?}");
         let Some(after) = fitted.after() else { continue };
         let unseen = track(1);
