@@ -224,8 +224,9 @@ mod tests {
         let found = found("src/scene/model.rs", "use crate::math::vec3;\nuse crate::physics::drone;\n");
         assert_eq!(found.len(), 1);
         assert!(
-            found[0]
-                .starts_with("src/scene/model.rs:2: `scene` may import math, names, random, error, found"),
+            found[0].starts_with(
+                "src/scene/model.rs:2: `scene` may import geometry, math, names, random, error, found"
+            ),
             "{}",
             found[0]
         );
@@ -290,8 +291,8 @@ mod tests {
         };
         assert_eq!(said("zoo", "other"), [""; 0]);
         assert!(
-            said("| `scene` | `math`, ", "| `scene` | ")[0]
-                .contains("the row of `scene` says `names, random, error`")
+            said("| `scene` | `geometry`, ", "| `scene` | ")[0]
+                .contains("the row of `scene` says `math, names, random, error`")
         );
         assert!(said("| `cli` | everything |\n", "")[0].contains("no row for `cli`"));
         assert!(
