@@ -91,8 +91,21 @@ class Camera:
         }
 
 
+class _Seen:
+    """What tells of ids of a scene."""
+
+    scenes: tuple[SceneInfo, ...]
+
+    @property
+    def scene(self) -> SceneInfo:
+        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
+        if len(self.scenes) != 1:
+            raise _native.Error(f"the worlds fly in {len(self.scenes)} scenes, each with ids of its own: take scenes[layout[world]]")
+        return self.scenes[0]
+
+
 @dataclass(frozen=True, eq=False)
-class DepthFrame:
+class DepthFrame(_Seen):
     """Depth images with everything that is known about them.
 
     ``...`` stands for (n_worlds, n_drones) of cameras that drones carry, (n_worlds,) of others; rows are height, pixel (0, 0)
@@ -127,11 +140,6 @@ class DepthFrame:
     """Which of them each world flies in, of those that were rendered. (n_worlds,)"""
 
     @property
-    def scene(self) -> SceneInfo:
-        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
-        return _only(self.scenes)
-
-    @property
     def hit(self) -> NDArray[np.bool_]:
         """Pixels with a depth, (..., height, width)."""
         return np.equal(self.status, PixelStatus.HIT)
@@ -144,7 +152,7 @@ class DepthFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Contacts:
+class Contacts(_Seen):
     """All contacts of all drones, one entry for each, in the order of worlds. ``n`` is their number."""
 
     world: NDArray[np.int32]
@@ -180,17 +188,12 @@ class Contacts:
     layout: NDArray[np.int64]
     """Which of them each world flies in. (n_worlds,)"""
 
-    @property
-    def scene(self) -> SceneInfo:
-        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
-        return _only(self.scenes)
-
     def __len__(self) -> int:
         return len(self.world)
 
 
 @dataclass(frozen=True, eq=False)
-class Clearance:
+class Clearance(_Seen):
     """Nearest obstacle of every drone. Arrays are (n_worlds, n_drones), points (n_worlds, n_drones, 3)."""
 
     distance: NDArray[np.float64]
@@ -218,14 +221,9 @@ class Clearance:
     layout: NDArray[np.int64]
     """Which of them each world flies in. (n_worlds,)"""
 
-    @property
-    def scene(self) -> SceneInfo:
-        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
-        return _only(self.scenes)
-
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class Swept(_Seen):
     """What drones touched first on their way, one entry for each that touched something, in the order of worlds. ``n`` is their number."""
 
     world: NDArray[np.int32]
@@ -259,19 +257,8 @@ class Swept:
     layout: NDArray[np.int64]
     """Which of them each world flies in. (n_worlds,)"""
 
-    @property
-    def scene(self) -> SceneInfo:
-        """What the ids stand for; of worlds in different scenes they are those of ``scenes[layout[k]]``."""
-        return _only(self.scenes)
-
     def __len__(self) -> int:
         return len(self.world)
-
-
-def _only(scenes: tuple[SceneInfo, ...]) -> SceneInfo:
-    if len(scenes) != 1:
-        raise _native.Error(f"the worlds fly in {len(scenes)} scenes, each with ids of its own: take scenes[layout[world]]")
-    return scenes[0]
 
 
 def _whole(name: str, value: object, low: int, high: int) -> int:

@@ -195,6 +195,11 @@ impl Seen {
         out
     }
 
+    /// Whether it is too short for every error used for judging.
+    pub fn blind(&self) -> bool {
+        self.channels().iter().all(Option::is_none)
+    }
+
     /// Errors over those of `other`: geometric mean over all channels that both have. Above one, `self` is worse.
     pub fn over(&self, other: &Self) -> f64 {
         geometric(&self.channels(), &other.channels())
@@ -420,7 +425,7 @@ impl Judge {
 
     /// Whether nothing can be measured on it with a vehicle that flies.
     pub fn blind(&self, vehicle: &Vehicle) -> bool {
-        self.look(vehicle).is_ok_and(|s| s.channels().iter().all(Option::is_none))
+        self.look(vehicle).is_ok_and(|s| s.blind())
     }
 
     /// Residuals of a vehicle on it.
@@ -463,10 +468,11 @@ impl Judge {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn seen(force: [f64; 3], torque: [f64; 3], position_m: f64, attitude_rad: f64) -> Seen {
+    /// Residuals of so much force and torque at 40 instants, and roll-outs of both lengths with these errors.
+    pub(crate) fn seen(force: [f64; 3], torque: [f64; 3], position_m: f64, attitude_rad: f64) -> Seen {
         let n = 40;
         let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         Seen {

@@ -94,14 +94,11 @@ fn joined(
         if alone.ratio <= RISES {
             return Ok(kept);
         }
-        // The finding without which the errors rise least.
-        let without = |index: &usize| -> Result<(f64, usize)> {
-            let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
-            let seen = judge.look(&writer.with(findings, &rest)?);
-            Ok((seen.map_or(f64::INFINITY, |s| s.most_risen(&filed).ratio), *index))
+        let risen = |rest: &[usize]| -> Result<f64> {
+            let seen = judge.look(&writer.with(findings, rest)?);
+            Ok(seen.map_or(f64::INFINITY, |s| s.most_risen(&filed).ratio))
         };
-        let tried: Vec<(f64, usize)> = kept.par_iter().map(without).collect::<Result<_>>()?;
-        let Some((_, out)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        let Some(out) = least_missed(&kept, risen)? else { break };
         let words = format!(
             "with it the {} error on {} is {} times that of the file ({}): not written",
             alone.channel,
@@ -109,14 +106,31 @@ fn joined(
             significant(alone.ratio, 3),
             pair(alone.filed, alone.now, alone.unit),
         );
-        let f = &mut findings[out];
-        f.certain = false;
-        if let Some(told) = f.held_out.take() {
-            f.held_out = Some(HeldOut { written: false, doubt: Some(words), ..told });
-        }
+        doubt(&mut findings[out], words);
         kept.retain(|index| *index != out);
     }
     Ok(kept)
+}
+
+/// The finding without which the vehicle is best; `error` measures the vehicle with the others.
+pub(super) fn least_missed(
+    kept: &[usize],
+    error: impl Fn(&[usize]) -> Result<f64> + Sync,
+) -> Result<Option<usize>> {
+    let without = |index: &usize| -> Result<(f64, usize)> {
+        let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
+        Ok((error(&rest)?, *index))
+    };
+    let tried: Vec<(f64, usize)> = kept.par_iter().map(without).collect::<Result<_>>()?;
+    Ok(tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, index)| index))
+}
+
+/// Leaves a finding in doubt and out of the file, with the reason.
+pub(super) fn doubt(finding: &mut Finding, words: String) {
+    finding.certain = false;
+    if let Some(told) = finding.held_out.take() {
+        finding.held_out = Some(HeldOut { written: false, doubt: Some(words), ..told });
+    }
 }
 
 /// Groups that keep the errors lowest, at most [`MOST_PARTNERS`], and the largest ratio of an error to the nominal one with

@@ -5,13 +5,13 @@
 //! manoeuvre and not the vehicle, and the next flight is another manoeuvre.
 
 use super::Writer;
+use super::partners::{doubt, least_missed};
 use crate::error::Result;
 use crate::headline::pair;
 use crate::judge::{Judge, Risen, Seen};
 use crate::policy::{RISES, WELL_BELOW};
 use crate::report::significant;
-use crate::verdict::{Calibration, Finding, HeldOut};
-use rayon::prelude::*;
+use crate::verdict::{Calibration, Finding};
 
 /// Drops findings, the one without which the vehicle is best first, until in every part of the flight no error rises and all
 /// errors together fall to [`WELL_BELOW`]; what was to be written together with them goes with the first. Returns the findings
@@ -31,39 +31,42 @@ pub(super) fn judged(
     while !kept.is_empty() {
         let mut with = writer.clone();
         with.partners.extend(adjusted.iter().filter(|c| c.partner).cloned());
-        let Some(worst) = worst_part(judge, &with, findings, &kept, &filed)? else { return Ok(kept) };
-        if worst.fine() {
-            return Ok(kept);
-        }
-        let without = |index: &usize| -> Result<(f64, usize)> {
-            let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
-            let left = worst_part(judge, writer, findings, &rest, &filed)?;
-            Ok((left.map_or(f64::INFINITY, |w| w.together.max(w.most.ratio)), *index))
+        // A vehicle that diverges was dealt with before.
+        let Ok(parts) = judge.in_parts(&with.with(findings, &kept)?) else { return Ok(kept) };
+        let Some(found) = wrong(&parts, &filed) else { return Ok(kept) };
+        let size = |rest: &[usize]| -> Result<f64> {
+            let parts = judge.in_parts(&writer.with(findings, rest)?);
+            Ok(parts.map_or(f64::INFINITY, |parts| wrong(&parts, &filed).map_or(0.0, |w| w.size())))
         };
-        let tried: Vec<(f64, usize)> = kept.par_iter().map(without).collect::<Result<_>>()?;
-        let Some((_, out)) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else { break };
-        let f = &mut findings[out];
-        f.certain = false;
-        if let Some(told) = f.held_out.take() {
-            f.held_out = Some(HeldOut { written: false, doubt: Some(worst.words(judge)), ..told });
-        }
+        let Some(out) = least_missed(&kept, size)? else { break };
+        doubt(&mut findings[out], found.words(judge));
         kept.retain(|index| *index != out);
         adjusted.iter_mut().for_each(|c| c.partner = false);
     }
     Ok(kept)
 }
 
-/// The worst over the parts of the flight.
-struct Worst {
+/// What is wrong with a vehicle in a part of a flight; `None` where it helps clearly in all of them.
+fn wrong(parts: &[Seen], filed: &[Seen]) -> Option<Wrong> {
+    let judged = || parts.iter().zip(filed).filter(|(now, filed)| !now.blind() && !filed.blind());
+    let risen = judged().map(|(now, filed)| now.most_risen(filed));
+    // Without a part that is long enough nothing can be said against the vehicle.
+    let most = risen.max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
+    let together = judged().map(|(now, filed)| now.over(filed)).fold(0.0, f64::max);
+    (most.ratio > RISES || together > WELL_BELOW).then_some(Wrong { most, together })
+}
+
+/// The worst over the parts of a flight.
+struct Wrong {
     /// The error that rises most.
     most: Risen,
     /// All errors together over those of the file, where they fall least.
     together: f64,
 }
 
-impl Worst {
-    fn fine(&self) -> bool {
-        self.most.ratio <= RISES && self.together <= WELL_BELOW
+impl Wrong {
+    fn size(&self) -> f64 {
+        self.most.ratio.max(self.together)
     }
 
     fn words(&self, judge: &Judge) -> String {
@@ -82,18 +85,24 @@ impl Worst {
     }
 }
 
-/// The worst over all parts of the vehicle with the findings `kept`; `None` where it diverges.
-fn worst_part(
-    judge: &Judge,
-    writer: &Writer,
-    findings: &[Finding],
-    kept: &[usize],
-    filed: &[Seen],
-) -> Result<Option<Worst>> {
-    let Ok(parts) = judge.in_parts(&writer.with(findings, kept)?) else { return Ok(None) };
-    let each = parts.iter().zip(filed);
-    let together = each.clone().map(|(now, filed)| now.over(filed)).fold(0.0, f64::max);
-    let risen = each.map(|(now, filed)| now.most_risen(filed));
-    let most = risen.max_by(|a, b| a.ratio.total_cmp(&b.ratio));
-    Ok(most.map(|most| Worst { most, together }))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::judge::tests::seen;
+
+    #[test]
+    fn a_vehicle_must_help_in_every_part_that_can_be_judged() {
+        let filed = || seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.05);
+        let helps = || seen([0.2, 0.15, 0.01], [0.002; 3], 0.06, 0.04);
+        let raises = seen([0.2, 0.15, 0.01], [0.002; 3], 0.102, 0.04);
+        let little = seen([0.39, 0.29, 0.01], [0.002; 3], 0.1, 0.05);
+        let both = [filed(), filed()];
+        assert!(wrong(&[helps(), helps()], &both).is_none());
+        let risen = wrong(&[helps(), raises], &both).unwrap();
+        assert!((risen.most.ratio - 1.02).abs() < 1e-12 && risen.most.channel.starts_with("position"));
+        assert!(wrong(&[helps(), little], &both).unwrap().together > 0.98);
+        // Parts that are too short for instants and roll-outs say nothing.
+        assert!(wrong(&[helps(), Seen::default()], &[filed(), Seen::default()]).is_none());
+        assert!(wrong(&[Seen::default()], &[Seen::default()]).is_none());
+    }
 }
