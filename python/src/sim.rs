@@ -10,6 +10,7 @@ use propwash::dataset::recorder::FlightConfig;
 use propwash::math::quat;
 use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::physics::rigid_body::State;
+use propwash::rollout::pool::alone;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::scalar::lanes::Number;
 use propwash::scene::Pose;
@@ -26,6 +27,9 @@ use crate::sense::Sensed;
 use crate::stages::{Call, Place, RestOnGround, Slot, lock};
 use crate::threads::{self, LOOK};
 use crate::vehicle::{PyVehicle, by_mode};
+
+/// Steps of the smallest part of a call: to bring worlds into lanes and back costs as much as six of them.
+const LEAST_STEPS: usize = 8;
 
 /// A simulation of either number, in its scenes.
 pub enum Flight {
@@ -441,11 +445,14 @@ impl PySim {
                 })?;
             } else {
                 // In parts after which Ctrl-C is heard; steps are the same in any parts.
-                let mut most = (1_000_000 / (self.n_worlds * self.n_drones).max(1)).max(1);
+                let mut most = (1_000_000 / (self.n_worlds * self.n_drones).max(1)).max(LEAST_STEPS);
                 let mut left = n_steps;
                 while left > 0 {
                     let (now, begin) = (most.min(left), Instant::now());
                     py.detach(|| match arena.is_parallel(now) {
+                        true if self.pool.current_num_threads() == 1 && arena.can_be_alone() => {
+                            alone(|| arena.step(now))
+                        }
                         true => self.pool.install(|| arena.step(now)),
                         false => arena.step(now),
                     }).or_raise()?;
@@ -453,7 +460,7 @@ impl PySim {
                     if left > 0 {
                         py.check_signals()?;
                         if begin.elapsed() > LOOK {
-                            most = (most / 2).max(1);
+                            most = (most / 2).max(LEAST_STEPS);
                         }
                     }
                 }

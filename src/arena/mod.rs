@@ -287,6 +287,11 @@ impl<N: Number> Arena<N> {
         }
     }
 
+    /// Whether all of a step heeds [`alone`](crate::rollout::pool::alone): what scenes measure is shared by threads of the pool.
+    pub fn can_be_alone(&self) -> bool {
+        !self.measures()
+    }
+
     /// As [`Sim::set_command`].
     ///
     /// # Errors

@@ -25,10 +25,10 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 use std::sync::OnceLock;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, f32x16, f64x8, i32x16, i64x8, mask32x16, mask64x8};
+use fearless_simd::{Level, dispatch, f32x16, f64x8, i32x16, i64x8, mask32x16, mask64x8};
 
-use super::Real;
 use super::bytecode::Interpret;
+use super::{Real, rows};
 
 /// A number type for storage: f64 or f32.
 pub trait Number: Real + Default + PartialOrd + Send + Sync + core::fmt::Display {
@@ -102,10 +102,18 @@ pub trait Cell: Copy + Send + Sync + core::fmt::Debug + 'static {
     fn poison(&mut self, of: &Self);
     /// Adds NaN per lane where |x| is greater than `limit`.
     fn poison_beyond(&mut self, of: &Self, limit: Self::Number);
+    /// Sets lane i of cell j to number `col + j` of row i, for all lanes: rows of `width` numbers stand one behind the other in `rows`.
+    fn gather(_level: Level, cells: &mut [Self], rows: &[Self::Number], width: usize, col: usize) {
+        rows::gather(cells, rows, width, col);
+    }
+    /// The way back from [`Cell::gather`]; other columns stay as they are.
+    fn scatter(_level: Level, cells: &[Self], rows: &mut [Self::Number], width: usize, col: usize) {
+        rows::scatter(cells, rows, width, col);
+    }
 }
 
 macro_rules! impl_cell {
-    ($(#[$meta:meta])* $name:ident, $float:ident, $lanes:literal) => {
+    ($(#[$meta:meta])* $name:ident, $float:ident, $lanes:literal, $gather:ident, $scatter:ident) => {
         $(#[$meta])*
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[repr(align(64))]
@@ -151,16 +159,24 @@ macro_rules! impl_cell {
                     self.0[lane] += if of.0[lane].abs() > limit { $float::NAN } else { 0.0 };
                 }
             }
+            #[inline(always)]
+            fn gather(level: Level, cells: &mut [Self], rows: &[$float], width: usize, col: usize) {
+                rows::$gather(level, cells, rows, width, col);
+            }
+            #[inline(always)]
+            fn scatter(level: Level, cells: &[Self], rows: &mut [$float], width: usize, col: usize) {
+                rows::$scatter(level, cells, rows, width, col);
+            }
         }
     };
 }
 impl_cell! {
     /// Sixteen lanes of f32.
-    F32x16, f32, 16
+    F32x16, f32, 16, gather_f32, scatter_f32
 }
 impl_cell! {
     /// Eight lanes of f64.
-    F64x8, f64, 8
+    F64x8, f64, 8, gather_f64, scatter_f64
 }
 
 impl Cell for f64 {
@@ -237,6 +253,38 @@ impl<C: Cell, const W: usize> Cell for [C; W] {
             self[i].poison_beyond(&of[i], limit);
         }
     }
+}
+
+/// Copies cells within a file, in order: (from, to).
+pub fn copy_cells<C: Cell>(level: Level, file: &mut [C], pairs: &[(u32, u32)]) {
+    #[inline(always)]
+    fn copy<C: Cell>(file: &mut [C], pairs: &[(u32, u32)]) {
+        for i in 0..pairs.len() {
+            let (from, to) = pairs[i];
+            file[to as usize] = file[from as usize];
+        }
+    }
+    dispatch!(level, simd => simd.vectorize(#[inline(always)] || copy(file, pairs)));
+}
+
+/// Whether all lanes of `cells` are finite, and those of the first `near` cells not beyond `limit`.
+pub fn all_finite<C: Cell>(level: Level, cells: &[C], near: usize, limit: C::Number) -> bool {
+    #[inline(always)]
+    fn finite<C: Cell>(cells: &[C], near: usize, limit: C::Number) -> bool {
+        let mut sum = C::splat(C::Number::zero());
+        for i in 0..cells.len() {
+            sum.poison(&cells[i]);
+        }
+        for i in 0..near {
+            sum.poison_beyond(&cells[i], limit);
+        }
+        let mut all = true;
+        for lane in 0..C::LANES {
+            all &= sum.get(lane) == C::Number::zero();
+        }
+        all
+    }
+    dispatch!(level, simd => simd.vectorize(#[inline(always)] || finite(cells, near, limit)))
 }
 
 /// Operations that kernels need on a number or a block of lanes.
@@ -961,7 +1009,6 @@ pub fn level_name() -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fearless_simd::dispatch;
 
     /// Functions whose errors the table at the top of this file states.
     #[derive(Clone, Copy, Debug, PartialEq)]

@@ -26,6 +26,7 @@ pub mod math;
 pub mod names;
 pub mod params;
 pub mod program;
+mod rows;
 pub mod schedule;
 pub mod trace;
 pub mod units;

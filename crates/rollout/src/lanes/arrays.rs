@@ -3,8 +3,6 @@
 use super::super::SimData;
 use super::super::quarantine::Quarantine;
 use super::super::traced::place;
-use core::array::from_fn;
-use propwash_trace::lanes::Cell;
 
 /// Place of the memory of effects among the arrays that steps change, the last of them.
 pub(super) const EFFECT_MEMORY: usize = 9;
@@ -121,9 +119,9 @@ impl<'a, N> View<'a, N> {
     }
 }
 
-/// Where places stand in the public arrays, neighbours as one; nowhere for time, random numbers, other drones and what the mode does
-/// not use.
-pub(super) fn columns(arrays: &Arrays, mut places: Vec<u32>, n_effects: usize) -> Vec<Columns> {
+/// Where places stand in the public arrays, neighbours as one, also where up to `gap` numbers between them are not asked for; nowhere
+/// for time, random numbers, other drones and what the mode does not use.
+pub(super) fn columns(arrays: &Arrays, mut places: Vec<u32>, n_effects: usize, gap: usize) -> Vec<Columns> {
     places.sort_unstable();
     places.dedup();
     let mut all: Vec<Columns> = Vec::new();
@@ -136,60 +134,15 @@ pub(super) fn columns(arrays: &Arrays, mut places: Vec<u32>, n_effects: usize) -
         };
         let Some((array, width, col)) = at else { continue };
         match all.last_mut() {
-            Some(c) if c.array == array && c.place + c.n == p as usize && c.col + c.n == col => c.n += 1,
+            Some(c)
+                if c.array == array
+                    && p as usize - c.place == col.wrapping_sub(c.col)
+                    && p as usize - c.place <= c.n + gap =>
+            {
+                c.n = p as usize - c.place + 1;
+            }
             _ => all.push(Columns { place: p as usize, array, width, col, n: 1 }),
         }
     }
     all
-}
-
-/// Fills lanes with columns of the first rows of an array, one row to each lane.
-pub(super) fn gather_line<C: Cell>(cells: &mut [C], array: &[C::Number], width: usize, col: usize) {
-    // Whole rows of the commonest widths need no check for each number.
-    match (width, cells.len()) {
-        (1, 1) => gather_rows::<C, 1>(cells, array),
-        (3, 3) => gather_rows::<C, 3>(cells, array),
-        (4, 4) => gather_rows::<C, 4>(cells, array),
-        _ => {
-            let array = &array[col..][..(C::LANES - 1) * width + cells.len()];
-            for (i, cell) in cells.iter_mut().enumerate() {
-                cell.fill(0, |lane| array[lane * width + i]);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn gather_rows<C: Cell, const W: usize>(cells: &mut [C], array: &[C::Number]) {
-    let rows = &array.as_chunks::<W>().0[..C::LANES];
-    let Some(cells) = cells.first_chunk_mut::<W>() else { return };
-    for (lane, row) in rows.iter().enumerate() {
-        for (cell, v) in cells.iter_mut().zip(row) {
-            cell.set(lane, *v);
-        }
-    }
-}
-
-/// Writes lanes to columns of the first rows of an array, one row from each lane.
-pub(super) fn scatter_line<C: Cell>(cells: &[C], array: &mut [C::Number], width: usize, col: usize) {
-    match (width, cells.len()) {
-        (1, 1) => scatter_rows::<C, 1>(cells, array),
-        (3, 3) => scatter_rows::<C, 3>(cells, array),
-        (4, 4) => scatter_rows::<C, 4>(cells, array),
-        _ => {
-            let array = &mut array[col..][..(C::LANES - 1) * width + cells.len()];
-            for (i, cell) in cells.iter().enumerate() {
-                cell.drain(0, |lane, v| array[lane * width + i] = v);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn scatter_rows<C: Cell, const W: usize>(cells: &[C], array: &mut [C::Number]) {
-    let rows = &mut array.as_chunks_mut::<W>().0[..C::LANES];
-    let Some(cells) = cells.first_chunk::<W>() else { return };
-    for (lane, row) in rows.iter_mut().enumerate() {
-        *row = from_fn(|j| cells[j].get(lane));
-    }
 }

@@ -34,6 +34,9 @@ pub(super) const SERIAL_LIMIT: usize = 10_000;
 /// What it costs to bring the numbers of a drone into lanes and back, once per call, in steps (about 60 ns against 5 ns a step).
 const STEPS_OF_A_CALL: usize = 12;
 
+/// Blocks of lanes that are loaded, flown and stored together.
+const BLOCKS_AT_ONCE: usize = 4;
+
 /// Work of a call, in drone-steps.
 pub(super) fn work(n_drones: usize, n_steps: usize) -> usize {
     let each = if n_steps == 0 { 0 } else { n_steps.saturating_add(STEPS_OF_A_CALL) };
@@ -178,8 +181,13 @@ impl<N: Number> Lanes<N> {
         let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
         let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
         let lanes = if compiled { N::Cell::LANES } else { N::Four::LANES };
-        let worlds_at_once = lanes.div_ceil(most).max(1);
         let work = work(data.n_worlds * nominal.len(), options.n_steps);
+        let parallel = threads > 1 && work >= SERIAL_LIMIT;
+        let near = self.kinds.iter().any(|k| k.neighbours > 0);
+        // Several blocks share what a leaf of the recursion costs, as long as every thread has enough of them.
+        let blocks = (data.n_worlds * most).div_ceil(lanes) / if parallel { 4 * threads } else { 1 };
+        let at_once = if near { 1 } else { blocks.clamp(1, BLOCKS_AT_ONCE) };
+        let worlds_at_once = (lanes * at_once).div_ceil(most).max(1);
         let shared = Shared {
             options: *options,
             kinds: &self.kinds,
@@ -200,7 +208,7 @@ impl<N: Number> Lanes<N> {
             own,
             effects_from: &self.effects_from,
             worlds_at_once,
-            parallel: threads > 1 && work >= SERIAL_LIMIT,
+            parallel,
         };
         let view = View {
             first: 0,
@@ -326,7 +334,7 @@ impl<N: Number> Shared<'_, N> {
     fn advance(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
         self.load(&view, scratch, false);
         self.steps(&view, scratch, 0, self.options.n_steps);
-        if self.options.phase == Phase::Controllers || scratch.finite() {
+        if self.options.phase == Phase::Controllers || scratch.finite(self.level) {
             scratch.one.store(self, &mut view, &[]);
             scratch.two.store(self, &mut view, &[]);
             scratch.four.store(self, &mut view, &[]);
@@ -433,8 +441,8 @@ impl<N: Number> Shared<'_, N> {
 
 impl<N: Number> Scratch<N> {
     /// Whether all states are finite.
-    fn finite(&self) -> bool {
-        self.one.finite() && self.two.finite() && self.four.finite()
+    fn finite(&self, level: Level) -> bool {
+        self.one.finite(level) && self.two.finite(level) && self.four.finite(level)
     }
 
     /// Positions and velocities of all drones, by row.

@@ -5,12 +5,13 @@ use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
 use super::super::sim::origin;
 use super::super::traced::place;
 use super::Shared;
-use super::arrays::{Columns, EFFECT_MEMORY, View, gather_line, scatter_line};
+use super::arrays::{Columns, EFFECT_MEMORY, View};
 use super::plan::Kind;
+use fearless_simd::Level;
 use propwash_physics::rigid_body::MAX_ROTORS;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
-use propwash_trace::lanes::Number;
+use propwash_trace::lanes::{Number, all_finite, copy_cells};
 
 /// Which steps of a call a segment is.
 #[derive(Clone, Copy, Debug)]
@@ -123,8 +124,8 @@ impl<C: Interpret> Pool<C> {
         }
     }
 
-    pub(super) fn finite(&self) -> bool {
-        self.packs[..self.used].iter().all(Pack::finite)
+    pub(super) fn finite(&self, level: Level) -> bool {
+        self.packs[..self.used].iter().all(|pack| pack.finite(level))
     }
 
     pub(super) fn show(&self, around: &mut [C::Number]) {
@@ -234,7 +235,8 @@ impl<C: Interpret> Pack<C> {
                 _ => (shared.read[c.array - 10], view.first * view.n_drones),
             };
             if in_line && c.array != EFFECT_MEMORY {
-                gather_line(cells, &array[(first + self.rows[0] as usize) * c.width..], c.width, c.col);
+                let rows = &array[(first + self.rows[0] as usize) * c.width..];
+                C::gather(shared.level, cells, rows, c.width, c.col);
                 continue;
             }
             for (lane, row) in self.rows.iter().enumerate() {
@@ -269,7 +271,8 @@ impl<C: Interpret> Pack<C> {
             let cells = &self.file[c.place..c.place + c.n];
             let array = &mut *view.out[c.array];
             if in_line && c.array != EFFECT_MEMORY {
-                scatter_line(cells, &mut array[self.rows[0] as usize * c.width..], c.width, c.col);
+                let rows = &mut array[self.rows[0] as usize * c.width..];
+                C::scatter(shared.level, cells, rows, c.width, c.col);
                 continue;
             }
             for (lane, row) in self.rows[..self.n].iter().enumerate() {
@@ -299,16 +302,9 @@ impl<C: Interpret> Pack<C> {
         }
     }
 
-    pub(super) fn finite(&self) -> bool {
-        let mut sum = C::splat(C::Number::zero());
-        for cell in &self.file[..place::MEMORY as usize] {
-            sum.poison(cell);
-        }
+    pub(super) fn finite(&self, level: Level) -> bool {
         let limit = C::Number::of(MAX_POSITION_M);
-        for i in 0..3 {
-            sum.poison_beyond(&self.file[place::STATE as usize + i], limit);
-        }
-        (0..C::LANES).all(|lane| sum.get(lane) == C::Number::zero())
+        all_finite(level, &self.file[place::STATE as usize..place::MEMORY as usize], 3, limit)
     }
 
     /// Steps since the last reset of the world of a lane, after `done` steps of this call.
@@ -423,8 +419,8 @@ impl<C: Interpret> Pack<C> {
         }
         let (runner, level) = (plan.runner::<C>(shared.level), shared.level);
         if span.first || !plan.enter.often.is_empty() {
-            for (from, to) in plan.enter.all_or_often(span.first) {
-                self.file[*to as usize] = self.file[*from as usize];
+            for pairs in plan.enter.all_or_often(span.first) {
+                copy_cells(level, &mut self.file, pairs);
             }
             runner.call(level, plan, &mut self.file);
         }
@@ -440,10 +436,10 @@ impl<C: Interpret> Pack<C> {
         if span.last || plan.needs_epilogue {
             runner.epilogue(level, plan, &mut self.file);
         }
-        for (cell, to) in plan.leave.all_or_often(span.last) {
-            self.file[*to as usize] = self.file[*cell as usize];
+        for pairs in plan.leave.all_or_often(span.last) {
+            copy_cells(level, &mut self.file, pairs);
         }
-        for (v, to) in plan.constants.all_or_often(span.last) {
+        for (v, to) in plan.constants.all_or_often(span.last).into_iter().flatten() {
             self.file[*to as usize] = C::splat(*v);
         }
     }

@@ -88,8 +88,9 @@ impl<T: Copy> Parted<T> {
         (self.often, self.once) = self.often.iter().partition(|t| is_often(t));
     }
 
-    pub(super) fn all_or_often(&self, all: bool) -> impl Iterator<Item = &T> {
-        self.often.iter().chain(if all { &self.once[..] } else { &[] })
+    /// What is done often, and all else.
+    pub(super) fn all_or_often(&self, all: bool) -> [&[T]; 2] {
+        [&self.often, if all { &self.once } else { &[] }]
     }
 }
 
@@ -313,8 +314,10 @@ impl<N: Number> Kind<N> {
         };
         let loads: Vec<u32> = places.clone().filter(is_loaded).collect();
         let all_loads: Vec<u32> = places.filter(|p| is_loaded(p) || writers[*p as usize] > 0).collect();
-        let columns = |list: Vec<u32>| columns(arrays, list, self.effects);
-        (self.loads, self.all_loads, self.saves) = (columns(loads), columns(all_loads), columns(saves));
+        // A number too many that is loaded is what it is; one that is stored would be what it was.
+        let columns = |list: Vec<u32>, gap| columns(arrays, list, self.effects, gap);
+        (self.loads, self.all_loads, self.saves) =
+            (columns(loads, 1), columns(all_loads, 1), columns(saves, 0));
     }
 
     /// Whether kernels fly this kind in cells of this type.

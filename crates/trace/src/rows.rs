@@ -1,0 +1,474 @@
+//! Numbers of rows in memory brought into lanes, one row to each lane, and back: the transposition that every call of a simulation
+//! begins and ends with.
+//!
+//! With AVX-512 whole registers are shuffled, a third of the instructions of copying number by number; other processors copy.
+
+use fearless_simd::Level;
+
+use super::lanes::{Cell, F32x16, F64x8};
+
+/// Fills lanes with columns of the first rows of an array, one row to each lane, number by number.
+pub(super) fn gather<C: Cell>(cells: &mut [C], rows: &[C::Number], width: usize, col: usize) {
+    // Whole rows of the commonest widths need no check for each number.
+    match (width, cells.len()) {
+        (1, 1) => gather_rows::<C, 1>(cells, rows),
+        (3, 3) => gather_rows::<C, 3>(cells, rows),
+        (4, 4) => gather_rows::<C, 4>(cells, rows),
+        _ => {
+            let rows = &rows[col..][..(C::LANES - 1) * width + cells.len()];
+            for (i, cell) in cells.iter_mut().enumerate() {
+                cell.fill(0, |lane| rows[lane * width + i]);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn gather_rows<C: Cell, const W: usize>(cells: &mut [C], rows: &[C::Number]) {
+    let rows = &rows.as_chunks::<W>().0[..C::LANES];
+    let Some(cells) = cells.first_chunk_mut::<W>() else { return };
+    for (lane, row) in rows.iter().enumerate() {
+        for (cell, v) in cells.iter_mut().zip(row) {
+            cell.set(lane, *v);
+        }
+    }
+}
+
+/// Writes lanes to columns of the first rows of an array, one row from each lane, number by number.
+pub(super) fn scatter<C: Cell>(cells: &[C], rows: &mut [C::Number], width: usize, col: usize) {
+    match (width, cells.len()) {
+        (1, 1) => scatter_rows::<C, 1>(cells, rows),
+        (3, 3) => scatter_rows::<C, 3>(cells, rows),
+        (4, 4) => scatter_rows::<C, 4>(cells, rows),
+        _ => {
+            let rows = &mut rows[col..][..(C::LANES - 1) * width + cells.len()];
+            for (i, cell) in cells.iter().enumerate() {
+                cell.drain(0, |lane, v| rows[lane * width + i] = v);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn scatter_rows<C: Cell, const W: usize>(cells: &[C], rows: &mut [C::Number]) {
+    let rows = &mut rows.as_chunks_mut::<W>().0[..C::LANES];
+    let Some(cells) = cells.first_chunk::<W>() else { return };
+    for (lane, row) in rows.iter_mut().enumerate() {
+        *row = core::array::from_fn(|j| cells[j].get(lane));
+    }
+}
+
+/// [`gather`] with the instructions of `level`.
+#[inline(always)]
+pub(super) fn gather_f32(level: Level, cells: &mut [F32x16], rows: &[f32], width: usize, col: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx512) = level.as_avx512() {
+        return x86::gather_f32(avx512, cells, rows, width, col);
+    }
+    let _ = level;
+    gather(cells, rows, width, col);
+}
+
+/// [`scatter`] with the instructions of `level`.
+#[inline(always)]
+pub(super) fn scatter_f32(level: Level, cells: &[F32x16], rows: &mut [f32], width: usize, col: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx512) = level.as_avx512() {
+        return x86::scatter_f32(avx512, cells, rows, width, col);
+    }
+    let _ = level;
+    scatter(cells, rows, width, col);
+}
+
+/// [`gather`] with the instructions of `level`.
+#[inline(always)]
+pub(super) fn gather_f64(level: Level, cells: &mut [F64x8], rows: &[f64], width: usize, col: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx512) = level.as_avx512() {
+        return x86::gather_f64(avx512, cells, rows, width, col);
+    }
+    let _ = level;
+    gather(cells, rows, width, col);
+}
+
+/// [`scatter`] with the instructions of `level`.
+#[inline(always)]
+pub(super) fn scatter_f64(level: Level, cells: &[F64x8], rows: &mut [f64], width: usize, col: usize) {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(avx512) = level.as_avx512() {
+        return x86::scatter_f64(avx512, cells, rows, width, col);
+    }
+    let _ = level;
+    scatter(cells, rows, width, col);
+}
+
+#[cfg(target_arch = "x86_64")]
+mod x86 {
+    use core::arch::x86_64::{
+        __m512, __m512d, _mm512_castpd_ps, _mm512_castpd256_pd512, _mm512_castpd512_pd256, _mm512_castps_pd,
+        _mm512_castps128_ps512, _mm512_castps512_ps128, _mm512_extractf32x4_ps, _mm512_extractf64x4_pd,
+        _mm512_insertf32x4, _mm512_insertf64x4, _mm512_permutex2var_pd, _mm512_permutex2var_ps,
+        _mm512_unpackhi_pd, _mm512_unpackhi_ps, _mm512_unpacklo_pd, _mm512_unpacklo_ps,
+    };
+
+    use fearless_simd::prelude::*;
+    use fearless_simd::{f32x4, f32x16, f64x4, f64x8, i32x16, i64x8, kernel};
+
+    use super::super::lanes::{F32x16, F64x8};
+
+    /// Which of three registers of `N` numbers, taken as rows of three, hold number `j` of row i: first from the first two, then
+    /// from these and the third.
+    const fn apart<const N: usize>(j: usize) -> [[usize; N]; 2] {
+        let mut steps = [[0; N]; 2];
+        let mut i = 0;
+        while i < N {
+            let from = 3 * i + j;
+            (steps[0][i], steps[1][i]) = if from < 2 * N { (from, i) } else { (0, from - N) };
+            i += 1;
+        }
+        steps
+    }
+
+    /// The way back: register `m` of three that hold rows of three, first from numbers 0 and 1, then from these and number 2.
+    const fn together<const N: usize>(m: usize) -> [[usize; N]; 2] {
+        let mut steps = [[0; N]; 2];
+        let mut i = 0;
+        while i < N {
+            let (row, j) = ((m * N + i) / 3, (m * N + i) % 3);
+            (steps[0][i], steps[1][i]) = if j < 2 { (j * N + row, i) } else { (0, N + row) };
+            i += 1;
+        }
+        steps
+    }
+
+    const fn narrow(steps: [[usize; 16]; 2]) -> [[i32; 16]; 2] {
+        let mut out = [[0; 16]; 2];
+        let mut i = 0;
+        while i < 32 {
+            out[i / 16][i % 16] = steps[i / 16][i % 16] as i32;
+            i += 1;
+        }
+        out
+    }
+
+    const fn wide(steps: [[usize; 8]; 2]) -> [[i64; 8]; 2] {
+        let mut out = [[0; 8]; 2];
+        let mut i = 0;
+        while i < 16 {
+            out[i / 8][i % 8] = steps[i / 8][i % 8] as i64;
+            i += 1;
+        }
+        out
+    }
+
+    const APART_F32: [[[i32; 16]; 2]; 3] = [narrow(apart(0)), narrow(apart(1)), narrow(apart(2))];
+    const TOGETHER_F32: [[[i32; 16]; 2]; 3] = [narrow(together(0)), narrow(together(1)), narrow(together(2))];
+    const APART_F64: [[[i64; 8]; 2]; 3] = [wide(apart(0)), wide(apart(1)), wide(apart(2))];
+    const TOGETHER_F64: [[[i64; 8]; 2]; 3] = [wide(together(0)), wide(together(1)), wide(together(2))];
+
+    // No closure and no iterator adaptor stands within a kernel: what is not inlined there is compiled without the features.
+
+    kernel!(
+        #[inline]
+        fn mix_f32(simd: Avx512, a: __m512, b: __m512, c: __m512, steps: &[[i32; 16]; 2]) -> __m512 {
+            let first = i32x16::simd_from(simd, steps[0]).into();
+            let second = i32x16::simd_from(simd, steps[1]).into();
+            _mm512_permutex2var_ps(_mm512_permutex2var_ps(a, first, b), second, c)
+        }
+    );
+    kernel!(
+        #[inline]
+        fn mix_f64(simd: Avx512, a: __m512d, b: __m512d, c: __m512d, steps: &[[i64; 8]; 2]) -> __m512d {
+            let first = i64x8::simd_from(simd, steps[0]).into();
+            let second = i64x8::simd_from(simd, steps[1]).into();
+            _mm512_permutex2var_pd(_mm512_permutex2var_pd(a, first, b), second, c)
+        }
+    );
+    kernel!(
+        /// Transposes the four blocks of 4 × 4 numbers that stand side by side in four registers.
+        #[inline]
+        fn turn_f32(_simd: Avx512, r: [__m512; 4]) -> [__m512; 4] {
+            let a = _mm512_castps_pd(_mm512_unpacklo_ps(r[0], r[1]));
+            let b = _mm512_castps_pd(_mm512_unpacklo_ps(r[2], r[3]));
+            let c = _mm512_castps_pd(_mm512_unpackhi_ps(r[0], r[1]));
+            let d = _mm512_castps_pd(_mm512_unpackhi_ps(r[2], r[3]));
+            [
+                _mm512_castpd_ps(_mm512_unpacklo_pd(a, b)),
+                _mm512_castpd_ps(_mm512_unpackhi_pd(a, b)),
+                _mm512_castpd_ps(_mm512_unpacklo_pd(c, d)),
+                _mm512_castpd_ps(_mm512_unpackhi_pd(c, d)),
+            ]
+        }
+    );
+    kernel!(
+        /// Of four registers, each of which holds two rows of four numbers (0 and 4, 1 and 5, 2 and 6, 3 and 7): the four columns.
+        #[inline]
+        fn columns_f64(simd: Avx512, r: [__m512d; 4]) -> [__m512d; 4] {
+            let even = i64x8::simd_from(simd, EVEN).into();
+            let odd = i64x8::simd_from(simd, ODD).into();
+            let (a, b) = (_mm512_unpacklo_pd(r[0], r[1]), _mm512_unpacklo_pd(r[2], r[3]));
+            let (c, d) = (_mm512_unpackhi_pd(r[0], r[1]), _mm512_unpackhi_pd(r[2], r[3]));
+            [
+                _mm512_permutex2var_pd(a, even, b),
+                _mm512_permutex2var_pd(c, even, d),
+                _mm512_permutex2var_pd(a, odd, b),
+                _mm512_permutex2var_pd(c, odd, d),
+            ]
+        }
+    );
+    kernel!(
+        /// The way back from [`columns_f64`].
+        #[inline]
+        fn rows_f64(simd: Avx512, c: [__m512d; 4]) -> [__m512d; 4] {
+            let even = i64x8::simd_from(simd, EVEN).into();
+            let odd = i64x8::simd_from(simd, ODD).into();
+            let (a, b) = (_mm512_permutex2var_pd(c[0], even, c[2]), _mm512_permutex2var_pd(c[1], even, c[3]));
+            let (e, f) = (_mm512_permutex2var_pd(c[0], odd, c[2]), _mm512_permutex2var_pd(c[1], odd, c[3]));
+            [
+                _mm512_unpacklo_pd(a, b),
+                _mm512_unpackhi_pd(a, b),
+                _mm512_unpacklo_pd(e, f),
+                _mm512_unpackhi_pd(e, f),
+            ]
+        }
+    );
+    const EVEN: [i64; 8] = [0, 1, 8, 9, 4, 5, 12, 13];
+    const ODD: [i64; 8] = [2, 3, 10, 11, 6, 7, 14, 15];
+
+    /// One register of rows i, i + 4, … by four numbers each.
+    macro_rules! read_f32 {
+        ($simd:ident, $rows:ident, $width:expr, $first:expr, $i:ident) => {{
+            let a = f32x4::from_slice($simd, &$rows[$i * $width + $first..][..4]).into();
+            let b = f32x4::from_slice($simd, &$rows[($i + 4) * $width + $first..][..4]).into();
+            let c = f32x4::from_slice($simd, &$rows[($i + 8) * $width + $first..][..4]).into();
+            let d = f32x4::from_slice($simd, &$rows[($i + 12) * $width + $first..][..4]).into();
+            let v = _mm512_insertf32x4::<1>(_mm512_castps128_ps512(a), b);
+            _mm512_insertf32x4::<3>(_mm512_insertf32x4::<2>(v, c), d)
+        }};
+    }
+    macro_rules! write_f32 {
+        ($simd:ident, $v:expr, $rows:ident, $width:expr, $first:expr, $i:ident) => {
+            let v = $v;
+            let (a, b) = (_mm512_castps512_ps128(v), _mm512_extractf32x4_ps::<1>(v));
+            let (c, d) = (_mm512_extractf32x4_ps::<2>(v), _mm512_extractf32x4_ps::<3>(v));
+            f32x4::simd_from($simd, a).store_slice(&mut $rows[$i * $width + $first..][..4]);
+            f32x4::simd_from($simd, b).store_slice(&mut $rows[($i + 4) * $width + $first..][..4]);
+            f32x4::simd_from($simd, c).store_slice(&mut $rows[($i + 8) * $width + $first..][..4]);
+            f32x4::simd_from($simd, d).store_slice(&mut $rows[($i + 12) * $width + $first..][..4]);
+        };
+    }
+    macro_rules! read_f64 {
+        ($simd:ident, $rows:ident, $width:expr, $first:expr, $i:ident) => {{
+            let a = f64x4::from_slice($simd, &$rows[$i * $width + $first..][..4]).into();
+            let b = f64x4::from_slice($simd, &$rows[($i + 4) * $width + $first..][..4]).into();
+            _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(a), b)
+        }};
+    }
+    macro_rules! write_f64 {
+        ($simd:ident, $v:expr, $rows:ident, $width:expr, $first:expr, $i:ident) => {
+            let v = $v;
+            let (a, b) = (_mm512_castpd512_pd256(v), _mm512_extractf64x4_pd::<1>(v));
+            f64x4::simd_from($simd, a).store_slice(&mut $rows[$i * $width + $first..][..4]);
+            f64x4::simd_from($simd, b).store_slice(&mut $rows[($i + 4) * $width + $first..][..4]);
+        };
+    }
+    /// Four columns of all rows to four cells.
+    macro_rules! gather_block {
+        ($simd:ident, $cells:ident, $first:expr, $rows:ident, $width:expr, $vector:ident, $turn:ident, $read:ident) => {
+            let mut r = [$vector::splat($simd, 0.0).into(); 4];
+            for i in 0..4 {
+                r[i] = $read!($simd, $rows, $width, $first, i);
+            }
+            let turned = $turn($simd, r);
+            for j in 0..4 {
+                $vector::simd_from($simd, turned[j]).store_slice(&mut $cells[$first + j].0);
+            }
+        };
+    }
+    /// Four cells to four columns of all rows.
+    macro_rules! scatter_block {
+        ($simd:ident, $cells:ident, $first:expr, $rows:ident, $width:expr, $vector:ident, $turn:ident, $write:ident) => {
+            let mut c = [$vector::splat($simd, 0.0).into(); 4];
+            for j in 0..4 {
+                c[j] = $vector::from_slice($simd, &$cells[$first + j].0).into();
+            }
+            let turned = $turn($simd, c);
+            for i in 0..4 {
+                $write!($simd, turned[i], $rows, $width, $first, i);
+            }
+        };
+    }
+
+    kernel!(
+        pub(super) fn gather_f32(simd: Avx512, cells: &mut [F32x16], rows: &[f32], width: usize, col: usize) {
+            let n = cells.len();
+            let rows = &rows[col..][..15 * width + n];
+            if n == 3 && width == 3 {
+                let a = f32x16::from_slice(simd, &rows[..16]).into();
+                let b = f32x16::from_slice(simd, &rows[16..32]).into();
+                let c = f32x16::from_slice(simd, &rows[32..48]).into();
+                for j in 0..3 {
+                    let v = mix_f32(simd, a, b, c, &APART_F32[j]);
+                    f32x16::simd_from(simd, v).store_slice(&mut cells[j].0);
+                }
+            } else if n == 1 && width == 1 {
+                cells[0].0.copy_from_slice(&rows[..16]);
+            } else if let (4, Some(rows), Some(cells)) =
+                (width, rows.first_chunk::<64>(), cells.first_chunk_mut::<4>())
+            {
+                // Places that are known need no checks.
+                gather_block!(simd, cells, 0, rows, 4, f32x16, turn_f32, read_f32);
+            } else if n >= 4 {
+                let mut first = 0;
+                loop {
+                    gather_block!(simd, cells, first, rows, width, f32x16, turn_f32, read_f32);
+                    if first + 4 == n {
+                        break;
+                    }
+                    // The last block may overlap the one before.
+                    first = if first + 8 <= n { first + 4 } else { n - 4 };
+                }
+            } else {
+                super::gather(cells, rows, width, 0);
+            }
+        }
+    );
+    kernel!(
+        pub(super) fn scatter_f32(
+            simd: Avx512,
+            cells: &[F32x16],
+            rows: &mut [f32],
+            width: usize,
+            col: usize,
+        ) {
+            let n = cells.len();
+            let rows = &mut rows[col..][..15 * width + n];
+            if n == 3 && width == 3 {
+                let a = f32x16::from_slice(simd, &cells[0].0).into();
+                let b = f32x16::from_slice(simd, &cells[1].0).into();
+                let c = f32x16::from_slice(simd, &cells[2].0).into();
+                for m in 0..3 {
+                    let v = mix_f32(simd, a, b, c, &TOGETHER_F32[m]);
+                    f32x16::simd_from(simd, v).store_slice(&mut rows[16 * m..][..16]);
+                }
+            } else if n == 1 && width == 1 {
+                rows[..16].copy_from_slice(&cells[0].0);
+            } else if let (4, Some(rows), Some(cells)) =
+                (width, rows.first_chunk_mut::<64>(), cells.first_chunk::<4>())
+            {
+                scatter_block!(simd, cells, 0, rows, 4, f32x16, turn_f32, write_f32);
+            } else if n >= 4 {
+                let mut first = 0;
+                loop {
+                    scatter_block!(simd, cells, first, rows, width, f32x16, turn_f32, write_f32);
+                    if first + 4 == n {
+                        break;
+                    }
+                    first = if first + 8 <= n { first + 4 } else { n - 4 };
+                }
+            } else {
+                super::scatter(cells, rows, width, 0);
+            }
+        }
+    );
+    kernel!(
+        pub(super) fn gather_f64(simd: Avx512, cells: &mut [F64x8], rows: &[f64], width: usize, col: usize) {
+            let n = cells.len();
+            let rows = &rows[col..][..7 * width + n];
+            if n == 3 && width == 3 {
+                let a = f64x8::from_slice(simd, &rows[..8]).into();
+                let b = f64x8::from_slice(simd, &rows[8..16]).into();
+                let c = f64x8::from_slice(simd, &rows[16..24]).into();
+                for j in 0..3 {
+                    let v = mix_f64(simd, a, b, c, &APART_F64[j]);
+                    f64x8::simd_from(simd, v).store_slice(&mut cells[j].0);
+                }
+            } else if n == 1 && width == 1 {
+                cells[0].0.copy_from_slice(&rows[..8]);
+            } else if let (4, Some(rows), Some(cells)) =
+                (width, rows.first_chunk::<32>(), cells.first_chunk_mut::<4>())
+            {
+                // Places that are known need no checks.
+                gather_block!(simd, cells, 0, rows, 4, f64x8, columns_f64, read_f64);
+            } else if n >= 4 {
+                let mut first = 0;
+                loop {
+                    gather_block!(simd, cells, first, rows, width, f64x8, columns_f64, read_f64);
+                    if first + 4 == n {
+                        break;
+                    }
+                    first = if first + 8 <= n { first + 4 } else { n - 4 };
+                }
+            } else {
+                super::gather(cells, rows, width, 0);
+            }
+        }
+    );
+    kernel!(
+        pub(super) fn scatter_f64(simd: Avx512, cells: &[F64x8], rows: &mut [f64], width: usize, col: usize) {
+            let n = cells.len();
+            let rows = &mut rows[col..][..7 * width + n];
+            if n == 3 && width == 3 {
+                let a = f64x8::from_slice(simd, &cells[0].0).into();
+                let b = f64x8::from_slice(simd, &cells[1].0).into();
+                let c = f64x8::from_slice(simd, &cells[2].0).into();
+                for m in 0..3 {
+                    let v = mix_f64(simd, a, b, c, &TOGETHER_F64[m]);
+                    f64x8::simd_from(simd, v).store_slice(&mut rows[8 * m..][..8]);
+                }
+            } else if n == 1 && width == 1 {
+                rows[..8].copy_from_slice(&cells[0].0);
+            } else if let (4, Some(rows), Some(cells)) =
+                (width, rows.first_chunk_mut::<32>(), cells.first_chunk::<4>())
+            {
+                scatter_block!(simd, cells, 0, rows, 4, f64x8, rows_f64, write_f64);
+            } else if n >= 4 {
+                let mut first = 0;
+                loop {
+                    scatter_block!(simd, cells, first, rows, width, f64x8, rows_f64, write_f64);
+                    if first + 4 == n {
+                        break;
+                    }
+                    first = if first + 8 <= n { first + 4 } else { n - 4 };
+                }
+            } else {
+                super::scatter(cells, rows, width, 0);
+            }
+        }
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::{Number, level};
+
+    /// Columns of rows of any width go to lanes and back, and nothing beside them changes.
+    fn go_and_come_back<N: Number>() {
+        let lanes = N::Cell::LANES;
+        for width in 1..=12 {
+            for (col, n) in (0..width).flat_map(|col| (1..=width - col).map(move |n| (col, n))) {
+                let rows: Vec<N> = (0..lanes * width).map(|i| N::of(i as f64)).collect();
+                let mut cells = vec![N::Cell::splat(N::of(-1.0)); n];
+                N::Cell::gather(level(), &mut cells, &rows, width, col);
+                let mut back = vec![N::of(-2.0); lanes * width];
+                N::Cell::scatter(level(), &cells, &mut back, width, col);
+                for (i, (lane, k)) in
+                    (0..lanes).flat_map(|lane| (0..width).map(move |k| (lane, k))).enumerate()
+                {
+                    let mine = (col..col + n).contains(&k);
+                    assert_eq!(back[i].wide(), if mine { i as f64 } else { -2.0 }, "{width} {col} {n}");
+                    if mine {
+                        assert_eq!(cells[k - col].get(lane).wide(), i as f64, "{width} {col} {n}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_go_to_lanes_and_come_back() {
+        go_and_come_back::<f32>();
+        go_and_come_back::<f64>();
+    }
+}
