@@ -32,19 +32,14 @@ fn example() -> PathBuf {
 
 /// Writes a flight with a hidden effect and its vehicle file into a folder: `flight.csv` and `quad.toml`.
 fn hidden(folder: &Path, effect: &str, seed: &str) {
+    hidden_in(folder, effect, seed, &["--seconds", "50", "--out", "flight.csv"]);
+}
+
+/// As [`hidden`], with a length and a name.
+fn hidden_in(folder: &Path, effect: &str, seed: &str, more: &[&str]) {
     let made = Command::new(example())
-        .args([
-            "--effect",
-            effect,
-            "--seed",
-            seed,
-            "--seconds",
-            "50",
-            "--out",
-            "flight.csv",
-            "--vehicle-out",
-            "quad.toml",
-        ])
+        .args(["--effect", effect, "--seed", seed, "--vehicle-out", "quad.toml"])
+        .args(more)
         .current_dir(folder)
         .output()
         .unwrap();
@@ -319,6 +314,147 @@ fn where_nothing_is_hidden_nothing_is_on_and_nothing_is_claimed() {
     assert!(words(&told, 0).contains("nothing is missing"), "{}", words(&told, 0));
     assert_eq!((&told["values"][1], &told["values"][2]), (&json!(0), &json!(true)));
     assert_eq!(told["values"][3], told["values"][4]);
+}
+
+/// Names of effects that the page offers as certain, and of those that are on.
+const CERTAIN: &str = "Propwash.lab.state.engine.effects.filter((e) => e.certain).map((e) => e.id ?? e.name)";
+const ON: &str = "Propwash.lab.state.engine.effects.filter((e) => e.on).map((e) => e.id ?? e.name)";
+
+#[test]
+fn an_effect_that_no_list_has_is_called_unexplained_and_nothing_certain_is_offered_for_it() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    hidden(folder.path(), "cubic_drag", "3");
+    let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
+    let steps = [
+        until("document.querySelector('.card.log') !== null"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        click("Find what is missing"),
+        until("document.getElementById('headline') !== null"),
+        value("document.getElementById('headline').textContent"),
+        value("document.querySelector('.find').textContent"),
+        value(CERTAIN),
+        value("document.querySelectorAll('.effect .on:checked').length"),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert!(words(&told, 0).contains("unexplained"), "{}", words(&told, 0));
+    assert!(
+        words(&told, 1).contains("no effect of the list accounts for all that is missing"),
+        "{}",
+        words(&told, 1)
+    );
+    assert_eq!((&told["values"][2], &told["values"][3]), (&json!([]), &json!(0)));
+}
+
+#[test]
+fn two_hidden_effects_are_both_found_and_lower_the_error_together() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    hidden(folder.path(), "rotor_drag,payload", "4");
+    let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
+    let steps = [
+        until("document.querySelector('.card.log') !== null"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        value(FORCE),
+        click("Find what is missing"),
+        until(FOUND),
+        value(CERTAIN),
+        click("All that was found"),
+        until(&format!("document.querySelectorAll('.effect.is-on').length >= 2 && {EXACT}")),
+        value(ON),
+        value(FORCE),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    for k in [1, 2] {
+        let names = told["values"][k].to_string();
+        assert!(names.contains("rotor_drag") && names.contains("payload"), "{names}");
+    }
+    assert!(number(&told, 3) < 0.2 * number(&told, 0), "{} → {} N", number(&told, 0), number(&told, 3));
+}
+
+#[test]
+fn six_logs_of_one_vehicle_are_searched_together() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let logs: Vec<PathBuf> = (0..6)
+        .map(|k| {
+            let (name, flight) = (format!("flight{k}.csv"), k.to_string());
+            hidden_in(
+                folder.path(),
+                "rotor_drag",
+                "3",
+                &["--seconds", "15", "--flight", &flight, "--out", &name],
+            );
+            folder.path().join(name)
+        })
+        .collect();
+    let mut files = logs.clone();
+    files.push(folder.path().join("quad.toml"));
+    let lab = Lab::start_in(folder, &[]);
+    let steps = [
+        json!({ "drop": files }),
+        until("document.querySelectorAll('.card.log .tag.sure, .card.log .tag.doubt').length === 6"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+        value(FORCE),
+        click("Find what is missing"),
+        until(FOUND),
+        value(FIRST),
+        json!({ "css": ".effect[data-effect=rotor_drag] .on" }),
+        until(&format!("document.querySelector('.effect.is-on') !== null && {EXACT}")),
+        value(FORCE),
+    ];
+    let told = act(&lab, &json!({}), &steps);
+    assert_eq!(words(&told, 1), "rotor_drag");
+    assert!(number(&told, 2) <= 0.3 * number(&told, 0), "{} → {} N", number(&told, 0), number(&told, 2));
+}
+
+#[test]
+fn two_hundred_switches_leave_the_heap_as_it_was() {
+    if !web::is_there() {
+        return;
+    }
+    let lab = Lab::start(&[]);
+    let mut steps = searched("Try it: Hidden rotor drag");
+    let on = "document.querySelector('.effect[data-effect=rotor_drag]').classList.contains('is-on')";
+    let switch = "document.querySelector('.effect[data-effect=rotor_drag] .on').click()";
+    let twice = json!([
+        { "until": format!("({switch}, true)") }, until(&format!("{on} && {EXACT}")),
+        { "until": format!("({switch}, true)") }, until(&format!("!({on}) && {EXACT}")),
+    ]);
+    // Code that runs often is compiled again, and lists of steps reach their length: both before the count begins.
+    steps.push(json!({ "repeat": [20, twice] }));
+    steps.push(json!({ "spent": true }));
+    steps.push(json!({ "repeat": [100, twice] }));
+    steps.push(json!({ "spent": true }));
+    // What a slider costs from one place to the next, as a figure only.
+    steps.push(json!({ "until": format!("({switch}, true)") }));
+    steps.push(until(&format!("{on} && {EXACT}")));
+    steps.push(json!({ "spent": true }));
+    let slide = "(() => { const s = document.querySelector('.effect[data-effect=rotor_drag] input[type=range]'); \
+                 s.value = String(100 + (globalThis.moved = (globalThis.moved ?? 0) + 1)); \
+                 s.dispatchEvent(new Event('input', { bubbles: true })); \
+                 return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done(true)))); })()";
+    steps.push(json!({ "repeat": [60, [{ "until": slide }]] }));
+    steps.push(json!({ "spent": true }));
+    let told = act(&lab, &json!({}), &steps);
+    let spent = |k: usize, i: usize| told["values"][k][i].as_f64().unwrap();
+    let (before, after) = (spent(2, 0), spent(3, 0));
+    println!(
+        "heap {:.2} → {:.2} MB after 200 switches; {:.1} ms of script for each move of a slider",
+        before / 1e6,
+        after / 1e6,
+        1e3 * (spent(5, 1) - spent(4, 1)) / 60.0
+    );
+    assert!(after < 1.05 * before, "{before} → {after} bytes");
 }
 
 /// A flight with the names and units of a Crazyflie's log.

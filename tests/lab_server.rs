@@ -445,6 +445,48 @@ fn a_save_replaces_nothing_unasked_and_says_where_it_cannot_write() {
     assert!(file.text().starts_with("#!/bin/sh"), "{}", file.text());
 }
 
+/// The vehicle file that is replaced is the old one or the new one, whole, at whatever moment the lab is ended.
+#[test]
+fn ctrl_c_in_the_middle_of_a_save_leaves_a_whole_file() {
+    let old = "old\n".repeat(20_000);
+    let (mut olds, mut news) = (0, Vec::new());
+    for round in 0..12 {
+        let mut lab = Lab::start(&[]);
+        let session = opened(&lab);
+        assert_eq!(lab.act(session, "toggle", &json!({ "effect": "linear_drag", "on": true })).status, 200);
+        let mine = lab.folder.path().join("better.toml");
+        std::fs::write(&mine, &old).unwrap();
+        let asked = json!({ "folder": lab.folder.path(), "files": [{ "which": "vehicle", "name": "better.toml" }], "replace": true });
+        // The request is sent and not waited for; the signal comes between 0 and 11 ms later.
+        let body = asked.to_string();
+        let mut stream = TcpStream::connect(("127.0.0.1", lab.port)).unwrap();
+        write!(
+            stream,
+            "POST /api/sessions/{session}/do/save HTTP/1.1\r\nHost: {}\r\nCookie: {}\r\nContent-Length: {}\r\n\r\n{body}",
+            lab.host(),
+            lab.cookie(),
+            body.len()
+        )
+        .unwrap();
+        std::thread::sleep(std::time::Duration::from_millis(round));
+        let (code, said) = lab.end("-INT");
+        assert_eq!(code, Some(0), "{said}");
+        let left = std::fs::read_to_string(&mine).unwrap();
+        match left == old {
+            true => olds += 1,
+            false => news.push(left),
+        }
+        let beside: Vec<_> =
+            std::fs::read_dir(lab.folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(beside, ["better.toml"], "nothing half done is left");
+    }
+    for new in &news {
+        assert_eq!(new, &news[0]);
+        assert!(new.contains("[body]") && new.contains("linear_drag") && new.ends_with('\n'), "{new}");
+    }
+    println!("{olds} times the old file, {} times the new one", news.len());
+}
+
 #[test]
 fn a_search_is_told_to_every_page_cancelled_by_any_and_outlives_none_that_leaves() {
     let lab = Lab::start(&[]);

@@ -6,6 +6,7 @@
 //   {"slide": ["selector", value]}  drags the handle of a slider there          {"type": ["selector", "text"]}  key by key
 //   {"until": "expression"}   waits until it is true, at most 180 s             {"value": "expression"}  kept in "values"
 //   {"axe": "name"}  {"wide": "name"}  {"picture": "path"}  {"size": [w, h]}  {"scheme": "dark"}
+//   {"repeat": [n, [steps]]}  {"spent": true}   keeps [bytes on the heap after collection, seconds of script so far] in "values"
 // `said` are messages of the console and errors; `requests` to other hosts are among them. `clicks` counts clicks and slides.
 "use strict";
 const fs = require("node:fs");
@@ -78,11 +79,25 @@ async function slide(page, selector, value) {
   });
   await page.goto(asked.url);
   await until(page, "globalThis.Propwash?.lab?.ready === true");
-  for (const step of asked.steps) {
+  /** [bytes on the heap after collection, seconds of script so far] of the page. */
+  let inside = null;
+  async function spent() {
+    if (!inside) {
+      inside = await context.newCDPSession(page);
+      await inside.send("Performance.enable");
+    }
+    for (let k = 0; k < 3; k++) await inside.send("HeapProfiler.collectGarbage");
+    const { metrics } = await inside.send("Performance.getMetrics");
+    return ["JSHeapUsedSize", "ScriptDuration"].map((name) => metrics.find((m) => m.name === name).value);
+  }
+  async function take(step) {
     const [kind] = Object.keys(step);
     const given = step[kind];
     try {
-      if (kind === "click") {
+      if (kind === "repeat") {
+        for (let k = 0; k < given[0]; k++) for (const one of given[1]) await take(one);
+      } else if (kind === "spent") out.values.push(await spent());
+      else if (kind === "click") {
         out.clicks++;
         await (await named(page, given)).click();
       } else if (kind === "css") {
@@ -112,6 +127,7 @@ async function slide(page, selector, value) {
       throw new Error(`${JSON.stringify(step)}: ${error.message}\nthe page says: ${(await page.evaluate("document.body.innerText")).slice(0, 3000)}\n${out.said.join("\n")}`);
     }
   }
+  for (const step of asked.steps) await take(step);
   await browser.close();
   process.stdout.write(JSON.stringify(out));
 })();
