@@ -980,6 +980,16 @@ pub struct RemoveArgs {
     pub force: bool,
 }
 
+/// Ends the help of `propwash vehicle new`.
+const VEHICLE_NEW_EXAMPLES: &str = "\
+Examples:
+  propwash vehicle new --mass 0.75 --arm 0.113 --out quad.toml
+  propwash vehicle new --mass 2.2 --arm 0.25 --rotors 6 --radius 0.12 --from-log flight.csv --out hexa.toml
+
+Numbers that nobody gave follow laws of scale over published vehicles, with standard deviations as wide as
+these differ; a flight with rotor speeds sharpens thrust, torque and inertias. docs/first_vehicle.md
+explains. Exit codes: 0 written, 2 error.";
+
 /// Ends the help of `propwash vehicle` and `propwash vehicle diff`.
 const VEHICLE_EXAMPLES: &str = "\
 Examples:
@@ -1003,6 +1013,67 @@ pub enum VehicleCommand {
     /// List every number and effect that differs: old, new, change. Exit code 1 when something does.
     #[command(after_help = VEHICLE_EXAMPLES)]
     Diff(VehicleDiffArgs),
+    /// Write a first vehicle file from mass and arm, sharpened by flights; say what to measure next.
+    #[command(after_help = VEHICLE_NEW_EXAMPLES)]
+    New(Box<VehicleNewArgs>),
+}
+
+/// Where the rotors stand, seen from above.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LayoutArg {
+    /// The front lies between two rotors.
+    #[default]
+    X,
+    /// A rotor stands in front.
+    Plus,
+}
+
+/// `propwash vehicle new`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VehicleNewArgs {
+    /// Mass with battery, kg.
+    #[arg(long, value_name = "KG")]
+    pub mass: f64,
+    /// Standard deviation of the mass, kg. Default: a hundredth of it, as by a kitchen scale.
+    #[arg(long, value_name = "KG")]
+    pub mass_sigma: Option<f64>,
+    /// Distance from the centre to each rotor, m.
+    #[arg(long, value_name = "M")]
+    pub arm: f64,
+    /// Number of rotors on the ring: 4, 6 or 8. Rotor 1 stands at the right of the front, the others follow clockwise, as seen from
+    /// above.
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    pub rotors: usize,
+    /// Where the rotors stand.
+    #[arg(long, value_enum, default_value_t)]
+    pub layout: LayoutArg,
+    /// Rotor 1 turns clockwise, seen from above. Default: counter-clockwise; neighbours turn opposite ways.
+    #[arg(long)]
+    pub first_clockwise: bool,
+    /// Radius of the propellers, m.
+    #[arg(long, value_name = "M")]
+    pub radius: Option<f64>,
+    /// Inertia about x, y and z, kg·m².
+    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', num_args = 1)]
+    pub inertia: Option<Vec<f64>>,
+    /// Greatest thrust over weight. Default: 2.
+    #[arg(long, value_name = "N")]
+    pub thrust_to_weight: Option<f64>,
+    /// Flight of the vehicle that sharpens what it can; repeat it for several.
+    #[arg(long, value_name = "LOG")]
+    pub from_log: Vec<PathBuf>,
+    /// Mapping of the logs' names, units and frames. Default: the file beside each log that ends in .toml.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Vehicle file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Replace the file at --out where there is one.
+    #[arg(long)]
+    pub force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// `propwash vehicle diff`.

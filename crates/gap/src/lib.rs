@@ -17,6 +17,7 @@ pub(crate) mod disturbance;
 mod drive_slopes;
 mod error;
 pub mod excite;
+pub mod first_flight;
 mod first_look;
 mod fit;
 pub mod fitted;

@@ -89,6 +89,21 @@ pub(super) fn mismatch(track: &Track, around: &Around, raw: &Raw, drone: &Drone<
     })
 }
 
+/// The file's rotor for each of the log's, and whether all turn the other way round, where a log says clearly that its rotors are not in
+/// the order of the file.
+pub(super) fn order(
+    track: &Track,
+    around: &Around,
+    raw: &Raw,
+    drone: &Drone<f64>,
+) -> Option<(Vec<usize>, bool)> {
+    let blocks = blocks(track, around, raw, drone);
+    if blocks.len() < FEWEST_INSTANTS {
+        return None;
+    }
+    wiring(&blocks, drone.airframe.n_rotors).map(|w| (w.places, w.reversed))
+}
+
 /// [`mismatch`] as an error.
 ///
 /// # Errors

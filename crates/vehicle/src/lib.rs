@@ -16,9 +16,11 @@ pub mod effects;
 mod error;
 pub mod expression;
 mod file;
+pub mod first;
 mod mixer;
 pub mod provenance;
 pub mod schema;
+mod similar;
 pub mod urdf;
 
 pub use diff::{EffectDiff, ParameterDiff, VehicleDiff, diff};

@@ -17,6 +17,7 @@ pub mod remove;
 pub mod scene;
 pub mod urdf;
 pub mod vehicle;
+mod vehicle_new;
 pub mod view;
 mod watch;
 

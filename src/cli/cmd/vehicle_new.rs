@@ -1,0 +1,88 @@
+//! `propwash vehicle new`: a first vehicle file from mass, arm and flights.
+
+use super::diagnose::refuse_log;
+use super::vehicle::interval;
+use super::{print, print_json};
+use crate::cli::args::{LayoutArg, VehicleNewArgs};
+use crate::cli::exit::Outcome;
+use crate::cli::output;
+use crate::cli::progress::waiting;
+use crate::flight::FlightLog;
+use crate::gap::first_flight::sharpen;
+use crate::vehicle::first::{FirstVehicle, Given, Layout};
+use crate::{Error, Result};
+use serde_json::json;
+
+/// Runs the command.
+pub(super) fn run(args: &VehicleNewArgs) -> Result<Outcome> {
+    refuse_log("--out", Some(&args.out), &args.from_log, &[])?;
+    output::check(&[("--out", Some(&args.out))], args.force)?;
+    let mut first = FirstVehicle::new(&given(args)?)?;
+    let mut said = Vec::new();
+    if !args.from_log.is_empty() {
+        let logs = waiting("reading", || {
+            let mut logs = Vec::new();
+            for path in &args.from_log {
+                logs.push(FlightLog::open(path, args.mapping.as_deref())?.0);
+            }
+            Ok::<_, Error>(logs)
+        })?;
+        said = waiting("sharpening", || sharpen(&mut first, &logs))?;
+    }
+    let name = args.out.file_stem().map_or_else(|| "vehicle".into(), |s| s.to_string_lossy().into_owned());
+    let vehicle = first.vehicle(&name)?;
+    output::write("--out", &args.out, vehicle.to_toml().as_bytes(), args.force)?;
+    let next = first.measure_next();
+    if args.json {
+        let numbers = first.estimates().into_iter().map(|(name, unit, e)| {
+            json!({ "name": name, "unit": unit, "value": e.value, "sigma": e.sigma, "source": e.source })
+        });
+        print_json(&json!({
+            "file": args.out,
+            "numbers": numbers.collect::<Vec<_>>(),
+            "from_logs": said,
+            "measure_next": next,
+        }))?;
+        return Ok(Outcome::Fine);
+    }
+    print(format_args!("wrote {}", args.out.display()))?;
+    for (name, unit, e) in first.estimates() {
+        let value = format!("{} {unit}", interval(e.value, e.sigma));
+        print(format_args!("  {name:<28}  {value:<34}  {:>3.0} %  {}", 100.0 * e.sigma / e.value, e.source))?;
+    }
+    if !said.is_empty() {
+        print("\nfrom the flights")?;
+        said.iter().try_for_each(|line| print(format_args!("  {line}")))?;
+    }
+    if !next.is_empty() {
+        print("\nmeasure next")?;
+        next.iter().try_for_each(|line| print(format_args!("  {line}")))?;
+    }
+    print(format_args!("\nnext: propwash compare LOG --vehicle {}", args.out.display()))?;
+    Ok(Outcome::Fine)
+}
+
+fn given(args: &VehicleNewArgs) -> Result<Given> {
+    let inertia_kg_m2 = match &args.inertia {
+        None => None,
+        Some(list) => Some(<[f64; 3]>::try_from(&list[..]).map_err(|_| Error::Usage {
+            flag: "--inertia",
+            expected: "three numbers X,Y,Z in kg·m²".into(),
+            got: format!("{} of them", list.len()),
+        })?),
+    };
+    Ok(Given {
+        mass_kg: args.mass,
+        mass_sigma_kg: args.mass_sigma,
+        arm_m: args.arm,
+        rotors: args.rotors,
+        layout: match args.layout {
+            LayoutArg::X => Layout::X,
+            LayoutArg::Plus => Layout::Plus,
+        },
+        first_clockwise: args.first_clockwise,
+        radius_m: args.radius,
+        inertia_kg_m2,
+        thrust_to_weight: args.thrust_to_weight,
+    })
+}
