@@ -136,7 +136,7 @@ fn the_command_writes_the_file_says_where_numbers_come_from_and_what_to_measure(
     let (code, out, err) = propwash(folder, &[&again[..], &["--force", "--json"]].concat());
     assert_eq!(code, Some(0), "{err}");
     let told: serde_json::Value = serde_json::from_str(&out).unwrap();
-    let thrust = told["numbers"]
+    let thrust = told["vehicle"]["numbers"]
         .as_array()
         .unwrap()
         .iter()

@@ -27,6 +27,8 @@ from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Repor
 from .jobs import (  # noqa: E402
     Advice,
     Estimate,
+    FirstNumber,
+    FirstVehicle,
     FlightPlan,
     Flown,
     GeomLint,
@@ -45,6 +47,7 @@ from .jobs import (  # noqa: E402
     manoeuvres,
     scene_new,
     tell_apart,
+    vehicle_new,
 )
 from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved  # noqa: E402
 from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
@@ -72,6 +75,8 @@ __all__ = [
     "Evaluation",
     "EvaluationRow",
     "Finding",
+    "FirstNumber",
+    "FirstVehicle",
     "FlightPlan",
     "Flown",
     "Geom",
@@ -127,6 +132,7 @@ __all__ = [
     "scene_new",
     "scenes",
     "tell_apart",
+    "vehicle_new",
     "vehicles",
     "video",
     "write_rerun",

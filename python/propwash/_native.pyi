@@ -39,6 +39,7 @@ __all__ = [
     "scenes",
     "tell_apart",
     "vehicle_of",
+    "vehicle_new",
     "vehicles",
     "view_page",
     "waypoints",
@@ -334,6 +335,9 @@ def log_check(log: str | PathLike[str], mapping: str | PathLike[str] | None) -> 
 def identify(
     log: str | PathLike[str], vehicle: Vehicle, dynamics: str, mapping: str | PathLike[str] | None, out: str | PathLike[str] | None
 ) -> tuple[str, str, str, list[str]]: ...
+def vehicle_new(
+    given: Mapping[str, Any], logs: Sequence[str | PathLike[str]], mapping: str | PathLike[str] | None, name: str
+) -> tuple[str, str, str]: ...
 def excite(
     vehicle: Vehicle, wish: Mapping[str, Any]
 ) -> tuple[str, list[tuple[float, list[float], float]], str, bool]: ...

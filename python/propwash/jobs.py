@@ -419,6 +419,109 @@ def identify(
 
 
 @dataclass(frozen=True)
+class FirstNumber:
+    """A number of a first vehicle, SI."""
+
+    name: str
+    unit: str
+    value: float
+    sigma: float
+    """Standard deviation."""
+    source: str
+    """Given, a law of scale, or the flights that it was sharpened by."""
+
+
+@dataclass(frozen=True)
+class FirstVehicle:
+    """A vehicle that was made from mass, arm and flights."""
+
+    vehicle: Vehicle
+    numbers: tuple[FirstNumber, ...]
+    from_logs: tuple[str, ...]
+    """What the flights said, and what they did not."""
+    measure_next: tuple[str, ...]
+    """What to measure next, most telling first."""
+    text: str = field(repr=False)
+    """All of it in words."""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def vehicle_new(
+    mass_kg: float,
+    arm_m: float,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    logs: Sequence[LogLike] = (),
+    rotors: int = 4,
+    layout: Literal["x", "plus"] = "x",
+    first_clockwise: bool = False,
+    mass_sigma_kg: float | None = None,
+    radius_m: float | None = None,
+    inertia_kg_m2: Sequence[float] | None = None,
+    thrust_to_weight: float | None = None,
+    mapping: str | os.PathLike[str] | None = None,
+    name: str = "vehicle",
+    force: bool = False,
+) -> FirstVehicle:
+    """Makes a first vehicle file from mass and arm, as ``propwash vehicle new`` does (docs/first_vehicle.md).
+
+    Args:
+        mass_kg: Mass with battery.
+        arm_m: Distance from the centre to each rotor.
+        out: Vehicle file to write; none is written where it is None.
+        logs: Flights with rotor speeds, each as in ``log_check``, that sharpen what they can.
+        rotors: 4, 6 or 8 on a ring, rotor 1 at the right of the front, the others clockwise, as seen from above.
+        layout: Whether the front lies between two rotors (``x``) or at one (``plus``).
+        first_clockwise: Rotor 1 turns clockwise, seen from above; neighbours turn opposite ways.
+        mass_sigma_kg: Standard deviation of the mass; a hundredth of it where it is None.
+        radius_m: Radius of the propellers; by a law of scale where it is None.
+        inertia_kg_m2: Inertia about x, y, z; by a law of scale where it is None.
+        thrust_to_weight: Greatest thrust over weight; 2 where it is None.
+        mapping: As in ``log_check``.
+        name: Name of the vehicle where nothing is written.
+        force: Replace the file ``out``.
+
+    Raises:
+        ValueError: for numbers that no vehicle has, and for logs that cannot be right.
+        FileExistsError: where ``out`` exists, without ``force``.
+    """
+    may_write(out, force)
+    if layout not in ("x", "plus"):
+        raise ValueError(f"layout: expected 'x' or 'plus', got {layout!r}")
+
+    def maybe(name: str, value: float | None) -> float | None:
+        return None if value is None else _float(name, value)
+
+    given = {
+        "mass": _float("mass_kg", mass_kg),
+        "mass_sigma": maybe("mass_sigma_kg", mass_sigma_kg),
+        "arm": _float("arm_m", arm_m),
+        "rotors": _whole("rotors", rotors, 1, 64),
+        "plus": layout == "plus",
+        "first_clockwise": bool(first_clockwise),
+        "radius": maybe("radius_m", radius_m),
+        "inertia": None if inertia_kg_m2 is None else _floats("inertia_kg_m2", inertia_kg_m2, 3),
+        "thrust_to_weight": maybe("thrust_to_weight", thrust_to_weight),
+    }
+    named = name if out is None else Path(out).stem
+    with _Logs(logs) as paths:
+        toml, text, words = paths.named(
+            *_native.vehicle_new(given, list(paths), None if mapping is None else _path("mapping", mapping), named)
+        )
+    of = json.loads(text)
+    write(out, toml, force)
+    return FirstVehicle(
+        vehicle=Vehicle.from_toml(toml, named),
+        numbers=tuple(FirstNumber(**n) for n in of["numbers"]),
+        from_logs=tuple(of["from_logs"]),
+        measure_next=tuple(of["measure_next"]),
+        text=words,
+    )
+
+
+@dataclass(frozen=True)
 class Manoeuvre:
     """A part of a planned flight."""
 

@@ -11,7 +11,9 @@ use propwash::gap::Drive;
 use propwash::gap::accept::today_utc;
 use propwash::gap::attitude_model::{self, Options};
 use propwash::gap::excite::{self as excitation, Air, Request, Sensors, csv, flight, plan};
+use propwash::gap::first_flight;
 use propwash::scene::{self, SceneSource};
+use propwash::vehicle::first::{FirstVehicle, Given, Layout};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -149,6 +151,58 @@ pub fn identify(
     });
     let (found, better, warnings) = made?.or_raise()?;
     Ok((json(&found)?, found.to_string(), better.to_toml().to_string(), warnings))
+}
+
+/// What is known of a new vehicle.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub struct NewVehicle {
+    mass: f64,
+    mass_sigma: Option<f64>,
+    arm: f64,
+    rotors: usize,
+    plus: bool,
+    first_clockwise: bool,
+    radius: Option<f64>,
+    inertia: Option<[f64; 3]>,
+    thrust_to_weight: Option<f64>,
+}
+
+/// A first vehicle from what is known and from flights: the text of its file, JSON, and words.
+#[pyfunction]
+pub fn vehicle_new(
+    py: Python<'_>,
+    given: NewVehicle,
+    logs: Vec<PathBuf>,
+    mapping: Option<PathBuf>,
+    name: String,
+) -> PyResult<(String, String, String)> {
+    let given = Given {
+        mass_kg: given.mass,
+        mass_sigma_kg: given.mass_sigma,
+        arm_m: given.arm,
+        rotors: given.rotors,
+        layout: if given.plus { Layout::Plus } else { Layout::X },
+        first_clockwise: given.first_clockwise,
+        radius_m: given.radius,
+        inertia_kg_m2: given.inertia,
+        thrust_to_weight: given.thrust_to_weight,
+    };
+    let made = interruptible(py, move |_| {
+        let mut first = FirstVehicle::new(&given)?;
+        let mut said = Vec::new();
+        if !logs.is_empty() {
+            let mut open = Vec::new();
+            for log in &logs {
+                open.push(FlightLog::open(log, mapping.as_deref())?.0);
+            }
+            said = first_flight::sharpen(&mut first, &open)?;
+        }
+        let vehicle = first.vehicle(&name)?;
+        Ok::<_, propwash::Error>((vehicle, first_flight::Told::of(&first, said)))
+    });
+    let (vehicle, told) = made?.or_raise()?;
+    Ok((vehicle.to_toml().to_string(), json(&told)?, told.to_string()))
 }
 
 /// What to plan a flight for.

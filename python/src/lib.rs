@@ -70,6 +70,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(commands::scene_new, m)?)?;
     m.add_function(wrap_pyfunction!(commands::log_check, m)?)?;
     m.add_function(wrap_pyfunction!(commands::identify, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::vehicle_new, m)?)?;
     m.add_function(wrap_pyfunction!(commands::excite, m)?)?;
     m.add_function(wrap_pyfunction!(commands::manoeuvres, m)?)?;
     m.add_function(wrap_pyfunction!(commands::tell_apart, m)?)?;

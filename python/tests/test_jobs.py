@@ -222,6 +222,7 @@ def test_files_that_are_there_are_replaced_on_request_only(tmp_path):
         lambda out, **more: propwash.scene_new("forest", out, trees=3, **more),
         lambda out, **more: propwash.identify({}, "cf2x_L250", out, **more),
         lambda out, **more: propwash.excite("cf2x_L250", "nothing", out, **more),
+        lambda out, **more: propwash.vehicle_new(750.0, 0.1, out, **more),
     ]
     for job in jobs:
         # Before anything else is looked at.
@@ -324,3 +325,28 @@ def test_identify_finds_the_model_that_flew(tmp_path):
     assert "propwash identify" in found.vehicle.to_toml()
     with pytest.raises(ValueError, match="ends in .toml"):
         propwash.identify(tmp_path / "absent.csv", "cf2x_L250", tmp_path / "better.json")
+
+
+def test_a_first_vehicle_from_mass_and_arm_flies_and_says_where_its_numbers_come_from(tmp_path):
+    first = propwash.vehicle_new(0.75, 0.113, tmp_path / "quad.toml", rotors=6, layout="plus")
+    assert (tmp_path / "quad.toml").read_text() == first.vehicle.to_toml() and first.vehicle.name == "quad"
+    by_name = {n.name: n for n in first.numbers}
+    assert by_name["mass"].value == 0.75 and by_name["mass"].source == "given"
+    assert "law of scale" in by_name["inertia about x"].source and by_name["inertia about x"].sigma > 0
+    assert any("rotor speeds" in line for line in first.measure_next) and "measure next" in str(first)
+    sim = propwash.Sim(drone=first.vehicle, control="attitude", n_worlds=2)
+    thrust = np.ravel(sim.hover_thrust())[0]
+    command = np.zeros((2, 1, 4), np.float32)
+    command[..., 3] = thrust
+    sim.attitude_control(command)
+    sim.step(250)
+    assert abs(thrust - 0.75 * 9.80665) < 1e-4
+    assert np.allclose(sim.data.pos, 0.0, atol=1e-2), "it hovers"
+
+
+def test_what_no_first_vehicle_is_like_is_refused():
+    for more, words in [({"rotors": 5}, "4, 6 or 8"), ({"layout": "y"}, "layout"), ({"inertia_kg_m2": [1.0]}, "3 numbers")]:
+        with pytest.raises(ValueError, match=words):
+            propwash.vehicle_new(0.75, 0.113, **more)
+    with pytest.raises(ValueError, match="mass"):
+        propwash.vehicle_new(750.0, 0.113)

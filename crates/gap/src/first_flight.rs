@@ -5,12 +5,17 @@
 //! enough for motors whose lag is not known. The lift is a ratio of sums, the torques are regressions without their means (a centre
 //! of mass that is off makes a constant torque), with standard errors by the scatter of stretches of [`STRETCH_S`].
 
+use std::fmt;
+
 use propwash_flight::FlightLog;
 use propwash_flight::clean::median;
 use propwash_trace::units::STANDARD_GRAVITY_M_S2;
 use propwash_vehicle::first::{Estimate, FirstVehicle};
 
+use serde::Serialize;
+
 use super::replay::{Inputs, STEP_S};
+use super::report::quantity::interval;
 use super::residual::{Replay, Residuals, Sample};
 use super::track::{Drive, Options, Track};
 use super::{GapError, Result, wiring};
@@ -25,6 +30,8 @@ const LEAST_EXPLAINED: f64 = 0.5;
 /// answers, and thrust curves with a linear part (at hover the thrust of a Crazyflie rises 1.06 times as fast as the square of the speed).
 const LIFT_FLOOR: f64 = 0.015;
 const TORQUE_FLOOR: f64 = 0.06;
+/// Standard deviations to either side of a 95 % interval.
+const HALF_95: f64 = 1.96;
 /// Fewest stretches for a number to be sharpened.
 const FEWEST: usize = 5;
 
@@ -37,6 +44,67 @@ struct Block {
     lift: [f64; 2],
     /// Torque about body x, y, z, N·m.
     torque: [[f64; 3]; 2],
+}
+
+/// A first vehicle in words and as JSON.
+#[derive(Clone, Debug, Serialize)]
+pub struct Told {
+    /// Every number.
+    pub numbers: Vec<ToldNumber>,
+    /// What flights said, or did not.
+    pub from_logs: Vec<String>,
+    /// What to measure next, most telling first.
+    pub measure_next: Vec<String>,
+}
+
+/// A number of a first vehicle.
+#[derive(Clone, Debug, Serialize)]
+pub struct ToldNumber {
+    /// What it is.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Its value, SI.
+    pub value: f64,
+    /// Its standard deviation.
+    pub sigma: f64,
+    /// Where it comes from.
+    pub source: String,
+}
+
+impl Told {
+    /// All that is to be told of a vehicle and of what flights said of it.
+    pub fn of(first: &FirstVehicle, from_logs: Vec<String>) -> Self {
+        let number = |(name, unit, e): (&'static str, &'static str, &Estimate)| ToldNumber {
+            name,
+            unit,
+            value: e.value,
+            sigma: e.sigma,
+            source: e.source.clone(),
+        };
+        Self {
+            numbers: first.estimates().into_iter().map(number).collect(),
+            from_logs,
+            measure_next: first.measure_next(),
+        }
+    }
+}
+
+impl fmt::Display for Told {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "  numbers with 95 % intervals, and where they come from")?;
+        for n in &self.numbers {
+            let value = interval(n.value, n.sigma, n.unit);
+            writeln!(f, "  {:<28}  {value:<34}  {}", n.name, n.source)?;
+        }
+        for (title, lines) in [("from the flights", &self.from_logs), ("measure next", &self.measure_next)] {
+            if !lines.is_empty() {
+                writeln!(f, "\n{title}")?;
+                lines.iter().try_for_each(|line| writeln!(f, "  {line}"))?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// Sharpens the numbers of a first vehicle by flights with rotor speeds, measured or commanded; says in sentences what was found, and
@@ -190,8 +258,8 @@ fn lift_of(first: &mut FirstVehicle, blocks: &[Block], source: &str, said: &mut 
         format!("{source}: lift against weight and acceleration"),
     );
     said.push(format!(
-        "thrust over squared speed: {value:.3e} N·s²/rad² ± {:.1} %, by the lift of {:.0} s",
-        100.0 * relative,
+        "thrust over squared speed: within ± {:.1} %, by the lift of {:.0} s",
+        100.0 * HALF_95 * relative,
         blocks.len() as f64 * BLOCK_S
     ));
     Some(ratio)
@@ -210,7 +278,7 @@ fn slope(blocks: &[Block], k: usize) -> Option<(f64, f64, f64)> {
         let [y, x, n] = means[b.stretch.0];
         (b.torque[0][k] - y / n, b.torque[1][k] - x / n)
     };
-    let sum = |f: &dyn Fn(f64, f64) -> f64| blocks.iter().map(|b| pair(b)).map(|(y, x)| f(y, x)).sum::<f64>();
+    let sum = |f: &dyn Fn(f64, f64) -> f64| blocks.iter().map(&pair).map(|(y, x)| f(y, x)).sum::<f64>();
     let (xx, xy, yy) = (sum(&|_, x| x * x), sum(&|y, x| x * y), sum(&|y, _| y * y));
     if !(xx > 0.0 && yy > 0.0 && xy > 0.0) {
         return None;
@@ -261,7 +329,7 @@ fn torques_of(first: &mut FirstVehicle, blocks: &[Block], ratio: f64, source: &s
             relative * value,
             format!("{source}: torque of the rotors over angular acceleration"),
         );
-        said.push(format!("inertia about {}: {value:.3e} kg·m² ± {:.0} %", ["x", "y"][k], 100.0 * relative));
+        said.push(format!("inertia about {}: within ± {:.0} %", ["x", "y"][k], 100.0 * HALF_95 * relative));
     }
     // Yaw tells torque over inertia only: the inertia follows that about x and y.
     let [x, y, z] = &mut first.inertia_kg_m2;
@@ -283,5 +351,5 @@ fn torques_of(first: &mut FirstVehicle, blocks: &[Block], ratio: f64, source: &s
         relative * value,
         format!("{source}: yaw acceleration by the rotors' torque, with the inertia about z"),
     );
-    said.push(format!("torque over thrust: {:.2} mm ± {:.0} %", 1e3 * value, 100.0 * relative));
+    said.push(format!("torque over thrust: within ± {:.0} %", 100.0 * HALF_95 * relative));
 }

@@ -256,25 +256,26 @@ impl FirstVehicle {
     /// What to measure next, most telling first: each a sentence with what it would gain.
     pub fn measure_next(&self) -> Vec<String> {
         let mut out = Vec::new();
-        let percent = |e: &Estimate| format!("{:.0} %", 100.0 * e.sigma / e.value);
+        // Half of a 95 % interval.
+        let percent = |e: &Estimate| format!("± {:.0} %", 196.0 * e.sigma / e.value);
         if self.mass_kg.sigma > 0.004 * self.mass_kg.value {
             out.push(format!(
                 "weigh the vehicle with its battery (--mass-sigma): the mass is known within {}, and with it every force; a \
-                 letter scale gives 0.3 %",
+                 letter scale gives ± 0.5 %",
                 percent(&self.mass_kg)
             ));
         }
         if self.thrust_n_s2_per_rad2.is_law {
             out.push(format!(
                 "log rotor speeds (or spin a motor on a scale): thrust over squared speed is known within {}; one flight with \
-                 rotor speeds gives 2 %, and forces by rotor speeds then count",
+                 rotor speeds gives ± 4 %, and forces by rotor speeds then count",
                 percent(&self.thrust_n_s2_per_rad2)
             ));
         }
         if self.inertia_kg_m2.iter().any(|e| e.is_law) {
             out.push(format!(
                 "hang the vehicle on two strings and let it swing about each axis (--inertia): inertias are known within {}; a \
-                 bifilar pendulum gives 2 %, and effects on the torque can then be told from a wrong inertia",
+                 bifilar pendulum gives ± 4 %, and effects on the torque can then be told from a wrong inertia",
                 percent(&self.inertia_kg_m2[0])
             ));
         }

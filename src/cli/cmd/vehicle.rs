@@ -119,7 +119,7 @@ fn rows(parameters: &[ParameterDiff]) -> Result<()> {
 }
 
 /// A value in the digits that its standard deviation leaves, two of the deviation, or as it stands in the file where that is shorter.
-pub(super) fn interval(v: f64, sigma: f64) -> String {
+fn interval(v: f64, sigma: f64) -> String {
     let whole = format!("{} ± {}", short(v), short(sigma));
     if !(sigma.is_finite() && sigma > 0.0) {
         return whole;

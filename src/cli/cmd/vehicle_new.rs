@@ -1,14 +1,13 @@
 //! `propwash vehicle new`: a first vehicle file from mass, arm and flights.
 
 use super::diagnose::refuse_log;
-use super::vehicle::interval;
 use super::{print, print_json};
 use crate::cli::args::{LayoutArg, VehicleNewArgs};
 use crate::cli::exit::Outcome;
 use crate::cli::output;
 use crate::cli::progress::waiting;
 use crate::flight::FlightLog;
-use crate::gap::first_flight::sharpen;
+use crate::gap::first_flight::{Told, sharpen};
 use crate::vehicle::first::{FirstVehicle, Given, Layout};
 use crate::{Error, Result};
 use serde_json::json;
@@ -32,32 +31,13 @@ pub(super) fn run(args: &VehicleNewArgs) -> Result<Outcome> {
     let name = args.out.file_stem().map_or_else(|| "vehicle".into(), |s| s.to_string_lossy().into_owned());
     let vehicle = first.vehicle(&name)?;
     output::write("--out", &args.out, vehicle.to_toml().as_bytes(), args.force)?;
-    let next = first.measure_next();
+    let told = Told::of(&first, said);
     if args.json {
-        let numbers = first.estimates().into_iter().map(|(name, unit, e)| {
-            json!({ "name": name, "unit": unit, "value": e.value, "sigma": e.sigma, "source": e.source })
-        });
-        print_json(&json!({
-            "file": args.out,
-            "numbers": numbers.collect::<Vec<_>>(),
-            "from_logs": said,
-            "measure_next": next,
-        }))?;
+        print_json(&json!({ "file": args.out, "vehicle": told }))?;
         return Ok(Outcome::Fine);
     }
     print(format_args!("wrote {}", args.out.display()))?;
-    for (name, unit, e) in first.estimates() {
-        let value = format!("{} {unit}", interval(e.value, e.sigma));
-        print(format_args!("  {name:<28}  {value:<34}  {:>3.0} %  {}", 100.0 * e.sigma / e.value, e.source))?;
-    }
-    if !said.is_empty() {
-        print("\nfrom the flights")?;
-        said.iter().try_for_each(|line| print(format_args!("  {line}")))?;
-    }
-    if !next.is_empty() {
-        print("\nmeasure next")?;
-        next.iter().try_for_each(|line| print(format_args!("  {line}")))?;
-    }
+    print(told.to_string().trim_end())?;
     print(format_args!("\nnext: propwash compare LOG --vehicle {}", args.out.display()))?;
     Ok(Outcome::Fine)
 }

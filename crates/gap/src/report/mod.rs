@@ -9,7 +9,7 @@ mod page_compare;
 mod page_data;
 mod page_live;
 mod pages;
-mod quantity;
+pub(crate) mod quantity;
 mod rungs;
 mod text;
 mod why;
