@@ -316,6 +316,15 @@ fn where_nothing_is_hidden_nothing_is_on_and_nothing_is_claimed() {
     assert_eq!(told["values"][3], told["values"][4]);
 }
 
+/// From a log and a vehicle of the command line to the flight.
+fn to_the_flight() -> [Value; 3] {
+    [
+        until("document.querySelector('.card.log') !== null"),
+        click("Continue"),
+        until(&format!("{SHOWN} && {EXACT}")),
+    ]
+}
+
 /// Names of effects that the page offers as certain, and of those that are on.
 const CERTAIN: &str = "Propwash.lab.state.engine.effects.filter((e) => e.certain).map((e) => e.id ?? e.name)";
 const ON: &str = "Propwash.lab.state.engine.effects.filter((e) => e.on).map((e) => e.id ?? e.name)";
@@ -328,17 +337,15 @@ fn an_effect_that_no_list_has_is_called_unexplained_and_nothing_certain_is_offer
     let folder = tempfile::tempdir().unwrap();
     hidden(folder.path(), "cubic_drag", "3");
     let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
-    let steps = [
-        until("document.querySelector('.card.log') !== null"),
-        click("Continue"),
-        until(&format!("{SHOWN} && {EXACT}")),
+    let mut steps = Vec::from(to_the_flight());
+    steps.extend([
         click("Find what is missing"),
         until("document.getElementById('headline') !== null"),
         value("document.getElementById('headline').textContent"),
         value("document.querySelector('.find').textContent"),
         value(CERTAIN),
         value("document.querySelectorAll('.effect .on:checked').length"),
-    ];
+    ]);
     let told = act(&lab, &json!({}), &steps);
     assert!(words(&told, 0).contains("unexplained"), "{}", words(&told, 0));
     assert!(
@@ -357,10 +364,8 @@ fn two_hidden_effects_are_both_found_and_lower_the_error_together() {
     let folder = tempfile::tempdir().unwrap();
     hidden(folder.path(), "rotor_drag,payload", "4");
     let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
-    let steps = [
-        until("document.querySelector('.card.log') !== null"),
-        click("Continue"),
-        until(&format!("{SHOWN} && {EXACT}")),
+    let mut steps = Vec::from(to_the_flight());
+    steps.extend([
         value(FORCE),
         click("Find what is missing"),
         until(FOUND),
@@ -369,7 +374,7 @@ fn two_hidden_effects_are_both_found_and_lower_the_error_together() {
         until(&format!("document.querySelectorAll('.effect.is-on').length >= 2 && {EXACT}")),
         value(ON),
         value(FORCE),
-    ];
+    ]);
     let told = act(&lab, &json!({}), &steps);
     for k in [1, 2] {
         let names = told["values"][k].to_string();

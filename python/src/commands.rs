@@ -13,7 +13,7 @@ use propwash::gap::attitude_model::{self, Options};
 use propwash::gap::excite::{self as excitation, Air, Request, Sensors, csv, flight, plan};
 use propwash::gap::first_flight;
 use propwash::scene::{self, SceneSource};
-use propwash::vehicle::first::{FirstVehicle, Given, Layout};
+use propwash::vehicle::first::{Given, Layout};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -188,19 +188,8 @@ pub fn vehicle_new(
         inertia_kg_m2: given.inertia,
         thrust_to_weight: given.thrust_to_weight,
     };
-    let made = interruptible(py, move |_| {
-        let mut first = FirstVehicle::new(&given)?;
-        let mut said = Vec::new();
-        if !logs.is_empty() {
-            let mut open = Vec::new();
-            for log in &logs {
-                open.push(FlightLog::open(log, mapping.as_deref())?.0);
-            }
-            said = first_flight::sharpen(&mut first, &open)?;
-        }
-        let vehicle = first.vehicle(&name)?;
-        Ok::<_, propwash::Error>((vehicle, first_flight::Told::of(&first, said)))
-    });
+    let made =
+        interruptible(py, move |_| first_flight::first_vehicle(&given, &logs, mapping.as_deref(), &name));
     let (vehicle, told) = made?.or_raise()?;
     Ok((vehicle.to_toml().to_string(), json(&told)?, told.to_string()))
 }

@@ -6,19 +6,20 @@
 //! of mass that is off makes a constant torque), with standard errors by the scatter of stretches of [`STRETCH_S`].
 
 use std::fmt;
+use std::path::{Path, PathBuf};
 
 use propwash_flight::FlightLog;
 use propwash_flight::clean::median;
 use propwash_trace::units::STANDARD_GRAVITY_M_S2;
-use propwash_vehicle::first::{Estimate, FirstVehicle};
-
+use propwash_vehicle::Vehicle;
+use propwash_vehicle::first::{Estimate, FirstVehicle, Given};
 use serde::Serialize;
 
 use super::replay::{Inputs, STEP_S};
 use super::report::quantity::interval;
 use super::residual::{Replay, Residuals, Sample};
 use super::track::{Drive, Options, Track};
-use super::{GapError, Result, wiring};
+use super::{GapError, Result, fitted, wiring};
 
 /// Length of a mean, s.
 const BLOCK_S: f64 = 0.25;
@@ -107,6 +108,38 @@ impl fmt::Display for Told {
     }
 }
 
+/// A first vehicle from what is known and from flights, with all that is to be told of it.
+///
+/// # Errors
+/// Those of [`FirstVehicle::new`], of logs that cannot be right, and of [`sharpen`]; [`GapError::Log`] for a log that is given twice.
+pub fn first_vehicle(
+    given: &Given,
+    logs: &[PathBuf],
+    mapping: Option<&Path>,
+    name: &str,
+) -> Result<(Vehicle, Told)> {
+    let mut first = FirstVehicle::new(given)?;
+    let (mut open, mut said) = (Vec::new(), Vec::new());
+    for (k, path) in logs.iter().enumerate() {
+        if logs[..k].contains(path) {
+            return Err(GapError::Log {
+                log: path.display().to_string(),
+                expected: "each log once".into(),
+                found: "it is given twice".into(),
+                remedy: "leave one out: flights count as independent".into(),
+            }
+            .into());
+        }
+        let (log, report) = FlightLog::open(path, mapping)?;
+        said.extend(fitted::warnings(&report).into_iter().map(|w| format!("{}: {w}", path.display())));
+        open.push(log);
+    }
+    if !open.is_empty() {
+        said.extend(sharpen(&mut first, &open)?);
+    }
+    Ok((first.vehicle(name)?, Told::of(&first, said)))
+}
+
 /// Sharpens the numbers of a first vehicle by flights with rotor speeds, measured or commanded; says in sentences what was found, and
 /// what was not.
 ///
@@ -152,6 +185,9 @@ pub fn sharpen(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<Strin
         .collect::<std::result::Result<Vec<_>, GapError>>()?;
     let tracks: Vec<Track> =
         tracks.into_iter().filter(|t| matches!(t.drive, Drive::RotorCommands | Drive::RotorSpeeds)).collect();
+    for track in &tracks {
+        said.extend(track.warnings.iter().map(|w| format!("{}: {w}", track.name)));
+    }
     order_rotors(first, &tracks, &mut said)?;
     let blocks = blocks(&tracks, first)?;
     let names: Vec<&str> = tracks.iter().map(|t| t.name.as_str()).collect();
@@ -244,7 +280,9 @@ fn lift_of(first: &mut FirstVehicle, blocks: &[Block], source: &str, said: &mut 
     let (measured, by_rotors) = (by_stretch(blocks, |b| b.lift[0]), by_stretch(blocks, |b| b.lift[1]));
     let sum: f64 = by_rotors.iter().sum();
     if measured.len() < FEWEST || sum <= 0.0 {
-        said.push(format!("{source}: too short for thrust, torque and inertias, which stay as they were"));
+        said.push(format!(
+            "{source}: too short for more than a rough thrust: torque and inertias stay as they were"
+        ));
         return None;
     }
     let ratio = measured.iter().sum::<f64>() / sum;

@@ -50,7 +50,7 @@ pub fn read(
 }
 
 /// The checker's warnings, except about what a track leaves out and reports itself.
-fn warnings(report: &CheckReport) -> Vec<String> {
+pub(crate) fn warnings(report: &CheckReport) -> Vec<String> {
     let own = |f: Fault| matches!(f, Fault::Gap | Fault::Glitch | Fault::RotorDead | Fault::Crash);
     let found = report.findings.iter().filter(|f| f.severity == Severity::Warning && !own(f.fault));
     found.map(|f| f.text.clone()).collect()

@@ -58,49 +58,38 @@ fn scatter_rows<C: Cell, const W: usize>(cells: &[C], rows: &mut [C::Number]) {
     }
 }
 
-/// [`gather`] with the instructions of `level`.
-#[inline(always)]
-pub(super) fn gather_f32(level: Level, cells: &mut [F32x16], rows: &[f32], width: usize, col: usize) {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(avx512) = level.as_avx512() {
-        return x86::gather_f32(avx512, cells, rows, width, col);
-    }
-    let _ = level;
-    gather(cells, rows, width, col);
-}
+/// [`gather`] and [`scatter`] with the instructions of a level.
+macro_rules! at_level {
+    ($gather:ident, $scatter:ident, $cell:ty, $number:ty) => {
+        #[inline(always)]
+        pub(super) fn $gather(level: Level, cells: &mut [$cell], rows: &[$number], width: usize, col: usize) {
+            #[cfg(target_arch = "x86_64")]
+            if let Some(avx512) = level.as_avx512() {
+                return x86::$gather(avx512, cells, rows, width, col);
+            }
+            let _ = level;
+            gather(cells, rows, width, col);
+        }
 
-/// [`scatter`] with the instructions of `level`.
-#[inline(always)]
-pub(super) fn scatter_f32(level: Level, cells: &[F32x16], rows: &mut [f32], width: usize, col: usize) {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(avx512) = level.as_avx512() {
-        return x86::scatter_f32(avx512, cells, rows, width, col);
-    }
-    let _ = level;
-    scatter(cells, rows, width, col);
+        #[inline(always)]
+        pub(super) fn $scatter(
+            level: Level,
+            cells: &[$cell],
+            rows: &mut [$number],
+            width: usize,
+            col: usize,
+        ) {
+            #[cfg(target_arch = "x86_64")]
+            if let Some(avx512) = level.as_avx512() {
+                return x86::$scatter(avx512, cells, rows, width, col);
+            }
+            let _ = level;
+            scatter(cells, rows, width, col);
+        }
+    };
 }
-
-/// [`gather`] with the instructions of `level`.
-#[inline(always)]
-pub(super) fn gather_f64(level: Level, cells: &mut [F64x8], rows: &[f64], width: usize, col: usize) {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(avx512) = level.as_avx512() {
-        return x86::gather_f64(avx512, cells, rows, width, col);
-    }
-    let _ = level;
-    gather(cells, rows, width, col);
-}
-
-/// [`scatter`] with the instructions of `level`.
-#[inline(always)]
-pub(super) fn scatter_f64(level: Level, cells: &[F64x8], rows: &mut [f64], width: usize, col: usize) {
-    #[cfg(target_arch = "x86_64")]
-    if let Some(avx512) = level.as_avx512() {
-        return x86::scatter_f64(avx512, cells, rows, width, col);
-    }
-    let _ = level;
-    scatter(cells, rows, width, col);
-}
+at_level!(gather_f32, scatter_f32, F32x16, f32);
+at_level!(gather_f64, scatter_f64, F64x8, f64);
 
 #[cfg(target_arch = "x86_64")]
 mod x86 {
@@ -299,143 +288,98 @@ mod x86 {
         };
     }
 
-    kernel!(
-        pub(super) fn gather_f32(simd: Avx512, cells: &mut [F32x16], rows: &[f32], width: usize, col: usize) {
-            let n = cells.len();
-            let rows = &rows[col..][..15 * width + n];
-            if n == 3 && width == 3 {
-                let a = f32x16::from_slice(simd, &rows[..16]).into();
-                let b = f32x16::from_slice(simd, &rows[16..32]).into();
-                let c = f32x16::from_slice(simd, &rows[32..48]).into();
-                for j in 0..3 {
-                    let v = mix_f32(simd, a, b, c, &APART_F32[j]);
-                    f32x16::simd_from(simd, v).store_slice(&mut cells[j].0);
-                }
-            } else if n == 1 && width == 1 {
-                cells[0].0.copy_from_slice(&rows[..16]);
-            } else if let (4, Some(rows), Some(cells)) =
-                (width, rows.first_chunk::<64>(), cells.first_chunk_mut::<4>())
-            {
-                // Places that are known need no checks.
-                gather_block!(simd, cells, 0, rows, 4, f32x16, turn_f32, read_f32);
-            } else if n >= 4 {
-                let mut first = 0;
-                loop {
-                    gather_block!(simd, cells, first, rows, width, f32x16, turn_f32, read_f32);
-                    if first + 4 == n {
-                        break;
+    /// [`super::gather`] and [`super::scatter`] for one type of number.
+    macro_rules! both_ways {
+        ($gather:ident, $scatter:ident, $cell:ty, $number:ty, $vector:ident, $lanes:literal, $mix:ident,
+         $apart:ident, $together:ident, $columns:ident, $read:ident, $rows_of:ident, $write:ident) => {
+            kernel!(
+                pub(super) fn $gather(
+                    simd: Avx512,
+                    cells: &mut [$cell],
+                    rows: &[$number],
+                    width: usize,
+                    col: usize,
+                ) {
+                    let n = cells.len();
+                    let rows = &rows[col..][..($lanes - 1) * width + n];
+                    if n == 3 && width == 3 {
+                        let a = $vector::from_slice(simd, &rows[..$lanes]).into();
+                        let b = $vector::from_slice(simd, &rows[$lanes..2 * $lanes]).into();
+                        let c = $vector::from_slice(simd, &rows[2 * $lanes..3 * $lanes]).into();
+                        for j in 0..3 {
+                            let v = $mix(simd, a, b, c, &$apart[j]);
+                            $vector::simd_from(simd, v).store_slice(&mut cells[j].0);
+                        }
+                    } else if n == 1 && width == 1 {
+                        cells[0].0.copy_from_slice(&rows[..$lanes]);
+                    } else if let (4, Some(rows), Some(cells)) =
+                        (width, rows.first_chunk::<{ 4 * $lanes }>(), cells.first_chunk_mut::<4>())
+                    {
+                        // Places that are known need no checks.
+                        gather_block!(simd, cells, 0, rows, 4, $vector, $columns, $read);
+                    } else if n >= 4 {
+                        let mut first = 0;
+                        loop {
+                            gather_block!(simd, cells, first, rows, width, $vector, $columns, $read);
+                            if first + 4 == n {
+                                break;
+                            }
+                            // The last block may overlap the one before.
+                            first = if first + 8 <= n { first + 4 } else { n - 4 };
+                        }
+                    } else {
+                        super::gather(cells, rows, width, 0);
                     }
-                    // The last block may overlap the one before.
-                    first = if first + 8 <= n { first + 4 } else { n - 4 };
                 }
-            } else {
-                super::gather(cells, rows, width, 0);
-            }
-        }
-    );
-    kernel!(
-        pub(super) fn scatter_f32(
-            simd: Avx512,
-            cells: &[F32x16],
-            rows: &mut [f32],
-            width: usize,
-            col: usize,
-        ) {
-            let n = cells.len();
-            let rows = &mut rows[col..][..15 * width + n];
-            if n == 3 && width == 3 {
-                let a = f32x16::from_slice(simd, &cells[0].0).into();
-                let b = f32x16::from_slice(simd, &cells[1].0).into();
-                let c = f32x16::from_slice(simd, &cells[2].0).into();
-                for m in 0..3 {
-                    let v = mix_f32(simd, a, b, c, &TOGETHER_F32[m]);
-                    f32x16::simd_from(simd, v).store_slice(&mut rows[16 * m..][..16]);
-                }
-            } else if n == 1 && width == 1 {
-                rows[..16].copy_from_slice(&cells[0].0);
-            } else if let (4, Some(rows), Some(cells)) =
-                (width, rows.first_chunk_mut::<64>(), cells.first_chunk::<4>())
-            {
-                scatter_block!(simd, cells, 0, rows, 4, f32x16, turn_f32, write_f32);
-            } else if n >= 4 {
-                let mut first = 0;
-                loop {
-                    scatter_block!(simd, cells, first, rows, width, f32x16, turn_f32, write_f32);
-                    if first + 4 == n {
-                        break;
+            );
+            kernel!(
+                pub(super) fn $scatter(
+                    simd: Avx512,
+                    cells: &[$cell],
+                    rows: &mut [$number],
+                    width: usize,
+                    col: usize,
+                ) {
+                    let n = cells.len();
+                    let rows = &mut rows[col..][..($lanes - 1) * width + n];
+                    if n == 3 && width == 3 {
+                        let a = $vector::from_slice(simd, &cells[0].0).into();
+                        let b = $vector::from_slice(simd, &cells[1].0).into();
+                        let c = $vector::from_slice(simd, &cells[2].0).into();
+                        for m in 0..3 {
+                            let v = $mix(simd, a, b, c, &$together[m]);
+                            $vector::simd_from(simd, v).store_slice(&mut rows[$lanes * m..][..$lanes]);
+                        }
+                    } else if n == 1 && width == 1 {
+                        rows[..$lanes].copy_from_slice(&cells[0].0);
+                    } else if let (4, Some(rows), Some(cells)) =
+                        (width, rows.first_chunk_mut::<{ 4 * $lanes }>(), cells.first_chunk::<4>())
+                    {
+                        scatter_block!(simd, cells, 0, rows, 4, $vector, $rows_of, $write);
+                    } else if n >= 4 {
+                        let mut first = 0;
+                        loop {
+                            scatter_block!(simd, cells, first, rows, width, $vector, $rows_of, $write);
+                            if first + 4 == n {
+                                break;
+                            }
+                            first = if first + 8 <= n { first + 4 } else { n - 4 };
+                        }
+                    } else {
+                        super::scatter(cells, rows, width, 0);
                     }
-                    first = if first + 8 <= n { first + 4 } else { n - 4 };
                 }
-            } else {
-                super::scatter(cells, rows, width, 0);
-            }
-        }
-    );
-    kernel!(
-        pub(super) fn gather_f64(simd: Avx512, cells: &mut [F64x8], rows: &[f64], width: usize, col: usize) {
-            let n = cells.len();
-            let rows = &rows[col..][..7 * width + n];
-            if n == 3 && width == 3 {
-                let a = f64x8::from_slice(simd, &rows[..8]).into();
-                let b = f64x8::from_slice(simd, &rows[8..16]).into();
-                let c = f64x8::from_slice(simd, &rows[16..24]).into();
-                for j in 0..3 {
-                    let v = mix_f64(simd, a, b, c, &APART_F64[j]);
-                    f64x8::simd_from(simd, v).store_slice(&mut cells[j].0);
-                }
-            } else if n == 1 && width == 1 {
-                cells[0].0.copy_from_slice(&rows[..8]);
-            } else if let (4, Some(rows), Some(cells)) =
-                (width, rows.first_chunk::<32>(), cells.first_chunk_mut::<4>())
-            {
-                // Places that are known need no checks.
-                gather_block!(simd, cells, 0, rows, 4, f64x8, columns_f64, read_f64);
-            } else if n >= 4 {
-                let mut first = 0;
-                loop {
-                    gather_block!(simd, cells, first, rows, width, f64x8, columns_f64, read_f64);
-                    if first + 4 == n {
-                        break;
-                    }
-                    first = if first + 8 <= n { first + 4 } else { n - 4 };
-                }
-            } else {
-                super::gather(cells, rows, width, 0);
-            }
-        }
-    );
-    kernel!(
-        pub(super) fn scatter_f64(simd: Avx512, cells: &[F64x8], rows: &mut [f64], width: usize, col: usize) {
-            let n = cells.len();
-            let rows = &mut rows[col..][..7 * width + n];
-            if n == 3 && width == 3 {
-                let a = f64x8::from_slice(simd, &cells[0].0).into();
-                let b = f64x8::from_slice(simd, &cells[1].0).into();
-                let c = f64x8::from_slice(simd, &cells[2].0).into();
-                for m in 0..3 {
-                    let v = mix_f64(simd, a, b, c, &TOGETHER_F64[m]);
-                    f64x8::simd_from(simd, v).store_slice(&mut rows[8 * m..][..8]);
-                }
-            } else if n == 1 && width == 1 {
-                rows[..8].copy_from_slice(&cells[0].0);
-            } else if let (4, Some(rows), Some(cells)) =
-                (width, rows.first_chunk_mut::<32>(), cells.first_chunk::<4>())
-            {
-                scatter_block!(simd, cells, 0, rows, 4, f64x8, rows_f64, write_f64);
-            } else if n >= 4 {
-                let mut first = 0;
-                loop {
-                    scatter_block!(simd, cells, first, rows, width, f64x8, rows_f64, write_f64);
-                    if first + 4 == n {
-                        break;
-                    }
-                    first = if first + 8 <= n { first + 4 } else { n - 4 };
-                }
-            } else {
-                super::scatter(cells, rows, width, 0);
-            }
-        }
-    );
+            );
+        };
+    }
+    both_ways! {
+        gather_f32, scatter_f32, F32x16, f32, f32x16, 16, mix_f32,
+        APART_F32, TOGETHER_F32, turn_f32, read_f32, turn_f32, write_f32
+    }
+    both_ways! {
+        gather_f64, scatter_f64, F64x8, f64, f64x8, 8, mix_f64,
+        APART_F64, TOGETHER_F64, columns_f64, read_f64, rows_f64, write_f64
+    }
 }
 
 #[cfg(test)]
@@ -444,15 +388,15 @@ mod tests {
     use crate::lanes::{Number, level};
 
     /// Columns of rows of any width go to lanes and back, and nothing beside them changes.
-    fn go_and_come_back<N: Number>() {
+    fn go_and_come_back<N: Number>(level: Level) {
         let lanes = N::Cell::LANES;
         for width in 1..=12 {
             for (col, n) in (0..width).flat_map(|col| (1..=width - col).map(move |n| (col, n))) {
                 let rows: Vec<N> = (0..lanes * width).map(|i| N::of(i as f64)).collect();
                 let mut cells = vec![N::Cell::splat(N::of(-1.0)); n];
-                N::Cell::gather(level(), &mut cells, &rows, width, col);
+                N::Cell::gather(level, &mut cells, &rows, width, col);
                 let mut back = vec![N::of(-2.0); lanes * width];
-                N::Cell::scatter(level(), &cells, &mut back, width, col);
+                N::Cell::scatter(level, &cells, &mut back, width, col);
                 for (i, (lane, k)) in
                     (0..lanes).flat_map(|lane| (0..width).map(move |k| (lane, k))).enumerate()
                 {
@@ -468,7 +412,9 @@ mod tests {
 
     #[test]
     fn numbers_go_to_lanes_and_come_back() {
-        go_and_come_back::<f32>();
-        go_and_come_back::<f64>();
+        for level in [level(), Level::baseline()] {
+            go_and_come_back::<f32>(level);
+            go_and_come_back::<f64>(level);
+        }
     }
 }

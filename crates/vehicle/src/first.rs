@@ -16,7 +16,7 @@ use propwash_trace::units::STANDARD_GRAVITY_M_S2;
 const AIR_KG_M3: f64 = 1.225;
 /// Inertia about roll and pitch over mass × arm²: 0.17 (hb_x500) to 0.35 (hummingbird), and its relative deviation.
 const ROLL: (f64, f64) = (0.24, 0.25);
-/// Inertia about yaw over the mean of roll and pitch: 1.64 (hummingbird) to 1.84.
+/// Inertia about yaw over the mean of roll and pitch: 1.67 (hummingbird) to 1.85 (cf21B_500).
 const YAW_OVER_ROLL: (f64, f64) = (1.8, 0.1);
 /// Propeller radius over the distance of neighbouring rotors: 0.36 to 0.48.
 const RADIUS: (f64, f64) = (0.39, 0.12);
@@ -24,9 +24,11 @@ const RADIUS: (f64, f64) = (0.39, 0.12);
 const THRUST: (f64, f64) = (0.11, 0.45);
 /// Torque over thrust and propeller radius: 0.12 (neo11) to 0.30 (cf2x_L250).
 const TORQUE: (f64, f64) = (0.2, 0.4);
-/// Time constant of motor and propeller, s: 0.0125 (hummingbird, hb_x500) to 0.06 (cf2x_L250 near hover).
-const LAG_S: (f64, f64) = (0.03, 0.6);
-/// Rotor inertia over mass × propeller radius²: 0.0003 (neo11) to 0.0019 (cf2x_L250).
+/// Time constant of motor and propeller × arm, s·m: near hover 0.121 s (cf2x_L250, brushed motors), 0.060 s (cf21B_500) and 0.019 s
+/// (hummingbird, hb_x500), which no larger vehicle of the list falls below.
+const LAG_S_M: (f64, f64) = (0.0047, 0.5);
+const LEAST_LAG_S: f64 = 0.019;
+/// Rotor inertia over mass × propeller radius²: 0.0007 (hb_x500) to 0.0019 (cf2x_L250).
 const ROTOR_INERTIA: (f64, f64) = (1.1e-3, 0.7);
 /// Relative deviation of a mass from a kitchen scale, and of an arm from a ruler.
 const SCALE: f64 = 0.01;
@@ -228,7 +230,11 @@ impl FirstVehicle {
             inertia_kg_m2,
             thrust_n_s2_per_rad2: Estimate::law(thrust, per_share, "C ρ D⁴ / 4π² with C = 0.11"),
             torque_per_thrust_m: Estimate::law(torque, r, "0.2 × propeller radius"),
-            lag_s: Estimate::law(LAG_S, 1.0, "30 ms"),
+            lag_s: Estimate::law(
+                LAG_S_M,
+                (1.0 / l).max(LEAST_LAG_S / LAG_S_M.0),
+                "4.7 ms·m / arm, at least 19 ms",
+            ),
             rotor_inertia_kg_m2: Estimate::law(ROTOR_INERTIA, m * r * r, "0.0011 × mass × propeller radius²"),
             radius_m,
             rotors,
@@ -445,7 +451,6 @@ mod tests {
     /// Mass, arm, and what the laws should hit, of the built-in vehicles.
     #[test]
     fn what_is_known_of_built_in_vehicles_lies_in_the_intervals_of_the_laws() {
-        let (mut inside, mut all) = (0, 0);
         for name in BUILTIN {
             let truth = Vehicle::builtin(name).unwrap();
             let drone = truth.drone("first_principles").unwrap();
@@ -467,11 +472,15 @@ mod tests {
                 (&first.rotor_inertia_kg_m2, rotor.inertia_kg_m2),
             ];
             for (estimate, truth) in truths {
-                all += 1;
-                inside += usize::from((estimate.value - truth).abs() <= 1.96 * estimate.sigma);
+                let off = (estimate.value - truth) / estimate.sigma;
+                assert!(
+                    off.abs() <= 1.96,
+                    "{name}: {:.3e}, truth {truth:.3e}: {off:+.1} sigmas; {}",
+                    estimate.value,
+                    estimate.source
+                );
             }
         }
-        assert!(inside * 10 >= all * 9, "{inside} of {all}");
     }
 
     #[test]

@@ -6,9 +6,8 @@ use crate::cli::args::{LayoutArg, VehicleNewArgs};
 use crate::cli::exit::Outcome;
 use crate::cli::output;
 use crate::cli::progress::waiting;
-use crate::flight::FlightLog;
-use crate::gap::first_flight::{Told, sharpen};
-use crate::vehicle::first::{FirstVehicle, Given, Layout};
+use crate::gap::first_flight::first_vehicle;
+use crate::vehicle::first::{Given, Layout};
 use crate::{Error, Result};
 use serde_json::json;
 
@@ -16,22 +15,11 @@ use serde_json::json;
 pub(super) fn run(args: &VehicleNewArgs) -> Result<Outcome> {
     refuse_log("--out", Some(&args.out), &args.from_log, &[])?;
     output::check(&[("--out", Some(&args.out))], args.force)?;
-    let mut first = FirstVehicle::new(&given(args)?)?;
-    let mut said = Vec::new();
-    if !args.from_log.is_empty() {
-        let logs = waiting("reading", || {
-            let mut logs = Vec::new();
-            for path in &args.from_log {
-                logs.push(FlightLog::open(path, args.mapping.as_deref())?.0);
-            }
-            Ok::<_, Error>(logs)
-        })?;
-        said = waiting("sharpening", || sharpen(&mut first, &logs))?;
-    }
+    let given = given(args)?;
     let name = args.out.file_stem().map_or_else(|| "vehicle".into(), |s| s.to_string_lossy().into_owned());
-    let vehicle = first.vehicle(&name)?;
+    let (vehicle, told) =
+        waiting("looking", || first_vehicle(&given, &args.from_log, args.mapping.as_deref(), &name))?;
     output::write("--out", &args.out, vehicle.to_toml().as_bytes(), args.force)?;
-    let told = Told::of(&first, said);
     if args.json {
         print_json(&json!({ "file": args.out, "vehicle": told }))?;
         return Ok(Outcome::Fine);
