@@ -2,6 +2,8 @@
 //!
 //! Without `--effects` it runs the whole table of docs/gap.md; with it, single cases with all that is known about them.
 
+#[path = "gap/formulas.rs"]
+mod formulas;
 #[path = "gap/honest.rs"]
 mod honest;
 #[path = "../tests/common/planted/mod.rs"]
@@ -50,7 +52,10 @@ struct Args {
     /// Width of the manufacturing tolerances.
     #[arg(long, default_value_t = 1.0)]
     tolerance: f64,
-    /// Parts of the table to run: single, pairs, none, unlisted, ordinary, time.
+    /// Effects in no list for which formulas are searched; all where none is named.
+    #[arg(long, value_delimiter = ',')]
+    kinds: Vec<String>,
+    /// Parts of the table to run: single, pairs, none, unlisted, formulas, ordinary, time.
     #[arg(long, value_delimiter = ',')]
     parts: Vec<String>,
     /// Runs the rows of realistic inputs in place of the table, on this half of seeds and vehicles: `develop` (even seeds) is

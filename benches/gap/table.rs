@@ -1,6 +1,7 @@
 //! The whole table: effects alone, in pairs, none, unlisted, on ordinary flights; closure, intervals, times.
 
 use super::Args;
+use super::formulas;
 use super::planted::hidden::stream as planted_stream;
 use super::planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, UNLISTED};
 use super::score::{Case, Outcome};
@@ -9,7 +10,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 const LEVELS: [NoiseLevel; 2] = [NoiseLevel::Fine, NoiseLevel::Rough];
-pub const PARTS: [&str; 6] = ["single", "pairs", "none", "unlisted", "ordinary", "time"];
+pub const PARTS: [&str; 7] = ["single", "pairs", "none", "unlisted", "formulas", "ordinary", "time"];
 /// Length of an ordinary flight, s.
 pub const ORDINARY_S: f64 = 30.0;
 
@@ -55,6 +56,9 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         }
         if wanted("unlisted") {
             table.unlisted(&level, &base)?;
+        }
+        if wanted("formulas") {
+            table.formulas(&level, &base)?;
         }
     }
     if wanted("ordinary") {
@@ -161,6 +165,42 @@ impl Table<'_> {
             share(&out, Outcome::exact),
             out.len(),
             "≥ 90 %",
+        );
+        Ok(())
+    }
+
+    /// Formulas for what is in no list, and none where nothing is missing.
+    fn formulas(&mut self, level: &str, base: &Case) -> Done {
+        let seeds = self.args.first..self.args.first + self.args.seeds;
+        let out =
+            formulas::run(seeds, base, self.vehicle, self.path, self.args).map_err(|e| e.to_string())?;
+        let n = out.len();
+        let part = |of: &dyn Fn(&formulas::Tried) -> bool| percent(out.iter().filter(|t| of(t)).count(), n);
+        let kinds = formulas::kinds(self.args).len();
+        self.row(
+            &format!("{kinds} effects in no list, {level}: a formula"),
+            part(&|t| t.formula.is_some()),
+            n,
+            "",
+        );
+        let name = format!("{kinds} effects in no list, {level}: takes 80 % of what the truth would");
+        self.row(&name, part(&|t| t.gained() >= formulas::ENOUGH), n, "≥ 80 %");
+        let name = format!("{kinds} effects in no list, {level}: an effect of the list named, certain");
+        self.row(&name, part(&|t| t.wrong), n, "≤ 2 %");
+        self.row(
+            &format!("{kinds} effects in no list, {level}: unseen error raised"),
+            part(&|t| t.raised()),
+            n,
+            "0",
+        );
+        let many = self.args.first..self.args.first + 4 * self.args.seeds;
+        let none = formulas::nothing(many, base, self.vehicle, self.path).map_err(|e| e.to_string())?;
+        let found = none.iter().filter(|f| f.is_some()).count();
+        self.row(
+            &format!("nothing hidden, {level}: a formula"),
+            percent(found, none.len()),
+            none.len(),
+            "≤ 1 %",
         );
         Ok(())
     }

@@ -5,6 +5,7 @@ use super::GapError;
 use super::cable::{differing, reattach};
 use super::decide::rules::{Rule, Why};
 use super::fit::{Prepared, forces_only};
+use super::formula::{self, Formula};
 use super::model::Model;
 use super::opinion;
 use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
@@ -29,6 +30,8 @@ pub struct Settings<'a> {
     pub only: Option<Vec<String>>,
     /// Leaves out the advice what to fly next, for which manoeuvres may have to be flown in simulation.
     pub no_advice: bool,
+    /// Leaves out the search for formulas where something is unexplained.
+    pub no_formulas: bool,
     /// Leaves out the ladder of [`crate::fitted::fit`], for which every step is flown on all flights.
     pub no_ladder: bool,
     /// Who watches.
@@ -41,6 +44,8 @@ pub struct Diagnosed {
     pub verdict: Diagnosis,
     pub(crate) solution: Solution,
     pub(crate) model: Model,
+    /// Formulas that would explain what is unexplained, none of them in the verdict: see [`crate::fitted::fit`].
+    pub(crate) proposed: Vec<Formula>,
 }
 
 /// Diagnoses flights of one vehicle. `held_out` logs are not used in the fit.
@@ -87,7 +92,14 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
         verdict.advice = advice(tracks, vehicle, &model, &solution, &verdict)?;
     }
     verdict.warnings.extend(cables);
-    Ok(Diagnosed { verdict, solution, model })
+    // Where the second estimator sees something else than a finding, the finding may only lean on what is missing.
+    let differs = verdict.findings.iter().any(|f| f.second.said == Said::Differs);
+    let wanted = (verdict.remainder.unexplained || differs) && given.is_none() && !settings.no_formulas;
+    let proposed = match wanted {
+        true => formula::proposed(&logs, &model, &solution, &verdict.findings, watch)?,
+        false => Vec::new(),
+    };
+    Ok(Diagnosed { verdict, solution, model, proposed })
 }
 
 /// Relinearises the model at all its estimates, with the cable of a load as tracked; returns notes on cables.

@@ -9,6 +9,7 @@ use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
 use super::decide::rules::{Rule, Why};
 use super::diagnose::{Diagnosed, Settings, diagnose};
+use super::formula::{self, Formula};
 use super::headline::headline;
 use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
@@ -114,7 +115,8 @@ impl Fitted {
 }
 
 /// Diagnoses flights, completes the vehicle by what does not raise the held-out error, and measures every step on all
-/// flights. `by` names the author in the file's sources.
+/// flights. Where something is unexplained that a formula describes, the formula is a candidate like any other, and is named where it
+/// is then found and lowers the held-out error. `by` names the author in the file's sources.
 ///
 /// # Errors
 /// Those of [`diagnose`], and where the text is no vehicle file.
@@ -125,7 +127,91 @@ pub fn fit(
     by: &str,
     calibrate: Calibrate,
 ) -> Result<Fitted> {
-    let mut diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
+    let diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
+    let mut why = Vec::new();
+    let proposed = &diagnosed.proposed;
+    // One formula, unless it leaves something unexplained: a second is easily the error of the first.
+    let mut found = None;
+    for n in 1..=proposed.len() {
+        match with_formulas(&filed, &proposed[..n], flights, settings, by, calibrate)? {
+            Ok(fitted) => {
+                let explained = !fitted.diagnosed.verdict.remainder.unexplained;
+                found = Some(fitted);
+                if explained {
+                    break;
+                }
+            }
+            Err(reasons) => why.extend(reasons),
+        }
+    }
+    let mut fitted = match found {
+        Some(fitted) => fitted,
+        None => completed(&filed, flights, settings, by, calibrate, diagnosed)?,
+    };
+    let named = |w: &Why| fitted.diagnosed.verdict.formulas.iter().any(|f| f.id == w.id);
+    why.retain(|w| !named(w));
+    why.dedup();
+    fitted.diagnosed.verdict.why.extend(why);
+    Ok(fitted)
+}
+
+/// The diagnosis with formulas as candidates: what was found, or why not all of them are named.
+fn with_formulas(
+    filed: &Filed,
+    proposed: &[Formula],
+    flights: &Flights,
+    settings: &Settings,
+    by: &str,
+    calibrate: Calibrate,
+) -> Result<std::result::Result<Fitted, Vec<Why>>> {
+    let text = formula::with_formulas(&filed.text, proposed);
+    let vehicle = formula::vehicle_with(filed.vehicle, &text)?;
+    let ids = proposed.iter().map(|f| f.id.clone());
+    let again = Settings {
+        given: None,
+        only: settings.only.clone().map(|only| only.into_iter().chain(ids).collect()),
+        no_formulas: true,
+        ..*settings
+    };
+    let diagnosed = diagnose(&flights.fit, &vehicle, &again)?;
+    let not = |f: &Formula, reason: &str| Why::new(&f.id, Rule::Formula, format!("{}: {reason}", f.words));
+    let named = |f: &&Formula| diagnosed.verdict.findings.iter().any(|x| x.id == f.id);
+    let missed: Vec<&Formula> = proposed.iter().filter(|f| !named(f)).collect();
+    if !missed.is_empty() {
+        return Ok(Err(missed.into_iter().map(|f| not(f, "the search did not choose it")).collect()));
+    }
+    let own = Filed { label: filed.label, vehicle: &vehicle, text };
+    let mut fitted = completed(&own, flights, settings, by, calibrate, diagnosed)?;
+    let findings = &fitted.diagnosed.verdict.findings;
+    let written = |f: &&Formula| findings.iter().any(|x| x.id == f.id && x.unwritten().is_none());
+    let idle: Vec<&Formula> = proposed.iter().filter(|f| !written(f)).collect();
+    if fitted.after.is_none() || !idle.is_empty() {
+        return Ok(Err(idle
+            .into_iter()
+            .map(|f| not(f, "it does not lower the errors on unseen flight"))
+            .collect()));
+    }
+    let verdict = &mut fitted.diagnosed.verdict;
+    verdict.vehicle_sha256 = filed.vehicle.sha256();
+    for f in proposed {
+        for finding in verdict.findings.iter_mut().filter(|x| x.id == f.id) {
+            finding.title = f.said(finding);
+            verdict.verdict = verdict.verdict.replacen(&f.id, &format!("{} ({})", f.id, finding.title), 1);
+        }
+    }
+    verdict.formulas = proposed.to_vec();
+    Ok(Ok(fitted))
+}
+
+/// The vehicle completed by what a diagnosis found.
+fn completed(
+    filed: &Filed,
+    flights: &Flights,
+    settings: &Settings,
+    by: &str,
+    calibrate: Calibrate,
+    mut diagnosed: Diagnosed,
+) -> Result<Fitted> {
     let verdict = &mut diagnosed.verdict;
     // Simulate with the noise estimated by the fit.
     let noise: Vec<Noise> = verdict.logs.iter().map(|l| l.noise).collect();
@@ -136,7 +222,7 @@ pub fn fit(
     verdict.warnings.extend(flights.warnings.iter().cloned());
     let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
     let given = settings.given.is_some();
-    let writer = Writer { source, dynamics, filed: &filed, partners: Vec::new(), given };
+    let writer = Writer { source, dynamics, filed, partners: Vec::new(), given };
     let judge = Judge::new(flights);
     warn_of_judge(&judge, filed.vehicle, verdict);
     let (writable, unwritable) = writer.writable(&verdict.findings)?;

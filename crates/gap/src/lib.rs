@@ -21,6 +21,7 @@ pub mod first_flight;
 mod first_look;
 mod fit;
 pub mod fitted;
+pub mod formula;
 pub(crate) mod free_form;
 pub mod ghost;
 mod gust_line;

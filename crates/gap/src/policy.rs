@@ -229,6 +229,19 @@ pub(crate) const EVENTFUL: f64 = 0.9;
 /// Evidence from which an effect is kept beside turbulence, nats.
 pub(crate) const BESIDE_WEATHER: f64 = 20.0;
 
+/// Share of what the windows lack that a formula must describe on unseen blocks of time to be tried.
+pub(crate) const FORMULA_SHARE: f64 = 0.1;
+
+/// Squared correlation from which two formulas along the same axes count as one.
+pub(crate) const FORMULA_SAME: f64 = 0.99;
+
+/// Evidence that a formula must bring beside what is in the list, nats. A thousand formulas are looked at, which makes chance worth
+/// seven nats; a missing effect that matters brings hundreds.
+pub(crate) const FORMULA_NATS: f64 = 25.0;
+
+/// Evidence that a shorter formula may bring less, nats.
+pub(crate) const FORMULA_SHORTER: f64 = 12.0;
+
 /// Share of the held-out error that an effect must remove beside other effects.
 pub(crate) const LEAST_SHARE: f64 = 0.1;
 

@@ -76,6 +76,7 @@ pub(super) fn speak(
         headline: headline(&verdict, &findings, remainder.unexplained),
         verdict,
         findings,
+        formulas: Vec::new(),
         why: why.into_iter().chain(decided).collect(),
         calibration: adjusted.iter().filter(|c| corrected(c)).cloned().collect(),
         adjusted,

@@ -1,6 +1,7 @@
 //! Result of a diagnosis: plain data for text, JSON and pages.
 
 use super::decide::rules::Why;
+use super::formula::Formula;
 use super::opinion;
 use super::track::Noise;
 use propwash_physics::effects::Area;
@@ -381,6 +382,8 @@ pub struct Diagnosis {
     pub headline: String,
     /// The missing effects, most important first; empty where nothing is missing.
     pub findings: Vec<Finding>,
+    /// Formulas among the findings, for physics that is not in the list: their tables of a vehicle file.
+    pub formulas: Vec<Formula>,
     /// Why each effect is named, in doubt or not named, in the order of the decisions.
     pub why: Vec<Why>,
     /// Parameters within tolerance that the log moves by more than two standard deviations.

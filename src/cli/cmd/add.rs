@@ -13,6 +13,7 @@ use crate::gap::accept::{self, Source, today_utc};
 use crate::gap::complete::{Completion, Entry, note};
 use crate::gap::diagnose::Settings;
 use crate::gap::fitted::{Calibrate, Filed};
+use crate::gap::formula::{Formula, with_formulas};
 use crate::gap::headline::{before_after, pair};
 use crate::gap::report::{Report, turns};
 use crate::gap::session::{Put, completed_by};
@@ -195,6 +196,8 @@ struct Saved {
     logs: Vec<SavedLog>,
     findings: Vec<SavedFinding>,
     adjusted: Vec<Calibration>,
+    #[serde(default)]
+    formulas: Vec<Formula>,
 }
 
 #[derive(Deserialize)]
@@ -305,7 +308,17 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
             ),
         ));
     }
-    believe(&saved, &vehicle, path)?;
+    // Formulas are effects of the file from here on: all of them to be judged, those that are written to be there.
+    let formulas = |wanted: &dyn Fn(&str) -> bool| -> Result<(String, Vehicle)> {
+        let list: Vec<Formula> = saved.formulas.iter().filter(|f| wanted(&f.id)).cloned().collect();
+        let text = with_formulas(&text_of(name)?, &list);
+        let with = Vehicle::from_toml(name, &text);
+        let with = with.map_err(|e| {
+            usage("formulas as a diagnosis writes them".into(), format!("in {}: {e}", path.display()))
+        })?;
+        Ok((text, with))
+    };
+    believe(&saved, &formulas(&|_| true)?.1, path)?;
     let known: Vec<&str> = saved.findings.iter().map(|f| f.id.as_str()).collect();
     if let Some(unknown) = args.effects.iter().find(|e| !known.contains(&e.as_str())) {
         let list = if known.is_empty() { "nothing".into() } else { known.join(", ") };
@@ -326,7 +339,11 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
             fit.first().map_or("nothing", |l| l.drive.as_str())
         ),
     };
-    let mut completion = Completion::new(&vehicle, text_of(name)?, name, &saved.dynamics, source);
+    let is_written = |id: &str| {
+        saved.findings.iter().filter(&chosen).any(|f| f.id == id && f.unwritten(&args.effects).is_none())
+    };
+    let text = formulas(&is_written)?.0;
+    let mut completion = Completion::new(&vehicle, text, name, &saved.dynamics, source);
     let (mut written, mut doubtful) = (Vec::new(), Vec::new());
     for f in saved.findings.iter().filter(chosen) {
         if let Some(reason) = f.unwritten(&args.effects) {

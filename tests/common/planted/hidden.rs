@@ -4,6 +4,7 @@
 //! Equations: docs/effects/*.md; sizes: of a quadrotor of 0.75 kg, scaled with mass and hover speed for others.
 
 use super::linear::{V, mul, norm, sub, unit};
+use super::strange::{STRANGE, Strange};
 use super::world::{MAX_ROTORS, Speeds};
 use propwash::random::{Key, Stream, purpose};
 use serde::Serialize;
@@ -76,16 +77,18 @@ pub const FAR: f64 = 3.0;
 /// Height of the ceiling of the hall in which [`super::Excitation::NearCeiling`] is flown, m, world.
 pub const CEILING_Z_M: f64 = 3.0;
 
-/// The id among [`HIDDEN`] and [`UNLISTED`] that is called `name`.
+/// The id among [`HIDDEN`], [`UNLISTED`] and [`STRANGE`] that is called `name`.
 ///
 /// # Errors
 /// A sentence with all ids where there is none.
 pub fn id(name: &str) -> Result<&'static str, String> {
-    HIDDEN.iter().chain(MORE_ROTORS).chain(UNLISTED).find(|known| **known == name).copied().ok_or_else(|| {
+    let all = HIDDEN.iter().chain(MORE_ROTORS).chain(UNLISTED).chain(STRANGE);
+    all.into_iter().find(|known| **known == name).copied().ok_or_else(|| {
         format!(
-            "expected the id of an effect, found `{name}`: take one of {}, {}, or none",
+            "expected the id of an effect, found `{name}`: take one of {}, {}, {}, or none",
             HIDDEN.join(", "),
-            UNLISTED.join(", ")
+            UNLISTED.join(", "),
+            STRANGE.join(", ")
         )
     })
 }
@@ -268,6 +271,8 @@ pub struct Deviations {
     pub swing_n_m: [f64; 2],
     /// Share k of thrust × (1 − k tanh(|v|/3 m/s)).
     pub speed_loss: f64,
+    /// What is in no list.
+    pub strange: Option<Strange>,
 }
 
 impl Deviations {
@@ -324,6 +329,7 @@ impl Deviations {
             push_s: [0.0; 2],
             swing_n_m: [0.0; 2],
             speed_loss: 0.0,
+            strange: None,
         }
     }
 
@@ -519,6 +525,7 @@ impl Deviations {
                 self.swing_n_m = [k * way[0], k * way[1]];
             }
             "speed_thrust_loss" => self.speed_loss = size * s.uniform(0.08, 0.16),
+            _ if STRANGE.contains(&id) => self.strange = Some(Strange::draw(id, &mut s, size, scale)),
             _ => unreachable!("{id} is checked by `id`"),
         }
     }
@@ -631,6 +638,12 @@ impl Deviations {
             }
             "swing_torque" => many = list("torque_n_m_s2_per_m_rad", &self.swing_n_m),
             "speed_thrust_loss" => one("share", self.speed_loss),
+            _ if STRANGE.contains(&id) => {
+                if let Some(strange) = self.strange {
+                    one("strength", strange.strength);
+                    one("scale", strange.scale);
+                }
+            }
             _ => {}
         }
         out.extend(many);

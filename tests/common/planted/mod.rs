@@ -22,6 +22,7 @@ pub mod hidden;
 pub mod linear;
 pub mod pilot;
 pub mod sensors;
+pub mod strange;
 pub mod world;
 
 #[allow(unused_imports, reason = "every program that includes this uses its own part of it")]
@@ -29,6 +30,7 @@ pub use self::{
     hidden::{Build, CEILING_Z_M, Deviations, HIDDEN, MORE_ROTORS, Scatter, UNLISTED, id, of_rotors},
     pilot::Excitation,
     sensors::{Figures, Inputs, NoiseLevel, Sensors},
+    strange::STRANGE,
     world::{MAX_ROTORS, Nominal, Speeds, State, World},
 };
 
@@ -65,7 +67,7 @@ pub enum Marker {
 pub struct Plan<'a> {
     /// The vehicle as filed; four to eight rotors, no filed effect but linear drag.
     pub vehicle: &'a Vehicle,
-    /// Ids of [`HIDDEN`] or [`UNLISTED`].
+    /// Ids of [`HIDDEN`], [`UNLISTED`] or [`STRANGE`].
     pub hidden: Vec<&'static str>,
     /// What the pilot does.
     pub excitation: Excitation,
@@ -420,7 +422,7 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         .iter()
         .map(|id| Planted {
             id,
-            listed: !UNLISTED.contains(id),
+            listed: !UNLISTED.contains(id) && !STRANGE.contains(id),
             parameters: dev.parameters(id, &filed),
             filed: none.parameters(id, &filed),
         })

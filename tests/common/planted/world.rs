@@ -393,6 +393,12 @@ impl World {
         if t >= d.push_s[0] && t < d.push_s[1] {
             force = add(force, d.push_n);
         }
+        if let Some(strange) = &d.strange {
+            let all = (0..self.rotors.len()).map(|i| curve(self.rotors[i].thrust, x[ROTORS + i])).sum();
+            let roll = r[2][1].atan2(r[2][2]);
+            let (push, turn) = strange.wrench(u, w, all, roll, p[2]);
+            (force, torque) = (add(force, push), add(torque, turn));
+        }
         torque[0] += d.swing_n_m[0] * u[0] * w[2];
         torque[1] += d.swing_n_m[1] * u[0] * w[2];
 

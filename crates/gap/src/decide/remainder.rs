@@ -10,7 +10,7 @@ use crate::policy::{
     EVENT, LARGE_FORCE_M_S2, LARGE_TORQUE_RAD_S2, OWN_SHARE, REGULAR_FORCE_M_S2, REGULAR_SHARE,
     REGULAR_TORQUE_RAD_S2, SHAPE_NATS, USUAL_AGILITY_RAD_S2,
 };
-use crate::replay::{STEP, STEP_S, drive};
+use crate::replay::{STEP, STEP_S, Tick, drive};
 use crate::solve::Solution;
 use crate::verdict::{FreeTerm, Remainder};
 use propwash_flight::clean;
@@ -26,23 +26,16 @@ pub(crate) fn samples(
     deltas: &[Vec<f64>],
 ) -> Vec<Sample> {
     // Mean rotor speed (or the root of the thrust) over that of the flight.
-    let rotors: Vec<Vec<f64>> = logs
-        .iter()
-        .enumerate()
-        .map(|(index, p)| {
-            let plain = model.plain_at(&solution.linear.values_of(index), &solution.set);
-            let ticks = drive(p.track, &p.around, &p.raw, &plain);
-            let speeds: Vec<f64> = ticks
-                .iter()
-                .map(|t| {
-                    let sum: f64 = t.rotor_vel.iter().sum();
-                    if sum > 0.0 { sum } else { t.thrust.max(0.0).sqrt() }
-                })
-                .collect();
-            let mean = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
-            speeds.iter().map(|s| if mean > 0.0 { s / mean } else { 1.0 }).collect()
-        })
-        .collect();
+    let relative = |ticks: Vec<Tick<f64>>| {
+        let speed = |t: &Tick<f64>| {
+            let sum: f64 = t.rotor_vel.iter().sum();
+            if sum > 0.0 { sum } else { t.thrust.max(0.0).sqrt() }
+        };
+        let speeds: Vec<f64> = ticks.iter().map(speed).collect();
+        let mean = speeds.iter().sum::<f64>() / speeds.len().max(1) as f64;
+        speeds.into_iter().map(|s| if mean > 0.0 { s / mean } else { 1.0 }).collect::<Vec<f64>>()
+    };
+    let rotors: Vec<Vec<f64>> = rotor_ticks(logs, model, solution).into_iter().map(relative).collect();
     let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
     let mut out = Vec::new();
     for w in &solution.linear.windows {
@@ -70,6 +63,15 @@ pub(crate) fn samples(
         out.push(Sample { push, variance, doing });
     }
     out
+}
+
+/// The inputs of every log at every tick, as the solution drives its model.
+pub(crate) fn rotor_ticks(logs: &[Prepared], model: &Model, solution: &Solution) -> Vec<Vec<Tick<f64>>> {
+    let of = |(index, p): (usize, &Prepared)| {
+        let plain = model.plain_at(&solution.linear.values_of(index), &solution.set);
+        drive(p.track, &p.around, &p.raw, &plain)
+    };
+    logs.iter().enumerate().map(of).collect()
 }
 
 /// Times per window at which the library's variables are sampled.

@@ -1,8 +1,8 @@
 //! The rules that decide a verdict: statement, threshold, and the flights that set it.
 
 use crate::policy::{
-    CERTAIN_ALONE_NATS, EVENTFUL, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, RISES,
-    WELL_BELOW,
+    CERTAIN_ALONE_NATS, EVENTFUL, FORMULA_NATS, FORMULA_SHARE, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE,
+    LOST_NATS, NAMED_SIGMAS, RISES, WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -39,11 +39,13 @@ pub enum Rule {
     BesideUnexplained,
     /// Would make the vehicle worse on held-out flight.
     NeverWorse,
+    /// A formula for what is in no list.
+    Formula,
 }
 
 impl Rule {
     /// All of them, in the order in which they are applied.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Evidence,
         Self::LittleGain,
         Self::EvidenceLost,
@@ -58,6 +60,7 @@ impl Rule {
         Self::ForcesGrow,
         Self::BesideUnexplained,
         Self::NeverWorse,
+        Self::Formula,
     ];
 
     /// Its name in words.
@@ -77,6 +80,7 @@ impl Rule {
             Self::ForcesGrow => "forces grow",
             Self::BesideUnexplained => "beside unexplained",
             Self::NeverWorse => "never worse",
+            Self::Formula => "formula",
         }
     }
 
@@ -135,6 +139,11 @@ impl Rule {
                 100.0 * (RISES - 1.0),
                 percent(WELL_BELOW)
             ),
+            Self::Formula => format!(
+                "where something is unexplained, a formula is tried that describes {} and more of what the windows lack and \
+                 brings {FORMULA_NATS} nats; it is named if the search then chooses it and the errors on unseen flight fall",
+                percent(FORMULA_SHARE)
+            ),
         }
     }
 
@@ -158,6 +167,7 @@ impl Rule {
             Self::Weather => "planted turbulence beside a weak rotor, a fading thrust and a slung load",
             Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",
             Self::BesideUnexplained => "no flight of its own: what `two estimators` asks, where more is open",
+            Self::Formula => "planted flights with effects that are in no list, and with none",
             Self::NeverWorse => "18 planted flights, in 4 of which what was written raised an error",
         }
     }

@@ -1,10 +1,10 @@
-//! Units of own expressions: what is added must be of one unit, functions take ratios and angles, and the coefficient gets the
+//! Units of expressions: what is added must be of one unit, functions take ratios and angles, and the coefficient gets the
 //! unit that makes a force or a torque of the whole.
 
 use propwash_physics::effects::expression::{Op, Program, VARIABLES};
 
 /// Powers of m, kg, s; angles count as ratios.
-type Powers = [i32; 3];
+pub(crate) type Powers = [i32; 3];
 
 /// A unit with a power of the coefficient's unknown one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,7 +32,7 @@ impl Fault {
     }
 }
 
-const RATIO: Powers = [0; 3];
+pub(crate) const RATIO: Powers = [0; 3];
 
 /// Powers of a unit as variables have it: `m/s`, `rad/s`, `N`, `kg/m³`.
 fn powers(unit: &str) -> Powers {
@@ -62,7 +62,7 @@ fn powers(unit: &str) -> Powers {
 }
 
 /// A unit in words: newtons first, since forces are what expressions make.
-fn words(mut p: Powers) -> String {
+pub(crate) fn words(mut p: Powers) -> String {
     let mut up = Vec::new();
     let mut down = Vec::new();
     let newtons = p[1];
@@ -83,6 +83,7 @@ fn words(mut p: Powers) -> String {
     match (up.is_empty(), down.is_empty()) {
         (true, true) => "1".into(),
         (_, true) => up.join("·"),
+        (true, false) if down.len() == 1 => format!("1/{}", down[0]),
         (true, false) => format!("1/({})", down.join("·")),
         (false, false) if down.len() == 1 => format!("{}/{}", up.join("·"), down[0]),
         (false, false) => format!("{}/({})", up.join("·"), down.join("·")),

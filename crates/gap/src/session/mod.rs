@@ -181,7 +181,14 @@ impl Session {
             }
         };
         let inner = Watch { progress: Some(&told), ..*watch };
-        let settings = Settings { no_advice: true, no_ladder: true, watch: inner, ..Settings::default() };
+        let settings = Settings {
+            no_advice: true,
+            no_ladder: true,
+            // In a session the user types formulas.
+            no_formulas: true,
+            watch: inner,
+            ..Settings::default()
+        };
         let filed = Filed { label: &self.label, vehicle: &vehicle, text };
         let parted = self.now.parted.clone();
         let found = fitted::fit(filed, &parted, &settings, BY, Calibrate::No)?;
@@ -251,7 +258,10 @@ impl Session {
             Some(fit) => {
                 let solution = again(fit, &mut model)?.ok_or_else(solve::no_window)?;
                 let verdict = fit.diagnosed.verdict.clone();
-                Fitted::new(Diagnosed { verdict, solution, model: model.clone() }, fit.searched)?
+                Fitted::new(
+                    Diagnosed { verdict, solution, model: model.clone(), proposed: Vec::new() },
+                    fit.searched,
+                )?
             }
         };
         let next = Arc::new(Base { model, fit: Some(Arc::new(fitted)), ..(*base).clone() });

@@ -1,12 +1,11 @@
 //! Own expressions: a force, a torque or a thrust factor that the user types, with a coefficient that can be fitted.
 
-mod units;
-
 use super::present::Setting;
 use super::{Base, Session};
 use crate::GapError;
 use crate::accept::AcceptError;
 use crate::error::Result;
+use crate::formula::units::unit_of_coefficient;
 use crate::live::Flight as Seen;
 use crate::live::proposals::Move;
 use crate::model::Model;
@@ -15,8 +14,6 @@ use propwash_vehicle::Vehicle;
 use propwash_vehicle::expression::parse;
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
-
-pub(crate) use units::unit_of_coefficient;
 
 /// What an own expression acts on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -283,7 +283,9 @@ impl Check<'_> {
                 "write a value in this range",
             ));
         }
-        let freedom = Freedom { sign, ..Freedom::any(name, intern_text(unit), spike, slab) };
+        // What must stay above zero is a scale, by which a formula divides.
+        let divides = bounds.least > 0.0;
+        let freedom = Freedom { sign, divides, ..Freedom::any(name, intern_text(unit), spike, slab) };
         Ok((Declared { freedom, bounds }, value))
     }
 

@@ -1,0 +1,338 @@
+//! Effects that nobody listed: what is left unexplained is searched for a formula.
+//!
+//! Formulas of a small grammar are ranked by what they describe of the windows' disturbances on time that their fit has not
+//! seen; the best become candidates of the evidence search, and only one that it chooses is found. After Brunton, Proctor & Kutz,
+//! PNAS 113(15), 2016 (sparse regression over a library), with a library whose units agree (Udrescu & Tegmark, "AI Feynman",
+//! Science Advances 6(16), 2020) and the evidence of whole roll-outs in place of a sparsity threshold.
+
+mod grammar;
+mod rank;
+pub(crate) mod units;
+
+use crate::GapError;
+use crate::decide::remainder::rotor_ticks;
+use crate::disturbance::Disturbance;
+use crate::fit::{Prepared, forces_only};
+use crate::model::Model;
+use crate::policy::{FORMULA_NATS, FORMULA_SHORTER};
+use crate::replay::{STEP, STEP_S};
+use crate::report::{interval, quantity};
+use crate::search::THRESHOLD;
+use crate::solve::{Solution, refitted};
+use crate::verdict::{Finding, Said};
+use crate::watch::Watch;
+use grammar::Shape;
+use propwash_physics::airframe;
+use propwash_physics::effects::candidate::{Bounds, Freedom};
+use propwash_physics::effects::expression::{Declared, Formula as Programs, Params, VARIABLES};
+use propwash_physics::effects::{AnyEffect, Area, Candidate};
+use propwash_trace::math::{euler, quat};
+use propwash_vehicle::Vehicle;
+use propwash_vehicle::expression::{intern, parse};
+use rank::{Lack, Ranked};
+use serde::{Deserialize, Serialize};
+
+/// A formula that a search proposed, as an effect of a vehicle file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Formula {
+    /// Name of the effect: `found_1`.
+    pub id: String,
+    /// What it says, without its values: `force along body x and y = c · tanh(v / s)`.
+    pub words: String,
+    /// Physics that looks like it; empty where none is known.
+    pub like: String,
+    /// Its table of a vehicle file, at no effect.
+    pub table: String,
+}
+
+/// Formulas tried by the evidence of roll-outs.
+const TRIED: usize = 6;
+/// Most formulas of one verdict.
+const MOST: usize = 2;
+/// Times per window at which the variables are read.
+const PLACES: usize = 5;
+
+/// The formulas that explain what `solution` leaves, best first; empty where none does.
+///
+/// # Errors
+/// [`GapError`] where a fit fails.
+pub(crate) fn proposed(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    findings: &[Finding],
+    watch: &Watch,
+) -> Result<Vec<Formula>, GapError> {
+    let sure =
+        |c: usize| findings.iter().any(|f| f.id == model.candidates[c].id && f.second.said == Said::Agrees);
+    let kept: Vec<usize> = solution.set.iter().copied().filter(|c| sure(*c)).collect();
+    // What the vehicle as filed lacks, beside what is sure: tolerances, and effects that only lean on what is missing, would
+    // hide a part of it. The same without any effect of the air, since even one that two estimators see may be a part of the missing
+    // one. And what is left with all of them, for what is missing beside another effect.
+    let air = |c: &usize| model.candidates[*c].area == Area::Airframe;
+    let firm: Vec<usize> = kept.iter().copied().filter(|c| !air(c)).collect();
+    let without = |kept: &[usize]| {
+        let open = |c: usize| model.candidates[c].area != Area::Measurement && !kept.contains(&c);
+        lacks(logs, model, solution, &solution.deltas_without(model, open))
+    };
+    let filed = without(&kept);
+    let mut tried = rank::rank(&filed, TRIED);
+    if let Some(first) = tried.first() {
+        tried.extend(rank::rank(&rank::beside(&filed, first), MOST));
+    }
+    if firm.len() < kept.len() {
+        tried.extend(rank::rank(&without(&firm), TRIED));
+    }
+    tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST));
+    tried.retain(|r| !forces_only(logs) || !r.shape.torque);
+    if tried.is_empty() {
+        return Ok(Vec::new());
+    }
+    let chosen = by_evidence(logs, model, solution, [&kept, &firm], &tried, watch)?;
+    Ok(chosen.iter().enumerate().map(|(i, k)| formula(model, i + 1, &tried[*k])).collect())
+}
+
+/// The vehicle file's text with formulas, at no effect.
+pub fn with_formulas(text: &str, formulas: &[Formula]) -> String {
+    let mut out = text.to_string();
+    for formula in formulas {
+        if !out.ends_with('\n') {
+            out.push('\n');
+        }
+        out.push_str(&formula.table);
+    }
+    out
+}
+
+/// The vehicle with formulas, under the name of the one before.
+pub(crate) fn vehicle_with(vehicle: &Vehicle, text: &str) -> crate::Result<Vehicle> {
+    Ok(Vehicle::from_toml(&vehicle.name, text).map_err(crate::accept::AcceptError::from)?)
+}
+
+impl Formula {
+    /// What it says with the values of a finding.
+    pub(crate) fn said(&self, finding: &Finding) -> String {
+        let of = |name: &str| finding.parameters.iter().find(|p| p.name == name);
+        let mut words = self.words.clone();
+        if let Some(c) = of("c") {
+            words = words.replace("c · ", &format!("{} · ", interval(c.value, c.sigma, &c.unit)));
+        }
+        if let Some(s) = of("s") {
+            words = words.replace("{s}", &quantity(s.value, &s.unit, 3));
+        }
+        match self.like.as_str() {
+            "" => format!("{words}; no physical name"),
+            like => format!("{words}; no physical name; like {like}"),
+        }
+    }
+}
+
+/// What the model lacks in each window, with every log's parameters `deltas` from the linearisation point.
+fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f64>]) -> Vec<Lack> {
+    let at = |name: &str| VARIABLES.iter().position(|v| v.name == name).unwrap_or(0);
+    let place = |names: [&str; 3]| names.map(at);
+    let (vel, vel_body, rates, pos, rpy) = (
+        place(["vx", "vy", "vz"]),
+        place(["vx_body", "vy_body", "vz_body"]),
+        place(["wx", "wy", "wz"]),
+        place(["x", "y", "z"]),
+        place(["roll", "pitch", "yaw"]),
+    );
+    let (time, sum, thrust) = (at("t"), at("rotor_sum"), at("thrust_n"));
+    let ticks = rotor_ticks(logs, model, solution);
+    let body = &model.drone.body;
+    let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
+    let unknown = Disturbance::unknown();
+    let mut out = Vec::new();
+    for w in &solution.linear.windows {
+        let Some((mean, _)) = w.push_estimate(&unknown, &deltas[w.log]) else { continue };
+        let log = &logs[w.log];
+        let measured = |tick: usize| log.around.measured(tick).copied().unwrap_or(w.start);
+        let at = (0..PLACES).map(|i| {
+            let tick = w.from + STEP * (steps * (2 * i + 1) / (2 * PLACES));
+            let here = measured(tick);
+            let (body_vel, angles) = (quat::rotate_inverse(here.quat, here.vel), euler::from_quat(here.quat));
+            let mut now = [0.0; VARIABLES.len()];
+            for k in 0..3 {
+                now[vel[k]] = here.vel[k];
+                now[vel_body[k]] = body_vel[k];
+                now[rates[k]] = here.ang_vel[k];
+                now[pos[k]] = here.pos[k];
+                now[rpy[k]] = angles[k];
+            }
+            now[time] = log.around.time_s(tick);
+            if let Some(tick) = ticks[w.log].get(tick) {
+                now[sum] = tick.rotor_vel.iter().sum();
+                now[thrust] = match now[sum] > 0.0 {
+                    true => airframe::loads(&model.drone.airframe, &tick.rotor_vel).thrust.iter().sum(),
+                    false => tick.thrust,
+                };
+            }
+            now
+        });
+        let at = at.collect();
+        let middle = measured(w.from + STEP * (steps / 2));
+        let force = quat::rotate_inverse(middle.quat, [mean[0], mean[1], mean[2]]);
+        let mut wrench = [0.0; 6];
+        for k in 0..3 {
+            wrench[k] = body.mass_kg * force[k];
+            wrench[3 + k] = (0..3).map(|j| body.inertia_kg_m2[k][j] * mean[3 + j]).sum();
+        }
+        out.push(Lack { log: w.log, wrench, at });
+    }
+    out
+}
+
+/// Which of the formulas the evidence of roll-outs chooses, in order; each must bring [`FORMULA_NATS`] beside what is there.
+fn by_evidence(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    kept: [&[usize]; 2],
+    tried: &[Ranked],
+    watch: &Watch,
+) -> Result<Vec<usize>, GapError> {
+    let mut wider = model.clone();
+    let first = wider.candidates.len();
+    for (i, r) in tried.iter().enumerate() {
+        admit(&mut wider, &format!("tried_{i}"), r)?;
+    }
+    for c in first..wider.candidates.len() {
+        wider.may[c] = false;
+    }
+    let set = (&solution.set[..], &solution.posterior);
+    let Some(fitted) = refitted(logs, &mut wider, solution, set, watch)? else { return Ok(Vec::new()) };
+    let evidence = fitted.evidence(&wider)?;
+    // Every effect has its price, as in the search.
+    let of = |set: &[usize]| {
+        let mut sorted = set.to_vec();
+        sorted.sort_unstable();
+        evidence.of(&sorted) - THRESHOLD * sorted.len() as f64
+    };
+    let mut chosen: Vec<usize> = Vec::new();
+    let mut best = of(&solution.set);
+    // What only leans on the missing effect may go with it.
+    let mut base = solution.set.clone();
+    while chosen.len() < MOST {
+        let mut next: Option<(f64, usize, Vec<usize>)> = None;
+        for k in (0..tried.len()).filter(|k| !chosen.contains(k)) {
+            for beside in [&base[..], kept[0], kept[1]] {
+                let mut with = beside.to_vec();
+                with.extend(chosen.iter().map(|c| first + c));
+                with.push(first + k);
+                let nats = of(&with);
+                if next.as_ref().is_none_or(|(n, ..)| nats > *n) {
+                    next = Some((nats, k, beside.to_vec()));
+                }
+            }
+        }
+        let Some((nats, k, beside)) = next.filter(|(nats, ..)| nats - best > FORMULA_NATS) else { break };
+        // Of formulas that say about the same, the shortest; of these the one that describes the vehicle as filed best, which comes
+        // first: beside open tolerances a threshold and a drag that is a little off say what a saturation says alone.
+        let with = |k: usize| {
+            let mut with = beside.clone();
+            with.extend(chosen.iter().map(|c| first + c).chain([first + k]));
+            of(&with)
+        };
+        let as_good = (0..tried.len()).filter(|k| !chosen.contains(k) && nats - with(*k) < FORMULA_SHORTER);
+        let k = as_good.min_by(|a, b| tried[*a].shape.cost.total_cmp(&tried[*b].shape.cost)).unwrap_or(k);
+        let nats = with(k);
+        chosen.push(k);
+        (best, base) = (nats, beside);
+    }
+    Ok(chosen)
+}
+
+/// Adds a formula as a candidate that no search may choose by itself; its scale stays.
+fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError> {
+    let freedom = Freedom::any("c", "1", 0.0, ranked.coefficient.abs());
+    let scale = ranked.scale.unwrap_or(1.0);
+    let mut three = ["0".to_string(), "0".into(), "0".into()];
+    for (axis, text) in ranked.shape.axes.iter().zip(&ranked.shape.texts) {
+        three[*axis] = format!("c * ({text})");
+    }
+    let mut programs = Vec::new();
+    for text in &three {
+        programs.push(parse(text, &["c", "s"]).map_err(|_| GapError::Numbers {
+            what: "a formula",
+            reason: format!("{text:?} is no expression"),
+        })?);
+    }
+    let programs = programs.try_into().ok();
+    let (force, torque) = if ranked.shape.torque { (None, programs) } else { (programs, None) };
+    let bounds = Bounds::from(f64::NEG_INFINITY);
+    let fixed = Freedom::any("s", "1", 0.0, 0.0);
+    let formula = Programs {
+        name: name.into(),
+        force_body_n: force,
+        force_world_n: None,
+        torque_body_n_m: torque,
+        thrust_factor: None,
+        parameters: vec![Declared { freedom: freedom.clone(), bounds }, Declared { freedom: fixed, bounds }],
+    };
+    let mut params = Params { formula: intern(formula), ..Params::default() };
+    params.value[1] = scale;
+    model.drone.effects.push(AnyEffect::Expression(params));
+    model.listed.push(false);
+    let candidate = Candidate::new("expression", name, Area::Airframe, vec![freedom], "fly at many speeds");
+    model.admit(candidate.called(name))
+}
+
+/// A formula as an effect of a vehicle file.
+fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
+    let Shape { torque, axes, texts, .. } = &ranked.shape;
+    let taken = |name: &str| model.candidates.iter().any(|c| c.id == name);
+    let id = (number..).map(|n| format!("found_{n}")).find(|name| !taken(name)).unwrap_or_default();
+    let mut three = ["\"0\"".to_string(), "\"0\"".into(), "\"0\"".into()];
+    for (axis, text) in axes.iter().zip(texts) {
+        three[*axis] = format!("\"c * {}\"", bracketed(text));
+    }
+    let own = [[1, 1, -2], [2, 1, -2]][usize::from(*torque)];
+    let unit = units::words(core::array::from_fn(|k| own[k] - ranked.shape.unit[k]));
+    let key = if *torque { "torque_body_n_m" } else { "force_body_n" };
+    let size = rounded(ranked.coefficient.abs());
+    let mut table = format!(
+        "\n[[effect]]\nkind = \"expression\"\nname = \"{id}\"\n{key} = [{}]\n\n[effect.parameter.c]\nvalue = 0.0\n\
+         unit = \"{unit}\"\nslab = {size:?}\n",
+        three.join(", ")
+    );
+    if let Some(scale) = ranked.scale {
+        let unit = ranked.shape.scale_words;
+        table += &format!("\n[effect.parameter.s]\nvalue = {:?}\nunit = \"{unit}\"\n", rounded(scale));
+        if ranked.shape.tells_scale {
+            table += &format!("slab = {:?}\nmin = {:?}\n", rounded(0.3 * scale), rounded(0.05 * scale));
+        }
+    }
+    let names = ["x", "y", "z"];
+    let axes: Vec<&str> = axes.iter().map(|k| names[*k]).collect();
+    let on = match (torque, axes.as_slice()) {
+        (false, [rest @ .., last]) if !rest.is_empty() => {
+            format!("force along body {} and {last}", rest.join(", "))
+        }
+        (true, [rest @ .., last]) if !rest.is_empty() => {
+            format!("torque about body {} and {last}", rest.join(", "))
+        }
+        (false, _) => format!("force along body {}", axes.join("")),
+        (true, _) => format!("torque about body {}", axes.join("")),
+    };
+    let fixed = ranked.scale.filter(|_| !ranked.shape.tells_scale);
+    let mut words = format!("{on} = c · {}", ranked.shape.words);
+    if let Some(scale) = fixed {
+        words = words.replace("{s}", &quantity(scale, ranked.shape.scale_words, 3));
+    }
+    Formula { id, words, like: ranked.shape.like.into(), table }
+}
+
+/// A factor of a product: a sum or a sign stands in brackets.
+fn bracketed(text: &str) -> String {
+    if text.starts_with('-') || text.contains(" + ") || text.contains(" - ") {
+        format!("({text})")
+    } else {
+        text.into()
+    }
+}
+
+/// Rounded to three digits.
+fn rounded(v: f64) -> f64 {
+    format!("{v:.2e}").parse().unwrap_or(v)
+}

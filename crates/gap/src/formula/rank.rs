@@ -1,0 +1,287 @@
+//! Ranks formulas by how well they describe the disturbances of the windows on blocks of time that their fit has not seen.
+
+use super::grammar::{Shape, shapes};
+use crate::policy::{FORMULA_SAME, FORMULA_SHARE};
+use propwash_physics::effects::expression::{Program, VARIABLES};
+use propwash_vehicle::expression::parse;
+use rayon::prelude::*;
+
+/// One window: what the model lacks in it, and the flight at evenly spaced times.
+#[derive(Clone, Debug)]
+pub(super) struct Lack {
+    pub log: usize,
+    /// Force along body axes, N, then torque, N·m.
+    pub wrench: [f64; 6],
+    /// Values of the variables of expressions at each time.
+    pub at: Vec<[f64; VARIABLES.len()]>,
+}
+
+/// A formula with values.
+#[derive(Clone, Debug)]
+pub(super) struct Ranked {
+    pub shape: Shape,
+    pub coefficient: f64,
+    pub scale: Option<f64>,
+    /// Evidence of the regression minus its cost, nats.
+    pub nats: f64,
+    /// Its values on all axes and windows.
+    column: Vec<f64>,
+}
+
+/// Blocks of the cross-validation.
+const BLOCKS: usize = 8;
+/// Fewest windows for a judgement.
+const FEWEST: usize = 5 * BLOCKS;
+/// Start values of a scale, as shares of the root mean square of what it divides.
+const SCALES: [f64; 7] = [0.07, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5];
+/// Price of a quantity, a function or a scale, nats: the logarithm of the number of choices.
+const PRICE: f64 = 5.0;
+
+/// The best formulas for what is lacking, unlike each other; best first, at most `most`.
+pub(super) fn rank(lacks: &[Lack], most: usize) -> Vec<Ranked> {
+    if lacks.len() < FEWEST {
+        return Vec::new();
+    }
+    let all = shapes();
+    let mut ranked: Vec<Ranked> = all.par_iter().filter_map(|shape| fitted(shape, lacks)).collect();
+    ranked.sort_by(|a, b| b.nats.total_cmp(&a.nats));
+    let mut out: Vec<Ranked> = Vec::new();
+    for r in ranked {
+        if out.len() == most {
+            break;
+        }
+        if !out.iter().any(|o| alike(o, &r)) {
+            out.push(r);
+        }
+    }
+    out
+}
+
+/// What is lacking beside a formula.
+pub(super) fn beside(lacks: &[Lack], found: &Ranked) -> Vec<Lack> {
+    let n = lacks.len();
+    let mut out = lacks.to_vec();
+    for (i, axis) in found.shape.axes.iter().enumerate() {
+        let on = axis + if found.shape.torque { 3 } else { 0 };
+        for (w, lack) in out.iter_mut().enumerate() {
+            lack.wrench[on] -= found.coefficient * found.column[i * n + w];
+        }
+    }
+    out
+}
+
+/// Whether two formulas push alike.
+fn alike(a: &Ranked, b: &Ranked) -> bool {
+    if a.shape.torque != b.shape.torque || a.shape.axes != b.shape.axes {
+        return false;
+    }
+    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(p, q)| p * q).sum::<f64>();
+    let (aa, bb) = (dot(&a.column, &a.column), dot(&b.column, &b.column));
+    dot(&a.column, &b.column).powi(2) > FORMULA_SAME * aa * bb
+}
+
+/// A shape fitted, with the best scale; `None` where it describes too little.
+fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
+    let programs: Vec<Program> = shape.texts.iter().map(|t| parse(t, &["s"]).ok()).collect::<Option<_>>()?;
+    let target = target(shape, lacks);
+    let at = |scale: Option<f64>| {
+        let column = column(&programs, lacks, scale.unwrap_or(1.0))?;
+        let (share, coefficient) = unseen_share(&column, &target, lacks)?;
+        Some((share, coefficient, scale, column))
+    };
+    let best = match &shape.scaled {
+        None => at(None)?,
+        Some(of) => {
+            let size = size_of(of, lacks)?;
+            let mut best =
+                SCALES.iter().filter_map(|s| at(Some(s * size))).max_by(|a, b| a.0.total_cmp(&b.0))?;
+            // Between the start values, by halving the step.
+            let mut step = 1.4;
+            while shape.tells_scale && step > 1.02 {
+                let here = best.2.unwrap_or(size);
+                let near = [here * step, here / step].into_iter().filter_map(|s| at(Some(s)));
+                match near.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                    Some(better) if better.0 > best.0 => best = better,
+                    _ => step = f64::sqrt(step),
+                }
+            }
+            // Beyond the start values it is a straight line, a step, or nothing: others say that with less.
+            let within = |s: f64| s > SCALES[0] * size && s < SCALES[SCALES.len() - 1] * size;
+            if shape.tells_scale && !best.2.is_some_and(within) {
+                return None;
+            }
+            best
+        }
+    };
+    let (share, coefficient, scale, column) = best;
+    let n = target.len() as f64;
+    let nats = -0.5 * n * (1.0 - share).max(1e-12).ln() - PRICE * shape.cost;
+    (share > FORMULA_SHARE && nats > 0.0).then(|| Ranked {
+        shape: shape.clone(),
+        coefficient,
+        scale,
+        nats,
+        column,
+    })
+}
+
+/// What is lacking along the axes of a shape, (axis, window), without the mean of each log.
+fn target(shape: &Shape, lacks: &[Lack]) -> Vec<f64> {
+    let offset = if shape.torque { 3 } else { 0 };
+    let mut out: Vec<f64> =
+        shape.axes.iter().flat_map(|k| lacks.iter().map(move |l| l.wrench[offset + k])).collect();
+    without_means(&mut out, lacks);
+    out
+}
+
+/// Values of a formula, (axis, window), without the mean of each log; `None` where one is not finite.
+fn column(programs: &[Program], lacks: &[Lack], scale: f64) -> Option<Vec<f64>> {
+    let mut out = Vec::with_capacity(programs.len() * lacks.len());
+    for program in programs {
+        for lack in lacks {
+            let sum: f64 = lack
+                .at
+                .iter()
+                .map(|now| program.eval(|i| now.get(usize::from(i)).copied().unwrap_or(scale)))
+                .sum();
+            out.push(sum / lack.at.len().max(1) as f64);
+        }
+    }
+    if !out.iter().all(|v| v.is_finite()) {
+        return None;
+    }
+    without_means(&mut out, lacks);
+    Some(out)
+}
+
+/// A constant in a log is an offset of its own, and no formula.
+fn without_means(list: &mut [f64], lacks: &[Lack]) {
+    let logs = lacks.iter().map(|l| l.log + 1).max().unwrap_or(0);
+    for axis in list.chunks_mut(lacks.len()) {
+        for log in 0..logs {
+            let of = || lacks.iter().enumerate().filter(move |(_, l)| l.log == log).map(|(i, _)| i);
+            let (mut sum, mut n) = (0.0, 0);
+            of().for_each(|i| (sum, n) = (sum + axis[i], n + 1));
+            of().for_each(|i| axis[i] -= sum / f64::from(n.max(1)));
+        }
+    }
+}
+
+/// Root mean square of what a scale divides.
+fn size_of(texts: &[String], lacks: &[Lack]) -> Option<f64> {
+    let mut square = 0.0;
+    for text in texts {
+        let program = parse(text, &[]).ok()?;
+        for now in lacks.iter().flat_map(|l| &l.at) {
+            square += program.eval(|i| now.get(usize::from(i)).copied().unwrap_or(0.0)).powi(2);
+        }
+    }
+    let n = texts.len() * lacks.iter().map(|l| l.at.len()).sum::<usize>();
+    Some((square / n.max(1) as f64).sqrt()).filter(|s| s.is_finite() && *s > 1e-9)
+}
+
+/// Share of the target's square that one coefficient explains on blocks of time that its fit has not seen, and the coefficient
+/// of all blocks.
+fn unseen_share(column: &[f64], target: &[f64], lacks: &[Lack]) -> Option<(f64, f64)> {
+    let n = lacks.len();
+    let mut sums = [[0.0; 3]; BLOCKS];
+    for (i, (x, y)) in column.iter().zip(target).enumerate() {
+        let block = &mut sums[(i % n) * BLOCKS / n];
+        block[0] += x * x;
+        block[1] += x * y;
+        block[2] += y * y;
+    }
+    let all = sums.iter().fold([0.0; 3], |a, b| core::array::from_fn(|k| a[k] + b[k]));
+    // What is exactly nothing is described by anything.
+    if all[2] <= 1e-24 * target.len() as f64 {
+        return None;
+    }
+    let mut left = 0.0;
+    for block in &sums {
+        let xx = all[0] - block[0];
+        if xx <= 0.0 {
+            return None;
+        }
+        let c = (all[1] - block[1]) / xx;
+        left += block[2] - 2.0 * c * block[1] + c * c * block[0];
+    }
+    let share = 1.0 - left / all[2];
+    share.is_finite().then_some((share, all[1] / all[0]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn variable(name: &str) -> usize {
+        VARIABLES.iter().position(|v| v.name == name).unwrap()
+    }
+
+    /// A pseudo-random number in [−1, 1).
+    fn jumble(i: usize) -> f64 {
+        let mut z = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    fn flight(wrench: impl Fn(&[f64; VARIABLES.len()], usize) -> [f64; 6]) -> Vec<Lack> {
+        let names = ["vx_body", "vy_body", "vz_body", "wx", "wy", "wz", "roll", "pitch", "z"];
+        let rates = [0.71, 1.13, 0.43, 1.31, 1.77, 0.93, 0.83, 1.21, 0.33];
+        (0..240)
+            .map(|i| {
+                let mut now = [0.0; VARIABLES.len()];
+                for (name, rate) in names.iter().zip(rates) {
+                    now[variable(name)] = 1.5 * (rate * 0.25 * i as f64 + rate).sin();
+                }
+                now[variable("t")] = 0.25 * i as f64;
+                now[variable("rotor_sum")] = 4000.0 + 300.0 * (0.6 * i as f64).sin();
+                now[variable("thrust_n")] = 0.3 + 0.05 * (0.6 * i as f64).sin();
+                Lack { log: 0, wrench: wrench(&now, i), at: vec![now] }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn dry_friction_is_found_with_its_scale() {
+        let v = ["vx_body", "vy_body"].map(variable);
+        let found = rank(
+            &flight(|now, i| {
+                let push = |k: usize| -0.02 * (now[v[k]] / 0.6).tanh() + 0.002 * jumble(7 * i + k);
+                [push(0), push(1), 0.001 * jumble(i), 0.0, 0.0, 0.0]
+            }),
+            6,
+        );
+        let first = &found[0];
+        assert_eq!((first.shape.axes, first.shape.words.as_str()), (&[0usize, 1][..], "tanh(v / {s})"));
+        assert!((first.coefficient + 0.02).abs() < 5e-4, "{}", first.coefficient);
+        assert!((first.scale.unwrap() - 0.6).abs() < 0.06, "{:?}", first.scale);
+    }
+
+    #[test]
+    fn where_nothing_is_regular_no_formula_is_found() {
+        let found = rank(&flight(|_, i| core::array::from_fn(|k| jumble(13 * i + 101 * k))), 6);
+        assert!(found.is_empty(), "{:?}", found.iter().map(|f| &f.shape.words).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn beside_the_first_a_second_is_found() {
+        let (v, w, x) = (variable("vz_body"), variable("wz"), variable("vx_body"));
+        let lacks = flight(|now, i| {
+            let noise = |k: usize| 0.002 * jumble(3 * i + k);
+            [
+                0.01 * now[x] * now[w] + noise(0),
+                noise(1),
+                -0.03 * now[v] * now[v].abs() + noise(2),
+                0.0,
+                0.0,
+                0.0,
+            ]
+        });
+        let first = rank(&lacks, 1).remove(0);
+        let second = rank(&beside(&lacks, &first), 1).remove(0);
+        let mut axes = [first.shape.axes[0], second.shape.axes[0]];
+        axes.sort_unstable();
+        assert_eq!(axes, [0, 2], "{} {}", first.shape.words, second.shape.words);
+    }
+}

@@ -1,0 +1,83 @@
+//! Effects that no list of candidates has and that a formula may describe: what an unknown vehicle might do. Some are formulas that a
+//! search could write down, others are not.
+
+use super::hidden::Scale;
+use super::linear::{V, cross, mul, norm};
+use propwash::random::Stream;
+use serde::Serialize;
+
+/// Ids of these effects.
+pub const STRANGE: &[&str] = &[
+    "dry_friction",
+    "root_drag",
+    "threshold_drag",
+    "forward_drag",
+    "rotation_damping",
+    "square_damping",
+    "weathercock",
+    "nose_up",
+    "cross_flow",
+    "magnus_force",
+    "bank_lift",
+    "spin_loss",
+    "saturating_lift",
+    "low_lift",
+];
+
+/// One of them, with its strength and, where it has one, its scale.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Strange {
+    pub id: &'static str,
+    /// N, N·m or a share, times powers of m and s.
+    pub strength: f64,
+    /// m/s or m.
+    pub scale: f64,
+}
+
+impl Strange {
+    /// The effect `id`, drawn; `size` 1 is as drawn, 0 is nothing.
+    pub fn draw(id: &'static str, s: &mut Stream, size: f64, of: &Scale) -> Self {
+        let (m, j) = (of.mass, of.inertia);
+        let (strength, scale) = match id {
+            "dry_friction" => (m * s.uniform(0.25, 0.5), s.uniform(0.3, 0.8)),
+            "root_drag" => (m * s.uniform(0.2, 0.4), 0.0),
+            "threshold_drag" => (m * s.uniform(0.3, 0.6), s.uniform(0.8, 1.5)),
+            "forward_drag" => (m * s.uniform(0.25, 0.5), 0.0),
+            "rotation_damping" => (j * s.uniform(4e-3, 8e-3), 0.0),
+            "square_damping" => (j * s.uniform(3e-3, 6e-3), 0.0),
+            "weathercock" => (j * s.uniform(1.5e-3, 3e-3), 0.0),
+            "nose_up" => (j * s.uniform(1e-3, 2e-3), 0.0),
+            "cross_flow" => (m * s.uniform(0.08, 0.16), 0.0),
+            "magnus_force" => (m * s.uniform(0.06, 0.12), 0.0),
+            "bank_lift" => (s.uniform(0.3, 0.6), 0.0),
+            "spin_loss" => (s.uniform(0.02, 0.04), 0.0),
+            "saturating_lift" => (m * s.uniform(0.3, 0.6), s.uniform(1.0, 2.0)),
+            _ => (m * s.uniform(1.5, 3.0), s.uniform(1.0, 2.0)),
+        };
+        Self { id, strength: size * strength, scale }
+    }
+
+    /// Force and torque, body, at air velocity `u` and body rates `w`; `thrust` is that of all rotors, `roll` the bank, `z` the
+    /// height.
+    pub fn wrench(&self, u: V, w: V, thrust: f64, roll: f64, z: f64) -> (V, V) {
+        let (c, speed) = (self.strength, norm(u));
+        let (mut force, mut torque) = ([0.0; 3], [0.0; 3]);
+        match self.id {
+            "dry_friction" => (0..2).for_each(|k| force[k] = -c * (u[k] / self.scale).tanh()),
+            "root_drag" => force = mul(u, -c / (speed + 1e-6).sqrt()),
+            "threshold_drag" => force = mul(u, -c * (speed - self.scale).max(0.0) / (speed + 1e-9)),
+            "forward_drag" => force[0] = -c * u[0].max(0.0),
+            "rotation_damping" => torque = mul(w, -c),
+            "square_damping" => torque = mul(w, -c * norm(w)),
+            "weathercock" => torque[2] = -c * u[0] * u[1],
+            "nose_up" => torque[1] = -c * (u[0] * u[0] + u[1] * u[1]),
+            "cross_flow" => force = [-c * u[1] * w[2], c * u[0] * w[2], 0.0],
+            "magnus_force" => force = mul(cross(w, u), c),
+            "bank_lift" => force[2] = c * thrust * roll.sin().powi(2),
+            "spin_loss" => force[2] = -c * thrust * norm(w),
+            "saturating_lift" => force[2] = c * ((u[0] * u[0] + u[1] * u[1]) / self.scale.powi(2)).tanh(),
+            _ => force[2] = c * (-z / self.scale).exp(),
+        }
+        (force, torque)
+    }
+}

@@ -1,0 +1,115 @@
+//! Effects that are in no list: a formula is found, named with its numbers, written and flown; and none is made up.
+
+#[path = "common/planted/mod.rs"]
+mod planted;
+
+use planted::{Plan, fly};
+use propwash::Result;
+use propwash::flight::FlightLog;
+use propwash::gap::diagnose::Settings;
+use propwash::gap::fitted::{Calibrate, Filed, Fitted, fit};
+use propwash::gap::ladder::Flights;
+use propwash::gap::{Options, Track};
+use propwash::vehicle::Vehicle;
+use std::path::Path;
+use std::process::Command;
+
+const QUAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+
+/// Share of a log that is kept from the fit, as the command line keeps it.
+const HOLD_OUT: f64 = 0.2;
+
+/// A flight with hidden effects, written as a log.
+fn flown(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, path: &Path) -> planted::Truth {
+    let flight = fly(&Plan::exciting(vehicle, hidden, 30.0, seed)).unwrap();
+    flight.write(path).unwrap();
+    flight.truth
+}
+
+fn fitted(vehicle: &Vehicle, log: &Path) -> Result<Fitted> {
+    let track = Track::new(FlightLog::load(log, None)?, vehicle, &Options::default())?;
+    let flights = Flights::new(vec![track], Vec::new(), HOLD_OUT);
+    let text = std::fs::read_to_string(QUAD).unwrap();
+    Ok(fit(Filed { label: QUAD, vehicle, text }, &flights, &Settings::default(), "a test", Calibrate::No)?)
+}
+
+#[test]
+fn dry_friction_is_found_with_its_size_and_flies() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("flight.csv");
+    let truth = flown(&vehicle, &["dry_friction"], 2, &log);
+    let true_of = |name: &str| truth.hidden[0].parameters[name];
+
+    let fitted = fitted(&vehicle, &log).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    let [formula] = verdict.formulas.as_slice() else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "force along body x and y = c · tanh(v / {s})");
+    let finding = verdict.findings.iter().find(|f| f.id == formula.id).unwrap();
+    let of = |name: &str| finding.parameters.iter().find(|p| p.name == name).unwrap();
+    let (c, s) = (of("c"), of("s"));
+    assert!((c.value + true_of("strength")).abs() < 4.0 * c.sigma, "{c:?} {}", true_of("strength"));
+    assert!((s.value - true_of("scale")).abs() < 0.1 * true_of("scale"), "{s:?} {}", true_of("scale"));
+    assert!(verdict.verdict.contains("force along body x and y = −"), "{}", verdict.verdict);
+    assert!(verdict.verdict.contains("no physical name; like dry friction"), "{}", verdict.verdict);
+    assert_eq!(verdict.vehicle_sha256, vehicle.sha256(), "it is a verdict on the file as it is");
+
+    // Written, it is an effect like any other.
+    let after = Vehicle::from_toml("after", &fitted.text).unwrap();
+    let drone = after.drone("first_principles").unwrap();
+    assert!(drone.effects.iter().any(|e| e.label() == format!("expression.{}", formula.id)));
+    assert!(fitted.text.contains("tanh((vx_body) / s)"), "{}", fitted.text);
+}
+
+#[test]
+fn where_nothing_is_hidden_no_formula_is_made_up() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    for seed in [4, 6] {
+        let log = folder.path().join(format!("{seed}.csv"));
+        flown(&vehicle, &[], seed, &log);
+        let verdict = fitted(&vehicle, &log).unwrap().diagnosed.verdict;
+        assert!(verdict.formulas.is_empty() && verdict.findings.is_empty(), "{}", verdict.verdict);
+    }
+}
+
+#[test]
+fn a_saved_formula_is_added_and_a_spoilt_one_is_refused_in_words() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    flown(&vehicle, &["nose_up"], 2, &path("flight.csv"));
+    let propwash = |args: &[&str]| {
+        let out = Command::new(env!("CARGO_BIN_EXE_propwash"))
+            .args(args)
+            .current_dir(folder.path())
+            .output()
+            .unwrap();
+        (
+            out.status.code(),
+            String::from_utf8_lossy(&out.stdout).into_owned() + &String::from_utf8_lossy(&out.stderr),
+        )
+    };
+    let (code, said) = propwash(&["diagnose", "flight.csv", "--vehicle", QUAD, "--out", "d.json"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(said.contains("torque about body y = "), "{said}");
+    let add = |diagnosis: &str, out: &str| {
+        propwash(&["add", "--from-diagnosis", diagnosis, "--vehicle", QUAD, "--out", out])
+    };
+    let (code, said) = add("d.json", "better.toml");
+    assert_eq!(code, Some(0), "{said}");
+    let written = std::fs::read_to_string(path("better.toml")).unwrap();
+    assert!(written.contains("name = \"found_1\"") && written.contains("torque_body_n_m"), "{written}");
+    assert!(Vehicle::load(path("better.toml").to_str().unwrap()).is_ok());
+
+    let text = std::fs::read_to_string(path("d.json")).unwrap();
+    std::fs::write(
+        path("spoilt.json"),
+        text.replace("kind = \\\"expression\\\"", "kind = \\\"expresion\\\""),
+    )
+    .unwrap();
+    let (code, said) = add("spoilt.json", "none.toml");
+    assert_eq!(code, Some(2), "{said}");
+    assert!(said.contains("spoilt.json") && said.contains("expresion"), "{said}");
+    assert!(!path("none.toml").exists());
+}
