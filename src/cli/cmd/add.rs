@@ -234,13 +234,18 @@ impl SavedFinding {
     }
 }
 
+/// What is wrong with the diagnosis that was saved.
+fn usage(expected: String, got: String) -> Error {
+    Error::Usage { flag: "--from-diagnosis", expected, got }
+}
+
 /// Refuses what no diagnosis of the vehicle says: dynamics that the logs do not drive, effects beyond all reason.
 fn believe(saved: &Saved, vehicle: &Vehicle, path: &Path) -> Result<()> {
     /// Plausible sizes by which a parameter may be off.
     const MOST: f64 = 1000.0;
     let refuse = |expected: String, got: String| {
         let got = format!("{got} in {}: diagnose again", path.display());
-        Err(Error::Usage { flag: "--from-diagnosis", expected, got })
+        Err(usage(expected, got))
     };
     for log in &saved.logs {
         let Some(drive) = Drive::ALL.into_iter().find(|drive| drive.title() == log.drive) else {
@@ -275,62 +280,58 @@ fn carries(before: &Drone<f64>, after: &Drone<f64>, path: &Path) -> Result<()> {
     if weight <= most || before.hover_thrust() > most {
         return Ok(());
     }
-    Err(Error::Usage {
-        flag: "--from-diagnosis",
-        expected: format!("a vehicle of at most {most:.4} N, which all rotors together lift"),
-        got: format!(
+    Err(usage(
+        format!("a vehicle of at most {most:.4} N, which all rotors together lift"),
+        format!(
             "one of {weight:.4e} N with the effects of {}: diagnose again, or correct thrust_max_n in the vehicle file",
             path.display()
         ),
-    })
+    ))
 }
 
-fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
-    let usage = |expected: String, got: String| Error::Usage { flag: "--from-diagnosis", expected, got };
+fn read_saved(path: &Path) -> Result<Saved> {
     let text = files::read_text(path).map_err(io_error(path))?;
-    let saved: Saved = serde_json::from_str(&text).map_err(|e| {
+    serde_json::from_str(&text).map_err(|e| {
         usage(
             "a file that `propwash diagnose --out` of this version wrote".into(),
             format!("{}, in which {e}", path.display()),
         )
-    })?;
-    let name = &args.reading.vehicle;
-    let vehicle = drones::find(name)?;
-    if vehicle.sha256() != saved.vehicle_sha256 {
-        return Err(usage(
-            format!("a diagnosis of {name} as it is now"),
-            format!(
-                "one of the vehicle `{}` with other contents (sha256 {:.12}…, not {:.12}…): diagnose again with {name}, \
-                 or name the file that was diagnosed",
-                saved.vehicle,
-                saved.vehicle_sha256,
-                vehicle.sha256()
-            ),
-        ));
+    })
+}
+
+/// Refuses the diagnosis of a file with other contents: its values would stand beside numbers that they were not fitted with.
+fn same_vehicle(saved: &Saved, vehicle: &Vehicle, name: &str) -> Result<()> {
+    if vehicle.sha256() == saved.vehicle_sha256 {
+        return Ok(());
     }
-    // Formulas are effects of the file from here on: all of them to be judged, those that are written to be there.
-    let formulas = |wanted: &dyn Fn(&str) -> bool| -> Result<(String, Vehicle)> {
-        let list: Vec<Formula> = saved.formulas.iter().filter(|f| wanted(&f.id)).cloned().collect();
-        let text = with_formulas(&text_of(name)?, &list);
-        let with = Vehicle::from_toml(name, &text);
-        let with = with.map_err(|e| {
-            usage("formulas as a diagnosis writes them".into(), format!("in {}: {e}", path.display()))
-        })?;
-        Ok((text, with))
-    };
-    believe(&saved, &formulas(&|_| true)?.1, path)?;
+    Err(usage(
+        format!("a diagnosis of {name} as it is now"),
+        format!(
+            "one of the vehicle `{}` with other contents (sha256 {:.12}…, not {:.12}…): diagnose again with {name}, \
+             or name the file that was diagnosed",
+            saved.vehicle,
+            saved.vehicle_sha256,
+            vehicle.sha256()
+        ),
+    ))
+}
+
+/// Refuses names of effects that the diagnosis did not find.
+fn has_found(saved: &Saved, effects: &[String]) -> Result<()> {
     let known: Vec<&str> = saved.findings.iter().map(|f| f.id.as_str()).collect();
-    if let Some(unknown) = args.effects.iter().find(|e| !known.contains(&e.as_str())) {
-        let list = if known.is_empty() { "nothing".into() } else { known.join(", ") };
-        return Err(Error::Gap(GapError::Unknown {
-            name: unknown.clone(),
-            what: "effect that this diagnosis found",
-            known: list,
-        }));
-    }
-    let chosen = |f: &&SavedFinding| args.effects.is_empty() || args.effects.contains(&f.id);
+    let Some(unknown) = effects.iter().find(|e| !known.contains(&e.as_str())) else { return Ok(()) };
+    let list = if known.is_empty() { "nothing".into() } else { known.join(", ") };
+    Err(Error::Gap(GapError::Unknown {
+        name: unknown.clone(),
+        what: "effect that this diagnosis found",
+        known: list,
+    }))
+}
+
+/// What the values were fitted to, for the vehicle file.
+fn source_of(saved: &Saved) -> Source {
     let fit: Vec<&SavedLog> = saved.logs.iter().filter(|l| !l.held_out).collect();
-    let source = Source {
+    Source {
         log_sha256: fit.iter().map(|l| l.sha256.clone()).collect(),
         date: today_utc(),
         text: format!(
@@ -338,12 +339,29 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
             fit.iter().map(|l| l.name.as_str()).collect::<Vec<_>>().join(", "),
             fit.first().map_or("nothing", |l| l.drive.as_str())
         ),
-    };
-    let is_written = |id: &str| {
-        saved.findings.iter().filter(&chosen).any(|f| f.id == id && f.unwritten(&args.effects).is_none())
-    };
-    let text = formulas(&is_written)?.0;
-    let mut completion = Completion::new(&vehicle, text, name, &saved.dynamics, source);
+    }
+}
+
+/// What of a diagnosis goes into the vehicle file, and what does not.
+struct Taken<'a> {
+    written: Vec<&'a SavedFinding>,
+    /// Findings that are left out, each with its reason.
+    doubtful: Vec<String>,
+    /// All findings that may be written were: none was left out by name.
+    whole: bool,
+    /// Parameters within tolerance that were written.
+    calibrated: usize,
+}
+
+impl Taken<'_> {
+    fn is_nothing(&self) -> bool {
+        self.written.is_empty() && self.calibrated == 0
+    }
+}
+
+/// Puts the findings that were asked for, and the calibration, into `completion`.
+fn take<'a>(args: &AddArgs, saved: &'a Saved, completion: &mut Completion) -> Result<Taken<'a>> {
+    let chosen = |f: &&SavedFinding| args.effects.is_empty() || args.effects.contains(&f.id);
     let (mut written, mut doubtful) = (Vec::new(), Vec::new());
     for f in saved.findings.iter().filter(chosen) {
         if let Some(reason) = f.unwritten(&args.effects) {
@@ -367,39 +385,78 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     if !written.is_empty() {
         completion.partners(&saved.adjusted)?;
     }
-    let helping: Vec<Calibration> = saved.adjusted.into_iter().filter(|c| c.helps).collect();
+    let helping: Vec<Calibration> = saved.adjusted.iter().filter(|c| c.helps).cloned().collect();
     let calibrated = if args.calibrate && whole { completion.calibrate(&helping)? } else { 0 };
-    let nothing = written.is_empty() && calibrated == 0;
-    if !nothing {
+    Ok(Taken { written, doubtful, whole, calibrated })
+}
+
+/// The text of the vehicle file with those formulas of a diagnosis that are `wanted`, which are effects of the file from here on.
+fn with_found(
+    saved: &Saved,
+    name: &str,
+    path: &Path,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<(String, Vehicle)> {
+    let list: Vec<Formula> = saved.formulas.iter().filter(|f| wanted(&f.id)).cloned().collect();
+    let text = with_formulas(&text_of(name)?, &list);
+    match Vehicle::from_toml(name, &text) {
+        Ok(vehicle) => Ok((text, vehicle)),
+        Err(error) => Err(usage(
+            "formulas as a diagnosis writes them".into(),
+            format!("in {}: {error}", path.display()),
+        )),
+    }
+}
+
+fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
+    let saved = read_saved(path)?;
+    let name = &args.reading.vehicle;
+    let vehicle = drones::find(name)?;
+    same_vehicle(&saved, &vehicle, name)?;
+    believe(&saved, &with_found(&saved, name, path, |_| true)?.1, path)?;
+    has_found(&saved, &args.effects)?;
+    let written = |id: &str| {
+        let asked = args.effects.is_empty() || args.effects.iter().any(|e| e == id);
+        asked && saved.findings.iter().any(|f| f.id == id && f.unwritten(&args.effects).is_none())
+    };
+    let (text, _) = with_found(&saved, name, path, written)?;
+    let mut completion = Completion::new(&vehicle, text, name, &saved.dynamics, source_of(&saved));
+    let taken = take(args, &saved, &mut completion)?;
+    if !taken.is_nothing() {
         let better = Vehicle::from_toml(name, &completion.text)?;
         carries(&vehicle.drone(&saved.dynamics)?, &better.drone(&saved.dynamics)?, path)?;
         accept_and_say(args, &completion.text)?;
     }
-    let outcome = if nothing { Outcome::Found } else { Outcome::Fine };
+    say_taken(args, &taken, &completion.remarks)?;
+    Ok(if taken.is_nothing() { Outcome::Found } else { Outcome::Fine })
+}
+
+/// Prints what was taken of a diagnosis, as text or as JSON.
+fn say_taken(args: &AddArgs, taken: &Taken, remarks: &[String]) -> Result<()> {
+    let nothing = taken.is_nothing();
     if args.json {
-        let ids: Vec<&str> = written.iter().map(|f| f.id.as_str()).collect();
+        let ids: Vec<&str> = taken.written.iter().map(|f| f.id.as_str()).collect();
         return print_json(&json!({
-            "vehicle": name,
+            "vehicle": &args.reading.vehicle,
             "out": (!nothing).then_some(&args.out),
             "effects": ids,
-            "doubtful": doubtful,
-            "calibrated": calibrated,
-            "remarks": completion.remarks,
-        }))
-        .map(|()| outcome);
+            "doubtful": taken.doubtful,
+            "calibrated": taken.calibrated,
+            "remarks": remarks,
+        }));
     }
     if nothing {
         print("nothing is written: the diagnosis found nothing that makes the vehicle better")?;
     }
-    for f in written {
+    for f in &taken.written {
         show_parameters(&f.id, &f.parameters)?;
     }
-    for words in doubtful {
+    for words in &taken.doubtful {
         print(words)?;
     }
     if args.calibrate {
-        print(match calibrated {
-            0 if !whole => {
+        print(match taken.calibrated {
+            0 if !taken.whole => {
                 "parameters within tolerance stay as filed: their estimates hold with all findings only"
                     .into()
             }
@@ -407,8 +464,8 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
             n => format!("and {n} parameters within tolerance at their estimates"),
         })?;
     }
-    for remark in &completion.remarks {
+    for remark in remarks {
         print(format_args!("warning: {remark}"))?;
     }
-    Ok(outcome)
+    Ok(())
 }
