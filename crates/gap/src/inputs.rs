@@ -84,6 +84,24 @@ impl Smoothing {
     }
 }
 
+impl Direction {
+    /// What is left of motion and of white noise with the mean square `white` in a direction, smoothed by a filter.
+    fn of(of: Vec<f64>, smoothed: &[f64], kernel: &[f64], shares: &[f64], white: f64) -> Self {
+        // In a direction indistinguishable from noise, at least one line's worth of noise remains.
+        let line = 1.0 / kernel.len() as f64;
+        let slow = (core::f64::consts::PI * line).powi(2);
+        let [all, changes] = passed(kernel);
+        let [all, changes] = [all.max(line) * white, changes.max(slow * line) * white];
+        let (power, change) = mean_squares(smoothed);
+        Self {
+            of,
+            all: [power, all],
+            changes: [change, changes],
+            values: (bandwidth(shares) * smoothed.len() as f64).max(1.0),
+        }
+    }
+}
+
 /// Relative uncertainty of a response of which nothing is known.
 const NOTHING_KNOWN: f64 = 3.0;
 
@@ -102,23 +120,7 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     // for all would take the noise of a difference for motion. The noise itself is the same in any direction.
     let together = inputs.iter().all(|c| c.t_s == first.t_s);
     if !together {
-        let each: Option<Vec<Smoothed>> =
-            inputs.iter().map(|c| without_noise(std::slice::from_ref(c))).collect();
-        let each = each?;
-        let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
-        let mut smoothing = Smoothing::default();
-        for (i, one) in each.iter().enumerate() {
-            smoothing.reach_s = smoothing.reach_s.max(one.smoothing.reach_s);
-            let mut of = vec![0.0; each.len()];
-            of[i] = 1.0;
-            let own = one.smoothing.directions.iter();
-            smoothing.directions.extend(own.map(|d| Direction { of: of.clone(), ..d.clone() }));
-        }
-        return Some(Smoothed {
-            inputs: each.into_iter().flat_map(|s| s.inputs).collect(),
-            noise,
-            smoothing,
-        });
+        return each_alone(inputs);
     }
     let columns: Vec<Vec<f64>> = inputs.iter().map(|c| c.component(0)).collect();
     let basis = principal_axes(&columns);
@@ -127,46 +129,18 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
             (0..first.len()).map(|i| (0..inputs.len()).map(|r| basis[(r, m)] * columns[r][i]).sum()).collect()
         })
         .collect();
-    let fast = Spectra::new(&modes, &runs, length, length / 2)?;
-    // White noise is the same in every direction: the quietest one gives the best estimate of it.
-    let floor = fast.power.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
-    let longer = (SLOW_SEGMENT_S / SEGMENT_S) as usize;
-    let slow_lines = ((SLOW_HZ * SLOW_SEGMENT_S) as usize).min(longer * length / 2);
-    let slow = Spectra::new(&modes, &runs, longer * length, slow_lines);
-    // Slow and small motion needs its own, finer spectrum; elsewhere noise below 3 Hz is small, and all of it passes.
-    let (kernels, shares): (Vec<Vec<f64>>, Vec<Vec<f64>>) = (0..modes.len())
-        .map(|m| match slow.as_ref().filter(|slow| slow.is_faint(m, &fast, floor)) {
-            Some(slow) => {
-                let shares = slow.refined(m, &fast, floor);
-                (slow.fourier.kernel(&shares), shares)
-            }
-            None => {
-                let shares = falling(fast.shares(m, floor), 0);
-                (fast.fourier.kernel(&shares), shares)
-            }
-        })
-        .unzip();
+    let Wiener { kernels, shares, white } = Wiener::of(&modes, &runs, length)?;
     let smoothed: Vec<Vec<f64>> =
         modes.par_iter().zip(&kernels).map(|(m, k)| filtered(m, &runs, k)).collect();
-    let white = floor / fast.fourier.square();
     let directions: Vec<Direction> = (0..modes.len())
         .map(|m| {
-            // In a direction indistinguishable from noise, at least one line's worth of noise remains.
-            let line = 1.0 / kernels[m].len() as f64;
-            let slow = (core::f64::consts::PI * line).powi(2);
-            let [all, changes] = passed(&kernels[m]);
-            let [all, changes] = [all.max(line) * white, changes.max(slow * line) * white];
-            let (power, change) = mean_squares(&smoothed[m]);
-            Direction {
-                of: basis.column(m).iter().copied().collect(),
-                all: [power, all],
-                changes: [change, changes],
-                values: (bandwidth(&shares[m]) * first.len() as f64).max(1.0),
-            }
+            let of = basis.column(m).iter().copied().collect();
+            Direction::of(of, &smoothed[m], &kernels[m], &shares[m], white)
         })
         .collect();
     let smoothing =
         Smoothing { reach_s: period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max), directions };
+    // Back from directions to inputs.
     let mut removed = 0.0;
     let inputs = (0..inputs.len())
         .map(|r| {
@@ -182,6 +156,58 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
         .collect();
     let noise = (removed / (columns.len() * first.len()).max(1) as f64).sqrt();
     Some(Smoothed { inputs, noise, smoothing })
+}
+
+/// Inputs with times of their own: each is smoothed by itself, as a direction of its own.
+fn each_alone(inputs: &[Channel<1>]) -> Option<Smoothed> {
+    let each: Option<Vec<Smoothed>> = inputs.iter().map(|c| without_noise(std::slice::from_ref(c))).collect();
+    let each = each?;
+    let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
+    let mut smoothing = Smoothing::default();
+    for (i, one) in each.iter().enumerate() {
+        smoothing.reach_s = smoothing.reach_s.max(one.smoothing.reach_s);
+        let mut of = vec![0.0; each.len()];
+        of[i] = 1.0;
+        let own = one.smoothing.directions.iter();
+        smoothing.directions.extend(own.map(|d| Direction { of: of.clone(), ..d.clone() }));
+    }
+    Some(Smoothed { inputs: each.into_iter().flat_map(|s| s.inputs).collect(), noise, smoothing })
+}
+
+/// Wiener smoothers of directions.
+struct Wiener {
+    /// The filter of each, in time.
+    kernels: Vec<Vec<f64>>,
+    /// The share that it passes, by frequency.
+    shares: Vec<Vec<f64>>,
+    /// Mean square of the white noise in any direction.
+    white: f64,
+}
+
+impl Wiener {
+    /// From spectra of segments of `length` samples; `None` where there are too few.
+    fn of(modes: &[Vec<f64>], runs: &[(usize, usize)], length: usize) -> Option<Self> {
+        let fast = Spectra::new(modes, runs, length, length / 2)?;
+        // White noise is the same in every direction: the quietest one gives the best estimate of it.
+        let floor = fast.power.iter().filter_map(|s| noise_floor(s)).fold(f64::INFINITY, f64::min);
+        let longer = (SLOW_SEGMENT_S / SEGMENT_S) as usize;
+        let slow_lines = ((SLOW_HZ * SLOW_SEGMENT_S) as usize).min(longer * length / 2);
+        let slow = Spectra::new(modes, runs, longer * length, slow_lines);
+        // Slow and small motion needs its own, finer spectrum; elsewhere noise below 3 Hz is small, and all of it passes.
+        let (kernels, shares) = (0..modes.len())
+            .map(|m| match slow.as_ref().filter(|slow| slow.is_faint(m, &fast, floor)) {
+                Some(slow) => {
+                    let shares = slow.refined(m, &fast, floor);
+                    (slow.fourier.kernel(&shares), shares)
+                }
+                None => {
+                    let shares = falling(fast.shares(m, floor), 0);
+                    (fast.fourier.kernel(&shares), shares)
+                }
+            })
+            .unzip();
+        Some(Self { kernels, shares, white: floor / fast.fourier.square() })
+    }
 }
 
 /// Uninterrupted parts of a record, with no step longer than `interrupted_s`: (first, one past the last).

@@ -121,30 +121,36 @@ pub fn completed_by(
     Ok((completion.text, after, completion.remarks))
 }
 
+/// The candidate that a value belongs to, and its parameter; none where the value is one of those that the candidate presets.
+fn place_of(model: &Model, put: &Put) -> Result<(usize, Option<usize>), GapError> {
+    let found = model.named().find(|c| model.candidates[*c].id == put.id);
+    let Some(c) = found else {
+        let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
+        return Err(GapError::Unknown {
+            name: put.id.clone(),
+            what: "effect that these flights can show",
+            known: known.join(", "),
+        });
+    };
+    let parameter = model.of(c).find(|k| model.parameters[*k].name == put.parameter);
+    let preset = model.candidates[c].preset.iter().any(|(name, _)| *name == put.parameter);
+    if parameter.is_none() && !preset {
+        let known: Vec<&str> = model.of(c).map(|k| model.parameters[k].name.as_str()).collect();
+        return Err(GapError::Unknown {
+            name: put.parameter.clone(),
+            what: "parameter of this effect",
+            known: known.join(", "),
+        });
+    }
+    Ok((c, parameter))
+}
+
 /// Values as entries of a file: effects in the order in which they come, and small corrections.
 fn sorted(model: &Model, puts: &[Put]) -> Result<(Vec<Entry>, Vec<Calibration>), GapError> {
     let (mut entries, mut corrections): (Vec<Entry>, Vec<Calibration>) = Default::default();
     for put in puts {
-        let found = model.named().find(|c| model.candidates[*c].id == put.id);
-        let Some(c) = found else {
-            let known: Vec<&str> = model.named().map(|c| model.candidates[c].id.as_str()).collect();
-            return Err(GapError::Unknown {
-                name: put.id.clone(),
-                what: "effect that these flights can show",
-                known: known.join(", "),
-            });
-        };
+        let (c, parameter) = place_of(model, put)?;
         let candidate = &model.candidates[c];
-        let parameter = model.of(c).find(|k| model.parameters[*k].name == put.parameter);
-        let preset = candidate.preset.iter().any(|(name, _)| *name == put.parameter);
-        if parameter.is_none() && !preset {
-            let known: Vec<&str> = model.of(c).map(|k| model.parameters[k].name.as_str()).collect();
-            return Err(GapError::Unknown {
-                name: put.parameter.clone(),
-                what: "parameter of this effect",
-                known: known.join(", "),
-            });
-        }
         let fit = |k: usize| {
             let p = &model.parameters[k];
             ParameterFit {
