@@ -254,7 +254,6 @@ fn trace<S: Simd>(
     best: &mut [f32x16<S>; 4],
     ids: &mut [f32x16<S>; 4],
 ) {
-    let table = job.table;
     for group in 0..buffers.rounds.groups() {
         if !still_open(buffers.near[16 * group], best) {
             return;
@@ -270,68 +269,84 @@ fn trace<S: Simd>(
                 let id = buffers.entries[entry].id as usize;
                 buffers.slot[entry] = buffers.placed.len() as u32;
                 let (pos, mat) = (job.poses.geom_pos_m[id], &job.poses.geom_mat[id]);
-                let placed = Placed::new(&table.geoms[id], pos, mat, job.origin_m, &job.frame, id);
+                let placed = Placed::new(&job.table.geoms[id], pos, mat, job.origin_m, &job.frame, id);
                 buffers.placed.push(placed);
             }
             let g = &buffers.placed[buffers.slot[entry] as usize];
-            match g.kind {
-                GeomType::Sphere => {
-                    for part in 0..4 {
-                        closer(g.id, sphere::hit(g, d[part]), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Capsule => {
-                    for part in 0..4 {
-                        closer(g.id, capsule::hit(g, d[part]), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Ellipsoid => {
-                    for part in 0..4 {
-                        closer(g.id, ellipsoid::hit(g, d[part]), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Cylinder => {
-                    for part in 0..4 {
-                        closer(g.id, cylinder::hit(g, d[part]), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Box => {
-                    for part in 0..4 {
-                        closer(g.id, cuboid::hit(g, d[part]), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Plane => {
-                    if faces_away(g, tile) {
-                        continue;
-                    }
-                    for part in 0..4 {
-                        let dz = along(simd, g.up64, job.pattern, 4 * index + part, d[part][2]);
-                        closer(g.id, plane::hit(g, d[part], dz), &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Mesh => {
-                    let mesh = &table.meshes[g.asset as usize];
-                    for part in 0..4 {
-                        let t = simd.vectorize(
-                            #[inline(always)]
-                            || mesh.hit(g, d[part], best[part], stack, None),
-                        );
-                        closer(g.id, t, &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Hfield => {
-                    let field = &table.hfields[g.asset as usize];
-                    for part in 0..4 {
-                        let t = simd.vectorize(
-                            #[inline(always)]
-                            || field.hit(g, d[part], best[part]),
-                        );
-                        closer(g.id, t, &mut best[part], &mut ids[part]);
-                    }
-                }
-                GeomType::Sdf => {}
+            meet(simd, job, g, index, tile, d, stack, best, ids);
+        }
+    }
+}
+
+/// The surfaces of one geom along the rays of a tile, where they are nearer than what was found.
+#[inline(always)]
+fn meet<S: Simd>(
+    simd: S,
+    job: &Rays,
+    g: &Placed<f32>,
+    index: usize,
+    tile: &Tile,
+    d: &[[f32x16<S>; 3]; 4],
+    stack: &mut Stack<f32x16<S>>,
+    best: &mut [f32x16<S>; 4],
+    ids: &mut [f32x16<S>; 4],
+) {
+    match g.kind {
+        GeomType::Sphere => {
+            for part in 0..4 {
+                closer(g.id, sphere::hit(g, d[part]), &mut best[part], &mut ids[part]);
             }
         }
+        GeomType::Capsule => {
+            for part in 0..4 {
+                closer(g.id, capsule::hit(g, d[part]), &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Ellipsoid => {
+            for part in 0..4 {
+                closer(g.id, ellipsoid::hit(g, d[part]), &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Cylinder => {
+            for part in 0..4 {
+                closer(g.id, cylinder::hit(g, d[part]), &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Box => {
+            for part in 0..4 {
+                closer(g.id, cuboid::hit(g, d[part]), &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Plane => {
+            if faces_away(g, tile) {
+                return;
+            }
+            for part in 0..4 {
+                let dz = along(simd, g.up64, job.pattern, 4 * index + part, d[part][2]);
+                closer(g.id, plane::hit(g, d[part], dz), &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Mesh => {
+            let mesh = &job.table.meshes[g.asset as usize];
+            for part in 0..4 {
+                let t = simd.vectorize(
+                    #[inline(always)]
+                    || mesh.hit(g, d[part], best[part], stack, None),
+                );
+                closer(g.id, t, &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Hfield => {
+            let field = &job.table.hfields[g.asset as usize];
+            for part in 0..4 {
+                let t = simd.vectorize(
+                    #[inline(always)]
+                    || field.hit(g, d[part], best[part]),
+                );
+                closer(g.id, t, &mut best[part], &mut ids[part]);
+            }
+        }
+        GeomType::Sdf => {}
     }
 }
 
