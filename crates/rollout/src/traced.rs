@@ -482,26 +482,14 @@ mod tests {
         home
     }
 
-    /// Height after `steps` steps and its derivatives by the command: by the adjoint kernel in f64 and in lanes, by duals, and by
-    /// central differences.
-    #[test]
-    fn the_adjoint_kernel_gives_the_gradient_of_duals_and_of_differences() {
-        const STEPS: usize = 10;
-        type Four = propwash_trace::dual::Dual<f64, 4>;
-        let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
-        let (dynamics, mode) = BACKWARDS;
-        let drone = vehicle.drone(dynamics).unwrap();
-        let due = relevant(mode, Due { state: true, attitude: true, force_torque: true });
-        let integrator = Integrator::Euler;
-        let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
-        // The loss weighs every part of the state.
-        let weigh = |p: u32| 1.0 + 0.3 * f64::from(p);
-        let seen = 0..place::ROTOR_VEL;
-        let loss = |home: &[f64]| seen.clone().map(|p| weigh(p) * home[p as usize]).sum::<f64>();
-        let start = leaning(&drone);
-        let states: Vec<Vec<f64>> =
-            (0..=STEPS).map(|n| by_equations(&drone, &vehicle.rates, &shape, &start, n)).collect();
+    /// The loss of the test below weighs every part of the state.
+    fn weigh(p: u32) -> f64 {
+        1.0 + 0.3 * f64::from(p)
+    }
 
+    /// The gradient of that loss by the command, by duals.
+    fn by_duals(drone: &Drone<f64>, rates: &Rates, shape: &Shape, start: &[f64], steps: usize) -> [f64; 4] {
+        type Four = propwash_trace::dual::Dual<f64, 4>;
         let wide: Vec<Four> = start
             .iter()
             .enumerate()
@@ -510,71 +498,90 @@ mod tests {
                 _ => Four::lit(*v),
             })
             .collect();
-        let (mut moved, dt) = (slot(&wide, 0), 1.0 / 500.0);
-        let dual_drone = drone.map(&mut Four::lit);
-        let p = periods(&vehicle.rates);
-        let of_dual = mellinger::Periods {
+        let (mut moved, dt) = (slot(&wide, 0), 1.0 / f64::from(shape.sim_hz));
+        let drone = drone.map(&mut Four::lit);
+        let p = periods(rates);
+        let periods = mellinger::Periods {
             state: Four::lit(p.state),
             attitude: Four::lit(p.attitude),
             body_rate: Four::lit(p.body_rate),
         };
-        for _ in 0..STEPS {
-            moved.control(&dual_drone, mode, due, &of_dual);
+        for _ in 0..steps {
+            moved.control(&drone, shape.mode, shape.due, &periods);
             let around = (Four::lit(0.0), [Four::lit(0.0); 3], &[][..]);
-            moved.state = moved.moved(&dual_drone, integrator, (Four::lit(dt), dt), around);
+            moved.state = moved.moved(&drone, shape.integrator, (Four::lit(dt), dt), around);
         }
         let s = &moved.state;
         let numbers = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
-        let by_duals: [f64; 4] = core::array::from_fn(|k| {
+        core::array::from_fn(|k| {
             numbers.iter().enumerate().map(|(p, v)| weigh(p as u32) * v.partials[k]).sum()
-        });
+        })
+    }
 
+    /// The sweep of the adjoint kernel in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
+    fn sweep<C: propwash_trace::lanes::Cell>(
+        entries: &propwash_trace::kernel::Entries<C>,
+        schedule: &Schedule,
+        table: &[f64],
+        states: &[Vec<f64>],
+        seed: impl Fn(u32) -> f64,
+    ) -> [f64; 4] {
+        use propwash_trace::lanes::Number;
+        let of = |v: f64| C::splat(C::Number::of(v));
+        let mut home = vec![of(0.0); 2 * BY as usize];
+        let mut scratch: Vec<C> = table.iter().map(|v| of(*v)).collect();
+        scratch.resize(schedule.n_scratch(), of(0.0));
+        let inputs = schedule.given.iter().copied().chain(schedule.state.iter().filter_map(|s| s.input));
+        for input in inputs {
+            match input {
+                Input::Given(p) => home[p as usize] = of(states[0][p as usize]),
+                // What no step changes counts as given.
+                Input::Carried(p) => home[p as usize] = of(seed(p - BY)),
+                Input::Fixed(_) | Input::Fresh(_) => {}
+            }
+        }
+        for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
+            if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
+                scratch[k as usize] = home[p as usize];
+            }
+        }
+        (entries.call)(level(), &mut scratch);
+        for state in states[..states.len() - 1].iter().rev() {
+            for slot in &schedule.state {
+                if let Some(Input::Fresh(p)) = slot.input {
+                    home[p as usize] = of(state[p as usize]);
+                }
+            }
+            (entries.step)(level(), &mut home, &mut scratch, 1);
+        }
+        core::array::from_fn(|k| {
+            let wanted = BY + place::COMMAND + k as u32;
+            assert!(schedule.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
+            home[wanted as usize].get(C::LANES - 1).wide()
+        })
+    }
+
+    /// A loss after some steps and its derivatives by the command: by the adjoint kernel in f64 and in lanes, by duals, and by
+    /// central differences.
+    #[test]
+    fn the_adjoint_kernel_gives_the_gradient_of_duals_and_of_differences() {
+        const STEPS: usize = 10;
+        let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
+        let (dynamics, mode) = BACKWARDS;
+        let drone = vehicle.drone(dynamics).unwrap();
+        let due = relevant(mode, Due { state: true, attitude: true, force_torque: true });
+        let integrator = Integrator::Euler;
+        let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
+        let seen = 0..place::ROTOR_VEL;
+        let loss = |home: &[f64]| seen.clone().map(|p| weigh(p) * home[p as usize]).sum::<f64>();
+        let start = leaning(&drone);
+        let states: Vec<Vec<f64>> =
+            (0..=STEPS).map(|n| by_equations(&drone, &vehicle.rates, &shape, &start, n)).collect();
+        let by_duals = by_duals(&drone, &vehicle.rates, &shape, &start, STEPS);
         let schedule = adjoint_schedule(&drone, &shape);
         let kernel = first_principles_attitude_adjoint::KERNEL;
         assert!(kernel.key == key(&schedule), "run `cargo xtask gen`");
         let table = schedule.once.eval(&fixed(&drone, &vehicle.rates, 500));
-        /// The sweep in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
-        fn sweep<C: propwash_trace::lanes::Cell>(
-            entries: &propwash_trace::kernel::Entries<C>,
-            schedule: &Schedule,
-            table: &[f64],
-            states: &[Vec<f64>],
-            seed: impl Fn(u32) -> f64,
-        ) -> [f64; 4] {
-            use propwash_trace::lanes::Number;
-            let of = |v: f64| C::splat(C::Number::of(v));
-            let mut home = vec![of(0.0); 2 * BY as usize];
-            let mut scratch: Vec<C> = table.iter().map(|v| of(*v)).collect();
-            scratch.resize(schedule.n_scratch(), of(0.0));
-            let inputs = schedule.given.iter().copied().chain(schedule.state.iter().filter_map(|s| s.input));
-            for input in inputs {
-                match input {
-                    Input::Given(p) => home[p as usize] = of(states[0][p as usize]),
-                    // What no step changes counts as given.
-                    Input::Carried(p) => home[p as usize] = of(seed(p - BY)),
-                    Input::Fixed(_) | Input::Fresh(_) => {}
-                }
-            }
-            for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
-                if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
-                    scratch[k as usize] = home[p as usize];
-                }
-            }
-            (entries.call)(level(), &mut scratch);
-            for state in states[..states.len() - 1].iter().rev() {
-                for slot in &schedule.state {
-                    if let Some(Input::Fresh(p)) = slot.input {
-                        home[p as usize] = of(state[p as usize]);
-                    }
-                }
-                (entries.step)(level(), &mut home, &mut scratch, 1);
-            }
-            core::array::from_fn(|k| {
-                let wanted = BY + place::COMMAND + k as u32;
-                assert!(schedule.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
-                home[wanted as usize].get(C::LANES - 1).wide()
-            })
-        }
         let seed = |p: u32| if seen.contains(&p) { weigh(p) } else { 0.0 };
         let swept = sweep(&kernel.scalar, &schedule, &table, &states, seed);
         let lanes = sweep(&kernel.f64, &schedule, &table, &states, seed);

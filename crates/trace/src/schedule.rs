@@ -277,6 +277,20 @@ pub fn schedule(graph: &Graph, inputs: &[Input], outputs: &[Output]) -> Schedule
     Scheduler::new(graph, inputs, outputs).run()
 }
 
+/// Where the results of a graph are: in slots that a stage stores to, or available elsewhere already.
+#[derive(Default)]
+struct Results {
+    state: Vec<Slot>,
+    /// What the step stores, and in which slot.
+    stores: Vec<(NodeId, u32)>,
+    /// The same of the epilogue.
+    last: Vec<(NodeId, u32)>,
+    /// Results that no stage stores.
+    later: Vec<(Output, NodeId)>,
+    slot_of_input: HashMap<Input, u32>,
+    slot_of_value: HashMap<NodeId, u32>,
+}
+
 struct Scheduler<'a> {
     graph: &'a Graph,
     inputs: &'a [Input],
@@ -324,16 +338,11 @@ impl<'a> Scheduler<'a> {
         self.graph.nodes[place as usize]
     }
 
-    fn run(self) -> Schedule {
+    /// Gives state slots to the results that the step computes or must pass on, and to what the epilogue reads of a step.
+    fn results(&self) -> Results {
         let graph = self.graph;
-        // Results: those that the step computes or must pass on, and those that are available elsewhere already.
         let read = carried(graph, self.inputs, &self.level);
-        let mut state: Vec<Slot> = Vec::new();
-        let mut stores: Vec<(NodeId, u32)> = Vec::new();
-        let mut last: Vec<(NodeId, u32)> = Vec::new();
-        let mut later: Vec<(Output, NodeId)> = Vec::new();
-        let mut slot_of_input: HashMap<Input, u32> = HashMap::new();
-        let mut slot_of_value: HashMap<NodeId, u32> = HashMap::new();
+        let mut out = Results::default();
         for (place, output) in graph.outputs.iter().zip(self.outputs) {
             // A carried number that the step passes through needs no store.
             let unchanged = matches!((*output, self.node(*place)), (Output::Carried(k), Node::Input(i))
@@ -347,26 +356,31 @@ impl<'a> Scheduler<'a> {
             };
             let level = self.level[*place as usize];
             // Hoisted, or already in a slot for another result: it is copied when the results are read.
-            if own.is_none() && (level < Level::Step || slot_of_value.contains_key(place)) {
-                later.push((*output, *place));
+            if own.is_none() && (level < Level::Step || out.slot_of_value.contains_key(place)) {
+                out.later.push((*output, *place));
                 continue;
             }
-            let slot = state.len() as u32;
-            state.push(Slot { input: own, output: Some(*output) });
+            let slot = out.state.len() as u32;
+            out.state.push(Slot { input: own, output: Some(*output) });
             if let Some(input) = own {
-                slot_of_input.insert(input, slot);
+                out.slot_of_input.insert(input, slot);
             }
-            slot_of_value.entry(*place).or_insert(slot);
-            if level == Level::Epilogue { &mut last } else { &mut stores }.push((*place, slot));
+            out.slot_of_value.entry(*place).or_insert(slot);
+            if level == Level::Epilogue { &mut out.last } else { &mut out.stores }.push((*place, slot));
         }
         // Values of the last step that the epilogue reads get slots beside the results.
         for place in self.kept() {
-            slot_of_value.entry(place).or_insert_with(|| {
-                state.push(Slot { input: None, output: None });
-                stores.push((place, state.len() as u32 - 1));
-                state.len() as u32 - 1
+            out.slot_of_value.entry(place).or_insert_with(|| {
+                out.state.push(Slot { input: None, output: None });
+                out.stores.push((place, out.state.len() as u32 - 1));
+                out.state.len() as u32 - 1
             });
         }
+        out
+    }
+
+    fn run(self) -> Schedule {
+        let Results { state, stores, last, later, slot_of_input, slot_of_value } = self.results();
         // Booleans cannot be stored in a table: a later stage that needs one repeats the comparison.
         let mut step = Builder::new(&self, Level::Step);
         step.slot_of_input = slot_of_input;
