@@ -9,6 +9,7 @@ use super::world::{MAX_ROTORS, Speeds};
 use propwash::random::{Key, Stream, purpose};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 
 /// Effects that a diagnosis is to know, by the id of the candidate.
 pub const HIDDEN: &[&str] = &[
@@ -76,6 +77,8 @@ pub const FAR: f64 = 3.0;
 
 /// Height of the ceiling of the hall in which [`super::Excitation::NearCeiling`] is flown, m, world.
 pub const CEILING_Z_M: f64 = 3.0;
+
+const DEG: f64 = PI / 180.0;
 
 /// The id among [`HIDDEN`], [`UNLISTED`] and [`STRANGE`] that is called `name`.
 ///
@@ -346,7 +349,6 @@ impl Deviations {
         };
         let one = |name: &str, sigma: f64| draw(name)(sigma);
         let factors = |v: V| [1.0 + v[0], 1.0 + v[1], 1.0 + v[2]];
-        const DEG: f64 = std::f64::consts::PI / 180.0;
         // Small vehicles are balanced as well in proportion to their size.
         let small = scale.arm.min(1.0);
         let com = three("com", 1.0);
@@ -388,98 +390,125 @@ impl Deviations {
     /// Adds the hidden effect `id`, drawn from `seed`; `size` 1 is the size as drawn, 0 is nothing. Sensors that are fixed
     /// `apart` have one mount askew or the other, and one clock for gyroscope and accelerometer.
     pub fn plant(&mut self, id: &'static str, seed: u64, size: f64, scale: &Scale, apart: bool) {
-        let mut s = stream(seed, 1, id);
-        let sign = |s: &mut Stream| if s.below(2) == 0 { 1.0 } else { -1.0 };
-        let level = |s: &mut Stream| {
-            let angle = s.uniform(0.0, std::f64::consts::TAU);
-            [angle.cos(), angle.sin(), 0.0]
-        };
-        let anywhere = |s: &mut Stream| unit([s.normal(), s.normal(), s.normal()]);
-        // Factors are scaled so that a shrunk effect comes closer to 1.
-        let towards = |factor: f64| 1.0 + size * (factor - 1.0);
-        let plus = |a: &mut V, b: V| (0..3).for_each(|i| a[i] += b[i]);
-        let m = scale.mass;
-        let per_speed = m * 1072.0 / scale.hover_rad_s;
-        const DEG: f64 = std::f64::consts::PI / 180.0;
+        let mut draw = Draw { s: stream(seed, 1, id), size, scale };
+        let known = self.plant_in_air(id, &mut draw)
+            || self.plant_in_mass(id, &mut draw)
+            || self.plant_in_drive(id, &mut draw)
+            || self.plant_in_sensors(id, &mut draw, apart)
+            || self.plant_unlisted(id, &mut draw);
+        assert!(known, "{id} is checked by `id`");
+    }
+
+    /// Forces of the air, walls and neighbours, and wind. Gives whether `id` is one of them, as those below do.
+    fn plant_in_air(&mut self, id: &str, d: &mut Draw) -> bool {
+        let (m, size) = (d.scale.mass, d.size);
+        let per_speed = m * 1072.0 / d.scale.hover_rad_s;
         match id {
             "linear_drag" => {
-                let k = size * m * s.uniform(0.14, 0.3);
-                self.linear_drag_n_s_per_m = std::array::from_fn(|_| k * s.uniform(0.75, 1.25));
+                let k = size * m * d.s.uniform(0.14, 0.3);
+                self.linear_drag_n_s_per_m = std::array::from_fn(|_| k * d.s.uniform(0.75, 1.25));
             }
             "quadratic_drag" => {
-                let k = size * m * s.uniform(0.02, 0.04);
-                self.quadratic_drag_n_s2_per_m2 = std::array::from_fn(|_| k * s.uniform(0.8, 1.2));
+                let k = size * m * d.s.uniform(0.02, 0.04);
+                self.quadratic_drag_n_s2_per_m2 = std::array::from_fn(|_| k * d.s.uniform(0.8, 1.2));
             }
-            "rotor_drag" => self.rotor_drag_n_s2_per_rad_m = size * per_speed * s.uniform(3e-5, 7e-5),
+            "rotor_drag" => self.rotor_drag_n_s2_per_rad_m = size * per_speed * d.s.uniform(3e-5, 7e-5),
             "blade_flapping" => {
-                self.flapping_n_s2_per_rad = size * scale.inertia * per_speed / m * s.uniform(3e-7, 7.5e-7);
+                self.flapping_n_s2_per_rad =
+                    size * d.scale.inertia * per_speed / m * d.s.uniform(3e-7, 7.5e-7);
             }
-            "inflow" => self.inflow_n_s2_per_rad_m = size * per_speed * s.uniform(0.7e-4, 2e-4),
-            "translational_lift" => self.lift_n_s2_per_m2 = size * m * s.uniform(0.004, 0.01),
-            "ground_effect" => self.ground_strength = size * s.uniform(1.5, 3.5),
-            "ceiling_effect" => self.ceiling_strength = size * s.uniform(1.5, 3.5),
+            "inflow" => self.inflow_n_s2_per_rad_m = size * per_speed * d.s.uniform(0.7e-4, 2e-4),
+            "translational_lift" => self.lift_n_s2_per_m2 = size * m * d.s.uniform(0.004, 0.01),
+            "ground_effect" => self.ground_strength = size * d.s.uniform(1.5, 3.5),
+            "ceiling_effect" => self.ceiling_strength = size * d.s.uniform(1.5, 3.5),
             "downwash" => {
-                self.downwash_area_m2 = size * scale.arm * scale.arm * s.uniform(0.005, 0.012);
-                self.downwash_spread = s.uniform(0.07, 0.14);
+                self.downwash_area_m2 = size * d.scale.arm * d.scale.arm * d.s.uniform(0.005, 0.012);
+                self.downwash_spread = d.s.uniform(0.07, 0.14);
             }
-            "constant_wind" => plus(&mut self.wind_m_s, mul(level(&mut s), size * s.uniform(0.8, 2.5))),
+            "constant_wind" => plus(&mut self.wind_m_s, mul(d.level(), size * d.s.uniform(0.8, 2.5))),
             "gust" => {
-                self.gust_m_s = mul(level(&mut s), size * s.uniform(0.8, 2.0));
-                self.gust_hz = s.uniform(0.2, 1.5);
-                self.gust_phase_rad = s.uniform(0.0, std::f64::consts::TAU);
+                self.gust_m_s = mul(d.level(), size * d.s.uniform(0.8, 2.0));
+                self.gust_hz = d.s.uniform(0.2, 1.5);
+                self.gust_phase_rad = d.s.uniform(0.0, TAU);
             }
-            "turbulence" => self.turbulence_m_s = size * s.uniform(0.5, 1.5),
-            "rotor_tilt" => {
-                let lean = mul(level(&mut s), size * s.uniform(1.0, 3.0) * DEG);
-                self.lean_rad = [lean[0], lean[1]];
-                let twist = sign(&mut s) * size * s.uniform(0.5, 1.5) * DEG;
-                self.twist_rad = if s.below(3) == 0 { twist } else { 0.0 };
-            }
+            "turbulence" => self.turbulence_m_s = size * d.s.uniform(0.5, 1.5),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Masses, where they are, and inertias of the body.
+    fn plant_in_mass(&mut self, id: &str, d: &mut Draw) -> bool {
+        let (m, size) = (d.scale.mass, d.size);
+        match id {
             "payload" => {
-                self.payload_kg = size * m * s.uniform(0.05, 0.15);
-                let aside = mul(level(&mut s), s.uniform(0.0, 0.015));
-                self.payload_position_m = mul([aside[0], aside[1], -s.uniform(0.02, 0.06)], scale.arm);
+                self.payload_kg = size * m * d.s.uniform(0.05, 0.15);
+                let aside = mul(d.level(), d.s.uniform(0.0, 0.015));
+                self.payload_position_m = mul([aside[0], aside[1], -d.s.uniform(0.02, 0.06)], d.scale.arm);
             }
-            "wrong_mass" => self.mass_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.08, 0.15)),
+            "wrong_mass" => self.mass_factor *= towards(size, 1.0 + d.sign() * d.s.uniform(0.08, 0.15)),
             "slung_payload" => {
-                self.slung_kg = size * 0.75 * m * s.uniform(0.05, 0.1);
-                self.cable_m = s.uniform(0.3, 0.8);
+                self.slung_kg = size * 0.75 * m * d.s.uniform(0.05, 0.1);
+                self.cable_m = d.s.uniform(0.3, 0.8);
                 self.hook_m = [0.0, 0.0, -0.02];
             }
             "com_offset" => {
-                let vertical = sign(&mut s) * s.uniform(5e-3, 15e-3) * (s.below(2) as f64);
-                let aside = mul(level(&mut s), s.uniform(3e-3, 8e-3));
-                plus(&mut self.com_offset_m, mul([aside[0], aside[1], vertical], size * scale.arm));
+                let vertical = d.sign() * d.s.uniform(5e-3, 15e-3) * (d.s.below(2) as f64);
+                let aside = mul(d.level(), d.s.uniform(3e-3, 8e-3));
+                plus(&mut self.com_offset_m, mul([aside[0], aside[1], vertical], size * d.scale.arm));
             }
             "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
-                let axis = axis_of(id);
-                self.inertia_factor[axis] *= towards(1.0 + sign(&mut s) * s.uniform(0.15, 0.3));
+                self.inertia_factor[axis_of(id)] *= towards(size, 1.0 + d.sign() * d.s.uniform(0.15, 0.3));
             }
-            "rotor_inertia" => self.rotor_inertia_factor *= towards(s.uniform(2.0, 4.0)),
-            "thrust_scale" => self.thrust_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.06, 0.12)),
-            "thrust_curve" => self.thrust_curve_share = size * sign(&mut s) * s.uniform(0.2, 0.45),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Rotors, motors, and what drives them.
+    fn plant_in_drive(&mut self, id: &str, d: &mut Draw) -> bool {
+        let size = d.size;
+        match id {
+            "rotor_tilt" => {
+                let lean = mul(d.level(), size * d.s.uniform(1.0, 3.0) * DEG);
+                self.lean_rad = [lean[0], lean[1]];
+                let twist = d.sign() * size * d.s.uniform(0.5, 1.5) * DEG;
+                self.twist_rad = if d.s.below(3) == 0 { twist } else { 0.0 };
+            }
+            "rotor_inertia" => self.rotor_inertia_factor *= towards(size, d.s.uniform(2.0, 4.0)),
+            "thrust_scale" => self.thrust_factor *= towards(size, 1.0 + d.sign() * d.s.uniform(0.06, 0.12)),
+            "thrust_curve" => self.thrust_curve_share = size * d.sign() * d.s.uniform(0.2, 0.45),
             _ if id.starts_with("weak_rotor") => {
-                self.rotor_factor[rotor_of(id)] *= towards(1.0 - s.uniform(0.08, 0.2));
+                self.rotor_factor[rotor_of(id)] *= towards(size, 1.0 - d.s.uniform(0.08, 0.2));
             }
-            "torque_scale" => self.torque_factor *= towards(1.0 + sign(&mut s) * s.uniform(0.2, 0.4)),
+            "torque_scale" => self.torque_factor *= towards(size, 1.0 + d.sign() * d.s.uniform(0.2, 0.4)),
             "motor_lag" => {
-                let slow = s.below(2) == 0;
-                let mut one = || if slow { s.uniform(1.4, 2.0) } else { s.uniform(0.5, 0.7) };
+                let slow = d.s.below(2) == 0;
+                let mut one = || if slow { d.s.uniform(1.4, 2.0) } else { d.s.uniform(0.5, 0.7) };
                 let factors = [one(), one()];
                 for i in 0..2 {
-                    self.lag_factor[i] *= towards(factors[i]);
+                    self.lag_factor[i] *= towards(size, factors[i]);
                 }
             }
-            "command_delay" => self.delay_s += size * s.uniform(0.008, 0.025),
-            "battery_sag" => self.sag_share = size * s.uniform(0.1, 0.25),
+            "command_delay" => self.delay_s += size * d.s.uniform(0.008, 0.025),
+            "battery_sag" => self.sag_share = size * d.s.uniform(0.1, 0.25),
             "actuator_saturation" => {
-                let drawn = s.uniform(1.28, 1.38);
+                let drawn = d.s.uniform(1.28, 1.38);
                 // Shrinking moves the limit up to where nothing reaches it.
-                self.max_rotor_rad_s = scale.hover_rad_s * (drawn + (1.0 - size) * 0.5);
+                self.max_rotor_rad_s = d.scale.hover_rad_s * (drawn + (1.0 - size) * 0.5);
             }
+            _ => return false,
+        }
+        true
+    }
+
+    /// How sensors are fixed, what they read wrongly, and their clocks.
+    fn plant_in_sensors(&mut self, id: &str, d: &mut Draw, apart: bool) -> bool {
+        let size = d.size;
+        match id {
             "mount" => {
-                let askew = mul(anywhere(&mut s), size * s.uniform(1.5, 4.0) * DEG);
-                let which = s.below(2);
+                let askew = mul(d.anywhere(), size * d.s.uniform(1.5, 4.0) * DEG);
+                let which = d.s.below(2);
                 if !apart || which == 0 {
                     plus(&mut self.mount_rad, askew);
                 }
@@ -488,23 +517,23 @@ impl Deviations {
                 }
             }
             "world_tilt" => {
-                let tilt = mul(level(&mut s), size * s.uniform(0.7, 2.0) * DEG);
+                let tilt = mul(d.level(), size * d.s.uniform(0.7, 2.0) * DEG);
                 self.tilt_rad[0] += tilt[0];
                 self.tilt_rad[1] += tilt[1];
             }
-            "sensor_offset" => plus(&mut self.marker_m, mul(anywhere(&mut s), size * s.uniform(0.01, 0.03))),
+            "sensor_offset" => plus(&mut self.marker_m, mul(d.anywhere(), size * d.s.uniform(0.01, 0.03))),
             "gyro_bias" => {
-                plus(&mut self.gyro_bias_rad_s, mul(anywhere(&mut s), size * s.uniform(0.03, 0.1)));
+                plus(&mut self.gyro_bias_rad_s, mul(d.anywhere(), size * d.s.uniform(0.03, 0.1)));
             }
             "gyro_scale" => {
-                let each = std::array::from_fn(|_| size * sign(&mut s) * s.uniform(0.03, 0.08));
+                let each = std::array::from_fn(|_| size * d.sign() * d.s.uniform(0.03, 0.08));
                 plus(&mut self.gyro_scale, each);
             }
             "accel_bias" => {
-                plus(&mut self.accel_bias_m_s2, mul(anywhere(&mut s), size * s.uniform(0.3, 0.8)));
+                plus(&mut self.accel_bias_m_s2, mul(d.anywhere(), size * d.s.uniform(0.3, 0.8)));
             }
             "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
-                let late = size * sign(&mut s) * s.uniform(0.01, 0.025);
+                let late = size * d.sign() * d.s.uniform(0.01, 0.025);
                 let own = channel_of(id);
                 for (i, clock) in self.clock_s.iter_mut().enumerate() {
                     if i == own || (apart && i > 0 && own > 0) {
@@ -512,148 +541,176 @@ impl Deviations {
                     }
                 }
             }
-            "cubic_drag" => self.cubic_drag_n_s3_per_m3 = size * m * s.uniform(0.008, 0.014),
-            "roll_dependent_thrust" => self.roll_thrust = size * sign(&mut s) * s.uniform(0.12, 0.25),
+            _ => return false,
+        }
+        true
+    }
+
+    /// Those of [`UNLISTED`].
+    fn plant_unlisted(&mut self, id: &str, d: &mut Draw) -> bool {
+        let (m, size) = (d.scale.mass, d.size);
+        match id {
+            "cubic_drag" => self.cubic_drag_n_s3_per_m3 = size * m * d.s.uniform(0.008, 0.014),
+            "roll_dependent_thrust" => self.roll_thrust = size * d.sign() * d.s.uniform(0.12, 0.25),
             "sudden_push" => {
-                self.push_n = mul(anywhere(&mut s), size * m * s.uniform(0.7, 1.4));
-                let from = scale.seconds * s.uniform(0.3, 0.5);
-                self.push_s = [from, from + s.uniform(4.0, 8.0).min(0.4 * scale.seconds)];
+                self.push_n = mul(d.anywhere(), size * m * d.s.uniform(0.7, 1.4));
+                let from = d.scale.seconds * d.s.uniform(0.3, 0.5);
+                self.push_s = [from, from + d.s.uniform(4.0, 8.0).min(0.4 * d.scale.seconds)];
             }
             "swing_torque" => {
-                let k = size * scale.inertia * s.uniform(6e-4, 1.2e-3);
-                let way = level(&mut s);
+                let k = size * d.scale.inertia * d.s.uniform(6e-4, 1.2e-3);
+                let way = d.level();
                 self.swing_n_m = [k * way[0], k * way[1]];
             }
-            "speed_thrust_loss" => self.speed_loss = size * s.uniform(0.08, 0.16),
-            _ if STRANGE.contains(&id) => self.strange = Some(Strange::draw(id, &mut s, size, scale)),
-            _ => unreachable!("{id} is checked by `id`"),
+            "speed_thrust_loss" => self.speed_loss = size * d.s.uniform(0.08, 0.16),
+            _ => {
+                let Some(id) = STRANGE.iter().find(|known| **known == id) else { return false };
+                self.strange = Some(Strange::draw(id, &mut d.s, size, d.scale));
+            }
         }
+        true
     }
 
     /// The true values of the parameters of the effect `id`, tolerances included, by name with unit. For effects that
     /// [`propwash::physics::effects`] has, names are those of its parameters.
     pub fn parameters(&self, id: &str, filed: &Filed) -> BTreeMap<String, f64> {
-        let mut out = BTreeMap::new();
-        let mut one = |name: &str, v: f64| {
-            out.insert(name.to_string(), v);
-        };
-        let list = |name: &str, v: &[f64]| -> Vec<(String, f64)> {
-            v.iter().enumerate().map(|(i, v)| (format!("{name}.{i}"), *v)).collect()
-        };
-        let mut many: Vec<(String, f64)> = Vec::new();
+        // One of them knows the effect, the others give nothing.
+        let groups = [
+            self.air_parameters(id, filed),
+            self.mass_parameters(id),
+            self.drive_parameters(id, filed),
+            self.sensor_parameters(id),
+            self.unlisted_parameters(id),
+        ];
+        groups.into_iter().flatten().collect()
+    }
+
+    fn air_parameters(&self, id: &str, filed: &Filed) -> Values {
         match id {
             "linear_drag" => {
-                for i in 0..3 {
-                    let total = filed.linear_drag_n_s_per_m[i] * self.linear_drag_factor[i]
-                        + self.linear_drag_n_s_per_m[i];
-                    one(&format!("drag_n_s_per_m.{i}.{i}"), total);
-                }
+                let total = |i: usize| {
+                    filed.linear_drag_n_s_per_m[i] * self.linear_drag_factor[i]
+                        + self.linear_drag_n_s_per_m[i]
+                };
+                (0..3).map(|i| (format!("drag_n_s_per_m.{i}.{i}"), total(i))).collect()
             }
-            "quadratic_drag" => many = list("drag_n_s2_per_m2", &self.quadratic_drag_n_s2_per_m2),
-            "rotor_drag" => one("drag_n_s2_per_rad_m", self.rotor_drag_n_s2_per_rad_m),
-            "blade_flapping" => {
-                one("moment_n_s2_per_rad", self.flapping_n_s2_per_rad);
-                one("lateral_extra_n_s2_per_rad", 0.0);
-            }
-            "inflow" => one("loss_n_s2_per_rad_m", self.inflow_n_s2_per_rad_m),
-            "translational_lift" => one("lift_n_s2_per_m2", self.lift_n_s2_per_m2),
-            "ground_effect" => one("strength", self.ground_strength),
-            "ceiling_effect" => {
-                one("strength", self.ceiling_strength);
-                one("ceiling_z_m", CEILING_Z_M);
-            }
-            "downwash" => {
-                one("drag_area_m2", self.downwash_area_m2);
-                one("spread", self.downwash_spread);
-            }
-            "constant_wind" => many = list("velocity_m_s", &self.wind_m_s),
+            "quadratic_drag" => list("drag_n_s2_per_m2", &self.quadratic_drag_n_s2_per_m2),
+            "rotor_drag" => named([("drag_n_s2_per_rad_m", self.rotor_drag_n_s2_per_rad_m)]),
+            "blade_flapping" => named([
+                ("moment_n_s2_per_rad", self.flapping_n_s2_per_rad),
+                ("lateral_extra_n_s2_per_rad", 0.0),
+            ]),
+            "inflow" => named([("loss_n_s2_per_rad_m", self.inflow_n_s2_per_rad_m)]),
+            "translational_lift" => named([("lift_n_s2_per_m2", self.lift_n_s2_per_m2)]),
+            "ground_effect" => named([("strength", self.ground_strength)]),
+            "ceiling_effect" => named([("strength", self.ceiling_strength), ("ceiling_z_m", CEILING_Z_M)]),
+            "downwash" => named([("drag_area_m2", self.downwash_area_m2), ("spread", self.downwash_spread)]),
+            "constant_wind" => list("velocity_m_s", &self.wind_m_s),
             "gust" => {
-                many = list("amplitude_m_s", &self.gust_m_s);
-                one("frequency_hz", self.gust_hz);
-                one("phase_rad", self.gust_phase_rad);
+                let rest = named([("frequency_hz", self.gust_hz), ("phase_rad", self.gust_phase_rad)]);
+                [list("amplitude_m_s", &self.gust_m_s), rest].concat()
             }
-            "turbulence" => one("sigma_m_s", self.turbulence_m_s),
+            "turbulence" => named([("sigma_m_s", self.turbulence_m_s)]),
+            _ => Values::new(),
+        }
+    }
+
+    fn mass_parameters(&self, id: &str) -> Values {
+        match id {
+            "payload" => {
+                let place = list("position_m", &self.payload_position_m);
+                [named([("mass_kg", self.payload_kg)]), place].concat()
+            }
+            "wrong_mass" => named([("factor", self.mass_factor)]),
+            "slung_payload" => {
+                // From the true centre of mass.
+                let hook = list("hook_m", &sub(self.hook_m, self.com_offset_m));
+                [named([("mass_kg", self.slung_kg), ("cable_m", self.cable_m)]), hook].concat()
+            }
+            "com_offset" => list("offset_m", &self.com_offset_m),
+            "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
+                named([("factor", self.inertia_factor[axis_of(id)])])
+            }
+            _ => Values::new(),
+        }
+    }
+
+    fn drive_parameters(&self, id: &str, filed: &Filed) -> Values {
+        match id {
             "rotor_tilt" => {
                 let n = filed.arms.len();
                 let mean = |k: usize| self.rotor_lean_rad[..n].iter().map(|r| r[k]).sum::<f64>() / n as f64;
-                one("lean_x_rad", self.lean_rad[0] + mean(0));
-                one("lean_y_rad", self.lean_rad[1] + mean(1));
                 let along = |i: usize| {
                     let (own, arm) = (self.rotor_lean_rad[i], filed.arms[i]);
                     (own[0] * arm[0] + own[1] * arm[1]) / n as f64
                 };
-                one("twist_rad", self.twist_rad - (0..n).map(along).sum::<f64>());
+                named([
+                    ("lean_x_rad", self.lean_rad[0] + mean(0)),
+                    ("lean_y_rad", self.lean_rad[1] + mean(1)),
+                    ("twist_rad", self.twist_rad - (0..n).map(along).sum::<f64>()),
+                ])
             }
-            "payload" => {
-                one("mass_kg", self.payload_kg);
-                many = list("position_m", &self.payload_position_m);
-            }
-            "wrong_mass" => one("factor", self.mass_factor),
-            "slung_payload" => {
-                one("mass_kg", self.slung_kg);
-                one("cable_m", self.cable_m);
-                // From the true centre of mass.
-                many = list("hook_m", &sub(self.hook_m, self.com_offset_m));
-            }
-            "com_offset" => many = list("offset_m", &self.com_offset_m),
-            "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
-                one("factor", self.inertia_factor[axis_of(id)]);
-            }
-            "rotor_inertia" => one("factor", self.rotor_inertia_factor),
-            "thrust_scale" => one("factor", self.thrust_factor),
+            "rotor_inertia" => named([("factor", self.rotor_inertia_factor)]),
+            "thrust_scale" => named([("factor", self.thrust_factor)]),
             "thrust_curve" => {
                 let k = filed.thrust_n_s2_per_rad2;
-                one("hover_share_linear", self.thrust_curve_share);
-                one("linear_n_s_per_rad", self.thrust_curve_share * k * filed.hover_rad_s);
-                one("quadratic_n_s2_per_rad2", -self.thrust_curve_share * k);
+                named([
+                    ("hover_share_linear", self.thrust_curve_share),
+                    ("linear_n_s_per_rad", self.thrust_curve_share * k * filed.hover_rad_s),
+                    ("quadratic_n_s2_per_rad2", -self.thrust_curve_share * k),
+                ])
             }
-            _ if id.starts_with("weak_rotor") => one("factor", self.rotor_factor[rotor_of(id)]),
-            "torque_scale" => one("factor", self.torque_factor),
+            _ if id.starts_with("weak_rotor") => named([("factor", self.rotor_factor[rotor_of(id)])]),
+            "torque_scale" => named([("factor", self.torque_factor)]),
             "motor_lag" => {
-                one("spin_up_factor", self.lag_factor[0]);
-                one("spin_down_factor", self.lag_factor[1]);
+                named([("spin_up_factor", self.lag_factor[0]), ("spin_down_factor", self.lag_factor[1])])
             }
-            "command_delay" => one("delay_s", self.delay_s),
-            "battery_sag" => {
-                one("thrust_loss_share", self.sag_share);
-                one("thrust_loss_per_s", self.sag_share / filed.seconds);
-            }
-            "actuator_saturation" => one("max_rotor_vel_rad_s", self.max_rotor_rad_s),
-            "mount" | "mount.pose" => many = list("rotation_rad", &self.mount_rad),
-            "mount.imu" => many = list("rotation_rad", &self.imu_mount_rad),
-            "world_tilt" => many = list("rotation_rad", &self.tilt_rad),
-            "sensor_offset" => many = list("position_m", &self.marker_m),
-            "gyro_bias" => many = list("bias_rad_s", &self.gyro_bias_rad_s),
-            "gyro_scale" => many = list("factor", &self.gyro_scale.map(|e| 1.0 + e)),
-            "accel_bias" => many = list("bias_m_s2", &self.accel_bias_m_s2),
-            "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
-                one("late_s", self.clock_s[channel_of(id)]);
-            }
-            "cubic_drag" => one("drag_n_s3_per_m3", self.cubic_drag_n_s3_per_m3),
-            "roll_dependent_thrust" => one("share", self.roll_thrust),
-            "sudden_push" => {
-                many = list("force_n", &self.push_n);
-                one("from_s", self.push_s[0]);
-                one("until_s", self.push_s[1]);
-            }
-            "swing_torque" => many = list("torque_n_m_s2_per_m_rad", &self.swing_n_m),
-            "speed_thrust_loss" => one("share", self.speed_loss),
-            _ if STRANGE.contains(&id) => {
-                if let Some(strange) = self.strange {
-                    one("strength", strange.strength);
-                    one("scale", strange.scale);
-                }
-            }
-            _ => {}
+            "command_delay" => named([("delay_s", self.delay_s)]),
+            "battery_sag" => named([
+                ("thrust_loss_share", self.sag_share),
+                ("thrust_loss_per_s", self.sag_share / filed.seconds),
+            ]),
+            "actuator_saturation" => named([("max_rotor_vel_rad_s", self.max_rotor_rad_s)]),
+            _ => Values::new(),
         }
-        out.extend(many);
-        out
+    }
+
+    fn sensor_parameters(&self, id: &str) -> Values {
+        match id {
+            "mount" | "mount.pose" => list("rotation_rad", &self.mount_rad),
+            "mount.imu" => list("rotation_rad", &self.imu_mount_rad),
+            "world_tilt" => list("rotation_rad", &self.tilt_rad),
+            "sensor_offset" => list("position_m", &self.marker_m),
+            "gyro_bias" => list("bias_rad_s", &self.gyro_bias_rad_s),
+            "gyro_scale" => list("factor", &self.gyro_scale.map(|e| 1.0 + e)),
+            "accel_bias" => list("bias_m_s2", &self.accel_bias_m_s2),
+            "clock_offset.pose" | "clock_offset.gyro" | "clock_offset.accel" => {
+                named([("late_s", self.clock_s[channel_of(id)])])
+            }
+            _ => Values::new(),
+        }
+    }
+
+    fn unlisted_parameters(&self, id: &str) -> Values {
+        match id {
+            "cubic_drag" => named([("drag_n_s3_per_m3", self.cubic_drag_n_s3_per_m3)]),
+            "roll_dependent_thrust" => named([("share", self.roll_thrust)]),
+            "sudden_push" => {
+                let times = named([("from_s", self.push_s[0]), ("until_s", self.push_s[1])]);
+                [list("force_n", &self.push_n), times].concat()
+            }
+            "swing_torque" => list("torque_n_m_s2_per_m_rad", &self.swing_n_m),
+            "speed_thrust_loss" => named([("share", self.speed_loss)]),
+            _ => match self.strange.filter(|strange| strange.id == id) {
+                Some(strange) => named([("strength", strange.strength), ("scale", strange.scale)]),
+                None => Values::new(),
+            },
+        }
     }
 
     /// How far off a parameter of the effect `id` is: over the least size at which [`Self::plant`] plants it ([`CLOCK_S`] for
     /// a clock), and in standard deviations of usual tolerances.
     fn off(&self, id: &str, scale: &Scale) -> [f64; 2] {
-        const DEG: f64 = std::f64::consts::PI / 180.0;
         let small = scale.arm.min(1.0);
         let each = |values: &[f64], least: f64, usual: f64| {
             let most = values.iter().map(|v| v.abs()).fold(0.0, f64::max);
@@ -718,6 +775,52 @@ impl Deviations {
     pub fn gusts(&self) -> bool {
         norm(self.gust_m_s) > 0.0
     }
+}
+
+/// What the size of one hidden effect is drawn from.
+struct Draw<'a> {
+    s: Stream,
+    /// 1 is the size as drawn, 0 nothing.
+    size: f64,
+    scale: &'a Scale,
+}
+
+impl Draw<'_> {
+    fn sign(&mut self) -> f64 {
+        if self.s.below(2) == 0 { 1.0 } else { -1.0 }
+    }
+
+    /// A horizontal direction.
+    fn level(&mut self) -> V {
+        let angle = self.s.uniform(0.0, TAU);
+        [angle.cos(), angle.sin(), 0.0]
+    }
+
+    /// Any direction.
+    fn anywhere(&mut self) -> V {
+        unit([self.s.normal(), self.s.normal(), self.s.normal()])
+    }
+}
+
+/// Factors are scaled so that a shrunk effect comes closer to 1.
+fn towards(size: f64, factor: f64) -> f64 {
+    1.0 + size * (factor - 1.0)
+}
+
+fn plus(a: &mut V, b: V) {
+    (0..3).for_each(|i| a[i] += b[i]);
+}
+
+/// Parameters by name with unit.
+type Values = Vec<(String, f64)>;
+
+fn named<const N: usize>(values: [(&str, f64); N]) -> Values {
+    values.into_iter().map(|(name, v)| (name.to_string(), v)).collect()
+}
+
+/// Components of one parameter, numbered.
+fn list(name: &str, values: &[f64]) -> Values {
+    values.iter().enumerate().map(|(i, v)| (format!("{name}.{i}"), *v)).collect()
 }
 
 /// What the vehicle file says where a true parameter is a share of it.

@@ -271,6 +271,12 @@ struct Neighbour {
 }
 
 impl Neighbour {
+    /// Above a vehicle that waits at `p` for its log to begin.
+    fn above(p: V) -> Self {
+        let at = add(p, Self::aside(-LEAD_S));
+        Self { behind: p, last: at, now: at }
+    }
+
     /// Follows the reference late and wanders about it, 0.5 to 1.1 m above.
     fn step(&mut self, t: f64, dt: f64, reference: V) {
         self.behind = add(self.behind, mul(sub(reference, self.behind), dt / 0.6));
@@ -287,135 +293,209 @@ impl Neighbour {
     }
 }
 
+/// A vehicle with its pilot and its sensors, in its air, on the way.
+struct OnTheWay<'a> {
+    plan: &'a Plan<'a>,
+    world: World,
+    track: Track,
+    pilot: Pilot,
+    /// Turbulence of every flight, and the hidden one.
+    air: [Dryden; 2],
+    /// Inertia by which turbulence turns the vehicle: [`hidden::Scale::inertia`].
+    inertia: f64,
+    neighbour: Option<Neighbour>,
+    /// Commands on their way to the motors.
+    line: DelayLine,
+    recorder: Recorder,
+    x: State,
+    hover_rad_s: f64,
+    states: Vec<(f64, State)>,
+    commands: Vec<(f64, Speeds)>,
+    motion: Motion,
+}
+
+impl<'a> OnTheWay<'a> {
+    /// At hover where the track begins, before the log begins.
+    fn new(
+        plan: &'a Plan<'a>,
+        nominal: &Nominal,
+        dev: &Deviations,
+        figures: &Figures,
+    ) -> Result<Self, Failure> {
+        let stream = |name: &str| hidden::stream(plan.seed, plan.flight, name);
+        let world = World::new(nominal, dev, plan.seconds);
+        let track = match plan.excitation {
+            Excitation::Planned => Track::along(&plan.path).map_err(Failure::Plan)?,
+            other => Track::new(other, plan.seconds, plan.seed, plan.flight),
+        };
+        let pilot = Pilot::new(nominal, dither(plan), plan.sensors.attitude, stream("pilot"))
+            .map_err(Failure::Plan)?;
+        let air = [
+            Dryden::new(figures.turbulence_m_s, stream("light turbulence")),
+            Dryden::new(dev.turbulence_m_s, stream("hidden turbulence")),
+        ];
+        let curves = nominal.rotors.iter().map(|r| r.thrust).collect();
+        let recorder = Recorder::new(
+            plan.sensors,
+            figures,
+            &world,
+            curves,
+            plan.marker,
+            plan.seconds,
+            plan.seed,
+            plan.flight,
+        );
+        let hover = nominal.hover_rad_s();
+        let rotors = nominal.rotors.len();
+        let line = DelayLine::new(std::array::from_fn(|i| if i < rotors { hover } else { 0.0 }));
+        let mut own = Self {
+            plan,
+            x: [0.0; world::SIZE],
+            world,
+            track,
+            pilot,
+            air,
+            inertia: nominal.scale(plan.seconds).inertia,
+            neighbour: None,
+            line,
+            recorder,
+            hover_rad_s: hover,
+            states: Vec::new(),
+            commands: Vec::new(),
+            motion: Motion::none(),
+        };
+        let first = own.reference(0.0);
+        let x = own.world.at_hover(first.p, first.yaw);
+        own.pilot.trim(part(&own.world.rate(0.0, &x, &world::rotors(&x), &Air::default()), 10));
+        own.x = x;
+        if plan.excitation == Excitation::BelowNeighbour || plan.hidden.contains(&"downwash") {
+            own.neighbour = Some(Neighbour::above(first.p));
+        }
+        Ok(own)
+    }
+
+    /// Where the vehicle is to be, with turns that it can fly.
+    fn reference(&self, t: f64) -> Reference {
+        let turns = self.pilot.turns();
+        let r = self.track.at(t);
+        let r = Reference { yaw: turns * r.yaw, yaw_rate: turns * r.yaw_rate, ..r };
+        // Attitude responses count yaw from one heading: it stays within a radian of it, and no turn is fed forward.
+        let held = Reference { yaw: r.yaw.sin(), yaw_rate: 0.0, ..r };
+        if self.plan.sensors.attitude { held } else { r }
+    }
+
+    /// The pilot's turn in tick `k`, and what is logged of it.
+    fn control(&mut self, k: i64) {
+        let t = k as f64 * TICK_S;
+        let reference = self.reference(t);
+        let command = self.pilot.command(t, TICK_S, &self.x, &reference);
+        self.line.push(t + self.world.dev.delay_s, command, t);
+        if let Some(n) = &mut self.neighbour {
+            n.step(t + TICK_S, TICK_S, reference.p);
+        }
+        if k < 0 {
+            return;
+        }
+        if k % 5 == 0 {
+            self.states.push((t, self.x));
+        }
+        self.commands.push((t, command));
+        self.recorder.command(k, t, &command, &self.pilot.wanted, &reference);
+        self.motion.watch(&self.x, &reference, &command, self.hover_rad_s, self.world.rotors.len());
+        let most = self.world.dev.max_rotor_rad_s;
+        if most.is_finite() {
+            let over = command.iter().any(|c| *c * self.world.voltage_share(t) > most);
+            self.motion.saturated += f64::from(u8::from(over));
+        }
+    }
+
+    /// The motion from tick `k` to the next, with the samples that sensors take on the way.
+    fn advance(&mut self, k: i64) {
+        let t = k as f64 * TICK_S;
+        let h = TICK_S / STEPS as f64;
+        let neighbour_at = |n: &Neighbour, at: f64| n.at((at - t) / TICK_S);
+        for step in 0..STEPS {
+            let from = t + step as f64 * h;
+            let [light, heavy] = &self.air;
+            let air = Air {
+                wind_m_s: add(light.wind_m_s(), heavy.wind_m_s()),
+                torque_n_m: add(light.torque_n_m(self.inertia), heavy.torque_n_m(self.inertia)),
+                neighbour_m: self.neighbour.as_ref().map(|n| neighbour_at(n, from + 0.5 * h)),
+            };
+            while let Some((channel, at)) = self.recorder.due(from + h) {
+                let y =
+                    if at > from { self.world.advance(from, at, &self.x, &self.line, &air) } else { self.x };
+                let sample = Sample {
+                    t: at,
+                    state: &y,
+                    commands: self.line.at(at),
+                    air: &air,
+                    neighbour_m: self.neighbour.as_ref().map(|n| neighbour_at(n, at)),
+                };
+                self.recorder.take(channel, &self.world, &sample, at - from);
+            }
+            self.x = self.world.advance(from, from + h, &self.x, &self.line, &air);
+            let end = Sample {
+                t: from + h,
+                state: &self.x,
+                commands: self.line.at(from + h),
+                air: &air,
+                neighbour_m: air.neighbour_m,
+            };
+            self.recorder.follow(&self.world, h, &end);
+            self.air.iter_mut().for_each(|air| air.step(h));
+        }
+    }
+}
+
+/// The dither of a plan, where it has one.
+fn dither(plan: &Plan) -> Option<Dither> {
+    let flat = matches!(plan.excitation, Excitation::LowPass | Excitation::NearCeiling);
+    let dithers = flat || matches!(plan.excitation, Excitation::MultiSine | Excitation::BelowNeighbour);
+    dithers.then(|| Dither::new(plan.seed, plan.flight, flat))
+}
+
+/// Flies a plan once, with hidden effects of this size.
 fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure> {
     let scale = nominal.scale(plan.seconds);
-    let filed = nominal.filed(plan.seconds);
     let figures = Figures::new(plan.noise, plan.seed, plan.flight);
     let mut dev = Deviations::tolerances(plan.seed, plan.build, &scale);
     for id in &plan.hidden {
         dev.plant(id, plan.seed, size, &scale, plan.build.apart);
     }
-    let world = World::new(nominal, &dev, plan.seconds);
-    let track = match plan.excitation {
-        Excitation::Planned => Track::along(&plan.path).map_err(Failure::Plan)?,
-        other => Track::new(other, plan.seconds, plan.seed, plan.flight),
-    };
-    let dithers = matches!(
-        plan.excitation,
-        Excitation::MultiSine | Excitation::LowPass | Excitation::NearCeiling | Excitation::BelowNeighbour
-    );
-    let flat = matches!(plan.excitation, Excitation::LowPass | Excitation::NearCeiling);
-    let dither = dithers.then(|| Dither::new(plan.seed, plan.flight, flat));
-    let pilot_noise = hidden::stream(plan.seed, plan.flight, "pilot");
-    let mut pilot = Pilot::new(nominal, dither, plan.sensors.attitude, pilot_noise).map_err(Failure::Plan)?;
-    let mut light =
-        Dryden::new(figures.turbulence_m_s, hidden::stream(plan.seed, plan.flight, "light turbulence"));
-    let mut heavy =
-        Dryden::new(dev.turbulence_m_s, hidden::stream(plan.seed, plan.flight, "hidden turbulence"));
-    let curves = nominal.rotors.iter().map(|r| r.thrust).collect();
-    let mut recorder = Recorder::new(
-        plan.sensors,
-        &figures,
-        &world,
-        curves,
-        plan.marker,
-        plan.seconds,
-        plan.seed,
-        plan.flight,
-    );
-
-    let turns = pilot.turns();
-    let reference_at = |t: f64| {
-        let r = track.at(t);
-        let r = Reference { yaw: turns * r.yaw, yaw_rate: turns * r.yaw_rate, ..r };
-        // Attitude responses count yaw from one heading: it stays within a radian of it, and no turn is fed forward.
-        let held = Reference { yaw: r.yaw.sin(), yaw_rate: 0.0, ..r };
-        if plan.sensors.attitude { held } else { r }
-    };
-    let first = reference_at(0.0);
-    let mut x = world.at_hover(first.p, first.yaw);
-    pilot.trim(part(&world.rate(0.0, &x, &world::rotors(&x), &Air::default()), 10));
-    let with_neighbour = plan.excitation == Excitation::BelowNeighbour || plan.hidden.contains(&"downwash");
-    let mut neighbour = with_neighbour.then(|| {
-        let at = add(first.p, Neighbour::aside(-LEAD_S));
-        Neighbour { behind: first.p, last: at, now: at }
-    });
-    let hover = nominal.hover_rad_s();
-    let rotors = nominal.rotors.len();
-    let mut line = DelayLine::new(std::array::from_fn(|i| if i < rotors { hover } else { 0.0 }));
+    let mut flown = OnTheWay::new(plan, nominal, &dev, &figures)?;
+    let under_ceiling = plan.excitation == Excitation::NearCeiling || plan.hidden.contains(&"ceiling_effect");
     let lead = (LEAD_S / TICK_S).round() as i64;
     let last = (plan.seconds / TICK_S).ceil() as i64;
-    let h = TICK_S / STEPS as f64;
-    let under_ceiling = plan.excitation == Excitation::NearCeiling || plan.hidden.contains(&"ceiling_effect");
-    let mut states = Vec::new();
-    let mut commands = Vec::new();
-    let mut motion = Motion {
-        farthest_m: 0.0,
-        height_m: [f64::INFINITY, f64::NEG_INFINITY],
-        speed_m_s: 0.0,
-        rate_rad_s: [0.0; 3],
-        thrust_share: [f64::INFINITY, f64::NEG_INFINITY],
-        saturated: 0.0,
-        tracking_m: 0.0,
-    };
     for k in -lead..=last {
-        let t = k as f64 * TICK_S;
-        let reference = reference_at(t);
-        let command = pilot.command(t, TICK_S, &x, &reference);
-        line.push(t + dev.delay_s, command, t);
-        if let Some(n) = &mut neighbour {
-            n.step(t + TICK_S, TICK_S, reference.p);
+        flown.control(k);
+        flown.advance(k);
+        if let Some(what) = crash(&flown.x, under_ceiling) {
+            return Err(Failure::Crash(format!("{what} at {:.1} s", k as f64 * TICK_S)));
         }
-        if k >= 0 {
-            if k % 5 == 0 {
-                states.push((t, x));
-            }
-            commands.push((t, command));
-            recorder.command(k, t, &command, &pilot.wanted, &reference);
-            motion.watch(&x, &reference, &command, hover, rotors);
-            if world.dev.max_rotor_rad_s.is_finite() {
-                let over = command.iter().any(|c| *c * world.voltage_share(t) > dev.max_rotor_rad_s);
-                motion.saturated += f64::from(u8::from(over));
-            }
-        }
-        for step in 0..STEPS {
-            let from = t + step as f64 * h;
-            let mut air = Air {
-                wind_m_s: add(light.wind_m_s(), heavy.wind_m_s()),
-                torque_n_m: add(light.torque_n_m(scale.inertia), heavy.torque_n_m(scale.inertia)),
-                neighbour_m: None,
-            };
-            let share = |at: f64| (at - t) / TICK_S;
-            air.neighbour_m = neighbour.as_ref().map(|n| n.at(share(from + 0.5 * h)));
-            while let Some((channel, at)) = recorder.due(from + h) {
-                let y = if at > from { world.advance(from, at, &x, &line, &air) } else { x };
-                let sample = Sample {
-                    t: at,
-                    state: &y,
-                    commands: line.at(at),
-                    air: &air,
-                    neighbour_m: neighbour.as_ref().map(|n| n.at(share(at))),
-                };
-                recorder.take(channel, &world, &sample, at - from);
-            }
-            x = world.advance(from, from + h, &x, &line, &air);
-            let end = Sample {
-                t: from + h,
-                state: &x,
-                commands: line.at(from + h),
-                air: &air,
-                neighbour_m: air.neighbour_m,
-            };
-            recorder.follow(&world, h, &end);
-            light.step(h);
-            heavy.step(h);
-        }
-        crash(&x, under_ceiling).map_or(Ok(()), |what| Err(Failure::Crash(format!("{what} at {t:.1} s"))))?;
     }
+    let OnTheWay { states, commands, mut motion, recorder, .. } = flown;
     let n = commands.len() as f64;
     motion.saturated /= n;
     motion.tracking_m = (motion.tracking_m / n).sqrt();
     dev.clock_s = lateness(&dev, &figures, plan.sensors);
+    let (csv, log_start_s, gaps_s) = recorder.finish();
+    let truth = truth(plan, nominal, size, dev, figures, motion, (log_start_s, gaps_s));
+    Ok(Flight { truth, states, commands, csv })
+}
+
+/// What a flight was, and what a diagnosis of it is to say. `log`: the time of its first row, and gaps of its poses.
+fn truth(
+    plan: &Plan,
+    nominal: &Nominal,
+    size: f64,
+    dev: Deviations,
+    figures: Figures,
+    motion: Motion,
+    log: (f64, Vec<[f64; 2]>),
+) -> Truth {
+    let (scale, filed, rotors) =
+        (nominal.scale(plan.seconds), nominal.filed(plan.seconds), nominal.rotors.len());
     let none = Deviations::none();
     let hidden = plan
         .hidden
@@ -427,19 +507,15 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
             filed: none.parameters(id, &filed),
         })
         .collect();
-    let also = dev.also(&plan.hidden, &scale, rotors);
-    let beyond = dev.beyond(&scale, rotors);
     let every = of_rotors(rotors).into_iter().chain(["mount.pose", "mount.imu"]);
-    let all = every.map(|id| (id, dev.parameters(id, &filed))).collect();
-    let (csv, log_start_s, gaps_s) = recorder.finish();
-    let truth = Truth {
+    Truth {
         vehicle: plan.vehicle.name.clone(),
         hidden,
         build: plan.build,
         size,
-        also,
-        beyond,
-        all,
+        also: dev.also(&plan.hidden, &scale, rotors),
+        beyond: dev.beyond(&scale, rotors),
+        all: every.map(|id| (id, dev.parameters(id, &filed))).collect(),
         deviations: dev,
         seed: plan.seed,
         flight: plan.flight,
@@ -449,11 +525,10 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
         sensors: plan.sensors,
         marker: plan.marker,
         seconds: plan.seconds,
-        log_start_s,
-        gaps_s,
+        log_start_s: log.0,
+        gaps_s: log.1,
         motion,
-    };
-    Ok(Flight { truth, states, commands, csv })
+    }
 }
 
 /// How late poses, gyroscope and accelerometer are written against what drives the model, with the delay of their filters, s.
@@ -465,6 +540,19 @@ fn lateness(dev: &Deviations, figures: &Figures, sensors: Sensors) -> V {
 }
 
 impl Motion {
+    /// Before the flight.
+    fn none() -> Self {
+        Self {
+            farthest_m: 0.0,
+            height_m: [f64::INFINITY, f64::NEG_INFINITY],
+            speed_m_s: 0.0,
+            rate_rad_s: [0.0; 3],
+            thrust_share: [f64::INFINITY, f64::NEG_INFINITY],
+            saturated: 0.0,
+            tracking_m: 0.0,
+        }
+    }
+
     fn watch(
         &mut self,
         x: &State,

@@ -293,89 +293,108 @@ impl Track {
     }
 }
 
+impl Manner {
+    /// Whether legs are fast enough to see the effects of the air.
+    fn is_exciting(&self) -> bool {
+        self.speed_m_s[1] > 2.5
+    }
+
+    fn height(&self, s: &mut Stream) -> f64 {
+        let range = if s.unit() < self.inside { self.height_m } else { self.else_m };
+        s.uniform(range[0], range[1])
+    }
+
+    fn place(&self, s: &mut Stream) -> V {
+        [s.uniform(-self.half_m, self.half_m), s.uniform(-self.half_m, self.half_m), self.height(s)]
+    }
+}
+
+/// What the next leg does, from a place and a yaw on.
+struct Move {
+    to: V,
+    yaw_to: f64,
+    time_s: f64,
+    jump: bool,
+    /// Share of the dither.
+    share: f64,
+}
+
+/// A fast run through the box.
+fn fast_run(s: &mut Stream, manner: &Manner, at: V, yaw: f64) -> Move {
+    let mut to = manner.place(s);
+    for _ in 0..6 {
+        let other = manner.place(s);
+        if norm(sub(other, at)) > norm(sub(to, at)) {
+            to = other;
+        }
+    }
+    let way = norm(sub(to, at));
+    let low = 0.5 * (manner.speed_m_s[0] + manner.speed_m_s[1]);
+    let peak = s.uniform(low, manner.speed_m_s[1]);
+    // Peak speed 1.875 d/T, peak acceleration 5.77 d/T² of at most 7 m/s².
+    let time_s = (1.875 * way / peak).max((5.77 * way / 7.0).sqrt());
+    Move { to, yaw_to: yaw + s.uniform(-1.0, 1.0), time_s, jump: false, share: 0.6 }
+}
+
+/// A jump of the reference.
+fn jump(s: &mut Stream, manner: &Manner, at: V, yaw: f64) -> Move {
+    let mut to = at;
+    let reach = 0.7f64.min(0.5 * manner.half_m);
+    for i in 0..2 {
+        to[i] = (at[i] + s.uniform(-reach, reach)).clamp(-manner.half_m, manner.half_m);
+    }
+    let low = manner.height_m[1] < 0.6 || manner.height_m[0] > 2.0;
+    to[2] = if low { manner.height(s) } else { (at[2] + s.uniform(-0.6, 0.6)).clamp(1.0, 3.9) };
+    // A jump down to the ground or up to the ceiling would end in it.
+    let jump = (to[2] - at[2]).abs() < 0.7 && !low;
+    Move { to, yaw_to: yaw + s.uniform(-0.6, 0.6), time_s: s.uniform(0.9, 1.4), jump, share: 1.0 }
+}
+
+/// A turn about yaw on the spot.
+fn turn(s: &mut Stream, manner: &Manner, at: V, yaw: f64) -> Move {
+    let rate = if manner.is_exciting() { s.uniform(1.0, 2.0) } else { s.uniform(0.3, 1.0) };
+    let turn = s.uniform(0.8, 1.6) * PI;
+    let yaw_to = if s.below(2) == 0 { yaw + turn } else { yaw - turn };
+    Move { to: at, yaw_to, time_s: 1.875 * turn / rate * 0.6, jump: false, share: 1.0 }
+}
+
+fn slow_run(s: &mut Stream, manner: &Manner, at: V, yaw: f64) -> Move {
+    let other = manner.place(s);
+    let way = sub(other, at);
+    let mut to = add(at, mul(way, (2.0 / norm(way).max(1e-9)).min(1.0)));
+    to[2] = other[2];
+    let peak = s.uniform(manner.speed_m_s[0], 0.35 * manner.speed_m_s[1].max(2.5));
+    let time_s = (1.875 * norm(sub(to, at)) / peak).max(0.6);
+    Move { to, yaw_to: yaw + s.uniform(-0.8, 0.8), time_s, jump: false, share: 1.0 }
+}
+
 /// Random legs: fast and slow runs, jumps of the reference, and turns on the spot.
 fn legs(s: &mut Stream, seconds: f64, manner: &Manner) -> Shape {
-    let exciting = manner.speed_m_s[1] > 2.5;
-    let height = |s: &mut Stream| {
-        let range = if s.unit() < manner.inside { manner.height_m } else { manner.else_m };
-        s.uniform(range[0], range[1])
-    };
-    let place = |s: &mut Stream| {
-        [s.uniform(-manner.half_m, manner.half_m), s.uniform(-manner.half_m, manner.half_m), height(s)]
-    };
     let mut at =
         [s.uniform(-0.5, 0.5), s.uniform(-0.5, 0.5), 0.5 * (manner.height_m[0] + manner.height_m[1])];
     let mut yaw: f64 = s.uniform(-PI, PI);
     let (mut out, mut t) = (Vec::new(), 0.0);
     let mut round = s.below(4);
     while t < seconds {
-        let kind = round % 4;
-        round += 1;
-        let (mut to, mut jump, mut share) = (at, false, 1.0);
-        let (yaw_to, time);
-        match kind {
-            // A fast run through the box.
-            0 => {
-                let mut best = place(s);
-                for _ in 0..6 {
-                    let other = place(s);
-                    if norm(sub(other, at)) > norm(sub(best, at)) {
-                        best = other;
-                    }
-                }
-                to = best;
-                let way = norm(sub(to, at));
-                let low = 0.5 * (manner.speed_m_s[0] + manner.speed_m_s[1]);
-                let peak = s.uniform(low, manner.speed_m_s[1]);
-                // Peak speed 1.875 d/T, peak acceleration 5.77 d/T² of at most 7 m/s².
-                time = (1.875 * way / peak).max((5.77 * way / 7.0).sqrt());
-                yaw_to = yaw + s.uniform(-1.0, 1.0);
-                share = 0.6;
-            }
-            // Jumps of the reference.
-            1 if exciting => {
-                let reach = 0.7f64.min(0.5 * manner.half_m);
-                for i in 0..2 {
-                    to[i] = (at[i] + s.uniform(-reach, reach)).clamp(-manner.half_m, manner.half_m);
-                }
-                let low = manner.height_m[1] < 0.6 || manner.height_m[0] > 2.0;
-                to[2] = if low { height(s) } else { (at[2] + s.uniform(-0.6, 0.6)).clamp(1.0, 3.9) };
-                // A jump down to the ground or up to the ceiling would end in it.
-                jump = (to[2] - at[2]).abs() < 0.7 && !low;
-                yaw_to = yaw + s.uniform(-0.6, 0.6);
-                time = s.uniform(0.9, 1.4);
-            }
-            // A turn about yaw on the spot.
-            2 => {
-                let rate = if exciting { s.uniform(1.0, 2.0) } else { s.uniform(0.3, 1.0) };
-                let turn = s.uniform(0.8, 1.6) * PI;
-                yaw_to = if s.below(2) == 0 { yaw + turn } else { yaw - turn };
-                time = 1.875 * turn / rate * 0.6;
-            }
-            // A slow run.
-            _ => {
-                let other = place(s);
-                let way = sub(other, at);
-                to = add(at, mul(way, (2.0 / norm(way).max(1e-9)).min(1.0)));
-                to[2] = other[2];
-                let peak = s.uniform(manner.speed_m_s[0], 0.35 * manner.speed_m_s[1].max(2.5));
-                time = (1.875 * norm(sub(to, at)) / peak).max(0.6);
-                yaw_to = yaw + s.uniform(-0.8, 0.8);
-            }
-        }
-        let leg = Leg {
-            start_s: t,
-            end_s: t + time,
-            from: at,
-            to,
-            yaw: [yaw, yaw_to],
-            jump,
-            dither: manner.dither * share,
+        let next = match round % 4 {
+            0 => fast_run(s, manner, at, yaw),
+            1 if manner.is_exciting() => jump(s, manner, at, yaw),
+            2 => turn(s, manner, at, yaw),
+            _ => slow_run(s, manner, at, yaw),
         };
-        out.push(leg);
-        t += time + s.uniform(0.1, 0.5);
-        at = to;
-        yaw = yaw_to;
+        round += 1;
+        out.push(Leg {
+            start_s: t,
+            end_s: t + next.time_s,
+            from: at,
+            to: next.to,
+            yaw: [yaw, next.yaw_to],
+            jump: next.jump,
+            dither: manner.dither * next.share,
+        });
+        t += next.time_s + s.uniform(0.1, 0.5);
+        at = next.to;
+        yaw = next.yaw_to;
     }
     Shape::Legs(out)
 }

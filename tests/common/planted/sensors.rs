@@ -379,6 +379,90 @@ impl Channel {
     }
 }
 
+/// Gaps of the position system: one of 0.1 to 0.2 s per minute, and by chance one in a shorter flight.
+fn gaps(figures: &Figures, seconds: f64, seed: u64, flight: u64) -> Vec<[f64; 2]> {
+    if figures.filters.is_some() {
+        // An estimator goes on without its sensors.
+        return Vec::new();
+    }
+    let mut s = stream(seed, flight, "gaps");
+    let n = (seconds / 60.0 + s.unit()).floor() as usize;
+    let mut gaps_s: Vec<[f64; 2]> = (0..n)
+        .map(|_| {
+            let from = s.uniform(0.05, 0.95) * seconds;
+            [from, from + s.uniform(0.1, 0.2)]
+        })
+        .collect();
+    gaps_s.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    gaps_s
+}
+
+/// Times of the samples of a sensor that loses a share `dropout` of them, and all in its gaps.
+fn times(
+    s: &mut Stream,
+    hz: f64,
+    jitter_s: f64,
+    dropout: f64,
+    gaps_s: &[[f64; 2]],
+    seconds: f64,
+) -> Vec<f64> {
+    let phase = s.uniform(0.05, 0.95) / hz;
+    let mut times = Vec::new();
+    for k in 0.. {
+        let even = k as f64 / hz + phase;
+        if even > seconds {
+            break;
+        }
+        // Uneven by no more than 0.3 periods, so that samples keep their order.
+        let uneven = (jitter_s * s.normal()).clamp(-0.3 / hz, 0.3 / hz);
+        let t = (even + uneven).max(0.0);
+        let lost = s.unit() < dropout;
+        let gap = gaps_s.iter().any(|g| t >= g[0] && t < g[1]);
+        if !lost && !gap && t <= seconds {
+            times.push(t);
+        }
+    }
+    times
+}
+
+/// The sensors that are there.
+fn channels(
+    sensors: Sensors,
+    f: &Figures,
+    gaps_s: &[[f64; 2]],
+    seconds: f64,
+    seed: u64,
+    flight: u64,
+) -> Vec<Channel> {
+    let one = |id: ChannelId, name: &str, hz: f64, jitter_s: f64, dropout: f64, held: f64| {
+        let gaps_s = if id == ChannelId::Pose { gaps_s } else { &[] };
+        let mut s = stream(seed, flight, &format!("{name} times"));
+        let times = times(&mut s, hz, jitter_s, dropout, gaps_s, seconds);
+        let noise = stream(seed, flight, &format!("{name} noise"));
+        Channel { id, times, next: 0, noise, held, last: Readings::new() }
+    };
+    let mut out = Vec::new();
+    if sensors.poses {
+        out.push(one(ChannelId::Pose, "pose", f.pose_hz, f.pose_jitter_s, f.dropout, f.held[0]));
+    }
+    if sensors.gyro {
+        out.push(one(ChannelId::Gyro, "gyro", f.imu_hz, f.imu_jitter_s, 0.0, f.held[1]));
+    }
+    if sensors.accel {
+        out.push(one(ChannelId::Accel, "accel", f.imu_hz, f.imu_jitter_s, 0.0, f.held[1]));
+    }
+    if sensors.rotors {
+        out.push(one(ChannelId::Rotor, "rotor", f.rotor_hz, f.imu_jitter_s, 0.0, f.held[2]));
+    }
+    if sensors.thrust {
+        out.push(one(ChannelId::Thrust, "thrust", f.thrust_hz, f.imu_jitter_s, 0.0, f.held[2]));
+    }
+    if sensors.battery {
+        out.push(one(ChannelId::Battery, "battery", 10.0, 1e-3, 0.0, 0.0));
+    }
+    out
+}
+
 /// Takes samples and writes the log.
 pub struct Recorder {
     channels: Vec<Channel>,
@@ -415,61 +499,9 @@ impl Recorder {
         flight: u64,
     ) -> Self {
         let d = &world.dev;
-        let mut gap_stream = stream(seed, flight, "gaps");
-        // One gap of 0.1 to 0.2 s per minute, and by chance one in a shorter flight.
-        let gaps = (seconds / 60.0 + gap_stream.unit()).floor() as usize;
-        let mut gaps_s: Vec<[f64; 2]> = (0..gaps)
-            .map(|_| {
-                let from = gap_stream.uniform(0.05, 0.95) * seconds;
-                [from, from + gap_stream.uniform(0.1, 0.2)]
-            })
-            .collect();
-        gaps_s.sort_by(|a, b| a[0].total_cmp(&b[0]));
-        if figures.filters.is_some() {
-            // An estimator goes on without its sensors.
-            gaps_s.clear();
-        }
-        let mut channels = Vec::new();
-        let mut add_channel = |id: ChannelId, name: &str, hz: f64, jitter_s: f64, dropout: f64, held: f64| {
-            let mut s = stream(seed, flight, &format!("{name} times"));
-            let phase = s.uniform(0.05, 0.95) / hz;
-            let mut times = Vec::new();
-            for k in 0.. {
-                let even = k as f64 / hz + phase;
-                if even > seconds {
-                    break;
-                }
-                // Uneven by no more than 0.3 periods, so that samples keep their order.
-                let uneven = (jitter_s * s.normal()).clamp(-0.3 / hz, 0.3 / hz);
-                let t = (even + uneven).max(0.0);
-                let lost = s.unit() < dropout;
-                let gap = id == ChannelId::Pose && gaps_s.iter().any(|g| t >= g[0] && t < g[1]);
-                if !lost && !gap && t <= seconds {
-                    times.push(t);
-                }
-            }
-            let noise = stream(seed, flight, &format!("{name} noise"));
-            channels.push(Channel { id, times, next: 0, noise, held, last: Readings::new() });
-        };
         let f = figures;
-        if sensors.poses {
-            add_channel(ChannelId::Pose, "pose", f.pose_hz, f.pose_jitter_s, f.dropout, f.held[0]);
-        }
-        if sensors.gyro {
-            add_channel(ChannelId::Gyro, "gyro", f.imu_hz, f.imu_jitter_s, 0.0, f.held[1]);
-        }
-        if sensors.accel {
-            add_channel(ChannelId::Accel, "accel", f.imu_hz, f.imu_jitter_s, 0.0, f.held[1]);
-        }
-        if sensors.rotors {
-            add_channel(ChannelId::Rotor, "rotor", f.rotor_hz, f.imu_jitter_s, 0.0, f.held[2]);
-        }
-        if sensors.thrust {
-            add_channel(ChannelId::Thrust, "thrust", f.thrust_hz, f.imu_jitter_s, 0.0, f.held[2]);
-        }
-        if sensors.battery {
-            add_channel(ChannelId::Battery, "battery", 10.0, 1e-3, 0.0, 0.0);
-        }
+        let gaps_s = gaps(f, seconds, seed, flight);
+        let channels = channels(sensors, f, &gaps_s, seconds, seed, flight);
         let airframe = if marker == Marker::Airframe { world.com_m } else { [0.0; 3] };
         let tilt_q = quat_exp([d.tilt_rad[0], d.tilt_rad[1], 0.0]);
         let mount_q = quat_exp(d.mount_rad);

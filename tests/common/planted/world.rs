@@ -340,24 +340,13 @@ impl World {
         let (p, v, w) = (part(x, 0), part(x, 7), part(x, 10));
         let q = attitude(x);
         let r = matrix(q);
-        let mut wind = add(d.wind_m_s, air.wind_m_s);
-        if d.gusts() {
-            wind = add(wind, mul(d.gust_m_s, (TAU * d.gust_hz * t + d.gust_phase_rad).sin()));
-        }
-        let u = mat_t_vec(r, sub(v, wind));
+        let u = mat_t_vec(r, sub(v, self.wind(t, air)));
         let speed = norm(u);
 
         let mut force = [0.0; 3];
         let mut torque = air.torque_n_m;
         let mut out = [0.0; SIZE];
-        let mut gain = 1.0;
-        if d.roll_thrust != 0.0 {
-            let roll = r[2][1].atan2(r[2][2]);
-            gain *= 1.0 + d.roll_thrust * (2.0 * roll).sin();
-        }
-        if d.speed_loss != 0.0 {
-            gain *= 1.0 - d.speed_loss * (speed / 3.0).tanh();
-        }
+        let gain = self.unlisted_gain(r, speed);
         for (i, rotor) in self.rotors.iter().enumerate() {
             let omega = x[ROTORS + i];
             let target = self.target(commands[i], t);
@@ -421,6 +410,29 @@ impl World {
         out[7..10].copy_from_slice(&acc);
         out[10..13].copy_from_slice(&ang_acc);
         out
+    }
+
+    /// Velocity of the air at time `t`, m/s, world.
+    fn wind(&self, t: f64, air: &Air) -> V {
+        let d = &self.dev;
+        let wind = add(d.wind_m_s, air.wind_m_s);
+        if !d.gusts() {
+            return wind;
+        }
+        add(wind, mul(d.gust_m_s, (TAU * d.gust_hz * t + d.gust_phase_rad).sin()))
+    }
+
+    /// Factor of all thrusts by effects that no list of candidates has.
+    fn unlisted_gain(&self, r: M, speed: f64) -> f64 {
+        let mut gain = 1.0;
+        if self.dev.roll_thrust != 0.0 {
+            let roll = r[2][1].atan2(r[2][2]);
+            gain *= 1.0 + self.dev.roll_thrust * (2.0 * roll).sin();
+        }
+        if self.dev.speed_loss != 0.0 {
+            gain *= 1.0 - self.dev.speed_loss * (speed / 3.0).tanh();
+        }
+        gain
     }
 
     /// J⁻¹ (τ − ω × J ω).
