@@ -6,12 +6,11 @@ mod tree;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use propwash::dataset::{
     self, BodyRecord, CameraRecord, ClearanceRow, ContactRow, Dataset, DatasetError, DepthPng, FlightRecord,
-    FrameInput, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview, Quarantine,
-    Reference, SceneRecord, StateRow, VehicleRecord, View, Writer, status,
+    FrameInput, Frames, GeomRecord, HeightMap, Manifest, Nearest, NoisyDepth, OVERVIEW_SIZE, Overview,
+    Quarantine, Reference, SceneRecord, StateRow, Table, VehicleRecord, View, WorldReader, Writer, status,
 };
 use propwash::sense::{Caster, Collider, DepthKind};
 use rayon::prelude::*;
@@ -244,6 +243,131 @@ fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|v| v.to_bits()).collect()
 }
 
+/// What [`fill`] wrote as row `i` of a drone's states.
+fn assert_state_row(states: &Table, world: usize, i: usize, drone: usize) {
+    let k = i * 2 + drone;
+    let column = |name: &str| states.column(name).unwrap();
+    assert_eq!(column("t")[k], i as f64 / 500.0);
+    assert_eq!(column("step")[k], i as f64);
+    assert_eq!(column("world")[k], world as f64);
+    assert_eq!(column("drone")[k], drone as f64);
+    let check = |names: &[&str], expected: &[f64]| {
+        let found: Vec<f64> = names.iter().map(|n| column(n)[k]).collect();
+        assert_eq!(bits(&found), bits(expected), "{names:?} of row {k}");
+    };
+    // What was not given is empty.
+    let check_where = |given: bool, names: &[&str], expected: &[f64]| {
+        if given {
+            return check(names, expected);
+        }
+        for name in names {
+            assert!(column(name)[k].is_nan(), "{name} of row {k}");
+        }
+    };
+    check(&["px", "py", "pz"], &numbers::<3>(world, 22, k));
+    check(&["qx", "qy", "qz", "qw"], &numbers::<4>(world, 23, k));
+    check(&["vx", "vy", "vz"], &numbers::<3>(world, 24, k));
+    check(&["wx", "wy", "wz"], &numbers::<3>(world, 25, k));
+    check_where(i > 0, &["ax", "ay", "az"], &numbers::<3>(world, 26, k));
+    let rotors: [f64; 6] = numbers(world, 20, k);
+    check(&["rotor1", "rotor2", "rotor3", "rotor4"], &rotors[..4]);
+    check_where(drone == 1, &["rotor5", "rotor6"], &rotors[4..]);
+    check_where(drone == 0, &["thrust"], &[number(world, 27, k)]);
+    let command: [f64; 16] = numbers(world, 21, k);
+    check(&["cmd_x", "cmd_y", "cmd_z", "cmd_vx", "cmd_vy", "cmd_vz"], &command[..6]);
+    check(&["cmd_qx", "cmd_qy", "cmd_qz", "cmd_qw", "cmd_wx", "cmd_wy", "cmd_wz"], &command[9..]);
+    check(&["cmd_roll", "cmd_pitch", "cmd_yaw", "cmd_thrust"], &numbers::<4>(world, 28, k));
+    check_where(i % 2 == 1, &["cmd_rotor4"], &rotors[3..4]);
+    let r = reference(world, k);
+    let [x, y, z] = r.pos_m;
+    let names = ["ref_x", "ref_y", "ref_z", "ref_vx", "ref_ax", "ref_yaw"];
+    check_where(!i.is_multiple_of(3), &names, &[x, y, z, r.vel_m_s[0], r.acc_m_s2[0], r.yaw_rad]);
+    check_where(drone == 1, &["vbat"], &[number(world, 14, k)]);
+    check_where(i.is_multiple_of(2), &["wind_x", "wind_y", "wind_z"], &numbers::<3>(world, 15, k));
+}
+
+fn assert_clearance(reader: &WorldReader, world: usize) {
+    let clearance = reader.clearance(None).unwrap();
+    for k in 0..STATES * 2 {
+        let (i, distance) = (k / 2, clearance.column("distance").unwrap()[k]);
+        let geom = clearance.column("geom").unwrap()[k];
+        if i % 4 == 0 {
+            assert!(distance.is_nan());
+            assert_eq!(geom, -1.0);
+        } else {
+            assert_eq!(distance, number(world, 30, k));
+            assert_eq!(geom, 3.0);
+            let of = |name: &str| clearance.column(name).unwrap()[k];
+            assert_eq!((of("drone_geom"), of("body")), (1.0, 2.0));
+            assert_eq!(of("other_drone"), if i % 4 == 1 { (1 - k % 2) as f64 } else { -1.0 });
+            assert_eq!(of("exact"), f64::from(u8::from(i % 4 == 2)));
+            assert_eq!(clearance.column("to_z").unwrap()[k], numbers::<3>(world, 32, k)[2]);
+        }
+    }
+}
+
+fn assert_contacts(reader: &WorldReader, world: usize) {
+    let contacts = reader.contacts(None).unwrap();
+    assert_eq!(contacts.n_rows(), world);
+    let of = |name: &str| contacts.column(name).unwrap().to_vec();
+    assert_eq!(of("other_drone"), [-1.0, 0.0, -1.0][..world]);
+    assert_eq!(of("swept"), [0.0, 0.0, 1.0][..world]);
+    assert_eq!(of("fraction").iter().filter(|f| **f == 0.125).count(), usize::from(world > 2));
+    assert_eq!(of("geom2"), [3.0; 3][..world]);
+    assert_eq!(of("distance"), [-0.25; 3][..world]);
+}
+
+/// The arrays of all frames, and their images as PNG.
+fn assert_frames(reader: &WorldReader, world: usize) {
+    let frames = reader.frames().unwrap();
+    assert_eq!(frames.depth_m.shape(), [FRAMES, 2, H, W]);
+    assert_eq!(frames.normal.as_ref().unwrap().shape(), [FRAMES, 2, H, W, 3]);
+    for frame in 0..FRAMES {
+        assert_eq!(frames.time_s[frame], frame as f64 / 3.0);
+        assert_eq!(frames.step[frame], frame as i64 * 166);
+        for drone in 0..2 {
+            assert_arrays(&frames, world, frame, drone);
+            assert_images(reader, world, frame, drone);
+        }
+    }
+}
+
+fn assert_arrays(frames: &Frames, world: usize, frame: usize, drone: usize) {
+    let quat: [f64; 4] = numbers(world, 2, frame * 10 + drone);
+    let p = planes(world, frame, drone);
+    for c in 0..4 {
+        assert_eq!(frames.camera_quat_xyzw[[frame, drone, c]], quat[c]);
+    }
+    for i in 0..W * H {
+        let at = [frame, drone, i / W, i % W];
+        assert_eq!(frames.depth_m[at].to_bits(), p.depth[i].to_bits());
+        assert_eq!(frames.depth_noisy_m.as_ref().unwrap()[at].to_bits(), p.noisy[i].to_bits());
+        assert_eq!(frames.status[at], p.status[i]);
+        assert_eq!(frames.geom_id[at], p.geom[i]);
+    }
+}
+
+fn assert_images(reader: &WorldReader, world: usize, frame: usize, drone: usize) {
+    let p = planes(world, frame, drone);
+    let image = reader.image(drone, frame, false).unwrap();
+    let noisy = reader.image(drone, frame, true).unwrap();
+    for i in 0..W * H {
+        let expected = match i % 7 {
+            0 => 0,
+            1 => 65_535,
+            2 => 65_534,
+            _ => (f64::from(p.depth[i]) / 0.001).round_ties_even() as u16,
+        };
+        assert_eq!(image[i], expected);
+        let (depth, code) = dataset::decode(image[i], 0.001);
+        assert_eq!(code, p.status[i]);
+        if code == status::HIT {
+            assert!((depth - p.depth[i]).abs() <= 0.000_502);
+            assert_eq!(noisy[i], (f64::from(p.noisy[i]) / 0.001).round_ties_even() as u16);
+        }
+    }
+}
+
 #[test]
 fn what_is_written_is_read_back_bit_for_bit() {
     let dir = tempfile::tempdir().unwrap();
@@ -257,137 +381,14 @@ fn what_is_written_is_read_back_bit_for_bit() {
         let reader = data.world(world).unwrap();
         let states = reader.states(None).unwrap();
         assert_eq!(states.n_rows(), STATES * 2);
-        let column = |name: &str| states.column(name).unwrap();
         for i in 0..STATES {
             for drone in 0..2 {
-                let k = i * 2 + drone;
-                assert_eq!(column("t")[k], i as f64 / 500.0);
-                assert_eq!(column("step")[k], i as f64);
-                assert_eq!(column("world")[k], world as f64);
-                assert_eq!(column("drone")[k], drone as f64);
-                let check = |names: &[&str], expected: &[f64]| {
-                    let found: Vec<f64> = names.iter().map(|n| column(n)[k]).collect();
-                    assert_eq!(bits(&found), bits(expected), "{names:?} of row {k}");
-                };
-                let empty = |names: &[&str]| {
-                    for name in names {
-                        assert!(column(name)[k].is_nan(), "{name} of row {k}");
-                    }
-                };
-                check(&["px", "py", "pz"], &numbers::<3>(world, 22, k));
-                check(&["qx", "qy", "qz", "qw"], &numbers::<4>(world, 23, k));
-                check(&["vx", "vy", "vz"], &numbers::<3>(world, 24, k));
-                check(&["wx", "wy", "wz"], &numbers::<3>(world, 25, k));
-                let acc = ["ax", "ay", "az"];
-                if i > 0 {
-                    check(&acc, &numbers::<3>(world, 26, k))
-                } else {
-                    empty(&acc)
-                }
-                let rotors: [f64; 6] = numbers(world, 20, k);
-                check(&["rotor1", "rotor2", "rotor3", "rotor4"], &rotors[..4]);
-                let last = ["rotor5", "rotor6"];
-                if drone == 1 {
-                    check(&last, &rotors[4..])
-                } else {
-                    empty(&last)
-                }
-                if drone == 0 {
-                    check(&["thrust"], &[number(world, 27, k)])
-                } else {
-                    empty(&["thrust"])
-                }
-                let command: [f64; 16] = numbers(world, 21, k);
-                check(&["cmd_x", "cmd_y", "cmd_z", "cmd_vx", "cmd_vy", "cmd_vz"], &command[..6]);
-                check(&["cmd_qx", "cmd_qy", "cmd_qz", "cmd_qw", "cmd_wx", "cmd_wy", "cmd_wz"], &command[9..]);
-                check(&["cmd_roll", "cmd_pitch", "cmd_yaw", "cmd_thrust"], &numbers::<4>(world, 28, k));
-                if i % 2 == 1 {
-                    check(&["cmd_rotor4"], &rotors[3..4])
-                } else {
-                    empty(&["cmd_rotor4"])
-                }
-                let names = ["ref_x", "ref_y", "ref_z", "ref_vx", "ref_ax", "ref_yaw"];
-                if i % 3 != 0 {
-                    let r = reference(world, k);
-                    let [x, y, z] = r.pos_m;
-                    check(&names, &[x, y, z, r.vel_m_s[0], r.acc_m_s2[0], r.yaw_rad]);
-                } else {
-                    empty(&names);
-                }
-                if drone == 1 {
-                    check(&["vbat"], &[number(world, 14, k)])
-                } else {
-                    empty(&["vbat"])
-                }
-                let wind = ["wind_x", "wind_y", "wind_z"];
-                if i % 2 == 0 { check(&wind, &numbers::<3>(world, 15, k)) } else { empty(&wind) }
+                assert_state_row(&states, world, i, drone);
             }
         }
-
-        let clearance = reader.clearance(None).unwrap();
-        for k in 0..STATES * 2 {
-            let (i, distance) = (k / 2, clearance.column("distance").unwrap()[k]);
-            let geom = clearance.column("geom").unwrap()[k];
-            if i % 4 == 0 {
-                assert!(distance.is_nan());
-                assert_eq!(geom, -1.0);
-            } else {
-                assert_eq!(distance, number(world, 30, k));
-                assert_eq!(geom, 3.0);
-                let of = |name: &str| clearance.column(name).unwrap()[k];
-                assert_eq!((of("drone_geom"), of("body")), (1.0, 2.0));
-                assert_eq!(of("other_drone"), if i % 4 == 1 { (1 - k % 2) as f64 } else { -1.0 });
-                assert_eq!(of("exact"), f64::from(u8::from(i % 4 == 2)));
-                assert_eq!(clearance.column("to_z").unwrap()[k], numbers::<3>(world, 32, k)[2]);
-            }
-        }
-
-        let contacts = reader.contacts(None).unwrap();
-        assert_eq!(contacts.n_rows(), world);
-        let of = |name: &str| contacts.column(name).unwrap().to_vec();
-        assert_eq!(of("other_drone"), [-1.0, 0.0, -1.0][..world]);
-        assert_eq!(of("swept"), [0.0, 0.0, 1.0][..world]);
-        assert_eq!(of("fraction").iter().filter(|f| **f == 0.125).count(), usize::from(world > 2));
-        assert_eq!(of("geom2"), [3.0; 3][..world]);
-        assert_eq!(of("distance"), [-0.25; 3][..world]);
-
-        let frames = reader.frames().unwrap();
-        assert_eq!(frames.depth_m.shape(), [FRAMES, 2, H, W]);
-        assert_eq!(frames.normal.as_ref().unwrap().shape(), [FRAMES, 2, H, W, 3]);
-        for frame in 0..FRAMES {
-            assert_eq!(frames.time_s[frame], frame as f64 / 3.0);
-            assert_eq!(frames.step[frame], frame as i64 * 166);
-            for drone in 0..2 {
-                let quat: [f64; 4] = numbers(world, 2, frame * 10 + drone);
-                let p = planes(world, frame, drone);
-                let image = reader.image(drone, frame, false).unwrap();
-                let noisy = reader.image(drone, frame, true).unwrap();
-                for c in 0..4 {
-                    assert_eq!(frames.camera_quat_xyzw[[frame, drone, c]], quat[c]);
-                }
-                for i in 0..W * H {
-                    let at = [frame, drone, i / W, i % W];
-                    assert_eq!(frames.depth_m[at].to_bits(), p.depth[i].to_bits());
-                    assert_eq!(frames.depth_noisy_m.as_ref().unwrap()[at].to_bits(), p.noisy[i].to_bits());
-                    assert_eq!(frames.status[at], p.status[i]);
-                    assert_eq!(frames.geom_id[at], p.geom[i]);
-                    let expected = match i % 7 {
-                        0 => 0,
-                        1 => 65_535,
-                        2 => 65_534,
-                        _ => (f64::from(p.depth[i]) / 0.001).round_ties_even() as u16,
-                    };
-                    assert_eq!(image[i], expected);
-                    let (depth, code) = dataset::decode(image[i], 0.001);
-                    assert_eq!(code, p.status[i]);
-                    if code == status::HIT {
-                        assert!((depth - p.depth[i]).abs() <= 0.000_502);
-                        assert_eq!(noisy[i], (f64::from(p.noisy[i]) / 0.001).round_ties_even() as u16);
-                    }
-                }
-            }
-        }
-
+        assert_clearance(&reader, world);
+        assert_contacts(&reader, world);
+        assert_frames(&reader, world);
         let record = reader.record();
         assert_eq!(record.info["mass_kg"], 0.03 + 0.01 * world as f64);
         assert_eq!(record.quarantine.is_some(), world == 3);
@@ -982,137 +983,177 @@ fn cast(from: [f64; 3], ray: [f64; 3], far_m: f64) -> (f32, u8, i32) {
     }
 }
 
-/// A flight through the trunks, written as a data set: `n` worlds, 64×48 pixels. Returns how often a trunk was touched.
-fn write_forest(dir: &Path, n: usize) -> usize {
-    let (w, h, far_m, seconds, fps) = (64, 48, 15.0, 6, 4);
-    let trunks = trunks();
+/// Size of the images among the trunks, and how far they see, m.
+const FOREST_W: usize = 64;
+const FOREST_H: usize = 48;
+const FOREST_FAR_M: f64 = 15.0;
+/// Length of a flight among them, s, and frames in a second.
+const FOREST_S: u64 = 6;
+const FOREST_FPS: u64 = 4;
+/// Radius of a drone there, m.
+const FOREST_DRONE_M: f64 = 0.08;
+
+/// The geom of the drone there: geom 0 is the floor, and those of the trunks follow.
+fn drone_geom() -> i32 {
+    trunks().len() as i32 + 1
+}
+
+/// Intrinsics of the camera there.
+fn forest_k() -> [[f64; 3]; 3] {
+    let (cx, cy) = (FOREST_W as f64 / 2.0, FOREST_H as f64 / 2.0);
+    [[cx, 0.0, cx], [0.0, cx, cy], [0.0, 0.0, 1.0]]
+}
+
+fn forest_manifest(n: usize) -> Manifest {
     let mut m = manifest();
-    (m.n_worlds, m.n_drones, m.seconds, m.fps, m.seed) = (n, 1, seconds as f64, fps as f64, 7);
+    (m.n_worlds, m.n_drones, m.seconds, m.fps, m.seed) = (n, 1, FOREST_S as f64, FOREST_FPS as f64, 7);
     (m.normals, m.noise) = (false, None);
     m.vehicles.truncate(1);
     m.cameras.truncate(1);
     let camera = &mut m.cameras[0];
-    (camera.width, camera.height, camera.near_m, camera.far_m) = (w, h, 0.2, far_m);
-    let (cx, cy) = (w as f64 / 2.0, h as f64 / 2.0);
-    camera.k = [[cx, 0.0, cx], [0.0, cx, cy], [0.0, 0.0, 1.0]];
+    (camera.width, camera.height, camera.near_m, camera.far_m) = (FOREST_W, FOREST_H, 0.2, FOREST_FAR_M);
+    camera.k = forest_k();
     m.flight.trajectory = serde_json::json!({"kind": "lissajous"});
-    // Geom 0 is the floor, the last one the drone.
-    let own = trunks.len() as i32 + 1;
+    let own = drone_geom();
     let kind = |id| if id == 0 { "plane" } else { "cylinder" };
     m.geoms =
         (0..=own).map(|id| GeomRecord { id, name: String::new(), kind: kind(id).into(), body: id }).collect();
     m.bodies =
         (0..=own).map(|id| BodyRecord { id, name: String::new(), drone: -i32::from(id != own) }).collect();
-    let (writer, _) = dataset::create_or_resume(dir, &m).unwrap();
-    let beginnings = AtomicUsize::new(0);
-    (0..n).into_par_iter().for_each(|world| {
-        let mut out = writer.world(world).unwrap();
-        let phase = std::f64::consts::TAU * number(world, 60, 0);
-        let (ax, ay) = (5.0 + 3.5 * number(world, 61, 0), 3.5 + 3.0 * number(world, 62, 0));
-        let at = |t: f64| {
-            let p = phase + 0.5 * t;
-            [ax * p.sin(), ay * (2.0 * p + phase).sin(), 1.5 + 0.5 * (3.0 * p).sin()]
-        };
-        let mut touching = -1;
-        for step in 0..100 * seconds {
-            let t = step as f64 / 100.0;
-            let (pos, next) = (at(t), at(t + 1e-4));
-            let vel: [f64; 3] = std::array::from_fn(|i| (next[i] - pos[i]) / 1e-4);
-            out.state(&StateRow {
+    m
+}
+
+/// A level drone without commands.
+fn bare_state(t_s: f64, step: u64, pos_m: [f64; 3], vel_m_s: [f64; 3]) -> StateRow<'static> {
+    StateRow {
+        t_s,
+        step,
+        drone: 0,
+        pos_m,
+        quat_xyzw: [0.0, 0.0, 0.0, 1.0],
+        vel_m_s,
+        ang_vel_rad_s: [0.0; 3],
+        specific_force_m_s2: None,
+        rotor_rad_s: &[],
+        thrust_n: None,
+        command: &[0.0; 16],
+        attitude_command: None,
+        rotor_command_rad_s: &[],
+        reference: None,
+        battery_v: None,
+        wind_m_s: None,
+    }
+}
+
+/// The trunk next to a drone at `pos`.
+fn nearest_trunk(trunks: &[[f64; 3]], pos: [f64; 3]) -> Nearest {
+    let gap = |trunk: &[f64; 3]| (pos[0] - trunk[0]).hypot(pos[1] - trunk[1]) - trunk[2] - FOREST_DRONE_M;
+    let (nearest, distance_m) = trunks
+        .iter()
+        .enumerate()
+        .map(|(i, trunk)| (i + 1, gap(trunk)))
+        .min_by(|a, b| a.1.total_cmp(&b.1))
+        .unwrap();
+    let id = nearest as i32;
+    let toward = (trunks[nearest - 1][1] - pos[1]).atan2(trunks[nearest - 1][0] - pos[0]);
+    let along = |r: f64| [pos[0] + r * toward.cos(), pos[1] + r * toward.sin(), pos[2]];
+    Nearest {
+        distance_m,
+        from_m: along(FOREST_DRONE_M),
+        to_m: along(FOREST_DRONE_M + distance_m),
+        drone_geom: drone_geom(),
+        geom: id,
+        body: id,
+        other_drone: None,
+        exact: true,
+    }
+}
+
+/// What a camera at `pos` that looks level to the yaw `yaw` sees, as one frame.
+fn forest_frame(out: &mut dataset::WorldWriter, t_s: f64, step: u64, pos: [f64; 3], yaw: f64) {
+    let (cx, cy) = (FOREST_W as f64 / 2.0, FOREST_H as f64 / 2.0);
+    let pixels: Vec<_> = (0..FOREST_W * FOREST_H)
+        .map(|i| {
+            let right = (i % FOREST_W) as f64 + 0.5 - cx;
+            let down = (i / FOREST_W) as f64 + 0.5 - cy;
+            let length = (right * right + down * down + cx * cx).sqrt();
+            let (f, r, d) = (cx / length, right / length, down / length);
+            let ray = [f * yaw.cos() + r * yaw.sin(), f * yaw.sin() - r * yaw.cos(), -d];
+            cast(pos, ray, FOREST_FAR_M)
+        })
+        .collect();
+    let depth: Vec<f32> = pixels.iter().map(|p| p.0).collect();
+    let codes: Vec<u8> = pixels.iter().map(|p| p.1).collect();
+    let geoms: Vec<i32> = pixels.iter().map(|p| p.2).collect();
+    // A camera that looks along x, turned by yaw.
+    let (sin, cos) = (0.5 * yaw).sin_cos();
+    let view = View {
+        depth_m: &depth,
+        status: &codes,
+        geom_id: &geoms,
+        body_id: &geoms,
+        normal: None,
+        noisy: None,
+        pos_m: pos,
+        quat_xyzw: [0.5 * (cos + sin), 0.5 * (sin - cos), 0.5 * (sin - cos), 0.5 * (cos + sin)],
+        k: forest_k(),
+    };
+    out.frame(&FrameInput { t_s, step, views: &[view], obstacles: (&[], &[]) }).unwrap();
+}
+
+/// One world: a drone on a figure of eight among the trunks. Returns how often it began to touch one.
+fn fly_through(writer: &Writer, world: usize) -> usize {
+    let trunks = trunks();
+    let mut out = writer.world(world).unwrap();
+    let phase = std::f64::consts::TAU * number(world, 60, 0);
+    let (ax, ay) = (5.0 + 3.5 * number(world, 61, 0), 3.5 + 3.0 * number(world, 62, 0));
+    let at = |t: f64| {
+        let p = phase + 0.5 * t;
+        [ax * p.sin(), ay * (2.0 * p + phase).sin(), 1.5 + 0.5 * (3.0 * p).sin()]
+    };
+    let (mut touching, mut beginnings) = (-1, 0);
+    for step in 0..100 * FOREST_S {
+        let t = step as f64 / 100.0;
+        let (pos, next) = (at(t), at(t + 1e-4));
+        let vel: [f64; 3] = std::array::from_fn(|i| (next[i] - pos[i]) / 1e-4);
+        out.state(&bare_state(t, step, pos, vel)).unwrap();
+        let nearest = nearest_trunk(&trunks, pos);
+        let Nearest { geom: id, distance_m, drone_geom: own, .. } = nearest;
+        out.clearance(&ClearanceRow { t_s: t, step, drone: 0, nearest: Some(nearest) }).unwrap();
+        if distance_m < 0.0 {
+            // Every step has a row; the picture counts beginnings.
+            beginnings += usize::from(touching != id);
+            out.contact(&ContactRow {
                 t_s: t,
                 step,
                 drone: 0,
-                pos_m: pos,
-                quat_xyzw: [0.0, 0.0, 0.0, 1.0],
-                vel_m_s: vel,
-                ang_vel_rad_s: [0.0; 3],
-                specific_force_m_s2: None,
-                rotor_rad_s: &[],
-                thrust_n: None,
-                command: &[0.0; 16],
-                attitude_command: None,
-                rotor_command_rad_s: &[],
-                reference: None,
-                battery_v: None,
-                wind_m_s: None,
+                other_drone: None,
+                geoms: [own, id],
+                bodies: [own, id],
+                other_flex: -1,
+                distance_m,
+                point_m: pos,
+                normal: [1.0, 0.0, 0.0],
+                exact: true,
+                swept_fraction: None,
             })
             .unwrap();
-            let gap = |trunk: &[f64; 3]| (pos[0] - trunk[0]).hypot(pos[1] - trunk[1]) - trunk[2] - 0.08;
-            let (nearest, distance_m) = trunks
-                .iter()
-                .enumerate()
-                .map(|(i, trunk)| (i + 1, gap(trunk)))
-                .min_by(|a, b| a.1.total_cmp(&b.1))
-                .unwrap();
-            let id = nearest as i32;
-            let toward = (trunks[nearest - 1][1] - pos[1]).atan2(trunks[nearest - 1][0] - pos[0]);
-            let along = |r: f64| [pos[0] + r * toward.cos(), pos[1] + r * toward.sin(), pos[2]];
-            let nearest = Nearest {
-                distance_m,
-                from_m: along(0.08),
-                to_m: along(0.08 + distance_m),
-                drone_geom: own,
-                geom: id,
-                body: id,
-                other_drone: None,
-                exact: true,
-            };
-            out.clearance(&ClearanceRow { t_s: t, step, drone: 0, nearest: Some(nearest) }).unwrap();
-            if distance_m < 0.0 {
-                // Every step has a row; the picture counts beginnings.
-                beginnings.fetch_add(usize::from(touching != nearest.geom), Ordering::Relaxed);
-                out.contact(&ContactRow {
-                    t_s: t,
-                    step,
-                    drone: 0,
-                    other_drone: None,
-                    geoms: [own, id],
-                    bodies: [own, id],
-                    other_flex: -1,
-                    distance_m,
-                    point_m: pos,
-                    normal: [1.0, 0.0, 0.0],
-                    exact: true,
-                    swept_fraction: None,
-                })
-                .unwrap();
-            }
-            touching = if distance_m < 0.0 { id } else { -1 };
-            if step % (100 / fps) == 0 {
-                let yaw = vel[1].atan2(vel[0]);
-                // A camera that looks along x, turned by yaw.
-                let (sin, cos) = (0.5 * yaw).sin_cos();
-                let pixels: Vec<_> = (0..w * h)
-                    .map(|i| {
-                        let right = (i % w) as f64 + 0.5 - cx;
-                        let down = (i / w) as f64 + 0.5 - cy;
-                        let length = (right * right + down * down + cx * cx).sqrt();
-                        let (f, r, d) = (cx / length, right / length, down / length);
-                        let ray = [f * yaw.cos() + r * yaw.sin(), f * yaw.sin() - r * yaw.cos(), -d];
-                        cast(pos, ray, far_m)
-                    })
-                    .collect();
-                let depth: Vec<f32> = pixels.iter().map(|p| p.0).collect();
-                let codes: Vec<u8> = pixels.iter().map(|p| p.1).collect();
-                let geoms: Vec<i32> = pixels.iter().map(|p| p.2).collect();
-                let view = View {
-                    depth_m: &depth,
-                    status: &codes,
-                    geom_id: &geoms,
-                    body_id: &geoms,
-                    normal: None,
-                    noisy: None,
-                    pos_m: pos,
-                    quat_xyzw: [0.5 * (cos + sin), 0.5 * (sin - cos), 0.5 * (sin - cos), 0.5 * (cos + sin)],
-                    k: m.cameras[0].k,
-                };
-                out.frame(&FrameInput { t_s: t, step, views: &[view], obstacles: (&[], &[]) }).unwrap();
-            }
         }
-        out.finish().unwrap();
-    });
+        touching = if distance_m < 0.0 { id } else { -1 };
+        if step % (100 / FOREST_FPS) == 0 {
+            forest_frame(&mut out, t, step, pos, vel[1].atan2(vel[0]));
+        }
+    }
+    out.finish().unwrap();
+    beginnings
+}
+
+/// Flights through the trunks, written as a data set: `n` worlds, 64×48 pixels. Returns how often a trunk was touched.
+fn write_forest(dir: &Path, n: usize) -> usize {
+    let (writer, _) = dataset::create_or_resume(dir, &forest_manifest(n)).unwrap();
+    let beginnings = (0..n).into_par_iter().map(|world| fly_through(&writer, world)).sum();
     writer.finish().unwrap();
-    beginnings.into_inner()
+    beginnings
 }
 
 /// The plain of trunks from above.

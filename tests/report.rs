@@ -81,6 +81,133 @@ fn opinion(said: Said, text: &str) -> Opinion {
     Opinion { said, gain: None, gain_sigma: None, text: text.into() }
 }
 
+/// A parameter within tolerance whose estimate does not help on unseen flight.
+fn calibration(id: &str, kind: &str, area: Area, parameter: ParameterFit) -> Calibration {
+    Calibration {
+        id: id.into(),
+        kind: kind.into(),
+        area,
+        parameter,
+        set: vec![],
+        tolerance: 0.0,
+        helps: false,
+        partner: false,
+    }
+}
+
+fn motor_lag() -> Calibration {
+    let fitted = fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058);
+    calibration("motor_lag", "motor_lag", Area::Drive, fitted)
+}
+
+/// A certain effect, checked on unseen flight.
+fn rotor_drag() -> Finding {
+    Finding {
+        id: "rotor_drag".into(),
+        kind: "rotor_drag".into(),
+        title: "drag that grows with speed and rotor speed".into(),
+        area: Area::Airframe,
+        parameters: vec![
+            fit("drag_n_s2_per_rad_m.0", "N·s²/(rad·m)", 0.0, 9.174e-7, 1.13e-8),
+            fit("drag_n_s2_per_rad_m.1", "N·s²/(rad·m)", 0.0, 8.836e-7, 1.31e-8),
+        ],
+        set: vec![],
+        evidence_nats: 913.0,
+        removed_share: 0.874,
+        certain: true,
+        second: opinion(Said::Agrees, "agrees: explains 90 % of the force that is left on other flight"),
+        look_alikes: vec![],
+        stands_for: vec![],
+        held_out: Some(HeldOut {
+            channel: "force across the rotors".into(),
+            unit: "N".into(),
+            without: 0.0395,
+            with: 0.00447,
+            times_noise: Some([8.73, 1.21]),
+            roll_outs: 0.183,
+            written: true,
+            doubt: None,
+            little: false,
+        }),
+    }
+}
+
+/// An uncertain one, with a look-alike.
+fn weak_rotor() -> Finding {
+    Finding {
+        id: "weak_rotor.2".into(),
+        kind: "weak_rotor".into(),
+        title: "rotor 2 gives less thrust than the others".into(),
+        area: Area::Drive,
+        parameters: vec![fit("factor.1", "1", 1.0, 0.9243, 0.00382)],
+        set: vec![],
+        evidence_nats: 41.6,
+        removed_share: 0.0631,
+        certain: false,
+        second: opinion(Said::Silent, "could not see an effect of this size"),
+        look_alikes: vec![LookAlike {
+            ids: vec!["com_offset.y".into(), "torque_scale".into()],
+            title: "centre of mass to the side, with another torque constant".into(),
+            worse_by_nats: 2.7,
+            manoeuvre: "climb and sink hard, so that the collective thrust changes by half".into(),
+        }],
+        stands_for: vec!["weak_rotor.1".into()],
+        held_out: None,
+    }
+}
+
+/// What the two effects leave unexplained.
+fn remainder() -> Remainder {
+    Remainder {
+        force_m_s2: 0.0926,
+        torque_rad_s2: 1.83,
+        force_before_m_s2: 0.557,
+        force_agreed_m_s2: None,
+        torque_agreed_rad_s2: None,
+        torque_before_rad_s2: 6.38,
+        unexplained: true,
+        terms: vec![
+            FreeTerm {
+                on: "torque about body z".into(),
+                variable: "v_x |v|".into(),
+                coefficient: 0.3462,
+                sigma: 0.0417,
+                explained_share: 0.2213,
+            },
+            FreeTerm {
+                on: "force along body x".into(),
+                variable: "sin(2 roll) · thrust".into(),
+                coefficient: -1.94e-5,
+                sigma: 0.28e-5,
+                explained_share: 0.0814,
+            },
+        ],
+        text: "A yawing moment that grows with forward speed is not in the list of effects.".into(),
+    }
+}
+
+/// What single effects would explain, nats.
+fn singles() -> Vec<(String, f64)> {
+    [
+        ("rotor_drag", 871.0),
+        ("linear_drag", 842.0),
+        ("quadratic_drag", 611.0),
+        ("inflow", 187.0),
+        ("blade_flapping", 93.4),
+        ("weak_rotor.2", 38.9),
+        ("com_offset.y", 36.3),
+        ("translational_lift", 12.1),
+        ("gyro_bias", 1.24),
+        ("payload", -2.31),
+        ("thrust_scale", -2.62),
+        ("constant_wind", -3.17),
+        ("battery_sag", -3.58),
+        ("world_tilt", -4.03),
+    ]
+    .map(|(id, nats)| (id.to_string(), nats))
+    .to_vec()
+}
+
 /// Two effects, one of them uncertain, and something left.
 fn sample() -> Diagnosis {
     Diagnosis {
@@ -90,127 +217,24 @@ fn sample() -> Diagnosis {
         logs: vec![log("chirps_and_steps.csv", false), log("figure_eight.csv", true)],
         verdict: "missing: rotor_drag; weak_rotor.2 (or com_offset.y + torque_scale)".into(),
         headline: "missing: rotor_drag; weak_rotor.2 (or com_offset.y + torque_scale)".into(),
-        findings: vec![
-            Finding {
-                id: "rotor_drag".into(),
-                kind: "rotor_drag".into(),
-                title: "drag that grows with speed and rotor speed".into(),
-                area: Area::Airframe,
-                parameters: vec![
-                    fit("drag_n_s2_per_rad_m.0", "N·s²/(rad·m)", 0.0, 9.174e-7, 1.13e-8),
-                    fit("drag_n_s2_per_rad_m.1", "N·s²/(rad·m)", 0.0, 8.836e-7, 1.31e-8),
-                ],
-                set: vec![],
-                evidence_nats: 913.0,
-                removed_share: 0.874,
-                certain: true,
-                second: opinion(
-                    Said::Agrees,
-                    "agrees: explains 90 % of the force that is left on other flight",
-                ),
-                look_alikes: vec![],
-                stands_for: vec![],
-                held_out: Some(HeldOut {
-                    channel: "force across the rotors".into(),
-                    unit: "N".into(),
-                    without: 0.0395,
-                    with: 0.00447,
-                    times_noise: Some([8.73, 1.21]),
-                    roll_outs: 0.183,
-                    written: true,
-                    doubt: None,
-                    little: false,
-                }),
-            },
-            Finding {
-                id: "weak_rotor.2".into(),
-                kind: "weak_rotor".into(),
-                title: "rotor 2 gives less thrust than the others".into(),
-                area: Area::Drive,
-                parameters: vec![fit("factor.1", "1", 1.0, 0.9243, 0.00382)],
-                set: vec![],
-                evidence_nats: 41.6,
-                removed_share: 0.0631,
-                certain: false,
-                second: opinion(Said::Silent, "could not see an effect of this size"),
-                look_alikes: vec![LookAlike {
-                    ids: vec!["com_offset.y".into(), "torque_scale".into()],
-                    title: "centre of mass to the side, with another torque constant".into(),
-                    worse_by_nats: 2.7,
-                    manoeuvre: "climb and sink hard, so that the collective thrust changes by half".into(),
-                }],
-                stands_for: vec!["weak_rotor.1".into()],
-                held_out: None,
-            },
-        ],
-        calibration: vec![Calibration {
-            id: "motor_lag".into(),
-            kind: "motor_lag".into(),
-            area: Area::Drive,
-            parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
-            set: vec![],
-            tolerance: 0.0,
-            helps: false,
-            partner: false,
-        }],
+        findings: vec![rotor_drag(), weak_rotor()],
+        calibration: vec![motor_lag()],
         adjusted: vec![
-            Calibration {
-                id: "motor_lag".into(),
-                kind: "motor_lag".into(),
-                area: Area::Drive,
-                parameter: fit("time_constant_s", "s", 0.0721, 0.0748, 0.00058),
-                set: vec![],
-                tolerance: 0.0,
-                helps: false,
-                partner: false,
-            },
-            Calibration {
-                id: "inertia.x".into(),
-                kind: "wrong_inertia".into(),
-                area: Area::Mass,
-                parameter: fit("inertia_kg_m2.0", "kg·m²", 1.657e-5, 1.663e-5, 2.2e-7),
-                set: vec![],
-                tolerance: 0.0,
-                helps: false,
-                partner: false,
-            },
-            Calibration {
-                id: "wrong_mass".into(),
-                kind: "wrong_mass".into(),
-                area: Area::Mass,
-                parameter: fit("mass_kg", "kg", 0.0318, 0.03187, 0.00009),
-                set: vec![],
-                tolerance: 0.0,
-                helps: false,
-                partner: false,
-            },
+            motor_lag(),
+            calibration(
+                "inertia.x",
+                "wrong_inertia",
+                Area::Mass,
+                fit("inertia_kg_m2.0", "kg·m²", 1.657e-5, 1.663e-5, 2.2e-7),
+            ),
+            calibration(
+                "wrong_mass",
+                "wrong_mass",
+                Area::Mass,
+                fit("mass_kg", "kg", 0.0318, 0.03187, 0.00009),
+            ),
         ],
-        remainder: Remainder {
-            force_m_s2: 0.0926,
-            torque_rad_s2: 1.83,
-            force_before_m_s2: 0.557,
-            force_agreed_m_s2: None,
-            torque_agreed_rad_s2: None,
-            torque_before_rad_s2: 6.38,
-            unexplained: true,
-            terms: vec![
-                FreeTerm {
-                    on: "torque about body z".into(),
-                    variable: "v_x |v|".into(),
-                    coefficient: 0.3462,
-                    sigma: 0.0417,
-                    explained_share: 0.2213,
-                },
-                FreeTerm {
-                    on: "force along body x".into(),
-                    variable: "sin(2 roll) · thrust".into(),
-                    coefficient: -1.94e-5,
-                    sigma: 0.28e-5,
-                    explained_share: 0.0814,
-                },
-            ],
-            text: "A yawing moment that grows with forward speed is not in the list of effects.".into(),
-        },
+        remainder: remainder(),
         ladder: vec![
             rung("as filed", 1.0, 1.13),
             rung("+ rotor_drag", 0.143, 0.168),
@@ -223,24 +247,7 @@ fn sample() -> Diagnosis {
         .map(|text| Advice { text: text.into(), manoeuvres: Vec::new() })
         .into(),
         not_tried: vec![("ceiling_effect".into(), "the logs name no ceiling".into())],
-        singles: [
-            ("rotor_drag", 871.0),
-            ("linear_drag", 842.0),
-            ("quadratic_drag", 611.0),
-            ("inflow", 187.0),
-            ("blade_flapping", 93.4),
-            ("weak_rotor.2", 38.9),
-            ("com_offset.y", 36.3),
-            ("translational_lift", 12.1),
-            ("gyro_bias", 1.24),
-            ("payload", -2.31),
-            ("thrust_scale", -2.62),
-            ("constant_wind", -3.17),
-            ("battery_sag", -3.58),
-            ("world_tilt", -4.03),
-        ]
-        .map(|(id, nats)| (id.to_string(), nats))
-        .to_vec(),
+        singles: singles(),
         second: vec![],
         dispersion: 1.37,
         limits: vec![Limit {
@@ -677,13 +684,32 @@ fn axes(size: f64) -> Axes {
     }
 }
 
-/// A model against one flight; `share` of the residual is left.
-fn comparison(share: f64) -> Comparison {
+/// Residuals of single steps over 30 s; `share` of them is left.
+fn one_step(share: f64) -> OneStep {
     let t: Vec<f64> = (0..600).map(|k| 0.05 * f64::from(k)).collect();
     let force = |t: f64| [0.02 * share * (0.4 * t).sin(), 0.01 * share * (0.7 * t).cos(), 0.004 * share];
-    let error = errors(share);
-    let mean = |v: f64| -0.008 * share * v;
+    OneStep {
+        n: 6000,
+        force_from: "poses",
+        torque_from: "gyroscope",
+        certainty: "forces come from smoothed poses: above 8 Hz nothing is seen".into(),
+        force: axes(0.017 * share),
+        torque: Some(axes(3.1e-5 * share)),
+        series: Series {
+            t_s: t.clone(),
+            force_body_n: t.iter().map(|t| force(*t)).collect(),
+            force_world_n: t.iter().map(|t| force(*t)).collect(),
+            force_sigma_n: [0.0012; 3],
+            torque_n_m: t.iter().map(|t| (*t > 1.0).then(|| force(*t).map(|f| 1e-3 * f))).collect(),
+            torque_sigma_n_m: [2e-6; 3],
+        },
+    }
+}
+
+/// Residuals that fall with forward velocity.
+fn forward_velocity(share: f64) -> Cause {
     let values: Vec<f64> = (0..10).map(|k| -2.5 + 0.5 * f64::from(k)).collect();
+    let mean = |v: f64| -0.008 * share * v;
     let response = |name: &str, title: &str, portion: f64| Response {
         name: name.into(),
         title: title.into(),
@@ -696,29 +722,30 @@ fn comparison(share: f64) -> Comparison {
         slope: -0.008 * share,
         slope_sigma: 0.0003,
     };
+    Cause {
+        name: "velocity_forward".into(),
+        title: "forward velocity".into(),
+        unit: "m/s".into(),
+        edges: (0..11).map(|k| -2.75 + 0.5 * f64::from(k)).collect(),
+        values: values.clone(),
+        counts: vec![12; values.len()],
+        responses: vec![
+            response("force_body_x", "force along body x", 0.81),
+            response("force_body_z", "force along body z", 0.01),
+        ],
+    }
+}
+
+/// A model against one flight; `share` of the residual is left.
+fn comparison(share: f64) -> Comparison {
     Comparison {
         vehicle: "crazyflie_2_1".into(),
         vehicle_sha256: "2c26b46b".into(),
         logs: vec![LogComparison {
             log: log("figure_eight.csv", false),
             warnings: vec!["two rows without a time were left out".into()],
-            one_step: OneStep {
-                n: 6000,
-                force_from: "poses",
-                torque_from: "gyroscope",
-                certainty: "forces come from smoothed poses: above 8 Hz nothing is seen".into(),
-                force: axes(0.017 * share),
-                torque: Some(axes(3.1e-5 * share)),
-                series: Series {
-                    t_s: t.clone(),
-                    force_body_n: t.iter().map(|t| force(*t)).collect(),
-                    force_world_n: t.iter().map(|t| force(*t)).collect(),
-                    force_sigma_n: [0.0012; 3],
-                    torque_n_m: t.iter().map(|t| (*t > 1.0).then(|| force(*t).map(|f| 1e-3 * f))).collect(),
-                    torque_sigma_n_m: [2e-6; 3],
-                },
-            },
-            horizons: error
+            one_step: one_step(share),
+            horizons: errors(share)
                 .iter()
                 .map(|e| Horizon {
                     error: e.clone(),
@@ -745,18 +772,7 @@ fn comparison(share: f64) -> Comparison {
                 context: vec![],
                 text: "fast: 2.9 m/s".into(),
             }],
-            causes: vec![Cause {
-                name: "velocity_forward".into(),
-                title: "forward velocity".into(),
-                unit: "m/s".into(),
-                edges: (0..11).map(|k| -2.75 + 0.5 * f64::from(k)).collect(),
-                values: values.clone(),
-                counts: vec![12; values.len()],
-                responses: vec![
-                    response("force_body_x", "force along body x", 0.81),
-                    response("force_body_z", "force along body z", 0.01),
-                ],
-            }],
+            causes: vec![forward_velocity(share)],
             findings: vec!["force along body x falls with forward velocity".into()],
             other_rotors: None,
             worst_times_noise: 17.3,

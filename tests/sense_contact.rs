@@ -5,8 +5,8 @@ mod scenes;
 
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
-use propwash::scene::{GeomType, Pose, Scene, SceneError, SceneSource, Shell, Worker};
-use propwash::sense::{Collider, Contact, Queries, SenseError, Sweep, TOUCH_M};
+use propwash::scene::{GeomType, HfieldView, Pose, Scene, SceneError, SceneSource, Shell, Worker};
+use propwash::sense::{Collider, Contact, Queries, SenseError, Sweep, SweptHit, TOUCH_M};
 use scenes::{build, random_quat};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -269,83 +269,97 @@ fn oracle(scene: &Scene, geom: usize, p: [f64; 3]) -> Option<f64> {
             outside((a * a + b * b).sqrt())
         }
         GeomType::Box => outside(norm([0, 1, 2].map(|k| (p[k].abs() - s[k]).max(0.0)))),
-        GeomType::Ellipsoid => {
-            if (0..3).map(|k| (p[k] / s[k]).powi(2)).sum::<f64>() <= 1.0 {
-                return None;
-            }
-            // The foot x solves x_k = s_k² p_k / (s_k² + t) with sum (x_k / s_k)² = 1; t by bisection.
-            let f = |t: f64| (0..3).map(|k| (s[k] * p[k] / (s[k] * s[k] + t)).powi(2)).sum::<f64>() - 1.0;
-            let (mut low, mut high) = (0.0, 10.0 * norm(p));
-            for _ in 0..200 {
-                let middle = 0.5 * (low + high);
-                if f(middle) > 0.0 { low = middle } else { high = middle }
-            }
-            Some(norm([0, 1, 2].map(|k| p[k] - s[k] * s[k] * p[k] / (s[k] * s[k] + low))))
-        }
-        GeomType::Mesh | GeomType::Sdf => {
-            let mesh = scene.mesh(geom)?;
-            let hull = if g.kind == GeomType::Mesh { scene.mesh_hull(geom)? } else { mesh.faces };
-            let at = |v: i32| mesh.vertices_m[v as usize].map(f64::from);
-            let middle = [0.0; 3];
-            let mut best = f64::INFINITY;
-            let mut is_outside = g.kind == GeomType::Sdf;
-            for f in hull {
-                let t = f.map(at);
-                best = best.min(to_triangle(p, t));
-                let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
-                let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-                // On the other side of a face than the middle of the hull.
-                is_outside |= dot(n, sub(p, t[0])) * dot(n, sub(middle, t[0])) < 0.0;
-            }
-            is_outside.then_some(best)
-        }
-        GeomType::Hfield => {
-            let h = scene.hfield(geom)?;
-            let [rx, ry, rz, base] = h.size_m;
-            let x = |c: usize| -rx + 2.0 * rx * c as f64 / (h.n_col - 1) as f64;
-            let y = |r: usize| -ry + 2.0 * ry * r as f64 / (h.n_row - 1) as f64;
-            let z = |r: usize, c: usize| rz * f64::from(h.data[r * h.n_col + c]);
-            let at = |r: usize, c: usize| [x(c), y(r), z(r, c)];
-            let foot = |r: usize, c: usize| [x(c), y(r), -base];
-            let mut best = f64::INFINITY;
-            let mut quad = |a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]| {
-                best = best.min(to_triangle(p, [a, b, c])).min(to_triangle(p, [a, c, d]));
-            };
-            for r in 0..h.n_row - 1 {
-                for c in 0..h.n_col - 1 {
-                    // MuJoCo splits a cell along the diagonal from (r, c) to (r + 1, c + 1).
-                    quad(at(r, c), at(r, c + 1), at(r + 1, c + 1), at(r + 1, c));
-                }
-            }
-            for r in 0..h.n_row - 1 {
-                for c in [0, h.n_col - 1] {
-                    quad(at(r, c), at(r + 1, c), foot(r + 1, c), foot(r, c));
-                }
-            }
-            for c in 0..h.n_col - 1 {
-                for r in [0, h.n_row - 1] {
-                    quad(at(r, c), at(r, c + 1), foot(r, c + 1), foot(r, c));
-                }
-            }
-            quad(foot(0, 0), foot(0, h.n_col - 1), foot(h.n_row - 1, h.n_col - 1), foot(h.n_row - 1, 0));
-            let inside = p[0].abs() < rx && p[1].abs() < ry && p[2] > -base && {
-                let (c, r) = (
-                    ((p[0] + rx) / (2.0 * rx) * (h.n_col - 1) as f64),
-                    ((p[1] + ry) / (2.0 * ry) * (h.n_row - 1) as f64),
-                );
-                let (c0, r0) = (c.floor() as usize, r.floor() as usize);
-                let (u, v) = (c - c0 as f64, r - r0 as f64);
-                let (here, across) = (z(r0, c0), z(r0 + 1, c0 + 1));
-                let top = if u > v {
-                    here * (1.0 - u) + z(r0, c0 + 1) * (u - v) + across * v
-                } else {
-                    here * (1.0 - v) + z(r0 + 1, c0) * (v - u) + across * u
-                };
-                p[2] < top
-            };
-            (!inside).then_some(best)
+        GeomType::Ellipsoid => to_ellipsoid(s, p),
+        GeomType::Mesh | GeomType::Sdf => to_mesh(scene, geom, p),
+        GeomType::Hfield => to_hfield(&scene.hfield(geom)?, p),
+    }
+}
+
+/// As [`oracle`], of an ellipsoid with half axes `s`.
+fn to_ellipsoid(s: [f64; 3], p: [f64; 3]) -> Option<f64> {
+    if (0..3).map(|k| (p[k] / s[k]).powi(2)).sum::<f64>() <= 1.0 {
+        return None;
+    }
+    // The foot x solves x_k = s_k² p_k / (s_k² + t) with sum (x_k / s_k)² = 1; t by bisection.
+    let f = |t: f64| (0..3).map(|k| (s[k] * p[k] / (s[k] * s[k] + t)).powi(2)).sum::<f64>() - 1.0;
+    let (mut low, mut high) = (0.0, 10.0 * norm(p));
+    for _ in 0..200 {
+        let middle = 0.5 * (low + high);
+        if f(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    Some(norm([0, 1, 2].map(|k| p[k] - s[k] * s[k] * p[k] / (s[k] * s[k] + low))))
+}
+
+/// As [`oracle`], of the triangles of a mesh; of a signed distance field every point counts as outside.
+fn to_mesh(scene: &Scene, geom: usize, p: [f64; 3]) -> Option<f64> {
+    let is_sdf = scene.geoms()[geom].kind == GeomType::Sdf;
+    let mesh = scene.mesh(geom)?;
+    let hull = if is_sdf { mesh.faces } else { scene.mesh_hull(geom)? };
+    let at = |v: i32| mesh.vertices_m[v as usize].map(f64::from);
+    let middle = [0.0; 3];
+    let mut best = f64::INFINITY;
+    let mut is_outside = is_sdf;
+    for f in hull {
+        let t = f.map(at);
+        best = best.min(to_triangle(p, t));
+        let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        // On the other side of a face than the middle of the hull.
+        is_outside |= dot(n, sub(p, t[0])) * dot(n, sub(middle, t[0])) < 0.0;
+    }
+    is_outside.then_some(best)
+}
+
+/// As [`oracle`], of a height field: its surface, its sides down to the base, and the base.
+fn to_hfield(h: &HfieldView, p: [f64; 3]) -> Option<f64> {
+    let [rx, ry, rz, base] = h.size_m;
+    let x = |c: usize| -rx + 2.0 * rx * c as f64 / (h.n_col - 1) as f64;
+    let y = |r: usize| -ry + 2.0 * ry * r as f64 / (h.n_row - 1) as f64;
+    let z = |r: usize, c: usize| rz * f64::from(h.data[r * h.n_col + c]);
+    let at = |r: usize, c: usize| [x(c), y(r), z(r, c)];
+    let foot = |r: usize, c: usize| [x(c), y(r), -base];
+    let mut best = f64::INFINITY;
+    let mut quad = |a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]| {
+        best = best.min(to_triangle(p, [a, b, c])).min(to_triangle(p, [a, c, d]));
+    };
+    for r in 0..h.n_row - 1 {
+        for c in 0..h.n_col - 1 {
+            // MuJoCo splits a cell along the diagonal from (r, c) to (r + 1, c + 1).
+            quad(at(r, c), at(r, c + 1), at(r + 1, c + 1), at(r + 1, c));
         }
     }
+    for r in 0..h.n_row - 1 {
+        for c in [0, h.n_col - 1] {
+            quad(at(r, c), at(r + 1, c), foot(r + 1, c), foot(r, c));
+        }
+    }
+    for c in 0..h.n_col - 1 {
+        for r in [0, h.n_row - 1] {
+            quad(at(r, c), at(r, c + 1), foot(r, c + 1), foot(r, c));
+        }
+    }
+    quad(foot(0, 0), foot(0, h.n_col - 1), foot(h.n_row - 1, h.n_col - 1), foot(h.n_row - 1, 0));
+    (!is_in_hfield(h, p)).then_some(best)
+}
+
+fn is_in_hfield(h: &HfieldView, p: [f64; 3]) -> bool {
+    let [rx, ry, rz, base] = h.size_m;
+    if p[0].abs() >= rx || p[1].abs() >= ry || p[2] <= -base {
+        return false;
+    }
+    let z = |r: usize, c: usize| rz * f64::from(h.data[r * h.n_col + c]);
+    let c = (p[0] + rx) / (2.0 * rx) * (h.n_col - 1) as f64;
+    let r = (p[1] + ry) / (2.0 * ry) * (h.n_row - 1) as f64;
+    let (c0, r0) = (c.floor() as usize, r.floor() as usize);
+    let (u, v) = (c - c0 as f64, r - r0 as f64);
+    let (here, across) = (z(r0, c0), z(r0 + 1, c0 + 1));
+    // The two triangles of the cell, as MuJoCo splits it.
+    let top = if u > v {
+        here * (1.0 - u) + z(r0, c0 + 1) * (u - v) + across * v
+    } else {
+        here * (1.0 - v) + z(r0 + 1, c0) * (v - u) + across * u
+    };
+    p[2] < top
 }
 
 fn geom_xml(kind: GeomType, s: &mut Stream) -> (String, String) {
@@ -616,6 +630,85 @@ fn a_fast_drone_does_not_tunnel_through_a_thin_wall() {
     assert!(Queries::at(&mut worker).swept(&Sweep::new(0, Pose::new([f64::NAN; 3], LEVEL), to)).is_err());
 }
 
+/// Sixteen geoms of six kinds anywhere, in every third scene above a height field, and a drone of three geoms.
+fn crowded(round: usize, s: &mut Stream) -> Scene {
+    let mut geoms = String::new();
+    let mut assets = String::new();
+    for i in 0..16 {
+        let kinds = [
+            GeomType::Sphere,
+            GeomType::Capsule,
+            GeomType::Ellipsoid,
+            GeomType::Cylinder,
+            GeomType::Box,
+            GeomType::Mesh,
+        ];
+        let (a, shape) = geom_xml(kinds[i % 6], s);
+        assets = a;
+        let q = random_quat(s);
+        geoms += &format!(
+            "<geom {shape} pos='{} {} {}' quat='{} {} {} {}'/>",
+            s.uniform(-3.0, 3.0),
+            s.uniform(-3.0, 3.0),
+            s.uniform(0.5, 3.0),
+            q[0],
+            q[1],
+            q[2],
+            q[3]
+        );
+    }
+    if round.is_multiple_of(3) {
+        geoms += "<geom type='hfield' hfield='h' pos='0 0 0'/>";
+    }
+    let drone = shell(
+        "<geom type='box' size='0.15 0.1 0.03'/><geom type='sphere' size='0.05' pos='0.15 0 0.02'/><geom type='cylinder' size='0.06 0.01' pos='-0.1 0.1 0.03'/>",
+    );
+    build(&format!("<mujoco>{assets}<worldbody>{geoms}</worldbody></mujoco>"), &[drone])
+}
+
+/// A random motion of a drone, straight and about one axis.
+struct Way {
+    from: Pose,
+    step: [f64; 3],
+    turn: [f64; 3],
+}
+
+impl Way {
+    fn draw(s: &mut Stream) -> Self {
+        let place = [s.uniform(-3.0, 3.0), s.uniform(-3.0, 3.0), s.uniform(0.5, 3.0)];
+        let from = Pose::new(place, random_quat(s));
+        let turn = [0; 3].map(|_| s.uniform(-1.2, 1.2));
+        let step = [0; 3].map(|_| s.uniform(-1.0, 1.0));
+        Self { from, step, turn }
+    }
+
+    /// Where the drone is after a share of it.
+    fn at(&self, f: f64) -> Pose {
+        let turned = quat::mul(self.from.quat_xyzw, quat::exp(self.turn.map(|x| f * x)));
+        Pose::new([0, 1, 2].map(|k| self.from.pos_m[k] + f * self.step[k]), quat::normalize(turned))
+    }
+}
+
+/// Distance of the drone in a pose to what is nearest, m.
+fn gap(worker: &mut Worker, p: Pose) -> f64 {
+    worker.set_drone(0, p.pos_m, p.quat_xyzw).unwrap();
+    worker.update().unwrap();
+    Queries::at(worker).clearance(0, 0.5).unwrap().distance_m
+}
+
+/// What is nearest at a touch that was found, m. Nothing touches before it.
+fn assert_first_touch(worker: &mut Worker, way: &Way, fine: &[f64], hit: &SweptHit) -> f64 {
+    let f = hit.fraction;
+    let last = (f * (fine.len() - 1) as f64).floor() as usize;
+    let before = if f > 0.0 { &fine[..last.min(fine.len() - 1)] } else { &fine[..0] };
+    assert!(before.iter().all(|d| *d > 0.0), "touched before {f}");
+    let p = way.at(f);
+    assert!(norm(sub(p.pos_m, hit.pos_m)) < 1e-9);
+    let there = gap(worker, p);
+    assert!(there <= 2.0 * TOUCH_M, "at {f} the gap is {there}");
+    there
+}
+
 /// Three properties on random ways through random scenes: no touch before the reported one, a touch at the reported
 /// one, and no touch at all where none is reported.
 #[test]
@@ -625,77 +718,15 @@ fn swept_checks_agree_with_fine_stepping() {
     let (mut hits, mut misses, mut grazes) = (0, 0, 0);
     let mut latest = 0.0f64;
     for round in 0..12 {
-        let mut geoms = String::new();
-        let mut assets = String::new();
-        for i in 0..16 {
-            let kinds = [
-                GeomType::Sphere,
-                GeomType::Capsule,
-                GeomType::Ellipsoid,
-                GeomType::Cylinder,
-                GeomType::Box,
-                GeomType::Mesh,
-            ];
-            let (a, shape) = geom_xml(kinds[i % 6], &mut s);
-            assets = a;
-            let q = random_quat(&mut s);
-            geoms += &format!(
-                "<geom {shape} pos='{} {} {}' quat='{} {} {} {}'/>",
-                s.uniform(-3.0, 3.0),
-                s.uniform(-3.0, 3.0),
-                s.uniform(0.5, 3.0),
-                q[0],
-                q[1],
-                q[2],
-                q[3]
-            );
-        }
-        if round % 3 == 0 {
-            geoms += "<geom type='hfield' hfield='h' pos='0 0 0'/>";
-        }
-        let drone = shell(
-            "<geom type='box' size='0.15 0.1 0.03'/><geom type='sphere' size='0.05' pos='0.15 0 0.02'/><geom type='cylinder' size='0.06 0.01' pos='-0.1 0.1 0.03'/>",
-        );
-        let scene = build(&format!("<mujoco>{assets}<worldbody>{geoms}</worldbody></mujoco>"), &[drone]);
+        let scene = crowded(round, &mut s);
         let mut worker = scene.worker().unwrap();
         for _ in 0..40 {
-            let from = Pose::new(
-                [s.uniform(-3.0, 3.0), s.uniform(-3.0, 3.0), s.uniform(0.5, 3.0)],
-                random_quat(&mut s),
-            );
-            let turn = [0; 3].map(|_| s.uniform(-1.2, 1.2));
-            let step = [0; 3].map(|_| s.uniform(-1.0, 1.0));
-            let to = Pose::new(
-                [0, 1, 2].map(|k| from.pos_m[k] + step[k]),
-                quat::normalize(quat::mul(from.quat_xyzw, quat::exp(turn))),
-            );
-            let at = |f: f64| {
-                Pose::new(
-                    [0, 1, 2].map(|k| from.pos_m[k] + f * step[k]),
-                    quat::normalize(quat::mul(from.quat_xyzw, quat::exp(turn.map(|x| f * x)))),
-                )
-            };
-            let mut gap = |f: f64| {
-                let p = at(f);
-                worker.set_drone(0, p.pos_m, p.quat_xyzw).unwrap();
-                worker.update().unwrap();
-                Queries::at(&mut worker).clearance(0, 0.5).unwrap().distance_m
-            };
-            let fine: Vec<f64> = (0..=FINE).map(|i| gap(i as f64 / FINE as f64)).collect();
-            let hit = Queries::at(&mut worker).swept(&Sweep::new(0, from, to)).unwrap();
-            match hit {
+            let way = Way::draw(&mut s);
+            let fine: Vec<f64> =
+                (0..=FINE).map(|i| gap(&mut worker, way.at(i as f64 / FINE as f64))).collect();
+            match Queries::at(&mut worker).swept(&Sweep::new(0, way.from, way.at(1.0))).unwrap() {
                 Some(hit) => {
-                    let f = hit.fraction;
-                    let last = (f * FINE as f64).floor() as usize;
-                    let before = if f > 0.0 { &fine[..last.min(FINE)] } else { &fine[..0] };
-                    assert!(before.iter().all(|d| *d > 0.0), "touched before {f}");
-                    let p = at(f);
-                    assert!(norm(sub(p.pos_m, hit.pos_m)) < 1e-9);
-                    worker.set_drone(0, p.pos_m, p.quat_xyzw).unwrap();
-                    worker.update().unwrap();
-                    let there = Queries::at(&mut worker).clearance(0, 0.5).unwrap().distance_m;
-                    assert!(there <= 2.0 * TOUCH_M, "at {f} the gap is {there}");
-                    latest = latest.max(there);
+                    latest = latest.max(assert_first_touch(&mut worker, &way, &fine, &hit));
                     if fine.iter().all(|d| *d > 0.0) { grazes += 1 } else { hits += 1 }
                 }
                 None => {
