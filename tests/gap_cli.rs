@@ -89,13 +89,8 @@ fn first_and_last(diagnosis: &Value) -> [f64; 2] {
     [of(&rungs[0]), of(&rungs[rungs.len() - 1])]
 }
 
-#[test]
-fn from_a_flight_to_a_better_vehicle_and_back() {
-    let case = Case::new(&["rotor_drag"], 16.0);
-    let found = case
-        .run("diagnose flight.csv --vehicle quad.toml --json --out d.json --ladder d.png --report d.html");
-    assert_eq!(found.code(), 1, "{}", found.error());
-    let d = found.json();
+/// The diagnosis `d` names the hidden rotor drag, and the errors on unseen flight fall with it.
+fn assert_rotor_drag_is_found(d: &Value) {
     assert_eq!(d["findings"][0]["id"], "rotor_drag");
     assert_eq!(d["findings"].as_array().unwrap().len(), 1, "{}", d["verdict"]);
     let labels: Vec<&str> =
@@ -113,14 +108,18 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     let lack = |rung: usize| d["ladder"][rung]["held_out_lack"]["force_n"].as_f64().unwrap();
     assert!(lack(1) < 0.5 * lack(0), "{} N to {} N", lack(0), lack(1));
     assert_eq!(d["headline"], "missing: rotor_drag");
-    let [before, after] = first_and_last(&d);
+    let [before, after] = first_and_last(d);
     assert!(after < 0.4 * before, "{before} m to {after} m on unseen flight");
     let held: Vec<bool> =
         d["logs"].as_array().unwrap().iter().map(|l| l["held_out"].as_bool().unwrap()).collect();
     assert_eq!(held, [false, true], "the end of the log checks the fit");
+}
+
+/// The files of `diagnose` say what it printed.
+fn assert_files_of_diagnosis(case: &Case, d: &Value) {
     assert_eq!(
         serde_json::from_str::<Value>(&std::fs::read_to_string(case.path("d.json")).unwrap()).unwrap(),
-        d
+        *d
     );
     assert!(std::fs::read(case.path("d.png")).unwrap().starts_with(b"\x89PNG"));
     let page = std::fs::read_to_string(case.path("d.html")).unwrap();
@@ -129,7 +128,10 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     {
         assert!(page.contains(words), "{words} in the page");
     }
+}
 
+/// Writes `better.toml`, which later steps read.
+fn assert_effect_is_added(case: &Case, d: &Value) {
     let added = case.run("add --from-diagnosis d.json --vehicle quad.toml --out better.toml");
     assert_eq!(added.code(), 0, "{}", added.error());
     let better = Vehicle::load(case.path("better.toml")).unwrap();
@@ -139,8 +141,10 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     let hash = d["logs"][0]["sha256"].as_str().unwrap();
     assert!(text.contains(&format!("source_log_sha256 = \"{hash}\"")), "{text}");
     assert!(text.contains("sigma = {") && text.contains("date = \"2"), "{text}");
+}
 
-    // What takes little off the errors is written where it is asked for by name only; what harms is not.
+/// What takes little off the errors is written where it is asked for by name only; what harms is not.
+fn assert_doubtful_effects_stay_out(case: &Case, d: &Value) {
     for (little, code) in [(true, 0), (false, 1)] {
         let mut small = d.clone();
         small["findings"][0]["held_out"]["doubt"] = "it takes too little off the errors".into();
@@ -154,18 +158,23 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
         assert_eq!(case.path("small.toml").exists(), little);
         let _ = std::fs::remove_file(case.path("small.toml"));
     }
+}
 
+/// `add --fit` fits what `diagnose` fitted, and adjusts parameters within tolerance: in `adjusted.toml`.
+fn assert_a_fit_of_its_own_gives_the_same(case: &Case, d: &Value) {
     let added = case
         .run("add rotor_drag --vehicle quad.toml --fit flight.csv --calibrate --out adjusted.toml --json");
     assert_eq!(added.code(), 0, "{}", added.error());
     let again = added.json();
     let value = |d: &Value| d["findings"][0]["parameters"][0]["value"].as_f64().unwrap();
     let sigma = d["findings"][0]["parameters"][0]["sigma"].as_f64().unwrap();
-    assert!((value(&d) - value(&again["diagnosis"])).abs() < sigma, "both commands fit the same");
+    assert!((value(d) - value(&again["diagnosis"])).abs() < sigma, "both commands fit the same");
     let text = std::fs::read_to_string(case.path("adjusted.toml")).unwrap();
     assert!(text.contains("within tolerance, adjusted"), "{text}");
+}
 
-    // The new file flies better on a flight of the same vehicle that nobody has fitted.
+/// The new file flies better on a flight of the same vehicle that nobody has fitted.
+fn assert_new_files_fly_better(case: &Case) {
     case.flight("other.csv", &["rotor_drag"], 12.0, 1);
     let error = |vehicle: &str| {
         let c = case.run(&format!("compare other.csv --vehicle {vehicle} --json")).json();
@@ -173,16 +182,10 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     };
     let [filed, effects, adjusted] = ["quad.toml", "better.toml", "adjusted.toml"].map(error);
     assert!(effects < 0.7 * filed && adjusted < 1.05 * effects, "{filed} {effects} {adjusted}");
+}
 
-    let quiet = case.run("diagnose flight.csv --vehicle adjusted.toml --json");
-    assert_eq!(quiet.code(), 0, "{}", quiet.json()["verdict"]);
-    assert_eq!(quiet.json()["verdict"], "nothing is missing");
-
-    let removed = case.run("remove rotor_drag --vehicle better.toml --out back.toml");
-    assert_eq!(removed.code(), 0, "{}", removed.error());
-    assert_eq!(case.run("vehicle diff quad.toml back.toml").code(), 0, "as it was");
-
-    // What cannot be: another vehicle's diagnosis, an effect that it did not find, a file that is there.
+/// What cannot be: another vehicle's diagnosis, an effect that it did not find, a file that is there.
+fn assert_wrong_additions_are_refused(case: &Case) {
     case.run("add --from-diagnosis d.json --vehicle better.toml --out x.toml").refuses(&[
         "better.toml",
         "other contents",
@@ -195,6 +198,30 @@ fn from_a_flight_to_a_better_vehicle_and_back() {
     case.run("add --from-diagnosis quad.toml --vehicle quad.toml --out x.toml")
         .refuses(&["propwash diagnose --out", "quad.toml"]);
     assert!(!case.path("x.toml").exists(), "nothing is written");
+}
+
+#[test]
+fn from_a_flight_to_a_better_vehicle_and_back() {
+    let case = Case::new(&["rotor_drag"], 16.0);
+    let found = case
+        .run("diagnose flight.csv --vehicle quad.toml --json --out d.json --ladder d.png --report d.html");
+    assert_eq!(found.code(), 1, "{}", found.error());
+    let d = found.json();
+    assert_rotor_drag_is_found(&d);
+    assert_files_of_diagnosis(&case, &d);
+    assert_effect_is_added(&case, &d);
+    assert_doubtful_effects_stay_out(&case, &d);
+    assert_a_fit_of_its_own_gives_the_same(&case, &d);
+    assert_new_files_fly_better(&case);
+
+    let quiet = case.run("diagnose flight.csv --vehicle adjusted.toml --json");
+    assert_eq!(quiet.code(), 0, "{}", quiet.json()["verdict"]);
+    assert_eq!(quiet.json()["verdict"], "nothing is missing");
+
+    let removed = case.run("remove rotor_drag --vehicle better.toml --out back.toml");
+    assert_eq!(removed.code(), 0, "{}", removed.error());
+    assert_eq!(case.run("vehicle diff quad.toml back.toml").code(), 0, "as it was");
+    assert_wrong_additions_are_refused(&case);
 }
 
 /// Edits a diagnosis by hand.

@@ -101,17 +101,10 @@ fn compared(folder: &Path, vehicle: &str) -> Vec<f64> {
     rms.as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
-#[test]
-fn a_hidden_effect_is_found_switched_on_moved_taken_back_and_saved() {
-    if !web::is_there() {
-        return;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    hidden(folder.path(), "rotor_drag", "3");
-    let files = ["flight.csv", "quad.toml"].map(|f| folder.path().join(f));
-    let lab = Lab::start_in(folder, &[]);
+/// The steps of a person who finds the effect, moves its slider, takes that back and saves.
+fn steps_to_a_saved_effect(files: &[PathBuf]) -> Vec<Value> {
     let slider = ".effect[data-effect=rotor_drag] input[type=range]";
-    let steps = [
+    vec![
         json!({ "drop": files }),
         until("document.querySelector('.card.log .tag.sure, .card.log .tag.doubt') !== null"),
         click("Continue"),
@@ -152,41 +145,64 @@ fn a_hidden_effect_is_found_switched_on_moved_taken_back_and_saved() {
         until("document.querySelector('#saved [role=alert]') !== null"),
         value("document.getElementById('saved').textContent"),
         click("Keep them"),
-    ];
-    let told = act(&lab, &json!({}), &steps);
-    let (before, on, half) = (number(&told, 0), number(&told, 5), number(&told, 6));
+    ]
+}
+
+/// What the page said after [`steps_to_a_saved_effect`].
+fn assert_told(told: &Value) {
+    let (before, on, half) = (number(told, 0), number(told, 5), number(told, 6));
     assert_eq!(told["values"][1], json!(0), "nothing is on by itself");
-    assert!(words(&told, 2).contains("rotor_drag"), "{}", words(&told, 2));
-    assert_eq!(words(&told, 3), "rotor_drag");
+    assert!(words(told, 2).contains("rotor_drag"), "{}", words(told, 2));
+    assert_eq!(words(told, 3), "rotor_drag");
     assert_eq!(told["values"][4], json!(0), "a search turns nothing on");
     assert!(on <= 0.2 * before, "{before} → {on}");
     assert!(half > 1.5 * on && half < 0.7 * before, "{on} … {half} … {before}");
-    let way = words(&told, 7);
+    let way = words(told, 7);
     let percent: f64 = way.split(", ").nth(1).and_then(|w| w.split(' ').next()).unwrap().parse().unwrap();
     assert!((45.0..55.0).contains(&percent), "{way}");
-    assert!((number(&told, 8) - on).abs() < 1e-6 * on, "undone: {} and {on}", number(&told, 8));
-    assert!((number(&told, 9) - half).abs() < 1e-6 * half, "redone: {} and {half}", number(&told, 9));
-    assert!(words(&told, 11).contains("drag_n_s2_per_rad_m"), "{}", words(&told, 11));
+    assert!((number(told, 8) - on).abs() < 1e-6 * on, "undone: {} and {on}", number(told, 8));
+    assert!((number(told, 9) - half).abs() < 1e-6 * half, "redone: {} and {half}", number(told, 9));
+    assert!(words(told, 11).contains("drag_n_s2_per_rad_m"), "{}", words(told, 11));
     assert!(
-        words(&told, 13).contains("there already") && words(&told, 13).contains("better.toml"),
+        words(told, 13).contains("there already") && words(told, 13).contains("better.toml"),
         "{}",
-        words(&told, 13)
+        words(told, 13)
     );
-    // The saved file has the figures of the page.
-    let shown: Value = serde_json::from_str(&words(&told, 10)).unwrap();
+}
+
+/// The saved file has the figures of the page.
+fn assert_saved_as_shown(told: &Value, folder: &Path) {
+    let shown: Value = serde_json::from_str(&words(told, 10)).unwrap();
     let shown: Vec<f64> = shown["force_n"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
-    for (page, file) in shown.iter().zip(compared(lab.folder.path(), "better.toml")) {
+    for (page, file) in shown.iter().zip(compared(folder, "better.toml")) {
         assert!((page - file).abs() <= 1e-3 * file, "page {shown:?}, compare {file}");
     }
-    // And so do the steps as commands: the same file but for its date.
-    let better = std::fs::read_to_string(lab.folder.path().join("better.toml")).unwrap();
-    std::fs::remove_file(lab.folder.path().join("better.toml")).unwrap();
+}
+
+/// `steps.sh`, the steps as commands, writes the same file but for its date.
+fn assert_commands_write_the_same(folder: &Path) {
+    let better = std::fs::read_to_string(folder.join("better.toml")).unwrap();
+    std::fs::remove_file(folder.join("better.toml")).unwrap();
     let bin = Path::new(env!("CARGO_BIN_EXE_propwash")).parent().unwrap();
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap());
-    let ran =
-        Command::new("sh").arg("steps.sh").env("PATH", path).current_dir(lab.folder.path()).output().unwrap();
+    let ran = Command::new("sh").arg("steps.sh").env("PATH", path).current_dir(folder).output().unwrap();
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
-    assert_eq!(std::fs::read_to_string(lab.folder.path().join("better.toml")).unwrap(), better);
+    assert_eq!(std::fs::read_to_string(folder.join("better.toml")).unwrap(), better);
+}
+
+#[test]
+fn a_hidden_effect_is_found_switched_on_moved_taken_back_and_saved() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    hidden(folder.path(), "rotor_drag", "3");
+    let files = ["flight.csv", "quad.toml"].map(|f| folder.path().join(f));
+    let lab = Lab::start_in(folder, &[]);
+    let told = act(&lab, &json!({}), &steps_to_a_saved_effect(&files));
+    assert_told(&told);
+    assert_saved_as_shown(&told, lab.folder.path());
+    assert_commands_write_the_same(lab.folder.path());
 }
 
 /// A Crazyflie that carries 4.5 to 6.5 g on a cable, in the log of one real flight; another flight checks what is found.

@@ -351,13 +351,8 @@ impl Drop for Watched {
     }
 }
 
-#[test]
-fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says() {
-    if !web::is_there() {
-        return;
-    }
-    let folder = tempfile::tempdir().unwrap();
-    let watched = Watched::start(folder.path(), "room");
+/// The steps of a person who flies a depth camera by keys and then tries paths.
+fn steps_with_camera_and_paths() -> Vec<String> {
     let press = |key: &str, shift: bool| {
         format!(
             "Propwash.shown.view.canvas.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}', shiftKey: {shift}, cancelable: true }}))"
@@ -376,7 +371,7 @@ fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says()
             "(async () => {{ const S = Propwash.shown.probe; S.places.value = '{places}'; await S.tryIt(); return S.said.textContent; }})()"
         )
     };
-    let steps = [
+    vec![
         click("Fly a depth camera"),
         "(() => { const s = document.querySelector('.probe select'); s.value = 'd435'; s.dispatchEvent(new Event('change')); })()".into(),
         press("w", true),
@@ -390,15 +385,11 @@ fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says()
         tried("0 0 1\\n0 0 1.2"),
         tried("0 0 1"),
         tried("0 0 1\\n0 0 high"),
-    ];
-    let mut look = json!({ "address": format!("http://127.0.0.1:{}/", watched.1), "ready": "Propwash?.shown?.probe !== undefined", "steps": steps });
-    let shown = web::look(std::slice::from_ref(&look));
-    assert_eq!(shown[0]["said"], json!([]));
-    let values = &shown[0]["values"];
-    let state = numbers(&values[6]);
-    assert_eq!(state, [0.5, 0.0, 1.1, 25.0, 0.0], "keys move the camera");
+    ]
+}
 
-    // The same image by the library.
+/// Pixels as the page shows them are those of the library, from a camera with this state: place, heading and pitch (°).
+fn assert_same_image(state: &[f64], pixels: &Value) {
     let room = Scene::build(&SceneSource::file("room"), &[]).unwrap();
     let (s, c) = (0.5 * state[3].to_radians()).sin_cos();
     let quat = propwash::math::quat::mul([0.0, 0.0, s, c], [0.5, -0.5, -0.5, 0.5]);
@@ -414,7 +405,7 @@ fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says()
     worker.update().unwrap();
     camera.render(&mut worker, &mut frame).unwrap();
     let mut hits = 0;
-    for (k, seen) in values[7].as_array().unwrap().iter().enumerate() {
+    for (k, seen) in pixels.as_array().unwrap().iter().enumerate() {
         let at = ((k * 13) % 60) * 106 + (k * 29) % 106;
         assert_eq!(seen[1].as_i64().unwrap(), i64::from(frame.geom_id[at]));
         if frame.status[at] == 0 {
@@ -425,6 +416,23 @@ fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says()
         }
     }
     assert!(hits > 50, "{hits} pixels see something");
+}
+
+#[test]
+fn a_camera_flown_by_keys_and_a_path_that_is_tried_say_what_the_simulator_says() {
+    if !web::is_there() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let watched = Watched::start(folder.path(), "room");
+    let steps = steps_with_camera_and_paths();
+    let mut look = json!({ "address": format!("http://127.0.0.1:{}/", watched.1), "ready": "Propwash?.shown?.probe !== undefined", "steps": steps });
+    let shown = web::look(std::slice::from_ref(&look));
+    assert_eq!(shown[0]["said"], json!([]));
+    let values = &shown[0]["values"];
+    let state = numbers(&values[6]);
+    assert_eq!(state, [0.5, 0.0, 1.1, 25.0, 0.0], "keys move the camera");
+    assert_same_image(&state, &values[7]);
 
     let text = |k: usize| values[k].as_str().unwrap();
     assert!(text(9).contains("cf2x touches geom 'rug' after 0.97"), "{}", text(9));
