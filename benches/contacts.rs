@@ -150,6 +150,58 @@ fn cases() -> Fallible<Vec<Case>> {
     Ok(cases)
 }
 
+/// Starts `mujoco.batch` and Crazyflow with the poses; none where one does not take part. A note says why it could not.
+fn peers(
+    args: &Args,
+    case: &Case,
+    n_geoms: usize,
+    poses: &[[f64; 3]],
+    versions: &mut String,
+    notes: &mut Vec<String>,
+) -> Fallible<Vec<Option<Peer>>> {
+    if !case.python || args.no_python {
+        return Ok(vec![None, None]);
+    }
+    let mut peers = Vec::new();
+    let folder = std::env::temp_dir().join(format!("propwash-bench-{}", std::process::id()));
+    std::fs::create_dir_all(&folder)?;
+    let file = |name: &str, text: &str| -> Fallible<String> {
+        let path = folder.join(name);
+        std::fs::write(&path, text)?;
+        Ok(path.to_string_lossy().into_owned())
+    };
+    let numbers = file("poses.json", &serde_json::to_string(poses)?)?;
+    let drone = "<body><freejoint/><geom type='sphere' size='0.07' pos='0 0 0.005' mass='0.03'/></body>";
+    let free = case.xml.replace("</worldbody>", &(drone.repeat(case.drones) + "</worldbody>"));
+    let pairs = case.drones * (n_geoms - case.drones) + case.drones * (case.drones - 1) / 2;
+    for (name, text) in [("batch", &free), ("crazyflow", &case.xml)] {
+        if name == "crazyflow" && pairs > args.crazyflow_pairs {
+            notes.push(format!("{}: Crazyflow was not asked ({pairs} pairs of geoms).", case.name));
+            peers.push(None);
+            continue;
+        }
+        let path = file(&format!("{name}.xml"), text)?;
+        let call = [name.to_string(), path, case.drones.to_string(), numbers.clone()];
+        match Peer::start("contacts.py", &call, &[]) {
+            Ok(peer) => {
+                let told = peer.versions();
+                if !versions.contains(&told) {
+                    let _ = write!(versions, "{}{told}", if versions.is_empty() { "" } else { "; " });
+                }
+                let found = peer.told.get("contacts").map(ToString::to_string).unwrap_or_default();
+                eprintln!("{}: {name} finds {found} contacts", case.name);
+                peers.push(Some(peer));
+            }
+            Err(error) => {
+                notes.push(format!("{}: {name} does not run: {error}", case.name));
+                peers.push(None);
+            }
+        }
+    }
+    std::fs::remove_dir_all(&folder)?;
+    Ok(peers)
+}
+
 fn measure(
     args: &Args,
     case: &Case,
@@ -166,47 +218,7 @@ fn measure(
     let poses: Vec<[f64; 3]> = (0..case.worlds * case.drones)
         .map(|_| [0, 1, 2].map(|k| case.middle[k] + s.uniform(-case.half[k], case.half[k])))
         .collect();
-    let mut peers = Vec::new();
-    if case.python && !args.no_python {
-        let folder = std::env::temp_dir().join(format!("propwash-bench-{}", std::process::id()));
-        std::fs::create_dir_all(&folder)?;
-        let file = |name: &str, text: &str| -> Fallible<String> {
-            let path = folder.join(name);
-            std::fs::write(&path, text)?;
-            Ok(path.to_string_lossy().into_owned())
-        };
-        let numbers = file("poses.json", &serde_json::to_string(&poses)?)?;
-        let drone = "<body><freejoint/><geom type='sphere' size='0.07' pos='0 0 0.005' mass='0.03'/></body>";
-        let free = case.xml.replace("</worldbody>", &(drone.repeat(case.drones) + "</worldbody>"));
-        let pairs = case.drones * (scene.geoms().len() - case.drones) + case.drones * (case.drones - 1) / 2;
-        for (name, text) in [("batch", &free), ("crazyflow", &case.xml)] {
-            if name == "crazyflow" && pairs > args.crazyflow_pairs {
-                notes.push(format!("{}: Crazyflow was not asked ({pairs} pairs of geoms).", case.name));
-                peers.push(None);
-                continue;
-            }
-            let path = file(&format!("{name}.xml"), text)?;
-            let call = [name.to_string(), path, case.drones.to_string(), numbers.clone()];
-            match Peer::start("contacts.py", &call, &[]) {
-                Ok(peer) => {
-                    let told = peer.versions();
-                    if !versions.contains(&told) {
-                        let _ = write!(versions, "{}{told}", if versions.is_empty() { "" } else { "; " });
-                    }
-                    let found = peer.told.get("contacts").map(ToString::to_string).unwrap_or_default();
-                    eprintln!("{}: {name} finds {found} contacts", case.name);
-                    peers.push(Some(peer));
-                }
-                Err(error) => {
-                    notes.push(format!("{}: {name} does not run: {error}", case.name));
-                    peers.push(None);
-                }
-            }
-        }
-        std::fs::remove_dir_all(&folder)?;
-    } else {
-        peers.extend([None, None]);
-    }
+    let mut peers = peers(args, case, scene.geoms().len(), &poses, versions, notes)?;
     // Where each drone must be compared with all geoms, some are enough to know the time of a large swarm.
     let all = poses.len() * scene.drone_geoms(0)?.len() * scene.geoms().len();
     let step = (all / 1_000_000).clamp(1, case.drones);

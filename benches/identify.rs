@@ -73,12 +73,48 @@ fn run(args: &Args) -> Fallible<()> {
         log.velocity_m_s = Channel::new(vec![], vec![]);
         log.angular_velocity_rad_s = Channel::new(vec![], vec![]);
     }
+    let Rounds { ours, theirs, times_s } = rounds(args, &log, mass_kg, &script)?;
+    let about = format!(
+        "{} rounds; {} of {}, 60 s without noise, flown at up to {:.1} m/s; log: {} rows, {} for ours",
+        args.rounds,
+        ours.dynamics,
+        ours.vehicle,
+        number(&truth["fastest_m_s"])?,
+        log.n_rows,
+        if args.all_columns { "all columns" } else { "poses and commands" },
+    );
+    let mut report = Report::begin("identify", args.json.as_deref(), &about)?;
+    let worst = table(&mut report, &truth, &ours, theirs.as_ref())?;
+    times(&mut report, times_s, worst)?;
+    if let Some(found) = &theirs {
+        let versions = found["versions"].as_object().ok_or("Crazyflow's fit named no versions")?;
+        let listed: Vec<String> =
+            versions.iter().map(|(name, v)| format!("{name} {}", v.as_str().unwrap_or("?"))).collect();
+        let precision = if args.double { "double" } else { "single" };
+        report.text(&format!("Peer: {} (Crazyflow's in {precision} precision).", listed.join(", ")))?;
+    }
+    for warning in &ours.warnings {
+        report.text(&format!("Propwash warns: {warning}"))?;
+    }
+    report.end()
+}
+
+/// What the last round found, and how long each took.
+struct Rounds {
+    ours: Identification,
+    theirs: Option<Value>,
+    /// Ours and Crazyflow's, s.
+    times_s: [Vec<f64>; 2],
+}
+
+/// Identifies in turn; `script` makes the command of Crazyflow's part that is named.
+fn rounds(args: &Args, log: &FlightLog, mass_kg: f64, script: &dyn Fn(&str) -> Command) -> Fallible<Rounds> {
     let vehicle = unknown(mass_kg)?;
     let (mut ours, mut theirs): (Option<Identification>, Option<Value>) = (None, None);
     let (mut our_s, mut their_s) = (Vec::new(), Vec::new());
     for round in 1..=args.rounds {
         let start = Instant::now();
-        let found = identify(&log, &vehicle, &Options::default())?;
+        let found = identify(log, &vehicle, &Options::default())?;
         our_s.push(start.elapsed().as_secs_f64());
         eprintln!("round {round}: Propwash {:.2} s", our_s[our_s.len() - 1]);
         ours = Some(found);
@@ -92,25 +128,18 @@ fn run(args: &Args) -> Fallible<()> {
         eprintln!("round {round}: Crazyflow {}", parts(&found));
         theirs = Some(found);
     }
-    let ours = ours.ok_or("no round was run")?;
-    let about = format!(
-        "{} rounds; {} of {}, 60 s without noise, flown at up to {:.1} m/s; log: {} rows, {} for ours",
-        args.rounds,
-        ours.dynamics,
-        ours.vehicle,
-        number(&truth["fastest_m_s"])?,
-        log.n_rows,
-        if args.all_columns { "all columns" } else { "poses and commands" },
-    );
-    let mut report = Report::begin("identify", args.json.as_deref(), &about)?;
-    let worst = table(&mut report, &truth, &ours, theirs.as_ref())?;
+    Ok(Rounds { ours: ours.ok_or("no round was run")?, theirs, times_s: [our_s, their_s] })
+}
+
+/// The table of times; `worst` is the largest error of each, %.
+fn times(report: &mut Report, mut times_s: [Vec<f64>; 2], worst: [f64; 2]) -> Fallible<()> {
     let columns = [
         words("who", "who"),
         numbers("seconds", "median time, s"),
         numbers("worst_percent", "largest error, %"),
     ];
-    let (our_median, their_median) = (median(&mut our_s), median(&mut their_s));
-    let caption = if theirs.is_some() {
+    let [our_median, their_median] = times_s.each_mut().map(|times| median(times));
+    let caption = if their_median.is_finite() {
         format!(
             "Time of an identification; Crazyflow's takes {:.0} times as long.",
             their_median / our_median
@@ -128,17 +157,7 @@ fn run(args: &Args) -> Fallible<()> {
             ])?;
         }
     }
-    if let Some(found) = &theirs {
-        let versions = found["versions"].as_object().ok_or("Crazyflow's fit named no versions")?;
-        let listed: Vec<String> =
-            versions.iter().map(|(name, v)| format!("{name} {}", v.as_str().unwrap_or("?"))).collect();
-        let precision = if args.double { "double" } else { "single" };
-        report.text(&format!("Peer: {} (Crazyflow's in {precision} precision).", listed.join(", ")))?;
-    }
-    for warning in &ours.warnings {
-        report.text(&format!("Propwash warns: {warning}"))?;
-    }
-    report.end()
+    Ok(())
 }
 
 /// What Crazyflow's identification printed.

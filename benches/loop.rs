@@ -120,50 +120,9 @@ fn run(args: &Args) -> Fallible<()> {
     for &threads in &threads {
         machine::pin(if threads == 1 { &one } else { &all })?;
         for &worlds in &args.worlds {
-            eprintln!("{worlds} worlds, {threads} cores");
-            let folder = prepare(worlds)?;
-            let mut ours = ready(args, Who::Propwash, folder.path(), threads)?;
-            let mut theirs = None;
-            if !args.ours_alone {
-                match ready(args, Who::Crazyflow, folder.path(), threads) {
-                    Ok(ready) => theirs = Some(ready),
-                    Err(why) => notes
-                        .push(format!("{worlds} worlds on {threads} cores: Crazyflow was left out: {why}.")),
-                }
+            if let Some(told) = measure(args, threads, worlds, &mut report, &mut notes)? {
+                versions = told;
             }
-            let (mut our_times, mut their_times) = (Vec::new(), Vec::new());
-            let (mut our_best, mut their_best) = (f64::INFINITY, f64::NAN);
-            for _ in 0..args.rounds {
-                let (middle, least) = ours.peer.measure()?;
-                our_times.push(middle);
-                our_best = our_best.min(least);
-                if let Some(theirs) = &mut theirs {
-                    let (middle, least) = theirs.peer.measure()?;
-                    their_times.push(middle);
-                    their_best = their_best.min(least);
-                }
-            }
-            let rate = |seconds: f64| worlds as f64 / seconds;
-            let cell = |v: f64| shown(v, figures(v));
-            let (our, their) = (rate(median(&mut our_times)), rate(median(&mut their_times)));
-            let our_best_rate = rate(our_best);
-            let their_mib = theirs.as_ref().map_or(Ok(f64::NAN), |ready| ready.peer.peak_mib())?;
-            if let Some(theirs) = &theirs {
-                versions = theirs.peer.versions();
-            }
-            report.row(vec![
-                count(threads),
-                count(worlds),
-                cell(their),
-                cell(rate(their_best)),
-                cell(our),
-                cell(our_best_rate),
-                number(our / their, 0),
-                number(our_best_rate / rate(their_best), 0),
-                cell(our * STEPS as f64 / 500.0),
-                number(their_mib, 0),
-                number(ours.peer.peak_mib()?, 0),
-            ])?;
         }
     }
     notes.iter().try_for_each(|note| report.text(note))?;
@@ -173,6 +132,59 @@ fn run(args: &Args) -> Fallible<()> {
         report.text(&format!("Peer: {versions}."))?;
     }
     report.end()
+}
+
+/// One row: both in turn on so many worlds and cores. Gives the versions of Crazyflow where it took part.
+fn measure(
+    args: &Args,
+    threads: usize,
+    worlds: usize,
+    report: &mut Report,
+    notes: &mut Vec<String>,
+) -> Fallible<Option<String>> {
+    eprintln!("{worlds} worlds, {threads} cores");
+    let folder = prepare(worlds)?;
+    let mut ours = ready(args, Who::Propwash, folder.path(), threads)?;
+    let mut theirs = None;
+    if !args.ours_alone {
+        match ready(args, Who::Crazyflow, folder.path(), threads) {
+            Ok(ready) => theirs = Some(ready),
+            Err(why) => {
+                notes.push(format!("{worlds} worlds on {threads} cores: Crazyflow was left out: {why}."))
+            }
+        }
+    }
+    let (mut our_times, mut their_times) = (Vec::new(), Vec::new());
+    let (mut our_best, mut their_best) = (f64::INFINITY, f64::NAN);
+    for _ in 0..args.rounds {
+        let (middle, least) = ours.peer.measure()?;
+        our_times.push(middle);
+        our_best = our_best.min(least);
+        if let Some(theirs) = &mut theirs {
+            let (middle, least) = theirs.peer.measure()?;
+            their_times.push(middle);
+            their_best = their_best.min(least);
+        }
+    }
+    let rate = |seconds: f64| worlds as f64 / seconds;
+    let cell = |v: f64| shown(v, figures(v));
+    let (our, their) = (rate(median(&mut our_times)), rate(median(&mut their_times)));
+    let our_best_rate = rate(our_best);
+    let their_mib = theirs.as_ref().map_or(Ok(f64::NAN), |ready| ready.peer.peak_mib())?;
+    report.row(vec![
+        count(threads),
+        count(worlds),
+        cell(their),
+        cell(rate(their_best)),
+        cell(our),
+        cell(our_best_rate),
+        number(our / their, 0),
+        number(our_best_rate / rate(their_best), 0),
+        cell(our * STEPS as f64 / 500.0),
+        number(their_mib, 0),
+        number(ours.peer.peak_mib()?, 0),
+    ])?;
+    Ok(theirs.map(|ready| ready.peer.versions()))
 }
 
 /// Start of a process to its first frame: scene, vehicle, flight, image and contacts.

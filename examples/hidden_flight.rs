@@ -9,7 +9,7 @@
 mod planted;
 
 use clap::{Parser, ValueEnum};
-use planted::{Build, Excitation, Inputs, Marker, NoiseLevel, Plan, Sensors};
+use planted::{Build, Excitation, Flight, Inputs, Marker, NoiseLevel, Plan, Sensors};
 use propwash::vehicle::Vehicle;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -109,20 +109,17 @@ fn main() -> ExitCode {
     }
 }
 
-fn run(args: &Args) -> Result<(), String> {
-    if args.list {
-        println!("effects: {}", planted::HIDDEN.join(" "));
-        println!("effects of vehicles with more than four rotors: {}", planted::MORE_ROTORS.join(" "));
-        println!("effects that no list of candidates has: {}", planted::UNLISTED.join(" "));
-        let names: Vec<&str> = Excitation::ALL.iter().map(|(name, _)| *name).collect();
-        println!("excitations: {}", names.join(" "));
-        return Ok(());
-    }
-    let vehicle = match &args.vehicle {
-        Some(path) => Vehicle::load(path),
-        None => Vehicle::from_toml("planted_quad", VEHICLE),
-    }
-    .map_err(|e| e.to_string())?;
+/// Names all effects and excitations.
+fn list() {
+    println!("effects: {}", planted::HIDDEN.join(" "));
+    println!("effects of vehicles with more than four rotors: {}", planted::MORE_ROTORS.join(" "));
+    println!("effects that no list of candidates has: {}", planted::UNLISTED.join(" "));
+    let names: Vec<&str> = Excitation::ALL.iter().map(|(name, _)| *name).collect();
+    println!("excitations: {}", names.join(" "));
+}
+
+/// What the arguments ask for.
+fn plan_of<'a>(args: &Args, vehicle: &'a Vehicle) -> Result<Plan<'a>, String> {
     if !(args.size >= 0.0 && args.size <= 3.0) {
         return Err(format!("expected a size from 0 to 3, found {}: give another --size", args.size));
     }
@@ -132,7 +129,7 @@ fn run(args: &Args) -> Result<(), String> {
             hidden.push(planted::id(name)?);
         }
     }
-    let mut plan = Plan::exciting(&vehicle, &hidden, args.seconds, args.seed);
+    let mut plan = Plan::exciting(vehicle, &hidden, args.seconds, args.seed);
     if let Some(name) = &args.excitation {
         plan.excitation = Excitation::by_name(name)?;
     }
@@ -167,8 +164,11 @@ fn run(args: &Args) -> Result<(), String> {
     if args.marker_on_airframe {
         plan.marker = Marker::Airframe;
     }
-    let flight = planted::fly(&plan)?;
+    Ok(plan)
+}
 
+/// Writes the files that were asked for: log, truth, vehicle.
+fn write(args: &Args, flight: &Flight, vehicle: &Vehicle) -> Result<(), String> {
     let write = |path: &PathBuf, text: &str| {
         std::fs::write(path, text)
             .map_err(|e| format!("expected to write {}, but {e}: choose another place", path.display()))
@@ -186,6 +186,21 @@ fn run(args: &Args) -> Result<(), String> {
         write(path, vehicle.to_toml())?;
         println!("{}: the vehicle as filed", path.display());
     }
+    Ok(())
+}
+
+fn run(args: &Args) -> Result<(), String> {
+    if args.list {
+        list();
+        return Ok(());
+    }
+    let vehicle = match &args.vehicle {
+        Some(path) => Vehicle::load(path),
+        None => Vehicle::from_toml("planted_quad", VEHICLE),
+    }
+    .map_err(|e| e.to_string())?;
+    let flight = planted::fly(&plan_of(args, &vehicle)?)?;
+    write(args, &flight, &vehicle)?;
     if flight.truth.size < args.size {
         println!(
             "hidden effects are {:.0} % as large as drawn; more could not be flown",
