@@ -258,6 +258,7 @@ fn sample() -> Diagnosis {
             share: None,
             visible: false,
         }],
+        formulas: Vec::new(),
         why: vec![
             Why {
                 id: "rotor_drag".into(),

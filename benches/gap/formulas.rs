@@ -2,9 +2,11 @@
 
 use super::Args;
 use super::planted::{Build, STRANGE, UNLISTED, fly};
-use super::score::{Case, Failure, added};
+use super::score::{Case, Failure, added, source};
+use propwash::gap::complete::{Completion, Entry};
 use propwash::gap::decide::rules::Rule;
-use propwash::gap::fitted::Calibrate;
+use propwash::gap::fitted::{Calibrate, Fitted};
+use propwash::gap::formula::with_formulas;
 use propwash::gap::ladder::Flights;
 use propwash::vehicle::Vehicle;
 use rayon::prelude::*;
@@ -28,8 +30,9 @@ pub struct Tried {
     /// What the model lacks on another flight, of the vehicle as filed with the effect, in times of noise: as filed, with what was found, and as filed on the
     /// same flight without the effect. Of force and torque the one that the effect raises more.
     pub lacks: [f64; 3],
-    /// Error of position there, m, in the same three.
-    pub errors_m: [f64; 3],
+    /// Force and torque that the model lacks on another flight of the vehicle itself, in times of noise, and the error of position, m: as
+    /// filed, and with all that was written.
+    pub errors: [[f64; 3]; 2],
 }
 
 impl Tried {
@@ -41,8 +44,7 @@ impl Tried {
 
     /// Whether what is missing or the error of position rose.
     pub fn raised(&self) -> bool {
-        let rises = |[filed, found, _]: [f64; 3]| found > 1.01 * filed;
-        rises(self.lacks) || rises(self.errors_m)
+        (0..3).any(|k| self.errors[1][k] > 1.01 * self.errors[0][k])
     }
 }
 
@@ -77,7 +79,15 @@ pub fn run(
                     found,
                     floor,
                     100.0 * tried.gained(),
-                    if tried.wrong { format!(" NAMED {}", tried.named.join(", ")) } else { String::new() },
+                    [
+                        if tried.raised() { " RAISED".into() } else { String::new() },
+                        if tried.wrong {
+                            format!(" NAMED {}", tried.named.join(", "))
+                        } else {
+                            String::new()
+                        },
+                    ]
+                    .concat(),
                     tried.formula.clone().unwrap_or_else(|| format!("none; {}", tried.why_not.join("; ")))
                 );
             }
@@ -94,15 +104,22 @@ fn tried(case: &Case, vehicle: &Vehicle, text: &str) -> Result<Tried, Failure> {
     let sure = verdict.findings.iter().filter(|f| f.certain && f.kind != "turbulence" && of_list(&f.id));
     let named: Vec<String> = sure.map(|f| f.id.clone()).collect();
     let formula = verdict.formulas.first().and_then(|f| verdict.findings.iter().find(|x| x.id == f.id));
-    let other = |hidden: Vec<&'static str>| -> Result<Flights, Failure> {
-        // Flown exactly as filed but for the effect, so that tolerances do not hide what is gained.
-        let case = Case { hidden, build: Build::usual(0.0), ..case.clone() };
+    let other = |hidden: Vec<&'static str>, build: Build| -> Result<Flights, Failure> {
+        let case = Case { hidden, build, ..case.clone() };
         let unseen = case.track(vehicle, &fly(&case.plan(vehicle, 1))?)?;
         Ok(Flights::new(Vec::new(), vec![unseen], 0.0))
     };
-    let (with, without) = (other(case.hidden.clone())?, other(Vec::new())?);
-    let after = fitted.after().unwrap_or(vehicle);
-    let all = [left(&with, vehicle)?, left(&with, after)?, left(&without, vehicle)?];
+    // What formulas gain is measured on a vehicle exactly as filed but for the effect, so that tolerances do not hide it; whether
+    // errors rise, on the vehicle itself with all that was written.
+    let (with, without) =
+        (other(case.hidden.clone(), Build::usual(0.0))?, other(Vec::new(), Build::usual(0.0))?);
+    let own = other(case.hidden.clone(), case.build)?;
+    let all = [
+        left(&with, vehicle)?,
+        left(&with, &formulas_alone(&fitted, vehicle, text)?)?,
+        left(&without, vehicle)?,
+    ];
+    let errors = [left(&own, vehicle)?, left(&own, fitted.after().unwrap_or(vehicle))?];
     // The effect acts on the channel that it raises more.
     let raised = |k: usize| all[0][k] / all[2][k];
     let channel = if raised(0) > raised(1) { 0 } else { 1 };
@@ -112,8 +129,19 @@ fn tried(case: &Case, vehicle: &Vehicle, text: &str) -> Result<Tried, Failure> {
         wrong: !named.is_empty(),
         named,
         lacks: all.map(|e| e[channel]),
-        errors_m: all.map(|e| e[2]),
+        errors,
     })
+}
+
+/// The vehicle with the formulas of a verdict, and nothing else that it found.
+fn formulas_alone(fitted: &Fitted, vehicle: &Vehicle, text: &str) -> Result<Vehicle, Failure> {
+    let verdict = &fitted.diagnosed.verdict;
+    let text = with_formulas(text, &verdict.formulas);
+    let mut completion = Completion::new(vehicle, text, "vehicle", &verdict.dynamics, source());
+    for finding in verdict.findings.iter().filter(|f| verdict.formulas.iter().any(|x| x.id == f.id)) {
+        completion.add(&Entry::of(finding))?;
+    }
+    Ok(completion.vehicle(vehicle)?)
 }
 
 /// Force and torque that a vehicle lacks on a flight, times noise, and its error of position after [`HORIZON_S`], m.

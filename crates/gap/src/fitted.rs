@@ -183,13 +183,18 @@ fn with_formulas(
     let own = Filed { label: filed.label, vehicle: &vehicle, text };
     let mut fitted = completed(&own, flights, settings, by, calibrate, diagnosed)?;
     let findings = &fitted.diagnosed.verdict.findings;
-    let written = |f: &&Formula| findings.iter().any(|x| x.id == f.id && x.unwritten().is_none());
-    let idle: Vec<&Formula> = proposed.iter().filter(|f| !written(f)).collect();
-    if fitted.after.is_none() || !idle.is_empty() {
-        return Ok(Err(idle
-            .into_iter()
-            .map(|f| not(f, "it does not lower the errors on unseen flight"))
-            .collect()));
+    let reason = |f: &Formula| {
+        let of_file = fitted.unwritable.iter().find(|(id, _)| *id == f.id);
+        let of_flight = findings.iter().find(|x| x.id == f.id).and_then(|x| x.unwritten());
+        match (of_file, of_flight) {
+            (Some((_, error)), _) => Some(format!("it cannot be written: {error}")),
+            (None, Some(doubt)) => Some(format!("it does not lower the errors on unseen flight: {doubt}")),
+            (None, None) => fitted.after.is_none().then(|| "nothing can be written".to_string()),
+        }
+    };
+    let idle: Vec<Why> = proposed.iter().filter_map(|f| Some(not(f, &reason(f)?))).collect();
+    if !idle.is_empty() {
+        return Ok(Err(idle));
     }
     let verdict = &mut fitted.diagnosed.verdict;
     verdict.vehicle_sha256 = filed.vehicle.sha256();

@@ -171,13 +171,7 @@ impl<N: Number> Lanes<N> {
         while self.scratch.len() < threads + 1 {
             self.scratch.push(Mutex::default());
         }
-        let dt = 1.0 / f64::from(options.sim_hz);
-        self.effects_from.clear();
-        let mut n_effects = 0;
-        for drone in nominal {
-            self.effects_from.push(n_effects);
-            n_effects += drone.memory_len(dt);
-        }
+        let n_effects = self.place_effects(nominal, 1.0 / f64::from(options.sim_hz));
         let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
         let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
         let lanes = if compiled { N::Cell::LANES } else { N::Four::LANES };
@@ -232,6 +226,17 @@ impl<N: Number> Lanes<N> {
             quarantine: &mut data.quarantine,
         };
         shared.spread(view);
+    }
+
+    /// Places the memory of the effects of every slot within that of a world; returns its length.
+    fn place_effects(&mut self, nominal: &[Drone<f64>], dt: f64) -> usize {
+        self.effects_from.clear();
+        let mut n_effects = 0;
+        for drone in nominal {
+            self.effects_from.push(n_effects);
+            n_effects += drone.memory_len(dt);
+        }
+        n_effects
     }
 
     /// Finds kinds, programs and tables that are missing or out of date.
