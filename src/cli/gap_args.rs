@@ -74,6 +74,9 @@ pub struct DiagnoseArgs {
     /// Search only these candidates; all others stay free within their tolerance.
     #[arg(long, value_name = "ID,ID", value_delimiter = ',')]
     pub candidates: Vec<String>,
+    /// Where something is unexplained, search for no formula.
+    #[arg(long)]
+    pub no_formulas: bool,
     /// After the verdict, print which rule decided about each effect and what each rule states.
     #[arg(long, conflicts_with = "json")]
     pub why: bool,

@@ -27,7 +27,7 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     output::check(&outputs, args.force)?;
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
-    let settings = Settings { only, ..Settings::default() };
+    let settings = Settings { only, no_formulas: args.no_formulas, ..Settings::default() };
     let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", Calibrate::Show)?;
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {

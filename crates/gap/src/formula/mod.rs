@@ -50,7 +50,7 @@ const TRIED: usize = 6;
 /// Most formulas of one verdict.
 const MOST: usize = 2;
 /// Times per window at which the variables are read.
-const PLACES: usize = 5;
+const PLACES: usize = 3;
 
 /// The formulas that explain what `solution` leaves, best first; empty where none does.
 ///

@@ -33,7 +33,7 @@ const BLOCKS: usize = 8;
 /// Fewest windows for a judgement.
 const FEWEST: usize = 5 * BLOCKS;
 /// Start values of a scale, as shares of the root mean square of what it divides.
-const SCALES: [f64; 7] = [0.07, 0.15, 0.3, 0.6, 1.0, 1.6, 2.5];
+const SCALES: [f64; 5] = [0.07, 0.2, 0.5, 1.1, 2.5];
 /// Price of a quantity, a function or a scale, nats: the logarithm of the number of choices.
 const PRICE: f64 = 5.0;
 
@@ -95,8 +95,12 @@ fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
             let size = size_of(of, lacks)?;
             let mut best =
                 SCALES.iter().filter_map(|s| at(Some(s * size))).max_by(|a, b| a.0.total_cmp(&b.0))?;
+            // Most formulas describe nothing with any scale.
+            if best.0 < 0.5 * FORMULA_SHARE {
+                return None;
+            }
             // Between the start values, by halving the step.
-            let mut step = 1.4;
+            let mut step = 1.6;
             while shape.tells_scale && step > 1.02 {
                 let here = best.2.unwrap_or(size);
                 let near = [here * step, here / step].into_iter().filter_map(|s| at(Some(s)));
