@@ -95,10 +95,15 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     // Where the second estimator sees something else than a finding, the finding may only lean on what is missing.
     let differs = verdict.findings.iter().any(|f| f.second.said == Said::Differs);
     let wanted = (verdict.remainder.unexplained || differs) && given.is_none() && !settings.no_formulas;
-    let proposed = match wanted {
-        true => formula::proposed(&logs, &model, &solution, &verdict.findings, watch)?,
-        false => Vec::new(),
-    };
+    let mut proposed = Vec::new();
+    if wanted {
+        // A verdict that was reached is given, whatever becomes of the search for formulas.
+        match formula::proposed(&logs, &model, &solution, &verdict.findings, watch) {
+            Ok(formulas) => proposed = formulas,
+            Err(GapError::Cancelled) => return Err(GapError::Cancelled),
+            Err(error) => verdict.warnings.push(format!("no formula was searched: {error}")),
+        }
+    }
     Ok(Diagnosed { verdict, solution, model, proposed })
 }
 

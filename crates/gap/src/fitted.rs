@@ -16,7 +16,7 @@ use super::ladder::Flights;
 use super::policy::WORSE;
 use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Diagnosis, Finding, Rung};
-use crate::error::Result;
+use crate::error::{Error, GapError, Result};
 use propwash_flight::{CheckReport, Fault, FlightLog, Severity};
 use propwash_vehicle::Vehicle;
 use rayon::prelude::*;
@@ -128,20 +128,35 @@ pub fn fit(
     calibrate: Calibrate,
 ) -> Result<Fitted> {
     let diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
+    fit_from(filed, flights, settings, by, calibrate, diagnosed)
+}
+
+/// [`fit`] from the diagnosis without formulas.
+pub(crate) fn fit_from(
+    filed: Filed,
+    flights: &Flights,
+    settings: &Settings,
+    by: &str,
+    calibrate: Calibrate,
+    diagnosed: Diagnosed,
+) -> Result<Fitted> {
     let mut why = Vec::new();
     let proposed = &diagnosed.proposed;
     // One formula, unless it leaves something unexplained: a second is easily the error of the first.
     let mut found = None;
     for n in 1..=proposed.len() {
-        match with_formulas(&filed, &proposed[..n], flights, settings, by, calibrate)? {
-            Ok(fitted) => {
+        match with_formulas(&filed, &proposed[..n], flights, settings, by, calibrate) {
+            Ok(Ok(fitted)) => {
                 let explained = !fitted.diagnosed.verdict.remainder.unexplained;
                 found = Some(fitted);
                 if explained {
                     break;
                 }
             }
-            Err(reasons) => why.extend(reasons),
+            Ok(Err(reasons)) => why.extend(reasons),
+            Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
+            // A verdict that was reached is given, whatever becomes of a formula.
+            Err(error) => why.extend(proposed[..n].iter().map(|f| not_named(f, &error.to_string()))),
         }
     }
     let mut fitted = match found {
@@ -153,6 +168,11 @@ pub fn fit(
     why.dedup();
     fitted.diagnosed.verdict.why.extend(why);
     Ok(fitted)
+}
+
+/// Why a formula is not named.
+fn not_named(f: &Formula, reason: &str) -> Why {
+    Why::new(&f.id, Rule::Formula, format!("{}: {reason}", f.words))
 }
 
 /// The diagnosis with formulas as candidates: what was found, or why not all of them are named.
@@ -174,11 +194,10 @@ fn with_formulas(
         ..*settings
     };
     let diagnosed = diagnose(&flights.fit, &vehicle, &again)?;
-    let not = |f: &Formula, reason: &str| Why::new(&f.id, Rule::Formula, format!("{}: {reason}", f.words));
     let named = |f: &&Formula| diagnosed.verdict.findings.iter().any(|x| x.id == f.id);
     let missed: Vec<&Formula> = proposed.iter().filter(|f| !named(f)).collect();
     if !missed.is_empty() {
-        return Ok(Err(missed.into_iter().map(|f| not(f, "the search did not choose it")).collect()));
+        return Ok(Err(missed.into_iter().map(|f| not_named(f, "the search did not choose it")).collect()));
     }
     let own = Filed { label: filed.label, vehicle: &vehicle, text };
     let mut fitted = completed(&own, flights, settings, by, calibrate, diagnosed)?;
@@ -192,7 +211,7 @@ fn with_formulas(
             (None, None) => fitted.after.is_none().then(|| "nothing can be written".to_string()),
         }
     };
-    let idle: Vec<Why> = proposed.iter().filter_map(|f| Some(not(f, &reason(f)?))).collect();
+    let idle: Vec<Why> = proposed.iter().filter_map(|f| Some(not_named(f, &reason(f)?))).collect();
     if !idle.is_empty() {
         return Ok(Err(idle));
     }

@@ -472,3 +472,30 @@ fn a_ghost_starts_where_the_sensors_read_what_was_measured() {
     // It parts from the measurement between two starts no sooner than it must.
     assert!(ghost.t_s.windows(2).all(|t| t[0] < t[1]));
 }
+
+/// What becomes of a formula takes no verdict back: one that no vehicle file can hold is not named, and the reason is given.
+#[test]
+fn a_formula_that_fails_leaves_the_verdict_as_it_is() {
+    use super::decide::rules::Rule;
+    use super::diagnose::{Settings, diagnose};
+    use super::fitted::{Calibrate, Filed, fit_from};
+    use super::formula::Formula;
+    use super::ladder::Flights;
+    let (vehicle, _, track) = made();
+    let flights = Flights::new(vec![track], Vec::new(), 0.2);
+    let mut diagnosed = diagnose(&flights.fit, &vehicle, &Settings::default()).unwrap();
+    let before = diagnosed.verdict.clone();
+    diagnosed.proposed = vec![Formula {
+        id: "found_1".into(),
+        words: "force along body x = c · v".into(),
+        like: String::new(),
+        table: "[[effect]]\nkind = \"expresion\"\n".into(),
+    }];
+    let text = include_str!("../../../tests/data/planted_quad.toml").to_string();
+    let filed = Filed { label: "quad", vehicle: &vehicle, text };
+    let fitted = fit_from(filed, &flights, &Settings::default(), "a test", Calibrate::No, diagnosed).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    assert_eq!((&verdict.verdict, verdict.formulas.len()), (&before.verdict, 0));
+    let why = verdict.why.iter().find(|w| w.rule == Rule::Formula).unwrap();
+    assert!(why.text.contains("expresion"), "{}", why.text);
+}

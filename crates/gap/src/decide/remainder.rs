@@ -3,7 +3,7 @@
 
 use crate::cross_check::cross_check;
 use crate::disturbance::Disturbance;
-use crate::fit::{Prepared, forces_only};
+use crate::fit::{Prepared, Window, forces_only};
 use crate::free_form::{self, Doing, Sample};
 use crate::model::Model;
 use crate::policy::{
@@ -12,6 +12,7 @@ use crate::policy::{
 };
 use crate::replay::{STEP, STEP_S, Tick, drive};
 use crate::solve::Solution;
+use crate::track::Measured;
 use crate::verdict::{FreeTerm, Remainder};
 use propwash_flight::clean;
 use propwash_physics::effects::Area;
@@ -36,33 +37,61 @@ pub(crate) fn samples(
         speeds.into_iter().map(|s| if mean > 0.0 { s / mean } else { 1.0 }).collect::<Vec<f64>>()
     };
     let rotors: Vec<Vec<f64>> = rotor_ticks(logs, model, solution).into_iter().map(relative).collect();
+    let doing = |log: usize, (tick, here): (usize, Measured)| {
+        let (p, rpy) = (&logs[log], euler::from_quat(here.quat));
+        Doing {
+            vel: quat::rotate_inverse(here.quat, here.vel),
+            ang_vel: here.ang_vel,
+            tilt: [rpy[0], rpy[1]],
+            height_m: here.pos[2],
+            rotor: rotors[log].get(tick).copied().unwrap_or(1.0),
+            time: (p.around.time_s(tick) - p.track.span_s[0]) / p.track.duration_s(),
+        }
+    };
+    let all = lacking(logs, solution, disturbance, deltas, PLACES).into_iter();
+    all.map(|w| Sample {
+        push: w.push,
+        variance: w.variance,
+        doing: w.at.into_iter().map(|at| doing(w.log, at)).collect(),
+    })
+    .collect()
+}
+
+/// A window: what the model lacks in it, and the flight.
+pub(crate) struct Lacking {
+    pub log: usize,
+    /// Disturbance: acceleration along body axes, m/s², then angular acceleration, rad/s².
+    pub push: [f64; 6],
+    /// Variance of each due to sensor noise alone.
+    pub variance: [f64; 6],
+    /// Measured states at evenly spaced ticks.
+    pub at: Vec<(usize, Measured)>,
+}
+
+/// What the model lacks in every window, with every log's parameters `deltas` from the linearisation point, and the flight at
+/// `places` times of each.
+pub(crate) fn lacking(
+    logs: &[Prepared],
+    solution: &Solution,
+    disturbance: &Disturbance,
+    deltas: &[Vec<f64>],
+    places: usize,
+) -> Vec<Lacking> {
     let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
-    let mut out = Vec::new();
-    for w in &solution.linear.windows {
-        let Some((mean, variance)) = w.push_estimate(disturbance, &deltas[w.log]) else { continue };
-        let p = &logs[w.log];
-        let measured = |tick: usize| p.around.measured(tick).copied().unwrap_or(w.start);
-        let doing = (0..PLACES)
-            .map(|i| {
-                let tick = w.from + STEP * (steps * (2 * i + 1) / (2 * PLACES));
-                let here = measured(tick);
-                let rpy = euler::from_quat(here.quat);
-                Doing {
-                    vel: quat::rotate_inverse(here.quat, here.vel),
-                    ang_vel: here.ang_vel,
-                    tilt: [rpy[0], rpy[1]],
-                    height_m: here.pos[2],
-                    rotor: rotors[w.log].get(tick).copied().unwrap_or(1.0),
-                    time: (p.around.time_s(tick) - p.track.span_s[0]) / p.track.duration_s(),
-                }
-            })
-            .collect();
+    let one = |w: &Window| {
+        let (mean, variance) = w.push_estimate(disturbance, &deltas[w.log])?;
+        let measured = |tick: usize| logs[w.log].around.measured(tick).copied().unwrap_or(w.start);
+        let ticks = (0..places).map(|i| w.from + STEP * (steps * (2 * i + 1) / (2 * places)));
         let middle = measured(w.from + STEP * (steps / 2));
         let acc = quat::rotate_inverse(middle.quat, [mean[0], mean[1], mean[2]]);
-        let push = [acc[0], acc[1], acc[2], mean[3], mean[4], mean[5]];
-        out.push(Sample { push, variance, doing });
-    }
-    out
+        Some(Lacking {
+            log: w.log,
+            push: [acc[0], acc[1], acc[2], mean[3], mean[4], mean[5]],
+            variance,
+            at: ticks.map(|tick| (tick, measured(tick))).collect(),
+        })
+    };
+    solution.linear.windows.iter().filter_map(one).collect()
 }
 
 /// The inputs of every log at every tick, as the solution drives its model.

@@ -10,15 +10,15 @@ mod rank;
 pub(crate) mod units;
 
 use crate::GapError;
-use crate::decide::remainder::rotor_ticks;
+use crate::decide::remainder::{lacking, rotor_ticks};
 use crate::disturbance::Disturbance;
 use crate::fit::{Prepared, forces_only};
 use crate::model::Model;
 use crate::policy::{FORMULA_NATS, FORMULA_SHORTER};
-use crate::replay::{STEP, STEP_S};
 use crate::report::{interval, quantity};
 use crate::search::THRESHOLD;
 use crate::solve::{Solution, refitted};
+use crate::track::Measured;
 use crate::verdict::{Finding, Said};
 use crate::watch::Watch;
 use grammar::Shape;
@@ -115,7 +115,7 @@ impl Formula {
         let of = |name: &str| finding.parameters.iter().find(|p| p.name == name);
         let mut words = self.words.clone();
         if let Some(c) = of("c") {
-            words = words.replace("c · ", &format!("{} · ", interval(c.value, c.sigma, &c.unit)));
+            words = words.replace("= c · ", &format!("= {} · ", interval(c.value, c.sigma, &c.unit)));
         }
         if let Some(s) = of("s") {
             words = words.replace("{s}", &quantity(s.value, &s.unit, 3));
@@ -141,46 +141,36 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
     let (time, sum, thrust) = (at("t"), at("rotor_sum"), at("thrust_n"));
     let ticks = rotor_ticks(logs, model, solution);
     let body = &model.drone.body;
-    let steps = (solution.linear.horizon_s / STEP_S).round() as usize;
-    let unknown = Disturbance::unknown();
-    let mut out = Vec::new();
-    for w in &solution.linear.windows {
-        let Some((mean, _)) = w.push_estimate(&unknown, &deltas[w.log]) else { continue };
-        let log = &logs[w.log];
-        let measured = |tick: usize| log.around.measured(tick).copied().unwrap_or(w.start);
-        let at = (0..PLACES).map(|i| {
-            let tick = w.from + STEP * (steps * (2 * i + 1) / (2 * PLACES));
-            let here = measured(tick);
-            let (body_vel, angles) = (quat::rotate_inverse(here.quat, here.vel), euler::from_quat(here.quat));
-            let mut now = [0.0; VARIABLES.len()];
-            for k in 0..3 {
-                now[vel[k]] = here.vel[k];
-                now[vel_body[k]] = body_vel[k];
-                now[rates[k]] = here.ang_vel[k];
-                now[pos[k]] = here.pos[k];
-                now[rpy[k]] = angles[k];
-            }
-            now[time] = log.around.time_s(tick);
-            if let Some(tick) = ticks[w.log].get(tick) {
-                now[sum] = tick.rotor_vel.iter().sum();
-                now[thrust] = match now[sum] > 0.0 {
-                    true => airframe::loads(&model.drone.airframe, &tick.rotor_vel).thrust.iter().sum(),
-                    false => tick.thrust,
-                };
-            }
-            now
-        });
-        let at = at.collect();
-        let middle = measured(w.from + STEP * (steps / 2));
-        let force = quat::rotate_inverse(middle.quat, [mean[0], mean[1], mean[2]]);
+    let values = |log: usize, (tick, here): (usize, Measured)| {
+        let (body_vel, angles) = (quat::rotate_inverse(here.quat, here.vel), euler::from_quat(here.quat));
+        let mut now = [0.0; VARIABLES.len()];
+        for k in 0..3 {
+            now[vel[k]] = here.vel[k];
+            now[vel_body[k]] = body_vel[k];
+            now[rates[k]] = here.ang_vel[k];
+            now[pos[k]] = here.pos[k];
+            now[rpy[k]] = angles[k];
+        }
+        now[time] = logs[log].around.time_s(tick);
+        if let Some(tick) = ticks[log].get(tick) {
+            now[sum] = tick.rotor_vel.iter().sum();
+            now[thrust] = match now[sum] > 0.0 {
+                true => airframe::loads(&model.drone.airframe, &tick.rotor_vel).thrust.iter().sum(),
+                false => tick.thrust,
+            };
+        }
+        now
+    };
+    let all = lacking(logs, solution, &Disturbance::unknown(), deltas, PLACES).into_iter();
+    all.map(|w| {
         let mut wrench = [0.0; 6];
         for k in 0..3 {
-            wrench[k] = body.mass_kg * force[k];
-            wrench[3 + k] = (0..3).map(|j| body.inertia_kg_m2[k][j] * mean[3 + j]).sum();
+            wrench[k] = body.mass_kg * w.push[k];
+            wrench[3 + k] = (0..3).map(|j| body.inertia_kg_m2[k][j] * w.push[3 + j]).sum();
         }
-        out.push(Lack { log: w.log, wrench, at });
-    }
-    out
+        Lack { log: w.log, wrench, at: w.at.into_iter().map(|at| values(w.log, at)).collect() }
+    })
+    .collect()
 }
 
 /// Which of the formulas the evidence of roll-outs chooses, in order; each must bring [`FORMULA_NATS`] beside what is there.
@@ -281,7 +271,12 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
 /// A formula as an effect of a vehicle file.
 fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     let Shape { torque, axes, texts, .. } = &ranked.shape;
-    let taken = |name: &str| model.candidates.iter().any(|c| c.id == name);
+    // Also a name of an expression without anything to fit, which is no candidate.
+    let taken = |name: &str| {
+        let label = format!("expression.{name}");
+        model.candidates.iter().any(|c| c.id == name)
+            || model.drone.effects.iter().any(|e| e.label() == label)
+    };
     let id = (number..).map(|n| format!("found_{n}")).find(|name| !taken(name)).unwrap_or_default();
     let mut three = ["\"0\"".to_string(), "\"0\"".into(), "\"0\"".into()];
     for (axis, text) in axes.iter().zip(texts) {
