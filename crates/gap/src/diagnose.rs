@@ -5,13 +5,14 @@ use super::GapError;
 use super::cable::{differing, reattach};
 use super::decide::rules::{Rule, Why};
 use super::fit::{Prepared, forces_only};
-use super::formula::{self, Formula};
+use super::formula::{self, Proposed};
 use super::model::Model;
 use super::opinion;
 use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
 use super::replay::drone_for;
-use super::solve::{Solution, left_out, polished, solve, with_scatter};
+use super::solve::{Solution, left_out, polished, solve, solve_from, with_scatter};
 use super::speak::{advice, speak};
+use super::starts::beside_formulas;
 use super::track::Track;
 use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{Diagnosis, Said};
@@ -45,7 +46,7 @@ pub struct Diagnosed {
     pub(crate) solution: Solution,
     pub(crate) model: Model,
     /// Formulas that would explain what is unexplained, none of them in the verdict: see [`crate::fitted::fit`].
-    pub(crate) proposed: Vec<Formula>,
+    pub(crate) proposed: Proposed,
 }
 
 /// Diagnoses flights of one vehicle. `held_out` logs are not used in the fit.
@@ -54,6 +55,16 @@ pub struct Diagnosed {
 /// [`GapError`] where the logs lack what the fit needs, belong to different vehicles or to another one than the file's, or
 /// a name is unknown.
 pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Result<Diagnosed, GapError> {
+    diagnose_from(tracks, vehicle, settings, None)
+}
+
+/// [`diagnose`] of a vehicle with formulas, from what was found without them.
+pub(crate) fn diagnose_from(
+    tracks: &[Track],
+    vehicle: &Vehicle,
+    settings: &Settings,
+    without: Option<(&Diagnosed, &Proposed)>,
+) -> Result<Diagnosed, GapError> {
     let first =
         tracks.first().ok_or(GapError::Numbers { what: "a diagnosis", reason: "no log was given".into() })?;
     let drone = drone_for(first, vehicle)?;
@@ -75,7 +86,9 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     }
     let watch = &settings.watch;
     let mut less = LeftOut { watch, why: Vec::new() };
-    let mut solution = solve(&logs, &mut model, given.as_deref(), watch)?;
+    let start = without
+        .map(|(before, proposed)| beside_formulas(&mut model, (&before.model, &before.solution), proposed));
+    let mut solution = solve_from(&logs, &mut model, given.as_deref(), start, watch)?;
     if given.is_none() {
         solution = less.without_little_gain(&logs, &mut model, solution)?;
     }
@@ -95,11 +108,11 @@ pub fn diagnose(tracks: &[Track], vehicle: &Vehicle, settings: &Settings) -> Res
     // Where the second estimator sees something else than a finding, the finding may only lean on what is missing.
     let differs = verdict.findings.iter().any(|f| f.second.said == Said::Differs);
     let wanted = (verdict.remainder.unexplained || differs) && given.is_none() && !settings.no_formulas;
-    let mut proposed = Vec::new();
+    let mut proposed = Proposed::default();
     if wanted {
         // A verdict that was reached is given, whatever becomes of the search for formulas.
         match formula::proposed(&logs, &model, &solution, &verdict.findings, watch) {
-            Ok(formulas) => proposed = formulas,
+            Ok(found) => proposed = found,
             Err(GapError::Cancelled) => return Err(GapError::Cancelled),
             Err(error) => verdict.warnings.push(format!("no formula was searched: {error}")),
         }

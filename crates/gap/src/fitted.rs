@@ -8,12 +8,13 @@ mod parts;
 use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
 use super::decide::rules::{Rule, Why};
-use super::diagnose::{Diagnosed, Settings, diagnose};
-use super::formula::{self, Formula};
-use super::headline::headline;
+use super::diagnose::{Diagnosed, Settings, diagnose, diagnose_from};
+use super::formula::{self, Formula, Proposed};
+use super::headline::{headline, pair};
 use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
-use super::policy::WORSE;
+use super::policy::{LITTLE_GAIN, WORSE};
+use super::report::significant;
 use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Diagnosis, Finding, Rung};
 use crate::error::{Error, GapError, Result};
@@ -90,6 +91,8 @@ pub struct Fitted {
     pub calibrated: usize,
     /// Findings that cannot be written into a vehicle file, by id, with the reason.
     pub unwritable: Vec<(String, AcceptError)>,
+    /// The vehicle with all that lowers the errors on the judge's flight, written or not; only where formulas were proposed.
+    at_best: Option<Vehicle>,
 }
 
 impl Fitted {
@@ -141,11 +144,17 @@ pub(crate) fn fit_from(
     diagnosed: Diagnosed,
 ) -> Result<Fitted> {
     let mut why = Vec::new();
-    let proposed = &diagnosed.proposed;
+    let proposed = diagnosed.proposed.clone();
+    let formulas = !proposed.formulas.is_empty();
+    let work = Work { filed: &filed, flights, settings, by, calibrate, judge: Judge::new(flights), formulas };
+    let plain = completed(&work, &filed, diagnosed)?;
     // One formula, unless it leaves something unexplained: a second is easily the error of the first.
     let mut found = None;
-    for n in 1..=proposed.len() {
-        match with_formulas(&filed, &proposed[..n], flights, settings, by, calibrate) {
+    for n in 1..=proposed.formulas.len() {
+        let before = found.as_ref().unwrap_or(&plain);
+        let mut some = proposed.clone();
+        some.formulas.truncate(n);
+        match with_formulas(&work, &some, &plain, before) {
             Ok(Ok(fitted)) => {
                 let explained = !fitted.diagnosed.verdict.remainder.unexplained;
                 found = Some(fitted);
@@ -156,13 +165,10 @@ pub(crate) fn fit_from(
             Ok(Err(reasons)) => why.extend(reasons),
             Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
             // A verdict that was reached is given, whatever becomes of a formula.
-            Err(error) => why.extend(proposed[..n].iter().map(|f| not_named(f, &error.to_string()))),
+            Err(error) => why.extend(some.formulas.iter().map(|f| not_named(f, &error.to_string()))),
         }
     }
-    let mut fitted = match found {
-        Some(fitted) => fitted,
-        None => completed(&filed, flights, settings, by, calibrate, diagnosed)?,
-    };
+    let mut fitted = found.unwrap_or(plain);
     let named = |w: &Why| fitted.diagnosed.verdict.formulas.iter().any(|f| f.id == w.id);
     why.retain(|w| !named(w));
     why.dedup();
@@ -170,20 +176,33 @@ pub(crate) fn fit_from(
     Ok(fitted)
 }
 
+/// What a fit is asked for, and where vehicles are judged.
+struct Work<'a> {
+    filed: &'a Filed<'a>,
+    flights: &'a Flights,
+    settings: &'a Settings<'a>,
+    by: &'a str,
+    calibrate: Calibrate,
+    judge: Judge,
+    /// Whether vehicles with formulas are compared with those without.
+    formulas: bool,
+}
+
 /// Why a formula is not named.
 fn not_named(f: &Formula, reason: &str) -> Why {
     Why::new(&f.id, Rule::Formula, format!("{}: {reason}", f.words))
 }
 
-/// The diagnosis with formulas as candidates: what was found, or why not all of them are named.
+/// The diagnosis with formulas as candidates: what was found, or why not all of them are named. A formula must make the vehicle
+/// better than what is written without the last of them, `before`, does.
 fn with_formulas(
-    filed: &Filed,
-    proposed: &[Formula],
-    flights: &Flights,
-    settings: &Settings,
-    by: &str,
-    calibrate: Calibrate,
+    work: &Work,
+    tried: &Proposed,
+    plain: &Fitted,
+    before: &Fitted,
 ) -> Result<std::result::Result<Fitted, Vec<Why>>> {
+    let Work { filed, flights, settings, judge, .. } = work;
+    let proposed = &tried.formulas[..];
     let text = formula::with_formulas(&filed.text, proposed);
     let vehicle = formula::vehicle_with(filed.vehicle, &text)?;
     let ids = proposed.iter().map(|f| f.id.clone());
@@ -191,16 +210,17 @@ fn with_formulas(
         given: None,
         only: settings.only.clone().map(|only| only.into_iter().chain(ids).collect()),
         no_formulas: true,
-        ..*settings
+        ..**settings
     };
-    let diagnosed = diagnose(&flights.fit, &vehicle, &again)?;
+    let without = Some((&plain.diagnosed, tried));
+    let diagnosed = diagnose_from(&flights.fit, &vehicle, &again, without)?;
     let named = |f: &&Formula| diagnosed.verdict.findings.iter().any(|x| x.id == f.id);
     let missed: Vec<&Formula> = proposed.iter().filter(|f| !named(f)).collect();
     if !missed.is_empty() {
         return Ok(Err(missed.into_iter().map(|f| not_named(f, "the search did not choose it")).collect()));
     }
     let own = Filed { label: filed.label, vehicle: &vehicle, text };
-    let mut fitted = completed(&own, flights, settings, by, calibrate, diagnosed)?;
+    let mut fitted = completed(work, &own, diagnosed)?;
     let findings = &fitted.diagnosed.verdict.findings;
     let reason = |f: &Formula| {
         let of_file = fitted.unwritable.iter().find(|(id, _)| *id == f.id);
@@ -215,6 +235,21 @@ fn with_formulas(
     if !idle.is_empty() {
         return Ok(Err(idle));
     }
+    // Each with the calibration that helps it: what leans on a missing effect is often written with partners, the effect itself
+    // without. What is written without a formula may diverge, and then any formula is better.
+    let written = |f: &Fitted| judge.look(f.at_best.as_ref().unwrap_or(filed.vehicle));
+    if let (Ok(with), Ok(without)) = (written(&fitted), written(before)) {
+        let (all, own) = (with.over(&without), with.clearest(&without));
+        if all > WORSE || all.min(own.with / own.without) > LITTLE_GAIN {
+            let channel = format!("{} {}", own.channel, pair(own.without, own.with, &own.unit));
+            let times = significant(all, 3);
+            let words = format!(
+                "on {} its vehicle has {times} times the errors of the one without it ({channel})",
+                judge.title()
+            );
+            return Ok(Err(proposed.iter().map(|f| not_named(f, &words)).collect()));
+        }
+    }
     let verdict = &mut fitted.diagnosed.verdict;
     verdict.vehicle_sha256 = filed.vehicle.sha256();
     for f in proposed {
@@ -228,14 +263,8 @@ fn with_formulas(
 }
 
 /// The vehicle completed by what a diagnosis found.
-fn completed(
-    filed: &Filed,
-    flights: &Flights,
-    settings: &Settings,
-    by: &str,
-    calibrate: Calibrate,
-    mut diagnosed: Diagnosed,
-) -> Result<Fitted> {
+fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fitted> {
+    let Work { flights, settings, by, calibrate, judge, .. } = work;
     let verdict = &mut diagnosed.verdict;
     // Simulate with the noise estimated by the fit.
     let noise: Vec<Noise> = verdict.logs.iter().map(|l| l.noise).collect();
@@ -247,15 +276,14 @@ fn completed(
     let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
     let given = settings.given.is_some();
     let writer = Writer { source, dynamics, filed, partners: Vec::new(), given };
-    let judge = Judge::new(flights);
-    warn_of_judge(&judge, filed.vehicle, verdict);
+    warn_of_judge(judge, filed.vehicle, verdict);
     let (writable, unwritable) = writer.writable(&verdict.findings)?;
     for (id, error) in &unwritable {
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
-    let mut kept = partners::judged(&writer, &judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
+    let mut kept = partners::judged(&writer, judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
     if verdict.remainder.unexplained {
-        kept = parts::judged(&writer, &judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
+        kept = parts::judged(&writer, judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
     }
     say_doubts(verdict);
 
@@ -275,17 +303,26 @@ fn completed(
     let found = rungs.len();
     let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
     let mut calibrated = 0;
-    if calibrate != Calibrate::No {
-        let shown = calibration::judged(&writer, &judge, &completion, &mut verdict.adjusted)?;
+    let mut at_best = None;
+    if *calibrate != Calibrate::No || work.formulas {
+        let mut adjusted = verdict.adjusted.clone();
+        let shown = calibration::judged(&writer, judge, &completion, &mut adjusted)?;
+        let last = shown.iter().rev().find(|s| s.helps).map(|s| s.vehicle.clone());
+        at_best = last.or_else(|| after.clone());
+        if *calibrate != Calibrate::No {
+            verdict.adjusted = adjusted;
+        }
         let helping: Vec<Calibration> = verdict.adjusted.iter().filter(|c| c.helps).cloned().collect();
-        if calibrate == Calibrate::Write {
-            calibrated = completion.calibrate(&helping)?;
-            if calibrated > 0 {
-                after = Some(completion.vehicle(filed.vehicle)?);
+        match calibrate {
+            Calibrate::Write => {
+                calibrated = completion.calibrate(&helping)?;
+                if calibrated > 0 {
+                    after = Some(completion.vehicle(filed.vehicle)?);
+                }
+                rungs.extend(shown.into_iter().filter(|s| s.helps).map(|s| (s.label, s.vehicle)));
             }
-            rungs.extend(shown.into_iter().filter(|s| s.helps).map(|s| (s.label, s.vehicle)));
-        } else {
-            rungs.extend(shown.into_iter().map(|s| (s.label, s.vehicle)));
+            Calibrate::Show => rungs.extend(shown.into_iter().map(|s| (s.label, s.vehicle))),
+            Calibrate::No => {}
         }
     }
     // Ladder steps whose roll-outs diverge are skipped.
@@ -297,7 +334,7 @@ fn completed(
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);
-    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable })
+    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable, at_best })
 }
 
 /// Warns where findings cannot be judged, or only on flight used in the fit.

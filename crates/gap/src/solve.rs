@@ -139,7 +139,18 @@ pub(crate) fn solve(
     given: Option<&[usize]>,
     watch: &Watch,
 ) -> Result<Solution, GapError> {
-    let mut best = settle(logs, model, given, None, watch)?.ok_or_else(no_window)?;
+    solve_from(logs, model, given, None, watch)
+}
+
+/// [`solve`], with the first search from `start` instead of the vehicle file.
+pub(crate) fn solve_from(
+    logs: &[Prepared],
+    model: &mut Model,
+    given: Option<&[usize]>,
+    start: Option<Start>,
+    watch: &Watch,
+) -> Result<Solution, GapError> {
+    let mut best = settle(logs, model, given, start, watch)?.ok_or_else(no_window)?;
     if given.is_some() {
         return Ok(best);
     }

@@ -3,6 +3,7 @@
 
 use super::disturbance::Disturbance;
 use super::fit::Prepared;
+use super::formula::Proposed;
 use super::model::Model;
 use super::search::{MOST, THRESHOLD};
 use super::solve::Solution;
@@ -58,6 +59,54 @@ impl Start {
             noise: None,
         }
     }
+}
+
+/// Where a search with formulas begins: at the effects that the evidence keeps beside them as `found` without formulas, all others
+/// at the file, and the formulas as they were ranked. Noise is estimated anew, since a missing effect counts as noise.
+pub(super) fn beside_formulas(
+    model: &mut Model,
+    (before, found): (&Model, &Solution),
+    proposed: &Proposed,
+) -> Start {
+    let same = |model: &Model, k: usize| {
+        let p = &model.parameters[k];
+        let c = before.candidates.iter().position(|c| c.id == model.candidates[p.candidate].id)?;
+        before.of(c).find(|j| before.parameters[*j].name == p.name)
+    };
+    // What the log told of effects that the file does not list: the length of a cable, the frequency of a gust.
+    for c in 0..model.candidates.len() {
+        let id = &model.candidates[c].id;
+        let Some(old) = before.candidates.iter().find(|o| o.id == *id) else { continue };
+        for (name, value) in &old.preset {
+            model.set_preset(c, name, *value);
+        }
+    }
+    for k in 0..model.parameters.len() {
+        let Some(filed) = same(model, k).map(|j| before.parameters[j].filed) else { continue };
+        let (name, c) = (model.parameters[k].name.clone(), model.parameters[k].candidate);
+        if filed != model.parameters[k].filed {
+            model.preset_of(c, &name, filed);
+        }
+    }
+    let timing = model.timing();
+    let mut start = Start { horizon: 1, held: 1, ..Start::file(model, Disturbance::unknown()) };
+    for k in 0..model.parameters.len() {
+        let (c, name) = (model.parameters[k].candidate, &model.parameters[k].name);
+        let id = &model.candidates[c].id;
+        let formula = proposed.formulas.iter().position(|f| f.id == *id);
+        let kept = proposed.beside.contains(id);
+        if kept || formula.is_some() {
+            start.set.push(c);
+        }
+        match (formula, same(model, k)) {
+            (Some(i), _) if name == "c" => start.values[k] = proposed.factors[i],
+            (None, Some(j)) if kept || timing.contains(&c) => start.values[k] = found.posterior.mean[j],
+            _ => {}
+        }
+    }
+    start.set.sort_unstable();
+    start.set.dedup();
+    start
 }
 
 /// The same time differences between commands and sensors by fewer or likelier causes than in a solution, if there are any.

@@ -479,18 +479,19 @@ fn a_formula_that_fails_leaves_the_verdict_as_it_is() {
     use super::decide::rules::Rule;
     use super::diagnose::{Settings, diagnose};
     use super::fitted::{Calibrate, Filed, fit_from};
-    use super::formula::Formula;
+    use super::formula::{Formula, Proposed};
     use super::ladder::Flights;
     let (vehicle, _, track) = made();
     let flights = Flights::new(vec![track], Vec::new(), 0.2);
     let mut diagnosed = diagnose(&flights.fit, &vehicle, &Settings::default()).unwrap();
     let before = diagnosed.verdict.clone();
-    diagnosed.proposed = vec![Formula {
+    let formulas = vec![Formula {
         id: "found_1".into(),
         words: "force along body x = c · v".into(),
         like: String::new(),
         table: "[[effect]]\nkind = \"expresion\"\n".into(),
     }];
+    diagnosed.proposed = Proposed { formulas, factors: vec![0.1], beside: Vec::new() };
     let text = include_str!("../../../tests/data/planted_quad.toml").to_string();
     let filed = Filed { label: "quad", vehicle: &vehicle, text };
     let fitted = fit_from(filed, &flights, &Settings::default(), "a test", Calibrate::No, diagnosed).unwrap();

@@ -501,7 +501,9 @@ impl<S: Real> Drone<S> {
         let view = View { body, airframe, state, surroundings: &windy, collective_n, memory: &[] };
         let mut rest = &mut *memory;
         for effect in &self.effects {
-            let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
+            // Most vehicles remember nothing.
+            let own = if rest.is_empty() { 0 } else { effect.memory_len(dt_s.1) };
+            let (mine, others) = rest.split_at_mut(own);
             effect.command(&view, dt_s.0, command, mine);
             rest = others;
         }
@@ -514,7 +516,8 @@ impl<S: Real> Drone<S> {
     pub fn recall(&self, memory: &[S], dt_s: f64, surroundings: &mut Surroundings<S>) {
         let mut rest = memory;
         for effect in &self.effects {
-            let (mine, others) = rest.split_at(effect.memory_len(dt_s));
+            let own = if rest.is_empty() { 0 } else { effect.memory_len(dt_s) };
+            let (mine, others) = rest.split_at(own);
             effect.surround(mine, surroundings);
             rest = others;
         }

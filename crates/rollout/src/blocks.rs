@@ -302,6 +302,19 @@ fn ceiling_distance<S: Real>(state: &State<S>, ceiling_z: S) -> S {
 /// The first quantity of a state that is not finite, or a position beyond [`MAX_POSITION_M`].
 pub(super) fn non_finite(state: &State<f64>) -> Option<&'static str> {
     let bad = |numbers: &[f64]| numbers.iter().any(|v| !v.is_finite());
+    // Nearly every state is good, which comparisons without a branch tell quickest.
+    let within = |numbers: &[f64], most: f64| numbers.iter().fold(true, |all, v| all & (v.abs() <= most));
+    let State { pos, quat, vel, ang_vel, rotor_vel, thrust } = state;
+    let finite = |numbers: &[f64]| within(numbers, f64::MAX);
+    if within(pos, MAX_POSITION_M)
+        & finite(quat)
+        & finite(vel)
+        & finite(ang_vel)
+        & finite(rotor_vel)
+        & finite(&[*thrust])
+    {
+        return None;
+    }
     [
         ("position", bad(&state.pos)),
         (TOO_FAR, state.pos.iter().any(|v| v.abs() > MAX_POSITION_M)),

@@ -45,6 +45,17 @@ pub struct Formula {
     pub table: String,
 }
 
+/// Formulas that would explain what is unexplained, and where a search with them begins.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Proposed {
+    /// Best first.
+    pub formulas: Vec<Formula>,
+    /// The factor of each as it was ranked.
+    pub factors: Vec<f64>,
+    /// Effects of the list that the evidence keeps beside them, by id.
+    pub beside: Vec<String>,
+}
+
 /// Formulas tried by the evidence of roll-outs.
 const TRIED: usize = 6;
 /// Most formulas of one verdict.
@@ -52,7 +63,7 @@ const MOST: usize = 2;
 /// Times per window at which the variables are read.
 const PLACES: usize = 3;
 
-/// The formulas that explain what `solution` leaves, best first; empty where none does.
+/// The formulas that explain what `solution` leaves; none where none does.
 ///
 /// # Errors
 /// [`GapError`] where a fit fails.
@@ -62,7 +73,7 @@ pub(crate) fn proposed(
     solution: &Solution,
     findings: &[Finding],
     watch: &Watch,
-) -> Result<Vec<Formula>, GapError> {
+) -> Result<Proposed, GapError> {
     let sure =
         |c: usize| findings.iter().any(|f| f.id == model.candidates[c].id && f.second.said == Said::Agrees);
     let kept: Vec<usize> = solution.set.iter().copied().filter(|c| sure(*c)).collect();
@@ -86,10 +97,14 @@ pub(crate) fn proposed(
     tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST));
     tried.retain(|r| !forces_only(logs) || !r.shape.torque);
     if tried.is_empty() {
-        return Ok(Vec::new());
+        return Ok(Proposed::default());
     }
-    let chosen = by_evidence(logs, model, solution, [&kept, &firm], &tried, watch)?;
-    Ok(chosen.iter().enumerate().map(|(i, k)| formula(model, i + 1, &tried[*k])).collect())
+    let (chosen, beside) = by_evidence(logs, model, solution, [&kept, &firm], &tried, watch)?;
+    Ok(Proposed {
+        formulas: chosen.iter().enumerate().map(|(i, k)| formula(model, i + 1, &tried[*k])).collect(),
+        factors: chosen.iter().map(|k| tried[*k].coefficient).collect(),
+        beside: beside.iter().map(|c| model.candidates[*c].id.clone()).collect(),
+    })
 }
 
 /// The vehicle file's text with formulas, at no effect.
@@ -173,7 +188,7 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
     .collect()
 }
 
-/// Which of the formulas the evidence of roll-outs chooses, in order; each must bring [`FORMULA_NATS`] beside what is there.
+/// Which of the formulas the evidence of roll-outs chooses, in order, and the set beside them; each must bring [`FORMULA_NATS`].
 fn by_evidence(
     logs: &[Prepared],
     model: &Model,
@@ -181,7 +196,7 @@ fn by_evidence(
     kept: [&[usize]; 2],
     tried: &[Ranked],
     watch: &Watch,
-) -> Result<Vec<usize>, GapError> {
+) -> Result<(Vec<usize>, Vec<usize>), GapError> {
     let mut wider = model.clone();
     let first = wider.candidates.len();
     for (i, r) in tried.iter().enumerate() {
@@ -191,7 +206,9 @@ fn by_evidence(
         wider.may[c] = false;
     }
     let set = (&solution.set[..], &solution.posterior);
-    let Some(fitted) = refitted(logs, &mut wider, solution, set, watch)? else { return Ok(Vec::new()) };
+    let Some(fitted) = refitted(logs, &mut wider, solution, set, watch)? else {
+        return Ok((Vec::new(), Vec::new()));
+    };
     let evidence = fitted.evidence(&wider)?;
     // Every effect has its price, as in the search.
     let of = |set: &[usize]| {
@@ -230,7 +247,7 @@ fn by_evidence(
         chosen.push(k);
         (best, base) = (nats, beside);
     }
-    Ok(chosen)
+    Ok((chosen, base))
 }
 
 /// Adds a formula as a candidate that no search may choose by itself; its scale stays.

@@ -184,9 +184,9 @@ impl Rates {
 /// Whether a stage of `stage_hz` ticks at `step` of a simulation at `sim_hz`: whether a multiple of 1/stage_hz lies in
 /// ((step − 1)/sim_hz, step/sim_hz].
 pub fn ticks(step: u64, stage_hz: u32, sim_hz: u32) -> bool {
-    let (f, n) = (u128::from(stage_hz), u128::from(sim_hz));
-    let step = u128::from(step);
-    step == 0 || (step * f) / n > ((step - 1) * f) / n
+    let (f, n) = (u64::from(stage_hz), u64::from(sim_hz));
+    // A multiple lies there where step · f, in units of 1/(f · n), is less than one step past it.
+    step == 0 || f >= n || (step % n) * f % n < f
 }
 
 #[cfg(test)]
@@ -200,6 +200,20 @@ mod tests {
                 let range = second * sim..(second + 1) * sim;
                 let count = range.filter(|s| ticks(*s, stage as u32, sim as u32)).count() as u64;
                 assert_eq!(count, stage, "{stage} Hz in a {sim} Hz simulation, second {second}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_tick_falls_on_the_first_step_at_or_after_its_time() {
+        for (stage, sim) in
+            [(400u32, 500u32), (333, 1000), (7, 240), (500, 500), (900, 500), (u32::MAX, u32::MAX - 1)]
+        {
+            let (f, n) = (u128::from(stage), u128::from(sim));
+            for step in (0..2000u64).chain(u64::MAX - 2000..=u64::MAX) {
+                let s = u128::from(step);
+                let expected = step == 0 || s * f / n > (s - 1) * f / n;
+                assert_eq!(ticks(step, stage, sim), expected, "{stage} Hz in {sim} Hz, step {step}");
             }
         }
     }
