@@ -4,6 +4,7 @@
 #[path = "common/ulog.rs"]
 mod ulog;
 
+use propwash::flight::correction::mend;
 use propwash::flight::usable::{Known, look};
 use propwash::flight::{CheckReport, Fault, FlightError, FlightLog, Mapping, Severity, check};
 use propwash::math::{quat, vec3};
@@ -704,9 +705,181 @@ fn the_command_says_fine_found_or_error_by_its_exit_code() {
         assert!(code == Some(2) && out.is_empty() && error.contains(words), "{error}");
         assert!(error.contains(file) && error.trim_end().lines().count() == 1, "one line: {error}");
     }
+    // The mapping that mends it: written, used from then on, and not written over; nothing is written for a good log.
+    let mapping = folder.0.path().join("mend.toml");
+    let written = mapping.to_str().unwrap();
+    let (code, out, _) = run(&["check", bad, "--write-mapping", written]);
+    assert!(code == Some(0) && out.contains("corrected: angular velocity: times 0.0174"), "{out}");
+    assert_eq!(run(&["check", bad, "--mapping", written]).0, Some(0));
+    let (code, _, error) = run(&["check", bad, "--write-mapping", written]);
+    assert!(code == Some(2) && error.contains("--force"), "{error}");
+    assert_eq!(run(&["check", bad, "--write-mapping", written, "--force"]).0, Some(0));
+    let (code, _, error) = run(&["check", good, bad, "--write-mapping", written, "--force"]);
+    assert!(code == Some(2) && error.contains("expected one log"), "{error}");
+    let none = folder.0.path().join("none.toml");
+    let (code, _, error) = run(&["check", good, "--write-mapping", none.to_str().unwrap()]);
+    assert!(code == Some(0) && error.contains("nothing to correct") && !none.exists(), "{error}");
     let out = folder.0.path().join("good.parquet");
     assert_eq!(run(&["convert", good, "--out", out.to_str().unwrap()]).0, Some(0));
     assert_eq!(run(&["check", out.to_str().unwrap()]).0, Some(0));
+}
+
+/// Every mistake that the checker can name is mended by the mapping that it writes: the log then reads as the clean one does.
+#[test]
+fn what_the_checker_finds_a_mapping_mends() {
+    let base = flight(20.0, 200.0);
+    let per_degree = std::f64::consts::PI / 180.0;
+    let scaled = |names: &'static [&'static str], factor: f64| {
+        move |rows: &mut Rows, _: &Rows| rows.scale(names, factor)
+    };
+    let turned = |names: [&'static str; 3], f: fn([f64; 4], [f64; 3]) -> [f64; 3]| {
+        move |rows: &mut Rows, base: &Rows| rows.three(names, |i, v| f(base.attitude(i), v))
+    };
+    let attitudes = |f: fn([f64; 4]) -> [f64; 4]| move |rows: &mut Rows, _: &Rows| rows.attitudes(f);
+    type Mistake = Box<dyn Fn(&mut Rows, &Rows)>;
+    let frd = |_: [f64; 4], v: [f64; 3]| [v[0], -v[1], -v[2]];
+    let mistakes: Vec<(&str, Vec<Mistake>)> = vec![
+        ("rates in deg/s", vec![Box::new(scaled(&RATES, 1.0 / per_degree))]),
+        ("forces in g", vec![Box::new(scaled(&FORCE, 1.0 / G))]),
+        ("velocity in mm/s", vec![Box::new(scaled(&VELOCITY, 1000.0))]),
+        ("position in mm", vec![Box::new(scaled(&POSITION, 1000.0))]),
+        (
+            "rotors in rpm",
+            vec![Box::new(scaled(&["rotor1", "rotor2", "rotor3", "rotor4"], 30.0 / std::f64::consts::PI))],
+        ),
+        ("battery in mV", vec![Box::new(scaled(&["vbat"], 1000.0))]),
+        ("times in ms", vec![Box::new(scaled(&["t"], 1000.0))]),
+        ("velocity in the body", vec![Box::new(turned(VELOCITY, quat::rotate_inverse))]),
+        ("velocity turned", vec![Box::new(turned(VELOCITY, frd))]),
+        ("velocity reversed", vec![Box::new(turned(VELOCITY, |_, v| v.map(|x| -x)))]),
+        ("rates in the world", vec![Box::new(turned(RATES, quat::rotate))]),
+        ("rates turned", vec![Box::new(turned(RATES, frd))]),
+        ("forces in the world", vec![Box::new(turned(FORCE, quat::rotate))]),
+        ("forces turned", vec![Box::new(turned(FORCE, frd))]),
+        (
+            "forces without gravity",
+            vec![Box::new(turned(FORCE, |q, v| vec3::sub(v, quat::rotate_inverse(q, [0.0, 0.0, G]))))],
+        ),
+        (
+            "accelerations in the world",
+            vec![Box::new(turned(FORCE, |q, v| vec3::sub(quat::rotate(q, v), [0.0, 0.0, G])))],
+        ),
+        ("attitude the other way", vec![Box::new(attitudes(quat::conjugate))]),
+        ("attitude w, x, y, z", vec![Box::new(attitudes(|q| [q[3], q[0], q[1], q[2]]))]),
+        (
+            "a log in ned and frd",
+            vec![
+                Box::new(turned(POSITION, frd)),
+                Box::new(turned(VELOCITY, frd)),
+                Box::new(turned(RATES, frd)),
+                Box::new(turned(FORCE, frd)),
+                Box::new(attitudes(|q| [q[0], -q[1], -q[2], q[3]])),
+            ],
+        ),
+        (
+            "several at once",
+            vec![
+                Box::new(scaled(&["t"], 1e6)),
+                Box::new(turned(VELOCITY, quat::rotate_inverse)),
+                Box::new(turned(RATES, frd)),
+                Box::new(scaled(&RATES, 1.0 / per_degree)),
+                Box::new(scaled(&FORCE, 1.0 / G)),
+                Box::new(scaled(&["vbat"], 1000.0)),
+            ],
+        ),
+    ];
+    let clean = load(&base.text()).unwrap();
+    for (name, changes) in mistakes {
+        let mut rows = base.clone();
+        changes.iter().for_each(|change| change(&mut rows, &base));
+        let folder = Folder::new();
+        let path = folder.write("log.csv", &rows.text());
+        let mended = mend(&path, None).unwrap();
+        let report = &mended.report;
+        assert!(
+            report.verdict == Severity::Info && mended.left.is_empty(),
+            "{name}: {report}\n{}",
+            mended.text
+        );
+        let mapping = folder.write("log.toml", &mended.text);
+        let log = FlightLog::load(&path, Some(&mapping)).unwrap();
+        assert_eq!(faults(&check(&log)), [], "{name}");
+        let same = |a: &propwash::flight::Channel<3>, b: &propwash::flight::Channel<3>, tolerance: f64| {
+            let apart = |a: &[f64; 3], b: &[f64; 3]| vec3::norm(vec3::sub(*a, *b));
+            let worst = a.values.iter().zip(&b.values).map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
+            assert!(
+                a.len() == b.len() && worst < tolerance,
+                "{name}: {worst} of {tolerance}\n{}",
+                mended.text
+            );
+            let late = a.t_s.iter().zip(&b.t_s).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(late < 1e-6, "{name}: {late} s");
+        };
+        same(&log.position_m, &clean.position_m, 1e-6);
+        same(&log.velocity_m_s, &clean.velocity_m_s, 1e-6);
+        same(&log.angular_velocity_rad_s, &clean.angular_velocity_rad_s, 1e-6);
+        same(&log.specific_force_m_s2, &clean.specific_force_m_s2, 1e-6);
+        for (a, b) in log.attitude.values.iter().zip(&clean.attitude.values) {
+            assert!((0..4).map(|k| a[k] * b[k]).sum::<f64>().abs() > 1.0 - 1e-12, "{name}");
+        }
+        let rotor = |log: &FlightLog| log.rotor_speed_rad_s[0].values[100][0];
+        assert!((rotor(&log) / rotor(&clean) - 1.0).abs() < 1e-9, "{name}");
+        assert!((log.vbat_v.values[5][0] / clean.vbat_v.values[5][0] - 1.0).abs() < 1e-9, "{name}");
+    }
+}
+
+/// Delays are shifted back to a millisecond, also of a mapping that names columns and has comments.
+#[test]
+fn delays_are_mended_beside_what_a_mapping_says() {
+    for (names, seconds) in [(FORCE, 0.012), (RATES, -0.008), (VELOCITY, 0.024)] {
+        let mut rows = flight(30.0, 250.0);
+        rows.delay(&names, seconds);
+        rows.rename("px", "pos_x");
+        let folder = Folder::new();
+        let path = folder.write("log.csv", &rows.text());
+        folder.write("log.toml", "contract_names = true # ours\n[columns]\npx = \"pos_x\"\n");
+        let mended = mend(&path, None).unwrap();
+        assert!(mended.report.verdict == Severity::Info, "{names:?}: {}\n{}", mended.report, mended.text);
+        assert!(mended.text.contains("# ours") && mended.text.contains("px = \"pos_x\""), "{}", mended.text);
+        let shift: f64 =
+            mended.text.lines().find_map(|l| l.strip_prefix("shift_s = ")).unwrap().parse().unwrap();
+        assert!((shift + seconds).abs() < 1e-3, "{names:?}: {shift} for {seconds}");
+    }
+}
+
+/// An attitude that is north-east-down beside positions that are not leans the other way.
+#[test]
+fn an_attitude_in_another_frame_than_the_position_is_found_by_its_lean() {
+    let mut rows = flight(20.0, 200.0);
+    rows.attitudes(|q| [q[0], -q[1], -q[2], q[3]]);
+    rows.drop(&["wx", "wy", "wz", "ax", "ay", "az"]);
+    finds(&rows, Severity::Refuse, Fault::AttitudeFrame, "the attitude is north-east-down");
+    let folder = Folder::new();
+    let mended = mend(&folder.write("log.csv", &rows.text()), None).unwrap();
+    assert!(mended.report.verdict == Severity::Info, "{}\n{}", mended.report, mended.text);
+}
+
+#[test]
+fn wrong_corrections_get_a_sentence() {
+    let folder = Folder::new();
+    let path = folder.write("log.csv", &flight(10.0, 200.0).text());
+    for (text, words) in [
+        ("time_scale = 0.0", "time_scale"),
+        ("[channel.velocity]\nshift_s = nan", "channel.velocity.shift_s"),
+        ("[channel.velocity]\nscale = 0.0", "channel.velocity.scale"),
+        ("[channel.speed]\nscale = 2.0", "channel.speed"),
+        ("[channel.vbat]\naxes = [\"x\", \"y\", \"z\"]", "channel.vbat.axes"),
+        ("[channel.velocity]\naxes = [\"x\", \"x\", \"z\"]", "channel.velocity.axes"),
+        ("[channel.attitude]\naxes = [\"x\", \"y\", \"-z\"]", "right-handed"),
+        ("[channel.position]\nframe = \"body\"", "channel.position.frame"),
+        ("[channel.velocity]\ngravity = \"removed\"", "channel.velocity.gravity"),
+        ("[channel.velocity]\nshift = 0.1", "shift"),
+        ("[channel.velocity]\nframe = \"moon\"", "moon"),
+    ] {
+        let mapping = folder.write("m.toml", text);
+        let error = FlightLog::load(&path, Some(&mapping)).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("m.toml"), "{text}: {error}");
+    }
 }
 
 /// The mappings of docs/logs.md, each a block of TOML.

@@ -280,6 +280,8 @@ class LogFinding:
     text: str
     at_s: float | None
     """Where it begins."""
+    fixes: Sequence[Mapping[str, Any] | str] = ()
+    """What a mapping file would say against it, as ``log_check(…, write_mapping=…)`` writes it."""
 
 
 @dataclass(frozen=True)
@@ -310,26 +312,41 @@ class LogReport:
     """All of it in words."""
     details: Mapping[str, Any] = field(repr=False)
     """Everything, as ``propwash log check --json`` prints it."""
+    corrected: tuple[str, ...] = ()
+    """What ``write_mapping`` corrected, in words; the report is then that of the corrected log."""
 
     def __str__(self) -> str:
         return self.text
 
 
-def log_check(log: LogLike, mapping: str | os.PathLike[str] | None = None) -> LogReport:
+def log_check(
+    log: LogLike,
+    mapping: str | os.PathLike[str] | None = None,
+    *,
+    write_mapping: str | os.PathLike[str] | None = None,
+    force: bool = False,
+) -> LogReport:
     """Checks a flight log, as ``propwash log check`` does: what it holds, and what in it cannot be right.
 
     Args:
         log: A path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md).
         mapping: TOML file with names, units and frames; the one beside the log where it is None.
+        write_mapping: Mapping file to write with the corrections that the check asks for (units, axes, frames, delays); the report is
+            then that of the log read with it. None is written where there is nothing to correct.
+        force: Replace the file ``write_mapping``.
 
     Raises:
         ValueError: for a log that cannot be read as one.
         OSError: for a file that cannot be read.
+        FileExistsError: where ``write_mapping`` exists, without ``force``.
     """
+    may_write(write_mapping, force)
     with _Logs([log]) as paths:
-        text, words = paths.named(
-            *_native.log_check(paths[0], None if mapping is None else _path("mapping", mapping))
-        )
+        of_log = None if mapping is None else _path("mapping", mapping)
+        text, words, toml, fixes = _native.log_check(paths[0], of_log, write_mapping is not None)
+        text, words = paths.named(text, words)
+    if fixes:
+        write(write_mapping, toml, force)
     of = json.loads(text)
     return LogReport(
         **{k: of[k] for k in ("file", "sha256", "duration_s", "verdict")},
@@ -337,6 +354,7 @@ def log_check(log: LogLike, mapping: str | os.PathLike[str] | None = None) -> Lo
         findings=tuple(LogFinding(**f) for f in of["findings"]),
         text=words,
         details=of,
+        corrected=tuple(fixes),
     )
 
 

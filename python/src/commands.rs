@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use propwash::arena::{FlightPattern, SceneConfig};
 use propwash::dataset::recorder::{self, FlightConfig};
-use propwash::flight::{FlightLog, check};
+use propwash::flight::{FlightLog, check, correction};
 use propwash::gap::Drive;
 use propwash::gap::accept::today_utc;
 use propwash::gap::attitude_model::{self, Options};
@@ -122,12 +122,26 @@ pub fn scene_new(py: Python<'_>, scene: &str) -> PyResult<String> {
     }
 }
 
-/// What a log holds and what in it cannot be right: as JSON and in words.
+/// What a log holds and what in it cannot be right: as JSON and in words; with `mend`, of the log as a mapping corrects it, then the text
+/// of that mapping and what it corrects too.
 #[pyfunction]
-pub fn log_check(py: Python<'_>, log: PathBuf, mapping: Option<PathBuf>) -> PyResult<(String, String)> {
-    let report = interruptible(py, move |_| Ok(check(&FlightLog::load(&log, mapping.as_deref())?)));
-    let report = report?.map_err(|e: propwash::flight::FlightError| propwash::Error::from(e)).or_raise()?;
-    Ok((json(&report)?, report.to_string()))
+pub fn log_check(
+    py: Python<'_>,
+    log: PathBuf,
+    mapping: Option<PathBuf>,
+    mend: bool,
+) -> PyResult<(String, String, String, Vec<String>)> {
+    let checked = interruptible(py, move |_| {
+        if mend {
+            let mended = correction::mend(&log, mapping.as_deref())?;
+            let fixes = mended.fixes.iter().map(ToString::to_string).collect();
+            return Ok((mended.report, mended.text, fixes));
+        }
+        Ok((check(&FlightLog::load(&log, mapping.as_deref())?), String::new(), Vec::new()))
+    });
+    let checked = checked?.map_err(|e: propwash::flight::FlightError| propwash::Error::from(e)).or_raise()?;
+    let (report, text, fixes) = checked;
+    Ok((json(&report)?, report.to_string(), text, fixes))
 }
 
 /// The attitude model of a log: as JSON and in words; the text of the vehicle file with it, which `out` is to hold; warnings about the

@@ -259,6 +259,21 @@ def test_log_check_is_that_of_the_program(tmp_path):
         propwash.log_check(tmp_path / "absent.csv")
 
 
+def test_log_check_writes_the_mapping_that_mends_a_log(tmp_path):
+    log = flight("cf2x_L250", seconds=20)
+    wrong = {**log, **{k: np.degrees(log[k]) for k in ("wx", "wy", "wz")}, **{k: -np.asarray(log[k]) for k in ("vx", "vy", "vz")}}
+    before = propwash.log_check(wrong)
+    assert before.verdict == "refuse" and any(f.fixes for f in before.findings) and before.corrected == ()
+    mapping = tmp_path / "mend.toml"
+    mended = propwash.log_check(wrong, write_mapping=mapping)
+    assert mended.verdict != "refuse" and len(mended.corrected) == 2, (mended.corrected, mended.text)
+    assert propwash.log_check(wrong, mapping).details == mended.details
+    with pytest.raises(FileExistsError, match="force"):
+        propwash.log_check(wrong, write_mapping=mapping)
+    assert propwash.log_check(log, write_mapping=tmp_path / "none.toml").corrected == ()
+    assert not (tmp_path / "none.toml").exists()
+
+
 def test_excite_plans_a_flight_that_fly_takes(tmp_path):
     plan = propwash.excite("cf2x_L250", "linear_drag", tmp_path / "path.csv", seconds=20.0)
     assert plan.manoeuvres and plan.waypoints.shape[1] == 5 and plan.duration_s <= 21.0

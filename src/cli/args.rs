@@ -874,6 +874,7 @@ Examples:
   propwash log check flight.csv
   propwash log check flight.ulg --json
   propwash log check usd01.csv --mapping crazyflie.toml
+  propwash log check flight.csv --write-mapping flight.toml
 
 Exit codes: 0 nothing wrong, 1 warnings or a log that cannot be right, 2 the file cannot be read.";
 
@@ -907,6 +908,12 @@ pub struct LogCheckArgs {
     /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
     #[arg(long, value_name = "FILE")]
     pub mapping: Option<PathBuf>,
+    /// Write a mapping file with the corrections that the check asks for (units, axes, frames, delays), and check the log again with it.
+    #[arg(long, value_name = "FILE")]
+    pub write_mapping: Option<PathBuf>,
+    /// Replace that file.
+    #[arg(long, requires = "write_mapping")]
+    pub force: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,

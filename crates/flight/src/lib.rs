@@ -10,6 +10,7 @@ mod channel;
 pub mod check;
 pub mod clean;
 mod contract;
+pub mod correction;
 mod error;
 pub mod files;
 mod mapping;
@@ -164,13 +165,10 @@ impl FlightLog {
     /// [`FlightError`] where the file cannot be read as numbers under known names. Whether the numbers can be right is
     /// left to [`check()`]; [`FlightLog::open`] does both.
     pub fn load(path: &Path, mapping: Option<&Path>) -> Result<Self> {
-        let beside = path.with_extension("toml");
-        let mapping = match mapping {
-            Some(path) => Some(Mapping::load(path)?),
-            None if beside.is_file() && !is_vehicle(&beside) => {
-                Some(Mapping::load(&beside).map_err(beside_the_log)?)
-            }
-            None => None,
+        let mapping = match (mapping, mapping_beside(path)) {
+            (Some(path), _) => Some(Mapping::load(path)?),
+            (None, Some(beside)) => Some(Mapping::load(&beside).map_err(beside_the_log)?),
+            (None, None) => None,
         };
         Self::load_with(path, mapping.as_ref())
     }
@@ -197,6 +195,9 @@ impl FlightLog {
             }
             Format::Ulog => ulog::read(&mut log, mapping)?,
             Format::Csv | Format::Parquet => contract::read(&mut log, &bytes, mapping)?,
+        }
+        if let Some(mapping) = mapping {
+            correction::apply(&mut log, mapping.corrections(), mapping.time_scale());
         }
         log.set_origin();
         Ok(log)
@@ -308,8 +309,8 @@ impl FlightLog {
         }
     }
 
-    /// Moves every time by `shift_s`.
-    fn shift(&mut self, shift_s: f64) {
+    /// Changes every time.
+    fn times_mut(&mut self, change: impl Fn(&mut f64)) {
         let mut all: Vec<&mut Vec<f64>> = Vec::new();
         for c in [
             &mut self.position_m,
@@ -332,24 +333,28 @@ impl FlightLog {
             all.extend(list.iter_mut().map(|c| &mut c.t_s));
         }
         all.extend(self.objects_m.values_mut().map(|c| &mut c.t_s));
-        for t in all.into_iter().flatten() {
-            *t += shift_s;
-        }
+        all.into_iter().flatten().for_each(&change);
         for fault in &mut self.clock_faults {
-            fault.before_s += shift_s;
-            fault.time_s += shift_s;
+            change(&mut fault.before_s);
+            change(&mut fault.time_s);
         }
     }
 
     /// Lets time start at the first row and takes the duration.
     fn set_origin(&mut self) {
         if self.start_s != 0.0 {
-            self.shift(-self.start_s);
+            let start_s = self.start_s;
+            self.times_mut(|t| *t -= start_s);
         }
         let mut last: f64 = 0.0;
         self.for_each(|_, c| last = c.t_s().iter().copied().fold(last, f64::max));
         self.duration_s = last;
     }
+}
+
+/// The mapping beside a log: the file of the same name with the ending `.toml`, where it is no vehicle file.
+fn mapping_beside(log: &Path) -> Option<PathBuf> {
+    Some(log.with_extension("toml")).filter(|beside| beside.is_file() && !is_vehicle(beside))
 }
 
 /// A channel of any width.

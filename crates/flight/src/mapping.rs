@@ -2,6 +2,7 @@
 
 use super::Format;
 use super::contract::{Kind, kind_of};
+use super::correction::Correction;
 use super::error::{FlightError, Result};
 use propwash_trace::math::quat;
 use propwash_trace::units;
@@ -25,6 +26,8 @@ pub struct Mapping {
     world_from_file: Frame,
     body_from_file: Frame,
     inverse_attitude: bool,
+    time_scale: Option<f64>,
+    corrections: BTreeMap<String, Correction>,
 }
 
 /// A column of the file and what makes SI of it: `value · scale + offset`.
@@ -137,6 +140,9 @@ struct Raw {
     #[serde(default)]
     columns: BTreeMap<String, RawColumn>,
     attitude: Option<RawAttitude>,
+    time_scale: Option<f64>,
+    #[serde(default)]
+    channel: BTreeMap<String, Correction>,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -258,7 +264,35 @@ impl Mapping {
         )?;
         out.body_from_file =
             frame_of("body_frame", raw.body_frame, &[("flu", same), ("frd", turned)], &wrong)?;
+        if let Some(scale) = raw.time_scale {
+            if !(scale.is_finite() && scale > 0.0) {
+                let found = scale.to_string();
+                return Err(wrong(
+                    "time_scale",
+                    "a finite number above 0",
+                    &found,
+                    "give s per unit of the file",
+                ));
+            }
+            out.time_scale = Some(scale);
+        }
+        for (name, correction) in raw.channel {
+            if let Some((key, expected, found)) = correction.wrong(&name) {
+                return Err(wrong(&key, &expected, &found, "correct it, or take it out"));
+            }
+            out.corrections.insert(name, correction);
+        }
         Ok(out)
+    }
+
+    /// Corrections of single channels, by name.
+    pub(super) fn corrections(&self) -> &BTreeMap<String, Correction> {
+        &self.corrections
+    }
+
+    /// Seconds per unit of the file's times, after whatever `columns.t` says.
+    pub(super) fn time_scale(&self) -> f64 {
+        self.time_scale.unwrap_or(1.0)
     }
 
     /// The mapping file.

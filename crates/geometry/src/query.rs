@@ -92,8 +92,12 @@ impl<'a> Query<'a> {
 #[inline(always)]
 pub(crate) fn lower_bound(g: &Geom, place: Place, centre: [f64; 3], radius: f64) -> f64 {
     let m = place.mat;
-    let d = [0, 1, 2].map(|k| centre[k] - place.pos[k]);
-    let local = [0, 1, 2].map(|k| m[k] * d[0] + m[3 + k] * d[1] + m[6 + k] * d[2]);
+    let d = [centre[0] - place.pos[0], centre[1] - place.pos[1], centre[2] - place.pos[2]];
+    let local = [
+        m[0] * d[0] + m[3] * d[1] + m[6] * d[2],
+        m[1] * d[0] + m[4] * d[1] + m[7] * d[2],
+        m[2] * d[0] + m[5] * d[1] + m[8] * d[2],
+    ];
     let distance = g.box_distance(local);
     // In the box nothing is known of the depth.
     if distance == 0.0 { f64::NEG_INFINITY } else { distance - radius }

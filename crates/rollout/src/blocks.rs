@@ -20,6 +20,8 @@ pub(super) struct Plan {
     pub integrator: Integrator,
     pub sim_hz: u32,
     pub rates: Vec<Rates>,
+    /// Periods of the same.
+    pub periods: Vec<mellinger::Periods<f64>>,
     pub reads_neighbours: bool,
     /// Per drone slot: whether an effect reads random numbers.
     pub reads_noise: Vec<bool>,
@@ -199,7 +201,8 @@ impl Block {
     fn control(&mut self, plan: &Plan, drones: &[&Drone<f64>]) {
         for (d, slot) in self.slots.iter_mut().enumerate() {
             let rates = &plan.rates[d];
-            slot.control(drones[d], plan.mode, rates.due(plan.mode, self.step, plan.sim_hz), &periods(rates));
+            let due = rates.due(plan.mode, self.step, plan.sim_hz);
+            slot.control(drones[d], plan.mode, due, &plan.periods[d]);
         }
     }
 

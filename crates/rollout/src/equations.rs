@@ -1,6 +1,6 @@
 //! The worlds of a simulation as the equations see them, without its stages, so that several threads can ask at once.
 
-use super::blocks::{Block, Plan, Slot, Source};
+use super::blocks::{Block, Plan, Slot, Source, periods};
 use super::data::wide;
 use super::{SimData, SimOptions};
 use propwash_physics::controllers::Rates;
@@ -129,6 +129,7 @@ impl<'a, N: Number> Equations<'a, N> {
             integrator: self.options.integrator,
             sim_hz: self.options.sim_hz,
             rates: self.rates.to_vec(),
+            periods: self.rates.iter().map(periods).collect(),
             reads_neighbours: reads.len() > 1 && reads.iter().any(|r| r.neighbours),
             reads_noise: reads.iter().map(|r| r.noise).collect(),
         }

@@ -2,6 +2,7 @@
 
 use super::{ChannelSummary, Fault, Findings};
 use crate::clean::{median, quantile};
+use crate::correction::Fix;
 use crate::{ChannelView, FlightLog};
 
 /// Slowest and fastest plausible rate of a pose or an inertial sensor, Hz.
@@ -133,18 +134,19 @@ fn time_unit(channels: &[ChannelSummary], found: &mut Findings) {
         (1e-6, "the times look like seconds labelled as microseconds"),
     ]
     .into_iter()
-    .find(|(factor, _)| plausible(*factor))
-    .map_or("the unit of the times is not known", |(_, text)| text);
+    .find(|(factor, _)| plausible(*factor));
+    let words = guess.map_or("the unit of the times is not known", |(_, text)| text);
     found.refuse(
         Fault::TimeUnit,
         "",
         None,
         format!(
-            "the fastest of pose and inertial sensors has {rate:.6} Hz, expected {} to {} Hz: {guess}; give the unit of \
+            "the fastest of pose and inertial sensors has {rate:.6} Hz, expected {} to {} Hz: {words}; give the unit of \
              `t` in a mapping file",
             RATES_HZ.0, RATES_HZ.1
         ),
     );
+    found.mended_by(guess.map(|(factor, _)| Fix::TimeScale(1.0 / factor)));
 }
 
 fn spacing(log: &FlightLog, name: &str, c: &dyn ChannelView, found: &mut Findings, all: &mut Vec<Gaps>) {

@@ -6,9 +6,12 @@ mod values;
 
 use super::FlightLog;
 use super::align::Lag;
+use super::correction::Fix;
 use super::usable::{self, Known, Reason, Unusable};
 use serde::Serialize;
 use std::fmt;
+
+const RAD_PER_DEG: f64 = std::f64::consts::PI / 180.0;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -82,6 +85,9 @@ pub struct Finding {
     pub text: String,
     /// Where it starts, s.
     pub at_s: Option<f64>,
+    /// What `log check --write-mapping` writes against it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub fixes: Vec<Fix>,
 }
 
 /// Sample times of a channel.
@@ -141,6 +147,17 @@ impl CheckReport {
         warnings.map(|f| f.text.clone()).collect()
     }
 
+    /// What mends its findings, each once.
+    pub fn fixes(&self) -> Vec<Fix> {
+        let mut out: Vec<Fix> = Vec::new();
+        for fix in self.findings.iter().flat_map(|f| &f.fixes) {
+            if !out.contains(fix) {
+                out.push(fix.clone());
+            }
+        }
+        out
+    }
+
     /// Whether there is a finding of that kind, at least a warning.
     pub fn has(&self, fault: Fault) -> bool {
         self.findings.iter().any(|f| f.fault == fault && f.severity > Severity::Info)
@@ -152,7 +169,7 @@ struct Findings(Vec<Finding>);
 
 impl Findings {
     fn add(&mut self, severity: Severity, fault: Fault, channel: &str, at_s: Option<f64>, text: String) {
-        self.0.push(Finding { severity, fault, channel: channel.to_string(), text, at_s });
+        self.0.push(Finding { severity, fault, channel: channel.to_string(), text, at_s, fixes: Vec::new() });
     }
     fn info(&mut self, fault: Fault, channel: &str, at_s: Option<f64>, text: String) {
         self.add(Severity::Info, fault, channel, at_s, text);
@@ -162,6 +179,12 @@ impl Findings {
     }
     fn refuse(&mut self, fault: Fault, channel: &str, at_s: Option<f64>, text: String) {
         self.add(Severity::Refuse, fault, channel, at_s, text);
+    }
+    /// Adds what mends the last finding.
+    fn mended_by(&mut self, fixes: impl IntoIterator<Item = Fix>) {
+        if let Some(last) = self.0.last_mut() {
+            last.fixes.extend(fixes);
+        }
     }
     fn refused(&self) -> bool {
         self.0.iter().any(|f| f.severity == Severity::Refuse)

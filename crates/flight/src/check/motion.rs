@@ -4,8 +4,9 @@
 //! contract says, another frame, another quaternion order …), each with its best scale. A hypothesis other than the
 //! contract is named only when it leaves less than half of the contract's residual and explains the channel well.
 
-use super::{ChannelDelay, Fault, Findings};
+use super::{ChannelDelay, Fault, Findings, RAD_PER_DEG};
 use crate::align;
+use crate::correction::{Change, Fix, Frame};
 use crate::resample::{body_rates, linear, local_parabola, slerp};
 use crate::{Channel, FlightLog};
 use propwash_trace::math::{quat, vec3};
@@ -136,6 +137,8 @@ struct Hypothesis {
     text: &'static str,
     fault: Fault,
     predicted: Vec<[f64; 3]>,
+    /// What mends it.
+    fixes: Vec<Fix>,
 }
 
 /// How a prediction fits.
@@ -179,7 +182,7 @@ fn judge(
     against: &str,
     measured: &[[f64; 3]],
     hypotheses: &[Hypothesis],
-    scales: &[(f64, &str)],
+    scales: &[(f64, &str, Fix)],
     loose: f64,
     found: &mut Findings,
 ) -> bool {
@@ -203,6 +206,7 @@ fn judge(
                 100.0 * score(best)
             ),
         );
+        found.mended_by(h.fixes.clone());
         return false;
     }
     if contract.scale < 0.0 && contract.left < 0.4 {
@@ -212,6 +216,7 @@ fn judge(
             None,
             format!("{channel} has the opposite sign of {against}; change its sign in a mapping file (`scale = -1`)"),
         );
+        found.mended_by(known_channel(channel).map(|c| Fix::of(c, Change::Axes(["-x", "-y", "-z"]))));
         return false;
     }
     if contract.left > loose {
@@ -229,16 +234,17 @@ fn judge(
         return false;
     }
     if contract.left < 0.4 && (contract.scale - 1.0).abs() > 0.12 {
-        let known = scales.iter().find(|(factor, _)| (contract.scale / factor - 1.0).abs() < 0.12);
+        let known = scales.iter().find(|(factor, ..)| (contract.scale / factor - 1.0).abs() < 0.12);
         let text = format!("{channel} is {:.4} times what {against} says", contract.scale);
         match known {
-            Some((_, guess)) => {
+            Some((_, guess, fix)) => {
                 found.refuse(
                     Fault::Unit,
                     channel,
                     None,
                     format!("{text}: {guess}; give the unit in a mapping file"),
                 );
+                found.mended_by([fix.clone()]);
                 return false;
             }
             None => found.warn(Fault::Unit, channel, None, format!("{text}; check units and scale")),
@@ -274,7 +280,13 @@ fn report(
                 if lag.lag_s > 0.0 { "late" } else { "early" }
             ),
         );
+        found.mended_by(known_channel(channel).map(|c| Fix::of(c, Change::ShiftS(-lag.lag_s))));
     }
+}
+
+/// The name of a channel in a mapping file, where corrections of it can be written.
+fn known_channel(channel: &str) -> Option<&'static str> {
+    ["velocity", "angular_velocity", "specific_force"].into_iter().find(|n| n.replace('_', " ") == channel)
 }
 
 /// Samples of `measured`, thinned, at which all of several predictions exist.
@@ -316,37 +328,51 @@ fn velocity(
     }
     let of = |f: fn([f64; 3]) -> [f64; 3]| x.iter().map(|v| f(*v)).collect::<Vec<_>>();
     let fault = Fault::VelocityFrame;
+    let axes = |axes| vec![Fix::of("velocity", Change::Axes(axes))];
     let mut hypotheses = vec![
-        Hypothesis { text: "", fault, predicted: x.clone() },
+        Hypothesis { text: "", fault, predicted: x.clone(), fixes: Vec::new() },
         Hypothesis {
             text: "the velocity is north-east-down and the position is not (or the other way round)",
             fault,
             predicted: of(|v| [v[0], -v[1], -v[2]]),
+            fixes: axes(["x", "-y", "-z"]),
         },
         Hypothesis {
             text: "one of the two is north-east-down and the other east-north-up",
             fault,
             predicted: of(|v| [v[1], v[0], -v[2]]),
+            fixes: axes(["y", "x", "-z"]),
         },
-        Hypothesis { text: "its z axis points the other way", fault, predicted: of(|v| [v[0], v[1], -v[2]]) },
-        Hypothesis { text: "its x and y axes are exchanged", fault, predicted: of(|v| [v[1], v[0], v[2]]) },
+        Hypothesis {
+            text: "its z axis points the other way",
+            fault,
+            predicted: of(|v| [v[0], v[1], -v[2]]),
+            fixes: axes(["x", "y", "-z"]),
+        },
+        Hypothesis {
+            text: "its x and y axes are exchanged",
+            fault,
+            predicted: of(|v| [v[1], v[0], v[2]]),
+            fixes: axes(["y", "x", "z"]),
+        },
     ];
     if turns {
         hypotheses.push(Hypothesis {
             text: "the velocity is in the body frame, expected the world frame",
             fault,
             predicted: body,
+            fixes: vec![Fix::of("velocity", Change::Frame(Frame::Body))],
         });
     }
-    let scales: &[(f64, &str)] = &[
-        (1000.0, "the velocity is in mm/s (or the position in km)"),
-        (100.0, "the velocity is in cm/s"),
-        (3.6, "the velocity is in km/h"),
-        (0.001, "the position is in mm (or the times are in ms)"),
-        (0.01, "the position is in cm"),
-        (1e6, "the times are in microseconds"),
+    let scales = [
+        (1000.0, "the velocity is in mm/s (or the position in km)", Fix::scale("velocity", 1e-3)),
+        (100.0, "the velocity is in cm/s", Fix::scale("velocity", 1e-2)),
+        (3.6, "the velocity is in km/h", Fix::scale("velocity", 1.0 / 3.6)),
+        (0.001, "the position is in mm (or the times are in ms)", Fix::scale("position", 1e-3)),
+        (0.01, "the position is in cm", Fix::scale("position", 1e-2)),
+        (1e6, "the times are in microseconds", Fix::TimeScale(1e-6)),
     ];
-    let holds = judge("velocity", "the slope of the position", &y, &hypotheses, scales, 0.5, found);
+    let holds = judge("velocity", "the slope of the position", &y, &hypotheses, &scales, 0.5, found);
     if holds {
         let lag = align::lag(&log.velocity_m_s, &smooth(&predicted, half_s), MAX_LAG_S);
         report("velocity", "the slope of the position", lag, predicted.period_s(), found, delays);
@@ -400,34 +426,38 @@ fn gyro(log: &FlightLog, attitude: &Channel<4>, found: &mut Findings, delays: &m
     }
     let [contract, inverse, order, world, frd] = x;
     let hypotheses = [
-        Hypothesis { text: "", fault: Fault::RateFrame, predicted: contract },
+        Hypothesis { text: "", fault: Fault::RateFrame, predicted: contract, fixes: Vec::new() },
         Hypothesis {
             text: "the quaternion turns world into body, expected body into world (`direction = \"body_from_world\"`)",
             fault: Fault::AttitudeFrame,
             predicted: inverse,
+            fixes: vec![Fix::of("attitude", Change::BodyFromWorld)],
         },
         Hypothesis {
             text: "the quaternion columns are in the order w, x, y, z (`order = \"wxyz\"`)",
             fault: Fault::AttitudeFrame,
             predicted: order,
+            fixes: vec![Fix::of("attitude", Change::Wxyz)],
         },
         Hypothesis {
             text: "the rates are in the world frame, expected the body frame",
             fault: Fault::RateFrame,
             predicted: world,
+            fixes: vec![Fix::of("angular_velocity", Change::Frame(Frame::World))],
         },
         Hypothesis {
             text: "the rates are forward-right-down and the attitude is not (or the other way round)",
             fault: Fault::RateFrame,
             predicted: frd,
+            fixes: vec![Fix::of("angular_velocity", Change::Axes(["x", "-y", "-z"]))],
         },
     ];
-    let scales: &[(f64, &str)] = &[
-        (180.0 / std::f64::consts::PI, "it is in deg/s"),
-        (1000.0, "it is in mrad/s, or the times are in ms"),
-        (0.001, "the times are too short by 1000"),
+    let scales = [
+        (1.0 / RAD_PER_DEG, "it is in deg/s", Fix::scale("angular_velocity", RAD_PER_DEG)),
+        (1000.0, "it is in mrad/s, or the times are in ms", Fix::scale("angular_velocity", 1e-3)),
+        (0.001, "the times are too short by 1000", Fix::TimeScale(1000.0)),
     ];
-    if judge("angular velocity", "the rotation of the attitude", &y, &hypotheses, scales, 0.6, found) {
+    if judge("angular velocity", "the rotation of the attitude", &y, &hypotheses, &scales, 0.6, found) {
         let lag = align::lag(&log.angular_velocity_rad_s, &smooth(&predicted, half_s), MAX_LAG_S);
         report("angular velocity", "the rotation of the attitude", lag, predicted.period_s(), found, delays);
     }
@@ -506,15 +536,30 @@ fn forces(
     if y.len() < 64 {
         return;
     }
+    let own = |change| Fix::of("specific_force", change);
+    let fixes: [Vec<Fix>; 8] = [
+        vec![],
+        vec![own(Change::Frame(Frame::World))],
+        vec![own(Change::GravityRemoved)],
+        vec![own(Change::Frame(Frame::World)), own(Change::GravityRemoved)],
+        vec![own(Change::Axes(["x", "-y", "-z"]))],
+        vec![Fix::NorthEastDown],
+        vec![Fix::of("attitude", Change::BodyFromWorld)],
+        vec![Fix::of("attitude", Change::Wxyz)],
+    ];
     let hypotheses: Vec<Hypothesis> = ACCELEROMETERS
         .iter()
         .zip(x)
-        .map(|((text, fault), predicted)| Hypothesis { text, fault: *fault, predicted })
+        .zip(fixes)
+        .map(|(((text, fault), predicted), fixes)| Hypothesis { text, fault: *fault, predicted, fixes })
         .collect();
-    let scales: &[(f64, &str)] =
-        &[(1.0 / G, "it is in g"), (1000.0, "it is in mm/s²"), (100.0, "it is in cm/s²")];
+    let scales = [
+        (1.0 / G, "it is in g", Fix::scale("specific_force", G)),
+        (1000.0, "it is in mm/s²", Fix::scale("specific_force", 1e-3)),
+        (100.0, "it is in cm/s²", Fix::scale("specific_force", 1e-2)),
+    ];
     let against = "the motion (v̇ − g turned into the body)";
-    if judge("specific force", against, &y, &hypotheses, scales, 0.35, found) {
+    if judge("specific force", against, &y, &hypotheses, &scales, 0.35, found) {
         let lag = align::lag(&log.specific_force_m_s2, &smooth(&predicted, half_s), MAX_LAG_S);
         report("specific force", against, lag, predicted.period_s(), found, delays);
     }
@@ -534,7 +579,8 @@ fn lean(attitude: &Channel<4>, acceleration: &Channel<3>, gap: f64, found: &mut 
         x[1].push(quat::rotate_inverse(q, z));
         x[2].push(quat::rotate(quat::normalize(reordered(q)), z));
         let turned = quat::rotate(q, z);
-        x[3].push([turned[0], -turned[1], turned[2]]);
+        // Up in a frame that is turned about x is down, and its y the other way.
+        x[3].push([-turned[0], turned[1], turned[2]]);
     }
     if y.len() < 64 {
         return;
@@ -546,8 +592,14 @@ fn lean(attitude: &Channel<4>, acceleration: &Channel<3>, gap: f64, found: &mut 
         "the quaternion columns are in the order w, x, y, z (`order = \"wxyz\"`)",
         "the attitude is north-east-down and forward-right-down and the position is not",
     ];
-    let hypotheses: Vec<Hypothesis> =
-        texts.into_iter().zip(x).map(|(text, predicted)| Hypothesis { text, fault, predicted }).collect();
+    let own = |change| vec![Fix::of("attitude", change)];
+    let fixes = [vec![], own(Change::BodyFromWorld), own(Change::Wxyz), own(Change::Axes(["x", "-y", "-z"]))];
+    let hypotheses: Vec<Hypothesis> = texts
+        .into_iter()
+        .zip(x)
+        .zip(fixes)
+        .map(|((text, predicted), fixes)| Hypothesis { text, fault, predicted, fixes })
+        .collect();
     judge("attitude", "the direction of v̇ − g", &y, &hypotheses, &[], 0.35, found);
 }
 

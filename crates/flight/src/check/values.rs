@@ -1,9 +1,10 @@
 //! Values by themselves: units by magnitude, quaternion lengths, rotor sensors, single outliers.
 
-use super::{Fault, Findings};
+use super::{Fault, Findings, RAD_PER_DEG};
 use crate::clean::{median, outliers, quantile};
+use crate::correction::{Change, Fix};
 use crate::{Channel, FlightLog};
-use propwash_trace::units::STANDARD_GRAVITY_M_S2 as G;
+use propwash_trace::units::{RAD_S_PER_RPM, STANDARD_GRAVITY_M_S2 as G};
 
 pub(super) fn check(log: &FlightLog, found: &mut Findings) {
     quaternions(&log.attitude, found);
@@ -59,21 +60,22 @@ fn quaternions(q: &Channel<4>, found: &mut Findings) {
 fn accelerometer(a: &Channel<3>, found: &mut Findings) {
     let lengths = a.values.iter().map(|a| a.iter().map(|x| x * x).sum::<f64>().sqrt()).collect();
     let Some(middle) = median(lengths) else { return };
-    let (fault, guess) = match middle {
+    let (fault, guess, scale) = match middle {
         m if (0.6..1.7).contains(&m) => {
-            (Fault::Unit, "it is in multiples of g: give `unit = \"g\"` in a mapping file")
+            (Fault::Unit, "it is in multiples of g: give `unit = \"g\"` in a mapping file", Some(G))
         }
         m if m < 0.6 => (
             Fault::AccelerometerFrame,
             "gravity was taken off: a specific force, as an accelerometer reads it, is needed",
+            None,
         ),
         m if (600.0..1700.0).contains(&m) => {
-            (Fault::Unit, "it is in cm/s² or in milli-g: give its unit or scale in a mapping file")
+            (Fault::Unit, "it is in cm/s² or in milli-g: give its unit or scale in a mapping file", None)
         }
         m if (6000.0..17_000.0).contains(&m) => {
-            (Fault::Unit, "it is in mm/s²: give `unit = \"mm/s2\"` in a mapping file")
+            (Fault::Unit, "it is in mm/s²: give `unit = \"mm/s2\"` in a mapping file", Some(1e-3))
         }
-        m if m > 50.0 => (Fault::Unit, "its unit is not known: give its scale in a mapping file"),
+        m if m > 50.0 => (Fault::Unit, "its unit is not known: give its scale in a mapping file", None),
         _ => return,
     };
     found.refuse(
@@ -82,6 +84,7 @@ fn accelerometer(a: &Channel<3>, found: &mut Findings) {
         None,
         format!("the median length of the specific force is {middle:.3} m/s², expected about {G:.2} in flight: {guess}"),
     );
+    found.mended_by(scale.map(|s| Fix::scale("specific_force", s)));
 }
 
 fn angles(log: &FlightLog, found: &mut Findings) {
@@ -99,6 +102,7 @@ fn angles(log: &FlightLog, found: &mut Findings) {
                  `unit = \"deg\"` in a mapping file"
             ),
         );
+        found.mended_by([Fix::scale("commanded_attitude", RAD_PER_DEG)]);
     }
     for (name, yaw) in [
         ("reference yaw", log.ref_yaw_rad.component(0)),
@@ -114,6 +118,8 @@ fn angles(log: &FlightLog, found: &mut Findings) {
                 None,
                 format!("the yaw of {name} looks like degrees, expected rad: give `unit = \"deg\"` in a mapping file"),
             );
+            let channel = if name == "reference yaw" { "reference_yaw" } else { "commanded_attitude" };
+            found.mended_by([Fix::scale(channel, RAD_PER_DEG)]);
         }
     }
 }
@@ -132,6 +138,7 @@ fn rates(log: &FlightLog, found: &mut Findings) {
                  deg/s; give `unit = \"deg/s\"` in a mapping file"
             ),
         );
+        found.mended_by([Fix::scale("angular_velocity", RAD_PER_DEG)]);
     }
 }
 
@@ -151,6 +158,8 @@ fn motors(log: &FlightLog, found: &mut Findings) {
                 format!("the median of the {name} is {speed:.0} rad/s ({:.0} rpm), faster than any propeller: they are in rpm; {as_rpm}",
                     propwash_trace::units::rad_s_to_rpm(speed)),
             );
+            let channel = if name == "rotor speeds" { "rotors" } else { "cmd_rotors" };
+            found.mended_by([Fix::scale(channel, RAD_S_PER_RPM)]);
         } else if speed > 3200.0 {
             found.warn(
                 Fault::Unit,
@@ -178,6 +187,8 @@ fn motors(log: &FlightLog, found: &mut Findings) {
                          {which} ones are in rpm; give `unit = \"rpm\"` in a mapping file"
                     ),
                 );
+                let channel = if which == "measured" { "rotors" } else { "cmd_rotors" };
+                found.mended_by([Fix::scale(channel, RAD_S_PER_RPM)]);
             }
         }
     }
@@ -185,11 +196,15 @@ fn motors(log: &FlightLog, found: &mut Findings) {
     if let Some(most) = quantile(&u, 0.98)
         && most > 1.2
     {
-        let guess = match most {
-            m if m <= 105.0 => "percent (`unit = \"percent\"`)",
-            m if (900.0..2300.0).contains(&m) => "pulse widths in µs (`scale = 0.001, offset = -1.0`)",
-            m if m > 2300.0 && m <= 65_535.0 => "16-bit counts (`unit = \"uint16\"`)",
-            _ => "another unit",
+        let (guess, factors) = match most {
+            m if m <= 105.0 => ("percent (`unit = \"percent\"`)", Some((0.01, 0.0))),
+            m if (900.0..2300.0).contains(&m) => {
+                ("pulse widths in µs (`scale = 0.001, offset = -1.0`)", Some((0.001, -1.0)))
+            }
+            m if m > 2300.0 && m <= 65_535.0 => {
+                ("16-bit counts (`unit = \"uint16\"`)", Some((1.0 / 65_535.0, 0.0)))
+            }
+            _ => ("another unit", None),
         };
         found.refuse(
             Fault::Unit,
@@ -197,6 +212,8 @@ fn motors(log: &FlightLog, found: &mut Findings) {
             None,
             format!("throttle commands reach {most:.1}, expected 0 to 1: they look like {guess}; say so in a mapping file"),
         );
+        let fix = |(scale, offset)| Fix::of("cmd_u", Change::Scale { scale, offset });
+        found.mended_by(factors.map(fix));
     }
 }
 
@@ -209,6 +226,7 @@ fn voltage(v: &Channel<1>, found: &mut Findings) {
             None,
             format!("the median battery voltage is {middle:.0} V: it is in mV; give `unit = \"mV\"` in a mapping file"),
         );
+        found.mended_by([Fix::scale("vbat", 1e-3)]);
     } else if middle < 1.0 {
         found.warn(
             Fault::Unit,
