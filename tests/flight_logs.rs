@@ -6,7 +6,7 @@ mod ulog;
 
 use propwash::flight::correction::mend;
 use propwash::flight::usable::{Known, look};
-use propwash::flight::{CheckReport, Fault, FlightError, FlightLog, Mapping, Severity, check};
+use propwash::flight::{Channel, CheckReport, Fault, FlightError, FlightLog, Mapping, Severity, check};
 use propwash::math::{quat, vec3};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -724,10 +724,11 @@ fn the_command_says_fine_found_or_error_by_its_exit_code() {
     assert_eq!(run(&["check", out.to_str().unwrap()]).0, Some(0));
 }
 
-/// Every mistake that the checker can name is mended by the mapping that it writes: the log then reads as the clean one does.
-#[test]
-fn what_the_checker_finds_a_mapping_mends() {
-    let base = flight(20.0, 200.0);
+/// A mistake in a log, given the clean rows too.
+type Mistake = Box<dyn Fn(&mut Rows, &Rows)>;
+
+/// Mistakes that the checker can name, alone and together.
+fn mistakes() -> Vec<(&'static str, Vec<Mistake>)> {
     let per_degree = std::f64::consts::PI / 180.0;
     let scaled = |names: &'static [&'static str], factor: f64| {
         move |rows: &mut Rows, _: &Rows| rows.scale(names, factor)
@@ -736,9 +737,8 @@ fn what_the_checker_finds_a_mapping_mends() {
         move |rows: &mut Rows, base: &Rows| rows.three(names, |i, v| f(base.attitude(i), v))
     };
     let attitudes = |f: fn([f64; 4]) -> [f64; 4]| move |rows: &mut Rows, _: &Rows| rows.attitudes(f);
-    type Mistake = Box<dyn Fn(&mut Rows, &Rows)>;
     let frd = |_: [f64; 4], v: [f64; 3]| [v[0], -v[1], -v[2]];
-    let mistakes: Vec<(&str, Vec<Mistake>)> = vec![
+    vec![
         ("rates in deg/s", vec![Box::new(scaled(&RATES, 1.0 / per_degree))]),
         ("forces in g", vec![Box::new(scaled(&FORCE, 1.0 / G))]),
         ("velocity in mm/s", vec![Box::new(scaled(&VELOCITY, 1000.0))]),
@@ -787,9 +787,24 @@ fn what_the_checker_finds_a_mapping_mends() {
                 Box::new(scaled(&["vbat"], 1000.0)),
             ],
         ),
-    ];
+    ]
+}
+
+/// Two channels have the same samples.
+fn same(name: &str, a: &Channel<3>, b: &Channel<3>) {
+    let apart = |a: &[f64; 3], b: &[f64; 3]| vec3::norm(vec3::sub(*a, *b));
+    let worst = a.values.iter().zip(&b.values).map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
+    assert!(a.len() == b.len() && worst < 1e-6, "{name}: {worst}");
+    let late = a.t_s.iter().zip(&b.t_s).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(late < 1e-6, "{name}: {late} s");
+}
+
+/// Every mistake that the checker can name is mended by the mapping that it writes: the log then reads as the clean one does.
+#[test]
+fn what_the_checker_finds_a_mapping_mends() {
+    let base = flight(20.0, 200.0);
     let clean = load(&base.text()).unwrap();
-    for (name, changes) in mistakes {
+    for (name, changes) in mistakes() {
         let mut rows = base.clone();
         changes.iter().for_each(|change| change(&mut rows, &base));
         let folder = Folder::new();
@@ -804,21 +819,10 @@ fn what_the_checker_finds_a_mapping_mends() {
         let mapping = folder.write("log.toml", &mended.text);
         let log = FlightLog::load(&path, Some(&mapping)).unwrap();
         assert_eq!(faults(&check(&log)), [], "{name}");
-        let same = |a: &propwash::flight::Channel<3>, b: &propwash::flight::Channel<3>, tolerance: f64| {
-            let apart = |a: &[f64; 3], b: &[f64; 3]| vec3::norm(vec3::sub(*a, *b));
-            let worst = a.values.iter().zip(&b.values).map(|(a, b)| apart(a, b)).fold(0.0, f64::max);
-            assert!(
-                a.len() == b.len() && worst < tolerance,
-                "{name}: {worst} of {tolerance}\n{}",
-                mended.text
-            );
-            let late = a.t_s.iter().zip(&b.t_s).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-            assert!(late < 1e-6, "{name}: {late} s");
-        };
-        same(&log.position_m, &clean.position_m, 1e-6);
-        same(&log.velocity_m_s, &clean.velocity_m_s, 1e-6);
-        same(&log.angular_velocity_rad_s, &clean.angular_velocity_rad_s, 1e-6);
-        same(&log.specific_force_m_s2, &clean.specific_force_m_s2, 1e-6);
+        same(name, &log.position_m, &clean.position_m);
+        same(name, &log.velocity_m_s, &clean.velocity_m_s);
+        same(name, &log.angular_velocity_rad_s, &clean.angular_velocity_rad_s);
+        same(name, &log.specific_force_m_s2, &clean.specific_force_m_s2);
         for (a, b) in log.attitude.values.iter().zip(&clean.attitude.values) {
             assert!((0..4).map(|k| a[k] * b[k]).sum::<f64>().abs() > 1.0 - 1e-12, "{name}");
         }

@@ -52,6 +52,7 @@ fn dry_friction_is_found_with_its_size_and_flies() {
     assert!((s.value - true_of("scale")).abs() < 0.1 * true_of("scale"), "{s:?} {}", true_of("scale"));
     assert!(verdict.verdict.contains("force along body x and y = −"), "{}", verdict.verdict);
     assert!(verdict.verdict.contains("no physical name; like dry friction"), "{}", verdict.verdict);
+    assert!(verdict.headline.contains("tanh(v / "), "{}", verdict.headline);
     assert_eq!(verdict.vehicle_sha256, vehicle.sha256(), "it is a verdict on the file as it is");
 
     // Written, it is an effect like any other.

@@ -13,7 +13,7 @@ use super::formula::{self, Formula, Proposed};
 use super::headline::{headline, pair};
 use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
-use super::policy::{LITTLE_GAIN, WORSE};
+use super::policy::{HEADLINE_CHARS, LITTLE_GAIN, WORSE};
 use super::report::significant;
 use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Diagnosis, Finding, Rung};
@@ -256,6 +256,12 @@ fn with_formulas(
         for finding in verdict.findings.iter_mut().filter(|x| x.id == f.id) {
             finding.title = f.said(finding);
             verdict.verdict = verdict.verdict.replacen(&f.id, &format!("{} ({})", f.id, finding.title), 1);
+            // The name of a formula says nothing; what it is does, where there is room.
+            let short = finding.title.split(';').next().unwrap_or_default();
+            let line = verdict.headline.replacen(&f.id, short, 1);
+            if line.chars().count() <= HEADLINE_CHARS {
+                verdict.headline = line;
+            }
         }
     }
     verdict.formulas = proposed.to_vec();
