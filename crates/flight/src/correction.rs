@@ -1,6 +1,7 @@
 //! Corrections of single channels, as a mapping file lists them under `[channel.NAME]`, and how those that the checker asks for
 //! are written into one.
 
+use super::axes::Axes;
 use super::resample::slerp;
 use super::{
     Channel, CheckReport, FlightError, FlightLog, Mapping, Result, STANDARD_GRAVITY_M_S2, check, files,
@@ -164,21 +165,6 @@ enum Order {
     Wxyz,
 }
 
-/// An axis by its name: number and sign.
-fn axis(name: &str) -> Option<(usize, f64)> {
-    let sign = if name.starts_with('-') { -1.0 } else { 1.0 };
-    let at = ["x", "y", "z"].iter().position(|n| *n == name.trim_start_matches(['-', '+']))?;
-    Some((at, sign))
-}
-
-fn turned<const N: usize>(v: [f64; N], axes: &[(usize, f64); 3]) -> [f64; N] {
-    let mut out = v;
-    for (k, (at, sign)) in axes.iter().enumerate() {
-        out[k] = sign * v[*at];
-    }
-    out
-}
-
 impl Correction {
     /// What is wrong with a table: key, expected, found.
     pub fn wrong(&self, name: &str) -> Option<(String, String, String)> {
@@ -217,46 +203,43 @@ impl Correction {
             return Some((key(k), format!("this key for {of} only"), name.replace('_', " ")));
         }
         if let Some(axes) = &self.axes {
-            let all: Vec<(usize, f64)> = axes.iter().filter_map(|a| axis(a)).collect();
-            let each_once = (0..3).all(|k| all.iter().filter(|(at, _)| *at == k).count() == 1);
-            if !each_once {
-                let expected = "three different axes such as [\"x\", \"-y\", \"-z\"]".to_string();
-                return Some((key("axes"), expected, axes.join(", ")));
-            }
-            if name == "attitude" && handedness(&all) < 0.0 {
-                let expected = "axes of a right-handed frame: a mirrored attitude is none".to_string();
-                return Some((key("axes"), expected, axes.join(", ")));
-            }
+            let handedness = Axes::parse(axes).map_or(0.0, |a| a.handedness());
+            let expected = match name {
+                "attitude" if handedness < 0.0 => "axes of a right-handed frame: a mirrored attitude is none",
+                _ if handedness == 0.0 => "three different axes such as [\"x\", \"-y\", \"-z\"]",
+                _ => return None,
+            };
+            return Some((key("axes"), expected.into(), axes.join(", ")));
         }
         None
     }
 
-    fn axes(&self) -> Option<[(usize, f64); 3]> {
-        let axes = self.axes.as_ref()?;
-        let mut out = [(0, 1.0); 3];
-        for (out, name) in out.iter_mut().zip(axes) {
-            *out = axis(name)?;
-        }
-        Some(out)
+    /// Its axes; those of the file where it names none.
+    fn axes(&self) -> Axes {
+        self.axes.as_ref().and_then(|names| Axes::parse(names).ok()).unwrap_or_default()
     }
 
     fn number(&self, x: f64) -> f64 {
         x * self.scale.unwrap_or(1.0) + self.offset.unwrap_or(0.0)
     }
 
-    fn numbers<const N: usize>(&self, channel: &mut Channel<N>) {
-        channel.t_s.iter_mut().for_each(|t| *t += self.shift_s.unwrap_or(0.0));
+    fn shift(&self, t_s: &mut [f64]) {
+        t_s.iter_mut().for_each(|t| *t += self.shift_s.unwrap_or(0.0));
+    }
+
+    fn numbers(&self, channel: &mut Channel<1>) {
+        self.shift(&mut channel.t_s);
+        channel.values.iter_mut().for_each(|v| *v = v.map(|x| self.number(x)));
+    }
+
+    fn vectors(&self, channel: &mut Channel<3>) {
+        self.shift(&mut channel.t_s);
         let axes = self.axes();
-        for v in &mut channel.values {
-            if let Some(axes) = &axes {
-                *v = turned(*v, axes);
-            }
-            *v = v.map(|x| self.number(x));
-        }
+        channel.values.iter_mut().for_each(|v| *v = axes.apply(*v).map(|x| self.number(x)));
     }
 
     fn attitude(&self, channel: &mut Channel<4>) {
-        channel.t_s.iter_mut().for_each(|t| *t += self.shift_s.unwrap_or(0.0));
+        self.shift(&mut channel.t_s);
         let axes = self.axes();
         for q in &mut channel.values {
             if self.order == Some(Order::Wxyz) {
@@ -265,9 +248,9 @@ impl Correction {
             if self.direction == Some(Direction::BodyFromWorld) {
                 *q = quat::conjugate(*q);
             }
-            if let Some(axes) = &axes {
-                *q = turned(*q, axes);
-            }
+            // World and body turn alike, so that only the axis of the rotation does.
+            let [x, y, z] = axes.apply([q[0], q[1], q[2]]);
+            *q = [x, y, z, q[3]];
         }
     }
 
@@ -322,14 +305,7 @@ impl Correction {
                 if !plain {
                     return None;
                 }
-                let before = self.axes().unwrap_or([(0, 1.0), (1, 1.0), (2, 1.0)]);
-                let mut names: [String; 3] = Default::default();
-                for (name, next) in names.iter_mut().zip(axes) {
-                    let (at, sign) = axis(next)?;
-                    let sign = if sign * before[at].1 < 0.0 { "-" } else { "" };
-                    *name = format!("{sign}{}", ["x", "y", "z"][before[at].0]);
-                }
-                out.axes = Some(names);
+                out.axes = Some(self.axes().then(&Axes::parse(axes).ok()?).names());
             }
             Change::ShiftS(s) => out.shift_s = Some(self.shift_s.unwrap_or(0.0) + s),
             Change::Frame(frame) => {
@@ -389,15 +365,6 @@ impl Correction {
     }
 }
 
-fn handedness(axes: &[(usize, f64)]) -> f64 {
-    let row = |(at, sign): (usize, f64)| {
-        let mut out = [0.0; 3];
-        out[at] = sign;
-        out
-    };
-    vec3::dot(row(axes[0]), vec3::cross(row(axes[1]), row(axes[2])))
-}
-
 /// Applies the corrections of a mapping to a log as it was read.
 pub(super) fn apply(log: &mut FlightLog, corrections: &BTreeMap<String, Correction>, time_scale: f64) {
     if time_scale != 1.0 {
@@ -417,7 +384,7 @@ pub(super) fn apply(log: &mut FlightLog, corrections: &BTreeMap<String, Correcti
         ("commanded_attitude", &mut log.cmd_attitude_rad),
     ] {
         let Some(c) = of(name) else { continue };
-        c.numbers(channel);
+        c.vectors(channel);
         if let Some((_, expected)) = TURNED.iter().find(|(n, _)| *n == name) {
             let lost = c.turn(channel, &log.attitude, *expected);
             if lost > 0 {

@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 pub mod align;
+mod axes;
 mod channel;
 pub mod check;
 pub mod clean;

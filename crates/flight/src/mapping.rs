@@ -1,6 +1,7 @@
 //! Mapping files: foreign column names, units, frames, quaternion orders and signs, in a TOML file beside a log.
 
 use super::Format;
+use super::axes::Axes;
 use super::contract::{Kind, kind_of};
 use super::correction::Correction;
 use super::error::{FlightError, Result};
@@ -23,8 +24,8 @@ pub struct Mapping {
     contract_names: Option<bool>,
     columns: BTreeMap<String, Source>,
     attitude: Attitude,
-    world_from_file: Frame,
-    body_from_file: Frame,
+    world_from_file: Axes,
+    body_from_file: Axes,
     inverse_attitude: bool,
     time_scale: Option<f64>,
     corrections: BTreeMap<String, Correction>,
@@ -60,67 +61,6 @@ pub(super) enum Attitude {
     Euler(Box<[Source; 3]>),
     /// Crazyflie's 32-bit quaternion.
     Compressed(Source),
-}
-
-/// Our axes in terms of the file's: our component `i` is `sign[i]` times the file's component `axis[i]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Frame {
-    axis: [usize; 3],
-    sign: [f64; 3],
-}
-
-impl Default for Frame {
-    fn default() -> Self {
-        Self { axis: [0, 1, 2], sign: [1.0; 3] }
-    }
-}
-
-impl Frame {
-    /// x stays, y and z turn over: NED to north-west-up, forward-right-down to forward-left-up.
-    const TURNED: Self = Self { axis: [0, 1, 2], sign: [1.0, -1.0, -1.0] };
-
-    fn apply(&self, v: [f64; 3]) -> [f64; 3] {
-        std::array::from_fn(|i| self.sign[i] * v[self.axis[i]])
-    }
-
-    fn is_identity(&self) -> bool {
-        *self == Self::default()
-    }
-
-    /// +1 for a rotation, −1 for a mirror, 0 for no frame.
-    fn handedness(&self) -> f64 {
-        let mut m = [[0.0; 3]; 3];
-        for i in 0..3 {
-            m[i][self.axis[i]] = self.sign[i];
-        }
-        propwash_trace::math::vec3::dot(m[0], propwash_trace::math::vec3::cross(m[1], m[2]))
-    }
-
-    /// The rotation as a quaternion xyzw (Shepperd, J. Guidance and Control 1(3), 1978: the largest of the four first).
-    fn quaternion(&self) -> [f64; 4] {
-        let mut m = [[0.0; 3]; 3];
-        for i in 0..3 {
-            m[i][self.axis[i]] = self.sign[i];
-        }
-        let trace = m[0][0] + m[1][1] + m[2][2];
-        let squares = [m[0][0], m[1][1], m[2][2], trace].map(|d| 1.0 + 2.0 * d - trace);
-        let largest = (0..4).max_by(|a, b| squares[*a].total_cmp(&squares[*b])).unwrap_or(3);
-        let r = squares[largest].sqrt();
-        let f = 0.5 / r;
-        let mut q = [0.0; 4];
-        q[largest] = 0.5 * r;
-        if largest == 3 {
-            q[0] = (m[2][1] - m[1][2]) * f;
-            q[1] = (m[0][2] - m[2][0]) * f;
-            q[2] = (m[1][0] - m[0][1]) * f;
-        } else {
-            let (i, j, k) = (largest, (largest + 1) % 3, (largest + 2) % 3);
-            q[j] = (m[i][j] + m[j][i]) * f;
-            q[k] = (m[i][k] + m[k][i]) * f;
-            q[3] = (m[k][j] - m[j][k]) * f;
-        }
-        q
-    }
 }
 
 #[derive(Deserialize)]
@@ -253,13 +193,12 @@ impl Mapping {
             let (attitude, inverse) = read_attitude(attitude, &wrong)?;
             (out.attitude, out.inverse_attitude) = (attitude, inverse);
         }
-        let (same, turned) = (Frame::default(), Frame::TURNED);
+        let (same, turned) = (Axes::default(), Axes::TURNED);
         // East-north-down turned about x would be mirrored, so it is not offered.
-        let y_up = Frame { axis: [0, 2, 1], sign: [1.0, -1.0, 1.0] };
         out.world_from_file = frame_of(
             "world_frame",
             raw.world_frame,
-            &[("enu", same), ("nwu", same), ("z_up", same), ("ned", turned), ("y_up", y_up)],
+            &[("enu", same), ("nwu", same), ("z_up", same), ("ned", turned), ("y_up", Axes::Y_UP)],
             &wrong,
         )?;
         out.body_from_file =
@@ -444,27 +383,18 @@ fn source_of(name: &str, column: RawColumn, wrong: &Wrong<'_>) -> Result<Source>
 }
 
 /// A frame by its name, or by three axes.
-fn frame_of(key: &str, raw: Option<RawFrame>, names: &[(&str, Frame)], wrong: &Wrong<'_>) -> Result<Frame> {
+fn frame_of(key: &str, raw: Option<RawFrame>, names: &[(&str, Axes)], wrong: &Wrong<'_>) -> Result<Axes> {
     let known: Vec<&str> = names.iter().map(|(n, _)| *n).collect();
     let expected = format!("one of {}, or three axes such as [\"x\", \"-y\", \"-z\"]", known.join(", "));
     match raw {
-        None => Ok(Frame::default()),
+        None => Ok(Axes::default()),
         Some(RawFrame::Name(name)) => {
             let found = names.iter().find(|(n, _)| name.eq_ignore_ascii_case(n)).map(|(_, f)| *f);
             found.ok_or_else(|| wrong(key, &expected, &name, "correct the name"))
         }
         Some(RawFrame::Axes(axes)) => {
-            let mut frame = Frame::default();
-            for (i, axis) in axes.iter().enumerate() {
-                let bare = axis.trim_start_matches(['-', '+']);
-                frame.sign[i] = if axis.starts_with('-') { -1.0 } else { 1.0 };
-                frame.axis[i] = match bare {
-                    "x" => 0,
-                    "y" => 1,
-                    "z" => 2,
-                    _ => return Err(wrong(key, &expected, axis, "correct the axis")),
-                };
-            }
+            let frame =
+                Axes::parse(&axes).map_err(|axis| wrong(key, &expected, &axis, "correct the axis"))?;
             if frame.handedness() != 1.0 {
                 return Err(wrong(
                     key,

@@ -13,7 +13,7 @@ use super::formula::{self, Formula, Proposed};
 use super::headline::{headline, pair};
 use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
-use super::policy::{HEADLINE_CHARS, LITTLE_GAIN, WORSE};
+use super::policy::{HEADLINE_CHARS, WORSE};
 use super::report::significant;
 use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Diagnosis, Finding, Rung};
@@ -239,10 +239,10 @@ fn with_formulas(
     // without. What is written without a formula may diverge, and then any formula is better.
     let written = |f: &Fitted| judge.look(f.at_best.as_ref().unwrap_or(filed.vehicle));
     if let (Ok(with), Ok(without)) = (written(&fitted), written(before)) {
-        let (all, own) = (with.over(&without), with.clearest(&without));
-        if all > WORSE || all.min(own.with / own.without) > LITTLE_GAIN {
+        if with.hardly_better(&without) {
+            let own = with.clearest(&without);
             let channel = format!("{} {}", own.channel, pair(own.without, own.with, &own.unit));
-            let times = significant(all, 3);
+            let times = significant(with.over(&without), 3);
             let words = format!(
                 "on {} its vehicle has {times} times the errors of the one without it ({channel})",
                 judge.title()

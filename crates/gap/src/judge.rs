@@ -4,8 +4,8 @@ use super::GapError;
 use super::compare::HORIZONS_S;
 use super::ladder::{Flights, pooled};
 use super::policy::{
-    ACTS_NOWHERE, BAND_S, FED_IN_RAD, FEWEST_INSTANTS, JUDGE_HORIZONS_S, ONE_DIRECTION, PARTS_JUDGED,
-    SETTLING_S,
+    ACTS_NOWHERE, BAND_S, FED_IN_RAD, FEWEST_INSTANTS, JUDGE_HORIZONS_S, LITTLE_GAIN, ONE_DIRECTION,
+    PARTS_JUDGED, SETTLING_S, WORSE,
 };
 use super::replay::{Context, STEP_S, drone_for};
 use super::residual::{Replay, Residuals, replay_errors};
@@ -253,6 +253,13 @@ impl Seen {
             Some((_, part)) => self.change_of(part, without),
             None => self.against(without).1,
         }
+    }
+
+    /// Whether a vehicle is worse than `without`, or lowers neither all errors together nor those of its clearest channel to
+    /// [`LITTLE_GAIN`].
+    pub fn hardly_better(&self, without: &Self) -> bool {
+        let (all, own) = (self.over(without), self.clearest(without));
+        all > WORSE || all.min(own.with / own.without) > LITTLE_GAIN
     }
 
     /// Force and torque, each with how much it differs from that of another model, in units of noise, where it does.
@@ -513,6 +520,18 @@ pub(crate) mod tests {
         let sensor = seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.02);
         assert_eq!(sensor.against(&filed).1.channel, "attitude after 0.5 s");
         assert_eq!(sensor.clearest(&filed).channel, "attitude after 0.5 s");
+    }
+
+    #[test]
+    fn a_vehicle_is_hardly_better_unless_all_errors_fall_or_one_does_clearly() {
+        let without = seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.05);
+        let clearly = seen([0.2, 0.15, 0.01], [0.002; 3], 0.1, 0.05);
+        let little = seen([0.39, 0.295, 0.01], [0.002; 3], 0.099, 0.05);
+        // The force is halved, and the positions are three times as far off.
+        let dearly = seen([0.2, 0.15, 0.01], [0.002; 3], 0.3, 0.05);
+        assert!(!clearly.hardly_better(&without));
+        assert!(little.hardly_better(&without) && dearly.hardly_better(&without));
+        assert!(without.hardly_better(&without));
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Starting points of searches other than the vehicle file: explanations by fewer clocks, and the second estimator's
-//! choice.
+//! Starting points of searches other than the vehicle file: explanations by fewer clocks, the second estimator's choice, and
+//! formulas with what the evidence keeps beside them.
 
 use super::disturbance::Disturbance;
 use super::fit::Prepared;

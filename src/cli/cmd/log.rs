@@ -57,10 +57,11 @@ fn mend_log(args: &LogCheckArgs, out: &Path) -> Result<Outcome> {
     };
     output::check(&[("--write-mapping", Some(out))], args.force)?;
     let mended = waiting("reading", || mend(file, args.mapping.as_deref()))?;
-    if mended.fixes.is_empty() {
-        warn("nothing to correct by a mapping file: none was written");
-    } else {
-        output::write("--write-mapping", out, mended.text.as_bytes(), args.force)?;
+    let text = mended.text.as_bytes();
+    match (mended.fixes.is_empty(), args.json) {
+        (true, _) => warn("nothing to correct by a mapping file: none was written"),
+        (false, true) => output::report("--write-mapping", out, text, args.force)?,
+        (false, false) => output::write("--write-mapping", out, text, args.force)?,
     }
     if args.json {
         print_json(&json!([mended.report]))?;
