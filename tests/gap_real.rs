@@ -9,6 +9,7 @@ use propwash::gap::accept::{Source, today_utc};
 use propwash::gap::compare::{LogComparison, compare};
 use propwash::gap::complete::{Completion, Entry};
 use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::throttle;
 use propwash::gap::verdict::{Diagnosis, Finding, ParameterFit, Said};
 use propwash::gap::{Drive, Options, Track};
 use propwash::vehicle::Vehicle;
@@ -238,4 +239,51 @@ fn drag_and_flapping_of_a_brushless_crazyflie_are_found_by_either_input() {
     assert!(!drag.certain && drag.second.said == Said::Agrees, "{}", drag.second.text);
     let per_speed = value(drag, "drag_n_s2_per_rad_m").value * rotors;
     assert!((per_speed / 12.35e-3 - 1.0).abs() < 0.25, "{per_speed} N·s/m in hover");
+}
+
+#[test]
+fn motors_by_throttle_and_voltage_explain_unseen_flights_of_a_brushless_crazyflie_and_find_its_drag() {
+    let Some(folder) = real("imrc_brushless") else { return };
+    let Some(vehicles) = real("../cases/gap/vehicles") else { return };
+    let v = Vehicle::load(vehicles.join("imrc_brushless_nodrag.toml")).unwrap();
+    let mapping = folder.join("with_motor_commands.toml.txt");
+    let open = |i: &str| FlightLog::open(&folder.join(format!("eckart{i}.csv")), Some(&mapping)).unwrap().0;
+    let (three, unseen) = (["00", "03", "12"].map(open), ["02", "19", "27"].map(open));
+    let fit = throttle::fit(&three, &unseen, &v).unwrap();
+    notes::tell(&format!("brushless: {fit}"));
+    // README of the data: lag 40 ms, delay 4 ms, and 0.991 of the variance by a regression on all flights.
+    assert!(fit.unseen.share >= 0.98, "{:?}", fit.unseen);
+    for lag in fit.lag_s.unwrap() {
+        assert!((lag.value - 0.040).abs() <= 0.008 && lag.sigma < 0.004, "{lag:?}");
+    }
+    assert!((fit.delay_s.value - 0.004).abs() <= 0.002, "{:?}", fit.delay_s);
+
+    let text = fit.write_into(v.to_toml(), "motors", &v).unwrap();
+    // New time constants in place of the old form, and the delay as an effect.
+    assert!(text.contains("kind = \"command_delay\"") && !text.contains("spin_up_per_s"), "{text}");
+    let v = Vehicle::from_toml("motors", &text).unwrap();
+    let options = Options { drive: Some(Drive::RotorCommands), ..Options::default() };
+    let tracks =
+        |v: &Vehicle, logs: &[FlightLog; 3]| logs.clone().map(|log| Track::new(log, v, &options).unwrap());
+    let d = diagnose(&tracks(&v, &three), &v, &Settings::default()).unwrap().verdict;
+    describe("brushless, by motor commands", &d);
+    let flapping = finding(&d, "blade_flapping");
+    assert!(flapping.certain && flapping.second.said == Said::Agrees, "{}", flapping.second.text);
+    // Drag across, by whichever of its laws: 12.5 and 12.2 mN·s/m.
+    let hover: f64 = v.drone("first_principles").unwrap().hover_rotor_vel()[..4].iter().sum();
+    let drag = match d.findings.iter().find(|f| f.id == "rotor_drag") {
+        Some(f) => value(f, "drag_n_s2_per_rad_m").value * hover,
+        None => value(finding(&d, "linear_drag"), "drag_n_s_per_m.0.0").value,
+    };
+    notes::tell(&format!("brushless, by motor commands: {:.2} mN·s/m of drag across", 1e3 * drag));
+    assert!((drag / 12.35e-3 - 1.0).abs() < 0.3, "{drag}");
+    let mut both = d.clone();
+    both.findings.retain(|f| ["blade_flapping", "rotor_drag", "linear_drag"].contains(&f.id.as_str()));
+    let errors = [&v, &completed(&v, &both)]
+        .map(|v| compare(&tracks(v, &unseen), v).unwrap().pooled.unwrap().horizons[3].position_m);
+    notes::tell(&format!(
+        "brushless, by motor commands: position after 1 s {:.3} m -> {:.3} m",
+        errors[0], errors[1]
+    ));
+    assert!(errors[1] < 0.4 * errors[0], "{errors:?}");
 }

@@ -39,6 +39,7 @@ from .jobs import (  # noqa: E402
     LogReport,
     Manoeuvre,
     ManoeuvreFlight,
+    Motors,
     excite,
     fly,
     identify,
@@ -48,6 +49,7 @@ from .jobs import (  # noqa: E402
     scene_new,
     tell_apart,
     vehicle_new,
+    vehicle_throttle,
 )
 from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved  # noqa: E402
 from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
@@ -95,6 +97,7 @@ __all__ = [
     "LogReport",
     "Manoeuvre",
     "ManoeuvreFlight",
+    "Motors",
     "Obstacle",
     "Parameter",
     "Pipeline",
@@ -133,6 +136,7 @@ __all__ = [
     "scenes",
     "tell_apart",
     "vehicle_new",
+    "vehicle_throttle",
     "vehicles",
     "video",
     "write_rerun",

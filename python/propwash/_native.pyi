@@ -40,6 +40,7 @@ __all__ = [
     "tell_apart",
     "vehicle_of",
     "vehicle_new",
+    "vehicle_throttle",
     "vehicles",
     "view_page",
     "waypoints",
@@ -339,6 +340,12 @@ def identify(
 ) -> tuple[str, str, str, list[str]]: ...
 def vehicle_new(
     given: Mapping[str, Any], logs: Sequence[str | PathLike[str]], mapping: str | PathLike[str] | None, name: str
+) -> tuple[str, str, str]: ...
+def vehicle_throttle(
+    logs: Sequence[str | PathLike[str]],
+    held_out: Sequence[str | PathLike[str]],
+    vehicle: Vehicle,
+    mapping: str | PathLike[str] | None,
 ) -> tuple[str, str, str]: ...
 def excite(
     vehicle: Vehicle, wish: Mapping[str, Any]

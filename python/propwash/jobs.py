@@ -540,6 +540,90 @@ def vehicle_new(
 
 
 @dataclass(frozen=True)
+class Motors:
+    """Motors by throttle and voltage, as flights tell them: u V = offset + back-EMF · Ω + load · Ω²."""
+
+    vehicle: Vehicle
+    """The vehicle with them: ``[throttle]``, the motors' time constant, the commands' delay."""
+    offset_v: float
+    back_emf_v_s_per_rad: float
+    load_v_s2_per_rad2: float
+    nominal_v: float
+    """Voltage where a log has none."""
+    by_speeds: bool
+    """Whether rotor speeds were measured; otherwise the lift tells, with the file's mass and thrust curves."""
+    lag_s: tuple[tuple[float, float], tuple[float, float]] | None
+    """Time constants of the motors up and down, each with its standard deviation; None where the flights do not tell them."""
+    delay_s: tuple[float, float]
+    """Time from a logged throttle until the motor answers, and its standard deviation."""
+    explained: float
+    """Share of the variance of the rotors' speeds (or of the lift) that is explained on the flights of the fit."""
+    explained_unseen: float
+    """The same on held-out flights; without any, on the worse half of the flights by a fit to the other half."""
+    notes: tuple[str, ...]
+    text: str = field(repr=False)
+    """All of it in words."""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def vehicle_throttle(
+    logs: LogLike | Sequence[LogLike],
+    vehicle: str | os.PathLike[str] | Vehicle,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    held_out: Sequence[LogLike] = (),
+    mapping: str | os.PathLike[str] | None = None,
+    force: bool = False,
+) -> Motors:
+    """Fits how fast motors turn by throttle and battery voltage, as ``propwash vehicle throttle`` does (docs/throttle.md).
+
+    Args:
+        logs: Flights with throttles ``cmd_u1`` … of all rotors, each as in ``log_check``; with rotor speeds, or a pose from which
+            the lift follows; ``vbat`` tells the battery from the motors.
+        vehicle: Name of a built-in vehicle, a vehicle file, or a ``Vehicle``.
+        out: Vehicle file to write; none is written where it is None.
+        held_out: Flights that the fit does not see, to be explained by it.
+        mapping: As in ``log_check``.
+        force: Replace the file ``out``.
+
+    Raises:
+        ValueError: for logs without throttles of every rotor, and for throttles that do not go with the rotors' speeds.
+        FileExistsError: where ``out`` exists, without ``force``.
+    """
+    may_write(out, force)
+    before = _vehicle(vehicle)
+    with _Logs(logs) as paths, _Logs(list(held_out)) as unseen:
+        toml, text, words = paths.named(
+            *_native.vehicle_throttle(
+                list(paths), list(unseen), before, None if mapping is None else _path("mapping", mapping)
+            )
+        )
+    of = json.loads(text)
+    write(out, toml, force)
+    table = of["table"]
+
+    def pair(number: dict[str, float]) -> tuple[float, float]:
+        return number["value"], number["sigma"]
+
+    return Motors(
+        vehicle=Vehicle.from_toml(toml, before.name if out is None else Path(out).stem),
+        offset_v=table["offset_v"],
+        back_emf_v_s_per_rad=table["back_emf_v_s_per_rad"],
+        load_v_s2_per_rad2=table["load_v_s2_per_rad2"],
+        nominal_v=table["nominal_v"],
+        by_speeds=of["by_speeds"],
+        lag_s=None if of["lag_s"] is None else (pair(of["lag_s"][0]), pair(of["lag_s"][1])),
+        delay_s=pair(of["delay_s"]),
+        explained=of["fitted"]["share"],
+        explained_unseen=of["unseen"]["share"],
+        notes=tuple(of["notes"]),
+        text=words,
+    )
+
+
+@dataclass(frozen=True)
 class Manoeuvre:
     """A part of a planned flight."""
 

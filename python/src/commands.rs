@@ -11,7 +11,7 @@ use propwash::gap::Drive;
 use propwash::gap::accept::today_utc;
 use propwash::gap::attitude_model::{self, Options};
 use propwash::gap::excite::{self as excitation, Air, Request, Sensors, csv, flight, plan};
-use propwash::gap::first_flight;
+use propwash::gap::{first_flight, throttle};
 use propwash::scene::{self, SceneSource};
 use propwash::vehicle::first::{Given, Layout};
 use pyo3::exceptions::PyValueError;
@@ -206,6 +206,27 @@ pub fn vehicle_new(
         interruptible(py, move |_| first_flight::first_vehicle(&given, &logs, mapping.as_deref(), &name));
     let (vehicle, told) = made?.or_raise()?;
     Ok((vehicle.to_toml().to_string(), json(&told)?, told.to_string()))
+}
+
+/// A vehicle with its motors by throttle, fitted to flights: the text of its file, JSON, and words.
+#[pyfunction]
+pub fn vehicle_throttle(
+    py: Python<'_>,
+    logs: Vec<PathBuf>,
+    held_out: Vec<PathBuf>,
+    vehicle: Py<PyVehicle>,
+    mapping: Option<PathBuf>,
+) -> PyResult<(String, String, String)> {
+    let pool = crate::threads::pool(None)?;
+    interruptible(py, move |_| {
+        let of = vehicle.get();
+        pool.install(|| {
+            let found = throttle::read(&logs, &held_out, mapping.as_deref(), &of.vehicle).or_raise()?;
+            let text = found.write_into(&of.text, &of.vehicle.name, &of.vehicle);
+            let text = text.map_err(propwash::gap::Error::from).or_raise()?;
+            Ok((text, json(&found)?, found.to_string()))
+        })
+    })?
 }
 
 /// What to plan a flight for.

@@ -71,6 +71,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(commands::log_check, m)?)?;
     m.add_function(wrap_pyfunction!(commands::identify, m)?)?;
     m.add_function(wrap_pyfunction!(commands::vehicle_new, m)?)?;
+    m.add_function(wrap_pyfunction!(commands::vehicle_throttle, m)?)?;
     m.add_function(wrap_pyfunction!(commands::excite, m)?)?;
     m.add_function(wrap_pyfunction!(commands::manoeuvres, m)?)?;
     m.add_function(wrap_pyfunction!(commands::tell_apart, m)?)?;

@@ -359,6 +359,37 @@ def test_a_first_vehicle_from_mass_and_arm_flies_and_says_where_its_numbers_come
     assert np.allclose(sim.data.pos, 0.0, atol=1e-2), "it hovers"
 
 
+def test_motors_by_throttle_are_fitted_and_their_vehicle_is_written(tmp_path):
+    # A Crazyflie that climbs and sinks, its motors as their law says and at once at their speed.
+    vehicle = propwash.Vehicle("cf2x_L250")
+    t = np.arange(0.0, 20.0, 0.004)
+    volts = 4.1 - 0.01 * t
+    hover = 2200.0
+    speed = [hover * (1 + 0.05 * np.sin(2 * t + k) + 0.03 * np.sin(7 * t + 2 * k)) for k in range(4)]
+    offset, emf, load = 0.2, 0.5 * 2.0 / hover, 0.4 * 2.0 / hover**2
+    log = {"t": t, "vbat": volts, "px": 0 * t, "py": 0 * t, "pz": 1 + 0.2 * np.sin(t)}
+    log |= {"qx": 0 * t, "qy": 0 * t, "qz": 0 * t, "qw": 1 + 0 * t}
+    for k, w in enumerate(speed):
+        log[f"rotor{k + 1}"] = w
+        log[f"cmd_u{k + 1}"] = (offset + emf * w + load * w**2) / volts
+    motors = propwash.vehicle_throttle(log, vehicle, tmp_path / "motors.toml")
+    assert motors.by_speeds and motors.explained > 0.99 and motors.explained_unseen > 0.99
+    for w in (0.95 * hover, hover, 1.05 * hover):
+        assert abs(_settled(motors, (offset + emf * w + load * w**2) / 4.0, 4.0) / w - 1) < 0.005
+    assert all(lag < 0.01 for lag, _ in motors.lag_s), "it follows at once"
+    assert "back-EMF" in str(motors) and "[throttle]" in (tmp_path / "motors.toml").read_text()
+    assert propwash.Vehicle(tmp_path / "motors.toml").to_toml() == motors.vehicle.to_toml()
+    with pytest.raises(ValueError, match="cmd_u1"):
+        propwash.vehicle_throttle({name: v for name, v in log.items() if not name.startswith("cmd_u")}, vehicle)
+    with pytest.raises(FileExistsError, match="force=True"):
+        propwash.vehicle_throttle(log, vehicle, tmp_path / "motors.toml")
+
+
+def _settled(motors, throttle, volts):
+    drive, a, b = throttle * volts - motors.offset_v, motors.back_emf_v_s_per_rad, motors.load_v_s2_per_rad2
+    return 2 * drive / (a + np.sqrt(a * a + 4 * b * drive))
+
+
 def test_what_no_first_vehicle_is_like_is_refused():
     for more, words in [({"rotors": 5}, "4, 6 or 8"), ({"layout": "y"}, "layout"), ({"inertia_kg_m2": [1.0]}, "3 numbers")]:
         with pytest.raises(ValueError, match=words):

@@ -997,6 +997,16 @@ Numbers that nobody gave follow laws of scale over published vehicles, with stan
 these differ; a flight with rotor speeds sharpens thrust, torque and inertias. docs/first_vehicle.md
 explains. Exit codes: 0 written, 2 error.";
 
+/// Ends the help of `propwash vehicle throttle`.
+const VEHICLE_THROTTLE_EXAMPLES: &str = "\
+Examples:
+  propwash vehicle throttle a.csv b.csv --held-out c.csv --vehicle quad.toml --out motors.toml
+  propwash diagnose d.csv --vehicle motors.toml --drive rotor-commands
+
+Logs need throttles of all rotors (cmd_u1…), and rotor speeds, or a pose from which the lift follows; with the
+battery's voltage (vbat) the battery is told from the motors. docs/throttle.md explains.
+Exit codes: 0 written, 2 error.";
+
 /// Ends the help of `propwash vehicle` and `propwash vehicle diff`.
 const VEHICLE_EXAMPLES: &str = "\
 Examples:
@@ -1023,6 +1033,10 @@ pub enum VehicleCommand {
     /// Write a first vehicle file from mass and arm, sharpened by flights; say what to measure next.
     #[command(after_help = VEHICLE_NEW_EXAMPLES)]
     New(Box<VehicleNewArgs>),
+    /// Fit how fast the motors turn by throttle and battery voltage, and write it into the vehicle file: logs of throttles then
+    /// drive its model.
+    #[command(after_help = VEHICLE_THROTTLE_EXAMPLES)]
+    Throttle(VehicleThrottleArgs),
 }
 
 /// Where the rotors stand, seen from above.
@@ -1076,6 +1090,33 @@ pub struct VehicleNewArgs {
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Replace the file at --out where there is one.
+    #[arg(long)]
+    pub force: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `propwash vehicle throttle`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct VehicleThrottleArgs {
+    /// Flights to fit.
+    #[arg(required = true, value_name = "LOG")]
+    pub logs: Vec<PathBuf>,
+    /// Vehicle: a built-in name or a vehicle file.
+    #[arg(long, visible_alias = "drone", value_name = "NAME|FILE")]
+    pub vehicle: String,
+    /// Flight that the fit does not see, to be explained by it; repeat it for several. Default: halves of the fitted flights, by a
+    /// fit to the other half.
+    #[arg(long, value_name = "LOG")]
+    pub held_out: Vec<PathBuf>,
+    /// Mapping of the logs' names, units and frames. Default: the file beside each log that ends in .toml.
+    #[arg(long, value_name = "FILE")]
+    pub mapping: Option<PathBuf>,
+    /// Vehicle file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Replace the file at --out where there is one, that of --vehicle too.
     #[arg(long)]
     pub force: bool,
     /// Print JSON.

@@ -2,6 +2,9 @@
 //! order, layout, units) stays as its author wrote it.
 
 mod edit;
+mod motors;
+
+pub use motors::set_motors;
 
 use edit::{
     built, by_index, forget_positions, keep_comments, last_position, number_at, set_number_at, sigma_at,

@@ -19,7 +19,7 @@ use super::replay::{Inputs, STEP_S};
 use super::report::quantity::interval;
 use super::residual::{Replay, Residuals, Sample};
 use super::track::{Drive, Options, Track};
-use super::{GapError, Result, fitted, wiring};
+use super::{GapError, Result, fitted, throttle, wiring};
 
 /// Length of a mean, s.
 const BLOCK_S: f64 = 0.25;
@@ -136,6 +136,7 @@ pub fn first_vehicle(
     }
     if !open.is_empty() {
         said.extend(sharpen(&mut first, &open)?);
+        said.extend(motors(&mut first, &open)?);
     }
     Ok((first.vehicle(name)?, Told::of(&first, said)))
 }
@@ -195,6 +196,32 @@ pub fn sharpen(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<Strin
     if let Some(ratio) = lift_of(first, &blocks, &source, &mut said) {
         torques_of(first, &blocks, ratio, &source, &mut said);
     }
+    Ok(said)
+}
+
+/// Fits the motors by throttle and voltage to flights with throttles, where there are any; says in sentences what came of it.
+fn motors(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<String>> {
+    let with: Vec<FlightLog> = logs.iter().filter(|log| !log.cmd_u.is_empty()).cloned().collect();
+    if with.is_empty() {
+        return Ok(Vec::new());
+    }
+    let fit = match throttle::fit(&with, &[], &first.vehicle("new")?) {
+        Ok(fit) => fit,
+        Err(why) => return Ok(vec![format!("no motors by throttle: {why}")]),
+    };
+    let known = if fit.by_speeds { "rotor speeds" } else { "lift" };
+    let mut said = vec![format!(
+        "motors by throttle: explain {:.1} % of how the {known} of unseen halves vary",
+        100.0 * fit.unseen.share
+    )];
+    if let Some([up, down]) = fit.lag_s {
+        // The first file has one lag for both ways.
+        let (value, apart) = (0.5 * (up.value + down.value), 0.5 * (up.value - down.value));
+        let source = format!("flight {}: throttles against {known}", fit.logs[0].join(", "));
+        first.lag_s = Estimate::measured(value, (0.5 * (up.sigma + down.sigma)).hypot(apart), source);
+    }
+    said.extend(fit.notes);
+    first.throttle = Some(fit.table);
     Ok(said)
 }
 

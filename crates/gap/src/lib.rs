@@ -5,6 +5,7 @@
 
 pub mod accept;
 pub mod attitude_model;
+mod battery;
 mod cable;
 mod causes;
 pub mod compare;
@@ -51,6 +52,7 @@ mod solve;
 mod speak;
 mod starts;
 mod stated;
+pub mod throttle;
 pub mod track;
 mod unseen;
 mod usable;

@@ -2,6 +2,7 @@
 //! and which of their parameters are free.
 
 use super::GapError;
+use super::battery;
 use super::inputs::Smoothing;
 use super::policy::{SMOOTHED_TIMING, UNKNOWN_ANSWER};
 use super::replay::Around;
@@ -161,7 +162,7 @@ impl Model {
             let enters = match (candidate.area, clock_of(&self.drone.effects[effect], ordinal)) {
                 (_, Some(sensor)) => Enters::Clock(sensor),
                 (Area::Measurement, _) => Enters::Reading,
-                _ if candidate.needs == Needs::Commands => Enters::Drive,
+                _ if matches!(candidate.needs, Needs::Commands | Needs::Voltage) => Enters::Drive,
                 _ => Enters::Dynamics,
             };
             let filed = visited[ordinal].1;
@@ -464,6 +465,14 @@ fn adapted(
             f.slab = f.slab.hypot(doubt);
         }
     }
+    // What the voltage goes with is known before the fit, from its measurement.
+    if candidate.given(FromLog::BatteryVoltage).is_some()
+        && let Some(law) = battery::law(drone, tracks, arounds)
+    {
+        for (name, value) in &mut candidate.preset {
+            *value = law.of(name).unwrap_or(*value);
+        }
+    }
     // The likelihood is flat above the fastest command: the search for a limit starts just there.
     if let Some(name) = candidate.given(FromLog::FastestCommand)
         && let Some((most, usual)) = fastest_command(tracks)
@@ -519,11 +528,10 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
     let any = |f: &dyn Fn(&Track) -> bool| tracks.iter().any(|t| f(t));
     let drives = |list: &[Drive]| any(&|t| list.contains(&t.drive));
     let rotors = [Drive::RotorSpeeds, Drive::RotorCommands];
+    let commanded = [Drive::RotorCommands, Drive::AttitudeCommands];
     let nature = nature(candidate.kind);
     let reason = match candidate.needs {
-        Needs::Commands if !drives(&[Drive::RotorCommands, Drive::AttitudeCommands]) => {
-            "needs motor commands to drive the model"
-        }
+        Needs::Commands | Needs::Voltage if !drives(&commanded) => "needs motor commands to drive the model",
         Needs::Ground if !any(&|t| t.ground_z_m.is_some()) => "needs the height of the ground",
         Needs::Ceiling if !any(&|t| t.ceiling_z_m.is_some()) => "needs the height of the ceiling",
         Needs::Neighbour if !any(&|t| !t.neighbours.is_empty()) => "needs another tracked vehicle",
@@ -533,6 +541,11 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
         Needs::Gyro if !any(&|t| !t.gyro.is_empty()) => "needs a gyroscope",
         Needs::Accelerometer if !any(&|t| !t.accel.is_empty()) => "needs an accelerometer",
         Needs::Voltage if !any(&|t| t.log.vbat_v.len() > 1) => "needs the battery's voltage",
+        Needs::Voltage if any(&|t| t.battery_in_commands) => "the file's [throttle] has the battery in it",
+        Needs::Voltage if !any(&battery::falls) => "the battery's voltage hardly changes",
+        Needs::Commands if nature.goes_with_charge && any(&battery::falls) => {
+            "the battery's voltage is measured, which decides"
+        }
         _ if !drives(&rotors) && !nature.alike_by_thrust.is_empty() => {
             return Some(format!(
                 "needs rotor speeds: with a collective thrust alone it looks like {}",

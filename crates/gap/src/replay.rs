@@ -6,7 +6,7 @@ mod readings;
 
 use super::GapError;
 use super::cable::{Cable, Pulled};
-use super::track::{Drive, Measured, SETTLE_S, Track};
+use super::track::{Drive, Measured, SETTLE_S, Track, throttle};
 use commanded::commanded;
 pub(crate) use context::{Context, Contexts};
 use propwash_flight::{Channel, resample};
@@ -19,6 +19,7 @@ use propwash_physics::surroundings::{Load, Neighbour, Surroundings};
 use propwash_trace::Real;
 use propwash_trace::dual::Dual;
 use propwash_trace::math::quat;
+use propwash_vehicle::schema::ThrottleOf;
 use readings::Readings;
 use std::sync::Arc;
 
@@ -167,7 +168,7 @@ fn held<const N: usize>(channel: &Channel<N>, at_s: &[f64]) -> Vec<[f64; N]> {
 
 /// Merges channels: every time at which one of them changes, with the values from then on. Before its first sample a
 /// channel has that sample's value.
-fn merged(channels: &[&Channel<1>]) -> Vec<(f64, [f64; MAX_ROTORS])> {
+pub(crate) fn merged(channels: &[&Channel<1>]) -> Vec<(f64, [f64; MAX_ROTORS])> {
     let mut times: Vec<f64> = channels.iter().flat_map(|c| c.t_s.iter().copied()).collect();
     times.sort_by(f64::total_cmp);
     times.dedup();
@@ -210,6 +211,8 @@ pub(crate) struct Raw {
     /// Commands with the times at which they were sent, each held until the next: rotor speeds, or roll, pitch, yaw and
     /// thrust.
     sent: Vec<(f64, [f64; MAX_ROTORS])>,
+    /// The battery's measured voltage at every tick, V; empty where there is none, or where commands follow from it already.
+    battery_v: Vec<f64>,
     /// Whether all inputs are available.
     pub valid: Vec<bool>,
 }
@@ -223,6 +226,7 @@ impl Raw {
             rotor_acc: Vec::new(),
             thrust: Vec::new(),
             sent: Vec::new(),
+            battery_v: Vec::new(),
             valid: (0..n).map(|k| !track.is_excluded(from + k as f64 * TICK_S)).collect(),
         };
         // An instant is valid only if every input has samples near it.
@@ -234,6 +238,9 @@ impl Raw {
         let at: Vec<f64> = (0..n).map(|k| from + k as f64 * TICK_S).collect();
         let inputs = &track.inputs;
         inputs.rotors.iter().for_each(|c| cover(&c.t_s));
+        if by_pose(track.drive) && !track.battery_in_commands && throttle::has_voltage(&track.log) {
+            out.battery_v = throttle::voltage(&track.log.vbat_v, ThrottleOf::Battery, 0.0, &at);
+        }
         match track.drive {
             Drive::RotorCommands => {
                 let all: Vec<&Channel<1>> = inputs.rotors.iter().collect();

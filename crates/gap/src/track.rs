@@ -4,6 +4,7 @@ mod drive;
 mod noise;
 mod objects;
 mod sensors;
+pub(crate) mod throttle;
 
 use super::inputs::Smoothing;
 use super::replay::Contexts;
@@ -19,7 +20,7 @@ use propwash_vehicle::{DYNAMICS, Vehicle};
 use rayon::prelude::*;
 use serde::Serialize;
 
-pub(crate) use drive::Inputs;
+pub(crate) use drive::{Inputs, without_spikes};
 pub(crate) use noise::noise_of;
 
 /// Which channels of a log drive the model.
@@ -176,6 +177,8 @@ pub struct Track {
     /// Excluded spans: on the ground, a crash, gaps.
     pub excluded: Vec<Excluded>,
     pub(crate) inputs: Inputs,
+    /// Whether rotor commands follow from throttles and the battery's measured voltage.
+    pub(crate) battery_in_commands: bool,
     /// How measured inputs were smoothed.
     pub(crate) smoothing: Smoothing,
     pub(crate) position: Channel<3>,
@@ -244,6 +247,7 @@ impl Track {
         let smoothing = inputs.smooth(drive, &mut noise);
         let load = objects::load(&log, options)?;
         let neighbours = objects::neighbours(&log, options, load.as_ref())?;
+        let battery_in_commands = drive == Drive::RotorCommands && throttle::by_battery(&log, vehicle);
         let mut track = Self {
             name,
             drive,
@@ -257,6 +261,7 @@ impl Track {
             warnings,
             excluded: cut.excluded,
             inputs,
+            battery_in_commands,
             smoothing,
             position,
             attitude,

@@ -13,6 +13,7 @@ pub mod measure;
 pub mod rigid_body;
 pub mod rotor;
 pub mod surroundings;
+pub mod throttle;
 
 pub use propwash_trace::{parameters, params};
 

@@ -101,6 +101,8 @@ pub struct Surroundings<'a, S> {
     pub disturbance_force_n: [S; 3],
     /// Disturbance torque set by the user, N·m, world.
     pub disturbance_torque_n_m: [S; 3],
+    /// Voltage of the vehicle's battery where it is measured, V; 0 where effects model it themselves.
+    pub battery_v: S,
     /// The other vehicles of this world.
     pub neighbours: &'a [Neighbour<S>],
     /// The load on the vehicle's cable; what the caller fills in goes before what an effect computes.
@@ -135,6 +137,7 @@ impl<S: Real> Surroundings<'_, S> {
             ceiling_distance_m: S::lit(NO_CEILING_M),
             disturbance_force_n: [zero; 3],
             disturbance_torque_n_m: [zero; 3],
+            battery_v: zero,
             neighbours: &[],
             load: Load::absent(),
             normals: [zero; 3],

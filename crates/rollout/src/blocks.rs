@@ -122,6 +122,7 @@ impl<S: Real> Slot<S> {
             ceiling_distance_m: ceiling_distance(&self.state, self.ceiling_z),
             disturbance_force_n: self.disturbance_force,
             disturbance_torque_n_m: self.disturbance_torque,
+            battery_v: S::zero(),
             neighbours,
             load: Load::absent(),
             normals,

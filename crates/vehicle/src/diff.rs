@@ -196,6 +196,16 @@ fn parameters(v: &Vehicle) -> Values {
         let prefix = format!("attitude_response.{name}");
         response.clone().visit(&prefix, &mut |name, value| out.push((name.to_string(), *value)));
     }
+    if let Some(t) = &v.file.throttle {
+        for (name, value) in [
+            ("offset_v", t.offset_v),
+            ("back_emf_v_s_per_rad", t.back_emf_v_s_per_rad),
+            ("load_v_s2_per_rad2", t.load_v_s2_per_rad2),
+            ("nominal_v", t.nominal_v),
+        ] {
+            out.push((format!("throttle.{name}"), value));
+        }
+    }
     for (name, hz) in [
         ("state_hz", v.rates.state_hz),
         ("attitude_hz", v.rates.attitude_hz),
@@ -234,6 +244,9 @@ fn sigmas(v: &Vehicle) -> Sigmas {
         }
     };
     plain("body", &file.body.sigma);
+    if let Some(t) = &file.throttle {
+        plain("throttle", &t.sigma);
+    }
     let responses = &file.attitude_response;
     for (name, table) in
         DYNAMICS[1..].iter().zip([&responses.so_rpy, &responses.so_rpy_rotor, &responses.so_rpy_rotor_drag])

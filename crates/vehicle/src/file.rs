@@ -200,6 +200,7 @@ pub(super) fn contents(file: &str, v: &VehicleFile) -> Result<Contents, VehicleE
             responses.push((*name, check.response(name, table)?));
         }
     }
+    check.throttle(v)?;
     let effects = check.effects(&v.effect)?;
     let base = Drone { body, airframe, dynamics: Dynamics::Rotors, controller, effects: Vec::new() };
     check.hover(&base, &mut warnings);
@@ -243,6 +244,24 @@ impl Check<'_> {
     fn all_not_negative(&self, key: &str, values: &[f64]) -> Result<(), VehicleError> {
         for (i, value) in values.iter().enumerate() {
             self.not_negative(format!("{key}.{i}"), *value)?;
+        }
+        Ok(())
+    }
+
+    /// The motors turn at some throttle, and faster at more.
+    fn throttle(&self, v: &VehicleFile) -> Result<(), VehicleError> {
+        let Some(t) = &v.throttle else { return Ok(()) };
+        self.not_negative("throttle.offset_v", t.offset_v)?;
+        self.not_negative("throttle.back_emf_v_s_per_rad", t.back_emf_v_s_per_rad)?;
+        self.not_negative("throttle.load_v_s2_per_rad2", t.load_v_s2_per_rad2)?;
+        self.positive("throttle.nominal_v", t.nominal_v, "a voltage above 0 V")?;
+        if t.back_emf_v_s_per_rad + t.load_v_s2_per_rad2 == 0.0 {
+            return Err(self.wrong(
+                "throttle.back_emf_v_s_per_rad",
+                "above 0 V·s/rad, or load_v_s2_per_rad2 above 0",
+                "0 for both",
+                "write what the motors need, or take the table out",
+            ));
         }
         Ok(())
     }

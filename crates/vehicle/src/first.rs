@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use super::schema::{AttitudeResponses, Body, Controllers, Rotor, Sigma, VehicleFile};
+use super::schema::{AttitudeResponses, Body, Controllers, Rotor, Sigma, ThrottleTable, VehicleFile};
 use super::similar::{self, Ability, Unlike};
 use super::{BUILTIN, Vehicle, VehicleError};
 use propwash_trace::units::STANDARD_GRAVITY_M_S2;
@@ -175,6 +175,8 @@ pub struct FirstVehicle {
     pub torque_per_thrust_m: Estimate,
     /// Time constant of motor and propeller, s.
     pub lag_s: Estimate,
+    /// Motors by throttle and voltage, where flights tell them.
+    pub throttle: Option<ThrottleTable>,
     /// Inertia of propeller and motor bell, kg·m².
     pub rotor_inertia_kg_m2: Estimate,
     /// Places of the rotors, m, body, and spins (1 clockwise seen from above), rotor 1 first.
@@ -235,6 +237,7 @@ impl FirstVehicle {
                 (1.0 / l).max(LEAST_LAG_S / LAG_S_M.0),
                 "4.7 ms·m / arm, at least 19 ms",
             ),
+            throttle: None,
             rotor_inertia_kg_m2: Estimate::law(ROTOR_INERTIA, m * r * r, "0.0011 × mass × propeller radius²"),
             radius_m,
             rotors,
@@ -294,7 +297,7 @@ impl FirstVehicle {
         }
         if self.lag_s.is_law {
             out.push(format!(
-                "log commanded and measured rotor speeds together: the motors' time constant is known within {}",
+                "log commanded rotor speeds or throttles together with measured speeds: the motors' time constant is known within {}",
                 percent(&self.lag_s)
             ));
         }
@@ -317,6 +320,7 @@ impl FirstVehicle {
             body: self.body(),
             rotor_default: Some(self.rotor_default()),
             rotor: self.rotor_places(),
+            throttle: self.throttle.clone(),
             attitude_response: AttitudeResponses::default(),
             controller: Controllers::default(),
             rates: like.file().rates.clone(),

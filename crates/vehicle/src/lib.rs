@@ -151,6 +151,16 @@ impl Vehicle {
         &self.file
     }
 
+    /// Motors by throttle and voltage, where the file has `[throttle]`.
+    pub fn throttle(&self) -> Option<propwash_physics::throttle::Params<f64>> {
+        let t = self.file.throttle.as_ref()?;
+        Some(propwash_physics::throttle::Params {
+            offset_v: t.offset_v,
+            back_emf_v_s_per_rad: t.back_emf_v_s_per_rad,
+            load_v_s2_per_rad2: t.load_v_s2_per_rad2,
+        })
+    }
+
     /// All parameters in SI for one of [`DYNAMICS`], with the effects that belong to it.
     ///
     /// Errors when the name is none of them, or when the file has no fit for it.

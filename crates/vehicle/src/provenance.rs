@@ -45,6 +45,8 @@ const UNITS: &[(&str, &str)] = &[
     ("_n_s2_per_m2", "N·s²/m²"),
     ("_n_s2_per_rad_m", "N·s²/(rad·m)"),
     ("_n_s2_per_rad", "N·s²/rad"),
+    ("_v_s2_per_rad2", "V·s²/rad²"),
+    ("_v_s_per_rad", "V·s/rad"),
     ("_n_s_per_m", "N·s/m"),
     ("_n_per_m_s", "N/(m·s)"),
     ("_n_per_m", "N/m"),

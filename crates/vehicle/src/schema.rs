@@ -54,6 +54,9 @@ pub struct VehicleFile {
     pub rotor_default: Option<Rotor>,
     /// The rotors, 1 to 8.
     pub rotor: Vec<Rotor>,
+    /// Motors by throttle and voltage.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub throttle: Option<ThrottleTable>,
     /// Fitted attitude responses.
     #[serde(default, skip_serializing_if = "AttitudeResponses::is_empty")]
     pub attitude_response: AttitudeResponses,
@@ -131,6 +134,37 @@ table! {
         /// Propeller radius, m.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         radius_m: Option<f64>,
+    }
+}
+
+/// Which voltage the throttle is a share of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ThrottleOf {
+    /// That of the battery, as it is at the time.
+    #[default]
+    Battery,
+    /// The nominal one: the firmware makes up for the battery.
+    Nominal,
+}
+
+table! {
+    /// `[throttle]`: motors by throttle and voltage, u V = c + a Ω + b Ω² ([`propwash_physics::throttle`]). It turns logged
+    /// throttles (`cmd_u1` …) into rotor commands.
+    pub struct ThrottleTable {
+        /// Voltage c at which a motor starts to turn, V.
+        #[serde(default)]
+        offset_v: f64,
+        /// Back-EMF a, V·s/rad.
+        back_emf_v_s_per_rad: f64,
+        /// Voltage b for the propeller's torque, V·s²/rad².
+        #[serde(default)]
+        load_v_s2_per_rad2: f64,
+        /// Voltage where none is logged, V.
+        nominal_v: f64,
+        /// Which voltage the throttle is a share of.
+        #[serde(default)]
+        voltage: ThrottleOf,
     }
 }
 

@@ -393,6 +393,7 @@ impl Urdf {
             body: self.body(mass),
             rotor_default: Some(rotor_default),
             rotor: rotors,
+            throttle: None,
             attitude_response: AttitudeResponses::default(),
             controller: Controllers { mellinger: None, direct: None },
             rates: model.file().rates.clone(),

@@ -18,6 +18,7 @@ pub mod scene;
 pub mod urdf;
 pub mod vehicle;
 mod vehicle_new;
+mod vehicle_throttle;
 pub mod view;
 mod watch;
 

@@ -18,6 +18,7 @@ pub fn run(args: &VehicleArgs) -> Result<Outcome> {
     match &args.command {
         VehicleCommand::Diff(a) => compare(a),
         VehicleCommand::New(a) => super::vehicle_new::run(a),
+        VehicleCommand::Throttle(a) => super::vehicle_throttle::run(a),
     }
 }
 

@@ -669,6 +669,8 @@ impl Deviations {
             "battery_sag" => named([
                 ("thrust_loss_share", self.sag_share),
                 ("thrust_loss_per_s", self.sag_share / filed.seconds),
+                // Speeds fall as the voltage does.
+                ("compensated", 0.0),
             ]),
             "actuator_saturation" => named([("max_rotor_vel_rad_s", self.max_rotor_rad_s)]),
             _ => Values::new(),

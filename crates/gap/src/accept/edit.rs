@@ -10,7 +10,7 @@ pub(super) fn split(name: &str) -> (&str, Vec<usize>) {
 }
 
 /// A number as a TOML value, small and large ones in scientific notation; it parses back bit for bit.
-fn number(v: f64) -> Value {
+pub(super) fn number(v: f64) -> Value {
     let plain = v == 0.0 || (1e-3..1e6).contains(&v.abs());
     let text = if plain { format!("{v:?}") } else { format!("{v:e}") };
     text.parse().unwrap_or_else(|_| Value::from(v))

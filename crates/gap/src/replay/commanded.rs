@@ -26,6 +26,7 @@ pub(super) fn commanded<S: Plain>(
     // Rising half of the hat, from the previous tick.
     let mut rising = Hat::<S>::empty();
     for k in 0..around.n_ticks {
+        drive.surroundings.battery_v = S::lit(drive.battery_v.get(k).copied().unwrap_or(0.0));
         let passed = drive.pass(around.time_s(k), k == 0);
         let tick = &mut out[k];
         tick.command = passed.command;
@@ -60,6 +61,8 @@ struct Commanded<'a, S> {
     drone: Drone<S>,
     parts: Parts<S>,
     sent: &'a [(f64, [f64; MAX_ROTORS])],
+    /// The battery's measured voltage at every tick, V; empty where there is none.
+    battery_v: &'a [f64],
     /// Time from sending to arrival, s.
     late: S,
     /// Index of the command in force.
@@ -111,6 +114,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
             drone,
             parts,
             sent: &raw.sent,
+            battery_v: &raw.battery_v,
             late,
             now,
             memory,

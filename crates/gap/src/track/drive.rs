@@ -1,6 +1,7 @@
 //! The model's inputs along a log, and whether the vehicle could fly with them.
 
 use super::sensors::say_held;
+use super::throttle;
 use super::{Drive, Fault, Noise, Options};
 use crate::inputs::{Smoothing, without_noise};
 use crate::{GapError, usable};
@@ -66,9 +67,15 @@ pub(super) fn choose_drive(
     let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
     let response = Drive::AttitudeCommands.dynamics(vehicle) != DYNAMICS[0];
     let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
+    let throttles = full(&log.cmd_u);
+    let by_throttle = throttles && vehicle.throttle().is_some();
     let has = |drive: Drive| match drive {
         Drive::RotorSpeeds => full(&log.rotor_speed_rad_s),
-        Drive::RotorCommands => full(&log.cmd_rotor_rad_s),
+        // What a map makes of throttles is known less well than measured speeds: without these, or where asked for.
+        Drive::RotorCommands => {
+            full(&log.cmd_rotor_rad_s)
+                || (by_throttle && (options.drive.is_some() || !full(&log.rotor_speed_rad_s)))
+        }
         Drive::AttitudeCommands => {
             response && log.cmd_attitude_rad.len() >= 50 && log.cmd_thrust_n.len() >= 50
         }
@@ -77,18 +84,21 @@ pub(super) fn choose_drive(
     let available: Vec<&str> = Drive::ALL.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
     let fault = |expected: String| {
         let mut found = if available.is_empty() { "none of them".into() } else { available.join(", ") };
-        for (what, list) in [("rotor", &log.rotor_speed_rad_s), ("cmd_rotor", &log.cmd_rotor_rad_s)] {
+        let lists =
+            [("rotor", &log.rotor_speed_rad_s), ("cmd_rotor", &log.cmd_rotor_rad_s), ("cmd_u", &log.cmd_u)];
+        for (what, list) in lists {
             if !list.is_empty() && list.len() != n_rotors {
                 found =
                     format!("{found}; {} columns {what}1… for a vehicle of {n_rotors} rotors", list.len());
             }
         }
-        GapError::Log {
-            log: name.into(),
-            expected,
-            found,
-            remedy: "log one of them, map its columns (docs/logs.md), or choose another vehicle file".into(),
+        let mut remedy = "log one of them, map its columns (docs/logs.md), or choose another vehicle file";
+        if throttles && !by_throttle {
+            found = format!("{found}; throttles (cmd_u1…), and no [throttle] in `{}`", vehicle.name);
+            remedy = "let `propwash vehicle throttle` fit how fast the motors turn by throttle and voltage \
+                      (docs/throttle.md)";
         }
+        GapError::Log { log: name.into(), expected, found, remedy: remedy.into() }
     };
     let drive = match options.drive {
         Some(drive) if has(drive) => drive,
@@ -106,7 +116,11 @@ pub(super) fn choose_drive(
             }
         }
         Drive::RotorCommands => {
-            inputs.rotors = log.cmd_rotor_rad_s.clone();
+            inputs.rotors = if full(&log.cmd_rotor_rad_s) {
+                log.cmd_rotor_rad_s.clone()
+            } else {
+                throttle::rotor_commands(log, vehicle, warnings)
+            };
         }
         Drive::AttitudeCommands => {
             inputs.attitude = log.cmd_attitude_rad.clone();
@@ -191,7 +205,7 @@ pub(super) fn plausible_thrust(
 }
 
 /// Rotor speeds without outliers and zero readings in flight.
-fn without_spikes(channel: &Channel<1>, name: &str, warnings: &mut Vec<String>) -> Channel<1> {
+pub(crate) fn without_spikes(channel: &Channel<1>, name: &str, warnings: &mut Vec<String>) -> Channel<1> {
     let typical = clean::median(channel.component(0)).unwrap_or(0.0);
     let mut marks = clean::outliers(channel, 3, 8.0, 0.15 * typical);
     for (mark, v) in marks.iter_mut().zip(&channel.values) {

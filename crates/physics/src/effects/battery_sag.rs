@@ -2,12 +2,13 @@
 //!
 //! Power is that of an ideal disc, T^1.5 / √(2ρA), divided by an efficiency (Leishman, "Principles of helicopter
 //! aerodynamics", ch. 2); voltage is V = V_full − k q − R I. Rotor speed follows voltage, so commanded speeds shrink by
-//! V / V_nominal and commanded thrust by its square. A firmware that compensates its battery needs no such effect.
+//! V / V_nominal and commanded thrust by its square; of a firmware that makes up for part of it, by what is left. Where the
+//! voltage is measured along a log, that is taken.
 
 use super::{Command, Effect, View};
 use crate::airframe;
 use crate::drone::Drone;
-use crate::effects::candidate::{Bounds, Candidate};
+use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Needs};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -24,19 +25,28 @@ parameters! {
         drop_v_per_a_s: S,
         /// Share of electrical power that reaches the air.
         efficiency: S,
+        /// Share of a fall of the voltage that the firmware makes up for; below 0 where speeds fall more than the voltage.
+        compensated: S,
     }
 }
 
 impl Default for Params<f64> {
     fn default() -> Self {
-        Self { full_v: 1.0, nominal_v: 1.0, resistance_ohm: 0.0, drop_v_per_a_s: 0.0, efficiency: 0.5 }
+        Self {
+            full_v: 1.0,
+            nominal_v: 1.0,
+            resistance_ohm: 0.0,
+            drop_v_per_a_s: 0.0,
+            efficiency: 0.5,
+            compensated: 0.0,
+        }
     }
 }
 
 impl<S: Real> Params<S> {
     /// Power that the rotors put into the air, W.
     #[inline(always)]
-    fn power(&self, view: &View<S>, command: &Command<S>) -> S {
+    pub fn power(&self, view: &View<S>, command: &Command<S>) -> S {
         let zero = S::zero();
         let mut area = zero;
         let mut power = zero;
@@ -84,6 +94,7 @@ impl<S: Real> Effect<S> for Params<S> {
                 ("resistance_ohm", Bounds::from(0.0)),
                 ("drop_v_per_a_s", Bounds::from(0.0)),
                 ("efficiency", Bounds::above_to(0.0, 1.0)),
+                ("compensated", Bounds::within(-0.5, 1.0)),
             ]
         }
     }
@@ -106,7 +117,10 @@ impl<S: Real> Effect<S> for Params<S> {
         let voltage = self.loaded_v(rest, power);
         let current = power / (self.efficiency * S::select(empty, S::one(), voltage));
         memory[0] = memory[0] + S::select(empty, zero, current) * dt_s;
-        let ratio = voltage / self.nominal_v;
+        let measured = view.surroundings.battery_v;
+        let voltage = S::select(measured.gt(zero), measured, voltage);
+        let left = S::one() - self.compensated;
+        let ratio = S::one() + left * (voltage / self.nominal_v - S::one());
         match command {
             Command::Rotors(speeds) => {
                 for i in 0..view.airframe.n_rotors {
@@ -118,10 +132,25 @@ impl<S: Real> Effect<S> for Params<S> {
     }
 }
 
-/// What a search for missing physics may free; see [`Candidate`]. None: in one flight charge
-/// drawn goes with time, so [`super::thrust_fade`] stands for it.
+/// What a search for missing physics may free; see [`Candidate`]. Only with a measured voltage: without one, charge drawn goes
+/// with time, and [`super::thrust_fade`] stands for it.
 pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
-    Vec::new()
+    vec![
+        Candidate::new(
+            "battery_sag",
+            "motors that turn slower as the battery's voltage falls",
+            Area::Drive,
+            vec![Freedom::down("compensated", "1", 0.05, 1.0)],
+            "fly a battery from full to nearly empty, with hard climbs",
+        )
+        .needing(Needs::Voltage)
+        .preset("compensated", 1.0)
+        .preset("nominal_v", 1.0)
+        .preset("full_v", 1.0)
+        .preset("resistance_ohm", 0.0)
+        .preset("drop_v_per_a_s", 0.0)
+        .given_by("full_v", FromLog::BatteryVoltage),
+    ]
 }
 
 #[cfg(test)]
@@ -140,6 +169,7 @@ mod tests {
             resistance_ohm: 0.0,
             drop_v_per_a_s: 0.01,
             efficiency: 0.5,
+            compensated: 0.0,
         };
         let drone = quad(vec![AnyEffect::BatterySag(battery)]);
         let state = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
@@ -160,6 +190,22 @@ mod tests {
     }
 
     #[test]
+    fn a_measured_voltage_goes_before_a_modelled_one_and_the_firmware_makes_up_for_its_share() {
+        let battery = Params { full_v: 12.0, nominal_v: 12.0, compensated: 0.25, ..Params::default() };
+        let drone = quad(vec![AnyEffect::BatterySag(battery)]);
+        let state = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
+        let speeds = |battery_v: f64| {
+            let mut command = Command::Rotors([500.0; 8]);
+            let mut around = Surroundings { battery_v, ..Surroundings::calm() };
+            drone.transmit(&state, &mut around, (0.01, 0.01), &mut command, &mut [0.0]);
+            let Command::Rotors(speeds) = command else { panic!("rotor command expected") };
+            speeds[0]
+        };
+        assert_eq!(speeds(0.0), 500.0, "full battery, no resistance");
+        assert!((speeds(10.8) - 500.0 * (1.0 - 0.75 * 0.1)).abs() < 1e-9);
+    }
+
+    #[test]
     fn an_empty_battery_stops_the_motors_and_stays_finite() {
         for resistance_ohm in [0.0, 0.1] {
             let battery = Params {
@@ -168,6 +214,7 @@ mod tests {
                 resistance_ohm,
                 drop_v_per_a_s: 0.01,
                 efficiency: 0.5,
+                compensated: 0.0,
             };
             let drone = quad(vec![AnyEffect::BatterySag(battery)]);
             let state = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };
@@ -189,6 +236,7 @@ mod tests {
             resistance_ohm: 0.1,
             drop_v_per_a_s: 0.0,
             efficiency: 0.5,
+            compensated: 0.0,
         };
         let drone = quad(vec![AnyEffect::BatterySag(battery)]);
         let state = State { rotor_vel: drone.hover_rotor_vel(), ..State::rest() };

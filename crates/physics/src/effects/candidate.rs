@@ -183,7 +183,7 @@ pub enum Needs {
     Gyro,
     /// An accelerometer.
     Accelerometer,
-    /// Battery voltage.
+    /// Commands to the motors, and the battery's voltage.
     Voltage,
 }
 
@@ -269,6 +269,8 @@ pub struct Nature {
     pub scales_hover: bool,
     /// Its forces go with what it remembers ([`super::View::memory`]), which a comparison with logs does not follow.
     pub moved_by_memory: bool,
+    /// It goes with time as a charge that is drawn does: a measured voltage of the battery decides in its place.
+    pub goes_with_charge: bool,
     /// What it is only known beside.
     pub relative: Option<Relative>,
     /// Group of its calibration; none: that of the area on which it acts.
@@ -301,6 +303,8 @@ pub enum FromLog {
     FastestCommand,
     /// Frequency at which the disturbances are loudest, Hz.
     LoudestFrequency,
+    /// Law of the battery's voltage: full, its resistance, and its fall with the charge.
+    BatteryVoltage,
 }
 
 /// An effect that may be missing, with what is free in it.

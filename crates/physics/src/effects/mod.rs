@@ -547,6 +547,7 @@ mod tests {
             resistance_ohm: 0.0,
             drop_v_per_a_s: 0.01,
             efficiency: 0.5,
+            compensated: 0.0,
         };
         let charge = |factor: f64| {
             let scale = AnyEffect::ThrustScale(thrust_scale::Params { factor });
@@ -698,6 +699,7 @@ mod tests {
             ceiling_distance_m: 0.15,
             time_s: 0.13,
             wind_m_s: [0.5, 0.2, -0.1],
+            battery_v: 0.9,
             neighbours: &[above],
             ..Surroundings::calm()
         };
@@ -781,7 +783,7 @@ mod tests {
         let ids: std::collections::BTreeSet<&str> = all.iter().map(|c| c.id.as_str()).collect();
         assert_eq!(ids.len(), all.len(), "two candidates of one name");
         for kind in KINDS {
-            let none = ["disturbance", "battery_sag", "turbulence", "expression"].contains(kind);
+            let none = ["disturbance", "turbulence", "expression"].contains(kind);
             assert_eq!(all.iter().any(|c| c.kind == *kind), !none, "{kind}");
         }
     }

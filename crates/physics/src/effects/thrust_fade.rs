@@ -27,7 +27,7 @@ impl Default for Params<f64> {
 
 impl<S: Real> Effect<S> for Params<S> {
     fn nature(&self) -> Nature {
-        Nature { differs_between_logs: true, ..Nature::default() }
+        Nature { differs_between_logs: true, goes_with_charge: true, ..Nature::default() }
     }
 
     fn ranges(&self) -> &'static [(&'static str, Bounds)] {
