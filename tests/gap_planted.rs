@@ -15,7 +15,7 @@ use propwash::gap::excite;
 use propwash::gap::fitted::{Calibrate, Filed, fit};
 use propwash::gap::ladder::Flights;
 use propwash::gap::verdict::Finding;
-use propwash::gap::{Diagnosis, Options, Track};
+use propwash::gap::{Diagnosis, Drive, Options, Track};
 use propwash::vehicle::Vehicle;
 
 const SECONDS: f64 = 30.0;
@@ -322,6 +322,32 @@ fn filtered_flight(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, flight
     flown.write(&file).unwrap();
     let log = FlightLog::load(&file, None).unwrap();
     (Track::new(log, vehicle, &Options::default()).unwrap(), flown)
+}
+
+/// A log with rotor speeds and no thrust can be asked for forces alone: the file's curves make its thrust, and drag of the rotors,
+/// which a thrust column hides behind that of the body, is tried too.
+#[test]
+fn forces_alone_follow_from_rotor_speeds_without_a_thrust_column() {
+    let vehicle =
+        Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml")).unwrap();
+    for (hidden, seed) in [("linear_drag", 3), ("rotor_drag", 4)] {
+        let mut plan = Plan::exciting(&vehicle, &[hidden], 40.0, seed);
+        plan.sensors = Sensors::with(Inputs::Rotors);
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("flight.csv");
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        let log = FlightLog::load(&file, None).unwrap();
+        assert!(log.thrust_n.is_empty());
+        let track =
+            Track::new(log, &vehicle, &Options { drive: Some(Drive::Thrust), ..Options::default() }).unwrap();
+        assert!(track.warnings.iter().any(|w| w.contains("follows from the measured rotor speeds")));
+        let d = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+        assert!(d.not_tried.iter().all(|(id, _)| id != "rotor_drag"), "{hidden}");
+        // Rotors that turn at nearly one speed have nearly the drag of the body: the truth is named, or among what is alike.
+        let told =
+            |f: &Finding| f.id == hidden || f.look_alikes.iter().any(|l| l.ids.iter().any(|id| id == hidden));
+        assert!(d.findings.iter().any(told), "{hidden}: {}", d.verdict);
+    }
 }
 
 /// Rotors of a hover differ by less than their speeds' noise; half of a filtered log's samples are held. What noise they were taken to

@@ -13,11 +13,11 @@ use std::path::PathBuf;
 pub enum DriveArg {
     /// Measured rotor speeds.
     RotorSpeeds,
-    /// Commanded rotor speeds, through the model's motors.
+    /// Commanded rotor speeds, or throttles by the file's [throttle], through the model's motors.
     RotorCommands,
     /// Commanded attitude and thrust, through the abstracted response.
     AttitudeCommands,
-    /// Collective thrust with the measured attitude: forces only.
+    /// Collective thrust, logged or of the measured rotor speeds, with the measured attitude: forces only.
     Thrust,
 }
 

@@ -179,6 +179,8 @@ pub struct Track {
     pub(crate) inputs: Inputs,
     /// Whether rotor commands follow from throttles and the battery's measured voltage.
     pub(crate) battery_in_commands: bool,
+    /// Whether the thrust follows from measured rotor speeds.
+    pub(crate) thrust_by_rotors: bool,
     /// How measured inputs were smoothed.
     pub(crate) smoothing: Smoothing,
     pub(crate) position: Channel<3>,
@@ -248,6 +250,7 @@ impl Track {
         let load = objects::load(&log, options)?;
         let neighbours = objects::neighbours(&log, options, load.as_ref())?;
         let battery_in_commands = drive == Drive::RotorCommands && throttle::by_battery(&log, vehicle);
+        let thrust_by_rotors = drive::thrust_by_rotors(&log, drive);
         let mut track = Self {
             name,
             drive,
@@ -262,6 +265,7 @@ impl Track {
             excluded: cut.excluded,
             inputs,
             battery_in_commands,
+            thrust_by_rotors,
             smoothing,
             position,
             attitude,

@@ -4,11 +4,13 @@ use super::sensors::say_held;
 use super::throttle;
 use super::{Drive, Fault, Noise, Options};
 use crate::inputs::{Smoothing, without_noise};
+use crate::replay::merged;
 use crate::{GapError, usable};
 use propwash_flight::usable::Unusable;
 use propwash_flight::{Channel, FlightLog, clean};
 use propwash_physics::airframe;
 use propwash_physics::rigid_body::MAX_ROTORS;
+use propwash_physics::rotor;
 use propwash_vehicle::{DYNAMICS, Vehicle};
 
 /// Samples of commands or measured inputs.
@@ -55,35 +57,49 @@ impl Inputs {
     }
 }
 
-/// Chooses the drive of the model.
-pub(super) fn choose_drive(
-    log: &FlightLog,
-    vehicle: &Vehicle,
-    options: &Options,
-    name: &str,
-    warnings: &mut Vec<String>,
-) -> Result<(Drive, &'static str, Inputs), GapError> {
-    let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
-    let full = |list: &[Channel<1>]| list.len() == n_rotors && list.iter().all(|c| c.len() >= 50);
-    let response = Drive::AttitudeCommands.dynamics(vehicle) != DYNAMICS[0];
-    let thrust = [&log.thrust_n, &log.cmd_thrust_n].into_iter().find(|c| c.len() >= 50);
-    let throttles = full(&log.cmd_u);
-    let by_throttle = throttles && vehicle.throttle().is_some();
-    let has = |drive: Drive| match drive {
-        Drive::RotorSpeeds => full(&log.rotor_speed_rad_s),
-        // What a map makes of throttles is known less well than measured speeds: without these, or where asked for.
-        Drive::RotorCommands => {
-            full(&log.cmd_rotor_rad_s)
-                || (by_throttle && (options.drive.is_some() || !full(&log.rotor_speed_rad_s)))
+/// What a log has that could drive a vehicle's model.
+struct Has<'a> {
+    log: &'a FlightLog,
+    vehicle: &'a Vehicle,
+    options: &'a Options,
+    n_rotors: usize,
+}
+
+impl Has<'_> {
+    /// Whether there is a channel with samples for every rotor.
+    fn full(&self, list: &[Channel<1>]) -> bool {
+        list.len() == self.n_rotors && list.iter().all(|c| c.len() >= FEWEST)
+    }
+
+    /// Whether throttles become rotor commands.
+    fn by_throttle(&self) -> bool {
+        self.full(&self.log.cmd_u) && self.vehicle.throttle().is_some()
+    }
+
+    /// Whether a drive has its channels.
+    fn drive(&self, drive: Drive) -> bool {
+        let log = self.log;
+        let speeds = self.full(&log.rotor_speed_rad_s);
+        match drive {
+            Drive::RotorSpeeds => speeds,
+            // What a map makes of throttles is known less well than measured speeds: without these, or where asked for.
+            Drive::RotorCommands => {
+                let instead = self.options.drive.is_some() || !speeds;
+                self.full(&log.cmd_rotor_rad_s) || (self.by_throttle() && instead)
+            }
+            Drive::AttitudeCommands => {
+                let response = Drive::AttitudeCommands.dynamics(self.vehicle) != DYNAMICS[0];
+                response && log.cmd_attitude_rad.len() >= FEWEST && log.cmd_thrust_n.len() >= FEWEST
+            }
+            Drive::Thrust => [&log.thrust_n, &log.cmd_thrust_n].iter().any(|c| c.len() >= FEWEST) || speeds,
         }
-        Drive::AttitudeCommands => {
-            response && log.cmd_attitude_rad.len() >= 50 && log.cmd_thrust_n.len() >= 50
-        }
-        Drive::Thrust => thrust.is_some(),
-    };
-    let available: Vec<&str> = Drive::ALL.iter().filter(|d| has(**d)).map(|d| d.title()).collect();
-    let fault = |expected: String| {
+    }
+
+    /// Why a log has not what was expected.
+    fn fault(&self, name: &str, expected: String) -> GapError {
+        let available: Vec<&str> = Drive::ALL.iter().filter(|d| self.drive(**d)).map(|d| d.title()).collect();
         let mut found = if available.is_empty() { "none of them".into() } else { available.join(", ") };
+        let (log, n_rotors) = (self.log, self.n_rotors);
         let lists =
             [("rotor", &log.rotor_speed_rad_s), ("cmd_rotor", &log.cmd_rotor_rad_s), ("cmd_u", &log.cmd_u)];
         for (what, list) in lists {
@@ -93,50 +109,97 @@ pub(super) fn choose_drive(
             }
         }
         let mut remedy = "log one of them, map its columns (docs/logs.md), or choose another vehicle file";
-        if throttles && !by_throttle {
-            found = format!("{found}; throttles (cmd_u1…), and no [throttle] in `{}`", vehicle.name);
+        if self.full(&log.cmd_u) && !self.by_throttle() {
+            found = format!("{found}; throttles (cmd_u1…), and no [throttle] in `{}`", self.vehicle.name);
             remedy = "let `propwash vehicle throttle` fit how fast the motors turn by throttle and voltage \
                       (docs/throttle.md)";
         }
         GapError::Log { log: name.into(), expected, found, remedy: remedy.into() }
-    };
-    let drive = match options.drive {
-        Some(drive) if has(drive) => drive,
-        Some(drive) => return Err(fault(drive.title().into())),
-        None => Drive::ALL.into_iter().find(|d| has(*d)).ok_or_else(|| {
-            fault("rotor speeds, rotor commands, attitude and thrust commands, or a thrust".into())
-        })?,
-    };
-    let mut inputs = Inputs { rotors: Vec::new(), attitude: Channel::default(), thrust: Channel::default() };
-    match drive {
-        Drive::RotorSpeeds => {
-            let measured = not_held(&log.rotor_speed_rad_s, "rotor speeds", warnings);
-            for (i, c) in measured.iter().enumerate() {
-                inputs.rotors.push(without_spikes(c, &format!("rotor{}", i + 1), warnings));
+    }
+
+    /// The channels of a drive.
+    fn inputs(&self, drive: Drive, warnings: &mut Vec<String>) -> Inputs {
+        let log = self.log;
+        let mut inputs =
+            Inputs { rotors: Vec::new(), attitude: Channel::default(), thrust: Channel::default() };
+        match drive {
+            Drive::RotorSpeeds => {
+                let measured = not_held(&log.rotor_speed_rad_s, "rotor speeds", warnings);
+                for (i, c) in measured.iter().enumerate() {
+                    inputs.rotors.push(without_spikes(c, &format!("rotor{}", i + 1), warnings));
+                }
             }
-        }
-        Drive::RotorCommands => {
-            inputs.rotors = if full(&log.cmd_rotor_rad_s) {
-                log.cmd_rotor_rad_s.clone()
-            } else {
-                throttle::rotor_commands(log, vehicle, warnings)
-            };
-        }
-        Drive::AttitudeCommands => {
-            inputs.attitude = log.cmd_attitude_rad.clone();
-            inputs.thrust = log.cmd_thrust_n.clone();
-        }
-        Drive::Thrust => {
-            inputs.thrust = thrust.cloned().unwrap_or_default();
-            if log.thrust_n.len() < 50 {
-                warnings
-                    .push("the commanded thrust stands for the thrust: it has the motors' lag in it".into());
-            } else {
-                let measured = not_held(std::slice::from_ref(&inputs.thrust), "thrust", warnings);
+            Drive::RotorCommands if self.full(&log.cmd_rotor_rad_s) => {
+                inputs.rotors = log.cmd_rotor_rad_s.clone();
+            }
+            Drive::RotorCommands => inputs.rotors = throttle::rotor_commands(log, self.vehicle, warnings),
+            Drive::AttitudeCommands => {
+                inputs.attitude = log.cmd_attitude_rad.clone();
+                inputs.thrust = log.cmd_thrust_n.clone();
+            }
+            Drive::Thrust if log.thrust_n.len() >= FEWEST => {
+                let measured = not_held(std::slice::from_ref(&log.thrust_n), "thrust", warnings);
                 inputs.thrust = measured.into_iter().next().unwrap_or_default();
             }
+            Drive::Thrust if self.full(&log.rotor_speed_rad_s) => {
+                warnings.push(
+                    "the thrust follows from the measured rotor speeds by the file's thrust curves".into(),
+                );
+                let speeds = self.inputs(Drive::RotorSpeeds, warnings).rotors;
+                inputs.thrust = thrust_of(&speeds, self.vehicle);
+            }
+            Drive::Thrust => {
+                warnings
+                    .push("the commanded thrust stands for the thrust: it has the motors' lag in it".into());
+                inputs.thrust = log.cmd_thrust_n.clone();
+            }
         }
+        inputs
     }
+}
+
+/// Collective thrust of rotors by the curves of a vehicle file, N. Effects of the file act on it as on a measured one.
+fn thrust_of(speeds: &[Channel<1>], vehicle: &Vehicle) -> Channel<1> {
+    // Every vehicle file has rotors; without them there is no thrust, which is refused as too little.
+    let Ok(drone) = vehicle.drone(DYNAMICS[0]) else { return Channel::default() };
+    let rotors = &drone.airframe.rotors[..drone.airframe.n_rotors];
+    let thrust = |speeds: &[f64; MAX_ROTORS]| -> f64 {
+        rotors.iter().zip(speeds).map(|(r, speed)| r.axis[2] * rotor::curve(r.thrust_curve, *speed)).sum()
+    };
+    let (t, values) = merged(&speeds.iter().collect::<Vec<_>>())
+        .into_iter()
+        .map(|(t, speeds)| (t, [thrust(&speeds)]))
+        .unzip();
+    Channel::new(t, values)
+}
+
+/// Whether a log's thrust follows from its rotors' speeds.
+pub(super) fn thrust_by_rotors(log: &FlightLog, drive: Drive) -> bool {
+    drive == Drive::Thrust && log.thrust_n.len() < FEWEST && !log.rotor_speed_rad_s.is_empty()
+}
+
+/// Fewest samples of an input.
+const FEWEST: usize = 50;
+
+/// Chooses the drive of the model.
+pub(super) fn choose_drive(
+    log: &FlightLog,
+    vehicle: &Vehicle,
+    options: &Options,
+    name: &str,
+    warnings: &mut Vec<String>,
+) -> Result<(Drive, &'static str, Inputs), GapError> {
+    let n_rotors = vehicle.file().rotor.len().min(MAX_ROTORS);
+    let has = Has { log, vehicle, options, n_rotors };
+    let drive = match options.drive {
+        Some(drive) if has.drive(drive) => drive,
+        Some(drive) => return Err(has.fault(name, drive.title().into())),
+        None => Drive::ALL.into_iter().find(|d| has.drive(*d)).ok_or_else(|| {
+            let all = "rotor speeds, rotor commands, attitude and thrust commands, or a thrust";
+            has.fault(name, all.into())
+        })?,
+    };
+    let inputs = has.inputs(drive, warnings);
     Ok((drive, drive.dynamics(vehicle), inputs))
 }
 

@@ -277,6 +277,8 @@ pub struct Nature {
     pub group: Option<Group>,
     /// Effects, by their names in verdicts, that it looks like where only a collective thrust is known.
     pub alike_by_thrust: &'static [&'static str],
+    /// It goes with the mean speed of the rotors: known behind a thrust too, where that follows from measured speeds.
+    pub by_mean_speed: bool,
 }
 
 /// A response of the vehicle that a candidate scales: it is known only as well as the rotors' speeds.

@@ -29,7 +29,7 @@ impl Default for Params<f64> {
 
 impl<S: Real> Effect<S> for Params<S> {
     fn nature(&self) -> Nature {
-        Nature { alike_by_thrust: &["linear_drag"], ..Nature::default() }
+        Nature { alike_by_thrust: &["linear_drag"], by_mean_speed: true, ..Nature::default() }
     }
 
     fn ranges(&self) -> &'static [(&'static str, Bounds)] {
