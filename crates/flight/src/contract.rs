@@ -141,6 +141,15 @@ pub(super) fn read(log: &mut FlightLog, bytes: &[u8], mapping: Option<&Mapping>)
         }
     }
     fill(log, &columns, &t)?;
+    let mut any = false;
+    log.for_each(|_, _| any = true);
+    if !any {
+        return Err(columns.format(
+            "columns of the flight-log contract (px py pz, qx qy qz qw, vx …, wx …, ax …, rotor1 …) with samples",
+            &format!("the columns {}", table::some(&columns.table.names)),
+            "name the foreign columns in a mapping file beside the log",
+        ));
+    }
     name_the_unused(log, &columns)
 }
 
@@ -328,15 +337,6 @@ fn fill(log: &mut FlightLog, columns: &Columns, t: &[f64]) -> Result<()> {
         log.objects_m.insert(name, channel);
     }
     log.warnings.extend(warnings);
-    let mut any = false;
-    log.for_each(|_, _| any = true);
-    if !any {
-        return Err(columns.format(
-            "columns of the flight-log contract (px py pz, qx qy qz qw, vx …, wx …, ax …, rotor1 …) with samples",
-            &format!("the columns {}", table::some(&columns.table.names)),
-            "name the foreign columns in a mapping file beside the log",
-        ));
-    }
     Ok(())
 }
 

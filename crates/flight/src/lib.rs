@@ -455,7 +455,8 @@ fn format_of(path: &Path, bytes: &[u8], mapping: Option<&Mapping>) -> Result<For
         "mcap" => Ok(Format::Mcap),
         _ => Err(FlightError::Format {
             path: path.to_path_buf(),
-            expected: "a file that ends in .csv, .txt, .parquet, .ulg or .mcap, or the folder of a ROS 2 bag".into(),
+            expected: "a file that ends in .csv, .txt, .parquet, .ulg or .mcap, or the folder of a ROS 2 bag"
+                .into(),
             found: if ending.is_empty() { "no ending".into() } else { format!("the ending .{ending}") },
             remedy: "rename it, or give `format` in a mapping file".into(),
         }),

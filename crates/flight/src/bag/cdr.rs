@@ -38,7 +38,9 @@ impl<'a> Bytes<'a> {
             _ if *header == ZSTD => {
                 Err("messages that are packed one by one (compression_mode `message`)".into())
             }
-            [a, b, ..] => Err(format!("messages in the representation {a:02x} {b:02x}, not plain CDR (00 00, 00 01)")),
+            [a, b, ..] => {
+                Err(format!("messages in the representation {a:02x} {b:02x}, not plain CDR (00 00, 00 01)"))
+            }
             [] | [_] => Err(too_short()),
         }
     }

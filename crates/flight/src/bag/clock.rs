@@ -53,7 +53,8 @@ impl Clock {
         }
         let of = |topic: &Topic| stamps.get(topic.name.as_str()).unwrap_or(&topic.log_ns).clone();
         let first = topics.iter().filter_map(|t| of(t).into_iter().min()).min();
-        let mut clock = Self { base_ns: first.unwrap_or(0), times: BTreeMap::new(), stamped: BTreeMap::new() };
+        let mut clock =
+            Self { base_ns: first.unwrap_or(0), times: BTreeMap::new(), stamped: BTreeMap::new() };
         for topic in topics {
             let stamped = stamps.contains_key(topic.name.as_str());
             let times = clock.rising(log, topic, &of(topic), stamped);
@@ -75,7 +76,11 @@ impl Clock {
 
     /// Where the times of a topic come from.
     pub fn source(&self, topic: &str) -> &'static str {
-        if self.stamped.get(topic) == Some(&true) { "stamps of its messages" } else { "times of the recorder" }
+        if self.stamped.get(topic) == Some(&true) {
+            "stamps of its messages"
+        } else {
+            "times of the recorder"
+        }
     }
 
     fn rising(&self, log: &mut FlightLog, topic: &Topic, ns: &[i64], stamped: bool) -> Vec<f64> {
@@ -141,7 +146,8 @@ fn stands_still(log: &mut FlightLog, topic: &Topic, ns: &[i64]) -> bool {
     let repeats = ns.windows(2).filter(|w| w[0] == w[1]).count();
     let still = ns.len() > 2 && 2 * repeats > ns.len();
     if still {
-        log.warnings.push(format!("stamps of {} stand still: its times are those of the recorder", topic.name));
+        log.warnings
+            .push(format!("stamps of {} stand still: its times are those of the recorder", topic.name));
     }
     still
 }

@@ -53,7 +53,8 @@ pub(super) type Sink<'a> = dyn FnMut(&Channel, u64, &[u8]) + 'a;
 
 /// Gives all messages of a file in its order to `sink`.
 pub(super) fn read(bytes: &[u8], sink: &mut Sink) -> Damage {
-    let mut walk = Walk { schemas: HashMap::new(), channels: HashMap::new(), damage: Damage::default(), sink };
+    let mut walk =
+        Walk { schemas: HashMap::new(), channels: HashMap::new(), damage: Damage::default(), sink };
     let mut at = MAGIC.len();
     loop {
         let Some((kind, body, end)) = record(bytes, at) else {

@@ -39,7 +39,10 @@ pub(in super::super) fn refuse_others(path: &Path, bytes: &[u8]) -> Result<()> {
         return wrong("a bag in SQLite (.db3)", CONVERT);
     }
     if bytes.starts_with(ROS1) || ending == "bag" {
-        return wrong("a bag of ROS 1 (.bag)", "convert it by `mcap convert OLD.bag NEW.mcap` (the program `mcap` of Foxglove)");
+        return wrong(
+            "a bag of ROS 1 (.bag)",
+            "convert it by `mcap convert OLD.bag NEW.mcap` (the program `mcap` of Foxglove)",
+        );
     }
     Ok(())
 }
@@ -75,14 +78,20 @@ pub(in super::super) fn files(folder: &Path) -> Result<Files> {
             wrong("a flight log", "the folder of a data set", remedy)
         } else {
             let remedy = "give the path of a log, or of the folder that `ros2 bag record` made";
-            wrong("a flight log, or the folder of a ROS 2 bag with .mcap files", "a folder without any", remedy)
+            wrong(
+                "a flight log, or the folder of a ROS 2 bag with .mcap files",
+                "a folder without any",
+                remedy,
+            )
         });
     }
     let mut out = Files::default();
     let listed = match files::read_text(&folder.join("metadata.yaml")) {
         Ok(text) => listed(&text),
         Err(_) => {
-            out.notes.push("metadata.yaml cannot be read: the files were taken in the order of their names".into());
+            out.notes.push(
+                "metadata.yaml cannot be read: the files were taken in the order of their names".into(),
+            );
             Vec::new()
         }
     };
@@ -134,7 +143,11 @@ mod tests {
         write("metadata.yaml", list);
         let found = files(made.path()).unwrap();
         assert_eq!(names(&found), ["b_2.mcap", "b_10.mcap"]);
-        assert!(found.notes[0].contains("b_77.mcap") && found.notes[1].contains("b_9.mcap"), "{:?}", found.notes);
+        assert!(
+            found.notes[0].contains("b_77.mcap") && found.notes[1].contains("b_9.mcap"),
+            "{:?}",
+            found.notes
+        );
     }
 
     #[test]

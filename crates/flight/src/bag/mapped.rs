@@ -26,32 +26,34 @@ pub(super) fn topic_of(column: &str) -> &str {
     column.split('.').next().unwrap_or(column)
 }
 
-/// The topics that a mapping names columns of.
+/// The topics that a mapping names columns of; `all` lists those of the bag for messages.
 ///
 /// # Errors
 /// Where what belongs together comes from several topics, or a column is not there.
 pub(super) fn topics(
     log: &FlightLog,
     topics: &BTreeMap<String, Topic>,
+    all: &[String],
     mapping: &Mapping,
 ) -> Result<BTreeSet<String>> {
     let names = mapping.file_names();
     for name in &names {
         let topic = topics.get(topic_of(name)).filter(|t| !t.log_ns.is_empty());
-        let is_there = topic.is_some_and(|t| name.len() > t.name.len() && t.column(&name[t.name.len() + 1..]).is_some());
+        let is_there =
+            topic.is_some_and(|t| name.len() > t.name.len() && t.column(&name[t.name.len() + 1..]).is_some());
         if !is_there {
             let found: Vec<String> = match topic {
                 Some(topic) => {
                     let left = topic.left_out.iter().map(|(path, why)| format!("(not {path}: {why})"));
                     topic.paths.iter().map(|p| format!("{}.{p}", topic.name)).chain(left).collect()
                 }
-                None => topics.values().filter(|t| !t.log_ns.is_empty()).map(|t| format!("{}.…", t.name)).collect(),
+                None => all.iter().map(|topic| format!("of {topic}")).collect(),
             };
             return Err(FlightError::MissingColumn {
                 path: log.path.clone(),
                 column: name.to_string(),
                 why: "the mapping names it; columns of a bag are called `/topic.field.subfield`".into(),
-                found: if found.is_empty() { "none of topics that can be read".into() } else { some(&found) },
+                found: if found.is_empty() { "of no topic".into() } else { some(&found) },
             });
         }
     }
@@ -66,7 +68,10 @@ pub(super) fn topics(
             return Err(FlightError::Mapping {
                 path: mapping.path().to_path_buf(),
                 key: "columns".into(),
-                expected: format!("{} from messages of one topic, since they are of one time", group.join(", ")),
+                expected: format!(
+                    "{} from messages of one topic, since they are of one time",
+                    group.join(", ")
+                ),
                 found: of.into_iter().collect::<Vec<_>>().join(" and ").into(),
                 remedy: "take them from one topic",
             });
@@ -79,12 +84,7 @@ pub(super) fn topics(
 ///
 /// # Errors
 /// Those of the contract.
-pub(super) fn fill(
-    log: &mut FlightLog,
-    topics: &[&Topic],
-    clock: &Clock,
-    mapping: &Mapping,
-) -> Result<()> {
+pub(super) fn fill(log: &mut FlightLog, topics: &[&Topic], clock: &Clock, mapping: &Mapping) -> Result<()> {
     let wanted = mapping.file_names();
     let (mut names, mut places) = (Vec::new(), Vec::new());
     for (k, topic) in topics.iter().enumerate() {
@@ -101,13 +101,18 @@ pub(super) fn fill(
     let (mut times, mut rows) = (Vec::new(), Vec::new());
     for (k, topic) in topics.iter().enumerate() {
         let t = clock.times(&topic.name);
-        let kept: Vec<usize> = (0..t.len()).filter(|i| t[*i].is_finite() && passes(topic, *i, mapping)).collect();
+        let kept: Vec<usize> =
+            (0..t.len()).filter(|i| t[*i].is_finite() && passes(topic, *i, mapping)).collect();
         times.extend(kept.iter().map(|i| t[*i]));
         rows.extend(kept.iter().map(|i| i + 1));
         for (column, (of, place)) in columns.iter_mut().zip(&places) {
             match *of == k {
                 // What is no number was not measured.
-                true => column.extend(kept.iter().map(|i| topic.columns[*place][*i]).map(|v| if v.is_finite() { v } else { f64::NAN })),
+                true => column.extend(
+                    kept.iter()
+                        .map(|i| topic.columns[*place][*i])
+                        .map(|v| if v.is_finite() { v } else { f64::NAN }),
+                ),
                 false => column.extend(kept.iter().map(|_| f64::NAN)),
             }
         }

@@ -11,6 +11,8 @@ mod folder;
 mod mapped;
 mod schema;
 mod standard;
+#[cfg(test)]
+mod tests;
 mod topic;
 
 pub(super) use container::MAGIC;
@@ -87,6 +89,17 @@ impl Bag<'_> {
         self.messages += 1;
     }
 
+    /// All topics, with what they hold or why they cannot be read.
+    fn list(&self) -> Vec<String> {
+        let read = self.topics.values().map(|t| match failure(Some(t)) {
+            Some(why) => format!("{} ({}: {why})", t.name, t.kind),
+            None => format!("{} ({})", t.name, t.kind),
+        });
+        let passed = self.passed.iter().map(|(name, kind)| format!("{name} ({kind})"));
+        let unreadable = self.unreadable.iter().map(|(name, why)| format!("{name} ({why})"));
+        read.chain(passed).chain(unreadable).collect()
+    }
+
     /// The topic that a channel declares; none where nobody asks for it.
     fn declared(&mut self, channel: &Channel, kind: &str) -> Result<Option<Topic>, String> {
         let schema = channel.schema.as_ref();
@@ -96,14 +109,20 @@ impl Bag<'_> {
             ("ros1", "ros1msg") => Dialect::Ros1,
             ("cdr", "ros2idl") => return Err("its type is defined in IDL (`ros2idl`)".into()),
             ("cdr" | "ros1", "") => {
-                return Err("the file has no definition of its type: record with the package of its messages sourced".into());
+                return Err(
+                    "the file has no definition of its type: record with the package of its messages sourced"
+                        .into(),
+                );
             }
             (message, _) => return Err(format!("its messages are `{message}`")),
         };
         let Some(schema) = schema.filter(|_| self.wants(&channel.topic, kind)) else { return Ok(None) };
         let text = String::from_utf8_lossy(&schema.text);
         if text.trim().is_empty() && schema.name != "std_msgs/msg/Empty" {
-            return Err("the file has no definition of its type: record with the package of its messages sourced".into());
+            return Err(
+                "the file has no definition of its type: record with the package of its messages sourced"
+                    .into(),
+            );
         }
         let message = schema::parse(&schema.name, &text, dialect)?;
         self.definitions.insert(channel.topic.clone(), schema.text.clone());
@@ -149,9 +168,12 @@ pub(super) fn read<'a>(
     if bag.numbers > MOST_NUMBERS || bag.messages > MAX_ROWS {
         return Err(FlightError::Format {
             path: log.path.clone(),
-            expected: format!("at most {MAX_ROWS} messages and {MOST_NUMBERS} numbers in topics that are read"),
+            expected: format!(
+                "at most {MAX_ROWS} messages and {MOST_NUMBERS} numbers in topics that are read"
+            ),
             found: "more".into(),
-            remedy: "name the topics of the vehicle in a mapping file (`topics = [\"/…\"]`), or part the bag".into(),
+            remedy: "name the topics of the vehicle in a mapping file (`topics = [\"/…\"]`), or part the bag"
+                .into(),
         });
     }
     bag.topics.values_mut().for_each(Topic::finish);
@@ -167,10 +189,12 @@ fn say_damage(log: &mut FlightLog, path: &Path, damage: &container::Damage) {
         ));
     }
     for (at, why) in damage.chunks.iter().take(5) {
-        log.warnings.push(format!("{name}: the chunk at byte {at} is damaged ({why}): its messages were left out"));
+        log.warnings
+            .push(format!("{name}: the chunk at byte {at} is damaged ({why}): its messages were left out"));
     }
     if damage.chunks.len() > 5 {
-        log.warnings.push(format!("{name}: {} more chunks are damaged and were left out", damage.chunks.len() - 5));
+        log.warnings
+            .push(format!("{name}: {} more chunks are damaged and were left out", damage.chunks.len() - 5));
     }
     if damage.orphans > 0 {
         log.warnings.push(format!(
@@ -183,7 +207,8 @@ fn say_damage(log: &mut FlightLog, path: &Path, damage: &container::Damage) {
 /// Fills the log with what the topics give.
 fn used(log: &mut FlightLog, bag: &Bag) -> Result<f64> {
     let mapping = bag.mapping;
-    let named = mapped::topics(log, &bag.topics, mapping).map_err(|e| unread_column(log, bag, e))?;
+    let named =
+        mapped::topics(log, &bag.topics, &bag.list(), mapping).map_err(|e| unread_column(log, bag, e))?;
     let choice = match mapping.finds_channels() {
         true => {
             let allowed = |t: &&Topic| mapping.takes_topic(&t.name) && standard::reads(&t.kind);
@@ -233,7 +258,9 @@ fn unread_column(log: &FlightLog, bag: &Bag, error: FlightError) -> FlightError 
         None => match failure(bag.topics.get(name)) {
             Some(found) => FlightError::Format {
                 path: log.path.clone(),
-                expected: format!("messages of {name} as their definition says, since the mapping names them"),
+                expected: format!(
+                    "messages of {name} as their definition says, since the mapping names them"
+                ),
                 found,
                 remedy: "record them again with the definition of the version that publishes them".into(),
             },
@@ -253,13 +280,7 @@ const READABLE: &str = "message encoding `cdr` with schema encoding `ros2msg`, o
 
 /// The error of a bag that gives no channel.
 fn nothing(log: &FlightLog, bag: &Bag) -> FlightError {
-    let read = bag.topics.values().map(|t| match failure(Some(t)) {
-        Some(why) => format!("{} ({}: {why})", t.name, t.kind),
-        None => format!("{} ({})", t.name, t.kind),
-    });
-    let passed = bag.passed.iter().map(|(name, kind)| format!("{name} ({kind})"));
-    let unreadable = bag.unreadable.iter().map(|(name, why)| format!("{name} ({why})"));
-    let found: Vec<String> = read.chain(passed).chain(unreadable).collect();
+    let found = bag.list();
     let (found, remedy) = if found.is_empty() {
         ("no message".into(), "check that the recorder ran, and that its topics were published")
     } else {
@@ -322,7 +343,9 @@ fn say(log: &mut FlightLog, bag: &Bag, topics: &[&Topic], choice: &standard::Cho
         .filter(|t| !used(&t.name) && !ignored(&t.name) && failure(Some(t)).is_none())
         .map(|t| format!("{} ({})", t.name, t.kind))
         .collect();
-    others.extend(bag.passed.iter().filter(|(n, _)| !ignored(n)).map(|(name, kind)| format!("{name} ({kind})")));
+    others.extend(
+        bag.passed.iter().filter(|(n, _)| !ignored(n)).map(|(name, kind)| format!("{name} ({kind})")),
+    );
     if !others.is_empty() {
         said.push(format!("topics that nothing uses, ignored: {}", some(&others)));
     }

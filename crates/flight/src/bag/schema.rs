@@ -121,11 +121,8 @@ impl Message {
     }
 
     fn pair(names: [&str; 2], numbers: [Number; 2]) -> Arc<Self> {
-        let field = |i: usize| Field {
-            name: names[i].into(),
-            kind: Kind::Number(numbers[i]),
-            many: Many::One,
-        };
+        let field =
+            |i: usize| Field { name: names[i].into(), kind: Kind::Number(numbers[i]), many: Many::One };
         Self::new(vec![field(0), field(1)])
     }
 }
@@ -153,12 +150,13 @@ pub(super) fn parse(name: &str, text: &str, dialect: Dialect) -> Result<Arc<Mess
             header = true;
         } else if let (true, Some(of)) = (header, bare.strip_prefix("MSG:")) {
             current = short_name(of.trim());
+            // A message without a field has no line.
+            definitions.entry(current.clone()).or_default();
             header = false;
         } else {
             definitions.entry(current.clone()).or_default().push(bare);
         }
     }
-    // A message without a field has no line either.
     definitions.entry(name.clone()).or_default();
     let mut reader = Reader { definitions, dialect, done: HashMap::new(), open: Vec::new() };
     reader.message(&name)
@@ -296,7 +294,8 @@ mod tests {
 
     #[test]
     fn times_and_empty_messages_are_as_each_ros_writes_them() {
-        let one = parse("a/B", "Header header\ntime t\n===\nMSG: std_msgs/Header\nuint32 seq\n", Dialect::Ros1);
+        let one =
+            parse("a/B", "Header header\ntime t\n===\nMSG: std_msgs/Header\nuint32 seq\n", Dialect::Ros1);
         let one = one.unwrap();
         let Kind::Message(time) = &one.fields[1].kind else { panic!() };
         assert_eq!(names(time), ["sec", "nsec"]);

@@ -202,7 +202,8 @@ pub(super) fn choose<'a>(
             (_, Some(topic)) => choice.given.push((gives, topic.to_string())),
             ([(_, topic)], None) => choice.given.push((gives, topic.name.clone())),
             (several, None) => {
-                let list: Vec<String> = several.iter().map(|(_, t)| format!("{} ({})", t.name, t.kind)).collect();
+                let list: Vec<String> =
+                    several.iter().map(|(_, t)| format!("{} ({})", t.name, t.kind)).collect();
                 let remedy = format!(
                     "say in a mapping file beside the log which to read (`topics = [\"{}\", …]`, all that belong to the vehicle) or which to pass \
                      over (`ignore = [\"{}\"]`)",
@@ -391,7 +392,14 @@ impl Frames<'_> {
 }
 
 /// Fills the channel that a topic gives, with its times.
-pub(super) fn fill(log: &mut FlightLog, gives: Gives, topic: &Topic, t: &[f64], mapping: &Mapping, world: Option<&str>) {
+pub(super) fn fill(
+    log: &mut FlightLog,
+    gives: Gives,
+    topic: &Topic,
+    t: &[f64],
+    mapping: &Mapping,
+    world: Option<&str>,
+) {
     let frames = Frames { px4: of_px4(&topic.kind), mapping };
     let three = |columns: Option<[Vec<f64>; 3]>| columns.map(|c| samples(t, &c)).unwrap_or_default();
     match gives {
