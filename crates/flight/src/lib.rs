@@ -24,6 +24,7 @@ mod ulog;
 pub mod usable;
 mod write;
 
+pub use bag::is_bag;
 pub use channel::Channel;
 pub use check::{CheckReport, Fault, Finding, Severity, check};
 pub use error::{FlightError, Result};

@@ -47,6 +47,17 @@ pub(in super::super) fn refuse_others(path: &Path, bytes: &[u8]) -> Result<()> {
     Ok(())
 }
 
+/// Whether a folder is that of a ROS 2 bag, whatever its storage: it has the bag's `metadata.yaml` or a file of messages.
+///
+/// Source: <https://github.com/ros2/rosbag2> (README, storage format plugins).
+pub fn is_bag(folder: &Path) -> bool {
+    let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.map(|n| n.to_string_lossy().to_lowercase()).any(|name| {
+        name == "metadata.yaml"
+            || [".mcap", ".db3", ".mcap.zstd", ".db3.zstd"].iter().any(|e| name.ends_with(e))
+    })
+}
+
 /// The MCAP files of a bag's folder.
 ///
 /// # Errors

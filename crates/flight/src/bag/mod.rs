@@ -16,6 +16,7 @@ mod tests;
 mod topic;
 
 pub(super) use container::MAGIC;
+pub use folder::is_bag;
 pub(super) use folder::{files, refuse_others};
 
 use super::error::{FlightError, Result};

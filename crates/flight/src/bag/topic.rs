@@ -126,7 +126,6 @@ impl Topic {
                         self.plan_one(&field.kind, format!("{path}[{i}]"))?;
                     }
                 }
-                // Names of joints and the like are no numbers.
                 Many::Sequence => {
                     let kind = field.kind.clone();
                     self.steps.push(Step::List(kind.clone()));
