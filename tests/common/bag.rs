@@ -140,10 +140,19 @@ pub fn odometry(ns: u64, child: &str, p: [f64; 3], q: [f64; 4], v: [f64; 3], w: 
 
 /// Readings of an inertial sensor without an attitude.
 pub fn imu(ns: u64, w: [f64; 3], f: [f64; 3]) -> Vec<u8> {
-    let start = Bytes::cdr(false).header(ns, "base_link").f64(&[0.0, 0.0, 0.0, 1.0]);
-    let mut none = [0.0; 9];
-    none[0] = -1.0;
-    start.f64(&none).f64(&w).f64(&[0.0; 9]).f64(&f).f64(&[0.0; 9]).done()
+    imu_of(ns, Some(w), Some(f))
+}
+
+/// Readings of a gyroscope, of an accelerometer, or of both.
+pub fn imu_of(ns: u64, w: Option<[f64; 3]>, f: Option<[f64; 3]>) -> Vec<u8> {
+    let covariance = |is_there: bool| {
+        let mut out = [0.0; 9];
+        out[0] = if is_there { 0.0 } else { -1.0 };
+        out
+    };
+    let start = Bytes::cdr(false).header(ns, "base_link").f64(&[0.0, 0.0, 0.0, 1.0]).f64(&covariance(false));
+    let rates = start.f64(&w.unwrap_or_default()).f64(&covariance(w.is_some()));
+    rates.f64(&f.unwrap_or_default()).f64(&covariance(f.is_some())).done()
 }
 
 /// Numbers of any count.
