@@ -82,7 +82,7 @@ impl Bytes {
     }
 
     fn put<const N: usize>(mut self, mut number: [u8; N]) -> Self {
-        while !self.ros1 && (self.bytes.len() - 4) % N != 0 {
+        while !self.ros1 && !(self.bytes.len() - 4).is_multiple_of(N) {
             // What stands in gaps is anything.
             self.bytes.push(0xaa);
         }
