@@ -297,7 +297,7 @@ fn logs() {
     // A mapping that asks for arrays, so that all topics are read.
     let mapping = "contract_names = true\n[columns]\nrotor1 = \"/motors.data[0]\"\n";
     let mapping = Mapping::parse(mapping, Path::new("odd.toml")).unwrap();
-    attack("mcap", 6_000, &seeds, |bytes| {
+    attack("mcap", 3_000, &seeds, |bytes| {
         fs::write(&path, bytes).unwrap();
         read_log(&path);
         let _ = FlightLog::load_with(&path, Some(&mapping));
