@@ -584,7 +584,8 @@ fn wrong_files_get_a_sentence_with_row_and_column() {
     for (name, words) in [
         ("log.parquet", "a whole Parquet file"),
         ("log.ulg", "a PX4 ULog file"),
-        ("log.xyz", ".parquet or .ulg"),
+        ("log.mcap", "an MCAP file"),
+        ("log.xyz", ".ulg or .mcap"),
     ] {
         let error = FlightLog::load(&folder.write(name, "no such thing"), None).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");

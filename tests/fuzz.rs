@@ -5,6 +5,8 @@
 
 #[path = "common/allocations.rs"]
 mod allocations;
+#[path = "common/bag.rs"]
+mod bag;
 #[path = "common/ulog.rs"]
 mod ulog;
 
@@ -281,6 +283,24 @@ fn logs() {
     attack("ulog", 12_000, &[ulog::short()], |bytes| {
         fs::write(&path, bytes).unwrap();
         read_log(&path);
+    });
+    let path = made.path().join("odd.mcap");
+    let packed = |compression| bag::short(bag::Written { compression, chunk_bytes: 3000, chunks: true });
+    let loose = bag::short(bag::Written { compression: None, chunk_bytes: 0, chunks: false });
+    let seeds = [
+        packed(Some(bag::Compression::Zstd)),
+        packed(Some(bag::Compression::Lz4)),
+        packed(None),
+        loose,
+        file("tests/data/bags/rosbags.mcap"),
+    ];
+    // A mapping that asks for arrays, so that all topics are read.
+    let mapping = "contract_names = true\n[columns]\nrotor1 = \"/motors.data[0]\"\n";
+    let mapping = Mapping::parse(mapping, Path::new("odd.toml")).unwrap();
+    attack("mcap", 3_000, &seeds, |bytes| {
+        fs::write(&path, bytes).unwrap();
+        read_log(&path);
+        let _ = FlightLog::load_with(&path, Some(&mapping));
     });
 }
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-not-found, import-untyped, unused-ignore]
 
 LogLike = Union[str, "os.PathLike[str]", "pandas.DataFrame", Mapping[str, Any]]
-"""A flight: a path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md)."""
+"""A flight: a path (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag), a table of pandas, or arrays by column name (docs/logs.md)."""
 
 Drive = Literal["rotor_commands", "rotor_speeds", "attitude_commands", "thrust"]
 

@@ -329,7 +329,7 @@ def log_check(
     """Checks a flight log, as ``propwash log check`` does: what it holds, and what in it cannot be right.
 
     Args:
-        log: A path (.csv, .parquet, .ulg), a table of pandas, or arrays by column name (docs/logs.md).
+        log: A path (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag), a table of pandas, or arrays by column name (docs/logs.md).
         mapping: TOML file with names, units and frames; the one beside the log where it is None.
         write_mapping: Mapping file to write with the corrections that the check asks for (units, axes, frames, delays); the report is
             then that of the log read with it. None is written where there is nothing to correct.

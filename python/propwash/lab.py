@@ -99,7 +99,7 @@ class Lab:
     """A session with flights of one vehicle: the engine of ``propwash lab``.
 
     Args:
-        logs: Paths of flights (.csv, .parquet, .ulg).
+        logs: Paths of flights (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag).
         vehicle: Built-in name, vehicle file or ``Vehicle``.
         check: Those of the logs that only check what is fitted to the others; without any, the last fifth of each log does.
         drive, ground_z, ceiling_z, neighbours, load, noise, mapping: As in ``diagnose``.

@@ -23,7 +23,7 @@ class View:
 
     Args:
         what: A ``Sim`` (its drones where they are now), a data set or its folder, a scene (a file or a name), or a flight log
-            (.csv, .parquet, .ulg).
+            (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag).
         worlds: Worlds of a ``Sim`` (default: the first 16) or of a data set (default: as many as fit into 1.5 MB). Those of a ``Sim`` that
             are in another scene than the first are left out.
         scene: Scene that a flight log was flown in.

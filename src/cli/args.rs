@@ -201,7 +201,7 @@ pub enum ModelArg {
 /// `propwash identify`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct IdentifyArgs {
-    /// The log: .csv, .parquet, .ulg.
+    /// The log: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag.
     #[arg(value_name = "LOG")]
     pub file: PathBuf,
     /// The model.
@@ -902,7 +902,7 @@ pub enum LogCommand {
 /// `propwash log check`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct LogCheckArgs {
-    /// Logs: .csv, .parquet, .ulg.
+    /// Logs: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
@@ -949,7 +949,7 @@ pub struct FromDatasetArgs {
 /// `propwash log convert`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct LogConvertArgs {
-    /// The log: .csv, .parquet, .ulg.
+    /// The log: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag.
     pub file: PathBuf,
     /// Mapping of names, units and frames. Default: the file beside the log that ends in .toml, where there is one.
     #[arg(long, value_name = "FILE")]

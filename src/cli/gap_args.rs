@@ -127,7 +127,7 @@ pub struct AddArgs {
     /// size of its coefficient `k`, and its text (docs/effects/expression.md).
     #[arg(long, value_name = "NAME:AXIS:SIZE:TEXT", requires = "set")]
     pub expression: Vec<String>,
-    /// Flights to fit the effects to: .csv, .parquet, .ulg.
+    /// Flights to fit the effects to: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag.
     #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis")]
     pub fit: Vec<PathBuf>,
     /// A diagnosis written by `propwash diagnose --out`; nothing is fitted again.

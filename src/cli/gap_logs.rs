@@ -35,7 +35,7 @@ impl From<DriveArg> for Drive {
 /// Flights, the vehicle, and how to read both.
 #[derive(Clone, Debug, Args)]
 pub struct GapLogArgs {
-    /// Flight logs of one vehicle: .csv, .parquet, .ulg (docs/logs.md).
+    /// Flight logs of one vehicle: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag (docs/logs.md).
     #[arg(required = true, value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// The vehicle, and how the flights are read.

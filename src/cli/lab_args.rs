@@ -18,7 +18,7 @@ printed address alone; nothing leaves this machine. Ctrl-C ends it.";
 /// `propwash lab`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct LabArgs {
-    /// Flight logs to begin with: .csv, .parquet, .ulg (docs/logs.md). Others can be dropped on the page.
+    /// Flight logs to begin with: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag (docs/logs.md). Others can be dropped on the page.
     #[arg(value_name = "LOG")]
     pub logs: Vec<PathBuf>,
     /// Vehicle to begin with: a built-in name or a vehicle file.

@@ -20,7 +20,7 @@ What does not fit is thinned, and the page says so. Keys on it: space plays, lef
 /// `propwash view`.
 #[derive(Clone, Debug, ClapArgs)]
 pub struct ViewArgs {
-    /// Folder of a data set, scene (a file or one of corridor, forest, meshes, room, terrain, zoo), or flight log (.csv, .parquet, .ulg).
+    /// Folder of a data set, scene (a file or one of corridor, forest, meshes, room, terrain, zoo), or flight log (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag).
     #[arg(value_name = "WHAT")]
     pub what: PathBuf,
     /// World of a data set; repeat it for several. Default: the first ones that fit.

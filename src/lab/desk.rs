@@ -204,7 +204,7 @@ impl Desk {
         let ending =
             Path::new(name).extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         match ending.as_str() {
-            "csv" | "txt" | "parquet" | "ulg" | "ulog" => {
+            "csv" | "txt" | "parquet" | "ulg" | "ulog" | "mcap" => {
                 if self.logs.len() >= MAX_LOGS {
                     return Err(Refusal::conflict(format!(
                         "a session takes at most {MAX_LOGS} logs: take one out first"
@@ -225,7 +225,7 @@ impl Desk {
                 Ok(json!({ "kind": "scene" }))
             }
             _ => Err(Refusal::bad(format!(
-                "expected a flight log (.csv, .txt, .parquet, .ulg), a vehicle file or a mapping (.toml), or a scene (.xml), got `{name}`"
+                "expected a flight log (.csv, .txt, .parquet, .ulg, .mcap), a vehicle file or a mapping (.toml), or a scene (.xml), got `{name}`"
             ))),
         }
     }

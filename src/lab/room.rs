@@ -36,12 +36,12 @@ impl Room {
     /// Those of vehicle and scene; [`Error::Usage`] for a log that is not there.
     pub fn new(door: Door, options: Options) -> Result<Self> {
         let folder = std::env::current_dir().map_err(|source| Error::Io { path: ".".into(), source })?;
-        if let Some(absent) = options.logs.iter().find(|log| !log.is_file()) {
+        if let Some(absent) = options.logs.iter().find(|log| !log.exists()) {
             let hint = crate::flight::files::suggestion(absent);
             let got = format!("{}{hint}", absent.display());
             return Err(Error::Usage {
                 flag: "LOG",
-                expected: "a flight log (.csv, .parquet, .ulg)".into(),
+                expected: "a flight log (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag)".into(),
                 got,
             });
         }

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::dataset::Dataset;
+use crate::flight::is_bag;
 use crate::page::{Array, Page, Part, escape};
 use crate::scene::{SCENES, Scene, SceneSource};
 use crate::vehicle::Vehicle;
@@ -72,7 +73,7 @@ struct Data {
 }
 
 /// The page of a data set (its folder), a scene (a file or the name of one that comes with the program) or a flight log (.csv, .parquet,
-/// .ulg).
+/// .ulg, .mcap, or the folder of a ROS 2 bag).
 ///
 /// # Errors
 /// [`Error::Usage`] where `what` is none of them, and the errors of reading it.
@@ -123,14 +124,15 @@ fn kind(what: &Path) -> Result<Kind> {
     let ending = what.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
     let named = what.to_str().is_some_and(|name| SCENES.contains(&name));
     match ending.as_deref() {
+        _ if what.is_dir() && is_bag(what) => Ok(Kind::Log),
         _ if what.is_dir() => Ok(Kind::Dataset),
         Some("xml" | "urdf" | "mjcf") => Ok(Kind::Scene),
-        Some("csv" | "txt" | "parquet" | "ulg") => Ok(Kind::Log),
+        Some("csv" | "txt" | "parquet" | "ulg" | "ulog" | "mcap" | "db3") => Ok(Kind::Log),
         None if named => Ok(Kind::Scene),
         _ => Err(Error::Usage {
             flag: "WHAT",
             expected: format!(
-                "the folder of a data set, a scene (.xml, or one of {}), or a flight log (.csv, .parquet, .ulg)",
+                "the folder of a data set, a scene (.xml, or one of {}), or a flight log (.csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag)",
                 SCENES.join(", ")
             ),
             got: format!("{}{}", what.display(), crate::flight::files::suggestion(what)),

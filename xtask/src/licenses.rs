@@ -18,6 +18,9 @@ pub const LIBRARY: &str = "RUST_LIBRARY.html";
 /// How names of files with a licence begin, in small letters.
 const BEGINNINGS: &[&str] = &["license", "licence", "copying", "copyright", "notice", "unlicense"];
 
+/// Crates that compile the C sources of others, and the folders of those with a licence of their own.
+const C_SOURCES: &[(&str, &str)] = &[("lz4-sys", "liblz4/lib"), ("zstd-sys", "zstd")];
+
 /// Writes [`FOLDER`] for a platform.
 pub fn write(triple: &str) -> Result {
     let folder = run::root().join(FOLDER);
@@ -78,6 +81,9 @@ fn text(crates: &BTreeSet<Crate>) -> Result<String> {
         })?;
         let mut found = Vec::new();
         files(&folder, false, &mut found)?;
+        for (_, inner) in C_SOURCES.iter().filter(|(name, _)| *name == one.name) {
+            files(&folder.join(inner), false, &mut found)?;
+        }
         if found.is_empty() {
             bare.push(full.clone());
         }

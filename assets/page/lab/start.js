@@ -5,7 +5,7 @@
   const P = (globalThis.Propwash ??= {});
   const lab = P.lab;
 
-  const KINDS = ".csv,.txt,.parquet,.ulg,.ulog,.toml,.xml";
+  const KINDS = ".csv,.txt,.parquet,.ulg,.ulog,.mcap,.toml,.xml";
 
   /** Takes files that were dropped or chosen. @param {Iterable<File>} files */
   async function take(files) {
@@ -25,7 +25,7 @@
     input.addEventListener("change", () => lab.tried(() => take(input.files)));
     const zone = P.el("div", { class: "drop", id: "drop" },
       P.el("h2", {}, "Drop flight logs here"),
-      P.el("p", { class: "small" }, ".csv, .parquet or .ulg; with them a vehicle file (.toml), a mapping (.toml) or a scene (.xml)"),
+      P.el("p", { class: "small" }, ".csv, .parquet, .ulg or .mcap; with them a vehicle file (.toml), a mapping (.toml) or a scene (.xml)"),
       P.el("button", { type: "button", class: "main", onclick: () => input.click() }, "Choose files"), input);
     return zone;
   }

@@ -136,11 +136,27 @@ pub(super) fn read(log: &mut FlightLog, bytes: &[u8], mapping: Option<&Mapping>)
     log.start_s = t[0];
     for i in 1..t.len() {
         if t[i] <= t[i - 1] {
-            log.clock_faults.push(ClockFault { row: table.rows[i], before_s: t[i - 1], time_s: t[i] });
+            let (before_s, time_s) = (t[i - 1], t[i]);
+            log.clock_faults.push(ClockFault { row: table.rows[i], before_s, time_s, topic: None });
         }
     }
     fill(log, &columns, &t)?;
+    let mut any = false;
+    log.for_each(|_, _| any = true);
+    if !any {
+        return Err(columns.format(
+            "columns of the flight-log contract (px py pz, qx qy qz qw, vx …, wx …, ax …, rotor1 …) with samples",
+            &format!("the columns {}", table::some(&columns.table.names)),
+            "name the foreign columns in a mapping file beside the log",
+        ));
+    }
     name_the_unused(log, &columns)
+}
+
+/// Fills the channels of the columns that a mapping names, of rows at the times `t`, s.
+pub(super) fn fill_named(log: &mut FlightLog, table: &Table, t: &[f64], map: &Mapping) -> Result<()> {
+    let columns = Columns { log_path: log.path.clone(), table, map };
+    fill(log, &columns, t)
 }
 
 /// Keeps the rows that the mapping's `where` asks for, and refuses tables of several drones without one.
@@ -321,15 +337,6 @@ fn fill(log: &mut FlightLog, columns: &Columns, t: &[f64]) -> Result<()> {
         log.objects_m.insert(name, channel);
     }
     log.warnings.extend(warnings);
-    let mut any = false;
-    log.for_each(|_, _| any = true);
-    if !any {
-        return Err(columns.format(
-            "columns of the flight-log contract (px py pz, qx qy qz qw, vx …, wx …, ax …, rotor1 …) with samples",
-            &format!("the columns {}", table::some(&columns.table.names)),
-            "name the foreign columns in a mapping file beside the log",
-        ));
-    }
     Ok(())
 }
 

@@ -365,6 +365,12 @@ impl Correction {
     }
 }
 
+/// Turns vectors of the body into the world; the number of samples that are left out, since they have no attitude nearby.
+pub(super) fn body_to_world(channel: &mut Channel<3>, attitude: &Channel<4>) -> usize {
+    let correction = Correction { frame: Some(Frame::Body), ..Correction::default() };
+    correction.turn(channel, attitude, Frame::World)
+}
+
 /// Applies the corrections of a mapping to a log as it was read.
 pub(super) fn apply(log: &mut FlightLog, corrections: &BTreeMap<String, Correction>, time_scale: f64) {
     if time_scale != 1.0 {

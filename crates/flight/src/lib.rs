@@ -7,6 +7,7 @@
 
 pub mod align;
 mod axes;
+mod bag;
 mod channel;
 pub mod check;
 pub mod clean;
@@ -23,6 +24,7 @@ mod ulog;
 pub mod usable;
 mod write;
 
+pub use bag::is_bag;
 pub use channel::Channel;
 pub use check::{CheckReport, Fault, Finding, Severity, check};
 pub use error::{FlightError, Result};
@@ -45,6 +47,8 @@ pub enum Format {
     Parquet,
     /// PX4 ULog.
     Ulog,
+    /// MCAP, alone or in the folder of a ROS 2 bag.
+    Mcap,
 }
 
 /// A flight: measured channels, each with its own sample times, in SI on one clock (s from the start of the log).
@@ -61,9 +65,9 @@ pub enum Format {
 /// ```
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightLog {
-    /// File that it came from.
+    /// File that it came from; for a ROS 2 bag its folder, where that was given.
     pub path: PathBuf,
-    /// SHA-256 of that file, lower-case hexadecimal.
+    /// SHA-256 of that file, lower-case hexadecimal; of the bags in a folder, one after the other.
     pub sha256: String,
     /// What the file is.
     pub format: Format,
@@ -73,7 +77,7 @@ pub struct FlightLog {
     pub start_s: f64,
     /// Last time, s.
     pub duration_s: f64,
-    /// Rows of the file; for ULog, messages that were used.
+    /// Rows of the file; for ULog and bags, messages that were used.
     pub n_rows: usize,
     /// Position in the world, m.
     pub position_m: Channel<3>,
@@ -130,11 +134,23 @@ pub struct Simulated {
 }
 
 /// A row whose time is not after that of the row before.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ClockFault {
     pub row: usize,
     pub before_s: f64,
     pub time_s: f64,
+    /// Of a bag, whose rows are the messages of this topic.
+    pub topic: Option<String>,
+}
+
+impl ClockFault {
+    /// Where it is, in words.
+    fn place(&self) -> String {
+        match &self.topic {
+            Some(topic) => format!("message {} of {topic}", self.row),
+            None => format!("row {}", self.row),
+        }
+    }
 }
 
 /// Whether a file is one of a vehicle, which no mapping is: it has a body.
@@ -160,7 +176,8 @@ fn beside_the_log(e: FlightError) -> FlightError {
 
 impl FlightLog {
     /// Reads a log. Its mapping is `mapping`, else the file of the same name with the ending `.toml` where there is
-    /// one that is no vehicle file, else none. The format follows from the mapping, else from the ending (`.csv`, `.txt`, `.parquet`, `.ulg`).
+    /// one that is no vehicle file, else none. The format follows from the mapping, else from the ending (`.csv`, `.txt`, `.parquet`, `.ulg`, `.mcap`); a
+    /// folder is a ROS 2 bag.
     ///
     /// # Errors
     /// [`FlightError`] where the file cannot be read as numbers under known names. Whether the numbers can be right is
@@ -179,10 +196,12 @@ impl FlightLog {
     /// # Errors
     /// As [`FlightLog::load`].
     pub fn load_with(path: &Path, mapping: Option<&Mapping>) -> Result<Self> {
-        let bytes = files::read(path)
-            .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+        if path.is_dir() {
+            return Self::load_folder(path, mapping);
+        }
+        let bytes = bytes_of(path)?;
         let format = format_of(path, &bytes, mapping)?;
-        let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+        let sha256 = hex(&Sha256::digest(&bytes));
         let mut log = Self::empty(path, sha256, format);
         log.mapping = mapping.map(|m| m.path().to_path_buf());
         match format {
@@ -195,13 +214,40 @@ impl FlightLog {
                 });
             }
             Format::Ulog => ulog::read(&mut log, mapping)?,
+            Format::Mcap => {
+                let clock_s = bag::read(&mut log, std::iter::once(Ok((path, bytes))), mapping)?;
+                return Ok(log.corrected(mapping, clock_s));
+            }
             Format::Csv | Format::Parquet => contract::read(&mut log, &bytes, mapping)?,
         }
+        Ok(log.corrected(mapping, 0.0))
+    }
+
+    /// Reads the folder of a ROS 2 bag.
+    fn load_folder(path: &Path, mapping: Option<&Mapping>) -> Result<Self> {
+        let found = bag::files(path)?;
+        let mut log = Self::empty(path, String::new(), Format::Mcap);
+        log.mapping = mapping.map(|m| m.path().to_path_buf());
+        log.warnings.extend(found.notes);
+        let mut hash = Sha256::new();
+        let contents = found.paths.iter().map(|file| {
+            let bytes = bytes_of(file)?;
+            hash.update(&bytes);
+            Ok((file.as_path(), bytes))
+        });
+        let clock_s = bag::read(&mut log, contents, mapping)?;
+        log.sha256 = hex(&hash.finalize());
+        Ok(log.corrected(mapping, clock_s))
+    }
+
+    /// The log with the corrections of a mapping, its times from its first row on; `clock_s` is what they count from in the file, s.
+    fn corrected(mut self, mapping: Option<&Mapping>, clock_s: f64) -> Self {
         if let Some(mapping) = mapping {
-            correction::apply(&mut log, mapping.corrections(), mapping.time_scale());
+            correction::apply(&mut self, mapping.corrections(), mapping.time_scale());
         }
-        log.set_origin();
-        Ok(log)
+        self.set_origin();
+        self.start_s += clock_s;
+        self
     }
 
     /// Reads and checks a log, and refuses one that cannot be right.
@@ -380,6 +426,14 @@ impl<const N: usize> ChannelView for Channel<N> {
     }
 }
 
+fn bytes_of(path: &Path) -> Result<Vec<u8>> {
+    files::read(path).map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
 fn format_of(path: &Path, bytes: &[u8], mapping: Option<&Mapping>) -> Result<Format> {
     if let Some(format) = mapping.and_then(Mapping::format) {
         return Ok(format);
@@ -390,14 +444,20 @@ fn format_of(path: &Path, bytes: &[u8], mapping: Option<&Mapping>) -> Result<For
     if bytes.starts_with(ulog::MAGIC) {
         return Ok(Format::Ulog);
     }
+    if bytes.starts_with(bag::MAGIC) {
+        return Ok(Format::Mcap);
+    }
+    bag::refuse_others(path, bytes)?;
     let ending = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     match ending.as_str() {
         "csv" | "txt" => Ok(Format::Csv),
         "parquet" => Ok(Format::Parquet),
         "ulg" | "ulog" => Ok(Format::Ulog),
+        "mcap" => Ok(Format::Mcap),
         _ => Err(FlightError::Format {
             path: path.to_path_buf(),
-            expected: "a file that ends in .csv, .txt, .parquet or .ulg".into(),
+            expected: "a file that ends in .csv, .txt, .parquet, .ulg or .mcap, or the folder of a ROS 2 bag"
+                .into(),
             found: if ending.is_empty() { "no ending".into() } else { format!("the ending .{ending}") },
             remedy: "rename it, or give `format` in a mapping file".into(),
         }),

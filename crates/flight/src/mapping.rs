@@ -19,6 +19,8 @@ pub struct Mapping {
     delimiter: Option<u8>,
     missing: Vec<String>,
     ignore: Vec<String>,
+    /// Topics of a bag in which channels are looked for; all where there are none.
+    topics: Vec<String>,
     filter: BTreeMap<String, f64>,
     /// Contract names are also taken as they stand in the file.
     contract_names: Option<bool>,
@@ -72,6 +74,8 @@ struct Raw {
     missing: Vec<String>,
     #[serde(default)]
     ignore: Vec<String>,
+    #[serde(default)]
+    topics: Vec<String>,
     #[serde(default, rename = "where")]
     filter: BTreeMap<String, f64>,
     contract_names: Option<bool>,
@@ -91,6 +95,7 @@ enum RawFormat {
     Csv,
     Parquet,
     Ulog,
+    Mcap,
 }
 
 #[derive(Deserialize)]
@@ -170,9 +175,11 @@ impl Mapping {
                 RawFormat::Csv => Format::Csv,
                 RawFormat::Parquet => Format::Parquet,
                 RawFormat::Ulog => Format::Ulog,
+                RawFormat::Mcap => Format::Mcap,
             }),
             missing: raw.missing,
             ignore: raw.ignore,
+            topics: raw.topics,
             filter: raw.filter,
             contract_names: raw.contract_names,
             ..Self::default()
@@ -265,6 +272,43 @@ impl Mapping {
         self.contract_names.unwrap_or(self.columns.is_empty())
     }
 
+    /// Where the mapping itself says that a contract column comes from.
+    pub(super) fn named(&self, name: &str) -> Option<&Source> {
+        self.columns.get(name)
+    }
+
+    /// Columns of the attitude under `[attitude]`.
+    pub(super) fn attitude_columns(&self) -> Vec<&str> {
+        let sources: Vec<&Source> = match &self.attitude {
+            Attitude::Contract => Vec::new(),
+            Attitude::Quaternion(s) => s.iter().collect(),
+            Attitude::Euler(s) => s.iter().collect(),
+            Attitude::Compressed(s) => vec![s],
+        };
+        sources.into_iter().map(|s| s.column.as_str()).collect()
+    }
+
+    /// All columns of the file that the mapping names, but for the time.
+    pub(super) fn file_names(&self) -> Vec<&str> {
+        let columns = self.columns.iter().filter(|(ours, _)| *ours != "t").map(|(_, s)| s.column.as_str());
+        columns.chain(self.attitude_columns()).chain(self.filter.keys().map(String::as_str)).collect()
+    }
+
+    /// Whether channels of a bag are found by what its messages are, beside those that the mapping names.
+    pub(super) fn finds_channels(&self) -> bool {
+        self.contract_names.unwrap_or(self.columns.keys().all(|name| name == "t"))
+    }
+
+    /// Whether channels are looked for in a topic.
+    pub(super) fn takes_topic(&self, name: &str) -> bool {
+        (self.topics.is_empty() || self.topics.iter().any(|t| t == name)) && !self.ignores(name)
+    }
+
+    /// Whether a topic is passed over without a note.
+    pub(super) fn ignores(&self, name: &str) -> bool {
+        self.ignore.iter().any(|n| n == name)
+    }
+
     /// Where a contract column comes from.
     pub(super) fn source(&self, name: &str) -> Option<Source> {
         if let Some(source) = self.columns.get(name) {
@@ -294,13 +338,8 @@ impl Mapping {
 
     /// Whether a column of the file is read as numbers.
     pub(super) fn uses(&self, file_name: &str) -> bool {
-        let attitude: Vec<&Source> = match &self.attitude {
-            Attitude::Contract => Vec::new(),
-            Attitude::Quaternion(s) => s.iter().collect(),
-            Attitude::Euler(s) => s.iter().collect(),
-            Attitude::Compressed(s) => vec![s],
-        };
-        self.columns.values().chain(attitude).any(|s| s.column == file_name)
+        self.columns.values().any(|s| s.column == file_name)
+            || self.attitude_columns().contains(&file_name)
             || self.filter.contains_key(file_name)
             || matches!(file_name, "world" | "drone") && self.takes_contract_names()
             || (self.takes_contract_names() && kind_of(file_name).is_some())

@@ -64,7 +64,8 @@ pub struct Peek {
 /// Looks at the columns of a CSV or Parquet file. Cells that are no numbers are counted, not refused.
 ///
 /// # Errors
-/// [`FlightError`] where the file cannot be read as a table; ULog files have no columns to name.
+/// [`FlightError`] where the file cannot be read as a table; ULog files have no columns to name, and topics of a bag no
+/// common rows.
 pub fn peek(path: &Path) -> Result<Peek> {
     let bytes = files::read(path)
         .map_err(|e| FlightError::Read { path: path.to_path_buf(), reason: e.to_string() })?;
@@ -76,6 +77,12 @@ pub fn peek(path: &Path) -> Result<Peek> {
             expected: "a table (CSV or Parquet), whose columns can be named".into(),
             found: "a PX4 ULog, whose topics are known".into(),
             remedy: "nothing is to be mapped: read it as it is".into(),
+        }),
+        Format::Mcap => Err(FlightError::Format {
+            path: path.to_path_buf(),
+            expected: "a table (CSV or Parquet), whose columns can be named".into(),
+            found: "a bag, whose topics have their own times".into(),
+            remedy: "name its columns in a mapping file (docs/logs.md, ROS 2 bags and MCAP)".into(),
         }),
     }
 }

@@ -26,7 +26,7 @@ pub(super) struct Table {
 }
 
 impl Table {
-    fn new(names: Vec<String>, columns: Vec<Option<Vec<f64>>>, rows: Vec<usize>) -> Self {
+    pub fn new(names: Vec<String>, columns: Vec<Option<Vec<f64>>>, rows: Vec<usize>) -> Self {
         // The last of a name comes first, so that the first stays.
         let places = names.iter().cloned().enumerate().rev().map(|(i, n)| (n, i)).collect();
         Self { names, columns, rows, places }

@@ -164,7 +164,8 @@ fn keep(topics: &mut BTreeMap<String, Topic>, data: &DataMessage) -> bool {
 
 /// Times of a topic that do not rise.
 fn clock_faults(topic: &Topic) -> Vec<ClockFault> {
-    let fault = |i: usize| ClockFault { row: i + 1, before_s: topic.t_s[i - 1], time_s: topic.t_s[i] };
+    let fault =
+        |i: usize| ClockFault { row: i + 1, before_s: topic.t_s[i - 1], time_s: topic.t_s[i], topic: None };
     (1..topic.t_s.len()).filter(|i| topic.t_s[*i] <= topic.t_s[*i - 1]).map(fault).collect()
 }
 

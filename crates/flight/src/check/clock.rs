@@ -92,9 +92,11 @@ fn backwards(log: &FlightLog, unordered: &[String], found: &mut Findings) {
             "",
             Some(f.time_s),
             format!(
-                "time runs backwards at row {}: {:.6} s after {:.6} s{others}; expected rising times: cut the log there, \
+                "time runs backwards at {}: {:.6} s after {:.6} s{others}; expected rising times: cut the log there, \
                  or repair the clock",
-                f.row, f.time_s, f.before_s
+                f.place(),
+                f.time_s,
+                f.before_s
             ),
         );
     } else if let (false, Some(f)) = (unordered.is_empty(), log.clock_faults.first()) {
@@ -103,8 +105,8 @@ fn backwards(log: &FlightLog, unordered: &[String], found: &mut Findings) {
             &unordered[0],
             Some(f.time_s),
             format!(
-                "time stands still at row {}: {:.6} s twice in {}{others}; expected rising times: delete the copies",
-                f.row,
+                "time stands still at {}: {:.6} s twice in {}{others}; expected rising times: delete the copies",
+                f.place(),
                 f.time_s,
                 unordered.join(", ")
             ),
