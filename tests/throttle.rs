@@ -27,7 +27,7 @@ fn motor(hover_rad_s: f64, hover_v: f64) -> Params<f64> {
     }
 }
 
-/// A vehicle of the tests: 1.1 kg, four rotors.
+/// A vehicle of the tests: 1 kg, four rotors.
 fn vehicle() -> Vehicle {
     Vehicle::load(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/planted_kilo.toml")).unwrap()
 }

@@ -12,7 +12,7 @@ pub const TOPICS: [(&str, &str); 6] = [
     ("battery_status", "float voltage_v"),
 ];
 
-/// A file with one record of each of [`TOPICS`] at every time (µs): the numbers of their fields.
+/// A file with one record of each of [`TOPICS`] at every time (µs): the numbers of their fields; none where there are no numbers.
 pub fn file(rows: impl IntoIterator<Item = (u64, [Vec<f64>; 6])>) -> Vec<u8> {
     let mut out = b"ULog\x01\x12\x35\x01".to_vec();
     out.extend(0u64.to_le_bytes());
@@ -29,7 +29,7 @@ pub fn file(rows: impl IntoIterator<Item = (u64, [Vec<f64>; 6])>) -> Vec<u8> {
         message(b'A', &[&[0u8, id as u8, 0], name.as_bytes()].concat());
     }
     for (time_us, values) in rows {
-        for (id, values) in values.iter().enumerate() {
+        for (id, values) in values.iter().enumerate().filter(|(_, v)| !v.is_empty()) {
             let mut payload = (id as u16).to_le_bytes().to_vec();
             payload.extend(time_us.to_le_bytes());
             values.iter().for_each(|v| payload.extend((*v as f32).to_le_bytes()));

@@ -150,6 +150,9 @@ pub fn first_vehicle(
 pub fn sharpen(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<String>> {
     let mut said = Vec::new();
     let turning: Vec<&FlightLog> = logs.iter().filter(|log| rotors_of(log).is_some()).collect();
+    if turning.is_empty() && logs.iter().any(|log| !log.cmd_u.is_empty()) {
+        return Ok(said);
+    }
     if turning.is_empty() {
         said.push(
             "no log has rotor speeds, measured or commanded: thrust, torque and inertias stay those of the laws of scale".into(),
@@ -194,7 +197,8 @@ pub fn sharpen(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<Strin
     let names: Vec<&str> = tracks.iter().map(|t| t.name.as_str()).collect();
     let source = format!("flight {}", names.join(", "));
     if let Some(ratio) = lift_of(first, &blocks, &source, &mut said) {
-        torques_of(first, &blocks, ratio, &source, &mut said);
+        let thrust = first.thrust_n_s2_per_rad2.sigma / first.thrust_n_s2_per_rad2.value;
+        torques_of(first, &blocks, (ratio, thrust), &source, &mut said);
     }
     Ok(said)
 }
@@ -222,7 +226,28 @@ fn motors(first: &mut FirstVehicle, logs: &[FlightLog]) -> Result<Vec<String>> {
     }
     said.extend(fit.notes);
     first.throttle = Some(fit.table);
+    if !fit.by_speeds {
+        turns_by_throttle(first, &with, &mut said)?;
+    }
     Ok(said)
+}
+
+/// Sharpens what turns the vehicle by flights of which throttles are known and no speeds: the order of the rotors, torque and
+/// inertias.
+fn turns_by_throttle(first: &mut FirstVehicle, logs: &[FlightLog], said: &mut Vec<String>) -> Result<()> {
+    let draft = first.vehicle("new")?;
+    let options = Options { drive: Some(Drive::RotorCommands), ..Options::default() };
+    let tracks = logs
+        .iter()
+        .map(|log| Track::new(log.clone(), &draft, &options))
+        .collect::<std::result::Result<Vec<_>, GapError>>()?;
+    order_rotors(first, &tracks, said)?;
+    let blocks = blocks(&tracks, first)?;
+    let names: Vec<&str> = tracks.iter().map(|t| t.name.as_str()).collect();
+    // The throttles were fitted to the lift: the thrust is known as well as the mass, though no speed is.
+    let thrust = (first.mass_kg.sigma / first.mass_kg.value).hypot(LIFT_FLOOR);
+    torques_of(first, &blocks, (1.0, thrust), &format!("flight {}", names.join(", ")), said);
+    Ok(())
 }
 
 /// Speeds of all rotors, commanded before measured as a diagnosis takes them, and what they are.
@@ -357,11 +382,16 @@ fn slope(blocks: &[Block], k: usize) -> Option<(f64, f64, f64)> {
     Some((b, error / b, xy * xy / (xx * yy)))
 }
 
-/// Sharpens inertias and the torque over thrust; the rotors lift `ratio` times as much as in the blocks.
-fn torques_of(first: &mut FirstVehicle, blocks: &[Block], ratio: f64, source: &str, said: &mut Vec<String>) {
-    let known = (first.thrust_n_s2_per_rad2.sigma / first.thrust_n_s2_per_rad2.value)
-        .hypot(first.arm_m.sigma / first.arm_m.value)
-        .hypot(TORQUE_FLOOR);
+/// Sharpens inertias and the torque over thrust; the rotors lift `ratio` times as much as in the blocks, which is known within a
+/// relative standard deviation.
+fn torques_of(
+    first: &mut FirstVehicle,
+    blocks: &[Block],
+    (ratio, thrust): (f64, f64),
+    source: &str,
+    said: &mut Vec<String>,
+) {
+    let known = thrust.hypot(first.arm_m.sigma / first.arm_m.value).hypot(TORQUE_FLOOR);
     let told = |k: usize, said: &mut Vec<String>| {
         let axis = ["x", "y", "z"][k];
         match slope(blocks, k) {

@@ -62,7 +62,7 @@ pub(super) fn mismatch(track: &Track, around: &Around, raw: &Raw, drone: &Drone<
         });
     }
     let n = drone.airframe.n_rotors;
-    let Wiring { places, reversed, left } = wiring(&blocks, n)?;
+    let Wiring { places, reversed, left } = wiring(&blocks, n, Torques::AsFiled)?;
     let numbers = |list: &mut dyn Iterator<Item = usize>| {
         list.map(|i| (i + 1).to_string()).collect::<Vec<_>>().join(" ")
     };
@@ -101,7 +101,7 @@ pub(super) fn order(
     if blocks.len() < FEWEST_INSTANTS {
         return None;
     }
-    wiring(&blocks, drone.airframe.n_rotors).map(|w| (w.places, w.reversed))
+    wiring(&blocks, drone.airframe.n_rotors, Torques::Scaled).map(|w| (w.places, w.reversed))
 }
 
 /// [`mismatch`] as an error.
@@ -184,6 +184,15 @@ fn blocks(track: &Track, around: &Around, raw: &Raw, drone: &Drone<f64>) -> Vec<
     out
 }
 
+/// How large the torques of a file's rotors are taken to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Torques {
+    /// As the file says, over its inertias.
+    AsFiled,
+    /// Each axis times the factor that fits best: of a vehicle of which torques and inertias are not known yet.
+    Scaled,
+}
+
 /// Variances of the measured torque, and its products with and among the torques of all pairs of place and rotor, about
 /// each axis.
 struct Moments {
@@ -219,28 +228,31 @@ impl Moments {
     }
 
     /// Unexplained share of the variance about each axis if the rotor at place `j` turns as the log's rotor `of[j]`.
-    fn left(&self, of: &[usize], reversed: bool) -> [f64; 3] {
+    fn left(&self, of: &[usize], reversed: bool, torques: Torques) -> [f64; 3] {
         let pair = |j: usize| j * self.n + of[j];
         let sense = [1.0, 1.0, if reversed { -1.0 } else { 1.0 }];
-        let mut out = self.measured;
+        let (mut with, mut among) = ([0.0; 3], [0.0; 3]);
         for j in 0..self.n {
-            out = vec3::sub(out, vec3::scale(vec3::mul(sense, self.with[pair(j)]), 2.0));
+            with = vec3::add(with, vec3::mul(sense, self.with[pair(j)]));
             for l in 0..self.n {
-                out = vec3::add(out, self.among[pair(j) * self.n * self.n + pair(l)]);
+                among = vec3::add(among, self.among[pair(j) * self.n * self.n + pair(l)]);
             }
         }
-        core::array::from_fn(|k| out[k] / self.measured[k])
+        core::array::from_fn(|k| match torques {
+            Torques::AsFiled => (self.measured[k] - 2.0 * with[k] + among[k]) / self.measured[k],
+            Torques::Scaled => 1.0 - with[k].max(0.0).powi(2) / (among[k] * self.measured[k]),
+        })
     }
 }
 
 /// The order and spins that leave the least torque; `None` if the file's do, or if no others are clearly right.
-fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
+fn wiring(blocks: &[Block], n: usize, torques: Torques) -> Option<Wiring> {
     if n == 0 || blocks.iter().any(|b| b.by.is_empty()) {
         return None;
     }
     let moments = Moments::of(blocks, n);
     let filed: Vec<usize> = (0..n).collect();
-    let before = moments.left(&filed, false);
+    let before = moments.left(&filed, false, torques);
     // NaN where nothing turns.
     if !before.iter().all(|l| l.is_finite()) || before.iter().all(|l| *l < WIRED_FILED) {
         return None;
@@ -248,7 +260,7 @@ fn wiring(blocks: &[Block], n: usize) -> Option<Wiring> {
     let mut best = (before, filed.clone(), false);
     let mut consider = |of: &[usize]| {
         for reversed in [false, true] {
-            let now = moments.left(of, reversed);
+            let now = moments.left(of, reversed, torques);
             // Orders that differ by rounding only count as equal: the first, nearest to the file, is kept.
             if now.iter().sum::<f64>() < best.0.iter().sum::<f64>() - 1e-6 {
                 best = (now, of.to_vec(), reversed);

@@ -2,7 +2,7 @@
 
 use super::Voltage;
 use crate::replay::{Inputs, merged};
-use crate::residual::{Replay, Residuals};
+use crate::residual::{Replay, Residuals, Sample};
 use crate::track::throttle::{has_voltage, voltage};
 use crate::track::{Drive, Options, Track, without_spikes};
 use crate::{GapError, usable};
@@ -11,12 +11,14 @@ use propwash_flight::{Channel, FlightLog};
 use propwash_physics::rigid_body::MAX_ROTORS;
 use propwash_physics::rotor::{self, curve};
 use propwash_physics::throttle::Params;
-use propwash_trace::math::vec3;
+use propwash_trace::math::{quat, vec3};
 use propwash_vehicle::schema::ThrottleOf;
 use propwash_vehicle::{DYNAMICS, Vehicle};
 
-/// Numbers that a fit frees: offset, back-EMF, load, time constants up and down, delay.
-pub(super) const FREE: usize = 6;
+/// Numbers that a fit frees: offset, back-EMF, load, time constants up and down, delay; and behind a lift the drag along body z.
+pub(super) const FREE: usize = 7;
+/// Those of them that tell the speed of a rotor.
+const OF_SPEED: usize = 6;
 /// Longest time without a throttle that is bridged, s.
 const LONGEST_HOLE_S: f64 = 0.1;
 /// Time after the first throttle until the modelled motors have forgotten how they began, s.
@@ -32,7 +34,8 @@ enum Known {
     /// Measured speeds of every rotor: times (s), rad/s.
     Speeds(Vec<(Vec<f64>, Vec<f64>)>),
     /// The force along body z that the flight needed, N, and how it follows from the speeds.
-    Lift { at_s: Vec<f64>, force_n: Vec<f64>, rotors: Vec<rotor::Params<f64>> },
+    /// Climbing and sinking meets drag, which is not to be taken for thrust: `climb_m_s` is the velocity along body z.
+    Lift { at_s: Vec<f64>, force_n: Vec<f64>, climb_m_s: Vec<f64>, rotors: Vec<rotor::Params<f64>> },
 }
 
 /// One flight.
@@ -55,6 +58,8 @@ pub(super) struct Motor {
     pub lag_s: [f64; 2],
     /// Time from a logged throttle until the motor answers, s.
     pub delay_s: f64,
+    /// Drag of the vehicle along body z, N·s/m.
+    pub drag_n_s_per_m: f64,
 }
 
 /// One observation against the model.
@@ -147,7 +152,8 @@ impl Course {
             Known::Speeds(list) => {
                 Known::Speeds(list.iter().map(|(t, v)| (t[cut(t)].to_vec(), v[cut(t)].to_vec())).collect())
             }
-            Known::Lift { at_s, force_n, rotors } => Known::Lift {
+            Known::Lift { at_s, force_n, climb_m_s, rotors } => Known::Lift {
+                climb_m_s: climb_m_s[cut(at_s)].to_vec(),
                 at_s: at_s[cut(at_s)].to_vec(),
                 force_n: force_n[cut(at_s)].to_vec(),
                 rotors: rotors.clone(),
@@ -165,11 +171,11 @@ impl Course {
 
     /// All observations against a model.
     pub fn rows(&self, motor: &Motor, of: Voltage) -> Vec<Row> {
-        let row = |at: f64, measured: f64, model: [f64; FREE + 1]| Row {
+        let row = |at: f64, measured: f64, model: [f64; OF_SPEED + 1], by_drag: f64| Row {
             stretch: (at / STRETCH_S).max(0.0) as usize,
             measured,
-            residual: measured - model[0],
-            slopes: core::array::from_fn(|k| model[k + 1]),
+            residual: measured - model[0] - motor.drag_n_s_per_m * by_drag,
+            slopes: core::array::from_fn(|k| model.get(k + 1).copied().unwrap_or(by_drag)),
         };
         match &self.known {
             Known::Speeds(list) => {
@@ -177,20 +183,20 @@ impl Course {
                 for (r, (at, speeds)) in list.iter().enumerate() {
                     let model = self.follow(motor, of, r, at);
                     for ((at, measured), model) in at.iter().zip(speeds).zip(model) {
-                        out.extend(model.map(|m| row(*at, *measured, m)));
+                        out.extend(model.map(|m| row(*at, *measured, m, 0.0)));
                     }
                 }
                 out
             }
-            Known::Lift { at_s, force_n, rotors } => {
-                let mut sums = vec![Some([0.0; FREE + 1]); at_s.len()];
+            Known::Lift { at_s, force_n, climb_m_s, rotors } => {
+                let mut sums = vec![Some([0.0; OF_SPEED + 1]); at_s.len()];
                 for (r, rotor) in rotors.iter().enumerate() {
                     for (sum, speed) in sums.iter_mut().zip(self.follow(motor, of, r, at_s)) {
                         *sum = sum.zip(speed).map(|(sum, speed)| plus_thrust(sum, speed, rotor));
                     }
                 }
-                let all = at_s.iter().zip(force_n).zip(sums);
-                all.filter_map(|((at, f), m)| Some(row(*at, *f, m?))).collect()
+                let all = at_s.iter().zip(force_n).zip(climb_m_s).zip(sums);
+                all.filter_map(|(((at, f), climb), m)| Some(row(*at, *f, m?, -climb))).collect()
             }
         }
     }
@@ -199,8 +205,8 @@ impl Course {
     ///
     /// A throttle holds until the next one arrives; in between the speed approaches where it settles, s + (Ω − s) e^(−t/τ).
     /// The motor starts in balance, so that a delay moves all of it in time: its slope is minus the acceleration.
-    fn follow(&self, motor: &Motor, of: Voltage, r: usize, at_s: &[f64]) -> Vec<Option<[f64; FREE + 1]>> {
-        let Motor { by, lag_s, delay_s } = motor;
+    fn follow(&self, motor: &Motor, of: Voltage, r: usize, at_s: &[f64]) -> Vec<Option<[f64; OF_SPEED + 1]>> {
+        let Motor { by, lag_s, delay_s, .. } = motor;
         // The settled speed by offset, back-EMF and load: implicit slopes of u V = c + a Ω + b Ω².
         let settled = |k: usize| -> [f64; 4] {
             let speed = by.speed(self.sent[k].1[r], self.volts(of, k));
@@ -254,20 +260,20 @@ impl Motor {
     /// One with which a flight can be passed through.
     fn any() -> Self {
         let by = Params { offset_v: 0.0, back_emf_v_s_per_rad: 1e-3, load_v_s2_per_rad2: 0.0 };
-        Self { by, lag_s: [0.05; 2], delay_s: 0.0 }
+        Self { by, lag_s: [0.05; 2], delay_s: 0.0, drag_n_s_per_m: 0.0 }
     }
 }
 
 /// Adds the thrust of a rotor along body z to a sum, with its slopes.
 fn plus_thrust(
-    mut sum: [f64; FREE + 1],
-    speed: [f64; FREE + 1],
+    mut sum: [f64; OF_SPEED + 1],
+    speed: [f64; OF_SPEED + 1],
     rotor: &rotor::Params<f64>,
-) -> [f64; FREE + 1] {
+) -> [f64; OF_SPEED + 1] {
     let up = vec3::dot(rotor.axis, [0.0, 0.0, 1.0]);
     let per = up * (rotor.thrust_curve[1] + 2.0 * rotor.thrust_curve[2] * speed[0]);
     sum[0] += up * curve(rotor.thrust_curve, speed[0]);
-    for k in 1..=FREE {
+    for k in 1..=OF_SPEED {
         sum[k] += per * speed[k];
     }
     sum
@@ -318,6 +324,14 @@ fn lift(
     let replay = Replay::new(&track, &around, &raw, &drone);
     let samples = Residuals::new(&replay).samples;
     let rotors = drone.parts().airframe.rotors[..n].to_vec();
-    let at_s = samples.iter().map(|s| replay.time_s(s.step)).collect();
-    Ok(Known::Lift { at_s, force_n: samples.iter().map(|s| s.measured_force_n[2]).collect(), rotors })
+    let climb = |s: &Sample| {
+        let state = replay.around.measured.get(s.step).and_then(Option::as_ref);
+        state.map_or(0.0, |m| quat::rotate_inverse(m.quat, m.vel)[2])
+    };
+    Ok(Known::Lift {
+        at_s: samples.iter().map(|s| replay.time_s(s.step)).collect(),
+        force_n: samples.iter().map(|s| s.measured_force_n[2]).collect(),
+        climb_m_s: samples.iter().map(climb).collect(),
+        rotors,
+    })
 }

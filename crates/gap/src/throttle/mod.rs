@@ -224,6 +224,7 @@ fn begin(courses: &[Course], vehicle: &Vehicle, of: Voltage, by_lift: bool) -> B
     Begin {
         drive_v: median(courses.iter().map(|c| c.usual_drive(of)).collect()).unwrap_or(1.0),
         speed_rad_s: speed,
+        mass_kg: vehicle.file().body.mass_kg,
         lag_s,
         lag_spread: LAG_SPREAD[usize::from(by_lift)],
     }

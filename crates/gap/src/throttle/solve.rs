@@ -15,6 +15,8 @@ const SHARES: [(f64, f64); 3] = [(0.1, 0.15), (0.6, 0.3), (0.3, 0.25)];
 /// Unit of delays within the fit, s, and what is known of them in it: serial lines and control loops take some milliseconds.
 const DELAY_UNIT_S: f64 = 0.01;
 const DELAY: (f64, f64) = (0.4, 1.0);
+/// Drag along body z over mass, 1/s: what vehicles of the field have.
+const DRAG_PER_S: (f64, f64) = (0.2, 0.3);
 /// Bounds of time constants, s, and of delays.
 const LAG_S: [f64; 2] = [1e-3, 1.0];
 const LONGEST_DELAY_S: f64 = 0.2;
@@ -28,6 +30,8 @@ pub(super) struct Begin {
     /// Usual product of throttle and voltage, and usual speed, rad/s.
     pub drive_v: f64,
     pub speed_rad_s: f64,
+    /// Mass, kg.
+    pub mass_kg: f64,
     /// Time constants up and down, s, and the standard deviation of their logarithms.
     pub lag_s: [f64; 2],
     pub lag_spread: f64,
@@ -37,7 +41,7 @@ pub(super) struct Begin {
 #[derive(Clone, Debug)]
 pub(super) struct Solution {
     pub motor: Motor,
-    /// Standard deviations of offset, back-EMF, load, both time constants and delay, SI.
+    /// Standard deviations of offset, back-EMF, load, both time constants, delay and drag, SI.
     pub sigma: [f64; FREE],
     /// Sum of squared residuals.
     pub squares: f64,
@@ -51,26 +55,31 @@ impl Begin {
             back_emf_v_s_per_rad: z[1] * x / w,
             load_v_s2_per_rad2: z[2] * x / (w * w),
         };
-        Motor { by, lag_s: [z[3].exp(), z[4].exp()], delay_s: z[5] * DELAY_UNIT_S }
+        Motor {
+            by,
+            lag_s: [z[3].exp(), z[4].exp()],
+            delay_s: z[5] * DELAY_UNIT_S,
+            drag_n_s_per_m: z[6] * self.mass_kg,
+        }
     }
 
     /// Derivatives of the free numbers by those of the fit.
     fn units(&self, motor: &Motor) -> Vector {
         let (x, w) = (self.drive_v, self.speed_rad_s);
-        Vector::from([x, x / w, x / (w * w), motor.lag_s[0], motor.lag_s[1], DELAY_UNIT_S])
+        Vector::from([x, x / w, x / (w * w), motor.lag_s[0], motor.lag_s[1], DELAY_UNIT_S, self.mass_kg])
     }
 
     fn prior(&self) -> (Vector, Vector) {
         let [c, a, b] = SHARES;
         let [up, down] = self.lag_s.map(|lag| (lag.clamp(LAG_S[0], LAG_S[1]).ln(), self.lag_spread));
-        let all = [c, a, b, up, down, DELAY];
+        let all = [c, a, b, up, down, DELAY, DRAG_PER_S];
         (Vector::from(all.map(|p| p.0)), Vector::from(all.map(|p| p.1)))
     }
 
     fn bounds(&self) -> [[f64; 2]; FREE] {
         let most = f64::INFINITY;
         let lag = LAG_S.map(f64::ln);
-        [[0.0, most], [0.0, most], [0.0, most], lag, lag, [0.0, LONGEST_DELAY_S / DELAY_UNIT_S]]
+        [[0.0, most], [0.0, most], [0.0, most], lag, lag, [0.0, LONGEST_DELAY_S / DELAY_UNIT_S], [0.0, most]]
     }
 }
 
