@@ -19,7 +19,8 @@ pub mod urdf;
 pub mod vehicle;
 mod vehicle_new;
 pub mod view;
-mod watch;
+mod view_watch;
+pub mod watch;
 
 use crate::{Error, Result};
 use std::path::Path;
