@@ -18,6 +18,8 @@ use serde::{Deserialize, Serialize};
 pub enum ChangeKind {
     /// The vehicle was never as the file says: it differs since the first log.
     DiffersFromFile,
+    /// An effect that was not there before.
+    New,
     /// It was as accepted, and differs now.
     Drifted,
     /// A drift that was accepted before goes on.
@@ -71,6 +73,8 @@ pub struct Change {
     pub errors_ratio: Option<f64>,
     /// Other effects whose drift explains the logs about as well.
     pub look_alikes: Vec<String>,
+    /// Why it is in doubt and not accepted; none where it is.
+    pub doubt: Option<String>,
 }
 
 /// A drift in the model: its effect, the log in which it begins and the one in which it is complete.
@@ -390,7 +394,6 @@ impl Space {
         proposed: &Proposed,
         (before, with): (&[Part], &[Part]),
         names: &[&str],
-        errors_ratio: Option<f64>,
     ) -> Result<Change, GapError> {
         let part = proposed.part;
         let accepted = self.accepted(with)?;
@@ -426,8 +429,9 @@ impl Space {
             until: part.until,
             parameters,
             evidence_nats: proposed.nats,
-            errors_ratio,
+            errors_ratio: None,
             look_alikes: proposed.alike.clone(),
+            doubt: None,
         })
     }
 
@@ -438,7 +442,9 @@ impl Space {
             return ChangeKind::DiffersFromFile;
         }
         if before.iter().filter(earlier).count() == 0 {
-            return ChangeKind::Drifted;
+            let there = before.iter().any(|p| p.effect == part.effect);
+            let new = self.effects[part.effect].there_or_not && !there;
+            return if new { ChangeKind::New } else { ChangeKind::Drifted };
         }
         if self.away(accepted, part.effect) { self.same_way(accepted, part) } else { ChangeKind::Returned }
     }

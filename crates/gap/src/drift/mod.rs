@@ -29,9 +29,11 @@ use crate::complete::{Completion, Entry as Written};
 use crate::diagnose::Settings;
 use crate::error::{Error, GapError, Result};
 use crate::fitted::{self, Calibrate, Filed, Fitted};
-use crate::judge::Judge;
+use crate::decide::rules::Rule;
+use crate::judge::{Judge, Seen};
 use crate::ladder::Flights;
 use crate::policy::{DRIFTS_PER_LOG, WORSE};
+use crate::report::significant;
 use crate::track::Options;
 use crate::verdict::{Calibration, ParameterFit};
 use crate::watch::Watch;
@@ -69,13 +71,15 @@ pub struct Entry {
     pub drive: String,
     /// The verdict on this log alone, in at most 90 characters.
     pub headline: String,
+    /// Whether this log alone leaves something that nothing in the list explains.
+    pub unexplained: bool,
     /// What is missing from the file by this log alone.
     pub findings: Vec<SeenFinding>,
     /// What belongs to this flight and not to the vehicle: wind, battery, clocks, offsets of sensors.
     pub of_the_flight: Vec<OfTheFlight>,
     /// Drifts that this log brought to light.
     pub changes: Vec<Change>,
-    /// Drifts that the evidence names and that do not lower the errors of this flight: not accepted.
+    /// Drifts that the evidence names and that are in doubt: not accepted.
     pub doubtful: Vec<Change>,
     /// Drifts of earlier logs that hold on: candidate ids, each with the log since which.
     pub still: Vec<(String, String)>,
@@ -142,11 +146,6 @@ impl Series {
         })
     }
 
-    /// Whether a file of these contents was taken already.
-    pub fn knows(&self, sha256: &str) -> bool {
-        self.entries.iter().any(|e| e.sha256 == sha256)
-    }
-
     /// Files that were diagnosed.
     fn flights(&self) -> impl Iterator<Item = (&Entry, &Sight)> {
         self.entries.iter().filter_map(|e| Some((e, e.sight.as_ref()?)))
@@ -170,16 +169,18 @@ impl Series {
         flights.iter().flat_map(|(e, _)| &e.changes).filter_map(|c| space.part(c)).collect()
     }
 
-    /// Takes the next file: checks it, diagnoses it, and says what has drifted. What cannot be read or used becomes an entry that says
-    /// why, and a file that is known already none.
+    /// Takes the next file: checks it, diagnoses it, and says what has drifted. What cannot be read or used, and a copy of a log that was
+    /// taken, becomes an entry that says why; a file that is known already gives none.
     ///
     /// # Errors
     /// [`GapError::Cancelled`] alone; nothing has changed then.
     pub fn take(&mut self, found: &Found, watch: &Watch) -> Result<Option<&Entry>, GapError> {
         let sha256 = files::sha256(&found.path).unwrap_or_default();
-        if !sha256.is_empty() && self.knows(&sha256) {
+        let same = self.entries.iter().find(|e| e.sha256 == sha256 && !sha256.is_empty());
+        if same.is_some_and(|e| e.name == found.name) {
             return Ok(None);
         }
+        let copy_of = same.map(|e| format!("the same file as {}", e.name));
         let empty = Entry {
             name: found.name.clone(),
             sha256,
@@ -188,6 +189,7 @@ impl Series {
             duration_s: 0.0,
             drive: String::new(),
             headline: String::new(),
+            unexplained: false,
             findings: Vec::new(),
             of_the_flight: Vec::new(),
             changes: Vec::new(),
@@ -198,10 +200,14 @@ impl Series {
             warnings: Vec::new(),
             sight: None,
         };
-        let entry = match self.diagnosed(&found.path, empty.clone(), watch) {
-            Ok(entry) => entry,
-            Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled),
-            Err(error) => Entry { left_out: Some(error.to_string()), ..empty },
+        let entry = if copy_of.is_some() {
+            Entry { left_out: copy_of, ..empty }
+        } else {
+            match self.diagnosed(&found.path, empty.clone(), watch) {
+                Ok(entry) => entry,
+                Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled),
+                Err(error) => Entry { left_out: Some(error.to_string()), ..empty },
+            }
         };
         self.entries.push(entry);
         Ok(self.entries.last())
@@ -236,6 +242,7 @@ impl Series {
         entry.duration_s = flights.whole.iter().map(crate::track::Track::duration_s).sum();
         entry.drive = flights.whole.first().map_or("", |t| t.drive.title()).into();
         entry.headline = verdict.headline.clone();
+        entry.unexplained = verdict.remainder.unexplained;
         entry.findings = sight::findings(verdict);
         entry.of_the_flight = sight::of_the_flight(&diagnosed);
         entry.warnings = verdict.warnings.clone();
@@ -267,14 +274,12 @@ impl Series {
             with.push(proposed.part);
             let (without, after) =
                 (space.parameters(&without, &parts), space.parameters(&space.accepted(&with)?, &with));
-            let ratio = match (look(&after), look(&without)) {
-                (Some(after), Some(without)) if !after.blind() => Some(after.over(&without)),
-                // A flight that is too short to judge takes nothing back.
-                (Some(_), _) => None,
-                (None, _) => Some(f64::INFINITY),
-            };
-            let change = space.told(&proposed, (&parts, &with), &names, ratio)?;
-            if ratio.is_some_and(|r| r >= WORSE) {
+            let mut change = space.told(&proposed, (&parts, &with), &names)?;
+            let (after, without) = (look(&after), look(&without));
+            let first = !parts.iter().any(|p| p.effect == proposed.part.effect);
+            change.errors_ratio = after.as_ref().and_then(|a| Some(a.over(without.as_ref()?)));
+            change.doubt = doubt(&change.id, first, (after.as_ref(), without.as_ref()), &entry);
+            if change.doubt.is_some() {
                 entry.doubtful.push(change);
             } else {
                 entry.changes.push(change);
@@ -356,6 +361,24 @@ impl Series {
         }
         let space = Space::new(&self.flights().map(|f| f.1).collect::<Vec<_>>());
         self.completed(&space, &self.accepted()).map(Some)
+    }
+}
+
+/// Why a drift that has the evidence is not accepted, if it is not: [`Rule::Drift`]. `seen` are the residuals of the vehicle with it and
+/// without it on held-out flight of the newest log, `first` whether nothing of its effect was accepted before.
+fn doubt(id: &str, first: bool, seen: (Option<&Seen>, Option<&Seen>), newest: &Entry) -> Option<String> {
+    let named = newest.findings.iter().any(|f| f.id == id && f.certain);
+    if newest.unexplained && !(first && named) {
+        return Some("something is unexplained in this log, and a drift easily takes it up".into());
+    }
+    match seen {
+        (None, _) => Some("with it the model does not stay finite, or no vehicle file can hold it".into()),
+        // A flight that is too short to judge takes nothing back.
+        (Some(with), Some(without)) if !with.blind() && with.hardly_better(without) => {
+            let times = significant(with.over(without), 3);
+            Some(format!("it takes too little off the errors on unseen flight, {times} times those without it"))
+        }
+        _ => None,
     }
 }
 

@@ -22,6 +22,8 @@ pub struct FollowedEffect {
     pub area: Area,
     /// Other parameters of the effect that were set before the fit, SI.
     pub set: Vec<(String, f64)>,
+    /// Whether it is there or not: no vehicle has a little of it within its tolerances.
+    pub there_or_not: bool,
 }
 
 /// A parameter of a vehicle that is followed from log to log.
@@ -198,6 +200,8 @@ fn effect(model: &Model, c: usize) -> FollowedEffect {
         title: candidate.title.clone(),
         area: candidate.area,
         set: model.preset_values(c),
+        there_or_not: candidate.freedoms.iter().all(|f| f.spike <= 0.0)
+            && model.of(c).all(|k| !model.listed[model.parameters[k].effect]),
     }
 }
 

@@ -16,12 +16,8 @@ pub fn block(entry: &Entry) -> String {
     let mut out = vec![format!("{head}  {:.1} s, driven by {}", entry.duration_s, entry.drive)];
     out.extend(entry.changes.iter().map(|c| format!("  {}", sentence(entry, c))));
     for c in &entry.doubtful {
-        let ratio = c.errors_ratio.map_or_else(String::new, |r| format!(" ({} times)", significant(r, 3)));
-        let numbers = numbers(c).join(", ");
-        out.push(format!(
-            "  in doubt: {}: {numbers}: the errors on unseen flight do not fall with it{ratio}",
-            c.id
-        ));
+        let doubt = c.doubt.as_deref().unwrap_or_default();
+        out.push(format!("  in doubt: {}: {}: {doubt}", c.id, numbers(c).join(", ")));
     }
     if !entry.still.is_empty() {
         let all: Vec<String> = entry.still.iter().map(|(id, since)| format!("{id} (since {since})")).collect();
@@ -52,10 +48,11 @@ fn of_flight(of: &OfTheFlight) -> String {
 
 /// A drift in one sentence.
 fn sentence(entry: &Entry, c: &Change) -> String {
-    let since = if c.since == entry.name { "new in this log".into() } else { format!("since {}", c.since) };
+    let since = if c.since == entry.name { "in this log".into() } else { format!("since {}", c.since) };
     let how = if c.until > c.from { "little by little " } else { "" };
     let what = match c.kind {
-        ChangeKind::DiffersFromFile => format!("not as the file says, {since}"),
+        ChangeKind::DiffersFromFile => format!("not as the file says, {}", if c.since == entry.name { "from this log on" } else { &since }),
+        ChangeKind::New => format!("new {since}"),
         ChangeKind::Drifted => format!("drifted {how}{since}"),
         ChangeKind::GoesOn => format!("goes on drifting {how}{since}"),
         ChangeKind::Returned => format!("back to what it was, {how}{since}"),
@@ -87,7 +84,10 @@ fn numbers(c: &Change) -> Vec<String> {
             let [before, after] = values.map(|v| quantity(v.0 * of, unit, 3));
             format!(" ({before} → {after})")
         });
-        format!("{} {} → {}{absolute}", p.name, of(values[0]), of(values[1]))
+        match c.kind {
+            ChangeKind::New => format!("{} {}", p.name, of(values[1])),
+            _ => format!("{} {} → {}{absolute}", p.name, of(values[0]), of(values[1])),
+        }
     };
     c.parameters.iter().filter(|p| size(p) > 0.25 * most).map(one).collect()
 }
