@@ -25,6 +25,7 @@ __all__ = [
     "fly",
     "gap_compare",
     "gap_diagnose",
+    "gap_watch",
     "identify",
     "lint",
     "load_plugin_library",
@@ -167,7 +168,15 @@ class Sim:
     def hover_rotor_vel(self) -> NDArray[np.float64]: ...
     def scene_json(self, scene: int) -> str: ...
     def scene_mjb(self, scene: int) -> bytes: ...
-    def view_page(self, worlds: Sequence[int]) -> tuple[str, list[str]]:
+    def gap_watch(
+    folder: str | PathLike[str],
+    vehicle: Vehicle,
+    reading: Mapping[str, Any],
+    hold_out: float,
+    by_name: bool,
+    record: str | PathLike[str] | None,
+) -> tuple[str, str, str | None]: ...
+def view_page(self, worlds: Sequence[int]) -> tuple[str, list[str]]:
         """The page of worlds as they are now, and its notes."""
 
     def cameras(self, spec: Mapping[str, Any], scene: int) -> Cameras: ...

@@ -29,7 +29,6 @@ use crate::complete::{Completion, Entry as Written};
 use crate::diagnose::Settings;
 use crate::error::{Error, GapError, Result};
 use crate::fitted::{self, Calibrate, Filed, Fitted};
-use crate::decide::rules::Rule;
 use crate::judge::{Judge, Seen};
 use crate::ladder::Flights;
 use crate::policy::{DRIFTS_PER_LOG, WORSE};
@@ -43,6 +42,7 @@ use propwash_vehicle::Vehicle;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// How logs are read and diagnosed.
 pub struct Reading {
@@ -213,6 +213,30 @@ impl Series {
         Ok(self.entries.last())
     }
 
+    /// Takes all logs of a folder that two looks, `settles` apart, found alike. `each` is called after each file that was taken; returns the
+    /// names of logs that are still written.
+    ///
+    /// # Errors
+    /// Those of [`look`], [`GapError::Cancelled`], and what `each` returns.
+    pub fn take_all<E: From<GapError>>(
+        &mut self,
+        folder: &Path,
+        order: Order,
+        settles: Duration,
+        watch: &Watch,
+        mut each: impl FnMut(&Self, &Entry) -> std::result::Result<(), E>,
+    ) -> std::result::Result<Vec<String>, E> {
+        let before = look(folder, order)?;
+        std::thread::sleep(settles);
+        let (still, grows) = look(folder, order)?.still(&before);
+        for log in still {
+            if let Some(entry) = self.take(&log, watch)?.cloned() {
+                each(self, &entry)?;
+            }
+        }
+        Ok(grows.into_iter().map(|log| log.name).collect())
+    }
+
     /// The entry of a file that can be used.
     fn diagnosed(&self, path: &Path, mut entry: Entry, watch: &Watch) -> Result<Entry> {
         let Reading { mapping, options, hold_out } = &self.reading;
@@ -364,7 +388,7 @@ impl Series {
     }
 }
 
-/// Why a drift that has the evidence is not accepted, if it is not: [`Rule::Drift`]. `seen` are the residuals of the vehicle with it and
+/// Why a drift that has the evidence is not accepted, if it is not: [`crate::decide::rules::Rule::Drift`]. `seen` are the residuals of the vehicle with it and
 /// without it on held-out flight of the newest log, `first` whether nothing of its effect was accepted before.
 fn doubt(id: &str, first: bool, seen: (Option<&Seen>, Option<&Seen>), newest: &Entry) -> Option<String> {
     let named = newest.findings.iter().any(|f| f.id == id && f.certain);

@@ -15,9 +15,12 @@ pub fn block(entry: &Entry) -> String {
     }
     let mut out = vec![format!("{head}  {:.1} s, driven by {}", entry.duration_s, entry.drive)];
     out.extend(entry.changes.iter().map(|c| format!("  {}", sentence(entry, c))));
-    for c in &entry.doubtful {
-        let doubt = c.doubt.as_deref().unwrap_or_default();
-        out.push(format!("  in doubt: {}: {}: {doubt}", c.id, numbers(c).join(", ")));
+    let mut reasons: Vec<&str> = entry.doubtful.iter().filter_map(|c| c.doubt.as_deref()).collect();
+    reasons.dedup();
+    for reason in reasons {
+        let own = entry.doubtful.iter().filter(|c| c.doubt.as_deref() == Some(reason));
+        let ids: Vec<&str> = own.map(|c| c.id.as_str()).collect();
+        out.push(format!("  in doubt, not accepted: {} ({reason})", ids.join(", ")));
     }
     if !entry.still.is_empty() {
         let all: Vec<String> = entry.still.iter().map(|(id, since)| format!("{id} (since {since})")).collect();
@@ -97,10 +100,13 @@ pub fn table(series: &Series) -> String {
     let flights: Vec<(&Entry, &Sight)> = series.flights().collect();
     let left = series.entries().iter().filter(|e| e.left_out.is_some()).count();
     let mut out = vec![format!("{} logs diagnosed, {left} left out", flights.len())];
-    let mut ids: Vec<&str> =
-        flights.iter().flat_map(|(e, _)| &e.changes).map(|c| c.id.as_str()).collect();
-    ids.sort_unstable();
-    ids.dedup();
+    // In the order in which they were said.
+    let mut ids: Vec<&str> = Vec::new();
+    for c in flights.iter().flat_map(|(e, _)| &e.changes) {
+        if !ids.contains(&c.id.as_str()) {
+            ids.push(&c.id);
+        }
+    }
     if ids.is_empty() {
         out.push("nothing has drifted".into());
         return out.join("\n");
