@@ -450,12 +450,12 @@ def watch(
         of["vehicle"],
         tuple(_watched(log) for log in of["logs"]),
         tuple(AcceptedParameter(**p) for p in of["accepted"]),
-        None if changed is None else Vehicle.from_toml(of["vehicle"], changed),
+        None if changed is None else Vehicle.from_toml(changed, of["vehicle"]),
         words,
     )
     if out is not None and changed is None:
         warnings.warn("no vehicle is written: the accepted values do not lower the errors of the newest flight", stacklevel=2)
-    elif out is not None:
+    elif changed is not None:
         write(out, changed, force)
     return made
 

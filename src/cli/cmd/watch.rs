@@ -39,8 +39,11 @@ pub fn run(args: &WatchArgs) -> Result<Outcome> {
     }
     let name = &args.reading.vehicle;
     let vehicle = drones::find(name)?;
-    let reading =
-        Reading { mapping: args.reading.mapping.clone(), options: args.reading.options()?, hold_out: args.hold_out };
+    let reading = Reading {
+        mapping: args.reading.mapping.clone(),
+        options: args.reading.options()?,
+        hold_out: args.hold_out,
+    };
     let mut series = Series::new(name, &vehicle, &text_of(name)?, reading);
     let known = args.record.as_ref().map_or(Ok(0), |path| series.resume(path))?;
     let mut watched = Watched { args, quiet, series, seen: BTreeSet::new(), written: false };
@@ -165,7 +168,9 @@ impl Watched<'_> {
             if let Some(path) = &self.args.write {
                 match self.series.written() {
                     Ok(Some(_)) => print(format_args!("wrote {}", path.display()))?,
-                    _ => print("no vehicle is written: the accepted values do not lower the errors of the newest flight")?,
+                    _ => print(
+                        "no vehicle is written: the accepted values do not lower the errors of the newest flight",
+                    )?,
                 }
             }
         }

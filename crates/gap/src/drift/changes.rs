@@ -370,7 +370,9 @@ impl Space {
         let solved = accepted.factor.solve(&across);
         let inner = inner - across.tr_mul(&solved);
         let score = score - across.tr_mul(&accepted.mean);
-        let Some(factor) = Cholesky::new((&inner + inner.transpose()) * 0.5) else { return f64::NEG_INFINITY };
+        let Some(factor) = Cholesky::new((&inner + inner.transpose()) * 0.5) else {
+            return f64::NEG_INFINITY;
+        };
         let log_det: f64 = factor.l_dirty().diagonal().map(|d| 2.0 * d.ln()).sum();
         0.5 * (score.dot(&factor.solve(&score)) - log_det)
     }

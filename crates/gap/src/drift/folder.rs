@@ -141,7 +141,9 @@ mod tests {
         };
         assert_eq!(names(Order::Time), ["b.csv", "2026-11-26/a.ULG", "a.parquet"]);
         assert_eq!(names(Order::Name), ["2026-11-26/a.ULG", "a.parquet", "b.csv"]);
-        assert!(look(&at("none"), Order::Time).unwrap_err().to_string().contains("a folder with flight logs"));
+        assert!(
+            look(&at("none"), Order::Time).unwrap_err().to_string().contains("a folder with flight logs")
+        );
     }
 
     #[test]

@@ -125,7 +125,13 @@ pub struct Series {
 impl Series {
     /// No flight yet. `label` is the vehicle as it was asked for, `text` that of its file.
     pub fn new(label: &str, vehicle: &Vehicle, text: &str, reading: Reading) -> Self {
-        Self { label: label.into(), vehicle: vehicle.clone(), text: text.into(), reading, entries: Vec::new() }
+        Self {
+            label: label.into(),
+            vehicle: vehicle.clone(),
+            text: text.into(),
+            reading,
+            entries: Vec::new(),
+        }
     }
 
     /// All files so far, in the order in which they were taken.
@@ -400,7 +406,9 @@ fn doubt(id: &str, first: bool, seen: (Option<&Seen>, Option<&Seen>), newest: &E
         // A flight that is too short to judge takes nothing back.
         (Some(with), Some(without)) if !with.blind() && with.hardly_better(without) => {
             let times = significant(with.over(without), 3);
-            Some(format!("it takes too little off the errors on unseen flight, {times} times those without it"))
+            Some(format!(
+                "it takes too little off the errors on unseen flight, {times} times those without it"
+            ))
         }
         _ => None,
     }

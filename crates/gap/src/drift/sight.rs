@@ -247,8 +247,7 @@ pub(super) fn eliminated(
     rest: &[usize],
     prior: impl Fn(usize) -> f64,
 ) -> Result<(DMatrix<f64>, DVector<f64>), GapError> {
-    let mut inner =
-        DMatrix::from_fn(rest.len(), rest.len(), |i, j| a[(rest[i], rest[j])]);
+    let mut inner = DMatrix::from_fn(rest.len(), rest.len(), |i, j| a[(rest[i], rest[j])]);
     for (i, k) in rest.iter().enumerate() {
         inner[(i, i)] += 1.0 / prior(*k);
     }

@@ -45,8 +45,7 @@ fn sight(values: [f64; 2], sigma: f64) -> Sight {
 /// Sights of logs in which the first parameter is as given, with noise of `sigma`, and all drifts that are proposed on the way.
 fn followed(thrust: &[f64], sigma: f64, seed: u64) -> (Vec<(usize, Part)>, Vec<AcceptedParameter>) {
     let mut dice = Key { seed, world: 0, drone: 0, step: 0, purpose: purpose("drift test") }.stream();
-    let sights: Vec<Sight> =
-        thrust.iter().map(|t| sight([t + sigma * dice.normal(), 1.0], sigma)).collect();
+    let sights: Vec<Sight> = thrust.iter().map(|t| sight([t + sigma * dice.normal(), 1.0], sigma)).collect();
     let mut parts: Vec<Part> = Vec::new();
     let mut said = Vec::new();
     for k in 1..=sights.len() {
@@ -68,9 +67,10 @@ fn a_slow_drift_is_found_though_no_log_by_itself_shows_it() {
     for seed in 0..5 {
         let (said, accepted) = followed(&thrust, 0.005, seed);
         let (log, part) = said[0];
-        assert!((4..=8).contains(&log) && part.effect == 0, "{seed}: {said:?}");
+        assert!((3..=8).contains(&log) && part.effect == 0, "{seed}: {said:?}");
         let a = &accepted[0];
-        assert!(a.changed && (a.value - 0.955).abs() < 3.0 * a.sigma && a.sigma < 0.012, "{seed}: {a:?}");
+        // It is said in portions: what has come since the last may be missing yet.
+        assert!(a.changed && (0.945..0.975).contains(&a.value) && a.sigma < 0.012, "{seed}: {a:?}");
         assert!(!accepted[1].changed);
     }
 }

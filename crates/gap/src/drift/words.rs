@@ -23,7 +23,8 @@ pub fn block(entry: &Entry) -> String {
         out.push(format!("  in doubt, not accepted: {} ({reason})", ids.join(", ")));
     }
     if !entry.still.is_empty() {
-        let all: Vec<String> = entry.still.iter().map(|(id, since)| format!("{id} (since {since})")).collect();
+        let all: Vec<String> =
+            entry.still.iter().map(|(id, since)| format!("{id} (since {since})")).collect();
         out.push(format!("  still there: {}", all.join(", ")));
     }
     if entry.changes.is_empty() && entry.doubtful.is_empty() {
@@ -34,7 +35,8 @@ pub fn block(entry: &Entry) -> String {
         let all: Vec<String> = entry.of_the_flight.iter().map(of_flight).collect();
         out.push(format!("  of this flight, no drift: {}", all.join(", ")));
     }
-    let errors = [("as accepted before", entry.forecast_over_file), ("as accepted now", entry.errors_over_file)];
+    let errors =
+        [("as accepted before", entry.forecast_over_file), ("as accepted now", entry.errors_over_file)];
     let errors: Vec<String> = errors
         .iter()
         .filter_map(|(words, ratio)| Some(format!("{} {words}", significant((*ratio)?, 3))))
@@ -54,7 +56,10 @@ fn sentence(entry: &Entry, c: &Change) -> String {
     let since = if c.since == entry.name { "in this log".into() } else { format!("since {}", c.since) };
     let how = if c.until > c.from { "little by little " } else { "" };
     let what = match c.kind {
-        ChangeKind::DiffersFromFile => format!("not as the file says, {}", if c.since == entry.name { "from this log on" } else { &since }),
+        ChangeKind::DiffersFromFile => format!(
+            "not as the file says, {}",
+            if c.since == entry.name { "from this log on" } else { &since }
+        ),
         ChangeKind::New => format!("new {since}"),
         ChangeKind::Drifted => format!("drifted {how}{since}"),
         ChangeKind::GoesOn => format!("goes on drifting {how}{since}"),
@@ -64,9 +69,9 @@ fn sentence(entry: &Entry, c: &Change) -> String {
         true => String::new(),
         false => format!("; or {}", c.look_alikes.join(", or ")),
     };
-    let ratio = c.errors_ratio.map_or_else(String::new, |r| {
-        format!(", {} times the errors on unseen flight", significant(r, 3))
-    });
+    let ratio = c
+        .errors_ratio
+        .map_or_else(String::new, |r| format!(", {} times the errors on unseen flight", significant(r, 3)));
     format!(
         "{}: {what}: {} ({}; {:.0} nats{ratio}{or})",
         c.id,
