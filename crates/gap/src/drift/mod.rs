@@ -182,11 +182,12 @@ impl Series {
     /// [`GapError::Cancelled`] alone; nothing has changed then.
     pub fn take(&mut self, found: &Found, watch: &Watch) -> Result<Option<&Entry>, GapError> {
         let sha256 = files::sha256(&found.path).unwrap_or_default();
-        let same = self.entries.iter().find(|e| e.sha256 == sha256 && !sha256.is_empty());
-        if same.is_some_and(|e| e.name == found.name) {
+        let same: Vec<&Entry> =
+            self.entries.iter().filter(|e| e.sha256 == sha256 && !sha256.is_empty()).collect();
+        if same.iter().any(|e| e.name == found.name) {
             return Ok(None);
         }
-        let copy_of = same.map(|e| format!("the same file as {}", e.name));
+        let copy_of = same.first().map(|e| format!("the same file as {}", e.name));
         let empty = Entry {
             name: found.name.clone(),
             sha256,
