@@ -238,17 +238,17 @@ fn with_formulas(
     // Each with the calibration that helps it: what leans on a missing effect is often written with partners, the effect itself
     // without. What is written without a formula may diverge, and then any formula is better.
     let written = |f: &Fitted| judge.look(f.at_best.as_ref().unwrap_or(filed.vehicle));
-    if let (Ok(with), Ok(without)) = (written(&fitted), written(before)) {
-        if with.hardly_better(&without) {
-            let own = with.clearest(&without);
-            let channel = format!("{} {}", own.channel, pair(own.without, own.with, &own.unit));
-            let times = significant(with.over(&without), 3);
-            let words = format!(
-                "on {} its vehicle has {times} times the errors of the one without it ({channel})",
-                judge.title()
-            );
-            return Ok(Err(proposed.iter().map(|f| not_named(f, &words)).collect()));
-        }
+    if let (Ok(with), Ok(without)) = (written(&fitted), written(before))
+        && with.hardly_better(&without)
+    {
+        let own = with.clearest(&without);
+        let channel = format!("{} {}", own.channel, pair(own.without, own.with, &own.unit));
+        let times = significant(with.over(&without), 3);
+        let words = format!(
+            "on {} its vehicle has {times} times the errors of the one without it ({channel})",
+            judge.title()
+        );
+        return Ok(Err(proposed.iter().map(|f| not_named(f, &words)).collect()));
     }
     let verdict = &mut fitted.diagnosed.verdict;
     verdict.vehicle_sha256 = filed.vehicle.sha256();
