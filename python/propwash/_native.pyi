@@ -168,15 +168,7 @@ class Sim:
     def hover_rotor_vel(self) -> NDArray[np.float64]: ...
     def scene_json(self, scene: int) -> str: ...
     def scene_mjb(self, scene: int) -> bytes: ...
-    def gap_watch(
-    folder: str | PathLike[str],
-    vehicle: Vehicle,
-    reading: Mapping[str, Any],
-    hold_out: float,
-    by_name: bool,
-    record: str | PathLike[str] | None,
-) -> tuple[str, str, str | None]: ...
-def view_page(self, worlds: Sequence[int]) -> tuple[str, list[str]]:
+    def view_page(self, worlds: Sequence[int]) -> tuple[str, list[str]]:
         """The page of worlds as they are now, and its notes."""
 
     def cameras(self, spec: Mapping[str, Any], scene: int) -> Cameras: ...
@@ -319,6 +311,14 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
+def gap_watch(
+    folder: str | PathLike[str],
+    vehicle: Vehicle,
+    reading: Mapping[str, Any],
+    hold_out: float,
+    by_name: bool,
+    record: str | PathLike[str] | None,
+) -> tuple[str, str, str | None]: ...
 def view_page(
     what: str | PathLike[str], worlds: Sequence[int], scene: str | PathLike[str] | None, vehicle: str | None
 ) -> tuple[str, list[str]]:

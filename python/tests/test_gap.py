@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import propwash
+import propwash.envs
 
 HIDDEN = '[[effect]]\nkind = "quadratic_drag"\ndrag_n_s2_per_m2 = [0.02, 0.02, 0.03]\n'
 
