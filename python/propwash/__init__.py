@@ -23,7 +23,24 @@ from ._repr import shorten_all as _shorten_all  # noqa: E402
 from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
-from .gap import Comparison, Diagnosis, Finding, LogComparison, Parameter, Report, Rung, add, compare, diagnose  # noqa: E402
+from .gap import (  # noqa: E402
+    AcceptedParameter,
+    Change,
+    ChangedParameter,
+    Comparison,
+    Diagnosis,
+    Finding,
+    LogComparison,
+    Parameter,
+    Report,
+    Rung,
+    Watched,
+    WatchedLog,
+    add,
+    compare,
+    diagnose,
+    watch,
+)
 from .jobs import (  # noqa: E402
     Advice,
     Estimate,
@@ -61,9 +78,12 @@ from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
 
 __all__ = [
+    "AcceptedParameter",
     "Advice",
     "Body",
     "Camera",
+    "Change",
+    "ChangedParameter",
     "Clearance",
     "Command",
     "CommandWarning",
@@ -119,6 +139,8 @@ __all__ = [
     "Vehicle",
     "View",
     "Viewer",
+    "Watched",
+    "WatchedLog",
     "__version__",
     "add",
     "compare",
@@ -139,6 +161,7 @@ __all__ = [
     "vehicle_throttle",
     "vehicles",
     "video",
+    "watch",
     "write_rerun",
 ]
 

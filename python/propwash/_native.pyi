@@ -25,6 +25,7 @@ __all__ = [
     "fly",
     "gap_compare",
     "gap_diagnose",
+    "gap_watch",
     "identify",
     "lint",
     "load_plugin_library",
@@ -311,6 +312,14 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
+def gap_watch(
+    folder: str | PathLike[str],
+    vehicle: Vehicle,
+    reading: Mapping[str, Any],
+    hold_out: float,
+    by_name: bool,
+    record: str | PathLike[str] | None,
+) -> tuple[str, str, str | None]: ...
 def view_page(
     what: str | PathLike[str], worlds: Sequence[int], scene: str | PathLike[str] | None, vehicle: str | None
 ) -> tuple[str, list[str]]:

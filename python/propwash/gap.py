@@ -220,6 +220,105 @@ class Diagnosis:
         return self.text
 
 
+@dataclass(frozen=True)
+class ChangedParameter:
+    """A parameter before and after a drift, SI."""
+
+    name: str
+    unit: str
+    filed: float
+    """Value in the vehicle file, or the effect's default."""
+    before: float
+    before_sigma: float
+    """Standard deviation of ``before``."""
+    after: float
+    after_sigma: float
+    """Standard deviation of ``after``."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A drift of one effect of a vehicle."""
+
+    id: str
+    title: str
+    """In plain words."""
+    kind: Literal["differs_from_file", "new", "drifted", "goes_on", "returned"]
+    since: str
+    """The log in which it began."""
+    gradual: bool
+    """Whether it came little by little, over several logs."""
+    parameters: tuple[ChangedParameter, ...]
+    evidence_nats: float
+    errors_ratio: float | None
+    """Errors on unseen flight of the newest log with it over those without it; None where that could not be measured."""
+    look_alikes: tuple[str, ...]
+    """Effects whose drift explains the logs about as well."""
+    doubt: str | None
+    """Why it is not accepted; None where it is."""
+
+
+@dataclass(frozen=True)
+class WatchedLog:
+    """One log of a folder that is watched."""
+
+    name: str
+    sha256: str
+    left_out: str | None
+    """Why it was not diagnosed; None where it was."""
+    headline: str
+    """The verdict on this log alone."""
+    changes: tuple[Change, ...]
+    """Drifts that this log brought to light."""
+    doubtful: tuple[Change, ...]
+    """Drifts that have the evidence and are in doubt."""
+    still: Mapping[str, str]
+    """Drifts of earlier logs that hold on: the log since which, by id."""
+    details: Mapping[str, Any] = field(repr=False)
+    """Everything else, as the JSON of ``propwash watch --json``."""
+
+
+@dataclass(frozen=True)
+class AcceptedParameter:
+    """A parameter of a vehicle as all logs so far have it, SI."""
+
+    id: str
+    name: str
+    unit: str
+    filed: float
+    value: float
+    sigma: float
+    """Standard deviation of ``value``."""
+    changed: bool
+    """Whether a drift of it was accepted."""
+
+
+@dataclass(frozen=True)
+class Watched:
+    """A vehicle and its flights, one after the other."""
+
+    vehicle: str
+    logs: tuple[WatchedLog, ...]
+    """In the order in which they were taken."""
+    accepted: tuple[AcceptedParameter, ...]
+    completed: Vehicle | None
+    """The vehicle with the accepted values; None where they do not lower the errors of the newest flight."""
+    text: str = field(repr=False)
+    """As the command prints it."""
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """All drifts that were accepted, in the order in which they were said."""
+        return tuple(c for log in self.logs for c in log.changes)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Accepted parameters, one row each, SI."""
+        return _frame([vars(p) for p in self.accepted])
+
+    def __str__(self) -> str:
+        return self.text
+
+
 def compare(
     logs: LogLike | Sequence[LogLike],
     vehicle: str | os.PathLike[str] | Vehicle,
@@ -296,6 +395,89 @@ def diagnose(
     """
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
     return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False)
+
+
+def watch(
+    folder: str | os.PathLike[str],
+    vehicle: str | os.PathLike[str] | Vehicle,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    record: str | os.PathLike[str] | None = None,
+    order: Literal["time", "name"] = "time",
+    force: bool = False,
+    hold_out: float = 0.2,
+    drive: Drive | None = None,
+    ground_z: float | None = None,
+    ceiling_z: float | None = None,
+    neighbours: Sequence[str] | None = None,
+    load: str | None = None,
+    noise: Mapping[str, float] | None = None,
+    mapping: str | os.PathLike[str] | None = None,
+) -> Watched:
+    """Diagnoses the logs of a folder, flight after flight, and says what has drifted of the vehicle, as ``propwash watch --once``.
+
+    Args:
+        folder: Folder with flight logs (.csv, .parquet, .ulg, .ulog), sub-folders included.
+        vehicle, drive, ground_z, ceiling_z, neighbours, load, noise, mapping: As in ``compare``.
+        out: Vehicle file to write with the accepted values; none is written where it is None, or where they do not lower the errors
+            of the newest flight (a warning says so).
+        record: File in which what is known of each log is kept: a later call goes on from it and diagnoses no log again.
+        order: By the time at which files were last changed, or by name.
+        force: Replace the file ``out``.
+        hold_out: Share of each log, its end, on which drifts are judged and that no fit sees; 0 to 0.5.
+
+    Logs that cannot be used are left out, and say why.
+
+    Raises:
+        ValueError: where ``folder`` is none, and for a record of another vehicle or other settings.
+        FileExistsError: where ``out`` exists, without ``force``.
+    """
+    if order not in ("time", "name"):
+        raise ValueError(f"order: expected 'time' or 'name', got {order!r}")
+    if not 0.0 <= hold_out <= 0.5:
+        raise ValueError(f"hold_out: expected a share from 0 to 0.5, got {hold_out}")
+    may_write(out, force)
+    text, words, changed = _native.gap_watch(
+        folder,
+        _vehicle(vehicle),
+        _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping),
+        hold_out,
+        order == "name",
+        record,
+    )
+    of = json.loads(text)
+    made = Watched(
+        of["vehicle"],
+        tuple(_watched(log) for log in of["logs"]),
+        tuple(AcceptedParameter(**p) for p in of["accepted"]),
+        None if changed is None else Vehicle.from_toml(changed, of["vehicle"]),
+        words,
+    )
+    if out is not None and changed is None:
+        warnings.warn("no vehicle is written: the accepted values do not lower the errors of the newest flight", stacklevel=2)
+    elif changed is not None:
+        write(out, changed, force)
+    return made
+
+
+def _watched(log: Mapping[str, Any]) -> WatchedLog:
+    def change(c: Mapping[str, Any]) -> Change:
+        names = ("id", "title", "kind", "since", "evidence_nats", "errors_ratio", "doubt")
+        keys = ("name", "unit", "filed", "before", "before_sigma", "after", "after_sigma")
+        return Change(
+            **{k: c[k] for k in names},
+            gradual=c["until"] > c["from"],
+            parameters=tuple(ChangedParameter(**{k: p[k] for k in keys}) for p in c["parameters"]),
+            look_alikes=tuple(c["look_alikes"]),
+        )
+
+    return WatchedLog(
+        **{k: log[k] for k in ("name", "sha256", "left_out", "headline")},
+        changes=tuple(change(c) for c in log["changes"]),
+        doubtful=tuple(change(c) for c in log["doubtful"]),
+        still=dict(log["still"]),
+        details=log,
+    )
 
 
 def add(

@@ -4,9 +4,11 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use propwash::gap::diagnose::Settings;
+use propwash::gap::drift::{self, Order, Series};
 use propwash::gap::fitted::{self, Calibrate, Filed};
 use propwash::gap::ladder::Flights;
 use propwash::gap::report::{Report, ladder_png, text};
+use propwash::gap::watch::Watch;
 use propwash::gap::{Drive, Options, StatedNoise, Track, compare};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -31,6 +33,11 @@ pub struct Reading {
 
 impl Reading {
     pub fn read(&self, logs: &[PathBuf], vehicle: &PyVehicle) -> PyResult<Vec<Track>> {
+        fitted::read(logs, self.mapping.as_deref(), &vehicle.vehicle, &self.options()?).or_raise()
+    }
+
+    /// How logs are read, beside their mapping.
+    fn options(&self) -> PyResult<Options> {
         let drive = drive(self.drive.as_deref())?;
         let ground = self.ground_z.unwrap_or(0.0);
         if let Some(ceiling) = self.ceiling_z.filter(|c| !(*c > ground)) {
@@ -43,15 +50,14 @@ impl Reading {
             let words = |e| format!("noise: expected {e}, got {channel}: {value}");
             noise.set(channel, *value).map_err(|e| PyValueError::new_err(words(e)))?;
         }
-        let options = Options {
+        Ok(Options {
             drive,
             noise,
             ground_z_m: self.ground_z,
             ceiling_z_m: self.ceiling_z,
             neighbours: self.neighbours.clone(),
             load: self.load.clone(),
-        };
-        fitted::read(logs, self.mapping.as_deref(), &vehicle.vehicle, &options).or_raise()
+        })
     }
 }
 
@@ -158,6 +164,50 @@ pub fn gap_diagnose(
     let open = open.into_iter().map(|u| (u.id, format!("{}; {}", u.found, u.manoeuvre))).collect();
     Ok((json(verdict)?, text(verdict), page, picture.map(|p| PyBytes::new(py, &p)), changed, open, nothing))
 }
+
+/// Takes the logs of a folder, one after the other: everything as JSON, in words, and the text of the vehicle file with what is accepted,
+/// none where that does not lower the errors of the newest flight.
+#[pyfunction]
+#[allow(clippy::too_many_arguments)]
+pub fn gap_watch(
+    py: Python<'_>,
+    folder: PathBuf,
+    vehicle: Py<PyVehicle>,
+    reading: Reading,
+    hold_out: f64,
+    by_name: bool,
+    record: Option<PathBuf>,
+) -> PyResult<(String, String, Option<String>)> {
+    let pool = crate::threads::pool(None)?;
+    interruptible(py, move |stop| {
+        let of = vehicle.get();
+        pool.install(|| {
+            let options = reading.options()?;
+            let how = drift::Reading { mapping: reading.mapping.clone(), options, hold_out };
+            let mut series = Series::new(&of.vehicle.name, &of.vehicle, &of.text, how);
+            if let Some(record) = &record {
+                series.resume(record).or_raise()?;
+            }
+            let order = if by_name { Order::Name } else { Order::Time };
+            let watch = Watch { cancel: Some(stop), ..Watch::default() };
+            let each = |series: &Series, _: &drift::Entry| -> Result<(), propwash::Error> {
+                let Some(path) = &record else { return Ok(()) };
+                let failed = |source| propwash::Error::Io { path: path.clone(), source };
+                series.record(path).map_err(failed)
+            };
+            let grows = series.take_all(&folder, order, SETTLES, &watch, each).or_raise()?;
+            let mut words: Vec<String> = series.entries().iter().map(drift::block).collect();
+            words.extend(grows.iter().map(|name| format!("{name}  left out: still being written")));
+            words.push(String::new());
+            words.push(drift::table(&series));
+            let text = series.written().map_err(propwash::Error::from).or_raise()?;
+            Ok((json(&series.document())?, words.join("\n"), text))
+        })
+    })?
+}
+
+/// How long a log must stay as it is to be taken.
+const SETTLES: std::time::Duration = std::time::Duration::from_millis(200);
 
 impl IntoPython for propwash::Error {
     fn into_python(self) -> PyErr {

@@ -64,6 +64,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<lab::PyLab>()?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
+    m.add_function(wrap_pyfunction!(gap::gap_watch, m)?)?;
     m.add_function(wrap_pyfunction!(commands::read_flight, m)?)?;
     m.add_function(wrap_pyfunction!(commands::fly, m)?)?;
     m.add_function(wrap_pyfunction!(commands::lint, m)?)?;

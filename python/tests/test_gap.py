@@ -1,9 +1,13 @@
 """propwash.compare, diagnose and add: a flight of a vehicle whose drag the model does not have."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 import propwash
+import propwash.envs
 
 HIDDEN = '[[effect]]\nkind = "quadratic_drag"\ndrag_n_s2_per_m2 = [0.02, 0.02, 0.03]\n'
 
@@ -140,3 +144,65 @@ def test_what_makes_no_sense_is_refused(flown, tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("t,px\n0.0,1.0\n")
     refused(ValueError, ["each log once"], lambda: propwash.compare([path, path], "cf2x_L250"))
+
+
+def test_drifts_of_a_folder_are_found_and_a_record_goes_on(tmp_path):
+    logs, record = tmp_path / "logs", tmp_path / "r.jsonl"
+    logs.mkdir()
+    heavier = propwash.Vehicle("cf2x_L250").with_effects('[[effect]]\nkind = "wrong_mass"\nfactor = 1.12\n')
+    for number, vehicle in enumerate([propwash.Vehicle("cf2x_L250"), heavier]):
+        columns = flight(vehicle, 10, number)
+        rows = np.array(list(columns.values())).T
+        np.savetxt(logs / f"{number}.csv", rows, delimiter=",", header=",".join(columns), comments="")
+    (logs / "broken.csv").write_text("")
+    (logs / "README.md").write_text("no log")
+    seen = propwash.watch(logs, "cf2x_L250", tmp_path / "now.toml", record=record, order="name")
+    assert [log.name for log in seen.logs] == ["0.csv", "1.csv", "broken.csv"]
+    assert seen.logs[0].changes == () and seen.logs[2].left_out
+    change = seen.logs[1].changes[0]
+    assert change.kind in ("drifted", "new") and change.since == "1.csv" and not change.gradual and change.doubt is None
+    assert {change.id, *change.look_alikes} & {"wrong_mass", "thrust_scale", "payload"}, seen.text
+    assert "2 logs diagnosed, 1 left out" in str(seen) and any(p.changed for p in seen.accepted)
+    assert propwash.Vehicle(tmp_path / "now.toml").effects() == seen.completed.effects()
+    again = propwash.watch(logs, "cf2x_L250", record=record, order="name")
+    assert again.logs == seen.logs and again.accepted == seen.accepted
+    with pytest.raises(FileExistsError):
+        propwash.watch(logs, "cf2x_L250", tmp_path / "now.toml")
+    with pytest.raises(ValueError, match="SHA-256"):
+        propwash.watch(logs, heavier, record=record)
+    with pytest.raises(ValueError, match="order"):
+        propwash.watch(logs, "cf2x_L250", order="size")
+
+
+def test_a_formula_that_add_wrote_flies_at_once_in_sims_data_sets_and_environments(flown, tmp_path):
+    log, better = tmp_path / "flight.csv", tmp_path / "better.toml"
+    np.savetxt(log, np.array(list(flown.values())).T, delimiter=",", header=",".join(flown), comments="")
+    words = ["add", "--vehicle", "cf2x_L250", "--fit", str(log), "--out", str(better), "--set", "found_1:k=0.05+-0.001"]
+    words += ["--expression", "found_1:force_body_x:0.1:-k * vx_body * abs(vx_body)"]
+    done = subprocess.run([sys.executable, "-m", "propwash", *words], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    found = propwash.Vehicle(better)
+    assert "expression" in [kind for kind, _ in found.effects()]
+
+    def by_sim(vehicle):
+        sim = propwash.Sim(drone=vehicle, control="attitude")
+        sim.set_initial(pos=[0.0, 0.0, 1.0])
+        sim.reset()
+        sim.attitude_control(np.array([[[0.0, 0.1, 0.0, 0.32]]]))
+        sim.step(100)
+        return sim.data.pos[0, 0].tobytes()
+
+    def by_data_set(vehicle):
+        out = tmp_path / ("found" if vehicle is found else "plain")
+        propwash.fly(out, scene="room", drone=vehicle, n_worlds=1, trajectory="lissajous", seconds=1.0)
+        return next(out.rglob("states.parquet")).read_bytes()
+
+    def by_environment(vehicle):
+        env = propwash.envs.DroneVectorEnv(1, drone=vehicle)
+        env.reset(seed=1)
+        for _ in range(20):
+            seen = env.step(np.zeros(env.action_space.shape, env.action_space.dtype))[0]
+        return str(seen)
+
+    for fly in (by_sim, by_data_set, by_environment):
+        assert fly(found) != fly("cf2x_L250"), fly.__name__

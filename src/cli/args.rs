@@ -10,6 +10,7 @@ use super::lab_args::LAB_EXAMPLES;
 pub use super::lab_args::LabArgs;
 use super::view_args::VIEW_EXAMPLES;
 pub use super::view_args::ViewArgs;
+use super::watch_args::{WATCH_EXAMPLES, WatchArgs};
 use crate::arena::{CameraConfig, MountConfig, ObstacleMotion, SensorConfig, read_value};
 use crate::dataset::{MAX_DISTANCE, change_camera, table};
 use crate::physics::integrate::Integrator;
@@ -47,6 +48,7 @@ Examples:
   propwash compare flight.csv --vehicle quad.toml    where the model departs from the flight
   propwash diagnose flight.csv --vehicle quad.toml   which physics the model lacks
   propwash add rotor_drag --vehicle quad.toml --fit flight.csv --out better.toml
+  propwash watch logs --vehicle quad.toml            what has drifted from flight to flight
   propwash excite --vehicle quad.toml --want linear_drag --out path.csv    what to fly to find it
   propwash bench                                     how fast this machine flies, sees and touches
 
@@ -156,6 +158,9 @@ pub enum Command {
     /// Fit effects to flights and write them into a vehicle file.
     #[command(after_help = ADD_EXAMPLES, allow_negative_numbers = true)]
     Add(AddArgs),
+    /// Follow the logs of a folder, flight after flight: what has drifted of a vehicle, since which log, and by how much.
+    #[command(after_help = WATCH_EXAMPLES, allow_negative_numbers = true)]
+    Watch(WatchArgs),
     /// Plan a flight that makes chosen parameters visible: waypoints, and the intervals to expect.
     #[command(after_help = EXCITE_EXAMPLES, allow_negative_numbers = true)]
     Excite(ExciteArgs),

@@ -46,7 +46,7 @@ pub struct HeldOutArgs {
 }
 
 /// Parses a share from 0 to 0.5.
-fn half(text: &str) -> Result<f64, String> {
+pub(super) fn half(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(v) if (0.0..=0.5).contains(&v) => Ok(v),
         _ => Err(format!("expected a share from 0 to 0.5, got {text:?}")),

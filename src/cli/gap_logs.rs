@@ -107,14 +107,6 @@ impl ReadingArgs {
     /// Those of vehicle files and of [`fitted::read`]; [`Error::Usage`] for a ceiling that is not above the ground or a log
     /// that is given twice.
     pub fn open(&self, logs: &[PathBuf]) -> Result<(Vehicle, Vec<Track>)> {
-        let ground = self.ground_z.unwrap_or(0.0);
-        if let Some(ceiling) = self.ceiling_z.filter(|c| *c <= ground) {
-            return Err(Error::Usage {
-                flag: "--ceiling-z",
-                expected: format!("a height above the ground at {ground} m"),
-                got: format!("{ceiling} m"),
-            });
-        }
         if let Some(twice) = logs.iter().enumerate().find(|(i, l)| logs[..*i].contains(l)) {
             return Err(Error::Usage {
                 flag: "LOG",
@@ -123,20 +115,35 @@ impl ReadingArgs {
             });
         }
         let vehicle = drones::find(&self.vehicle)?;
+        let tracks = fitted::read(logs, self.mapping.as_deref(), &vehicle, &self.options()?)?;
+        Ok((vehicle, tracks))
+    }
+
+    /// How logs are read, beside their mapping.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for a ceiling that is not above the ground.
+    pub fn options(&self) -> Result<Options> {
+        let ground = self.ground_z.unwrap_or(0.0);
+        if let Some(ceiling) = self.ceiling_z.filter(|c| *c <= ground) {
+            return Err(Error::Usage {
+                flag: "--ceiling-z",
+                expected: format!("a height above the ground at {ground} m"),
+                got: format!("{ceiling} m"),
+            });
+        }
         let mut noise = StatedNoise::default();
         for (channel, value) in &self.noise {
             let got = format!("{channel}={value}");
             noise.set(channel, *value).map_err(|expected| Error::Usage { flag: "--noise", expected, got })?;
         }
-        let options = Options {
+        Ok(Options {
             noise,
             drive: self.drive.map(Drive::from),
             ground_z_m: self.ground_z,
             ceiling_z_m: self.ceiling_z,
             neighbours: (!self.neighbour.is_empty()).then(|| self.neighbour.clone()),
             load: self.load.clone(),
-        };
-        let tracks = fitted::read(logs, self.mapping.as_deref(), &vehicle, &options)?;
-        Ok((vehicle, tracks))
+        })
     }
 }

@@ -6,10 +6,12 @@ mod cmd;
 mod exit;
 mod gap_args;
 mod gap_logs;
+mod interrupt;
 mod lab_args;
 mod output;
 mod progress;
 mod view_args;
+mod watch_args;
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
@@ -95,6 +97,7 @@ fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
         args::Command::Compare(a) => cmd::compare::run(&a),
         args::Command::Diagnose(a) => cmd::diagnose::run(&a),
         args::Command::Add(a) => cmd::add::run(&a),
+        args::Command::Watch(a) => cmd::watch::run(&a),
         args::Command::Excite(a) => cmd::excite::run(&a),
         args::Command::Bench(a) => cmd::bench::run(&a, &Start { again, words: &line[1..] }),
         args::Command::Completions(a) => cmd::completions::run(&a),

@@ -1,5 +1,6 @@
 //! Files: read within limits, written whole or not at all, and replacing no other unasked.
 
+use sha2::{Digest, Sha256};
 use std::fs::{self, File, OpenOptions};
 use std::io::{Error, ErrorKind, Result};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -27,6 +28,14 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
         return Err(Error::new(ErrorKind::FileTooLarge, words));
     }
     fs::read(path)
+}
+
+/// SHA-256 of a file, lower-case hexadecimal.
+///
+/// # Errors
+/// As [`read`].
+pub fn sha256(path: &Path) -> Result<String> {
+    Ok(Sha256::digest(read(path)?).iter().map(|b| format!("{b:02x}")).collect())
 }
 
 /// The text that a file holds.

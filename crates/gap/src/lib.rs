@@ -15,6 +15,7 @@ mod cross_check;
 pub mod decide;
 pub mod diagnose;
 pub(crate) mod disturbance;
+pub mod drift;
 mod drive_slopes;
 mod error;
 pub mod excite;

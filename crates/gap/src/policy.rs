@@ -247,3 +247,14 @@ pub(crate) const LEAST_SHARE: f64 = 0.1;
 
 /// The same for an effect alone, on weak evidence.
 pub(crate) const LEAST_SHARE_ALONE: f64 = 0.3;
+
+/// By how much an unchanged vehicle seems different from one log to the next, as a share of the tolerance of each parameter, beside what
+/// the fit of each log knows of its own error. 48 planted flights of six unchanged vehicles, each with another wind and battery: from one
+/// flight to the next nine of ten parameters moved by less (median 0.03, drag with the square of the speed 0.5).
+pub(crate) const DRIFT_REPEATS: f64 = 0.25;
+
+/// Most logs ago at which a drift may have begun that is looked for: what is older was looked for when it was new.
+pub(crate) const DRIFT_BEGINNINGS: usize = 50;
+
+/// Most drifts that one log brings to light: as many as a verdict names effects.
+pub(crate) const DRIFTS_PER_LOG: usize = super::search::MOST;

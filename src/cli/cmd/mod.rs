@@ -20,7 +20,8 @@ pub mod vehicle;
 mod vehicle_new;
 mod vehicle_throttle;
 pub mod view;
-mod watch;
+mod view_watch;
+pub mod watch;
 
 use crate::{Error, Result};
 use std::path::Path;

@@ -15,7 +15,7 @@ use std::process::{Command, Stdio};
 pub fn run(args: &ViewArgs) -> Result<Outcome> {
     if args.watch {
         view::check_scene(&args.what)?;
-        return super::watch::run(&args.what, args.port.unwrap_or(0), |address| match args.open {
+        return super::view_watch::run(&args.what, args.port.unwrap_or(0), |address| match args.open {
             true => start(Path::new(address)),
             false => Ok(()),
         });
