@@ -187,7 +187,8 @@ pub fn run(args: &Args) -> Result<(), Box<dyn std::error::Error>> {
         };
         for level in &levels {
             for part in PARTS {
-                if part == "time" || !(args.parts.is_empty() || args.parts.iter().any(|p| p == part)) {
+                // Formulas have a table of their own.
+                if matches!(part, "time" | "formulas") || !(args.parts.is_empty() || args.parts.iter().any(|p| p == part)) {
                     continue;
                 }
                 let row = Row { inputs, level: *level, part };

@@ -417,7 +417,7 @@ def watch(
     """Diagnoses the logs of a folder, flight after flight, and says what has drifted of the vehicle, as ``propwash watch --once``.
 
     Args:
-        folder: Folder with flight logs (.csv, .parquet, .ulg, .ulog), sub-folders included.
+        folder: Folder with flight logs (.csv, .parquet, .ulg, .mcap), sub-folders included.
         vehicle, drive, ground_z, ceiling_z, neighbours, load, noise, mapping: As in ``compare``.
         out: Vehicle file to write with the accepted values; none is written where it is None, or where they do not lower the errors
             of the newest flight (a warning says so).

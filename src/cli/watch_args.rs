@@ -12,7 +12,7 @@ Examples:
   propwash watch logs --vehicle my_quad.toml --record watch.jsonl --write now.toml --force
   propwash watch logs --vehicle my_quad.toml --once --json drift.json
 
-Logs are the files of LOGDIR and of its sub-folders that end in .csv, .parquet, .ulg or .ulog. Each is
+Logs are the files of LOGDIR and of its sub-folders that end in .csv, .parquet, .ulg or .mcap. Each is
 checked and diagnosed by itself; a log that cannot be used is said in a line. Wind, battery, clocks and
 offsets of sensors may differ from log to log and are no drift. Ctrl-C ends it after the table of what
 has drifted. Exit codes: 0 nothing has drifted, 1 something has, 2 error.";

@@ -546,9 +546,9 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
         Needs::Commands if nature.goes_with_charge && any(&battery::falls) => {
             "the battery's voltage is measured, which decides"
         }
-        _ if !drives(&rotors)
-            && !nature.alike_by_thrust.is_empty()
-            && !(nature.by_mean_speed && any(&|t| t.thrust_by_rotors)) =>
+        _ if !nature.alike_by_thrust.is_empty()
+            && !drives(&rotors)
+            && !any(&|t| nature.by_mean_speed && t.thrust_by_rotors) =>
         {
             return Some(format!(
                 "needs rotor speeds: with a collective thrust alone it looks like {}",

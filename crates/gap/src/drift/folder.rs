@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 /// Endings of files that are logs. Text files with another ending are none, whatever they hold: a README is not tried.
-const ENDINGS: [&str; 4] = ["csv", "parquet", "ulg", "ulog"];
+const ENDINGS: [&str; 5] = ["csv", "parquet", "ulg", "ulog", "mcap"];
 /// Deepest sub-folder: PX4 writes one for each day.
 const DEEPEST: usize = 4;
 /// Most files of a folder: more is a disk.
