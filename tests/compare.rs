@@ -463,7 +463,10 @@ fn wrong_input_gets_a_sentence_through_the_command_line() {
     let good = good.to_str().unwrap();
     refused(&["compare", good, "--vehicle", "no_such"], &["no_such"]);
     refused(&["compare", good, good, "--vehicle", "hb_x500"], &["each log once"]);
-    refused(&["compare", good, "--vehicle", "hb_x500", "--drive", "thrust"], &["collective thrust", "found"]);
+    refused(
+        &["compare", good, "--vehicle", "hb_x500", "--drive", "rotor-commands"],
+        &["rotor commands", "found measured rotor speeds"],
+    );
     refused(&["compare", good, "--vehicle", "hb_x500", "--neighbour", "bob"], &["bob", "tracked object"]);
     refused(
         &["compare", good, "--vehicle", "hb_x500", "--ceiling-z", "-1"],

@@ -8,7 +8,7 @@
 use super::{Command, Effect, View};
 use crate::airframe;
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Needs};
+use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, FromLog, Nature, Needs};
 use crate::params::parameters;
 use propwash_trace::Real;
 
@@ -86,6 +86,11 @@ impl<S: Real> Params<S> {
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    /// Each flight may begin with another battery.
+    fn nature(&self) -> Nature {
+        Nature { differs_between_logs: true, ..Nature::default() }
+    }
+
     fn ranges(&self) -> &'static [(&'static str, Bounds)] {
         const {
             &[
