@@ -149,7 +149,9 @@ fn compare(name: &str, options: &SimOptions, drones: &[(Drone<f64>, Rates)], ste
     let (f32_m, f32_rad) = apart(&reference, &narrow);
     println!("{name}: f64 {f64_m:.1e} m {f64_rad:.1e} rad, f32 {f32_m:.1e} m {f32_rad:.1e} rad");
     assert!(f64_m < 1e-10 && f64_rad < 1e-10, "{name}: f64 lanes are off by {f64_m:e} m, {f64_rad:e} rad");
-    let most_rad = if tight { 1e-4 } else { 1e-3 };
+    // A tumbling vehicle magnifies rounding, in both precisions alike: what f64 is off by says how much.
+    let magnified_rad = f64_rad * f64::from(f32::EPSILON) / f64::EPSILON;
+    let most_rad = if tight { 1e-4 } else { magnified_rad.max(1e-3) };
     assert!(f32_m < 1e-4 && f32_rad < most_rad, "{name}: f32 lanes are off by {f32_m:e} m, {f32_rad:e} rad");
     assert_eq!(reference.data.steps, narrow.data.steps);
 }
