@@ -8,6 +8,7 @@ mod planted;
 use planted::{Build, Plan, Sensors};
 use propwash::flight::{Channel, FlightLog};
 use propwash::gap::accept::{Source, today_utc};
+use propwash::gap::compare::compare;
 use propwash::gap::complete::{Completion, Entry};
 use propwash::gap::diagnose::{Settings, diagnose};
 use propwash::gap::throttle::{self, ThrottleFit};
@@ -109,8 +110,12 @@ fn motors_are_fitted_to_speeds_and_their_throttles_then_find_a_hidden_drag() {
     let volts = battery(&log);
     let (hover, full) = (hover(&vehicle), volts(0.0));
     let truth = motor(hover, 0.45 * full);
-    let fit = throttle::fit(&[throttled(log.clone(), &truth, &volts)], &[], &vehicle).unwrap();
+    let good = throttled(log.clone(), &truth, &volts);
+    let fit = throttle::fit(&[good.clone(), without_speeds(good.clone())], &[], &vehicle).unwrap();
     println!("{fit}");
+    // A log without speeds tells nothing beside one with them: it is said, and is no source.
+    assert!(fit.notes.iter().any(|n| n.contains("no rotor speeds")), "{:?}", fit.notes);
+    assert_eq!(fit.log_sha256, [good.sha256.clone()]);
     assert!(fit.by_speeds && fit.table.voltage == ThrottleOf::Battery);
     assert!(fit.unseen.share > 0.98, "{:?}", fit.unseen);
     let off = worst(&fit, &truth, hover, full);
@@ -136,9 +141,17 @@ fn motors_are_fitted_to_speeds_and_their_throttles_then_find_a_hidden_drag() {
     for words in ["no [throttle]", "propwash vehicle throttle"] {
         assert!(refused.contains(words), "{refused}");
     }
-    let track = Track::new(log, &motors, &Options::default()).unwrap();
+    let track = Track::new(log.clone(), &motors, &Options::default()).unwrap();
     assert_eq!(track.drive, Drive::RotorCommands);
     assert!(track.warnings.iter().any(|w| w.contains("cmd_u1… and vbat")), "{:?}", track.warnings);
+    // A battery in the file has acted in the throttles already: it does not slow the motors again.
+    let sag = "\n[[effect]]\nkind = \"battery_sag\"\nfull_v = 12.0\nnominal_v = 16.0\n";
+    let weak = Vehicle::from_toml("weak", &format!("{}{sag}", motors.to_toml())).unwrap();
+    let errors = [&motors, &weak].map(|v| {
+        let track = Track::new(log.clone(), v, &Options::default()).unwrap();
+        compare(&[track], v).unwrap().logs[0].horizons[3].error.position_m
+    });
+    assert_eq!(errors[0], errors[1]);
     let told = diagnose(&[track], &motors, &Settings::default()).unwrap();
     println!("{}", told.verdict.headline);
     assert!(told.verdict.findings.iter().any(|f| f.id == "linear_drag"), "{}", told.verdict.headline);

@@ -213,6 +213,8 @@ pub(crate) struct Raw {
     sent: Vec<(f64, [f64; MAX_ROTORS])>,
     /// The battery's measured voltage at every tick, V; empty where there is none, or where commands follow from it already.
     battery_v: Vec<f64>,
+    /// Whether commands follow from throttles and the battery's measured voltage.
+    battery_in_commands: bool,
     /// Whether all inputs are available.
     pub valid: Vec<bool>,
 }
@@ -227,6 +229,7 @@ impl Raw {
             thrust: Vec::new(),
             sent: Vec::new(),
             battery_v: Vec::new(),
+            battery_in_commands: track.battery_in_commands,
             valid: (0..n).map(|k| !track.is_excluded(from + k as f64 * TICK_S)).collect(),
         };
         // An instant is valid only if every input has samples near it.

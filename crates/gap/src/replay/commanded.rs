@@ -105,6 +105,8 @@ impl<'a, S: Plain> Commanded<'a, S> {
             }
             None => true,
         });
+        // Taken out of throttles once, a battery would slow the motors again.
+        drone.effects.retain(|e| !(raw.battery_in_commands && e.nature().is_battery));
         let parts = drone.parts();
         let sent_before = around.from_s - late.plain();
         let now = raw.sent.partition_point(|(t, _)| *t <= sent_before).saturating_sub(1);

@@ -43,6 +43,8 @@ enum Known {
 pub(super) struct Course {
     /// File name.
     pub name: String,
+    /// SHA-256 of its log.
+    pub sha256: String,
     /// Times at which a throttle was sent, s, with those of all rotors.
     sent: Vec<(f64, [f64; MAX_ROTORS])>,
     /// Voltages at these times: of the battery, where it was logged, and their median in flight.
@@ -101,7 +103,7 @@ impl Course {
         } else {
             lift(log, vehicle, &sent, battery_v.as_deref())?
         };
-        let course = Self { name, sent, battery_v, known };
+        let course = Self { name, sha256: log.sha256.clone(), sent, battery_v, known };
         if course.rows(&Motor::any(), Voltage::Throttle).len() < FEWEST {
             return Err(GapError::TooShort {
                 log: course.name,
@@ -111,11 +113,6 @@ impl Course {
             });
         }
         Ok(course)
-    }
-
-    /// Whether its rotors' speeds were measured.
-    pub fn has_speeds(&self) -> bool {
-        matches!(self.known, Known::Speeds(_))
     }
 
     pub fn has_voltage(&self) -> bool {

@@ -126,11 +126,10 @@ pub fn fit(logs: &[FlightLog], held_out: &[FlightLog], vehicle: &Vehicle) -> Res
     let by_lift = !logs.iter().any(rotors);
     let mut notes = Vec::new();
     let mut courses = |list: &[FlightLog]| -> Result<Vec<Course>, GapError> {
-        let all: Vec<Course> =
-            list.par_iter().map(|log| Course::new(log, vehicle, by_lift)).collect::<Result<_, GapError>>()?;
-        let (kept, other): (Vec<_>, Vec<_>) = all.into_iter().partition(|c| c.has_speeds() != by_lift);
-        notes.extend(other.iter().map(|c| format!("{}: left out, it has no rotor speeds", c.name)));
-        Ok(kept)
+        let (kept, other): (Vec<_>, Vec<_>) = list.iter().partition(|log| by_lift || rotors(log));
+        let left_out = |log: &&FlightLog| format!("{}: left out, it has no rotor speeds", log.path.display());
+        notes.extend(other.iter().map(left_out));
+        kept.into_par_iter().map(|log| Course::new(log, vehicle, by_lift)).collect()
     };
     let (mut of_fit, mut unseen) = (courses(logs)?, courses(held_out)?);
     let powered = of_fit.iter().any(Course::has_voltage);
@@ -178,7 +177,7 @@ pub fn fit(logs: &[FlightLog], held_out: &[FlightLog], vehicle: &Vehicle) -> Res
         fitted: explained(told),
         unseen: explained(judged),
         logs: [names(&of_fit), names(&unseen)],
-        log_sha256: logs.iter().map(|l| l.sha256.clone()).collect(),
+        log_sha256: of_fit.iter().map(|c| c.sha256.clone()).collect(),
         notes,
     })
 }

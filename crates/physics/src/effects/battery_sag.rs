@@ -88,7 +88,7 @@ impl<S: Real> Params<S> {
 impl<S: Real> Effect<S> for Params<S> {
     /// Each flight may begin with another battery.
     fn nature(&self) -> Nature {
-        Nature { differs_between_logs: true, ..Nature::default() }
+        Nature { differs_between_logs: true, is_battery: true, ..Nature::default() }
     }
 
     fn ranges(&self) -> &'static [(&'static str, Bounds)] {

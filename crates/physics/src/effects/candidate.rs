@@ -271,6 +271,8 @@ pub struct Nature {
     pub moved_by_memory: bool,
     /// It goes with time as a charge that is drawn does: a measured voltage of the battery decides in its place.
     pub goes_with_charge: bool,
+    /// It is the battery: where commands follow from throttles and a measured voltage, it has acted already.
+    pub is_battery: bool,
     /// What it is only known beside.
     pub relative: Option<Relative>,
     /// Group of its calibration; none: that of the area on which it acts.
