@@ -6,6 +6,8 @@
 mod formulas;
 #[path = "gap/honest.rs"]
 mod honest;
+#[path = "gap/moments.rs"]
+mod moments;
 #[path = "../tests/common/planted/mod.rs"]
 mod planted;
 #[path = "gap/score.rs"]
@@ -52,10 +54,10 @@ struct Args {
     /// Width of the manufacturing tolerances.
     #[arg(long, default_value_t = 1.0)]
     tolerance: f64,
-    /// Effects in no list for which formulas are searched; all where none is named.
+    /// Effects in no list for which formulas are searched, or that come in mid-flight; all where none is named.
     #[arg(long, value_delimiter = ',')]
     kinds: Vec<String>,
-    /// Parts of the table to run: single, pairs, none, unlisted, formulas, ordinary, time.
+    /// Parts of the table to run: single, pairs, none, unlisted, formulas, moments, steady, ordinary, time.
     #[arg(long, value_delimiter = ',')]
     parts: Vec<String>,
     /// Runs the rows of realistic inputs in place of the table, on this half of seeds and vehicles: `develop` (even seeds) is
@@ -69,7 +71,8 @@ struct Args {
     /// Their noise levels: fine, rough, filtered; all where none is named.
     #[arg(long, value_delimiter = ',')]
     levels: Vec<String>,
-    /// Their vehicles, by the names of tests/data/planted_NAME.toml; all of the half where none is named.
+    /// Their vehicles, by the names of tests/data/planted_NAME.toml; all of the half where none is named. Those of the parts moments and
+    /// steady, too: quad where none is named.
     #[arg(long, value_delimiter = ',')]
     vehicles: Vec<String>,
     /// Cases per row, a sample that is always the same; all effects with all seeds where absent.

@@ -56,6 +56,9 @@ struct Args {
     /// The position system follows the airframe instead of the true centre of mass.
     #[arg(long)]
     marker_on_airframe: bool,
+    /// Time of the log at which the effects come, s; they are there from the beginning if absent.
+    #[arg(long)]
+    begins: Option<f64>,
     /// Size of the effects: 1 as drawn.
     #[arg(long, default_value_t = 1.0)]
     size: f64,
@@ -123,6 +126,10 @@ fn plan_of<'a>(args: &Args, vehicle: &'a Vehicle) -> Result<Plan<'a>, String> {
     if !(args.size >= 0.0 && args.size <= 3.0) {
         return Err(format!("expected a size from 0 to 3, found {}: give another --size", args.size));
     }
+    if let Some(t) = args.begins.filter(|t| !(*t > 0.0 && *t < args.seconds)) {
+        let most = args.seconds;
+        return Err(format!("expected a time between 0 and {most} s, found {t}: give another --begins"));
+    }
     let mut hidden = Vec::new();
     if args.effect != ["none"] {
         for name in &args.effect {
@@ -156,6 +163,7 @@ fn plan_of<'a>(args: &Args, vehicle: &'a Vehicle) -> Result<Plan<'a>, String> {
     };
     plan.flight = args.flight;
     plan.size = args.size;
+    plan.begins_s = args.begins;
     plan.noise = match args.noise {
         Level::Fine => NoiseLevel::Fine,
         Level::Rough => NoiseLevel::Rough,

@@ -271,6 +271,8 @@ fn sample() -> Diagnosis {
                 text: "left out: takes 3 % of the error".into(),
             },
         ],
+        moments: Vec::new(),
+        sections: Vec::new(),
         per_log: vec![OfOneLog {
             log: "chirps_and_steps.csv".into(),
             id: "clock_offset.gyro".into(),

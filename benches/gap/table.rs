@@ -2,6 +2,7 @@
 
 use super::Args;
 use super::formulas;
+use super::moments;
 use super::planted::hidden::stream as planted_stream;
 use super::planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, UNLISTED};
 use super::score::{Case, Outcome};
@@ -10,7 +11,8 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 const LEVELS: [NoiseLevel; 2] = [NoiseLevel::Fine, NoiseLevel::Rough];
-pub const PARTS: [&str; 7] = ["single", "pairs", "none", "unlisted", "formulas", "ordinary", "time"];
+pub const PARTS: [&str; 9] =
+    ["single", "pairs", "none", "unlisted", "formulas", "moments", "steady", "ordinary", "time"];
 /// Length of an ordinary flight, s.
 pub const ORDINARY_S: f64 = 30.0;
 
@@ -60,6 +62,12 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         if wanted("formulas") {
             table.formulas(&level, &base)?;
         }
+        if wanted("moments") {
+            table.moments(&level, &base)?;
+        }
+        if wanted("steady") {
+            table.steady(&level, &base)?;
+        }
     }
     if wanted("ordinary") {
         for (name, excitation) in [
@@ -78,6 +86,15 @@ pub fn run(vehicle: &Vehicle, path: &str, args: &Args) -> Result<(), Box<dyn std
         println!("| {what} | {reached} | {of} | {goal} |");
     }
     Ok(())
+}
+
+/// Vehicles of the parts about moments.
+fn craft(args: &Args) -> Vec<String> {
+    if args.vehicles.is_empty() { vec!["quad".into()] } else { args.vehicles.clone() }
+}
+
+fn loaded(name: &str) -> Result<Vehicle, Box<dyn std::error::Error>> {
+    Ok(Vehicle::load(format!("{}/tests/data/planted_{name}.toml", env!("CARGO_MANIFEST_DIR")))?)
 }
 
 type Done = Result<(), Box<dyn std::error::Error>>;
@@ -202,6 +219,44 @@ impl Table<'_> {
             none.len(),
             "≤ 1 %",
         );
+        Ok(())
+    }
+
+    /// Effects that come in mid-flight.
+    fn moments(&mut self, level: &str, base: &Case) -> Done {
+        for name in craft(self.args) {
+            let vehicle = loaded(&name)?;
+            let seeds = self.args.first..self.args.first + self.args.seeds;
+            let out = moments::changed(seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
+            let n = out.len();
+            let part =
+                |of: &dyn Fn(&moments::Tried) -> bool| percent(out.iter().filter(|t| of(t)).count(), n);
+            let row = |what: &str| format!("{name}, {level}: {what}");
+            let rows = [
+                (row("moment found within 0.3 s"), part(&|t| t.found()), "≥ 90 %"),
+                (row("and named, alone or with look-alikes"), part(&|t| t.named()), ""),
+                (row("interval of 95 % holds it"), part(&|t| t.held()), ""),
+                (row("another moment beside it"), part(&|t| t.more() > 0), ""),
+            ];
+            for (what, reached, goal) in rows {
+                self.row(&what, reached, n, goal);
+            }
+        }
+        Ok(())
+    }
+
+    /// Flights in which nothing changes, with nothing hidden or an effect from the beginning on.
+    fn steady(&mut self, level: &str, base: &Case) -> Done {
+        for name in craft(self.args) {
+            let vehicle = loaded(&name)?;
+            let seeds = self.args.first..self.args.first + self.args.seeds;
+            let effects: Vec<&'static str> = core::iter::once("none").chain(HIDDEN.iter().copied()).collect();
+            let out =
+                moments::steady(&effects, seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
+            let quiet = out.iter().filter(|t| t.more() == 0).count();
+            let what = format!("{name}, {level}: no moment in a steady flight");
+            self.row(&what, percent(quiet, out.len()), out.len(), "≥ 98 %");
+        }
         Ok(())
     }
 

@@ -311,6 +311,7 @@ def gap_diagnose(
     only: Sequence[str] | None,
     given: Sequence[str] | None,
     calibrate: bool,
+    moments: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
 def gap_watch(
     folder: str | PathLike[str],

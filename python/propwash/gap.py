@@ -178,6 +178,56 @@ class Rung:
 
 
 @dataclass(frozen=True)
+class ChangedParameter:
+    """A parameter before and after a change, SI."""
+
+    name: str
+    unit: str
+    filed: float
+    """Value in the vehicle file, or the effect's default."""
+    before: float
+    before_sigma: float
+    """Standard deviation of ``before``."""
+    after: float
+    after_sigma: float
+    """Standard deviation of ``after``."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A moment at which an effect of a vehicle or of its air changed."""
+
+    log: str
+    at_s: float
+    """When, in the time of the log."""
+    interval_s: tuple[float, float]
+    """Interval that holds it with 95 %."""
+    between_logs: bool
+    """Whether it changed between this log and the one before."""
+    id: str
+    title: str
+    """In plain words."""
+    parameters: tuple[ChangedParameter, ...]
+    evidence_nats: float
+    look_alikes: tuple[str, ...]
+    """Other effects whose change explains the flight about as well."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """The flight before, between or after moments, diagnosed by itself."""
+
+    logs: tuple[str, ...]
+    """The logs, each with its part."""
+    headline: str
+    """The verdict on it; where it could not be diagnosed, why."""
+    verdict: str
+    findings: tuple[Finding, ...]
+    fitted: bool
+    """Whether it was diagnosed."""
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """Which physics a vehicle's model lacks."""
 
@@ -191,6 +241,10 @@ class Diagnosis:
     unexplained: bool
     """Whether something is missing that is in no list."""
     ladder: tuple[Rung, ...]
+    moments: tuple[Moment, ...]
+    """Moments at which something changed in mid-flight."""
+    sections: tuple[Section, ...]
+    """Where something changed, the flight before and after by itself; all else but ``ladder`` is about the last that was diagnosed."""
     next_flight: tuple[str, ...]
     """Manoeuvres to fly next, most wanted first."""
     warnings: tuple[str, ...]
@@ -218,22 +272,6 @@ class Diagnosis:
 
     def __str__(self) -> str:
         return self.text
-
-
-@dataclass(frozen=True)
-class ChangedParameter:
-    """A parameter before and after a drift, SI."""
-
-    name: str
-    unit: str
-    filed: float
-    """Value in the vehicle file, or the effect's default."""
-    before: float
-    before_sigma: float
-    """Standard deviation of ``before``."""
-    after: float
-    after_sigma: float
-    """Standard deviation of ``after``."""
 
 
 @dataclass(frozen=True)
@@ -373,6 +411,7 @@ def diagnose(
     held_out: LogLike | Sequence[LogLike] = (),
     hold_out: float = 0.2,
     candidates: Sequence[str] | None = None,
+    moments: bool = True,
     drive: Drive | None = None,
     ground_z: float | None = None,
     ceiling_z: float | None = None,
@@ -388,13 +427,16 @@ def diagnose(
         held_out: Flights that only check the result.
         hold_out: Share of each log, its end, that only checks the result where there is no ``held_out``; 0 to 0.5.
         candidates: Search among these effects only.
+        moments: Whether to look for moments at which something changed in mid-flight, and between one log and the next (give them in
+            the order in which they were flown); the flight before and after is then diagnosed apart, and ``completed`` is the vehicle
+            after the last of them.
 
     Raises:
         ValueError: for a log that cannot be right or lacks what is needed.
         KeyError: for an unknown candidate.
     """
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
-    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False)
+    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False, moments)
 
 
 def watch(
@@ -463,11 +505,10 @@ def watch(
 def _watched(log: Mapping[str, Any]) -> WatchedLog:
     def change(c: Mapping[str, Any]) -> Change:
         names = ("id", "title", "kind", "since", "evidence_nats", "errors_ratio", "doubt")
-        keys = ("name", "unit", "filed", "before", "before_sigma", "after", "after_sigma")
         return Change(
             **{k: c[k] for k in names},
             gradual=c["until"] > c["from"],
-            parameters=tuple(ChangedParameter(**{k: p[k] for k in keys}) for p in c["parameters"]),
+            parameters=tuple(_changed(p) for p in c["parameters"]),
             look_alikes=tuple(c["look_alikes"]),
         )
 
@@ -521,7 +562,7 @@ def add(
         raise ValueError("effects: expected at least one name, such as 'rotor_drag', got none")
     may_write(out, force)
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
-    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate)
+    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate, False)
     if made.undetermined and not force:
         why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
         raise ValueError(f"the flights do not show {why}; or force=True to take the values all the same")
@@ -541,6 +582,7 @@ def _fit(
     only: Sequence[str] | None,
     given: list[str] | None,
     calibrate: bool,
+    moments: bool,
 ) -> Diagnosis:
     if not 0.0 <= hold_out <= 0.5:
         raise ValueError(f"hold_out: expected a share from 0 to 0.5, got {hold_out}")
@@ -550,7 +592,7 @@ def _fit(
         if both:
             raise ValueError(f"held_out: expected flights that the fit does not see, got {both[0]}, which is one of the logs")
         text, words, page, picture, changed, undetermined, nothing = _native.gap_diagnose(
-            paths, unseen, float(hold_out), of_vehicle, reading, None if only is None else list(only), given, calibrate
+            paths, unseen, float(hold_out), of_vehicle, reading, None if only is None else list(only), given, calibrate, moments
         )
     of = json.loads(text)
     next_flight: list[str] = []
@@ -561,21 +603,26 @@ def _fit(
         vehicle=of["vehicle"],
         headline=of["headline"],
         verdict=of["verdict"],
-        findings=tuple(
-            Finding(
-                **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
-                parameters=tuple(Parameter(**p) for p in f["parameters"]),
-                look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
-                stands_for=tuple(f["stands_for"]),
-                held_out=f["held_out"],
-                doubt=f["held_out"]["doubt"] if f["held_out"] else None,
-            )
-            for f in of["findings"]
-        ),
+        findings=tuple(_finding(f) for f in of["findings"]),
         unexplained=of["remainder"]["unexplained"],
         ladder=tuple(
             Rung(r["label"], _horizons(r["training"]), _horizons(r["held_out"]), r["training_lack"], r["held_out_lack"])
             for r in of["ladder"]
+        ),
+        moments=tuple(
+            Moment(
+                **{k: m[k] for k in ("log", "at_s", "between_logs", "id", "title", "evidence_nats")},
+                interval_s=(m["interval_s"][0], m["interval_s"][1]),
+                parameters=tuple(_changed(p) for p in m["parameters"]),
+                look_alikes=tuple(m["look_alikes"]),
+            )
+            for m in of["moments"]
+        ),
+        sections=tuple(
+            Section(
+                tuple(s["logs"]), s["headline"], s["verdict"], tuple(_finding(f) for f in s["findings"]), s["fitted"]
+            )
+            for s in of["sections"]
         ),
         next_flight=tuple(next_flight),
         warnings=tuple(of["warnings"]),
@@ -587,6 +634,22 @@ def _fit(
         completed=None if changed is None else Vehicle.from_toml(changed, of_vehicle.name),
         nothing_written=nothing,
     )
+
+
+def _finding(f: Mapping[str, Any]) -> Finding:
+    return Finding(
+        **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
+        parameters=tuple(Parameter(**p) for p in f["parameters"]),
+        look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
+        stands_for=tuple(f["stands_for"]),
+        held_out=f["held_out"],
+        doubt=f["held_out"]["doubt"] if f["held_out"] else None,
+    )
+
+
+def _changed(p: Mapping[str, Any]) -> ChangedParameter:
+    keys = ("name", "unit", "filed", "before", "before_sigma", "after", "after_sigma")
+    return ChangedParameter(**{k: p[k] for k in keys})
 
 
 def _horizons(rows: Iterable[Mapping[str, Any]]) -> tuple[HorizonError, ...]:

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::PathBuf;
 
-use propwash::gap::diagnose::Settings;
+use propwash::gap::diagnose::{Moments, Settings};
 use propwash::gap::drift::{self, Order, Series};
 use propwash::gap::fitted::{self, Calibrate, Filed};
 use propwash::gap::ladder::Flights;
@@ -128,6 +128,7 @@ pub fn gap_diagnose(
     only: Option<Vec<String>>,
     given: Option<Vec<String>>,
     calibrate: bool,
+    moments: bool,
 ) -> PyResult<Diagnosed<'_>> {
     let pool = crate::threads::pool(None)?;
     let adding = given.is_some();
@@ -137,7 +138,8 @@ pub fn gap_diagnose(
             let (tracks, unseen) = (reading.read(&logs, of)?, reading.read(&held_out, of)?);
             let flights = Flights::new(tracks, unseen, hold_out);
             propwash::gap::compare::one_vehicle(&flights.all()).or_raise()?;
-            let settings = Settings { given, only, ..Settings::default() };
+            let moments = if moments { Moments::Apart } else { Moments::No };
+            let settings = Settings { given, only, moments, ..Settings::default() };
             let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
             let by = if adding { "propwash.add" } else { "propwash.diagnose" };
             let calibrate = match (adding, calibrate) {
@@ -147,8 +149,9 @@ pub fn gap_diagnose(
             };
             let fitted = fitted::fit(filed, &flights, &settings, by, calibrate).or_raise()?;
             let verdict = &fitted.diagnosed.verdict;
+            let about = fitted.flights(&flights);
             let page =
-                Report::of_diagnosis(&fitted.diagnosed, &flights, &of.vehicle, fitted.after()).or_raise()?;
+                Report::of_diagnosis(&fitted.diagnosed, about, &of.vehicle, fitted.after()).or_raise()?;
             // A diagnosis without a ladder has no picture of one; its warnings say why.
             let picture = match verdict.ladder.is_empty() {
                 true => None,

@@ -77,6 +77,9 @@ pub struct DiagnoseArgs {
     /// Where something is unexplained, search for no formula.
     #[arg(long)]
     pub no_formulas: bool,
+    /// Look for no moments at which something changed in mid-flight: take the flights as of one vehicle.
+    #[arg(long)]
+    pub no_moments: bool,
     /// After the verdict, print which rule decided about each effect and what each rule states.
     #[arg(long, conflicts_with = "json")]
     pub why: bool,

@@ -7,6 +7,7 @@ use super::decide::rules::{Rule, Why};
 use super::fit::{Prepared, forces_only};
 use super::formula::{self, Proposed};
 use super::model::Model;
+use super::moments::moments;
 use super::opinion;
 use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
 use super::replay::drone_for;
@@ -22,6 +23,18 @@ use super::witness::Witness;
 use propwash_physics::effects::{Area, FromLog};
 use propwash_vehicle::Vehicle;
 
+/// What is done about moments at which something changed in mid-flight.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Moments {
+    /// They are looked for, and [`crate::fitted::fit`] fits the flight before and after each by itself.
+    #[default]
+    Apart,
+    /// They are looked for and told; the flight is fitted as one.
+    Tell,
+    /// They are not looked for.
+    No,
+}
+
 /// Settings of a diagnosis.
 #[derive(Default)]
 pub struct Settings<'a> {
@@ -35,8 +48,20 @@ pub struct Settings<'a> {
     pub no_formulas: bool,
     /// Leaves out the ladder of [`crate::fitted::fit`], for which every step is flown on all flights.
     pub no_ladder: bool,
+    /// What is done about moments at which something changed in mid-flight.
+    pub moments: Moments,
+    /// The same logs at full length, where only a part of them is fitted: moments are looked for in all of it.
+    pub whole: Option<&'a [Track]>,
     /// Who watches.
     pub watch: Watch<'a>,
+}
+
+impl Settings<'_> {
+    /// The same settings, with the same watcher.
+    pub(crate) fn copied(&self) -> Settings<'_> {
+        let Settings { given, only, watch, .. } = self;
+        Settings { given: given.clone(), only: only.clone(), watch: Watch { ..*watch }, ..*self }
+    }
 }
 
 /// A diagnosis with the fit behind it.
@@ -105,9 +130,16 @@ pub(crate) fn diagnose_from(
         verdict.advice = advice(tracks, vehicle, &model, &solution, &verdict)?;
     }
     verdict.warnings.extend(cables);
+    if given.is_none() && settings.moments != Moments::No {
+        verdict.moments = moments(settings.whole.unwrap_or(tracks), &drone, &model, &solution)?;
+        verdict.doubt_by_moments();
+    }
     // Where the second estimator sees something else than a finding, the finding may only lean on what is missing.
     let differs = verdict.findings.iter().any(|f| f.second.said == Said::Differs);
-    let wanted = (verdict.remainder.unexplained || differs) && given.is_none() && !settings.no_formulas;
+    let wanted = (verdict.remainder.unexplained || differs)
+        && given.is_none()
+        && !settings.no_formulas
+        && verdict.moments.is_empty();
     let mut proposed = Proposed::default();
     if wanted {
         // A verdict that was reached is given, whatever becomes of the search for formulas.

@@ -4,11 +4,12 @@ mod calibration;
 mod findings;
 mod partners;
 mod parts;
+mod sections;
 
 use super::accept::{AcceptError, Source, today_utc};
 use super::complete::{Completion, Entry};
 use super::decide::rules::{Rule, Why};
-use super::diagnose::{Diagnosed, Settings, diagnose, diagnose_from};
+use super::diagnose::{Diagnosed, Moments, Settings, diagnose, diagnose_from};
 use super::formula::{self, Formula, Proposed};
 use super::headline::{headline, pair};
 use super::judge::{Judge, rung_over};
@@ -93,9 +94,16 @@ pub struct Fitted {
     pub unwritable: Vec<(String, AcceptError)>,
     /// The vehicle with all that lowers the errors on the judge's flight, written or not; only where formulas were proposed.
     at_best: Option<Vehicle>,
+    /// Where something changed in mid-flight: the flight that the diagnosis is about.
+    now: Option<Flights>,
 }
 
 impl Fitted {
+    /// The flights that the diagnosis is about: of `all` of them the last part, where something changed in mid-flight.
+    pub fn flights<'a>(&'a self, all: &'a Flights) -> &'a Flights {
+        self.now.as_ref().unwrap_or(all)
+    }
+
     /// The vehicle with everything written, if anything is.
     pub fn after(&self) -> Option<&Vehicle> {
         self.after.as_ref()
@@ -130,6 +138,7 @@ pub fn fit(
     by: &str,
     calibrate: Calibrate,
 ) -> Result<Fitted> {
+    let settings = &Settings { whole: Some(&flights.whole), ..settings.copied() };
     let diagnosed = diagnose(&flights.fit, filed.vehicle, settings)?;
     fit_from(filed, flights, settings, by, calibrate, diagnosed)
 }
@@ -143,6 +152,9 @@ pub(crate) fn fit_from(
     calibrate: Calibrate,
     diagnosed: Diagnosed,
 ) -> Result<Fitted> {
+    if settings.moments == Moments::Apart && !diagnosed.verdict.moments.is_empty() {
+        return sections::fit_each(&filed, flights, settings, (by, calibrate), diagnosed);
+    }
     let mut why = Vec::new();
     let proposed = diagnosed.proposed.clone();
     let formulas = !proposed.formulas.is_empty();
@@ -210,7 +222,8 @@ fn with_formulas(
         given: None,
         only: settings.only.clone().map(|only| only.into_iter().chain(ids).collect()),
         no_formulas: true,
-        ..**settings
+        moments: Moments::No,
+        ..settings.copied()
     };
     let without = Some((&plain.diagnosed, tried));
     let diagnosed = diagnose_from(&flights.fit, &vehicle, &again, without)?;
@@ -340,7 +353,7 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);
-    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable, at_best })
+    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable, at_best, now: None })
 }
 
 /// Warns where findings cannot be judged, or only on flight used in the fit.
@@ -363,7 +376,8 @@ fn say_doubts(verdict: &mut Diagnosis) {
         Some(Why::new(&f.id, Rule::NeverWorse, format!("{doubt}{}", f.unwritten()?)))
     });
     verdict.why.extend(harmful);
-    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+    let short = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+    verdict.headline = verdict.beside_moments(&short);
     let doubtful: Vec<&str> =
         verdict.findings.iter().filter(|f| f.doubt().is_some()).map(|f| f.id.as_str()).collect();
     if !doubtful.is_empty() {

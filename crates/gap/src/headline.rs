@@ -48,7 +48,7 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
 }
 
 /// At most [`HEADLINE_CHARS`] characters, with an ellipsis where words are cut.
-fn shortened(line: &str) -> String {
+pub(crate) fn shortened(line: &str) -> String {
     if line.chars().count() <= HEADLINE_CHARS {
         return line.to_string();
     }

@@ -5,7 +5,7 @@ use super::GapError;
 use super::compare::HORIZONS_S;
 use super::judge::Seen;
 use super::track::{SHORTEST_S, Track};
-use super::verdict::{HorizonError, LogSummary, Rung};
+use super::verdict::{HorizonError, Lack, LogSummary, Rung};
 use propwash_vehicle::Vehicle;
 use rayon::prelude::*;
 
@@ -19,6 +19,8 @@ pub struct Flights {
     pub held_out: Vec<Track>,
     /// Time in each log (s) from which on it is held out; `None` where the whole log is fitted.
     pub cut_s: Vec<Option<f64>>,
+    /// Share of each log that was to be held out, 0 to 0.5.
+    pub share: f64,
     /// What could not be held out.
     pub warnings: Vec<String>,
 }
@@ -32,6 +34,7 @@ impl Flights {
             cut_s: vec![None; logs.len()],
             whole: logs,
             held_out,
+            share,
             warnings: vec![],
         };
         if !out.held_out.is_empty() || share <= 0.0 {
@@ -135,6 +138,35 @@ impl Flights {
             })
             .collect()
     }
+}
+
+/// Steps of the ladders of several stretches of flight, over all of them: `parts` are added one after the other, each with its own steps.
+pub(crate) fn together(parts: &[(String, Vec<Rung>)]) -> Vec<Rung> {
+    let at = |now: &[usize], label: String| {
+        let rungs: Vec<&Rung> = parts.iter().zip(now).filter_map(|((_, rungs), i)| rungs.get(*i)).collect();
+        let all = |of: fn(&Rung) -> &[HorizonError]| pooled(&rungs.iter().map(|r| of(r)).collect::<Vec<_>>());
+        let lack = |of: fn(&Rung) -> Option<Lack>| {
+            let all: Vec<Lack> = rungs.iter().filter_map(|r| of(r)).collect();
+            Lack::together(&all)
+        };
+        Rung {
+            label,
+            training: all(|r| &r.training),
+            held_out: all(|r| &r.held_out),
+            training_lack: lack(|r| r.training_lack),
+            held_out_lack: lack(|r| r.held_out_lack),
+        }
+    };
+    let mut now = vec![0; parts.len()];
+    let Some(first) = parts.iter().find_map(|(_, rungs)| rungs.first()) else { return Vec::new() };
+    let mut out = vec![at(&now, first.label.clone())];
+    for (i, (name, rungs)) in parts.iter().enumerate() {
+        for (step, rung) in rungs.iter().enumerate().skip(1) {
+            now[i] = step;
+            out.push(at(&now, format!("{}, {name}", rung.label)));
+        }
+    }
+    out
 }
 
 /// Root mean squares over all roll-outs; horizons without roll-outs are left out.

@@ -258,3 +258,10 @@ pub(crate) const DRIFT_BEGINNINGS: usize = 50;
 
 /// Most drifts that one log brings to light: as many as a verdict names effects.
 pub(crate) const DRIFTS_PER_LOG: usize = super::search::MOST;
+
+/// Evidence that a step in mid-flight needs, nats, over all effects and all times at which it may be.
+pub(crate) const MOMENT_NATS: f64 = 12.0;
+/// Share of the variance of what a flight leaves unexplained, in force or in torque, that its moments must take together.
+pub(crate) const MOMENT_SHARE: f64 = 0.75;
+/// Most moments of a flight: one that changes more often has weather.
+pub(crate) const MOMENTS_PER_LOG: usize = 3;

@@ -399,7 +399,7 @@ const BENT: f64 = 0.03;
 const SIZE_KNOWN: f64 = 0.02;
 
 /// Windows per part of a log, and fewest parts for a usable scatter.
-const PART: usize = 8;
+pub(super) const PART: usize = 8;
 const FEWEST_PARTS: usize = 8;
 
 /// Whether the log moves a candidate's parameters off nominal, though within tolerance.

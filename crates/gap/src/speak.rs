@@ -89,6 +89,8 @@ pub(super) fn speak(
         second: opinion::selection(model, &witness),
         dispersion: solution.dispersion,
         per_log: differences(logs, model, solution)?,
+        moments: Vec::new(),
+        sections: Vec::new(),
         warnings: tracks
             .iter()
             .flat_map(|t| t.warnings.iter().map(move |w| name(t, w)))

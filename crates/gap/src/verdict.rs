@@ -1,7 +1,9 @@
 //! Result of a diagnosis: plain data for text, JSON and pages.
 
-use super::decide::rules::Why;
+use super::decide::rules::{Rule, Why};
 use super::formula::Formula;
+use super::headline::shortened;
+use super::moments::{Moment, words};
 use super::opinion;
 use super::track::Noise;
 use propwash_physics::effects::Area;
@@ -265,6 +267,25 @@ pub struct Advice {
     pub manoeuvres: Vec<String>,
 }
 
+impl Lack {
+    /// Root mean squares over the means of several stretches of flight; `None` where there is none.
+    pub(crate) fn together(all: &[Self]) -> Option<Self> {
+        let n: usize = all.iter().map(|l| l.n).sum();
+        let mean = |of: &dyn Fn(&Self) -> Option<f64>| {
+            let known: Vec<(f64, f64)> = all.iter().filter_map(|l| Some((of(l)?, l.n as f64))).collect();
+            let count: f64 = known.iter().map(|k| k.1).sum();
+            (count > 0.0).then(|| (known.iter().map(|(v, n)| v * v * n).sum::<f64>() / count).sqrt())
+        };
+        Some(Self {
+            force_n: mean(&|l| Some(l.force_n))?,
+            force_times_noise: mean(&|l| Some(l.force_times_noise))?,
+            torque_n_m: mean(&|l| l.torque_n_m),
+            torque_times_noise: mean(&|l| l.torque_times_noise),
+            n,
+        })
+    }
+}
+
 /// Root-mean-square error of roll-outs of one length.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HorizonError {
@@ -365,6 +386,21 @@ pub struct OfOneLog {
     pub sigma: f64,
 }
 
+/// The flight before, between or after moments at which something changed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Section {
+    /// The logs, each with its part: `flight.csv to 17.1 s`.
+    pub logs: Vec<String>,
+    /// The verdict on it in at most 90 characters; where it could not be diagnosed, why.
+    pub headline: String,
+    /// The whole sentence.
+    pub verdict: String,
+    /// What is missing from the file there.
+    pub findings: Vec<Finding>,
+    /// Whether it was diagnosed.
+    pub fitted: bool,
+}
+
 /// The verdict.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnosis {
@@ -409,6 +445,11 @@ pub struct Diagnosis {
     pub dispersion: f64,
     /// Parameters in which the logs differ from each other, where there are several.
     pub per_log: Vec<OfOneLog>,
+    /// Moments at which something changed in mid-flight, in the order of the logs and of time.
+    pub moments: Vec<Moment>,
+    /// Where there are moments: the flight before, between and after them, each diagnosed by itself. Everything else of the diagnosis is
+    /// about the last of them that could be diagnosed, but for `ladder`, which is over all of them.
+    pub sections: Vec<Section>,
     /// Assumptions and omissions.
     pub warnings: Vec<String>,
 }
@@ -419,6 +460,32 @@ impl Diagnosis {
         match self.logs.iter().any(|l| l.held_out) {
             true => "held-out flight",
             false => "flight used for the fit",
+        }
+    }
+
+    /// Says what changed in mid-flight, and puts in doubt what was found as if nothing had.
+    pub(crate) fn doubt_by_moments(&mut self) {
+        if self.moments.is_empty() {
+            return;
+        }
+        let told = words::list(&self.moments, words::sentence);
+        for f in self.findings.iter_mut() {
+            f.certain = false;
+            self.why.push(Why::new(
+                &f.id,
+                Rule::Moment,
+                format!("in doubt: {}", words::list(&self.moments, words::short)),
+            ));
+        }
+        self.verdict = format!("{told}; as one flight: {}", self.verdict);
+        self.headline = self.beside_moments(&self.headline);
+    }
+
+    /// A headline, after what changed in mid-flight.
+    pub(crate) fn beside_moments(&self, headline: &str) -> String {
+        match self.moments.is_empty() {
+            true => headline.to_string(),
+            false => shortened(&format!("{}; {headline}", words::list(&self.moments, words::short))),
         }
     }
 

@@ -6,7 +6,7 @@ use crate::cli::exit::Outcome;
 use crate::cli::gap_args::{DiagnoseArgs, HeldOutArgs};
 use crate::cli::gap_logs::ReadingArgs;
 use crate::cli::output;
-use crate::gap::diagnose::Settings;
+use crate::gap::diagnose::{Moments, Settings};
 use crate::gap::fitted::{self, Calibrate, Filed, Fitted};
 use crate::gap::ladder::Flights;
 use crate::gap::report::{Report, ladder_png, text, why};
@@ -27,7 +27,8 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     output::check(&outputs, args.force)?;
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
-    let settings = Settings { only, no_formulas: args.no_formulas, ..Settings::default() };
+    let moments = if args.no_moments { Moments::No } else { Moments::Apart };
+    let settings = Settings { only, no_formulas: args.no_formulas, moments, ..Settings::default() };
     let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", Calibrate::Show)?;
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {
@@ -41,7 +42,8 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
         output::report("--ladder", path, &ladder_png(verdict)?, args.force)?;
     }
     if let Some(path) = &args.report {
-        let page = Report::of_diagnosis(&fitted.diagnosed, &flights, &vehicle, fitted.after())?;
+        let page =
+            Report::of_diagnosis(&fitted.diagnosed, fitted.flights(&flights), &vehicle, fitted.after())?;
         output::report("--report", path, page.html().as_bytes(), args.force)?;
     }
     said?;
@@ -56,9 +58,10 @@ fn say(args: &DiagnoseArgs, verdict: &Diagnosis) -> Result<()> {
     if args.why { print(why(verdict).trim_end()) } else { Ok(()) }
 }
 
-/// Exit code of a verdict: found where something is missing or unexplained.
+/// Exit code of a verdict: found where something is missing, unexplained or changed in mid-flight.
 pub fn outcome(verdict: &Diagnosis) -> Outcome {
-    if verdict.findings.is_empty() && !verdict.remainder.unexplained { Outcome::Fine } else { Outcome::Found }
+    let fine = verdict.findings.is_empty() && verdict.moments.is_empty() && !verdict.remainder.unexplained;
+    if fine { Outcome::Fine } else { Outcome::Found }
 }
 
 /// An error of writing JSON.

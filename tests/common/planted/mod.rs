@@ -89,6 +89,8 @@ pub struct Plan<'a> {
     pub size: f64,
     /// Tolerances of the vehicle, and how its sensors are fixed.
     pub build: Build,
+    /// Time of the log at which the hidden effects come, s; from the beginning where it is none.
+    pub begins_s: Option<f64>,
 }
 
 impl<'a> Plan<'a> {
@@ -108,6 +110,7 @@ impl<'a> Plan<'a> {
             marker: Marker::CentreOfMass,
             size: 1.0,
             build: Build::usual(1.0),
+            begins_s: None,
         }
     }
 }
@@ -297,6 +300,8 @@ impl Neighbour {
 struct OnTheWay<'a> {
     plan: &'a Plan<'a>,
     world: World,
+    /// The world from a time on, s.
+    later: Option<(f64, World)>,
     track: Track,
     pilot: Pilot,
     /// Turbulence of every flight, and the hidden one.
@@ -352,6 +357,7 @@ impl<'a> OnTheWay<'a> {
             plan,
             x: [0.0; world::SIZE],
             world,
+            later: None,
             track,
             pilot,
             air,
@@ -387,6 +393,9 @@ impl<'a> OnTheWay<'a> {
     /// The pilot's turn in tick `k`, and what is logged of it.
     fn control(&mut self, k: i64) {
         let t = k as f64 * TICK_S;
+        if let Some((_, world)) = self.later.take_if(|(at, _)| t >= *at) {
+            self.world = world;
+        }
         let reference = self.reference(t);
         let command = self.pilot.command(t, TICK_S, &self.x, &reference);
         self.line.push(t + self.world.dev.delay_s, command, t);
@@ -463,7 +472,14 @@ fn attempt(plan: &Plan, nominal: &Nominal, size: f64) -> Result<Flight, Failure>
     for id in &plan.hidden {
         dev.plant(id, plan.seed, size, &scale, plan.build.apart);
     }
-    let mut flown = OnTheWay::new(plan, nominal, &dev, &figures)?;
+    let mut flown = match plan.begins_s {
+        None => OnTheWay::new(plan, nominal, &dev, &figures)?,
+        Some(at) => {
+            let before = Deviations::tolerances(plan.seed, plan.build, &scale);
+            let flown = OnTheWay::new(plan, nominal, &before, &figures)?;
+            OnTheWay { later: Some((at, World::new(nominal, &dev, plan.seconds))), ..flown }
+        }
+    };
     let under_ceiling = plan.excitation == Excitation::NearCeiling || plan.hidden.contains(&"ceiling_effect");
     let lead = (LEAD_S / TICK_S).round() as i64;
     let last = (plan.seconds / TICK_S).ceil() as i64;

@@ -223,7 +223,13 @@ impl<'a> Decision<'a> {
 /// Most effects for which it is said why they are not named.
 const MOST_WHY_NOT: usize = 6;
 
-fn sentence(findings: &[Finding], remainder: &Remainder, nearest: &[String], hidden: usize) -> String {
+/// The verdict in one sentence; `hidden`: number of effects that could be hidden, if too many for a plain no.
+pub(crate) fn sentence(
+    findings: &[Finding],
+    remainder: &Remainder,
+    nearest: &[String],
+    hidden: usize,
+) -> String {
     let names: Vec<String> = findings
         .iter()
         .map(|f| {

@@ -2,7 +2,7 @@
 
 use crate::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, FORMULA_NATS, FORMULA_SHARE, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE,
-    LITTLE_GAIN, LOST_NATS, NAMED_SIGMAS, RISES, WELL_BELOW,
+    LITTLE_GAIN, LOST_NATS, MOMENT_NATS, MOMENT_SHARE, NAMED_SIGMAS, RISES, WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -43,11 +43,13 @@ pub enum Rule {
     Formula,
     /// A drift from flight to flight ([`crate::drift`]).
     Drift,
+    /// Something changed in mid-flight ([`crate::moments`]).
+    Moment,
 }
 
 impl Rule {
     /// All of them, in the order in which they are applied.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Evidence,
         Self::LittleGain,
         Self::EvidenceLost,
@@ -64,6 +66,7 @@ impl Rule {
         Self::NeverWorse,
         Self::Formula,
         Self::Drift,
+        Self::Moment,
     ];
 
     /// Its name in words.
@@ -85,6 +88,7 @@ impl Rule {
             Self::NeverWorse => "never worse",
             Self::Formula => "formula",
             Self::Drift => "drift",
+            Self::Moment => "moment",
         }
     }
 
@@ -157,6 +161,13 @@ impl Rule {
                  it was accepted before",
                 percent(LITTLE_GAIN)
             ),
+            Self::Moment => format!(
+                "a step of an effect in mid-flight is named that brings {MOMENT_NATS} nats beyond the price of all effects and times that \
+                 were compared, the weather being estimated again with it, and {THRESHOLD} nats more than the same effect going steadily \
+                 from one value to another, if the steps of a flight together take {} of the variance of what it leaves; what was found as if nothing had changed is then in doubt, and the flight before and after \
+                 is diagnosed by itself",
+                percent(MOMENT_SHARE)
+            ),
         }
     }
 
@@ -184,6 +195,10 @@ impl Rule {
             Self::Drift => {
                 "48 planted flights of six vehicles with another wind and battery in each, which name none; six flights of a Crazyflie \
                  Brushless with something unexplained, which named ten"
+            }
+            Self::Moment => {
+                "28 steady planted flights of two vehicles, which name none; nine with effects in no list, whose steps take at most 62 % of what \
+                 the flight leaves; 16 in which an effect comes, whose steps take 90 % and more"
             }
             Self::NeverWorse => "18 planted flights, in 4 of which what was written raised an error",
         }

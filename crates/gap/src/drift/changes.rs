@@ -79,7 +79,7 @@ pub struct Change {
 
 /// A drift in the model: its effect, the log in which it begins and the one in which it is complete.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Part {
+pub(crate) struct Part {
     pub effect: usize,
     pub from: usize,
     pub until: usize,
@@ -87,7 +87,7 @@ pub(super) struct Part {
 
 impl Part {
     /// Share of the drift that a log sees.
-    fn share(&self, log: usize) -> f64 {
+    pub fn share(&self, log: usize) -> f64 {
         match log {
             t if t < self.from => 0.0,
             t if t >= self.until => 1.0,
@@ -97,9 +97,9 @@ impl Part {
 }
 
 /// A drift that the evidence names.
-pub(super) struct Proposed {
+pub(crate) struct Proposed {
     pub part: Part,
-    nats: f64,
+    pub nats: f64,
     alike: Vec<String>,
 }
 
@@ -110,7 +110,7 @@ struct Log {
 }
 
 /// The parameters of all logs, and what each log says of them.
-pub(super) struct Space {
+pub(crate) struct Space {
     effects: Vec<FollowedEffect>,
     parameters: Vec<FollowedParameter>,
     dynamics: String,
@@ -120,7 +120,7 @@ pub(super) struct Space {
 }
 
 /// Posterior of the parameters and of the drifts.
-pub(super) struct Accepted {
+pub(crate) struct Accepted {
     factor: Cholesky<f64, Dyn>,
     mean: DVector<f64>,
     /// Parameter of each column behind those of the file, with the part that it belongs to.
@@ -299,24 +299,37 @@ impl Space {
     /// Every beginning counts alike beforehand, and so do step and line: the evidence of a drift is the mean over them. It must reach the
     /// [`THRESHOLD`] of every effect that a verdict names.
     pub fn proposed(&self, parts: &[Part], doubted: &[&str]) -> Result<Option<Proposed>, GapError> {
-        let accepted = self.accepted(parts)?;
+        let asked = |effect: usize| match doubted.contains(&self.effects[effect].id.as_str()) {
+            true => Vec::new(),
+            false => self.beginnings(effect, parts),
+        };
+        self.best(parts, asked, THRESHOLD)
+    }
+
+    /// The best of the `asked` drifts of each effect, most evident first, with its evidence over all that were asked, nats.
+    pub fn ranked(&self, accepted: &Accepted, asked: impl Fn(usize) -> Vec<Part>) -> Vec<(f64, Part)> {
         let mut found: Vec<(f64, Part)> = Vec::new();
         for effect in 0..self.effects.len() {
-            if doubted.contains(&self.effects[effect].id.as_str()) {
-                continue;
-            }
-            let tried: Vec<(f64, Part)> = self
-                .beginnings(effect, parts)
-                .into_iter()
-                .map(|part| (self.evidence(&accepted, part), part))
-                .collect();
+            let tried: Vec<(f64, Part)> =
+                asked(effect).into_iter().map(|part| (self.evidence(accepted, part), part)).collect();
             let best = tried.iter().copied().max_by(|x, y| x.0.total_cmp(&y.0));
             let Some((most, part)) = best else { continue };
             let mean = tried.iter().map(|(nats, _)| (nats - most).exp()).sum::<f64>() / tried.len() as f64;
             found.push((most + mean.ln(), part));
         }
         found.sort_by(|x, y| y.0.total_cmp(&x.0));
-        let mut enough = found.iter().filter(|(nats, _)| *nats >= THRESHOLD);
+        found
+    }
+
+    /// The one of the `asked` drifts with the most evidence, where that reaches `threshold`, nats.
+    pub fn best(
+        &self,
+        parts: &[Part],
+        asked: impl Fn(usize) -> Vec<Part>,
+        threshold: f64,
+    ) -> Result<Option<Proposed>, GapError> {
+        let found = self.ranked(&self.accepted(parts)?, asked);
+        let mut enough = found.iter().filter(|(nats, _)| *nats >= threshold);
         let Some((nats, part)) = enough.find(|(_, part)| self.allowed(parts, *part).unwrap_or(false)) else {
             return Ok(None);
         };
@@ -343,7 +356,7 @@ impl Space {
     }
 
     /// Evidence for one more drift, nats.
-    fn evidence(&self, accepted: &Accepted, part: Part) -> f64 {
+    pub fn evidence(&self, accepted: &Accepted, part: Part) -> f64 {
         let (own, n) = (self.of(part.effect), self.parameters.len());
         let (m, all) = (own.len(), accepted.mean.len());
         let (mut inner, mut score) = (DMatrix::<f64>::identity(m, m), DVector::zeros(m));

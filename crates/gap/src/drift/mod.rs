@@ -11,10 +11,10 @@
 //! (Adams & MacKay, "Bayesian online changepoint detection", arXiv:0710.3742, 2007). Since all logs after a beginning count together, slow
 //! drifts are found that no single log shows, as by a cumulative sum (Page, "Continuous inspection schemes", Biometrika 41, 1954).
 
-mod changes;
+pub(crate) mod changes;
 mod folder;
 mod record;
-mod sight;
+pub(crate) mod sight;
 #[cfg(test)]
 mod tests;
 mod words;
@@ -26,7 +26,7 @@ pub use words::{block, table};
 
 use crate::accept::{AcceptError, Source, date_utc, today_utc};
 use crate::complete::{Completion, Entry as Written};
-use crate::diagnose::Settings;
+use crate::diagnose::{Moments, Settings};
 use crate::error::{Error, GapError, Result};
 use crate::fitted::{self, Calibrate, Filed, Fitted};
 use crate::judge::{Judge, Seen};
@@ -263,6 +263,7 @@ impl Series {
             no_advice: true,
             no_formulas: true,
             no_ladder: true,
+            moments: Moments::Tell,
             watch: Watch { ..*watch },
             ..Settings::default()
         };

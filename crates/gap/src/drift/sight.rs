@@ -2,8 +2,11 @@
 
 use crate::GapError;
 use crate::diagnose::Diagnosed;
+use crate::disturbance::Reduced;
 use crate::model::{Model, Parameter};
 use crate::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS, DRIFT_REPEATS};
+use crate::search::Evidence;
+use crate::solve::{PART, Solution, difference, score};
 use crate::verdict::{Diagnosis, Finding, ParameterFit};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use propwash_physics::effects::{Area, Filed, Sign, nature};
@@ -102,7 +105,7 @@ pub struct OfTheFlight {
 }
 
 /// Whether an effect of a kind belongs to the flight or its instruments.
-fn of_flight(kind: &str, area: Area) -> bool {
+pub(crate) fn of_flight(kind: &str, area: Area) -> bool {
     let nature = nature(kind);
     area == Area::Measurement || nature.differs_between_logs || nature.of_the_flight
 }
@@ -154,6 +157,45 @@ impl Sight {
         let (model, solution) = (&diagnosed.model, &diagnosed.solution);
         let evidence = solution.evidence(model)?;
         let raw = evidence.posterior(&solution.set)?.sigma;
+        let own =
+            Self::new(model, solution, evidence, |k| solution.posterior.sigma[k].powi(2) - raw[k].powi(2))?;
+        Ok(Self { dynamics: diagnosed.verdict.dynamics.clone(), ..own })
+    }
+
+    /// What one log of a solution says, number `index`.
+    ///
+    /// # Errors
+    /// [`GapError::Numbers`] where its information is not finite.
+    pub(crate) fn of_log(model: &Model, solution: &Solution, index: usize) -> Result<Self, GapError> {
+        let n = model.parameters.len();
+        let windows: Vec<&Reduced> = solution.reduced.iter().filter(|r| r.log == index).collect();
+        let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        for r in &windows {
+            h += &r.h;
+            g += &r.g;
+        }
+        let at = solution.linear.values_of(index);
+        let evidence = Evidence::new(model, &h, &g, &at, solution.dispersion, solution.tolerance)?;
+        let posterior = evidence.posterior(&solution.set)?;
+        // Its parts disagree about its own estimates, not about those of all logs.
+        let mut deltas = vec![Vec::new(); index + 1];
+        deltas[index] = difference(&posterior, &at);
+        let sum = |part: &[&Reduced]| part.iter().fold(DVector::zeros(n), |sum, r| sum + score(r, &deltas));
+        let scores: Vec<DVector<f64>> = windows.chunks(PART).map(sum).collect();
+        let scatter = if scores.len() >= 2 { evidence.by_scatter(&solution.set, &scores) } else { None };
+        let raw = posterior.sigma;
+        Self::new(model, solution, evidence, |k| {
+            scatter.as_ref().map_or(0.0, |s| s[k].powi(2) - raw[k].powi(2))
+        })
+    }
+
+    /// From information about all parameters, and the variance by which parts of the log disagree beyond it.
+    fn new(
+        model: &Model,
+        solution: &Solution,
+        evidence: Evidence,
+        disagree: impl Fn(usize) -> f64,
+    ) -> Result<Self, GapError> {
         let n = model.parameters.len();
         let followed = |k: &usize| {
             let c = model.parameters[*k].candidate;
@@ -171,7 +213,7 @@ impl Sight {
         // In one log the vehicle may seem off by what its parts disagree by, and by how well such flights repeat.
         let repeats = |k: usize| {
             let p = &model.parameters[k];
-            let scatter = (solution.posterior.sigma[k].powi(2) - raw[k].powi(2)).max(0.0).sqrt();
+            let scatter = disagree(k).max(0.0).sqrt();
             scatter.hypot(DRIFT_REPEATS * widths(model, p).0) / p.slab
         };
         loosened(&mut a, &mut b, &own.iter().map(|k| repeats(*k)).collect::<Vec<_>>())?;
@@ -179,7 +221,7 @@ impl Sight {
         effects.dedup();
         let place = |k: usize| effects.iter().position(|c| *c == model.parameters[k].candidate);
         Ok(Self {
-            dynamics: diagnosed.verdict.dynamics.clone(),
+            dynamics: String::new(),
             wider: solution.tolerance,
             effects: effects.iter().map(|c| effect(model, *c)).collect(),
             parameters: own.iter().map(|k| parameter(model, *k, place(*k).unwrap_or(0))).collect(),
@@ -192,7 +234,7 @@ impl Sight {
     }
 }
 
-fn effect(model: &Model, c: usize) -> FollowedEffect {
+pub(crate) fn effect(model: &Model, c: usize) -> FollowedEffect {
     let candidate = &model.candidates[c];
     FollowedEffect {
         id: candidate.id.clone(),
@@ -215,7 +257,7 @@ fn widths(model: &Model, p: &Parameter) -> (f64, f64) {
     (spike, if alone { slab } else { (spike * slab).sqrt() })
 }
 
-fn parameter(model: &Model, k: usize, effect: usize) -> FollowedParameter {
+pub(crate) fn parameter(model: &Model, k: usize, effect: usize) -> FollowedParameter {
     let p = &model.parameters[k];
     let body = &model.drone.body;
     let of = match p.scales {

@@ -36,6 +36,7 @@ pub(super) fn page(report: &Report) -> String {
         (causes, more_causes) = comparison::causes(before, after);
     }
     if let Some(d) = &report.diagnosis {
+        page.moments(d);
         page.findings(d);
         page.ladder(&d.ladder);
     }

@@ -5,6 +5,7 @@
 mod comparison;
 mod html;
 mod ladder_png;
+mod moments;
 mod page_compare;
 mod page_data;
 mod page_live;

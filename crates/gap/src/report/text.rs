@@ -77,6 +77,7 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     let mut out = Out::default();
     out.paragraph(0, &format!("{}: {}", d.vehicle, d.headline));
     out.paragraph(0, &evidence(d));
+    out.moments(d);
     for (k, finding) in d.findings.iter().enumerate() {
         out.finding(k + 1, finding, d.judged_on());
     }
@@ -99,17 +100,17 @@ pub fn text(diagnosis: &Diagnosis) -> String {
 pub(super) struct Out(pub(super) String);
 
 impl Out {
-    fn heading(&mut self, title: &str) {
+    pub(super) fn heading(&mut self, title: &str) {
         let _ = write!(self.0, "\n{title}\n");
     }
 
     /// Words wrapped to the width, every line indented.
-    fn paragraph(&mut self, indent: usize, words: &str) {
+    pub(super) fn paragraph(&mut self, indent: usize, words: &str) {
         self.hanging(&" ".repeat(indent), indent, words);
     }
 
     /// Words wrapped to the width, the first line after `first`, the others indented.
-    fn hanging(&mut self, first: &str, indent: usize, words: &str) {
+    pub(super) fn hanging(&mut self, first: &str, indent: usize, words: &str) {
         for (k, line) in wrap(words, TEXT_COLUMNS - indent).iter().enumerate() {
             let lead = if k == 0 { first.to_string() } else { " ".repeat(indent) };
             let _ = writeln!(self.0, "{}", format!("{lead}{line}").trim_end());

@@ -14,7 +14,7 @@ mod state;
 mod tests;
 mod written;
 
-use crate::diagnose::{Diagnosed, Settings, diagnose};
+use crate::diagnose::{Diagnosed, Moments, Settings, diagnose};
 use crate::error::Result;
 use crate::excite::{FlightPlan, Request, Sensors, plan};
 use crate::fit::{Prepared, forces_only};
@@ -187,6 +187,8 @@ impl Session {
             no_ladder: true,
             // In a session the user types formulas.
             no_formulas: true,
+            // What is shown is one vehicle over all of the flight.
+            moments: Moments::Tell,
             watch: inner,
             ..Settings::default()
         };

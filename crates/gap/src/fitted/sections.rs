@@ -1,0 +1,197 @@
+//! Flights in which something changed: the flight before and after each moment, fitted by itself.
+//!
+//! The interval that holds a moment belongs to neither side. What is written is the vehicle after the last moment: as it is now.
+
+use super::{Calibrate, Filed, Fitted, fit};
+use crate::decide::rules::{Rule, Why};
+use crate::decide::sentence;
+use crate::diagnose::{Diagnosed, Moments, Settings};
+use crate::error::{Error, GapError, Result};
+use crate::headline::{headline, shortened};
+use crate::ladder::{Flights, together};
+use crate::moments::{Moment, words};
+use crate::track::{SHORTEST_S, Track};
+use crate::verdict::{Diagnosis, Finding, LogSummary, Rung, Section};
+
+/// Fits the flight before, between and after the moments of `whole`, the diagnosis as if nothing had changed.
+///
+/// # Errors
+/// [`GapError::Cancelled`] at the watcher's wish.
+pub(super) fn fit_each(
+    filed: &Filed,
+    flights: &Flights,
+    settings: &Settings,
+    (by, calibrate): (&str, Calibrate),
+    whole: Diagnosed,
+) -> Result<Fitted> {
+    let moments = whole.verdict.moments.clone();
+    let mut parts = parts(&flights.whole, &moments);
+    let last = parts.len() - 1;
+    let mut sections: Vec<Section> = Vec::new();
+    let mut fitted: Vec<(usize, Flights, Fitted)> = Vec::new();
+    for (i, part) in parts.iter_mut().enumerate() {
+        let logs: Vec<String> = part.tracks.iter().map(|t| t.name.clone()).collect();
+        // Held-out logs are flights of the vehicle as it is now.
+        let held_out = if i == last { flights.held_out.clone() } else { Vec::new() };
+        let flown = Flights::new(std::mem::take(&mut part.tracks), held_out, flights.share);
+        let own = Settings { moments: Moments::No, whole: None, ..settings.copied() };
+        let filed = Filed { label: filed.label, vehicle: filed.vehicle, text: filed.text.clone() };
+        // Of an earlier vehicle only what was missing is shown.
+        let calibrate = if i == last { calibrate } else { Calibrate::No };
+        let result = match flown.whole.is_empty() {
+            true => Err(Error::Gap(GapError::Numbers {
+                what: "a stretch of flight",
+                reason: format!("it is shorter than {SHORTEST_S} s"),
+            })),
+            false => fit(filed, &flown, &own, by, calibrate),
+        };
+        match result {
+            Ok(mut one) => {
+                let earlier = sections.last().map_or(&[][..], |s| &s.findings);
+                tell_apart(&mut one.diagnosed.verdict, i.checked_sub(1).map(|m| &moments[m]), earlier);
+                let v = &one.diagnosed.verdict;
+                sections.push(Section {
+                    logs,
+                    headline: v.headline.clone(),
+                    verdict: v.verdict.clone(),
+                    findings: v.findings.clone(),
+                    fitted: true,
+                });
+                fitted.push((i, flown, one));
+            }
+            Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
+            Err(error) => sections.push(Section {
+                logs,
+                headline: format!("not diagnosed: {error}"),
+                verdict: format!("not diagnosed: {error}"),
+                findings: Vec::new(),
+                fitted: false,
+            }),
+        }
+    }
+    let ladders: Vec<(String, Vec<Rung>)> = fitted
+        .iter_mut()
+        .map(|(i, _, f)| (parts[*i].name.clone(), std::mem::take(&mut f.diagnosed.verdict.ladder)))
+        .collect();
+    let logs: Vec<LogSummary> =
+        fitted.iter().flat_map(|(.., f)| f.diagnosed.verdict.logs.iter().cloned()).collect();
+    let earlier: Vec<String> =
+        fitted.iter().flat_map(|(.., f)| f.diagnosed.verdict.warnings.iter().cloned()).collect();
+    let Some((now, flown, mut out)) = fitted.pop() else {
+        let mut verdict = whole.verdict.clone();
+        verdict.sections = sections;
+        verdict.warnings.push("no part of the flight is long enough to be fitted by itself".into());
+        return Ok(Fitted {
+            diagnosed: Diagnosed { verdict, ..whole },
+            after: None,
+            text: filed.text.clone(),
+            calibrated: 0,
+            unwritable: Vec::new(),
+            at_best: None,
+            now: None,
+        });
+    };
+    let verdict = &mut out.diagnosed.verdict;
+    verdict.logs = logs;
+    verdict.ladder = together(&ladders);
+    verdict.warnings = earlier;
+    verdict.warnings.sort();
+    verdict.warnings.dedup();
+    for m in &moments {
+        verdict.why.push(Why::new(
+            &m.id,
+            Rule::Moment,
+            format!("{:.1} nats: {}", m.evidence_nats, words::sentence(m)),
+        ));
+    }
+    say(verdict, moments, sections, &parts.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), now);
+    out.now = Some(flown);
+    Ok(out)
+}
+
+/// An effect that came with a moment is certain where nothing else explains the change about as well: what is the same before and after, a
+/// mass or a thrust within tolerance, does not look like it.
+fn tell_apart(verdict: &mut Diagnosis, moment: Option<&Moment>, earlier: &[Finding]) {
+    let Some(m) = moment.filter(|m| m.look_alikes.is_empty()) else { return };
+    if earlier.iter().any(|f| f.id == m.id) {
+        return;
+    }
+    let Some(f) = verdict.findings.iter_mut().find(|f| f.id == m.id && !f.certain && f.doubt().is_none())
+    else {
+        return;
+    };
+    f.certain = true;
+    f.look_alikes.clear();
+    let words =
+        format!("certain: nothing else explains the change about as well ({:.0} nats)", m.evidence_nats);
+    verdict.why.push(Why::new(&m.id, Rule::Moment, words));
+    verdict.verdict = sentence(&verdict.findings, &verdict.remainder, &[], 0);
+    verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);
+}
+
+/// The sentence and the headline of a flight with moments; `now` is the section that the rest of the verdict is about.
+fn say(verdict: &mut Diagnosis, moments: Vec<Moment>, sections: Vec<Section>, names: &[&str], now: usize) {
+    let each = |of: fn(&Section) -> &str| {
+        let one = |(name, s): (&&str, &Section)| format!("{name}: {}", of(s));
+        names.iter().zip(&sections).map(one).collect::<Vec<_>>().join("; ")
+    };
+    verdict.verdict = format!("{}; {}", words::list(&moments, words::sentence), each(|s| &s.verdict));
+    let changed = words::list(&moments, words::short);
+    verdict.headline = shortened(&format!("{changed}; {}: {}", names[now], verdict.headline));
+    (verdict.moments, verdict.sections) = (moments, sections);
+}
+
+/// A stretch of flight in which nothing changed.
+struct Part {
+    /// `before 17.3 s`, `from 17.3 s on`.
+    name: String,
+    tracks: Vec<Track>,
+}
+
+/// The flights before, between and after moments, which are in the order of the logs and of time.
+fn parts(tracks: &[Track], moments: &[Moment]) -> Vec<Part> {
+    let at = |m: &Moment| match m.between_logs {
+        true => m.log.clone(),
+        false => format!("{:.1} s", m.at_s),
+    };
+    let mut names = Vec::new();
+    for i in 0..=moments.len() {
+        names.push(match (i.checked_sub(1).map(|b| &moments[b]), moments.get(i)) {
+            (None, Some(end)) => format!("before {}", at(end)),
+            (Some(from), Some(end)) => format!("from {} to {}", at(from), at(end)),
+            (Some(from), None) => format!("from {} on", at(from)),
+            (None, None) => "all".into(),
+        });
+    }
+    let mut out: Vec<Part> = names.into_iter().map(|name| Part { name, tracks: Vec::new() }).collect();
+    let mut now = 0;
+    for (index, track) in tracks.iter().enumerate() {
+        let [begin, end] = track.span_s;
+        let mut from = begin;
+        for m in moments.iter().filter(|m| m.index == index) {
+            let [last, first] = if m.between_logs { [begin, begin] } else { m.interval_s };
+            out[now].tracks.extend(part(track, [from, last]));
+            now += 1;
+            from = first;
+        }
+        out[now].tracks.extend(part(track, [from, end]));
+    }
+    out
+}
+
+/// A stretch of a log under its own name; `None` where it is too short for a fit.
+fn part(track: &Track, [from, to]: [f64; 2]) -> Option<Track> {
+    let [begin, end] = track.span_s;
+    if to - from < SHORTEST_S {
+        return None;
+    }
+    let mut out = track.cut([from, to]);
+    let name = &track.name;
+    out.name = match (from > begin, to < end) {
+        (false, false) => name.clone(),
+        (false, true) => format!("{name} to {to:.1} s"),
+        (true, false) => format!("{name} from {from:.1} s"),
+        (true, true) => format!("{name} {from:.1} to {to:.1} s"),
+    };
+    Some(out)
+}

@@ -1,0 +1,436 @@
+//! Moments of a flight at which something changed: a load that was dropped, a rotor that chipped, wind that came.
+//!
+//! The flight is cut into windows, and what every window says of the model's parameters is kept apart. A moment is a step of one effect's
+//! parameters at the beginning of a window: every effect and every such time are compared with no step by their evidence (generalised
+//! likelihood ratio: Willsky & Jones, IEEE Trans. Automatic Control 21(1), 1976), first quickly, as if all that is left were new in each
+//! window, and the best again beside weather that may persist ([`steps`]). A step must also explain more than the same parameters going
+//! steadily from one value to another over the flight, and all steps together most of what the flight leaves without them. The time is
+//! refined by windows that begin in between.
+
+mod steps;
+pub(crate) mod words;
+
+use crate::GapError;
+use crate::disturbance::Disturbance;
+use crate::drift::changes::{ChangedParameter, Part, Space};
+use crate::drift::sight::{Sight, effect, parameter};
+use crate::fit::{Linear, Prepared};
+use crate::model::Model;
+use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENTS_PER_LOG};
+use crate::search::THRESHOLD;
+use crate::solve::Solution;
+use crate::track::{SHORTEST_S, Track};
+use propwash_physics::drone::Drone;
+use propwash_physics::effects::{Area, Relative, nature};
+use serde::Serialize;
+use steps::{Fit, Place, Windows};
+
+/// Grids of windows by which a time is refined.
+const GRIDS: usize = 4;
+/// Effects of the quick comparison that are compared again.
+const AGAIN: usize = 4;
+/// Nothing else is a moment of its own so near to another, s: the same event, seen by its other effects.
+const SAME_S: f64 = 1.0;
+
+/// A moment at which an effect of the vehicle or of its air changed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Moment {
+    /// Name of the log.
+    pub log: String,
+    /// Its number among those of the fit, from 0.
+    pub index: usize,
+    /// Whether it changed between this log and the one before.
+    pub between_logs: bool,
+    /// When, s, in the time of the log.
+    pub at_s: f64,
+    /// Interval that holds it with 95 %, s.
+    pub interval_s: [f64; 2],
+    /// Candidate id of what changed.
+    pub id: String,
+    /// In plain words.
+    pub title: String,
+    /// Its parameters before and after.
+    pub parameters: Vec<ChangedParameter>,
+    /// Evidence for the change, over all effects and times that were compared, nats.
+    pub evidence_nats: f64,
+    /// Other effects whose change explains the flight about as well.
+    pub look_alikes: Vec<String>,
+}
+
+/// Moments of the flights of a solution; `tracks` may be longer than what was fitted.
+///
+/// # Errors
+/// [`GapError`] where numbers are not finite.
+pub(crate) fn moments(
+    tracks: &[Track],
+    drone: &Drone<f64>,
+    model: &Model,
+    solution: &Solution,
+) -> Result<Vec<Moment>, GapError> {
+    let mut out = between(tracks, model, solution)?;
+    for (index, track) in tracks.iter().enumerate() {
+        let log = Prepared::new(track, drone);
+        let flight = |place: Place| {
+            let windows = Windows::of(&log, model, solution, index, &place)?;
+            let from_s = windows.linear.windows.iter().map(|w| log.around.time_s(w.from)).collect();
+            Some(Flight { track, drone, model, solution, index, windows, from_s, place })
+        };
+        let as_found = Place { set: solution.set.clone(), active: solution.set.clone(), pieces: Vec::new() };
+        let Some(first) = flight(as_found) else { continue };
+        let Some(changed) = first.steps()? else { continue };
+        // What was found as if nothing had changed may be far from either side, or only stand for the change: each side is linearised
+        // again by itself, with what was found and without it.
+        let mut best: Option<(Flight, Changed)> = None;
+        for kept in [true, false].into_iter().take(if solution.set.is_empty() { 1 } else { 2 }) {
+            let Some(flight) = flight(first.place(&changed, kept)) else { continue };
+            let Some(changed) = flight.steps()? else { continue };
+            if best.as_ref().is_none_or(|(_, b)| changed.fit.evidence > b.fit.evidence) {
+                best = Some((flight, changed));
+            }
+        }
+        if let Some((flight, changed)) = best {
+            out.extend(flight.moments(&changed)?);
+        }
+    }
+    out.sort_by(|a, b| a.index.cmp(&b.index).then(a.at_s.total_cmp(&b.at_s)));
+    Ok(out)
+}
+
+/// Effects of the vehicle that differ between logs: steps from one log to the next, each log by itself being what it says at the solution's
+/// linearisation, as precisely as its parts agree. Clocks, sensors, wind and battery may differ anyway.
+fn between(tracks: &[Track], model: &Model, solution: &Solution) -> Result<Vec<Moment>, GapError> {
+    let mut out = Vec::new();
+    if tracks.len() < 2 {
+        return Ok(out);
+    }
+    let logs = 0..tracks.len();
+    let sights = logs.map(|i| Sight::of_log(model, solution, i)).collect::<Result<Vec<_>, _>>()?;
+    let space = Space::new(&sights.iter().collect::<Vec<_>>());
+    let whole =
+        |c: &usize| space.effect(&model.candidates[*c].id).map(|effect| Part { effect, from: 0, until: 0 });
+    let mut parts: Vec<Part> = solution.set.iter().filter_map(whole).collect();
+    let price = ((space.effects().len().max(1) * (tracks.len() - 1)) as f64).ln();
+    let names: Vec<&str> = tracks.iter().map(|t| t.name.as_str()).collect();
+    let mut taken: Vec<usize> = Vec::new();
+    while out.len() < MOMENTS_PER_LOG {
+        let asked = |effect: usize| {
+            let all = (1..tracks.len()).filter(|from| !taken.contains(from));
+            all.map(|from| Part { effect, from, until: from }).collect()
+        };
+        let Some(proposed) = space.best(&parts, asked, MOMENT_NATS + price)? else { break };
+        let before = parts.clone();
+        parts.push(proposed.part);
+        let change = space.told(&proposed, (&before, &parts), &names)?;
+        let track = &tracks[proposed.part.from];
+        taken.push(proposed.part.from);
+        out.push(Moment {
+            log: track.name.clone(),
+            index: proposed.part.from,
+            between_logs: true,
+            at_s: track.span_s[0],
+            interval_s: [track.span_s[0]; 2],
+            id: change.id,
+            title: change.title,
+            parameters: change.parameters,
+            evidence_nats: change.evidence_nats - price,
+            look_alikes: change.look_alikes,
+        });
+    }
+    Ok(out)
+}
+
+/// One flight.
+struct Flight<'a> {
+    track: &'a Track,
+    drone: &'a Drone<f64>,
+    model: &'a Model,
+    solution: &'a Solution,
+    index: usize,
+    windows: Windows<'a>,
+    /// Beginnings of the windows, s.
+    from_s: Vec<f64>,
+    place: Place,
+}
+
+/// A step that has the evidence.
+struct Found {
+    step: Part,
+    /// Evidence over the fit without it, nats.
+    gain: f64,
+    look_alikes: Vec<String>,
+}
+
+/// What changed in a flight: steps with enough evidence, most first, and the fit with them.
+struct Changed {
+    found: Vec<Found>,
+    fit: Fit,
+}
+
+impl Flight<'_> {
+    /// Where the flight is linearised before, between and after steps.
+    fn place(&self, changed: &Changed, kept: bool) -> Place {
+        let mut begins: Vec<usize> = changed.found.iter().map(|f| f.step.from).chain([0]).collect();
+        begins.sort_unstable();
+        begins.dedup();
+        let set = if kept { self.windows.set.clone() } else { Vec::new() };
+        let active: Vec<usize> =
+            set.iter().copied().chain(changed.found.iter().map(|f| f.step.effect)).collect();
+        let piece = |from: usize| {
+            let from_s = if from == 0 { f64::NEG_INFINITY } else { self.from_s[from] };
+            (from_s, self.windows.values(&changed.fit, from, &active, kept))
+        };
+        let pieces = begins.into_iter().map(piece).collect();
+        Place { set, active, pieces }
+    }
+
+    fn moments(&self, changed: &Changed) -> Result<Vec<Moment>, GapError> {
+        let mut out: Vec<Moment> = Vec::new();
+        for f in &changed.found {
+            let near = |m: &Moment| (m.at_s - self.from_s[f.step.from]).abs() < SAME_S;
+            if f.step.from > 0 && !out.iter().any(near) {
+                out.push(self.told(f, &changed.fit)?);
+            }
+        }
+        out.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        Ok(out)
+    }
+
+    /// Steps with enough evidence that take most of what the flight leaves without them; `None` where nothing changed.
+    fn steps(&self) -> Result<Option<Changed>, GapError> {
+        let known = Windows::fresh(&self.solution.disturbance);
+        let (Some(quick), Some(mut now)) = (self.space(&self.windows.linear, &known), self.windows.fit(&[]))
+        else {
+            return Ok(None);
+        };
+        let first = now.disturbance;
+        let mut found: Vec<Found> = Vec::new();
+        // Times at which something changed: other effects may change at the same.
+        let mut times: Vec<f64> = Vec::new();
+        for _ in 0..2 * MOMENTS_PER_LOG {
+            let steps: Vec<Part> = found.iter().map(|f| f.step).collect();
+            let Some((step, fit, look_alikes)) = self.next(&quick, &steps, &now)? else { break };
+            let at_s = self.from_s[step.from];
+            if step.from > 0 && !times.iter().any(|t| (t - at_s).abs() < SAME_S) {
+                if times.len() == MOMENTS_PER_LOG {
+                    break;
+                }
+                times.push(at_s);
+            }
+            found.push(Found { step, gain: fit.evidence - now.evidence, look_alikes });
+            now = fit;
+        }
+        // Steps follow any shape that is in no list a little of the way, and leave most of it.
+        let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
+        let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
+        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now }))
+    }
+
+    /// Number of hypotheses that are compared, in nats.
+    fn price(&self) -> f64 {
+        let effects = (0..self.model.candidates.len()).filter(|c| can_change(self.model, *c)).count();
+        ((effects.max(1) * self.from_s.len().max(1)) as f64).ln()
+    }
+
+    /// Steps that leave enough flight on both sides, and the same effect all the time.
+    fn asked(&self, effect: usize, taken: &[Part]) -> Vec<Part> {
+        let (Some(first), Some(last)) = (self.from_s.first(), self.from_s.last()) else { return Vec::new() };
+        let end = last + self.windows.linear.horizon_s;
+        let enough = |t: f64| t - first >= SHORTEST_S && end - t >= SHORTEST_S;
+        let of = |from: usize| Part { effect, from, until: from };
+        let mut out: Vec<Part> =
+            (1..self.from_s.len()).filter(|from| enough(self.from_s[*from])).map(of).collect();
+        out.push(of(0));
+        // One change of an effect at a time.
+        let near = |p: &Part, o: &Part| {
+            o.effect == p.effect && (self.from_s[o.from] - self.from_s[p.from]).abs() < SAME_S
+        };
+        out.retain(|p| !taken.iter().any(|o| near(p, o)));
+        out
+    }
+
+    /// The next step with enough evidence, and what would explain the flight about as well.
+    fn next(
+        &self,
+        quick: &Space,
+        steps: &[Part],
+        now: &Fit,
+    ) -> Result<Option<(Part, Fit, Vec<String>)>, GapError> {
+        let effect = |c: usize| quick.effect(&self.model.candidates[c].id);
+        let of_space = |part: &Part| effect(part.effect).map(|effect| Part { effect, ..*part });
+        let of_model = |part: Part| {
+            let id = &quick.effects()[part.effect].id;
+            self.model.candidates.iter().position(|c| c.id == *id).map(|effect| Part { effect, ..part })
+        };
+        let mut taken: Vec<Part> = steps.iter().filter_map(of_space).collect();
+        let whole = |c: &usize| effect(*c).map(|effect| Part { effect, from: 0, until: 0 });
+        taken.extend(self.windows.set.iter().filter_map(whole));
+        let accepted = quick.accepted(&taken)?;
+        let asked = |e: usize| match of_model(Part { effect: e, from: 0, until: 0 }) {
+            Some(part) if can_change(self.model, part.effect) => self.asked(e, &taken),
+            _ => Vec::new(),
+        };
+        let price = self.price();
+        let mut tried: Vec<(f64, Part, Fit)> = Vec::new();
+        for (_, part) in quick.ranked(&accepted, asked).into_iter().take(AGAIN) {
+            let Some(step) = of_model(part) else { continue };
+            let with = |step: Part| self.windows.fit(&[steps, &[step]].concat());
+            let Some(fit) = with(step).filter(|f| self.windows.allowed(f, step.effect)) else { continue };
+            let gain = fit.evidence - now.evidence - price;
+            if gain < MOMENT_NATS {
+                continue;
+            }
+            // What goes on all the time is no moment: a battery that empties.
+            let line = Part { from: 0, until: self.from_s.len() - 1, ..step };
+            let steady = step.from == 0 || with(line).is_some_and(|l| l.evidence > fit.evidence - THRESHOLD);
+            if step.from == 0 || !steady {
+                tried.push((gain, step, fit));
+            }
+        }
+        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let Some((gain, step, _)) = tried.first() else { return Ok(None) };
+        let alike = tried[1..].iter().filter(|t| t.0 > gain - THRESHOLD && t.1.from.abs_diff(step.from) <= 2);
+        let alike = alike.map(|t| self.model.candidates[t.1.effect].id.clone()).collect();
+        let (_, step, fit) = tried.swap_remove(0);
+        Ok(Some((step, fit, alike)))
+    }
+
+    fn told(&self, found: &Found, fit: &Fit) -> Result<Moment, GapError> {
+        let step = found.step;
+        let of = effect(self.model, step.effect);
+        let parameters = self
+            .model
+            .of(step.effect)
+            .map(|k| {
+                let p = parameter(self.model, k, 0);
+                let [before, after] = [false, true]
+                    .map(|after| fit.value(k, |s| s.from < step.from || (after && s.from == step.from)));
+                ChangedParameter {
+                    name: p.name,
+                    unit: p.unit,
+                    filed: p.filed,
+                    before: p.filed + before.0,
+                    before_sigma: before.1,
+                    after: p.filed + after.0,
+                    after_sigma: after.1,
+                    of: p.of,
+                }
+            })
+            .collect();
+        let (at_s, interval_s) = self.refined(step, fit)?;
+        let evidence_nats = found.gain - self.price();
+        let look_alikes = found.look_alikes.clone();
+        let log = self.track.name.clone();
+        Ok(Moment {
+            log,
+            index: self.index,
+            between_logs: false,
+            at_s,
+            interval_s,
+            id: of.id,
+            title: of.title,
+            parameters,
+            evidence_nats,
+            look_alikes,
+        })
+    }
+
+    /// What the windows say, each by itself, with disturbances of these sizes.
+    fn space(&self, linear: &Linear, disturbance: &Disturbance) -> Option<Space> {
+        let all = sights(linear, self.model, self.solution, disturbance)?;
+        Some(Space::new(&all.iter().collect::<Vec<_>>()))
+    }
+
+    /// The time of a step, and the interval that holds it: by grids of windows that begin in between.
+    fn refined(&self, step: Part, fit: &Fit) -> Result<(f64, [f64; 2]), GapError> {
+        let coarse_s = self.from_s[step.from];
+        let length_s = self.windows.linear.horizon_s;
+        let alone = Disturbance { kept: [0.0; 4], ..fit.disturbance };
+        let id = &self.model.candidates[step.effect].id;
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for grid in 0..GRIDS {
+            let by_s = length_s * grid as f64 / GRIDS as f64;
+            let cut = self.track.cut([self.track.span_s[0] + by_s, self.track.span_s[1]]);
+            let log = Prepared::new(&cut, self.drone);
+            let Some(windows) = Windows::of(&log, self.model, self.solution, self.index, &self.place) else {
+                continue;
+            };
+            let Some(space) = self.space(&windows.linear, &alone) else { continue };
+            let whole = |c: &usize| {
+                space.effect(&self.model.candidates[*c].id).map(|effect| Part { effect, from: 0, until: 0 })
+            };
+            let parts: Vec<Part> = self.windows.set.iter().filter_map(whole).collect();
+            let (accepted, Some(effect)) = (space.accepted(&parts)?, space.effect(id)) else { continue };
+            let mut of_grid = Vec::new();
+            for (from, w) in windows.linear.windows.iter().enumerate().skip(1) {
+                let at_s = log.around.time_s(w.from);
+                if (at_s - coarse_s).abs() <= 4.0 * length_s {
+                    of_grid.push((at_s, space.evidence(&accepted, Part { effect, from, until: from })));
+                }
+            }
+            // Each grid by itself says where: the evidence of different grids is of slightly different samples.
+            let most = of_grid.iter().map(|p| p.1).fold(f64::NEG_INFINITY, f64::max);
+            points.extend(of_grid.iter().map(|(t, nats)| (*t, (nats - most).exp())));
+        }
+        let sum: f64 = points.iter().map(|p| p.1).sum();
+        if sum <= 0.0 {
+            return Ok((coarse_s, [coarse_s - length_s, coarse_s + length_s]));
+        }
+        let at_s = points.iter().map(|p| p.0 * p.1).sum::<f64>() / sum;
+        let scatter = points.iter().map(|p| p.1 * (p.0 - at_s).powi(2)).sum::<f64>() / sum;
+        // A step lies anywhere around a boundary.
+        let sigma_s = (scatter + length_s.powi(2) / 12.0).sqrt();
+        Ok((at_s, [at_s - 1.96 * sigma_s, at_s + 1.96 * sigma_s]))
+    }
+}
+
+/// Whether an effect can change in flight: instruments do not, and what goes with time does so by itself.
+fn can_change(model: &Model, c: usize) -> bool {
+    let candidate = &model.candidates[c];
+    !model.is_shape(c)
+        && candidate.area != Area::Measurement
+        && nature(candidate.kind).relative != Some(Relative::Time)
+        && !nature(candidate.kind).goes_with_charge
+}
+
+/// What each window says, in the form of what a log says of a vehicle; `None` where a window cannot be reduced.
+fn sights(
+    linear: &Linear,
+    model: &Model,
+    solution: &Solution,
+    disturbance: &Disturbance,
+) -> Option<Vec<Sight>> {
+    let reduced = linear.reduce(disturbance);
+    if reduced.len() != linear.windows.len() {
+        return None;
+    }
+    let own: Vec<usize> =
+        (0..model.parameters.len()).filter(|k| !model.is_shape(model.parameters[*k].candidate)).collect();
+    let mut effects: Vec<usize> = own.iter().map(|k| model.parameters[*k].candidate).collect();
+    effects.dedup();
+    let place = |k: usize| effects.iter().position(|c| *c == model.parameters[k].candidate).unwrap_or(0);
+    let filed = model.filed();
+    let off: Vec<f64> = linear.at.iter().zip(&filed).map(|(at, filed)| at - filed).collect();
+    let parameters: Vec<_> = own.iter().map(|k| parameter(model, *k, place(*k))).collect();
+    let effects: Vec<_> = effects.iter().map(|c| effect(model, *c)).collect();
+    let phi = solution.dispersion;
+    Some(
+        reduced
+            .iter()
+            .map(|r| Sight {
+                dynamics: String::new(),
+                wider: solution.tolerance,
+                effects: effects.clone(),
+                parameters: parameters.clone(),
+                precision: (0..own.len())
+                    .flat_map(|i| (0..=i).map(move |j| (i, j)))
+                    .map(|(i, j)| r.h[(own[i], own[j])] / phi)
+                    .collect(),
+                // About the file: g + H (at − filed).
+                score: own
+                    .iter()
+                    .map(|k| (r.g[*k] + (0..off.len()).map(|l| r.h[(*k, l)] * off[l]).sum::<f64>()) / phi)
+                    .collect(),
+            })
+            .collect(),
+    )
+}
