@@ -29,6 +29,8 @@ use steps::{Fit, Place, Windows};
 const GRIDS: usize = 4;
 /// Effects of the quick comparison that are compared again.
 const AGAIN: usize = 4;
+/// Evidence by which such an effect may be behind the best beside the latter's weather, nats.
+const FAR_NATS: f64 = 30.0;
 /// Nothing else is a moment of its own so near to another, s: the same event, seen by its other effects.
 const SAME_S: f64 = 1.0;
 
@@ -270,23 +272,33 @@ impl Flight<'_> {
             _ => Vec::new(),
         };
         let price = self.price();
+        let with = |step: Part| [steps, &[step]].concat();
         let mut tried: Vec<(f64, Part, Fit)> = Vec::new();
         for (_, part) in quick.ranked(&accepted, asked).into_iter().take(AGAIN) {
             let Some(step) = of_model(part) else { continue };
-            let with = |step: Part| self.windows.fit(&[steps, &[step]].concat());
-            let Some(fit) = with(step).filter(|f| self.windows.allowed(f, step.effect)) else { continue };
-            let gain = fit.evidence - now.evidence - price;
-            if gain < MOMENT_NATS {
+            // What is far behind beside the weather of the best so far is no match for it beside its own.
+            let best = tried.iter().map(|t| &t.2).max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+            if let Some(best) = best
+                && self.windows.once(&with(step), best.disturbance).is_none_or(|f| f.evidence < best.evidence - FAR_NATS)
+            {
                 continue;
             }
-            // What goes on all the time is no moment: a battery that empties.
-            let line = Part { from: 0, until: self.from_s.len() - 1, ..step };
-            let steady = step.from == 0 || with(line).is_some_and(|l| l.evidence > fit.evidence - THRESHOLD);
-            if step.from == 0 || !steady {
+            let Some(fit) = self.windows.fit(&with(step)) else { continue };
+            let gain = fit.evidence - now.evidence - price;
+            if gain >= MOMENT_NATS && self.windows.allowed(&fit, step.effect) {
                 tried.push((gain, step, fit));
             }
         }
         tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        // What goes on all the time is no moment: a battery that empties.
+        let steadily = |(_, step, fit): &(f64, Part, Fit)| {
+            let line = Part { from: 0, until: self.from_s.len() - 1, ..*step };
+            let line = if step.from == 0 { None } else { self.windows.fit(&with(line)) };
+            line.is_some_and(|l| l.evidence > fit.evidence - THRESHOLD)
+        };
+        while tried.first().is_some_and(steadily) {
+            tried.remove(0);
+        }
         let Some((gain, step, _)) = tried.first() else { return Ok(None) };
         let alike = tried[1..].iter().filter(|t| t.0 > gain - THRESHOLD && t.1.from.abs_diff(step.from) <= 2);
         let alike = alike.map(|t| self.model.candidates[t.1.effect].id.clone()).collect();

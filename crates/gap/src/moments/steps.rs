@@ -145,8 +145,7 @@ impl<'a> Windows<'a> {
 
     /// Fits with these steps. `Part::effect` is the number of a candidate.
     pub fn fit(&self, steps: &[Part]) -> Option<Fit> {
-        let of = |part: &Part| self.model.of(part.effect).map(|k| (k, *part)).collect::<Vec<_>>();
-        let columns: Vec<(usize, Part)> = steps.iter().flat_map(of).collect();
+        let columns = self.columns(steps);
         let linear = self.with(&columns);
         let known = self.solution.disturbance;
         // From weather that persists, and from one that does not: the estimates settle slowly and may stay near their start.
@@ -154,6 +153,16 @@ impl<'a> Windows<'a> {
             .into_iter()
             .filter_map(|start| self.settled(&linear, &columns, start))
             .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+    }
+
+    fn columns(&self, steps: &[Part]) -> Vec<(usize, Part)> {
+        steps.iter().flat_map(|part| self.model.of(part.effect).map(|k| (k, *part))).collect()
+    }
+
+    /// Fits with these steps and with disturbances of these sizes.
+    pub fn once(&self, steps: &[Part], disturbance: Disturbance) -> Option<Fit> {
+        let columns = self.columns(steps);
+        self.at(&self.with(&columns), &columns, disturbance)
     }
 
     fn settled(&self, linear: &Linear, columns: &[(usize, Part)], start: Disturbance) -> Option<Fit> {
