@@ -115,7 +115,7 @@ fn motors_are_fitted_to_speeds_and_their_throttles_then_find_a_hidden_drag() {
     println!("{fit}");
     // A log without speeds tells nothing beside one with them: it is said, and is no source.
     assert!(fit.notes.iter().any(|n| n.contains("no rotor speeds")), "{:?}", fit.notes);
-    assert_eq!(fit.log_sha256, [good.sha256.clone()]);
+    assert_eq!(fit.log_sha256, std::slice::from_ref(&good.sha256));
     assert!(fit.by_speeds && fit.table.voltage == ThrottleOf::Battery);
     assert!(fit.unseen.share > 0.98, "{:?}", fit.unseen);
     let off = worst(&fit, &truth, hover, full);
