@@ -66,25 +66,28 @@ pub fn lag<const N: usize>(measured: &Channel<N>, predicted: &Channel<N>, max_la
     let coarse = (max_lag_s / 25.0).max(5e-4);
     let n = (max_lag_s / coarse).round() as i32;
     let few: Vec<usize> = used.iter().copied().step_by((used.len() / COARSE).max(1)).collect();
-    let share = |among: &[usize], k: i32| Some(whole(&moments(among, f64::from(k) * coarse)).solve()?.1);
-    let shares: Vec<Option<f64>> = (-n..=n).into_par_iter().map(|k| share(&few, k)).collect();
+    let share = |parts: &[Moments<N>]| Some(whole(parts).solve()?.1);
+    let at = |among: &[usize], k: i32| moments(among, f64::from(k) * coarse);
+    let shares: Vec<Option<f64>> = (-n..=n).into_par_iter().map(|k| share(&at(&few, k))).collect();
     let about = (-n..=n).zip(&shares).filter_map(|(k, share)| Some((k, (*share)?)));
     let (mut k, _) = about.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let mut best_share = share(&used, k)?;
-    for towards in [-1, 1] {
-        while let Some(next) =
-            share(&used, k + towards).filter(|s| (k + towards).abs() <= n && *s > best_share)
-        {
+    // The moments of the best shift, of the one before it and of the one after it.
+    let mut centre = at(&used, k);
+    let mut beside = [at(&used, k - 1), at(&used, k + 1)];
+    let mut best_share = share(&centre)?;
+    for (side, towards) in [(0, -1), (1, 1)] {
+        while let Some(next) = share(&beside[side]).filter(|s| (k + towards).abs() <= n && *s > best_share) {
             (k, best_share) = (k + towards, next);
+            beside[1 - side] = core::mem::replace(&mut centre, core::mem::take(&mut beside[side]));
+            beside[side] = at(&used, k + towards);
         }
     }
     let best = f64::from(k) * coarse;
     let at_edge = best.abs() > max_lag_s - 1.5 * coarse;
     let step = coarse;
     // The map of the best shift, then a parabola through the losses of each part and of all.
-    let centre = moments(&used, best);
     let (map, _) = whole(&centre).solve()?;
-    let (before, after) = (moments(&used, best - step), moments(&used, best + step));
+    let [before, after] = beside;
     let vertex = |part: &dyn Fn(&[Moments<N>]) -> f64| {
         let (a, b, c) = (part(&before), part(&centre), part(&after));
         let bend = a - 2.0 * b + c;

@@ -178,20 +178,22 @@ fn fit<const N: usize>(
     }
     // Moments of the scaled times u = (t − at)/half.
     let mut m = [0.0; 5];
-    let mut y = [[0.0; 3]; N];
-    for i in from..to {
-        let u = (t[i] - at) / half_s;
+    let mut sums = [[0.0; N]; 3];
+    for (t, v) in t[from..to].iter().zip(&channel.values[from..to]) {
+        let u = (t - at) / half_s;
         let square = u * u;
-        let powers = [1.0, u, square];
-        for (m, power) in m.iter_mut().zip([1.0, u, square, square * u, square * square]) {
-            *m += power;
-        }
-        for (y, v) in y.iter_mut().zip(&channel.values[i]) {
-            for k in 0..3 {
-                y[k] += powers[k] * v;
-            }
+        m[1] += u;
+        m[2] += square;
+        m[3] += square * u;
+        m[4] += square * square;
+        for k in 0..N {
+            sums[0][k] += v[k];
+            sums[1][k] += u * v[k];
+            sums[2][k] += square * v[k];
         }
     }
+    m[0] = (to - from) as f64;
+    let y: [[f64; 3]; N] = std::array::from_fn(|k| [sums[0][k], sums[1][k], sums[2][k]]);
     let normal = [[m[0], m[1], m[2]], [m[1], m[2], m[3]], [m[2], m[3], m[4]]];
     let inverse = vec3::inverse(normal);
     if !inverse.iter().flatten().all(|x| x.is_finite()) {
@@ -212,6 +214,8 @@ fn fit<const N: usize>(
 pub fn body_rates(channel: &Channel<4>, at_s: &[f64], half_s: f64) -> Vec<Option<[f64; 3]>> {
     let t = &channel.t_s;
     let mut cursors = [Cursor::default(); 3];
+    let unit: Vec<[f64; 4]> = channel.values.iter().map(|q| quat::normalize(*q)).collect();
+    let mut near = Channel::<3>::default();
     at_s.iter()
         .map(|at| {
             let from = cursors[0].seek(t, |x| x < at - half_s * (1.0 + 1e-6));
@@ -220,10 +224,11 @@ pub fn body_rates(channel: &Channel<4>, at_s: &[f64], half_s: f64) -> Vec<Option
                 return None;
             }
             let middle = cursors[2].seek(t, |x| x < *at).min(to - 1).max(from);
-            let base = quat::conjugate(quat::normalize(channel.values[middle]));
-            let mut near = Channel::<3>::default();
+            let base = quat::conjugate(unit[middle]);
+            near.t_s.clear();
+            near.values.clear();
             for i in from..to {
-                near.push(t[i], rotation_vector(quat::mul(base, quat::normalize(channel.values[i]))));
+                near.push(t[i], rotation_vector(quat::mul(base, unit[i])));
             }
             let local = fit(&near, *at, half_s, &mut [Cursor::default(); 2])?;
             // d/dt of a rotation vector is the body rate up to half its cross product with the vector itself.

@@ -33,6 +33,17 @@ pub(crate) struct Cable {
     pub damping_per_s: f64,
 }
 
+/// Local fits to the measured velocity at the times of the states.
+fn slopes_of_velocity(at_s: &[f64], measured: &[Option<Measured>]) -> Vec<Option<resample::Local<3>>> {
+    let mut velocity = Channel::<3>::default();
+    for (t, m) in at_s.iter().zip(measured) {
+        if let Some(m) = m {
+            velocity.push(*t, m.vel);
+        }
+    }
+    resample::local_parabola(&velocity, at_s, PULL_HALF_S)
+}
+
 /// Motion of the vehicle at the cable's attachment.
 pub(crate) struct Pulled {
     gravity: [f64; 3],
@@ -47,20 +58,15 @@ impl Pulled {
     /// else the slope of the smoothed velocity, over [`PULL_HALF_S`] each side.
     pub fn new(track: &Track, drone: &Drone<f64>, at_s: &[f64], measured: &[Option<Measured>]) -> Self {
         let gravity = drone.body.gravity_m_s2;
-        let mut velocity = Channel::<3>::default();
-        for (t, m) in at_s.iter().zip(measured) {
-            if let Some(m) = m {
-                velocity.push(*t, m.vel);
-            }
-        }
         let accel = resample::local_parabola(&track.accel, at_s, PULL_HALF_S);
-        let slopes = resample::local_parabola(&velocity, at_s, PULL_HALF_S);
+        let felt = measured.iter().zip(&accel).all(|(m, a)| m.is_none() || a.is_some());
+        let slopes = if felt { Vec::new() } else { slopes_of_velocity(at_s, measured) };
         let motion = (0..at_s.len())
             .map(|k| {
                 let m = measured[k].as_ref()?;
                 let acc = match &accel[k] {
                     Some(a) => vec3::add(quat::rotate(m.quat, a.value), gravity),
-                    None => slopes[k].as_ref()?.slope,
+                    None => slopes.get(k)?.as_ref()?.slope,
                 };
                 let state =
                     State { pos: m.pos, quat: m.quat, vel: m.vel, ang_vel: m.ang_vel, ..State::rest() };

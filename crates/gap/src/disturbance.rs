@@ -462,7 +462,7 @@ mod tests {
         let start = Measured { pos: [0.0; 3], quat: [0.0, 0.0, 0.0, 1.0], vel: [0.0; 3], ang_vel: [0.0; 3] };
         let from = seed as usize * 10 * super::super::replay::PUSH_STEPS;
         let (gram, rows_of) = (rows.transpose() * &rows, [n_rows, 0, 0, 0]);
-        Window { log: 0, from, start, gram, rows: Vec::new(), rows_of, n_rows, pushes: PUSHES }
+        Window { log: 0, from, start, gram, kept: None, rows_of, n_rows, pushes: PUSHES }
     }
 
     #[test]

@@ -7,6 +7,7 @@ use super::track::Drive;
 use propwash_trace::Real;
 use propwash_trace::dual::Dual;
 use rayon::prelude::*;
+use std::borrow::Cow;
 
 /// Drive parameters per pass of duals.
 const N_DRIVE: usize = 4;
@@ -21,9 +22,12 @@ pub(super) struct DriveInputs {
 }
 
 impl DriveInputs {
-    /// A tick at a node with its derivatives by the parameters of one pass, one per dual direction.
-    pub fn by(&self, parameters: &[usize], tick: &Tick<f64>, node: usize) -> Tick<Wide> {
-        let mut out = tick.map(Wide::lit);
+    /// A tick at a node with its derivatives by the parameters of one pass, one per dual direction; `tick` has none.
+    pub fn by<'a>(&self, parameters: &[usize], tick: &'a Tick<Wide>, node: usize) -> Cow<'a, Tick<Wide>> {
+        if self.slopes.is_empty() {
+            return Cow::Borrowed(tick);
+        }
+        let mut out = *tick;
         for (slot, k) in parameters.iter().enumerate().take(N) {
             let list = self.slopes.iter().find(|(of, _)| of == k).map(|(_, list)| list);
             let Some(slopes) = list.and_then(|list| list.get(node)) else { continue };
@@ -35,7 +39,7 @@ impl DriveInputs {
             seed(&mut out.command, &slopes.command);
             out.thrust.partials[slot] = slopes.thrust;
         }
-        out
+        Cow::Owned(out)
     }
 }
 

@@ -6,11 +6,16 @@
 
 use super::GapError;
 use super::decide::remainder::{remainder, samples};
-use super::fit::Prepared;
+use super::fit::{Prepared, forces_only};
 use super::model::Model;
+use super::policy::{
+    CLEAR_FROM_S, CLEAR_NATS, CLEAR_TIMES, CLEAR_WINDOWS, GLANCE_WINDOWS, LARGE_FORCE_M_S2,
+    LARGE_TORQUE_RAD_S2,
+};
 use super::replay::Inputs;
 use super::solve::{Solution, glance};
 use super::track::Track;
+use super::verdict::Remainder;
 use propwash_vehicle::Vehicle;
 
 /// Whether parameters within the vehicle's tolerances explain its residuals on flights; `None` where too little of them is
@@ -31,11 +36,35 @@ pub(super) fn within_tolerance(
     let logs: Vec<Prepared> = tracks.iter().zip(inputs).map(of_log).collect();
     let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
     let mut model = Model::new(drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?.held_to(vehicle);
-    let Some(solution) = glance(&logs, &mut model)? else { return Ok(None) };
-    Ok(Some(solution.set.is_empty() && !unexplained(&logs, &model, &solution)))
+    let long = tracks.iter().map(Track::duration_s).sum::<f64>() > CLEAR_FROM_S;
+    if long && clearly_missing(&logs, &mut model)? {
+        return Ok(Some(false));
+    }
+    let Some(solution) = glance(&logs, &mut model, GLANCE_WINDOWS)? else { return Ok(None) };
+    Ok(Some(solution.set.is_empty() && !left(&logs, &model, &solution).unexplained))
 }
 
-fn unexplained(logs: &[Prepared], model: &Model, solution: &Solution) -> bool {
+/// Whether so much is missing that a third of the windows shows it: an effect, or forces that no effect explains.
+fn clearly_missing(logs: &[Prepared], model: &mut Model) -> Result<bool, GapError> {
+    let Some(few) = glance(logs, model, CLEAR_WINDOWS)? else { return Ok(false) };
+    if !few.set.is_empty() && few.evidence(model)?.of(&few.set) > CLEAR_NATS {
+        return Ok(true);
+    }
+    let (force, torque) = few.disturbance.sizes();
+    let large = |force: f64, torque: f64| {
+        force > CLEAR_TIMES * LARGE_FORCE_M_S2 || torque > CLEAR_TIMES * LARGE_TORQUE_RAD_S2
+    };
+    // The sizes alone are cheap, what two instruments agree on is not.
+    let torque = if forces_only(logs) { 0.0 } else { torque };
+    Ok(large(force, torque) && {
+        let left = left(logs, model, &few);
+        let agreed = |size: f64, agreed: Option<f64>| agreed.map_or(size, |agreed| agreed.min(size));
+        large(agreed(force, left.force_agreed_m_s2), agreed(torque, left.torque_agreed_rad_s2))
+    })
+}
+
+/// What a solution leaves.
+fn left(logs: &[Prepared], model: &Model, solution: &Solution) -> Remainder {
     let left = samples(logs, model, solution, &solution.disturbance, &solution.deltas);
-    remainder(logs, model, solution, &left).0.unexplained
+    remainder(logs, model, solution, &left).0
 }

@@ -8,6 +8,7 @@
 //! vehicle system identification", AIAA 2015, ch. 4; variance of the disturbances by expectation maximisation, Dempster,
 //! Laird & Rubin, JRSS B 39(1), 1977.
 
+mod gram;
 mod rows;
 
 use super::drive_slopes::{DriveInputs, drive_inputs};
@@ -18,6 +19,7 @@ use super::replay::{Around, Context, PUSH_STEPS, Plant, Point, Raw, STEP, STEP_S
 use super::residual::believed;
 use super::slow_errors::slow_errors;
 use super::track::{Drive, Measured, Noise, Track};
+use gram::Kept;
 use nalgebra::DMatrix;
 use propwash_physics::drone::Drone;
 use propwash_physics::rigid_body::{Rate, State};
@@ -26,6 +28,7 @@ use propwash_trace::Real;
 use propwash_trace::dual::Dual;
 use propwash_trace::math::quat;
 use rayon::prelude::*;
+use rows::Measurements;
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -121,9 +124,8 @@ pub(crate) struct Window {
     pub start: Measured,
     /// JᵀJ of [nuisance parameters | parameters | residual], each row divided by its noise.
     pub gram: DMatrix<f64>,
-    /// The rows themselves, (row, column), grouped by channel; kept for about [`NOISE_WINDOWS`] windows of a log, else
-    /// empty.
-    pub rows: Vec<f32>,
+    /// The rows themselves; kept for about [`NOISE_WINDOWS`] windows of a log.
+    pub kept: Option<Arc<Kept>>,
     /// Number of rows of position, attitude, gyroscope and accelerometer.
     pub rows_of: [usize; CHANNELS],
     /// Number of rows.
@@ -293,8 +295,8 @@ impl Linear {
 }
 
 impl Job<'_> {
-    /// Linearises the window that starts at a tick; with `rows`, keeps its rows too.
-    fn window(&self, from: usize, rows: bool) -> Option<Window> {
+    /// Linearises the window that starts at a tick; with `keep`, keeps its rows too.
+    fn window(&self, from: usize, keep: bool) -> Option<Window> {
         let p = self.p;
         let ends = from + self.steps * STEP;
         if !p.raw.valid[from..=ends].iter().all(|v| *v) {
@@ -316,21 +318,22 @@ impl Job<'_> {
             return None;
         }
         let pushes = self.steps.div_ceil(PUSH_STEPS);
-        let width = own_len(pushes) + self.model.parameters.len();
-        let outputs = self.sensitivities(from, &points, own_len(pushes), width);
-        let (all, rows_of) = self.rows(from, &points, &outputs, own_len(pushes), width);
-        let n_rows = all.len() / (width + 1);
+        let own = own_len(pushes);
+        let Measurements { rows, rows_of } = self.rows(from, &points, self.steps / NODE + 1);
+        let n_rows = rows.len();
         // A window with few rows does not determine its own nuisance parameters.
         if n_rows < ROWS_PER_UNKNOWN * unknowns(p.track.drive) {
             return None;
         }
-        let rows: Vec<f32> = if rows { all.iter().map(|x| *x as f32).collect() } else { Vec::new() };
-        let gram = gram(&DMatrix::from_vec(width + 1, n_rows, all));
+        let nodes = self.sensitivities(from, &points, own, own + self.model.parameters.len());
+        let shifts = self.shifts(own);
+        let (gram, of_own) = gram::gram(&nodes, &rows, &shifts, own);
         // The derivatives may overflow where the model itself stays finite.
         if !gram.iter().all(|x| x.is_finite()) {
             return None;
         }
-        Some(Window { log: self.index, from, start, gram, rows, rows_of, n_rows, pushes })
+        let kept = keep.then(|| Arc::new(Kept { nodes, rows, shifts, own: of_own }));
+        Some(Window { log: self.index, from, start, gram, kept, rows_of, n_rows, pushes })
     }
 
     /// A measured state with the gyroscope's rate at its time, where the two clocks differ.
@@ -491,7 +494,7 @@ impl Job<'_> {
                 }
                 continue;
             }
-            let driven = self.inputs.by(parameters, input, tick / (STEP * NODE));
+            let driven = self.inputs.by(parameters, &constant, tick / (STEP * NODE));
             let rate = plant.rate(tick, &driven, &mut state, neighbours);
             let reading = plant.drone.read(&state, &rate);
             for (slot, k) in parameters.iter().enumerate() {
@@ -506,30 +509,9 @@ impl Job<'_> {
     }
 }
 
-/// Block size of the product.
-const BLOCK: usize = 40;
-
-/// `columns · columnsᵀ`; symmetric blocks are computed once.
-fn gram(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let n = columns.nrows();
-    let across = columns.transpose();
-    let mut out = DMatrix::zeros(n, n);
-    for i in (0..n).step_by(BLOCK) {
-        let rows = BLOCK.min(n - i);
-        for j in (i..n).step_by(BLOCK) {
-            let part = columns.rows(i, rows) * across.columns(j, BLOCK.min(n - j));
-            if j > i {
-                out.view_mut((j, i), (part.ncols(), rows)).copy_from(&part.transpose());
-            }
-            out.view_mut((i, j), (rows, part.ncols())).copy_from(&part);
-        }
-    }
-    out
-}
-
 /// Derivatives of twelve numbers by all columns, stored row by row, so that loops over columns vectorise.
-#[derive(Clone)]
-struct Slopes {
+#[derive(Clone, Debug)]
+pub(crate) struct Slopes {
     width: usize,
     values: Vec<f64>,
 }
@@ -596,9 +578,13 @@ fn slope_rates(
 /// Derivatives of an output by dual direction `k`: position, rotation vector (body), rates, specific force.
 fn output_slopes(reading: &propwash_physics::measure::Reading<Wide>, k: usize) -> [f64; OUTPUTS] {
     let mut out = [0.0; OUTPUTS];
-    let value = reading.quat.map(|q| q.value);
     let slope = reading.quat.map(|q| q.partials[k]);
-    let turn = quat::mul(quat::conjugate(value), slope);
+    // Most parameters turn no sensor.
+    let turn = if slope == [0.0; 4] {
+        slope
+    } else {
+        quat::mul(quat::conjugate(reading.quat.map(|q| q.value)), slope)
+    };
     for r in 0..3 {
         out[r] = reading.pos[r].partials[k];
         out[3 + r] = 2.0 * turn[r];

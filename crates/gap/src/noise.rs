@@ -11,10 +11,9 @@
 //! reduce the very evidence for it.
 
 use super::disturbance::Disturbance;
-use super::fit::{CHANNELS, Linear, Window, own_len};
+use super::fit::{CHANNELS, Linear, Window};
 use super::policy::{NOISE_SETTLED, SLOWEST_NOISE};
 use super::track::Noise;
-use nalgebra::DMatrix;
 use rayon::prelude::*;
 
 impl Noise {
@@ -84,18 +83,11 @@ impl Left {
 
 /// Residuals of a window's rows, with its nuisance parameters at their estimate.
 fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<[Left; CHANNELS]> {
+    let kept = window.kept.as_ref()?;
     let own = window.own_solution(disturbance, delta)?;
-    let n_own = own_len(window.pushes);
-    let width = n_own + delta.len() + 1;
-    let shift: Vec<f64> = own.mean.iter().copied().chain(delta.iter().copied()).collect();
-    let rest: Vec<f64> = window
-        .rows
-        .chunks_exact(width)
-        .map(|row| {
-            let told: f64 = row.iter().zip(&shift).map(|(j, x)| f64::from(*j) * x).sum();
-            f64::from(row[width - 1]) - told
-        })
-        .collect();
+    let by: Vec<f64> = own.mean.iter().copied().chain(delta.iter().copied()).collect();
+    let rest = kept.left(&by);
+    let covariance = own.inverse.transpose() * &own.inverse;
     let mut out = [Left::nothing(); CHANNELS];
     let mut from = 0;
     for (channel, rows) in window.rows_of.into_iter().enumerate() {
@@ -103,9 +95,8 @@ fn left_of(window: &Window, disturbance: &Disturbance, delta: &[f64]) -> Option<
         let left = &mut out[channel];
         left.square = part.iter().map(|e| e * e).sum();
         left.rows = rows as f64;
-        let own_rows = DMatrix::from_fn(rows, n_own, |i, k| f64::from(window.rows[(from + i) * width + k]));
-        // Share of every row taken up by J C Jᵀ, with C = L⁻ᵀ L⁻¹.
-        left.used = (&own_rows * own.inverse.transpose()).norm_squared();
+        // Trace of J C Jᵀ: what the rows of this channel are taken up by.
+        left.used = covariance.dot(&kept.own[channel]);
         // Samples have three axes each.
         for (lag, (sum, n)) in left.lagged.iter_mut().enumerate() {
             let apart = 3 * (lag + 1);
@@ -127,7 +118,7 @@ impl Linear {
         deltas: &[Vec<f64>],
         least: &[Noise],
     ) -> Vec<Noise> {
-        let kept = self.windows.par_iter().filter(|w| !w.rows.is_empty());
+        let kept = self.windows.par_iter().filter(|w| w.kept.is_some());
         let all: Vec<Option<(usize, [Left; CHANNELS])>> =
             kept.map(|w| Some((w.log, left_of(w, disturbance, &deltas[w.log])?))).collect();
         let mut sums = vec![[Left::nothing(); CHANNELS]; least.len()];

@@ -132,6 +132,16 @@ pub(crate) const SHORT_WINDOWS: usize = 240;
 pub(crate) const GLANCE_WINDOWS: usize = 120;
 pub(crate) const GLANCE_ROUNDS: usize = 2;
 
+/// Windows in which `compare` looks first, and the evidence in them, in nats, that needs no more windows: ten times what a
+/// set of effects must bring.
+pub(crate) const CLEAR_WINDOWS: usize = 40;
+pub(crate) const CLEAR_NATS: f64 = 10.0 * super::search::THRESHOLD;
+/// Factor by which what is left must be large ([`LARGE_FORCE_M_S2`], [`LARGE_TORQUE_RAD_S2`]) to need no more windows: its
+/// size is known to a tenth from so few.
+pub(crate) const CLEAR_TIMES: f64 = 1.5;
+/// Length of the flights from which on it looks first in so few: shorter ones have hardly more.
+pub(crate) const CLEAR_FROM_S: f64 = 20.0;
+
 /// Largest remaining share of the roll-out errors for which a verdict of nothing missing mentions calibration.
 pub(crate) const WORTH_CORRECTING: f64 = 0.8;
 

@@ -547,8 +547,18 @@ impl Plant<'_, f64> {
 }
 
 /// State and rate `after_s` s after point `i`.
-pub(crate) fn between(points: &[Point], i: usize, after_s: f64) -> Point {
-    let (a, b) = (&points[i], &points[(i + 1).min(points.len() - 1)]);
+fn between(points: &[Point], i: usize, after_s: f64) -> Point {
+    let ends = (&points[i], &points[(i + 1).min(points.len() - 1)]);
+    between_turned(ends, turn_to_next(ends.0, ends.1), after_s)
+}
+
+/// Rotation vector from a point of a roll-out to the next.
+pub(crate) fn turn_to_next(a: &Point, b: &Point) -> [f64; 3] {
+    resample::rotation_vector(quat::mul(quat::conjugate(a.state.quat), b.state.quat))
+}
+
+/// State and rate `after_s` s after the first of two points, with the rotation vector between them.
+pub(crate) fn between_turned((a, b): (&Point, &Point), turn: [f64; 3], after_s: f64) -> Point {
     let s = after_s / STEP_S;
     let hermite = |x0: f64, v0: f64, x1: f64, v1: f64| {
         let (g, rise) = (1.0 - s, x1 - x0);
@@ -556,7 +566,6 @@ pub(crate) fn between(points: &[Point], i: usize, after_s: f64) -> Point {
     };
     let line = |x0: f64, x1: f64| x0 + s * (x1 - x0);
     let mut out = *a;
-    let turn = resample::rotation_vector(quat::mul(quat::conjugate(a.state.quat), b.state.quat));
     let mut part = [0.0; 3];
     for k in 0..3 {
         out.state.pos[k] = hermite(a.state.pos[k], a.state.vel[k], b.state.pos[k], b.state.vel[k]);

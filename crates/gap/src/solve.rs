@@ -442,10 +442,15 @@ fn again(
     }
 }
 
-/// A short search from the file: a few of the long windows, and as many rounds as the noise estimate needs; `None` where
-/// too few windows are usable.
-pub(crate) fn glance(logs: &[Prepared], model: &mut Model) -> Result<Option<Solution>, GapError> {
-    let start = Start { horizon: 1, quick: true, ..Start::file(model, Disturbance::unknown()) };
+/// A short search from the file: about so many of the long windows, and as many rounds as the noise estimate needs; `None`
+/// where too few windows are usable. What disturbances there are without findings is not estimated.
+pub(crate) fn glance(
+    logs: &[Prepared],
+    model: &mut Model,
+    windows: usize,
+) -> Result<Option<Solution>, GapError> {
+    let quick = Some(windows);
+    let start = Start { horizon: 1, quick, ..Start::file(model, Disturbance::unknown()) };
     again(logs, model, None, start, &Watch::default())
 }
 

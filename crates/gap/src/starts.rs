@@ -28,8 +28,8 @@ pub(super) struct Start {
     pub follow: bool,
     /// Largest tolerance factor that is tried.
     pub widest: f64,
-    /// Whether few windows and rounds are enough.
-    pub quick: bool,
+    /// About how many of the long windows are enough for a short search, of few rounds.
+    pub quick: Option<usize>,
     /// Noise of every log, where known; solutions are compared under the same noise.
     pub noise: Option<Vec<Noise>>,
 }
@@ -55,7 +55,7 @@ impl Start {
             back: None,
             follow: false,
             widest: f64::INFINITY,
-            quick: false,
+            quick: None,
             noise: None,
         }
     }

@@ -500,3 +500,34 @@ fn a_formula_that_fails_leaves_the_verdict_as_it_is() {
     let why = verdict.why.iter().find(|w| w.rule == Rule::Formula).unwrap();
     assert!(why.text.contains("expresion"), "{}", why.text);
 }
+
+/// What `compare` sees in a third of the windows it would see in all of them, and a right file is not taken for a wrong one.
+#[test]
+fn a_wrong_mass_is_seen_in_a_third_of_the_windows_and_in_all_of_them() {
+    use super::first_look::within_tolerance;
+    use super::policy::{CLEAR_FROM_S, CLEAR_NATS, CLEAR_WINDOWS, GLANCE_WINDOWS};
+    use super::replay::Inputs;
+    use super::solve::glance;
+    let right = vehicle();
+    let drone = right.drone("first_principles").unwrap();
+    let text = include_str!("../../../tests/data/planted_quad.toml");
+    let heavy = Vehicle::from_toml("quad", &text.replace("mass_kg = 0.75\n", "mass_kg = 1.05\n")).unwrap();
+    let options = Options { ceiling_z_m: Some(3.0), ..Options::default() };
+    let track = Track::new(flight(&drone, 24), &right, &options).unwrap();
+    assert!(track.duration_s() > CLEAR_FROM_S, "{}", track.duration_s());
+    let looked = |vehicle: &Vehicle| {
+        let inputs = Inputs::new(&track, vehicle).unwrap();
+        within_tolerance(std::slice::from_ref(&track), &[inputs], vehicle).unwrap()
+    };
+    assert_eq!(looked(&heavy), Some(false));
+    assert_eq!(looked(&right), Some(true));
+    let wrong = heavy.drone("first_principles").unwrap();
+    let logs = [Prepared::new(&track, &wrong)];
+    let mut model = Model::new(&wrong, &[&track], &[&logs[0].around]).unwrap();
+    let [few, all] =
+        [CLEAR_WINDOWS, GLANCE_WINDOWS].map(|most| glance(&logs, &mut model, most).unwrap().unwrap());
+    assert!(2 * few.linear.windows.len() < all.linear.windows.len());
+    for solution in [&few, &all] {
+        assert!(solution.evidence(&model).unwrap().of(&solution.set) > CLEAR_NATS);
+    }
+}

@@ -321,20 +321,21 @@ impl Track {
 
     /// State at a time, from local polynomials through the measurements: (position, attitude, velocity, body rate).
     pub(crate) fn measured_state(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
-        at_s.par_chunks(1024).flat_map_iter(|at| self.measured_states(at)).collect()
+        let windows = self.windows();
+        at_s.par_chunks(1024).flat_map_iter(|at| self.measured_states(at, windows)).collect()
     }
 
     /// The same, serially.
-    fn measured_states(&self, at_s: &[f64]) -> Vec<Option<Measured>> {
-        let Windows { position_s, attitude_s: a_half, rate_s } = self.windows();
+    fn measured_states(&self, at_s: &[f64], windows: Windows) -> Vec<Option<Measured>> {
+        let Windows { position_s, attitude_s: a_half, rate_s } = windows;
         let positions =
             widened(at_s, position_s, |at, half| resample::local_parabola(&self.position, at, half));
         let rates = (self.gyro.is_empty())
             .then(|| widened(at_s, rate_s, |at, half| resample::body_rates(&self.attitude, at, half)));
         let gyros = widened(at_s, rate_s, |at, half| resample::local_parabola(&self.gyro, at, half));
         let attitudes = widened(at_s, a_half, |at, half| {
-            let mut cursors = [Cursor::default(); 3];
-            at.iter().map(|at| smooth_attitude(&self.attitude, *at, half, &mut cursors)).collect()
+            let (mut cursors, mut near) = ([Cursor::default(); 3], Channel::default());
+            at.iter().map(|at| smooth_attitude(&self.attitude, *at, half, &mut cursors, &mut near)).collect()
         });
         (0..at_s.len())
             .map(|i| {
@@ -425,12 +426,14 @@ pub(crate) struct Measured {
     pub ang_vel: [f64; 3],
 }
 
-/// Attitude at a time: a parabola of rotation vectors about the nearest sample, over `half_s` each side.
+/// Attitude at a time: a parabola of rotation vectors about the nearest sample, over `half_s` each side. `near` is scratch
+/// space.
 fn smooth_attitude(
     channel: &Channel<4>,
     at_s: f64,
     half_s: f64,
     cursors: &mut [Cursor; 3],
+    near: &mut Channel<3>,
 ) -> Option<[f64; 4]> {
     let t = &channel.t_s;
     let from = cursors[0].seek(t, |x| x < at_s - half_s * (1.0 + 1e-6));
@@ -439,10 +442,11 @@ fn smooth_attitude(
         return None;
     }
     let base = channel.values[cursors[2].seek(t, |x| x < at_s).clamp(from, to - 1)];
-    let mut near = Channel::<3>::default();
+    near.t_s.clear();
+    near.values.clear();
     for i in from..to {
         near.push(t[i], resample::rotation_vector(quat::mul(quat::conjugate(base), channel.values[i])));
     }
-    let local = resample::local_parabola(&near, &[at_s], half_s)[0]?;
+    let local = resample::local_parabola(near, &[at_s], half_s)[0]?;
     Some(quat::mul(base, quat::exp(local.value)))
 }

@@ -7,7 +7,7 @@ use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest
 use super::gust_line::loudest_hz;
 use super::model::Model;
 use super::per_log::{Information, Values};
-use super::policy::{GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, GLANCE_WINDOWS, SHORT_WINDOWS};
+use super::policy::{GIVEN_ATTITUDE_RAD, GLANCE_ROUNDS, SHORT_WINDOWS};
 use super::search::{Evidence, Scored};
 use super::solve::{LONGEST_STEP, Solution, chi2, corrected, difference, no_window, price_of, score};
 use super::starts::Start;
@@ -40,7 +40,7 @@ pub(super) fn settle(
     let mut last = None;
     for (horizon_s, rounds) in HORIZONS_S.into_iter().zip(ROUNDS).skip(walk.start.horizon) {
         walk.starts = Starts::new();
-        for _ in 0..walk.rounds(rounds) {
+        for round in 1..=walk.rounds(rounds) {
             let linear = walk.linearise(model, horizon_s, watch);
             watch.check()?;
             watch.done(walk.done, all);
@@ -59,7 +59,8 @@ pub(super) fn settle(
             if let Some(early) = watch.early.filter(|_| walk.from_file && walk.given.is_none()) {
                 early(&walk.ranked(model, &linear, &known, &set)?);
             }
-            let (found, settled) = walk.step(model, linear, known, set)?;
+            let ends = horizon_s == HORIZONS_S[1] && round == walk.rounds(rounds);
+            let (found, settled) = walk.step(model, linear, known, set, ends)?;
             // A last round that jumps far from its linearisation point is discarded.
             let of_now = last.take_if(|l: &mut Solution| {
                 l.linear.horizon_s == found.linear.horizon_s && l.near_by(model) && !found.near_by(model)
@@ -72,6 +73,9 @@ pub(super) fn settle(
     }
     watch.done(all, all);
     let mut solution = last.ok_or_else(no_window)?;
+    if walk.start.quick.is_some() {
+        return Ok(Some(solution));
+    }
     // Disturbances without any findings: the effects are reset to nominal, since a spike alone would not hold them there
     // against so much data.
     let deltas = solution.deltas_without(model, |c| solution.set.contains(&c));
@@ -131,7 +135,7 @@ impl<'a> Walk<'a> {
         });
         let least: Vec<Noise> = logs.iter().map(|l| l.noise).collect();
         let forces_only = forces_only(logs);
-        if (from_file || start.quick) && forces_only {
+        if (from_file || start.quick.is_some()) && forces_only {
             start.disturbance.attitude_rad = GIVEN_ATTITUDE_RAD;
         }
         Self {
@@ -155,7 +159,7 @@ impl<'a> Walk<'a> {
     fn rounds(&self, usual: usize) -> usize {
         match (self.start.follow, self.start.quick) {
             (true, _) => 1,
-            (_, true) => GLANCE_ROUNDS,
+            (_, Some(_)) => GLANCE_ROUNDS,
             _ => usual,
         }
     }
@@ -176,7 +180,7 @@ impl<'a> Walk<'a> {
         // The final rounds need all windows.
         let short = horizon_s == HORIZONS_S[0] && !self.looks_for_gust(self.done);
         let most = match (self.start.quick, short) {
-            (true, _) => GLANCE_WINDOWS,
+            (Some(windows), _) => windows,
             (_, true) => SHORT_WINDOWS,
             _ => usize::MAX,
         };
@@ -302,13 +306,15 @@ impl<'a> Walk<'a> {
         Ok(out)
     }
 
-    /// Moves to the estimate with `set`; returns the solution, and whether it has converged.
+    /// Moves to the estimate with `set`; returns the solution, and whether it has converged. Noise and initial states are
+    /// not estimated again where the search `ends`.
     fn step(
         &mut self,
         model: &Model,
         linear: Linear,
         known: Known,
         set: Vec<usize>,
+        ends: bool,
     ) -> Result<(Solution, bool), GapError> {
         let Known { reduced, all, dispersion: phi } = known;
         let disturbance = self.start.disturbance;
@@ -318,6 +324,7 @@ impl<'a> Walk<'a> {
         // With all candidates free: a missing effect would count as noise.
         let quieter = match &self.start.noise {
             Some(known) => known.clone(),
+            None if ends => self.noise.clone(),
             None => {
                 let free = all.deltas(&difference(&evidence.posterior(&self.every)?, &linear.at));
                 linear.noise_beside(&disturbance, &free, &self.least)
@@ -325,7 +332,7 @@ impl<'a> Walk<'a> {
         };
         let same_noise = quieter.iter().zip(&self.noise).all(|(a, b)| a.near(b));
         self.noise = quieter;
-        if !self.forces_only {
+        if !self.forces_only && !ends {
             self.starts = linear.starts(&disturbance, &deltas);
         }
         let same = set == self.start.set;

@@ -122,8 +122,18 @@ fn slopes(c: &Channel<3>) -> Channel<3> {
 
 /// Smoothed with the kernel that the derivatives use, so that both sides lose the same.
 fn smooth(c: &Channel<3>, half_s: f64) -> Channel<3> {
+    smooth_at(c, &c.t_s, half_s)
+}
+
+/// The same at some of its times only.
+fn thinned(c: &Channel<3>, half_s: f64) -> Channel<3> {
+    let at: Vec<f64> = c.t_s.iter().copied().step_by((c.len() / MAX_SAMPLES).max(1)).collect();
+    smooth_at(c, &at, half_s)
+}
+
+fn smooth_at(c: &Channel<3>, at_s: &[f64], half_s: f64) -> Channel<3> {
     let mut out = Channel::default();
-    for (t, local) in c.t_s.iter().zip(local_parabola(c, &c.t_s, half_s.max(half(c.period_s())))) {
+    for (t, local) in at_s.iter().zip(local_parabola(c, at_s, half_s.max(half(c.period_s())))) {
         if let Some(local) = local {
             out.push(*t, local.value);
         }
@@ -289,15 +299,6 @@ fn known_channel(channel: &str) -> Option<&'static str> {
     ["velocity", "angular_velocity", "specific_force"].into_iter().find(|n| n.replace('_', " ") == channel)
 }
 
-/// Samples of `measured`, thinned, at which all of several predictions exist.
-fn thinned(c: &Channel<3>) -> Channel<3> {
-    let stride = (c.len() / MAX_SAMPLES).max(1);
-    Channel::new(
-        c.t_s.iter().copied().step_by(stride).collect(),
-        c.values.iter().copied().step_by(stride).collect(),
-    )
-}
-
 fn rms(values: &[[f64; 3]]) -> f64 {
     (values.iter().map(|v| vec3::dot(*v, *v)).sum::<f64>() / values.len().max(1) as f64).sqrt()
 }
@@ -311,7 +312,7 @@ fn velocity(
 ) -> bool {
     let predicted = slopes(&log.position_m);
     let half_s = half(log.position_m.period_s());
-    let v = thinned(&smooth(&log.velocity_m_s, half_s));
+    let v = thinned(&log.velocity_m_s, half_s);
     let gap = 3.0 * half_s;
     let at = linear(&predicted, &v.t_s, gap);
     let q = if turns { slerp(attitude, &v.t_s, gap) } else { vec![None; v.len()] };
@@ -387,7 +388,7 @@ fn reordered(q: [f64; 4]) -> [f64; 4] {
 
 fn gyro(log: &FlightLog, attitude: &Channel<4>, found: &mut Findings, delays: &mut Vec<ChannelDelay>) {
     let half_s = half(attitude.period_s());
-    let w = thinned(&smooth(&log.angular_velocity_rad_s, half_s));
+    let w = thinned(&log.angular_velocity_rad_s, half_s);
     let rates = |q: &Channel<4>| {
         let mut out = Channel::default();
         for (t, w) in q.t_s.iter().zip(body_rates(q, &q.t_s, half_s)) {
@@ -514,7 +515,7 @@ fn forces(
     }) {
         return;
     }
-    let a = thinned(&smooth(&log.specific_force_m_s2, half_s));
+    let a = thinned(&log.specific_force_m_s2, half_s);
     let dv = linear(&acceleration, &a.t_s, gap);
     let q = slerp(attitude, &a.t_s, gap);
     let mut y = Vec::new();

@@ -1,8 +1,8 @@
-//! The rows of a window: every measured minus modelled value and its derivatives, divided by the noise.
+//! The rows of a window: every measured minus modelled value, where it lies between the nodes, and how it moves with time.
 
-use super::{CHANNELS, Job, NODE, OUTPUTS, Slopes};
+use super::{CHANNELS, Job, NODE, OUTPUTS};
 use crate::model::Enters;
-use crate::replay::{Point, STEP_S, between, by_pose};
+use crate::replay::{Point, STEP_S, between_turned, by_pose, turn_to_next};
 use crate::track::Drive;
 use core::ops::Range;
 use propwash_flight::Channel;
@@ -10,34 +10,48 @@ use propwash_flight::resample::rotation_vector;
 use propwash_physics::measure::Reading;
 use propwash_trace::math::quat;
 
+/// One measured number, divided by its noise.
+///
+/// Its derivatives are those of output `output` between two nodes, `per` times (1 − `share`) of the one and `share` of the
+/// next; a clock that shows it earlier adds `moving`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Row {
+    pub node: usize,
+    pub share: f64,
+    pub output: usize,
+    pub per: f64,
+    /// Time derivative of the modelled value over the noise, 1/s.
+    pub moving: f64,
+    /// Measured minus modelled value over the noise.
+    pub residual: f64,
+}
+
+/// Columns that shift the samples of each channel in time, with the factor on [`Row::moving`].
+pub(crate) type Shifts = [Vec<(usize, f64)>; CHANNELS];
+
+/// Rows of position, attitude, gyroscope and accelerometer, one after the other.
+pub(super) struct Measurements {
+    pub rows: Vec<Row>,
+    /// Number of rows of each channel.
+    pub rows_of: [usize; CHANNELS],
+}
+
 impl Job<'_> {
-    /// Rows [nuisance parameters | parameters | residual] over the noise, one per measurement in the window, row after row.
-    pub(super) fn rows(
-        &self,
-        from: usize,
-        points: &[Point],
-        outputs: &[Slopes],
-        own: usize,
-        width: usize,
-    ) -> (Vec<f64>, [usize; CHANNELS]) {
+    /// One row per measured number in the window.
+    pub(super) fn rows(&self, from: usize, points: &[Point], nodes: usize) -> Measurements {
         let (track, noise) = (self.p.track, self.noise);
-        let clocks: Vec<(usize, usize)> = (own..width)
-            .filter_map(|c| match self.model.parameters[c - own].enters {
-                Enters::Clock(of) => Some((c, of)),
-                _ => None,
-            })
-            .collect();
         let begin = self.p.around.time_s(from);
+        let turns = points.windows(2).map(|pair| turn_to_next(&pair[0], &pair[1])).collect();
+        let felt = |p: &Point| self.plant.drone.read(&p.state, &p.rate).accel;
         let mut rows = Rows {
             job: self,
             points,
-            outputs,
-            clocks,
+            turns,
+            felt: if track.accel.is_empty() { Vec::new() } else { points.iter().map(felt).collect() },
+            nodes,
             begin,
             end: begin + self.steps as f64 * STEP_S,
-            by_pose: by_pose(track.drive),
-            out: Vec::new(),
-            rows_of: [0; CHANNELS],
+            out: Measurements { rows: Vec::new(), rows_of: [0; CHANNELS] },
         };
         rows.positions();
         if track.drive != Drive::Thrust {
@@ -51,24 +65,25 @@ impl Job<'_> {
             }
             rows.averaged(channel, sigma, which, of);
         }
-        (rows.out, rows.rows_of)
+        rows.out
     }
 
-    /// Time derivatives of the outputs, per s.
-    fn moving(&self, points: &[Point], step: usize, after_s: f64) -> [f64; OUTPUTS] {
-        let here = between(points, step, after_s);
-        let (a, b) = (
-            self.plant.drone.read(&points[step].state, &points[step].rate),
-            self.plant.drone.read(&points[step + 1].state, &points[step + 1].rate),
-        );
-        let mut out = [0.0; OUTPUTS];
-        for k in 0..3 {
-            out[k] = here.state.vel[k];
-            out[3 + k] = here.state.ang_vel[k];
-            out[6 + k] = here.rate.ang_acc[k];
-            out[9 + k] = (b.accel[k] - a.accel[k]) / STEP_S;
-        }
-        out
+    /// The columns of clocks, from column `own` on: a delayed sample shows an earlier value.
+    pub(super) fn shifts(&self, own: usize) -> Shifts {
+        let by_pose = by_pose(self.p.track.drive);
+        let clock = |(k, enters): (usize, Enters)| match enters {
+            Enters::Clock(of) => Some((own + k, of)),
+            _ => None,
+        };
+        let all = self.model.parameters.iter().map(|p| p.enters).enumerate();
+        let clocks: Vec<(usize, usize)> = all.filter_map(clock).collect();
+        // Outputs by the clock of their sensor: pose, pose, gyroscope, accelerometer.
+        [0, 0, 1, 2].map(|channel| {
+            let factor = |of: usize| {
+                if by_pose && of == 0 { f64::from(channel != 0) } else { -f64::from(of == channel) }
+            };
+            clocks.iter().map(|(c, of)| (*c, factor(*of))).filter(|(_, f)| *f != 0.0).collect()
+        })
     }
 }
 
@@ -76,15 +91,15 @@ impl Job<'_> {
 struct Rows<'a> {
     job: &'a Job<'a>,
     points: &'a [Point],
-    outputs: &'a [Slopes],
-    /// Columns of parameters that shift samples in time, with their channel.
-    clocks: Vec<(usize, usize)>,
+    /// Rotation vector from each point to the next.
+    turns: Vec<[f64; 3]>,
+    /// What the accelerometer reads at each point; empty where there is none.
+    felt: Vec<[f64; 3]>,
+    nodes: usize,
     /// Start and end of the window, s.
     begin: f64,
     end: f64,
-    by_pose: bool,
-    out: Vec<f64>,
-    rows_of: [usize; CHANNELS],
+    out: Measurements,
 }
 
 impl Rows<'_> {
@@ -92,9 +107,10 @@ impl Rows<'_> {
         let (channel, delay) = (&self.job.p.track.position, self.job.delays[0]);
         for i in self.inside(&channel.t_s, delay) {
             let after = channel.t_s[i] - delay - self.begin;
-            let reading = self.reading_at(after);
+            let point = self.point(after);
+            let reading = self.reading(&point);
             let residual = core::array::from_fn(|k| channel.values[i][k] - reading.pos[k]);
-            self.push(after, 0..3, residual, self.job.noise.position_m, 0);
+            self.push(after, 0..3, (residual, point.state.vel), self.job.noise.position_m);
         }
     }
 
@@ -102,9 +118,10 @@ impl Rows<'_> {
         let (channel, delay) = (&self.job.p.track.attitude, self.job.delays[0]);
         for i in self.inside(&channel.t_s, delay) {
             let after = channel.t_s[i] - delay - self.begin;
-            let reading = self.reading_at(after);
-            let turn = quat::mul(quat::conjugate(reading.quat), channel.values[i]);
-            self.push(after, 3..6, rotation_vector(turn), self.job.noise.attitude_rad, 0);
+            let point = self.point(after);
+            let turn = quat::mul(quat::conjugate(self.reading(&point).quat), channel.values[i]);
+            let residual = rotation_vector(turn);
+            self.push(after, 3..6, (residual, point.state.ang_vel), self.job.noise.attitude_rad);
         }
     }
 
@@ -124,13 +141,19 @@ impl Rows<'_> {
             if after >= 0.0 && after < end - begin {
                 let mut sum = [0.0; 3];
                 for j in i..next {
-                    let reading = self.reading_at(t[j] - delay - begin);
+                    let reading = self.reading(&self.point(t[j] - delay - begin));
                     let read = if of == 1 { reading.gyro } else { reading.accel };
                     for k in 0..3 {
                         sum[k] += channel.values[j][k] - read[k];
                     }
                 }
-                self.push(after, which.clone(), sum.map(|s| s / n), sigma / n.sqrt(), of);
+                let moving = if of == 1 {
+                    self.point(after).rate.ang_acc
+                } else {
+                    let step = self.step(after);
+                    core::array::from_fn(|k| (self.felt[step + 1][k] - self.felt[step][k]) / STEP_S)
+                };
+                self.push(after, which.clone(), (sum.map(|s| s / n), moving), sigma / n.sqrt());
             }
             i = next;
         }
@@ -143,36 +166,44 @@ impl Rows<'_> {
         a..b
     }
 
-    fn reading_at(&self, after: f64) -> Reading<f64> {
-        let step = ((after / STEP_S) as usize).min(self.points.len() - 2);
-        self.job.plant.reading(self.points, step, after - step as f64 * STEP_S)
+    /// The step that holds a time after the window's start.
+    fn step(&self, after: f64) -> usize {
+        ((after / STEP_S) as usize).min(self.points.len() - 2)
     }
 
-    /// Adds the rows of one measurement: derivatives of the outputs `which` at a time after the window's start, and the
-    /// residual.
-    fn push(&mut self, after: f64, which: Range<usize>, residual: [f64; 3], sigma: f64, channel: usize) {
-        let (points, outputs, out) = (self.points, self.outputs, &mut self.out);
+    fn point(&self, after: f64) -> Point {
+        let step = self.step(after);
+        let ends = (&self.points[step], &self.points[step + 1]);
+        between_turned(ends, self.turns[step], after - step as f64 * STEP_S)
+    }
+
+    fn reading(&self, point: &Point) -> Reading<f64> {
+        self.job.plant.drone.read(&point.state, &point.rate)
+    }
+
+    /// Adds the rows of one measurement: outputs `which` at a time after the window's start, with their residuals and
+    /// their time derivatives.
+    fn push(
+        &mut self,
+        after: f64,
+        which: Range<usize>,
+        (residual, moving): ([f64; 3], [f64; 3]),
+        sigma: f64,
+    ) {
         let node_s = STEP_S * NODE as f64;
-        let place = (after / node_s).min(outputs.len() as f64 - 1.0 - 1e-9).max(0.0);
-        let (i, f) = (place.floor() as usize, place.fract());
-        let (a, b) = (&outputs[i], &outputs[i + 1]);
-        let step = ((after / STEP_S) as usize).min(points.len() - 2);
-        let moving = self.job.moving(points, step, after - step as f64 * STEP_S);
+        let place = (after / node_s).min(self.nodes as f64 - 1.0 - 1e-9).max(0.0);
         let per = 1.0 / sigma;
-        for (r, o) in which.enumerate() {
-            let first = out.len();
-            out.extend(a.row(o).iter().zip(b.row(o)).map(|(a, b)| (a + f * (b - a)) * per));
-            // A delayed sample shows an earlier value.
-            for (c, of) in &self.clocks {
-                let here = if self.by_pose && *of == 0 {
-                    -f64::from(channel != 0)
-                } else {
-                    f64::from(*of == channel)
-                };
-                out[first + c] -= here * moving[o] * per;
-            }
-            self.rows_of[o / 3] += 1;
-            out.push(residual[r] * per);
+        for (r, output) in which.enumerate() {
+            debug_assert!(output < OUTPUTS);
+            self.out.rows.push(Row {
+                node: place.floor() as usize,
+                share: place.fract(),
+                output,
+                per,
+                moving: moving[r] * per,
+                residual: residual[r] * per,
+            });
+            self.out.rows_of[output / 3] += 1;
         }
     }
 }

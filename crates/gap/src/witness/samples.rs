@@ -269,7 +269,7 @@ fn slopes(
         .map_init(Vec::new, |neighbours, node| {
             let step = node * EVERY;
             let m = known(replay, step)?;
-            let tick = input_under_hat(&replay.ticks, step * STEP);
+            let tick = input_under_hat(&replay.ticks, step * STEP).map(Wide::lit);
             let mut out = vec![[0.0; CHANNELS]; by.len()];
             for ((parameters, plant), places) in plants.iter().zip(&places) {
                 let mut state = State::<Wide> {
