@@ -54,7 +54,8 @@ struct Args {
     /// Width of the manufacturing tolerances.
     #[arg(long, default_value_t = 1.0)]
     tolerance: f64,
-    /// Effects in no list for which formulas are searched, or that come in mid-flight; all where none is named.
+    /// Effects in no list for which formulas are searched, or that come in mid-flight or (steady) are there all the
+    /// time; all where none is named.
     #[arg(long, value_delimiter = ',')]
     kinds: Vec<String>,
     /// Parts of the table to run: single, pairs, none, unlisted, formulas, moments, steady, ordinary, time.

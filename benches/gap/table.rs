@@ -4,7 +4,7 @@ use super::Args;
 use super::formulas;
 use super::moments;
 use super::planted::hidden::stream as planted_stream;
-use super::planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, UNLISTED};
+use super::planted::{Build, Excitation, HIDDEN, Inputs, NoiseLevel, UNLISTED, id};
 use super::score::{Case, Outcome};
 use propwash::vehicle::Vehicle;
 use rayon::prelude::*;
@@ -250,7 +250,10 @@ impl Table<'_> {
         for name in craft(self.args) {
             let vehicle = loaded(&name)?;
             let seeds = self.args.first..self.args.first + self.args.seeds;
-            let effects: Vec<&'static str> = core::iter::once("none").chain(HIDDEN.iter().copied()).collect();
+            let effects: Vec<&'static str> = match self.args.kinds.is_empty() {
+                true => core::iter::once("none").chain(HIDDEN.iter().copied()).collect(),
+                false => self.args.kinds.iter().map(|k| id(k)).collect::<Result<_, _>>()?,
+            };
             let out =
                 moments::steady(&effects, seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
             let quiet = out.iter().filter(|t| t.more() == 0).count();

@@ -11,7 +11,7 @@ use crate::headline::{headline, shortened};
 use crate::ladder::{Flights, together};
 use crate::moments::{Moment, words};
 use crate::track::{SHORTEST_S, Track};
-use crate::verdict::{Diagnosis, Finding, LogSummary, Rung, Section};
+use crate::verdict::{Diagnosis, Finding, Rung, Section};
 
 /// Fits the flight before, between and after the moments of `whole`, the diagnosis as if nothing had changed.
 ///
@@ -31,50 +31,25 @@ pub(super) fn fit_each(
     let mut fitted: Vec<(usize, Flights, Fitted)> = Vec::new();
     for (i, part) in parts.iter_mut().enumerate() {
         let logs: Vec<String> = part.tracks.iter().map(|t| t.name.clone()).collect();
-        // Held-out logs are flights of the vehicle as it is now.
+        // Held-out logs are flights of the vehicle as it is now; of an earlier one only what was missing is shown.
         let held_out = if i == last { flights.held_out.clone() } else { Vec::new() };
-        let flown = Flights::new(std::mem::take(&mut part.tracks), held_out, flights.share);
-        let own = Settings { moments: Moments::No, whole: None, ..settings.copied() };
-        let filed = Filed { label: filed.label, vehicle: filed.vehicle, text: filed.text.clone() };
-        // Of an earlier vehicle only what was missing is shown.
         let calibrate = if i == last { calibrate } else { Calibrate::No };
-        let result = match flown.whole.is_empty() {
-            true => Err(Error::Gap(GapError::Numbers {
-                what: "a stretch of flight",
-                reason: format!("it is shorter than {SHORTEST_S} s"),
-            })),
-            false => fit(filed, &flown, &own, by, calibrate),
-        };
-        match result {
+        let flown = Flights::new(std::mem::take(&mut part.tracks), held_out, flights.share);
+        match alone(filed, &flown, settings, (by, calibrate)) {
             Ok(mut one) => {
                 let earlier = sections.last().map_or(&[][..], |s| &s.findings);
                 tell_apart(&mut one.diagnosed.verdict, i.checked_sub(1).map(|m| &moments[m]), earlier);
-                let v = &one.diagnosed.verdict;
-                sections.push(Section {
-                    logs,
-                    headline: v.headline.clone(),
-                    verdict: v.verdict.clone(),
-                    findings: v.findings.clone(),
-                    fitted: true,
-                });
+                sections.push(Section::of(logs, &one.diagnosed.verdict));
                 fitted.push((i, flown, one));
             }
             Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
-            Err(error) => sections.push(Section {
-                logs,
-                headline: format!("not diagnosed: {error}"),
-                verdict: format!("not diagnosed: {error}"),
-                findings: Vec::new(),
-                fitted: false,
-            }),
+            Err(error) => sections.push(Section::left_out(logs, &error)),
         }
     }
     let ladders: Vec<(String, Vec<Rung>)> = fitted
         .iter_mut()
         .map(|(i, _, f)| (parts[*i].name.clone(), std::mem::take(&mut f.diagnosed.verdict.ladder)))
         .collect();
-    let logs: Vec<LogSummary> =
-        fitted.iter().flat_map(|(.., f)| f.diagnosed.verdict.logs.iter().cloned()).collect();
     let earlier: Vec<String> =
         fitted.iter().flat_map(|(.., f)| f.diagnosed.verdict.warnings.iter().cloned()).collect();
     let Some((now, flown, mut out)) = fitted.pop() else {
@@ -92,7 +67,6 @@ pub(super) fn fit_each(
         });
     };
     let verdict = &mut out.diagnosed.verdict;
-    verdict.logs = logs;
     verdict.ladder = together(&ladders);
     verdict.warnings = earlier;
     verdict.warnings.sort();
@@ -107,6 +81,34 @@ pub(super) fn fit_each(
     say(verdict, moments, sections, &parts.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), now);
     out.now = Some(flown);
     Ok(out)
+}
+
+/// A stretch of flight as a flight of its own.
+fn alone(
+    filed: &Filed,
+    flown: &Flights,
+    settings: &Settings,
+    (by, calibrate): (&str, Calibrate),
+) -> Result<Fitted> {
+    if flown.whole.is_empty() {
+        let reason = format!("it is shorter than {SHORTEST_S} s");
+        return Err(Error::Gap(GapError::Numbers { what: "a stretch of flight", reason }));
+    }
+    let own = Settings { moments: Moments::No, whole: None, ..settings.copied() };
+    let filed = Filed { label: filed.label, vehicle: filed.vehicle, text: filed.text.clone() };
+    fit(filed, flown, &own, by, calibrate)
+}
+
+impl Section {
+    fn of(logs: Vec<String>, verdict: &Diagnosis) -> Self {
+        let Diagnosis { headline, verdict, findings, .. } = verdict.clone();
+        Self { logs, headline, verdict, findings, fitted: true }
+    }
+
+    fn left_out(logs: Vec<String>, error: &Error) -> Self {
+        let words = format!("not diagnosed: {error}");
+        Self { logs, headline: words.clone(), verdict: words, findings: Vec::new(), fitted: false }
+    }
 }
 
 /// An effect that came with a moment is certain where nothing else explains the change about as well: what is the same before and after, a

@@ -4,8 +4,8 @@
 //! parameters at the beginning of a window: every effect and every such time are compared with no step by their evidence (generalised
 //! likelihood ratio: Willsky & Jones, IEEE Trans. Automatic Control 21(1), 1976), first quickly, as if all that is left were new in each
 //! window, and the best again beside weather that may persist ([`steps`]). A step must also explain more than the same parameters going
-//! steadily from one value to another over the flight, and all steps together most of what the flight leaves without them. The time is
-//! refined by windows that begin in between.
+//! steadily from one value to another over the flight, and all steps together most of what the flight leaves without them, where there are
+//! several. The time is refined by windows that begin in between.
 
 mod steps;
 pub(crate) mod words;
@@ -16,7 +16,7 @@ use crate::drift::changes::{ChangedParameter, Part, Space};
 use crate::drift::sight::{Sight, effect, parameter};
 use crate::fit::{Linear, Prepared};
 use crate::model::Model;
-use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENTS_PER_LOG};
+use crate::policy::{CERTAIN_ALONE_NATS, MOMENT_NATS, MOMENT_SHARE, MOMENTS_PER_LOG};
 use crate::search::THRESHOLD;
 use crate::solve::Solution;
 use crate::track::{SHORTEST_S, Track};
@@ -221,10 +221,13 @@ impl Flight<'_> {
             found.push(Found { step, gain: fit.evidence - now.evidence, look_alikes });
             now = fit;
         }
-        // Steps follow any shape that is in no list a little of the way, and leave most of it.
+        // Steps follow any shape that is in no list a little of the way, several of them, and leave most of it. What really changed
+        // takes most, or comes once: beside strong weather it takes less.
+        let once = times.len() == 1
+            && found.iter().any(|f| f.step.from > 0 && f.gain - self.price() >= CERTAIN_ALONE_NATS);
         let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
         let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
-        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now }))
+        Ok((!times.is_empty() && (most || once)).then_some(Changed { found, fit: now }))
     }
 
     /// Number of hypotheses that are compared, in nats.
@@ -279,7 +282,10 @@ impl Flight<'_> {
             // What is far behind beside the weather of the best so far is no match for it beside its own.
             let best = tried.iter().map(|t| &t.2).max_by(|a, b| a.evidence.total_cmp(&b.evidence));
             if let Some(best) = best
-                && self.windows.once(&with(step), best.disturbance).is_none_or(|f| f.evidence < best.evidence - FAR_NATS)
+                && self
+                    .windows
+                    .once(&with(step), best.disturbance)
+                    .is_none_or(|f| f.evidence < best.evidence - FAR_NATS)
             {
                 continue;
             }

@@ -77,7 +77,7 @@ fn about(window: &Window, beyond: &[f64]) -> Window {
     gram.column_mut(last).copy_from(&column);
     gram.row_mut(last).copy_from(&column.transpose());
     gram[(last, last)] = sum.dot(&column);
-    Window { gram, rows: Vec::new(), ..window.clone() }
+    Window { gram, kept: None, ..window.clone() }
 }
 
 impl<'a> Windows<'a> {
@@ -210,7 +210,7 @@ impl<'a> Windows<'a> {
                 let ((a, x), (b, y)) = (places[r], places[c]);
                 w.gram[(a, b)] * x * y
             });
-            Window { gram, rows: Vec::new(), ..w.clone() }
+            Window { gram, kept: None, ..w.clone() }
         };
         Linear {
             windows: self.linear.windows.iter().enumerate().map(one).collect(),
