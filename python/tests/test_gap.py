@@ -68,12 +68,26 @@ def test_a_diagnosis_names_what_is_missing_and_completes_the_vehicle(flown, tmp_
     assert verdict.findings[0].held_out["with"] < verdict.findings[0].held_out["without"]
     assert verdict.findings[0].doubt is None and verdict.nothing_written is None
     assert verdict.headline == "missing: quadratic_drag"
+    assert verdict.moments == () and verdict.sections == ()
     assert verdict.ladder[1].held_out_lack["force_n"] < verdict.ladder[0].held_out_lack["force_n"]
     assert verdict.ladder[1].held_out[-1].position_m < verdict.ladder[0].held_out[-1].position_m
     assert verdict.ladder_png[:4] == b"\x89PNG" and verdict.text == str(verdict)
     verdict.report.save(tmp_path / "gap.html")
     assert (tmp_path / "gap.html").read_text() == verdict.report.html
     propwash.Sim(drone=verdict.completed).step()
+
+
+def test_a_load_between_two_flights_is_told_and_fitted_apart():
+    load = '[[effect]]\nkind = "payload"\nmass_kg = 0.004\nposition_m = [0.0, 0.0, -0.02]\n'
+    vehicle = propwash.Vehicle("cf2x_L250")
+    both = [flight(vehicle, seed=1), flight(vehicle.with_effects(load), seed=2)]
+    verdict = propwash.diagnose(both, vehicle)
+    (moment,) = verdict.moments
+    assert moment.between_logs and {moment.id, *moment.look_alikes} & {"payload", "wrong_mass"}, verdict.text
+    before, after = verdict.sections
+    assert before.fitted and before.findings == () and after.findings == verdict.findings != ()
+    assert verdict.headline.startswith(f"{moment.id} changed before ")
+    assert propwash.diagnose(both, vehicle, moments=False).moments == ()
 
 
 def test_an_effect_is_fitted_and_written(flown, tmp_path):
