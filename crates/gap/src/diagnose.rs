@@ -131,7 +131,13 @@ pub(crate) fn diagnose_from(
     }
     verdict.warnings.extend(cables);
     if given.is_none() && settings.moments != Moments::No {
-        verdict.moments = moments(settings.whole.unwrap_or(tracks), &drone, &model, &solution)?;
+        verdict.moments = moments(
+            settings.whole.unwrap_or(tracks),
+            &drone,
+            &model,
+            &solution,
+            verdict.remainder.unexplained,
+        )?;
         verdict.doubt_by_moments();
     }
     // Where the second estimator sees something else than a finding, the finding may only lean on what is missing.

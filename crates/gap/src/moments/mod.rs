@@ -29,6 +29,8 @@ use steps::{Fit, Place, Windows};
 const GRIDS: usize = 4;
 /// Effects of the quick comparison that are compared again.
 const AGAIN: usize = 4;
+/// What could stand in the place of the first step and is linearised by itself.
+const OTHERS: usize = 2;
 /// Evidence by which such an effect may be behind the best beside the latter's weather, nats.
 const FAR_NATS: f64 = 30.0;
 /// Nothing else is a moment of its own so near to another, s: the same event, seen by its other effects.
@@ -59,7 +61,8 @@ pub struct Moment {
     pub look_alikes: Vec<String>,
 }
 
-/// Moments of the flights of a solution; `tracks` may be longer than what was fitted.
+/// Moments of the flights of a solution; `tracks` may be longer than what was fitted. `unexplained`: whether the solution leaves more than a
+/// known vehicle does.
 ///
 /// # Errors
 /// [`GapError`] where numbers are not finite.
@@ -68,6 +71,7 @@ pub(crate) fn moments(
     drone: &Drone<f64>,
     model: &Model,
     solution: &Solution,
+    unexplained: bool,
 ) -> Result<Vec<Moment>, GapError> {
     let mut out = between(tracks, model, solution)?;
     for (index, track) in tracks.iter().enumerate() {
@@ -78,13 +82,36 @@ pub(crate) fn moments(
             Some(Flight { track, drone, model, solution, index, windows, from_s, place })
         };
         let as_found = Place { set: solution.set.clone(), active: solution.set.clone(), pieces: Vec::new() };
-        let Some(first) = flight(as_found) else { continue };
-        let Some(changed) = first.steps()? else { continue };
+        let as_filed =
+            Place { set: Vec::new(), active: Vec::new(), pieces: vec![(f64::NEG_INFINITY, model.filed())] };
+        // What was found and leaves much may be too far from all of the flight to say what changed: then the file is nearer.
+        let begin =
+            if unexplained && !solution.set.is_empty() { vec![as_found, as_filed] } else { vec![as_found] };
+        let mut seen = None;
+        for place in begin {
+            let Some(flight) = flight(place) else { continue };
+            if let Some(changed) = flight.steps()? {
+                seen = Some((flight, changed));
+                break;
+            }
+        }
+        let Some((first, changed)) = seen else { continue };
         // What was found as if nothing had changed may be far from either side, or only stand for the change: each side is linearised
         // again by itself, with what was found and without it.
+        let mut places = vec![first.place(&changed.found, &changed.fit, true)];
+        if !solution.set.is_empty() {
+            places.push(first.place(&changed.found, &changed.fit, false));
+        }
+        // So is what comes next to the first step: where a load hangs shows only beside its mass.
+        let others =
+            changed.first.iter().filter(|t| t.step.effect != changed.found[0].step.effect && t.step.from > 0);
+        for t in others.take(OTHERS) {
+            let found = Found { step: t.step, gain: 0.0, look_alikes: Vec::new() };
+            places.push(first.place(&[found], &t.fit, false));
+        }
         let mut best: Option<(Flight, Changed)> = None;
-        for kept in [true, false].into_iter().take(if solution.set.is_empty() { 1 } else { 2 }) {
-            let Some(flight) = flight(first.place(&changed, kept)) else { continue };
+        for place in places {
+            let Some(flight) = flight(place) else { continue };
             let Some(changed) = flight.steps()? else { continue };
             if best.as_ref().is_none_or(|(_, b)| changed.fit.evidence > b.fit.evidence) {
                 best = Some((flight, changed));
@@ -166,20 +193,29 @@ struct Found {
 struct Changed {
     found: Vec<Found>,
     fit: Fit,
+    /// What else was compared with the first step, most evident first.
+    first: Vec<Tried>,
+}
+
+/// A step, and the fit with it.
+struct Tried {
+    step: Part,
+    fit: Fit,
+    /// Whether the fit is beside weather of its own, and the step enough and possible.
+    settled: bool,
 }
 
 impl Flight<'_> {
     /// Where the flight is linearised before, between and after steps.
-    fn place(&self, changed: &Changed, kept: bool) -> Place {
-        let mut begins: Vec<usize> = changed.found.iter().map(|f| f.step.from).chain([0]).collect();
+    fn place(&self, found: &[Found], fit: &Fit, kept: bool) -> Place {
+        let mut begins: Vec<usize> = found.iter().map(|f| f.step.from).chain([0]).collect();
         begins.sort_unstable();
         begins.dedup();
         let set = if kept { self.windows.set.clone() } else { Vec::new() };
-        let active: Vec<usize> =
-            set.iter().copied().chain(changed.found.iter().map(|f| f.step.effect)).collect();
+        let active: Vec<usize> = set.iter().copied().chain(found.iter().map(|f| f.step.effect)).collect();
         let piece = |from: usize| {
             let from_s = if from == 0 { f64::NEG_INFINITY } else { self.from_s[from] };
-            (from_s, self.windows.values(&changed.fit, from, &active, kept))
+            (from_s, self.windows.values(fit, from, &active, kept))
         };
         let pieces = begins.into_iter().map(piece).collect();
         Place { set, active, pieces }
@@ -208,9 +244,13 @@ impl Flight<'_> {
         let mut found: Vec<Found> = Vec::new();
         // Times at which something changed: other effects may change at the same.
         let mut times: Vec<f64> = Vec::new();
+        let mut others = Vec::new();
         for _ in 0..2 * MOMENTS_PER_LOG {
             let steps: Vec<Part> = found.iter().map(|f| f.step).collect();
-            let Some((step, fit, look_alikes)) = self.next(&quick, &steps, &now)? else { break };
+            let Some((step, fit, look_alikes, rest)) = self.next(&quick, &steps, &now)? else { break };
+            if found.is_empty() {
+                others = rest;
+            }
             let at_s = self.from_s[step.from];
             if step.from > 0 && !times.iter().any(|t| (t - at_s).abs() < SAME_S) {
                 if times.len() == MOMENTS_PER_LOG {
@@ -227,7 +267,7 @@ impl Flight<'_> {
             && found.iter().any(|f| f.step.from > 0 && f.gain - self.price() >= CERTAIN_ALONE_NATS);
         let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
         let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
-        Ok((!times.is_empty() && (most || once)).then_some(Changed { found, fit: now }))
+        Ok((!times.is_empty() && (most || once)).then_some(Changed { found, fit: now, first: others }))
     }
 
     /// Number of hypotheses that are compared, in nats.
@@ -253,13 +293,13 @@ impl Flight<'_> {
         out
     }
 
-    /// The next step with enough evidence, and what would explain the flight about as well.
+    /// The next step with enough evidence, what would explain the flight about as well, and all else that was compared.
     fn next(
         &self,
         quick: &Space,
         steps: &[Part],
         now: &Fit,
-    ) -> Result<Option<(Part, Fit, Vec<String>)>, GapError> {
+    ) -> Result<Option<(Part, Fit, Vec<String>, Vec<Tried>)>, GapError> {
         let effect = |c: usize| quick.effect(&self.model.candidates[c].id);
         let of_space = |part: &Part| effect(part.effect).map(|effect| Part { effect, ..*part });
         let of_model = |part: Part| {
@@ -276,40 +316,40 @@ impl Flight<'_> {
         };
         let price = self.price();
         let with = |step: Part| [steps, &[step]].concat();
-        let mut tried: Vec<(f64, Part, Fit)> = Vec::new();
+        let mut tried: Vec<Tried> = Vec::new();
         for (_, part) in quick.ranked(&accepted, asked).into_iter().take(AGAIN) {
             let Some(step) = of_model(part) else { continue };
             // What is far behind beside the weather of the best so far is no match for it beside its own.
-            let best = tried.iter().map(|t| &t.2).max_by(|a, b| a.evidence.total_cmp(&b.evidence));
-            if let Some(best) = best
-                && self
-                    .windows
-                    .once(&with(step), best.disturbance)
-                    .is_none_or(|f| f.evidence < best.evidence - FAR_NATS)
-            {
-                continue;
+            let settled = tried.iter().filter(|t| t.settled);
+            if let Some(best) = settled.max_by(|a, b| a.fit.evidence.total_cmp(&b.fit.evidence)) {
+                let Some(fit) = self.windows.once(&with(step), best.fit.disturbance) else { continue };
+                if fit.evidence < best.fit.evidence - FAR_NATS {
+                    tried.push(Tried { step, fit, settled: false });
+                    continue;
+                }
             }
             let Some(fit) = self.windows.fit(&with(step)) else { continue };
-            let gain = fit.evidence - now.evidence - price;
-            if gain >= MOMENT_NATS && self.windows.allowed(&fit, step.effect) {
-                tried.push((gain, step, fit));
-            }
+            let enough = fit.evidence - now.evidence - price >= MOMENT_NATS;
+            let settled = enough && self.windows.allowed(&fit, step.effect);
+            tried.push(Tried { step, fit, settled });
         }
-        tried.sort_by(|a, b| b.0.total_cmp(&a.0));
+        tried.sort_by(|a, b| b.fit.evidence.total_cmp(&a.fit.evidence));
         // What goes on all the time is no moment: a battery that empties.
-        let steadily = |(_, step, fit): &(f64, Part, Fit)| {
-            let line = Part { from: 0, until: self.from_s.len() - 1, ..*step };
-            let line = if step.from == 0 { None } else { self.windows.fit(&with(line)) };
-            line.is_some_and(|l| l.evidence > fit.evidence - THRESHOLD)
+        let steadily = |t: &Tried| {
+            let line = Part { from: 0, until: self.from_s.len() - 1, ..t.step };
+            let line = if t.step.from == 0 { None } else { self.windows.fit(&with(line)) };
+            line.is_some_and(|l| l.evidence > t.fit.evidence - THRESHOLD)
         };
-        while tried.first().is_some_and(steadily) {
-            tried.remove(0);
-        }
-        let Some((gain, step, _)) = tried.first() else { return Ok(None) };
-        let alike = tried[1..].iter().filter(|t| t.0 > gain - THRESHOLD && t.1.from.abs_diff(step.from) <= 2);
-        let alike = alike.map(|t| self.model.candidates[t.1.effect].id.clone()).collect();
-        let (_, step, fit) = tried.swap_remove(0);
-        Ok(Some((step, fit, alike)))
+        let Some(at) = (0..tried.len()).find(|i| tried[*i].settled && !steadily(&tried[*i])) else {
+            return Ok(None);
+        };
+        let Tried { step, fit, .. } = tried.remove(at);
+        let near = |t: &&Tried| {
+            t.settled && t.fit.evidence > fit.evidence - THRESHOLD && t.step.from.abs_diff(step.from) <= 2
+        };
+        let alike =
+            tried.iter().filter(near).map(|t| self.model.candidates[t.step.effect].id.clone()).collect();
+        Ok(Some((step, fit, alike, tried)))
     }
 
     fn told(&self, found: &Found, fit: &Fit) -> Result<Moment, GapError> {
