@@ -271,8 +271,9 @@ pub(crate) const DRIFTS_PER_LOG: usize = super::search::MOST;
 
 /// Evidence that a step in mid-flight needs, nats, over all effects and all times at which it may be.
 pub(crate) const MOMENT_NATS: f64 = 12.0;
-/// Share of the variance of what a flight leaves unexplained, in force or in torque, that its moments must take together where there are
-/// several, or one with less than [`CERTAIN_ALONE_NATS`].
+/// Share of the variance of what a flight leaves unexplained, in force or in torque, that its moments must take together.
 pub(crate) const MOMENT_SHARE: f64 = 0.75;
+/// Widest interval of the time of a moment, s.
+pub(crate) const MOMENT_WIDEST_S: f64 = 1.0;
 /// Most moments of a flight: one that changes more often has weather.
 pub(crate) const MOMENTS_PER_LOG: usize = 3;

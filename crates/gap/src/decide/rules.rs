@@ -164,8 +164,7 @@ impl Rule {
             Self::Moment => format!(
                 "a step of an effect in mid-flight is named that brings {MOMENT_NATS} nats beyond the price of all effects and times that \
                  were compared, the weather being estimated again with it, and {THRESHOLD} nats more than the same effect going steadily \
-                 from one value to another, if the steps of a flight together take {} of the variance of what it leaves or there is one alone with {CERTAIN_ALONE_NATS} nats \
-                 and more; what was found as if nothing had changed is then in doubt, and the flight before and after \
+                 from one value to another, if the steps of a flight together take {} of the variance of what it leaves; what was found as if nothing had changed is then in doubt, and the flight before and after \
                  is diagnosed by itself",
                 percent(MOMENT_SHARE)
             ),

@@ -4,8 +4,8 @@
 //! parameters at the beginning of a window: every effect and every such time are compared with no step by their evidence (generalised
 //! likelihood ratio: Willsky & Jones, IEEE Trans. Automatic Control 21(1), 1976), first quickly, as if all that is left were new in each
 //! window, and the best again beside weather that may persist ([`steps`]). A step must also explain more than the same parameters going
-//! steadily from one value to another over the flight, and all steps together most of what the flight leaves without them, where there are
-//! several. The time is refined by windows that begin in between.
+//! steadily from one value to another over the flight, and all steps together most of what the flight leaves without them. The time is
+//! refined by windows that begin in between.
 
 mod steps;
 pub(crate) mod words;
@@ -16,7 +16,7 @@ use crate::drift::changes::{ChangedParameter, Part, Space};
 use crate::drift::sight::{Sight, effect, parameter};
 use crate::fit::{Linear, Prepared};
 use crate::model::Model;
-use crate::policy::{CERTAIN_ALONE_NATS, MOMENT_NATS, MOMENT_SHARE, MOMENTS_PER_LOG};
+use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENT_WIDEST_S, MOMENTS_PER_LOG, NAMED_SIGMAS};
 use crate::search::THRESHOLD;
 use crate::solve::Solution;
 use crate::track::{SHORTEST_S, Track};
@@ -73,7 +73,7 @@ pub(crate) fn moments(
     solution: &Solution,
     unexplained: bool,
 ) -> Result<Vec<Moment>, GapError> {
-    let mut out = between(tracks, model, solution)?;
+    let mut out = between(tracks, model, solution, unexplained)?;
     for (index, track) in tracks.iter().enumerate() {
         let log = Prepared::new(track, drone);
         let flight = |place: Place| {
@@ -127,7 +127,15 @@ pub(crate) fn moments(
 
 /// Effects of the vehicle that differ between logs: steps from one log to the next, each log by itself being what it says at the solution's
 /// linearisation, as precisely as its parts agree. Clocks, sensors, wind and battery may differ anyway.
-fn between(tracks: &[Track], model: &Model, solution: &Solution) -> Result<Vec<Moment>, GapError> {
+///
+/// Beside something unexplained, which is easily taken for another size of an effect, only what comes or goes is told: values as filed on
+/// one side.
+fn between(
+    tracks: &[Track],
+    model: &Model,
+    solution: &Solution,
+    unexplained: bool,
+) -> Result<Vec<Moment>, GapError> {
     let mut out = Vec::new();
     if tracks.len() < 2 {
         return Ok(out);
@@ -141,7 +149,7 @@ fn between(tracks: &[Track], model: &Model, solution: &Solution) -> Result<Vec<M
     let price = ((space.effects().len().max(1) * (tracks.len() - 1)) as f64).ln();
     let names: Vec<&str> = tracks.iter().map(|t| t.name.as_str()).collect();
     let mut taken: Vec<usize> = Vec::new();
-    while out.len() < MOMENTS_PER_LOG {
+    while taken.len() < MOMENTS_PER_LOG {
         let asked = |effect: usize| {
             let all = (1..tracks.len()).filter(|from| !taken.contains(from));
             all.map(|from| Part { effect, from, until: from }).collect()
@@ -152,6 +160,9 @@ fn between(tracks: &[Track], model: &Model, solution: &Solution) -> Result<Vec<M
         let change = space.told(&proposed, (&before, &parts), &names)?;
         let track = &tracks[proposed.part.from];
         taken.push(proposed.part.from);
+        if unexplained && !comes_or_goes(&change.parameters) {
+            continue;
+        }
         out.push(Moment {
             log: track.name.clone(),
             index: proposed.part.from,
@@ -166,6 +177,18 @@ fn between(tracks: &[Track], model: &Model, solution: &Solution) -> Result<Vec<M
         });
     }
     Ok(out)
+}
+
+/// Whether the parameter that changed most is as filed on one side, or nearer to it than a quarter of the change.
+fn comes_or_goes(parameters: &[ChangedParameter]) -> bool {
+    let size = |p: &ChangedParameter| (p.after - p.before).abs() / p.before_sigma.max(p.after_sigma);
+    let most = parameters.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    most.is_some_and(|p| {
+        let near = |value: f64, sigma: f64| {
+            (value - p.filed).abs() <= (NAMED_SIGMAS * sigma).max(0.25 * (p.after - p.before).abs())
+        };
+        near(p.before, p.before_sigma) || near(p.after, p.after_sigma)
+    })
 }
 
 /// One flight.
@@ -226,7 +249,11 @@ impl Flight<'_> {
         for f in &changed.found {
             let near = |m: &Moment| (m.at_s - self.from_s[f.step.from]).abs() < SAME_S;
             if f.step.from > 0 && !out.iter().any(near) {
-                out.push(self.told(f, &changed.fit)?);
+                let told = self.told(f, &changed.fit)?;
+                // What cannot be dated came little by little, or not at all.
+                if told.interval_s[1] - told.interval_s[0] <= MOMENT_WIDEST_S {
+                    out.push(told);
+                }
             }
         }
         out.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
@@ -261,13 +288,10 @@ impl Flight<'_> {
             found.push(Found { step, gain: fit.evidence - now.evidence, look_alikes });
             now = fit;
         }
-        // Steps follow any shape that is in no list a little of the way, several of them, and leave most of it. What really changed
-        // takes most, or comes once: beside strong weather it takes less.
-        let once = times.len() == 1
-            && found.iter().any(|f| f.step.from > 0 && f.gain - self.price() >= CERTAIN_ALONE_NATS);
+        // Steps follow any shape that is in no list a little of the way, and leave most of it.
         let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
         let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
-        Ok((!times.is_empty() && (most || once)).then_some(Changed { found, fit: now, first: others }))
+        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now, first: others }))
     }
 
     /// Number of hypotheses that are compared, in nats.
