@@ -197,8 +197,8 @@ impl Rule {
                  Brushless with something unexplained, which named ten"
             }
             Self::Moment => {
-                "28 steady planted flights of two vehicles, which name none; nine with effects in no list, whose steps take at most 62 % of what \
-                 the flight leaves; 16 in which an effect comes, whose steps take 90 % and more"
+                "46 steady planted flights of two vehicles, which name none with it; nine with effects in no list, whose steps take at \
+                 most 62 % of what the flight leaves; 16 in which an effect comes, whose steps take 90 % and more"
             }
             Self::NeverWorse => "18 planted flights, in 4 of which what was written raised an error",
         }
