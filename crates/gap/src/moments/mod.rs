@@ -228,6 +228,14 @@ struct Tried {
     settled: bool,
 }
 
+/// The next step, what would explain the flight about as well, and all else that was compared.
+struct Next {
+    step: Part,
+    fit: Fit,
+    look_alikes: Vec<String>,
+    others: Vec<Tried>,
+}
+
 impl Flight<'_> {
     /// Where the flight is linearised before, between and after steps.
     fn place(&self, found: &[Found], fit: &Fit, kept: bool) -> Place {
@@ -274,7 +282,8 @@ impl Flight<'_> {
         let mut others = Vec::new();
         for _ in 0..2 * MOMENTS_PER_LOG {
             let steps: Vec<Part> = found.iter().map(|f| f.step).collect();
-            let Some((step, fit, look_alikes, rest)) = self.next(&quick, &steps, &now)? else { break };
+            let Some(next) = self.next(&quick, &steps, &now)? else { break };
+            let Next { step, fit, look_alikes, others: rest } = next;
             if found.is_empty() {
                 others = rest;
             }
@@ -317,13 +326,8 @@ impl Flight<'_> {
         out
     }
 
-    /// The next step with enough evidence, what would explain the flight about as well, and all else that was compared.
-    fn next(
-        &self,
-        quick: &Space,
-        steps: &[Part],
-        now: &Fit,
-    ) -> Result<Option<(Part, Fit, Vec<String>, Vec<Tried>)>, GapError> {
+    /// The next step with enough evidence.
+    fn next(&self, quick: &Space, steps: &[Part], now: &Fit) -> Result<Option<Next>, GapError> {
         let effect = |c: usize| quick.effect(&self.model.candidates[c].id);
         let of_space = |part: &Part| effect(part.effect).map(|effect| Part { effect, ..*part });
         let of_model = |part: Part| {
@@ -373,7 +377,7 @@ impl Flight<'_> {
         };
         let alike =
             tried.iter().filter(near).map(|t| self.model.candidates[t.step.effect].id.clone()).collect();
-        Ok(Some((step, fit, alike, tried)))
+        Ok(Some(Next { step, fit, look_alikes: alike, others: tried }))
     }
 
     fn told(&self, found: &Found, fit: &Fit) -> Result<Moment, GapError> {
