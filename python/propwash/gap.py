@@ -211,6 +211,8 @@ class Moment:
     evidence_nats: float
     look_alikes: tuple[str, ...]
     """Other effects whose change explains the flight about as well."""
+    ruled_out: tuple[str, ...]
+    """Other effects that were tried as the change and explain the flight clearly worse."""
 
 
 @dataclass(frozen=True)
@@ -615,6 +617,7 @@ def _fit(
                 interval_s=(m["interval_s"][0], m["interval_s"][1]),
                 parameters=tuple(_changed(p) for p in m["parameters"]),
                 look_alikes=tuple(m["look_alikes"]),
+                ruled_out=tuple(m["ruled_out"]),
             )
             for m in of["moments"]
         ),

@@ -134,9 +134,9 @@ pub(crate) fn diagnose_from(
         verdict.moments = moments(
             settings.whole.unwrap_or(tracks),
             &drone,
-            &model,
-            &solution,
+            (&model, &solution),
             verdict.remainder.unexplained,
+            watch,
         )?;
         verdict.doubt_by_moments();
     }

@@ -49,6 +49,13 @@ pub struct ChangedParameter {
     pub of: Option<(f64, String)>,
 }
 
+impl ChangedParameter {
+    /// Size of the change over the larger standard deviation.
+    pub(crate) fn sigmas(&self) -> f64 {
+        (self.after - self.before).abs() / self.before_sigma.max(self.after_sigma).max(f64::MIN_POSITIVE)
+    }
+}
+
 /// A drift of one effect's parameters.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Change {

@@ -17,7 +17,7 @@ mod record;
 pub(crate) mod sight;
 #[cfg(test)]
 mod tests;
-mod words;
+pub(crate) mod words;
 
 pub use changes::{Change, ChangeKind, ChangedParameter};
 pub use folder::{Found, Listing, Order, look};

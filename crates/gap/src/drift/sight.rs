@@ -217,20 +217,30 @@ impl Sight {
             scatter.hypot(DRIFT_REPEATS * widths(model, p).0) / p.slab
         };
         loosened(&mut a, &mut b, &own.iter().map(|k| repeats(*k)).collect::<Vec<_>>())?;
+        let precision = |i: usize, j: usize| a[(i, j)] / (slab(own[i]) * slab(own[j]));
+        Ok(Self::about(model, solution.tolerance, &own, precision, |i| b[i] / slab(own[i])))
+    }
+
+    /// Information about the parameters `own` of a model, their precision and score by their places in that list, per unit.
+    pub(crate) fn about(
+        model: &Model,
+        wider: f64,
+        own: &[usize],
+        precision: impl Fn(usize, usize) -> f64,
+        score: impl Fn(usize) -> f64,
+    ) -> Self {
         let mut effects: Vec<usize> = own.iter().map(|k| model.parameters[*k].candidate).collect();
         effects.dedup();
         let place = |k: usize| effects.iter().position(|c| *c == model.parameters[k].candidate);
-        Ok(Self {
+        let lower = (0..own.len()).flat_map(|i| (0..=i).map(move |j| (i, j)));
+        Self {
             dynamics: String::new(),
-            wider: solution.tolerance,
+            wider,
             effects: effects.iter().map(|c| effect(model, *c)).collect(),
             parameters: own.iter().map(|k| parameter(model, *k, place(*k).unwrap_or(0))).collect(),
-            precision: (0..own.len())
-                .flat_map(|i| (0..=i).map(move |j| (i, j)))
-                .map(|(i, j)| a[(i, j)] / (slab(own[i]) * slab(own[j])))
-                .collect(),
-            score: own.iter().enumerate().map(|(i, k)| b[i] / slab(*k)).collect(),
-        })
+            precision: lower.map(|(i, j)| precision(i, j)).collect(),
+            score: (0..own.len()).map(score).collect(),
+        }
     }
 }
 

@@ -75,16 +75,16 @@ fn sentence(entry: &Entry, c: &Change) -> String {
     format!(
         "{}: {what}: {} ({}; {:.0} nats{ratio}{or})",
         c.id,
-        numbers(c).join(", "),
+        numbers(&c.parameters, c.kind == ChangeKind::New).join(", "),
         c.title,
         c.evidence_nats
     )
 }
 
-/// Parameters of a drift with the values before and after, 95 % intervals; those that hardly move are left out.
-fn numbers(c: &Change) -> Vec<String> {
-    let size = |p: &ChangedParameter| (p.after - p.before).abs() / p.before_sigma.max(p.after_sigma);
-    let most = c.parameters.iter().map(size).fold(0.0, f64::max);
+/// Parameters that changed with the values before and after, 95 % intervals, only after for what is `new`; those that hardly move are left
+/// out.
+pub(crate) fn numbers(parameters: &[ChangedParameter], new: bool) -> Vec<String> {
+    let most = parameters.iter().map(ChangedParameter::sigmas).fold(0.0, f64::max);
     let one = |p: &ChangedParameter| {
         let values = [(p.before, p.before_sigma), (p.after, p.after_sigma)];
         let of = |(value, sigma): (f64, f64)| interval(value, sigma, &p.unit);
@@ -92,12 +92,12 @@ fn numbers(c: &Change) -> Vec<String> {
             let [before, after] = values.map(|v| quantity(v.0 * of, unit, 3));
             format!(" ({before} → {after})")
         });
-        match c.kind {
-            ChangeKind::New => format!("{} {}", p.name, of(values[1])),
-            _ => format!("{} {} → {}{absolute}", p.name, of(values[0]), of(values[1])),
+        match new {
+            true => format!("{} {}", p.name, of(values[1])),
+            false => format!("{} {} → {}{absolute}", p.name, of(values[0]), of(values[1])),
         }
     };
-    c.parameters.iter().filter(|p| size(p) > 0.25 * most).map(one).collect()
+    parameters.iter().filter(|p| p.sigmas() > 0.25 * most).map(one).collect()
 }
 
 /// Parameters that have drifted, over the logs: what each log by itself says of them, and what is accepted at the end.

@@ -24,7 +24,7 @@ pub(super) fn fit_each(
     (by, calibrate): (&str, Calibrate),
     whole: Diagnosed,
 ) -> Result<Fitted> {
-    let moments = whole.verdict.moments.clone();
+    let mut moments = whole.verdict.moments.clone();
     let mut parts = parts(&flights.whole, &moments);
     let last = parts.len() - 1;
     let mut sections: Vec<Section> = Vec::new();
@@ -38,7 +38,10 @@ pub(super) fn fit_each(
         match alone(filed, &flown, settings, (by, calibrate)) {
             Ok(mut one) => {
                 let earlier = sections.last().map_or(&[][..], |s| &s.findings);
-                tell_apart(&mut one.diagnosed.verdict, i.checked_sub(1).map(|m| &moments[m]), earlier);
+                if let Some(m) = i.checked_sub(1).map(|m| &mut moments[m]) {
+                    m.look_alikes.extend(instead(&one.diagnosed.verdict, m, earlier));
+                    tell_apart(&mut one.diagnosed.verdict, m, earlier);
+                }
                 sections.push(Section::of(logs, &one.diagnosed.verdict));
                 fitted.push((i, flown, one));
             }
@@ -111,21 +114,34 @@ impl Section {
     }
 }
 
-/// An effect that came with a moment is certain where nothing else explains the change about as well: what is the same before and after, a
-/// mass or a thrust within tolerance, does not look like it.
-fn tell_apart(verdict: &mut Diagnosis, moment: Option<&Moment>, earlier: &[Finding]) {
-    let Some(m) = moment.filter(|m| m.look_alikes.is_empty()) else { return };
-    if earlier.iter().any(|f| f.id == m.id) {
+/// What the flight after a moment names in the place of its effect: it may be what changed.
+fn instead(after: &Diagnosis, m: &Moment, earlier: &[Finding]) -> Vec<String> {
+    let like = |f: &Finding| f.look_alikes.iter().any(|l| l.ids == [m.id.as_str()]);
+    if after.findings.iter().chain(earlier).any(|f| f.id == m.id) {
+        return Vec::new();
+    }
+    let new = after.findings.iter().filter(|f| !earlier.iter().any(|e| e.id == f.id));
+    let new = new.filter(|f| like(f) || f.certain).map(|f| f.id.clone());
+    new.filter(|id| !m.look_alikes.contains(id)).collect()
+}
+
+/// Of what looks like an effect that came with a moment, what was tried as the change and ruled out is taken away; it is certain where
+/// nothing is left. A mass or a thrust within tolerance is the same before and after.
+fn tell_apart(verdict: &mut Diagnosis, m: &Moment, earlier: &[Finding]) {
+    if !m.look_alikes.is_empty() || earlier.iter().any(|f| f.id == m.id) {
         return;
     }
     let Some(f) = verdict.findings.iter_mut().find(|f| f.id == m.id && !f.certain && f.doubt().is_none())
     else {
         return;
     };
-    f.certain = true;
-    f.look_alikes.clear();
-    let words =
-        format!("certain: nothing else explains the change about as well ({:.0} nats)", m.evidence_nats);
+    let before = f.look_alikes.len();
+    f.look_alikes.retain(|l| l.ids.len() != 1 || !m.ruled_out.contains(&l.ids[0]));
+    if f.look_alikes.len() == before {
+        return;
+    }
+    f.certain = f.look_alikes.is_empty();
+    let words = format!("{} were tried as the change and explain it clearly worse", m.ruled_out.join(", "));
     verdict.why.push(Why::new(&m.id, Rule::Moment, words));
     verdict.verdict = sentence(&verdict.findings, &verdict.remainder, &[], 0);
     verdict.headline = headline(&verdict.verdict, &verdict.findings, verdict.remainder.unexplained);

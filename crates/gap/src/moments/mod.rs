@@ -11,15 +11,17 @@ mod steps;
 pub(crate) mod words;
 
 use crate::GapError;
-use crate::disturbance::Disturbance;
+use crate::disturbance::{Disturbance, Reduced};
 use crate::drift::changes::{ChangedParameter, Part, Space};
 use crate::drift::sight::{Sight, effect, parameter};
 use crate::fit::{Linear, Prepared};
 use crate::model::Model;
 use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENT_WIDEST_S, MOMENTS_PER_LOG, NAMED_SIGMAS};
+use crate::report::quantity::HALF_95;
 use crate::search::THRESHOLD;
 use crate::solve::Solution;
 use crate::track::{SHORTEST_S, Track};
+use crate::watch::Watch;
 use propwash_physics::drone::Drone;
 use propwash_physics::effects::{Area, Relative, nature};
 use serde::Serialize;
@@ -29,8 +31,8 @@ use steps::{Fit, Place, Windows};
 const GRIDS: usize = 4;
 /// Effects of the quick comparison that are compared again.
 const AGAIN: usize = 4;
-/// What could stand in the place of the first step and is linearised by itself.
-const OTHERS: usize = 2;
+/// Share of a change by which a value may be off the file's and still be as filed.
+const NEARLY: f64 = 0.25;
 /// Evidence by which such an effect may be behind the best beside the latter's weather, nats.
 const FAR_NATS: f64 = 30.0;
 /// Nothing else is a moment of its own so near to another, s: the same event, seen by its other effects.
@@ -59,19 +61,21 @@ pub struct Moment {
     pub evidence_nats: f64,
     /// Other effects whose change explains the flight about as well.
     pub look_alikes: Vec<String>,
+    /// Other effects whose change was fitted in its place, from its own estimates, and explains the flight clearly worse.
+    pub ruled_out: Vec<String>,
 }
 
 /// Moments of the flights of a solution; `tracks` may be longer than what was fitted. `unexplained`: whether the solution leaves more than a
 /// known vehicle does.
 ///
 /// # Errors
-/// [`GapError`] where numbers are not finite.
+/// [`GapError`] where numbers are not finite, and [`GapError::Cancelled`] at the watcher's wish.
 pub(crate) fn moments(
     tracks: &[Track],
     drone: &Drone<f64>,
-    model: &Model,
-    solution: &Solution,
+    (model, solution): (&Model, &Solution),
     unexplained: bool,
+    watch: &Watch,
 ) -> Result<Vec<Moment>, GapError> {
     let mut out = between(tracks, model, solution, unexplained)?;
     for (index, track) in tracks.iter().enumerate() {
@@ -89,6 +93,7 @@ pub(crate) fn moments(
             if unexplained && !solution.set.is_empty() { vec![as_found, as_filed] } else { vec![as_found] };
         let mut seen = None;
         for place in begin {
+            watch.check()?;
             let Some(flight) = flight(place) else { continue };
             if let Some(changed) = flight.steps()? {
                 seen = Some((flight, changed));
@@ -98,28 +103,44 @@ pub(crate) fn moments(
         let Some((first, changed)) = seen else { continue };
         // What was found as if nothing had changed may be far from either side, or only stand for the change: each side is linearised
         // again by itself, with what was found and without it.
-        let mut places = vec![first.place(&changed.found, &changed.fit, true)];
+        let mut places = vec![(None, first.place(&changed.found, &changed.fit, true))];
         if !solution.set.is_empty() {
-            places.push(first.place(&changed.found, &changed.fit, false));
+            places.push((None, first.place(&changed.found, &changed.fit, false)));
         }
-        // So is what comes next to the first step: where a load hangs shows only beside its mass.
-        let others =
-            changed.first.iter().filter(|t| t.step.effect != changed.found[0].step.effect && t.step.from > 0);
-        for t in others.take(OTHERS) {
+        // So is what else was compared with the first step: where a load hangs shows only beside its mass.
+        let led = changed.found[0].step.effect;
+        for t in changed.others.iter().filter(|t| t.step.effect != led && t.step.from > 0) {
             let found = Found { step: t.step, gain: 0.0, look_alikes: Vec::new() };
-            places.push(first.place(&[found], &t.fit, false));
+            places.push((Some(t.step.effect), first.place(&[found], &t.fit, false)));
         }
-        let mut best: Option<(Flight, Changed)> = None;
-        for place in places {
-            let Some(flight) = flight(place) else { continue };
-            let Some(changed) = flight.steps()? else { continue };
-            if best.as_ref().is_none_or(|(_, b)| changed.fit.evidence > b.fit.evidence) {
-                best = Some((flight, changed));
+        let mut ended: Vec<(Option<usize>, Flight, Changed)> = Vec::new();
+        let mut failed: Vec<usize> = Vec::new();
+        for (of, place) in places {
+            watch.check()?;
+            match flight(place).map(|f| f.steps().map(|c| c.map(|c| (f, c)))).transpose()?.flatten() {
+                Some((flight, changed)) => ended.push((of, flight, changed)),
+                None => failed.extend(of),
             }
         }
-        if let Some((flight, changed)) = best {
-            out.extend(flight.moments(&changed)?);
+        ended.sort_by(|a, b| b.2.fit.evidence.total_cmp(&a.2.fit.evidence));
+        let Some((_, flight, changed)) = ended.first() else { continue };
+        let mut told = flight.moments(changed)?;
+        // What the first step is not: a change that was fitted from its own estimates and ends as another one, or clearly behind it.
+        let led = changed.found[0].step;
+        let clearly = |c: &Changed| changed.fit.evidence - c.fit.evidence > THRESHOLD;
+        let id = |effect: usize| model.candidates[effect].id.clone();
+        for (of, _, c) in &ended[1..] {
+            let other = c.found[0].step.effect;
+            if other != led.effect && !clearly(c) {
+                told.iter_mut().take(1).for_each(|m| m.look_alikes.push(id(other)));
+            } else {
+                failed.extend(of.filter(|of| *of != led.effect));
+            }
         }
+        for m in told.iter_mut().filter(|m| m.id == id(led.effect)) {
+            m.ruled_out = failed.iter().map(|e| id(*e)).filter(|e| !m.look_alikes.contains(e)).collect();
+        }
+        out.extend(told);
     }
     out.sort_by(|a, b| a.index.cmp(&b.index).then(a.at_s.total_cmp(&b.at_s)));
     Ok(out)
@@ -174,18 +195,18 @@ fn between(
             parameters: change.parameters,
             evidence_nats: change.evidence_nats - price,
             look_alikes: change.look_alikes,
+            ruled_out: Vec::new(),
         });
     }
     Ok(out)
 }
 
-/// Whether the parameter that changed most is as filed on one side, or nearer to it than a quarter of the change.
+/// Whether the parameter that changed most is as filed on one side, or nearer to it than [`NEARLY`] of the change.
 fn comes_or_goes(parameters: &[ChangedParameter]) -> bool {
-    let size = |p: &ChangedParameter| (p.after - p.before).abs() / p.before_sigma.max(p.after_sigma);
-    let most = parameters.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    let most = parameters.iter().max_by(|a, b| a.sigmas().total_cmp(&b.sigmas()));
     most.is_some_and(|p| {
         let near = |value: f64, sigma: f64| {
-            (value - p.filed).abs() <= (NAMED_SIGMAS * sigma).max(0.25 * (p.after - p.before).abs())
+            (value - p.filed).abs() <= (NAMED_SIGMAS * sigma).max(NEARLY * (p.after - p.before).abs())
         };
         near(p.before, p.before_sigma) || near(p.after, p.after_sigma)
     })
@@ -217,7 +238,7 @@ struct Changed {
     found: Vec<Found>,
     fit: Fit,
     /// What else was compared with the first step, most evident first.
-    first: Vec<Tried>,
+    others: Vec<Tried>,
 }
 
 /// A step, and the fit with it.
@@ -300,7 +321,7 @@ impl Flight<'_> {
         // Steps follow any shape that is in no list a little of the way, and leave most of it.
         let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
         let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
-        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now, first: others }))
+        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now, others }))
     }
 
     /// Number of hypotheses that are compared, in nats.
@@ -313,7 +334,9 @@ impl Flight<'_> {
     fn asked(&self, effect: usize, taken: &[Part]) -> Vec<Part> {
         let (Some(first), Some(last)) = (self.from_s.first(), self.from_s.last()) else { return Vec::new() };
         let end = last + self.windows.linear.horizon_s;
-        let enough = |t: f64| t - first >= SHORTEST_S && end - t >= SHORTEST_S;
+        // A part begins and ends at the interval of the moment.
+        let least_s = SHORTEST_S + 0.5 * MOMENT_WIDEST_S;
+        let enough = |t: f64| t - first >= least_s && end - t >= least_s;
         let of = |from: usize| Part { effect, from, until: from };
         let mut out: Vec<Part> =
             (1..self.from_s.len()).filter(|from| enough(self.from_s[*from])).map(of).collect();
@@ -417,6 +440,7 @@ impl Flight<'_> {
             parameters,
             evidence_nats,
             look_alikes,
+            ruled_out: Vec::new(),
         })
     }
 
@@ -465,7 +489,7 @@ impl Flight<'_> {
         let scatter = points.iter().map(|p| p.1 * (p.0 - at_s).powi(2)).sum::<f64>() / sum;
         // A step lies anywhere around a boundary.
         let sigma_s = (scatter + length_s.powi(2) / 12.0).sqrt();
-        Ok((at_s, [at_s - 1.96 * sigma_s, at_s + 1.96 * sigma_s]))
+        Ok((at_s, [at_s - HALF_95 * sigma_s, at_s + HALF_95 * sigma_s]))
     }
 }
 
@@ -491,32 +515,14 @@ fn sights(
     }
     let own: Vec<usize> =
         (0..model.parameters.len()).filter(|k| !model.is_shape(model.parameters[*k].candidate)).collect();
-    let mut effects: Vec<usize> = own.iter().map(|k| model.parameters[*k].candidate).collect();
-    effects.dedup();
-    let place = |k: usize| effects.iter().position(|c| *c == model.parameters[k].candidate).unwrap_or(0);
     let filed = model.filed();
     let off: Vec<f64> = linear.at.iter().zip(&filed).map(|(at, filed)| at - filed).collect();
-    let parameters: Vec<_> = own.iter().map(|k| parameter(model, *k, place(*k))).collect();
-    let effects: Vec<_> = effects.iter().map(|c| effect(model, *c)).collect();
     let phi = solution.dispersion;
-    Some(
-        reduced
-            .iter()
-            .map(|r| Sight {
-                dynamics: String::new(),
-                wider: solution.tolerance,
-                effects: effects.clone(),
-                parameters: parameters.clone(),
-                precision: (0..own.len())
-                    .flat_map(|i| (0..=i).map(move |j| (i, j)))
-                    .map(|(i, j)| r.h[(own[i], own[j])] / phi)
-                    .collect(),
-                // About the file: g + H (at − filed).
-                score: own
-                    .iter()
-                    .map(|k| (r.g[*k] + (0..off.len()).map(|l| r.h[(*k, l)] * off[l]).sum::<f64>()) / phi)
-                    .collect(),
-            })
-            .collect(),
-    )
+    let one = |r: &Reduced| {
+        // About the file: g + H (at − filed).
+        let moved = |k: usize| (0..off.len()).map(|l| r.h[(k, l)] * off[l]).sum::<f64>();
+        let score = |i: usize| (r.g[own[i]] + moved(own[i])) / phi;
+        Sight::about(model, solution.tolerance, &own, |i, j| r.h[(own[i], own[j])] / phi, score)
+    };
+    Some(reduced.iter().map(one).collect())
 }

@@ -97,18 +97,20 @@ impl<'a> Windows<'a> {
             let values = Values { shared, apart: Vec::new() };
             linearise(std::slice::from_ref(log), model, &values, &place.active, length, &Starts::new(), noise)
         };
-        let mut out = match pieces {
-            [] => linear(at.clone()),
-            [(_, first), ..] => Linear { windows: Vec::new(), ..linear(first.clone()) },
-        };
+        let mut out: Option<Linear> = pieces.is_empty().then(|| linear(at.clone()));
         for (i, (from_s, values)) in pieces.iter().enumerate() {
             let until_s = pieces.get(i + 1).map_or(f64::INFINITY, |next| next.0);
             let piece = linear(values.clone());
             let beyond: Vec<f64> = piece.at.iter().zip(&at).map(|(a, b)| a - b).collect();
             let inside = |w: &&Window| (*from_s..until_s).contains(&log.around.time_s(w.from));
-            out.windows.extend(piece.windows.iter().filter(inside).map(|w| about(w, &beyond)));
+            let windows: Vec<Window> =
+                piece.windows.iter().filter(inside).map(|w| about(w, &beyond)).collect();
+            match &mut out {
+                Some(out) => out.windows.extend(windows),
+                None => out = Some(Linear { windows, ..piece }),
+            }
         }
-        out.at = at;
+        let out = Linear { at, ..out? };
         (!out.windows.is_empty()).then(|| Self { linear: out, model, solution, set: place.set.clone() })
     }
 

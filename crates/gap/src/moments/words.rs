@@ -1,8 +1,7 @@
 //! Moments in words.
 
 use super::Moment;
-use crate::drift::changes::ChangedParameter;
-use crate::report::quantity::{interval, quantity};
+use crate::drift::words::numbers;
 use crate::report::significant;
 
 /// All moments, one after the other.
@@ -30,23 +29,5 @@ pub(crate) fn sentence(m: &Moment) -> String {
         true => String::new(),
         false => format!(", or {},", m.look_alikes.join(" or ")),
     };
-    format!("{}{or} changed {when}: {}", m.id, numbers(m).join(", "))
-}
-
-/// Parameters with the values before and after, 95 % intervals; those that hardly move are left out.
-pub(crate) fn numbers(m: &Moment) -> Vec<String> {
-    let size = |p: &ChangedParameter| {
-        (p.after - p.before).abs() / p.before_sigma.max(p.after_sigma).max(f64::MIN_POSITIVE)
-    };
-    let most = m.parameters.iter().map(size).fold(0.0, f64::max);
-    let one = |p: &ChangedParameter| {
-        let values = [(p.before, p.before_sigma), (p.after, p.after_sigma)];
-        let [before, after] = values.map(|(value, sigma)| interval(value, sigma, &p.unit));
-        let absolute = p.of.as_ref().map_or_else(String::new, |(of, unit)| {
-            let [before, after] = values.map(|v| quantity(v.0 * of, unit, 3));
-            format!(" ({before} → {after})")
-        });
-        format!("{} {before} → {after}{absolute}", p.name)
-    };
-    m.parameters.iter().filter(|p| size(p) > 0.25 * most).map(one).collect()
+    format!("{}{or} changed {when}: {}", m.id, numbers(&m.parameters, false).join(", "))
 }

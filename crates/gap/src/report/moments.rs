@@ -2,7 +2,8 @@
 
 use super::html::{Page, esc, put, sentence};
 use super::text::Out;
-use crate::moments::{Moment, words};
+use crate::drift::words::numbers;
+use crate::moments::Moment;
 use crate::verdict::{Diagnosis, Section};
 use std::fmt::Write as _;
 
@@ -40,7 +41,7 @@ impl Out {
         self.heading("What changed in mid-flight (95 % intervals)");
         for m in &d.moments {
             self.hanging("  ", 4, &format!("{} {}: {}", m.id, when(m, several(d)), what(m)));
-            for line in words::numbers(m) {
+            for line in numbers(&m.parameters, false) {
                 self.hanging("    ", 6, &line);
             }
         }
@@ -53,7 +54,7 @@ impl Out {
         }
         self.paragraph(
             2,
-            "all that follows but the ladder is about the last part, and what is written is the vehicle as it flies there",
+            "all that follows but the ladder is about the last part that was diagnosed, and what is written is the vehicle as it flies there",
         );
     }
 }
@@ -68,7 +69,7 @@ impl Page {
                 "The flight is fitted as one all the same: what is found is in doubt. Intervals are 95 %."
             }
             false => {
-                "The flight before and after is fitted apart. All else on this page but the ladder is about the last part, and what is \
+                "The flight before and after is fitted apart. All else on this page but the ladder is about the last part that was diagnosed, and what is \
                  written is the vehicle as it flies there. Intervals are 95 %."
             }
         };
@@ -84,7 +85,7 @@ impl Page {
                 esc(&m.id),
                 esc(&when(m, several(d))),
                 esc(&what(m)),
-                words::numbers(m).iter().map(|n| esc(n)).collect::<Vec<_>>().join("<br>")
+                numbers(&m.parameters, false).iter().map(|n| esc(n)).collect::<Vec<_>>().join("<br>")
             );
         }
         self.body.push_str("</tbody></table>\n");
