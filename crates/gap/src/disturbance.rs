@@ -87,7 +87,7 @@ impl Disturbance {
 
 /// A window with its initial state and quick disturbances eliminated: the Gram matrix of [common disturbance (6) |
 /// parameters | residual].
-struct Core {
+pub(crate) struct Core {
     gram: DMatrix<f64>,
     /// Occam factor of what was eliminated.
     occam: f64,
@@ -119,6 +119,20 @@ fn block(m: &DMatrix<f64>, (row, column): (usize, usize), (rows, columns): (usiz
 }
 
 impl Core {
+    /// With other parameters: column `k` is that of a parameter, times a factor, for each (parameter, factor) of `columns`.
+    pub fn with_columns(&self, columns: &[(usize, f64)]) -> Self {
+        let before = (0..6).map(|c| (c, 1.0));
+        let places: Vec<(usize, f64)> = before
+            .chain(columns.iter().map(|(k, factor)| (6 + k, *factor)))
+            .chain([(self.gram.ncols() - 1, 1.0)])
+            .collect();
+        let at = |r: usize, c: usize| {
+            let ((a, x), (b, y)) = (places[r], places[c]);
+            self.gram[(a, b)] * x * y
+        };
+        Self { gram: DMatrix::from_fn(places.len(), places.len(), at), occam: self.occam }
+    }
+
     /// Remaining columns in the rows of the common disturbance, with the prediction subtracted; and the Cholesky factor of
     /// its posterior precision.
     fn beside(&self, expected: &Expected) -> Option<(DMatrix<f64>, Cholesky<f64, Const<6>>)> {
@@ -359,7 +373,16 @@ impl Linear {
 
     /// Reduces all windows, each with the prediction from the windows before.
     pub fn reduce(&self, disturbance: &Disturbance) -> Vec<Reduced> {
-        let cores: Vec<Option<Core>> = self.windows.par_iter().map(|w| w.core(disturbance)).collect();
+        self.reduce_cores(&self.cores(disturbance), disturbance)
+    }
+
+    /// All windows with their initial states and quick disturbances eliminated.
+    pub fn cores(&self, disturbance: &Disturbance) -> Vec<Option<Core>> {
+        self.windows.par_iter().map(|w| w.core(disturbance)).collect()
+    }
+
+    /// Reduces what [`Self::cores`] left of the windows: quick disturbances have the sizes that they had there.
+    pub fn reduce_cores(&self, cores: &[Option<Core>], disturbance: &Disturbance) -> Vec<Reduced> {
         let mut expected: Vec<Expected> = Vec::with_capacity(cores.len());
         for i in 0..cores.len() {
             let before = if self.goes_on(i) { cores[i - 1].as_ref() } else { None };
@@ -382,13 +405,23 @@ impl Linear {
     /// One step of expectation maximisation for the disturbances' sizes, with every log's parameters at `deltas`; and their
     /// persistence, from the correlation of consecutive windows.
     pub fn disturbance(&self, now: &Disturbance, deltas: &[Vec<f64>]) -> Disturbance {
+        self.disturbance_of(now, |i| &deltas[self.windows[i].log])
+    }
+
+    /// The same with the parameters of every window.
+    pub fn disturbance_of<'d>(
+        &self,
+        now: &Disturbance,
+        deltas: impl Fn(usize) -> &'d [f64] + Sync,
+    ) -> Disturbance {
         // For each component: mean square of the disturbances' sum over their number, and of the deviations from their
         // mean; the estimate of their mean, and its shrinkage towards zero (which biases the lag product).
         let solved: Vec<Option<(f64, [[f64; 4]; 6])>> = self
             .windows
             .par_iter()
-            .map(|w| {
-                let own = w.own_solution(now, &deltas[w.log])?;
+            .enumerate()
+            .map(|(i, w)| {
+                let own = w.own_solution(now, deltas(i))?;
                 let n = w.pushes as f64;
                 let turned = (6..9).map(|k| own.second_moment(k)).sum::<f64>() / 3.0;
                 let sums = core::array::from_fn(|r| {

@@ -200,6 +200,9 @@ struct Node {
     cp: Vec<[f64; OUTPUTS]>,
 }
 
+/// All times, s.
+pub(crate) const EVER_S: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
 /// Which windows of the logs are used.
 #[derive(Clone, Copy)]
 pub(crate) struct Cut<'a> {
@@ -207,6 +210,8 @@ pub(crate) struct Cut<'a> {
     pub length_s: f64,
     /// Most windows (approximately), evenly spread.
     pub most: usize,
+    /// Those that begin in this interval, s.
+    pub begin_s: [f64; 2],
     /// Once set, the windows that are left are skipped.
     pub cancel: Option<&'a AtomicBool>,
 }
@@ -214,7 +219,7 @@ pub(crate) struct Cut<'a> {
 impl Cut<'_> {
     /// All windows of a length.
     pub fn all(length_s: f64) -> Self {
-        Self { length_s, most: usize::MAX, cancel: None }
+        Self { length_s, most: usize::MAX, begin_s: EVER_S, cancel: None }
     }
 }
 
@@ -262,7 +267,9 @@ pub(crate) fn linearise(
             .take_while(|from| from + steps * STEP < p.around.n_ticks)
             .collect();
         let kept = starts.len().div_ceil(NOISE_WINDOWS).max(1);
-        let all = starts.into_par_iter().enumerate();
+        let [begin, end] = cut.begin_s;
+        let asked = |from: usize| (begin..end).contains(&p.around.time_s(from));
+        let all = starts.into_par_iter().enumerate().filter(|(_, from)| asked(*from));
         let cancelled = || cut.cancel.is_some_and(|c| c.load(Ordering::Relaxed));
         let window = |(i, from)| if cancelled() { None } else { job.window(from, i % kept == 0) };
         windows.par_extend(all.filter_map(window));

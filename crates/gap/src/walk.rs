@@ -3,7 +3,7 @@
 
 use super::GapError;
 use super::disturbance::{Disturbance, Reduced};
-use super::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
+use super::fit::{Cut, EVER_S, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use super::gust_line::loudest_hz;
 use super::model::Model;
 use super::per_log::{Information, Values};
@@ -185,7 +185,7 @@ impl<'a> Walk<'a> {
             _ => usize::MAX,
         };
         let length_s = horizon_s.max(shortest_window_s(self.logs));
-        let cut = Cut { length_s, most, cancel: watch.cancel };
+        let cut = Cut { length_s, most, begin_s: EVER_S, cancel: watch.cancel };
         linearise(self.logs, model, &self.values, &at_work, cut, &self.starts, &self.noise)
     }
 

@@ -10,6 +10,7 @@ use crate::GapError;
 use crate::policy::{DRIFT_BEGINNINGS, NAMED_SIGMAS};
 use crate::search::THRESHOLD;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What a drift is.
@@ -124,6 +125,8 @@ pub(crate) struct Space {
     /// Prior variance of each parameter, drifts squared.
     prior: Vec<f64>,
     logs: Vec<Log>,
+    /// Sums of the logs from each one on.
+    sums: Vec<Log>,
 }
 
 /// Posterior of the parameters and of the drifts.
@@ -142,6 +145,7 @@ impl Space {
             dynamics: sights.first().map_or_else(String::new, |s| s.dynamics.clone()),
             prior: Vec::new(),
             logs: Vec::new(),
+            sums: Vec::new(),
         };
         for sight in sights {
             for effect in &sight.effects {
@@ -160,6 +164,14 @@ impl Space {
         let wider = sights.iter().map(|s| s.wider).fold(1.0, f64::max);
         out.prior = out.parameters.iter().map(|p| (wider * p.tolerance / p.drift).powi(2)).collect();
         out.logs = sights.iter().map(|s| out.log(s)).collect();
+        for log in out.logs.iter().rev() {
+            let sum = match out.sums.last() {
+                Some(sum) => Log { a: &sum.a + &log.a, b: &sum.b + &log.b },
+                None => Log { a: log.a.clone(), b: log.b.clone() },
+            };
+            out.sums.push(sum);
+        }
+        out.sums.reverse();
         out
     }
 
@@ -314,16 +326,15 @@ impl Space {
     }
 
     /// The best of the `asked` drifts of each effect, most evident first, with its evidence over all that were asked, nats.
-    pub fn ranked(&self, accepted: &Accepted, asked: impl Fn(usize) -> Vec<Part>) -> Vec<(f64, Part)> {
-        let mut found: Vec<(f64, Part)> = Vec::new();
-        for effect in 0..self.effects.len() {
+    pub fn ranked(&self, accepted: &Accepted, asked: impl Fn(usize) -> Vec<Part> + Sync) -> Vec<(f64, Part)> {
+        let one = |effect: usize| {
             let tried: Vec<(f64, Part)> =
                 asked(effect).into_iter().map(|part| (self.evidence(accepted, part), part)).collect();
-            let best = tried.iter().copied().max_by(|x, y| x.0.total_cmp(&y.0));
-            let Some((most, part)) = best else { continue };
+            let (most, part) = tried.iter().copied().max_by(|x, y| x.0.total_cmp(&y.0))?;
             let mean = tried.iter().map(|(nats, _)| (nats - most).exp()).sum::<f64>() / tried.len() as f64;
-            found.push((most + mean.ln(), part));
-        }
+            Some((most + mean.ln(), part))
+        };
+        let mut found: Vec<(f64, Part)> = (0..self.effects.len()).into_par_iter().filter_map(one).collect();
         found.sort_by(|x, y| y.0.total_cmp(&x.0));
         found
     }
@@ -332,7 +343,7 @@ impl Space {
     pub fn best(
         &self,
         parts: &[Part],
-        asked: impl Fn(usize) -> Vec<Part>,
+        asked: impl Fn(usize) -> Vec<Part> + Sync,
         threshold: f64,
     ) -> Result<Option<Proposed>, GapError> {
         let found = self.ranked(&self.accepted(parts)?, asked);
@@ -368,21 +379,33 @@ impl Space {
         let (m, all) = (own.len(), accepted.mean.len());
         let (mut inner, mut score) = (DMatrix::<f64>::identity(m, m), DVector::zeros(m));
         let mut across = DMatrix::zeros(all, m);
-        for (t, log) in self.logs.iter().enumerate() {
-            let r = part.share(t);
-            if r == 0.0 {
+        // What a step sees from a log on is the sum of all further ones, so long as other drifts see as much of each.
+        let all_steps = accepted.columns.iter().all(|(_, other)| other.from == other.until);
+        let begins = |t: usize| t == part.from || accepted.columns.iter().any(|(_, other)| other.from == t);
+        let step = part.from == part.until && all_steps;
+        for t in part.from..self.logs.len() {
+            if step && !begins(t) {
                 continue;
             }
+            let (r, log, rest) = match step {
+                true => {
+                    let until = (t + 1..self.logs.len()).find(|t| begins(*t));
+                    (1.0, &self.sums[t], until.map(|t| &self.sums[t]))
+                }
+                false => (part.share(t), &self.logs[t], None),
+            };
+            let a = |k: usize, l: usize| log.a[(k, l)] - rest.map_or(0.0, |rest| rest.a[(k, l)]);
+            let b = |k: usize| log.b[k] - rest.map_or(0.0, |rest| rest.b[k]);
             for (i, k) in own.iter().enumerate() {
-                score[i] += r * log.b[*k];
+                score[i] += r * b(*k);
                 for (j, l) in own.iter().enumerate() {
-                    inner[(i, j)] += r * r * log.a[(*k, *l)];
+                    inner[(i, j)] += r * r * a(*k, *l);
                 }
                 for l in 0..n {
-                    across[(l, i)] += r * log.a[(l, *k)];
+                    across[(l, i)] += r * a(l, *k);
                 }
                 for (c, (l, other)) in accepted.columns.iter().enumerate() {
-                    across[(n + c, i)] += r * other.share(t) * log.a[(*l, *k)];
+                    across[(n + c, i)] += r * other.share(t) * a(*l, *k);
                 }
             }
         }

@@ -14,7 +14,7 @@ use crate::GapError;
 use crate::disturbance::{Disturbance, Reduced};
 use crate::drift::changes::{ChangedParameter, Part, Space};
 use crate::drift::sight::{Sight, effect, parameter};
-use crate::fit::{Linear, Prepared};
+use crate::fit::Prepared;
 use crate::model::Model;
 use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENT_WIDEST_S, MOMENTS_PER_LOG, NAMED_SIGMAS};
 use crate::report::quantity::HALF_95;
@@ -31,6 +31,8 @@ use steps::{Fit, Place, Windows};
 const GRIDS: usize = 4;
 /// Effects of the quick comparison that are compared again.
 const AGAIN: usize = 4;
+/// Least evidence in the quick comparison of what is compared again, nats.
+const LEAST_NATS: f64 = 5.0;
 /// Share of a change by which a value may be off the file's and still be as filed.
 const NEARLY: f64 = 0.25;
 /// Evidence by which such an effect may be behind the best beside the latter's weather, nats.
@@ -95,7 +97,7 @@ pub(crate) fn moments(
         for place in begin {
             watch.check()?;
             let Some(flight) = flight(place) else { continue };
-            if let Some(changed) = flight.steps()? {
+            if let Some(changed) = flight.steps(None)? {
                 seen = Some((flight, changed));
                 break;
             }
@@ -117,7 +119,7 @@ pub(crate) fn moments(
         let mut failed: Vec<usize> = Vec::new();
         for (of, place) in places {
             watch.check()?;
-            match flight(place).map(|f| f.steps().map(|c| c.map(|c| (f, c)))).transpose()?.flatten() {
+            match flight(place).map(|f| f.steps(of).map(|c| c.map(|c| (f, c)))).transpose()?.flatten() {
                 Some((flight, changed)) => ended.push((of, flight, changed)),
                 None => failed.extend(of),
             }
@@ -289,23 +291,33 @@ impl Flight<'_> {
         Ok(out)
     }
 
-    /// Steps with enough evidence that take most of what the flight leaves without them; `None` where nothing changed.
-    fn steps(&self) -> Result<Option<Changed>, GapError> {
-        let known = Windows::fresh(&self.solution.disturbance);
-        let (Some(quick), Some(mut now)) = (self.space(&self.windows.linear, &known), self.windows.fit(&[]))
-        else {
+    /// Steps with enough evidence that take most of what the flight leaves without them; `None` where nothing changed, or something else
+    /// than the asked `effect`.
+    fn steps(&self, effect: Option<usize>) -> Result<Option<Changed>, GapError> {
+        let alone = self.windows.alone();
+        let (true, Some(mut now)) = (alone.len() == self.from_s.len(), self.windows.fit(&[])) else {
             return Ok(None);
         };
+        let quick = self.space(&alone);
         let first = now.disturbance;
         let mut found: Vec<Found> = Vec::new();
         // Times at which something changed: other effects may change at the same.
         let mut times: Vec<f64> = Vec::new();
         let mut others = Vec::new();
-        for _ in 0..2 * MOMENTS_PER_LOG {
+        // Shares of force and torque that are left.
+        let left = |now: &Fit| {
+            let ((force, torque), (f, t)) = (now.disturbance.sizes(), first.sizes());
+            [(force / f).powi(2), (torque / t).powi(2)]
+        };
+        let most = 2 * MOMENTS_PER_LOG;
+        for further in (0..most).rev() {
             let steps: Vec<Part> = found.iter().map(|f| f.step).collect();
             let Some(next) = self.next(&quick, &steps, &now)? else { break };
             let Next { step, fit, look_alikes, others: rest } = next;
             if found.is_empty() {
+                if effect.is_some_and(|asked| asked != step.effect) {
+                    return Ok(None);
+                }
                 others = rest;
             }
             let at_s = self.from_s[step.from];
@@ -316,12 +328,17 @@ impl Flight<'_> {
                 times.push(at_s);
             }
             found.push(Found { step, gain: fit.evidence - now.evidence, look_alikes });
+            let before = left(&now);
             now = fit;
+            // Steps come in the order of what they take: where as many as may follow cannot take enough, there is no use in more.
+            let reach = |(before, left): (f64, f64)| left - (before - left).max(0.0) * further as f64;
+            if before.into_iter().zip(left(&now)).map(reach).all(|least| least > 1.0 - MOMENT_SHARE) {
+                return Ok(None);
+            }
         }
         // Steps follow any shape that is in no list a little of the way, and leave most of it.
-        let left = |of: fn(&Disturbance) -> f64| (of(&now.disturbance) / of(&first)).powi(2);
-        let most = left(|d| d.sizes().0).min(left(|d| d.sizes().1)) <= 1.0 - MOMENT_SHARE;
-        Ok((!times.is_empty() && most).then_some(Changed { found, fit: now, others }))
+        let enough = left(&now).into_iter().any(|left| left <= 1.0 - MOMENT_SHARE);
+        Ok((!times.is_empty() && enough).then_some(Changed { found, fit: now, others }))
     }
 
     /// Number of hypotheses that are compared, in nats.
@@ -368,7 +385,8 @@ impl Flight<'_> {
         let price = self.price();
         let with = |step: Part| [steps, &[step]].concat();
         let mut tried: Vec<Tried> = Vec::new();
-        for (_, part) in quick.ranked(&accepted, asked).into_iter().take(AGAIN) {
+        let ranked = quick.ranked(&accepted, asked);
+        for (_, part) in ranked.into_iter().take(AGAIN).filter(|(nats, _)| *nats >= LEAST_NATS) {
             let Some(step) = of_model(part) else { continue };
             // What is far behind beside the weather of the best so far is no match for it beside its own.
             let settled = tried.iter().filter(|t| t.settled);
@@ -444,10 +462,10 @@ impl Flight<'_> {
         })
     }
 
-    /// What the windows say, each by itself, with disturbances of these sizes.
-    fn space(&self, linear: &Linear, disturbance: &Disturbance) -> Option<Space> {
-        let all = sights(linear, self.model, self.solution, disturbance)?;
-        Some(Space::new(&all.iter().collect::<Vec<_>>()))
+    /// What windows say, each by itself.
+    fn space(&self, reduced: &[Reduced]) -> Space {
+        let all = sights(reduced, &self.windows.linear.at, self.model, self.solution);
+        Space::new(&all.iter().collect::<Vec<_>>())
     }
 
     /// The time of a step, and the interval that holds it: by grids of windows that begin in between.
@@ -464,7 +482,11 @@ impl Flight<'_> {
             let Some(windows) = Windows::of(&log, self.model, self.solution, self.index, &self.place) else {
                 continue;
             };
-            let Some(space) = self.space(&windows.linear, &alone) else { continue };
+            let reduced = windows.linear.reduce(&alone);
+            if reduced.len() != windows.linear.windows.len() {
+                continue;
+            }
+            let space = self.space(&reduced);
             let whole = |c: &usize| {
                 space.effect(&self.model.candidates[*c].id).map(|effect| Part { effect, from: 0, until: 0 })
             };
@@ -502,21 +524,12 @@ fn can_change(model: &Model, c: usize) -> bool {
         && !nature(candidate.kind).goes_with_charge
 }
 
-/// What each window says, in the form of what a log says of a vehicle; `None` where a window cannot be reduced.
-fn sights(
-    linear: &Linear,
-    model: &Model,
-    solution: &Solution,
-    disturbance: &Disturbance,
-) -> Option<Vec<Sight>> {
-    let reduced = linear.reduce(disturbance);
-    if reduced.len() != linear.windows.len() {
-        return None;
-    }
+/// What each window says, linearised at `at`, in the form of what a log says of a vehicle.
+fn sights(reduced: &[Reduced], at: &[f64], model: &Model, solution: &Solution) -> Vec<Sight> {
     let own: Vec<usize> =
         (0..model.parameters.len()).filter(|k| !model.is_shape(model.parameters[*k].candidate)).collect();
     let filed = model.filed();
-    let off: Vec<f64> = linear.at.iter().zip(&filed).map(|(at, filed)| at - filed).collect();
+    let off: Vec<f64> = at.iter().zip(&filed).map(|(at, filed)| at - filed).collect();
     let phi = solution.dispersion;
     let one = |r: &Reduced| {
         // About the file: g + H (at − filed).
@@ -524,5 +537,5 @@ fn sights(
         let score = |i: usize| (r.g[own[i]] + moved(own[i])) / phi;
         Sight::about(model, solution.tolerance, &own, |i, j| r.h[(own[i], own[j])] / phi, score)
     };
-    Some(reduced.iter().map(one).collect())
+    reduced.iter().map(one).collect()
 }

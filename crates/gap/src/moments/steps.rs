@@ -3,10 +3,10 @@
 //! Weather that wanders looks like a step now and then, and a step makes the weather seem to wander. Both are compared at their best: the
 //! sizes and the persistence of the disturbances are estimated again for every hypothesis, and its evidence counts with them.
 
-use crate::disturbance::Disturbance;
+use crate::disturbance::{Core, Disturbance, Reduced};
 use crate::drift::changes::Part;
 use crate::drift::sight::parameter;
-use crate::fit::{Cut, Linear, Prepared, Starts, Window, linearise};
+use crate::fit::{Cut, EVER_S, Linear, Prepared, Starts, Window, linearise};
 use crate::model::Model;
 use crate::per_log::Values;
 use crate::search::THRESHOLD;
@@ -22,6 +22,8 @@ const LEAST_PRIOR: f64 = 1e-6;
 /// The windows of one log, linearised at what was found.
 pub(super) struct Windows<'a> {
     pub linear: Linear,
+    /// The windows with quick disturbances as large as in the solution eliminated.
+    cores: Vec<Option<Core>>,
     model: &'a Model,
     solution: &'a Solution,
     /// Candidates that differ from the file all the time.
@@ -91,27 +93,32 @@ impl<'a> Windows<'a> {
     ) -> Option<Self> {
         let pieces = &place.pieces[..];
         let noise = solution.linear.noise.get(index..=index)?;
-        let length = Cut::all(solution.linear.horizon_s);
         let at = solution.values_of(index);
-        let linear = |shared: Vec<f64>| {
+        let linear = |shared: Vec<f64>, begin_s: [f64; 2]| {
             let values = Values { shared, apart: Vec::new() };
-            linearise(std::slice::from_ref(log), model, &values, &place.active, length, &Starts::new(), noise)
+            let cut = Cut { begin_s, ..Cut::all(solution.linear.horizon_s) };
+            linearise(std::slice::from_ref(log), model, &values, &place.active, cut, &Starts::new(), noise)
         };
-        let mut out: Option<Linear> = pieces.is_empty().then(|| linear(at.clone()));
+        let mut out: Option<Linear> = pieces.is_empty().then(|| linear(at.clone(), EVER_S));
         for (i, (from_s, values)) in pieces.iter().enumerate() {
             let until_s = pieces.get(i + 1).map_or(f64::INFINITY, |next| next.0);
-            let piece = linear(values.clone());
+            let piece = linear(values.clone(), [*from_s, until_s]);
             let beyond: Vec<f64> = piece.at.iter().zip(&at).map(|(a, b)| a - b).collect();
-            let inside = |w: &&Window| (*from_s..until_s).contains(&log.around.time_s(w.from));
-            let windows: Vec<Window> =
-                piece.windows.iter().filter(inside).map(|w| about(w, &beyond)).collect();
+            let windows: Vec<Window> = piece.windows.iter().map(|w| about(w, &beyond)).collect();
             match &mut out {
                 Some(out) => out.windows.extend(windows),
                 None => out = Some(Linear { windows, ..piece }),
             }
         }
         let out = Linear { at, ..out? };
-        (!out.windows.is_empty()).then(|| Self { linear: out, model, solution, set: place.set.clone() })
+        let cores = out.cores(&solution.disturbance);
+        (!out.windows.is_empty()).then(|| Self {
+            linear: out,
+            cores,
+            model,
+            solution,
+            set: place.set.clone(),
+        })
     }
 
     /// Parameter values of the candidates `active` with the steps that begin at window `from` and before; what differs all the time is at
@@ -148,35 +155,45 @@ impl<'a> Windows<'a> {
     /// Fits with these steps. `Part::effect` is the number of a candidate.
     pub fn fit(&self, steps: &[Part]) -> Option<Fit> {
         let columns = self.columns(steps);
-        let linear = self.with(&columns);
         let known = self.solution.disturbance;
-        // From weather that persists, and from one that does not: the estimates settle slowly and may stay near their start.
+        // From weather that persists, and from one that does not: the estimates settle slowly and may stay near their start. The sizes of
+        // quick disturbances are the same.
+        let first = self.with(&self.cores, &columns);
         [known, Self::fresh(&known)]
             .into_iter()
-            .filter_map(|start| self.settled(&linear, &columns, start))
+            .filter_map(|start| self.settled(&columns, start, &first))
             .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+    }
+
+    /// Fits with these steps and with disturbances of these sizes.
+    pub fn once(&self, steps: &[Part], disturbance: Disturbance) -> Option<Fit> {
+        let columns = self.columns(steps);
+        self.at(&self.with(&self.linear.cores(&disturbance), &columns), &columns, disturbance)
+    }
+
+    /// What the windows say, each by itself, with disturbances that are new in each.
+    pub fn alone(&self) -> Vec<Reduced> {
+        self.linear.reduce_cores(&self.cores, &Self::fresh(&self.solution.disturbance))
     }
 
     fn columns(&self, steps: &[Part]) -> Vec<(usize, Part)> {
         steps.iter().flat_map(|part| self.model.of(part.effect).map(|k| (k, *part))).collect()
     }
 
-    /// Fits with these steps and with disturbances of these sizes.
-    pub fn once(&self, steps: &[Part], disturbance: Disturbance) -> Option<Fit> {
-        let columns = self.columns(steps);
-        self.at(&self.with(&columns), &columns, disturbance)
-    }
-
-    fn settled(&self, linear: &Linear, columns: &[(usize, Part)], start: Disturbance) -> Option<Fit> {
+    /// Passes of expectation maximisation; `first` are the cores of the windows at `start`, with the columns of the steps.
+    fn settled(&self, columns: &[(usize, Part)], start: Disturbance, first: &[Option<Core>]) -> Option<Fit> {
         let mut now = start;
         let mut best: Option<Fit> = None;
-        for _ in 0..PASSES {
-            let fit = self.at(linear, columns, now)?;
-            let deltas = self.deltas(linear, &fit);
+        for pass in 0..PASSES {
+            let fit = match pass {
+                0 => self.at(first, columns, now)?,
+                _ => self.at(&self.with(&self.linear.cores(&now), columns), columns, now)?,
+            };
+            let deltas = self.deltas(&fit);
             if best.as_ref().is_none_or(|b| fit.evidence > b.evidence) {
                 best = Some(fit);
             }
-            let next = linear.disturbance(&now, &[deltas]);
+            let next = self.linear.disturbance_of(&now, |i| &deltas[i]);
             if next.near(&now) {
                 break;
             }
@@ -185,48 +202,36 @@ impl<'a> Windows<'a> {
         best
     }
 
-    /// Estimates from the linearisation point.
-    fn deltas(&self, linear: &Linear, fit: &Fit) -> Vec<f64> {
+    /// Estimates from the linearisation point, in every window.
+    fn deltas(&self, fit: &Fit) -> Vec<Vec<f64>> {
         let n = self.model.parameters.len();
-        let off = |c: usize| if c < n { self.model.parameters[c].filed - linear.at[c] } else { 0.0 };
-        (0..fit.mean.len()).map(|c| fit.mean[c] + off(c)).collect()
+        let whole: Vec<f64> =
+            (0..n).map(|k| fit.mean[k] + self.model.parameters[k].filed - self.linear.at[k]).collect();
+        let one = |window: usize| {
+            let mut out = whole.clone();
+            for (c, (k, part)) in fit.columns.iter().enumerate() {
+                out[*k] += part.share(window) * fit.mean[n + c];
+            }
+            out
+        };
+        (0..self.linear.windows.len()).map(one).collect()
     }
 
-    /// The windows with columns for steps.
-    fn with(&self, columns: &[(usize, Part)]) -> Linear {
-        let (n, m) = (self.model.parameters.len(), columns.len());
-        let one = |(i, w): (usize, &Window)| {
-            let own = w.gram.nrows() - n - 1;
-            let wide = own + n + m + 1;
-            // Column of the window's own, and its factor, for each of the extended one's.
-            let from = |c: usize| match c {
-                c if c < own + n => (c, 1.0),
-                c if c < own + n + m => {
-                    let (k, part) = columns[c - own - n];
-                    (own + k, part.share(i))
-                }
-                _ => (own + n, 1.0),
-            };
-            let places: Vec<(usize, f64)> = (0..wide).map(from).collect();
-            let gram = DMatrix::from_fn(wide, wide, |r, c| {
-                let ((a, x), (b, y)) = (places[r], places[c]);
-                w.gram[(a, b)] * x * y
-            });
-            Window { gram, kept: None, ..w.clone() }
+    /// The cores of the windows with columns for steps.
+    fn with(&self, cores: &[Option<Core>], columns: &[(usize, Part)]) -> Vec<Option<Core>> {
+        let n = self.model.parameters.len();
+        let one = |(i, core): (usize, &Option<Core>)| {
+            let steps = columns.iter().map(|(k, part)| (*k, part.share(i)));
+            let all: Vec<(usize, f64)> = (0..n).map(|k| (k, 1.0)).chain(steps).collect();
+            core.as_ref().map(|core| core.with_columns(&all))
         };
-        Linear {
-            windows: self.linear.windows.iter().enumerate().map(one).collect(),
-            at: self.linear.at.iter().copied().chain(core::iter::repeat_n(0.0, m)).collect(),
-            apart: Vec::new(),
-            horizon_s: self.linear.horizon_s,
-            noise: self.linear.noise.clone(),
-        }
+        cores.iter().enumerate().map(one).collect()
     }
 
     /// Estimates and evidence with disturbances of these sizes.
-    fn at(&self, linear: &Linear, columns: &[(usize, Part)], disturbance: Disturbance) -> Option<Fit> {
-        let reduced = linear.reduce(&disturbance);
-        if reduced.len() != linear.windows.len() {
+    fn at(&self, cores: &[Option<Core>], columns: &[(usize, Part)], disturbance: Disturbance) -> Option<Fit> {
+        let reduced = self.linear.reduce_cores(cores, &disturbance);
+        if reduced.len() != cores.len() {
             return None;
         }
         let n = self.model.parameters.len();
@@ -246,7 +251,7 @@ impl<'a> Windows<'a> {
         let widths: Vec<f64> = (0..all).map(width).collect();
         // About the file's values, per prior standard deviation.
         let off = DVector::from_fn(all, |i, _| match i < n {
-            true => self.model.parameters[i].filed - linear.at[i],
+            true => self.model.parameters[i].filed - self.linear.at[i],
             false => 0.0,
         });
         let moved = &h * &off;
