@@ -32,6 +32,7 @@ __all__ = [
     "log_check",
     "manoeuvres",
     "mujoco_version",
+    "network_files",
     "read_config",
     "read_flight",
     "rules_json",
@@ -311,6 +312,7 @@ def gap_diagnose(
     only: Sequence[str] | None,
     given: Sequence[str] | None,
     calibrate: bool,
+    network: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
 def gap_watch(
     folder: str | PathLike[str],
@@ -375,5 +377,8 @@ def scenes() -> list[str]:
     """Names of the scenes that come with the package."""
 
 def vehicle_of(name: str, text: str, shell: str | None) -> Vehicle: ...
+def network_files(text: str) -> list[tuple[str, str]]:
+    """Names and contents of the networks that the text of a vehicle file needs beside it."""
+
 def vehicles() -> list[str]:
     """Names of the built-in vehicles."""

@@ -128,6 +128,7 @@ pub fn gap_diagnose(
     only: Option<Vec<String>>,
     given: Option<Vec<String>>,
     calibrate: bool,
+    network: bool,
 ) -> PyResult<Diagnosed<'_>> {
     let pool = crate::threads::pool(None)?;
     let adding = given.is_some();
@@ -137,7 +138,7 @@ pub fn gap_diagnose(
             let (tracks, unseen) = (reading.read(&logs, of)?, reading.read(&held_out, of)?);
             let flights = Flights::new(tracks, unseen, hold_out);
             propwash::gap::compare::one_vehicle(&flights.all()).or_raise()?;
-            let settings = Settings { given, only, ..Settings::default() };
+            let settings = Settings { given, only, network, ..Settings::default() };
             let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
             let by = if adding { "propwash.add" } else { "propwash.diagnose" };
             let calibrate = match (adding, calibrate) {

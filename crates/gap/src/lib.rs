@@ -36,6 +36,7 @@ mod lean;
 mod limits;
 pub mod live;
 pub(crate) mod model;
+pub mod network;
 mod noise;
 mod opinion;
 pub mod overlay;

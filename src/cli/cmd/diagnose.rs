@@ -27,7 +27,8 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     output::check(&outputs, args.force)?;
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
-    let settings = Settings { only, no_formulas: args.no_formulas, ..Settings::default() };
+    let settings =
+        Settings { only, no_formulas: args.no_formulas, network: args.network, ..Settings::default() };
     let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", Calibrate::Show)?;
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {
@@ -58,7 +59,9 @@ fn say(args: &DiagnoseArgs, verdict: &Diagnosis) -> Result<()> {
 
 /// Exit code of a verdict: found where something is missing or unexplained.
 pub fn outcome(verdict: &Diagnosis) -> Outcome {
-    if verdict.findings.is_empty() && !verdict.remainder.unexplained { Outcome::Fine } else { Outcome::Found }
+    let network = verdict.network.as_ref().is_some_and(|n| n.found.is_some());
+    let fine = verdict.findings.is_empty() && !verdict.remainder.unexplained && !network;
+    if fine { Outcome::Fine } else { Outcome::Found }
 }
 
 /// An error of writing JSON.

@@ -2,7 +2,7 @@
 
 use crate::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, FORMULA_NATS, FORMULA_SHARE, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE,
-    LITTLE_GAIN, LOST_NATS, NAMED_SIGMAS, RISES, WELL_BELOW,
+    LITTLE_GAIN, LOST_NATS, NAMED_SIGMAS, NETWORK_SIGMAS, RISES, WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -41,13 +41,15 @@ pub enum Rule {
     NeverWorse,
     /// A formula for what is in no list.
     Formula,
+    /// A small network for what no formula fits.
+    Network,
     /// A drift from flight to flight ([`crate::drift`]).
     Drift,
 }
 
 impl Rule {
     /// All of them, in the order in which they are applied.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Evidence,
         Self::LittleGain,
         Self::EvidenceLost,
@@ -63,6 +65,7 @@ impl Rule {
         Self::BesideUnexplained,
         Self::NeverWorse,
         Self::Formula,
+        Self::Network,
         Self::Drift,
     ];
 
@@ -84,6 +87,7 @@ impl Rule {
             Self::BesideUnexplained => "beside unexplained",
             Self::NeverWorse => "never worse",
             Self::Formula => "formula",
+            Self::Network => "network",
             Self::Drift => "drift",
         }
     }
@@ -150,6 +154,14 @@ impl Rule {
                 percent(FORMULA_SHARE),
                 percent(LITTLE_GAIN)
             ),
+            Self::Network => format!(
+                "on request, a small network is fitted to what is left where it describes {} and more of it along an axis, by \
+                 {FORMULA_NATS} nats and {NETWORK_SIGMAS} standard errors between blocks of time that its fit has not seen, also beside \
+                 all tolerances; it is written if the errors on unseen flight then fall to {} and none rises by more than {:.0} %",
+                percent(FORMULA_SHARE),
+                percent(LITTLE_GAIN),
+                100.0 * (RISES - 1.0)
+            ),
             Self::Drift => format!(
                 "from flight to flight a drift of an effect is named that brings {THRESHOLD} nats, averaged over the logs in which it may \
                  have begun; it is accepted if with it the errors on unseen flight of the newest log fall to {} in its channel or all \
@@ -181,6 +193,7 @@ impl Rule {
             Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",
             Self::BesideUnexplained => "no flight of its own: what `two estimators` asks, where more is open",
             Self::Formula => "planted flights with effects that are in no list, and with none",
+            Self::Network => "planted flights with effects that no formula describes, and with none",
             Self::Drift => {
                 "48 planted flights of six vehicles with another wind and battery in each, which name none; six flights of a Crazyflie \
                  Brushless with something unexplained, which named ten"
