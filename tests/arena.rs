@@ -49,10 +49,35 @@ fn entry(kind: &str) -> String {
     if !own.is_empty() {
         return format!("[[effect]]\nkind = \"{kind}\"\n{own}\n");
     }
+    if kind == "network" {
+        return network();
+    }
     let page = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/effects/{kind}.md"));
     let page = std::fs::read_to_string(page).unwrap();
     let example = page.split("```toml\n").nth(1).and_then(|rest| rest.split("```").next()).unwrap();
     format!("{example}\n")
+}
+
+/// A network that reads the air, the rotors and the ground, with its content in the entry.
+fn network() -> String {
+    let input = |name: &str, unit: &str, scale: f64, low: f64, high: f64| {
+        let range = format!("offset = 0.0\nscale = {scale:?}\nlow = {low:?}\nhigh = {high:?}\nmargin = 1.0");
+        format!("[[input]]\nname = \"{name}\"\nunit = \"{unit}\"\n{range}\n")
+    };
+    let content = [
+        "format = \"propwash network 1\"\n".to_string(),
+        input("vx_body", "m/s", 2.0, -9.0, 9.0),
+        input("rotor_mean", "rad/s", 1000.0, 0.0, 5000.0),
+        input("ground_m", "m", 1.0, -1.0, 30.0),
+        "[[hidden]]\nweight = [[1.0, 0.2, -0.5], [-0.4, 0.7, 0.3]]\nbias = [0.1, -0.2]\n".into(),
+        "[output]\nacts_on = [\"force_body_x_n\", \"torque_body_y_n_m\"]\n".into(),
+        "weight = [[0.02, -0.01], [1e-5, 2e-5]]\nbias = [0.01, 0.0]\n".into(),
+    ]
+    .concat();
+    let sha256 = propwash::vehicle::network::keep(&content);
+    format!(
+        "[[effect]]\nkind = \"network\"\nname = \"mine\"\nfile = \"mine.network.toml\"\nsha256 = \"{sha256}\"\ncontent = '''\n{content}'''\n"
+    )
 }
 
 /// What flies beside the effect of interest, so that winds act on a vehicle that hovers.

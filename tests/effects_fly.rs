@@ -473,6 +473,30 @@ fn a_tether_that_a_user_wrote_as_an_expression_holds_the_vehicle_back() {
 }
 
 #[test]
+fn a_network_pushes_within_its_range_and_not_beyond() {
+    // 0.05 N · tanh(vx / 2 m/s) against the motion, up to 4 m/s, nothing from 5 m/s on.
+    let content = "format = \"propwash network 1\"\n[[input]]\nname = \"vx_body\"\nunit = \"m/s\"\noffset = 0.0\nscale = 2.0\n\
+                   low = -4.0\nhigh = 4.0\nmargin = 1.0\n[[hidden]]\nweight = [[1.0]]\nbias = [0.0]\n\
+                   [output]\nacts_on = [\"force_body_x_n\"]\nweight = [[-0.05]]\nbias = [0.0]\n";
+    let sha256 = propwash::vehicle::network::keep(content);
+    let named = |gain: f64| {
+        format!("name = \"brake\"\nfile = \"brake.network.toml\"\nsha256 = \"{sha256}\"\ngain = {gain:?}")
+    };
+    let expression =
+        entry("expression", "name = \"same\"\nforce_body_n = [\"-0.05 * tanh(vx_body / 2)\", \"0\", \"0\"]");
+    for speed in [1.0, 3.0, -2.0] {
+        let flight = Flight::moving([speed, 0.0, 0.0]);
+        let (with, without) = flight.pair("network", &named(1.0));
+        assert!((with.vel[0] - flight.end(&expression).vel[0]).abs() < 1e-12);
+        assert!((with.vel[0] - without.vel[0]) * speed < -0.01, "{:?}", with.vel);
+        let twice = flight.end(&entry("network", &named(2.0)));
+        assert!((twice.vel[0] - without.vel[0]) / (with.vel[0] - without.vel[0]) > 1.9);
+    }
+    let (with, without) = Flight::moving([6.0, 0.0, 0.0]).pair("network", &named(1.0));
+    assert_eq!(with, without, "beyond its range it does nothing");
+}
+
+#[test]
 fn an_on_board_controller_that_does_not_know_the_payload_holds_its_place_a_little_lower() {
     let hold = |effects: &str| {
         let with = vehicle(effects);

@@ -225,6 +225,30 @@ fn expressions() {
     });
 }
 
+#[test]
+fn networks() {
+    let layer = "weight = [[0.3, -1.2], [0.8, 0.4]]\nbias = [0.1, -0.2]\n";
+    let input = |name: &str, unit: &str| {
+        format!(
+            "[[input]]\nname = \"{name}\"\nunit = \"{unit}\"\noffset = 0.0\nscale = 2.0\nlow = -3.0\nhigh = 3.0\nmargin = 0.5\n"
+        )
+    };
+    let seed = format!(
+        "format = \"propwash network 1\"\n{}{}[[hidden]]\n{layer}[[hidden]]\n{layer}[output]\n\
+         acts_on = [\"force_body_x_n\", \"torque_body_z_n_m\"]\n{layer}",
+        input("vx_body", "m/s"),
+        input("rotor_mean", "rad/s"),
+    );
+    attack("network", 10_000, &[seed.into_bytes()], |bytes| {
+        if let Ok(network) = propwash::vehicle::network::parse("odd", "odd", &text(bytes)) {
+            // What is taken can be asked.
+            let _ = network.mlp.eval(|i| [1.0, 1e9][i % 2]);
+            let again = propwash::vehicle::network::to_text(&network, "");
+            assert_eq!(propwash::vehicle::network::parse("odd", "odd", &again).unwrap(), network);
+        }
+    });
+}
+
 /// A string of TOML.
 fn toml_text(text: &str) -> String {
     Value::from(text).to_string().replace("\\/", "/")

@@ -259,6 +259,7 @@ fn sample() -> Diagnosis {
             visible: false,
         }],
         formulas: Vec::new(),
+        network: None,
         why: vec![
             Why {
                 id: "rotor_drag".into(),

@@ -32,6 +32,7 @@ __all__ = [
     "log_check",
     "manoeuvres",
     "mujoco_version",
+    "network_files",
     "read_config",
     "read_flight",
     "rules_json",
@@ -312,6 +313,7 @@ def gap_diagnose(
     given: Sequence[str] | None,
     calibrate: bool,
     moments: bool,
+    network: bool,
 ) -> tuple[str, str, str, bytes | None, str | None, list[tuple[str, str]], str | None]: ...
 def gap_watch(
     folder: str | PathLike[str],
@@ -376,5 +378,8 @@ def scenes() -> list[str]:
     """Names of the scenes that come with the package."""
 
 def vehicle_of(name: str, text: str, shell: str | None) -> Vehicle: ...
+def network_files(text: str) -> list[tuple[str, str]]:
+    """Names and contents of the networks that the text of a vehicle file needs beside it."""
+
 def vehicles() -> list[str]:
     """Names of the built-in vehicles."""

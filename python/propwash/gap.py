@@ -414,6 +414,7 @@ def diagnose(
     hold_out: float = 0.2,
     candidates: Sequence[str] | None = None,
     moments: bool = True,
+    network: bool = False,
     drive: Drive | None = None,
     ground_z: float | None = None,
     ceiling_z: float | None = None,
@@ -432,13 +433,15 @@ def diagnose(
         moments: Whether to look for moments at which something changed in mid-flight, and between one log and the next (give them in
             the order in which they were flown); the flight before and after is then diagnosed apart, and ``completed`` is the vehicle
             after the last of them.
+        network: Fit a small neural network to what is left, where that makes unseen flight better: ``details["network"]`` says what
+            became of it, ``completed`` has it.
 
     Raises:
         ValueError: for a log that cannot be right or lacks what is needed.
         KeyError: for an unknown candidate.
     """
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
-    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False, moments)
+    return _fit(logs, vehicle, held_out, hold_out, reading, candidates, None, False, moments, network)
 
 
 def watch(
@@ -500,7 +503,7 @@ def watch(
     if out is not None and changed is None:
         warnings.warn("no vehicle is written: the accepted values do not lower the errors of the newest flight", stacklevel=2)
     elif changed is not None:
-        write(out, changed, force)
+        _write_vehicle(out, changed, force)
     return made
 
 
@@ -531,6 +534,7 @@ def add(
     *,
     force: bool = False,
     calibrate: bool = False,
+    network: bool = False,
     held_out: LogLike | Sequence[LogLike] = (),
     hold_out: float = 0.2,
     drive: Drive | None = None,
@@ -551,6 +555,8 @@ def add(
         force: Replace the file ``out``, and take effects that the flights do not determine.
         calibrate: Also set parameters within their tolerance to their estimates: those of the groups that lower the error on
             flight that the fit has not seen.
+        network: Also fit a small neural network to what is left beside the effects, which may then be none; its file goes beside
+            ``out``.
 
     Nothing is written that raises the error on flight that the fit has not seen, or, unless it is asked for by name, takes less than
     5 % off: such effects have a ``doubt`` and are not in ``completed``, which is None where nothing is left; then there is no file either, with a warning that says why.
@@ -560,19 +566,31 @@ def add(
         FileExistsError: where ``out`` exists, without ``force``.
     """
     names = [effects] if isinstance(effects, str) else list(effects)
-    if not names:
+    if not names and not network:
         raise ValueError("effects: expected at least one name, such as 'rotor_drag', got none")
     may_write(out, force)
     reading = _reading(drive, ground_z, ceiling_z, neighbours, load, noise, mapping)
-    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate, False)
+    made = _fit(logs, vehicle, held_out, hold_out, reading, None, names, calibrate, False, network)
     if made.undetermined and not force:
         why = "; ".join(f"{name}: {what}" for name, what in made.undetermined.items())
         raise ValueError(f"the flights do not show {why}; or force=True to take the values all the same")
     if out is not None and made.completed is not None:
-        write(out, made.completed.text, force)
+        _write_vehicle(out, made.completed.text, force)
     elif out is not None:
         warnings.warn(f"{os.fspath(out)} is not written: {made.nothing_written}", stacklevel=2)
     return made
+
+
+def _write_vehicle(out: str | os.PathLike[str] | None, text: str, force: bool) -> None:
+    """Writes a vehicle file, where ``out`` is one, and before it the networks that it names beside itself."""
+    if out is None:
+        return
+    may_write(out, force)
+    for name, content in _native.network_files(text):
+        beside = Path(out).with_name(name)
+        if not (beside.is_file() and beside.read_bytes() == content.encode("utf-8")):
+            write(beside, content, force)
+    write(out, text, force)
 
 
 def _fit(
@@ -585,6 +603,7 @@ def _fit(
     given: list[str] | None,
     calibrate: bool,
     moments: bool,
+    network: bool,
 ) -> Diagnosis:
     if not 0.0 <= hold_out <= 0.5:
         raise ValueError(f"hold_out: expected a share from 0 to 0.5, got {hold_out}")
@@ -594,7 +613,16 @@ def _fit(
         if both:
             raise ValueError(f"held_out: expected flights that the fit does not see, got {both[0]}, which is one of the logs")
         text, words, page, picture, changed, undetermined, nothing = _native.gap_diagnose(
-            paths, unseen, float(hold_out), of_vehicle, reading, None if only is None else list(only), given, calibrate, moments
+            paths,
+            unseen,
+            float(hold_out),
+            of_vehicle,
+            reading,
+            None if only is None else list(only),
+            given,
+            calibrate,
+            moments,
+            network,
         )
     of = json.loads(text)
     next_flight: list[str] = []

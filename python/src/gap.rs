@@ -129,6 +129,7 @@ pub fn gap_diagnose(
     given: Option<Vec<String>>,
     calibrate: bool,
     moments: bool,
+    network: bool,
 ) -> PyResult<Diagnosed<'_>> {
     let pool = crate::threads::pool(None)?;
     let adding = given.is_some();
@@ -139,7 +140,7 @@ pub fn gap_diagnose(
             let flights = Flights::new(tracks, unseen, hold_out);
             propwash::gap::compare::one_vehicle(&flights.all()).or_raise()?;
             let moments = if moments { Moments::Apart } else { Moments::No };
-            let settings = Settings { given, only, moments, ..Settings::default() };
+            let settings = Settings { given, only, moments, network, ..Settings::default() };
             let filed = Filed { label: &of.vehicle.name, vehicle: &of.vehicle, text: of.text.clone() };
             let by = if adding { "propwash.add" } else { "propwash.diagnose" };
             let calibrate = match (adding, calibrate) {

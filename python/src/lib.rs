@@ -61,6 +61,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(sim::read_config, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicle_of, m)?)?;
+    m.add_function(wrap_pyfunction!(vehicle::network_files, m)?)?;
     m.add_class::<lab::PyLab>()?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;

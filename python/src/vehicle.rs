@@ -144,7 +144,10 @@ impl PyVehicle {
         let make = py.import("propwash._native")?.getattr("vehicle_of")?.unbind();
         let shell = self.vehicle.shell_path().map(std::path::absolute).transpose()?;
         let shell = shell.map(|path| path.to_string_lossy().into_owned());
-        Ok((make, (self.vehicle.name.clone(), self.text.clone(), shell)))
+        // Networks beside the file: other processes may not know them, and this text holds them.
+        let networks = !vehicle::network::files_of(&self.text).is_empty();
+        let text = if networks { self.vehicle.to_toml() } else { &self.text };
+        Ok((make, (self.vehicle.name.clone(), text.into(), shell)))
     }
 }
 
@@ -157,6 +160,12 @@ pub fn vehicle_of(name: &str, text: &str, shell: Option<String>) -> PyResult<PyV
         vehicle.shell = shell;
     }
     Ok(PyVehicle { vehicle, text: text.into() })
+}
+
+/// Names and contents of the networks that the text of a vehicle file needs beside it.
+#[pyfunction]
+pub fn network_files(text: &str) -> Vec<(String, String)> {
+    vehicle::network::files_of(text)
 }
 
 /// Rates by the control modes whose commands they take up, Hz.

@@ -1,5 +1,7 @@
 """propwash.compare, diagnose and add: a flight of a vehicle whose drag the model does not have."""
 
+import hashlib
+import pickle
 import subprocess
 import sys
 
@@ -220,3 +222,58 @@ def test_a_formula_that_add_wrote_flies_at_once_in_sims_data_sets_and_environmen
 
     for fly in (by_sim, by_data_set, by_environment):
         assert fly(found) != fly("cf2x_L250"), fly.__name__
+
+
+NETWORK = """format = "propwash network 1"
+
+[[input]]
+name = "vx_body"
+unit = "m/s"
+offset = 0.0
+scale = 2.0
+low = -4.0
+high = 4.0
+margin = 1.0
+
+[[hidden]]
+weight = [[1.0]]
+bias = [0.0]
+
+[output]
+acts_on = ["force_body_x_n"]
+weight = [[-0.02]]
+bias = [0.0]
+"""
+
+
+def test_a_vehicle_flies_with_a_network_beside_it_and_is_pickled_with_it(tmp_path):
+    digest = hashlib.sha256(NETWORK.encode()).hexdigest()
+    base = propwash.Vehicle("cf2x_L250")
+    entry = f'[[effect]]\nkind = "network"\nname = "brake"\nfile = "brake.network.toml"\nsha256 = "{digest}"\n'
+    file = tmp_path / "with.toml"
+    file.write_text(f"{base.text}\n{entry}")
+    with pytest.raises(ValueError, match=r"brake\.network\.toml beside the vehicle file"):
+        propwash.Vehicle(file)
+    (tmp_path / "brake.network.toml").write_text(NETWORK)
+    vehicle = propwash.Vehicle(file)
+    assert ("effect.network.brake.gain", 1.0) in vehicle.parameters()
+
+    def pushed(vehicle):
+        sim = propwash.Sim(drone=vehicle, control="rotor_vel", precision="f32")
+        sim.set_initial(pos=[0.0, 0.0, 5.0], vel=[2.0, 0.0, 0.0])
+        sim.reset()
+        sim.step(50)
+        return float(sim.data.vel[0, 0, 0])
+
+    assert pushed(vehicle) < pushed(base) - 0.01
+    # Another process knows nothing of the file.
+    script = "import pickle, sys; print(dict(pickle.loads(sys.stdin.buffer.read()).parameters())['effect.network.brake.gain'])"
+    out = subprocess.run([sys.executable, "-c", script], input=pickle.dumps(vehicle), capture_output=True, check=True)
+    assert out.stdout.strip() == b"1.0"
+
+
+def test_nothing_left_is_no_network(flown):
+    vehicle = propwash.Vehicle("cf2x_L250")
+    found = propwash.diagnose(flown, vehicle, network=True)
+    network = found.details["network"]
+    assert network["found"] is None and network["text"].startswith("no network"), network["text"]

@@ -80,6 +80,9 @@ pub struct DiagnoseArgs {
     /// Look for no moments at which something changed in mid-flight: take the flights as of one vehicle.
     #[arg(long)]
     pub no_moments: bool,
+    /// Fit a small neural network to what is left beside everything that was found, where that makes unseen flight better.
+    #[arg(long)]
+    pub network: bool,
     /// After the verdict, print which rule decided about each effect and what each rule states.
     #[arg(long, conflicts_with = "json")]
     pub why: bool,
@@ -117,7 +120,7 @@ written, 1 nothing makes the vehicle better and no file was written, 2 error.";
 #[derive(Clone, Debug, ClapArgs)]
 pub struct AddArgs {
     /// Effects, by the ids that diagnose names (rotor_drag, weak_rotor.2). With --from-diagnosis: all of it if not given.
-    #[arg(value_name = "EFFECT", required_unless_present_any = ["from_diagnosis", "set", "adjust"])]
+    #[arg(value_name = "EFFECT", required_unless_present_any = ["from_diagnosis", "set", "adjust", "network"])]
     pub effects: Vec<String>,
     /// Write this value of a parameter of an effect, SI, with its standard deviation where it has one; nothing is fitted, and
     /// the flights of --fit are named as its source. Repeat it for several. `propwash lab` writes such commands.
@@ -130,6 +133,10 @@ pub struct AddArgs {
     /// size of its coefficient `k`, and its text (docs/effects/expression.md).
     #[arg(long, value_name = "NAME:AXIS:SIZE:TEXT", requires = "set")]
     pub expression: Vec<String>,
+    /// Also fit a small neural network to what is left beside the effects, and write it where that makes unseen flight better; its file
+    /// goes beside --out. With --from-diagnosis the one that was found there is written anyway.
+    #[arg(long, conflicts_with_all = ["set", "adjust", "from_diagnosis"])]
+    pub network: bool,
     /// Flights to fit the effects to: .csv, .parquet, .ulg, .mcap, or the folder of a ROS 2 bag.
     #[arg(long, value_name = "LOG", num_args = 1.., required_unless_present = "from_diagnosis")]
     pub fit: Vec<PathBuf>,

@@ -11,6 +11,7 @@ use super::desk::Desk;
 use super::uploads::plain;
 use crate::Error;
 use crate::flight::files;
+use crate::gap::accept::write_networks;
 
 /// What can be saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -199,6 +200,7 @@ impl Desk {
         let out = saving.name(Kind::Vehicle).map_or_else(|| usual(Kind::Vehicle, self), String::from);
         let texts = saving.files.iter().map(|f| self.text(f.which, &out)).collect::<Result<Vec<_>, _>>()?;
         for (path, text) in paths.iter().zip(texts) {
+            write_networks(path, &text, saving.replace).map_err(crate::Error::from)?;
             files::write(path, saving.replace, |file| file.write_all(text.as_bytes()))
                 .map_err(|source| Error::Io { path: path.clone(), source })?;
         }

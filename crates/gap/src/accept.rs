@@ -15,7 +15,7 @@ use propwash_physics::effects::{AnyEffect, kinds};
 use propwash_physics::params::Parameters;
 use propwash_trace::names::of_list;
 use propwash_vehicle::effects::{named_parameters, out_of_range};
-use propwash_vehicle::{DYNAMICS, Vehicle, VehicleError};
+use propwash_vehicle::{DYNAMICS, Vehicle, VehicleError, network};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
@@ -281,12 +281,30 @@ pub fn may_write(path: &Path, force: bool) -> Result<(), AcceptError> {
     files::may_write(path, force).map_err(refused(path))
 }
 
-/// Writes a vehicle file atomically; an existing file is replaced only with `force`.
+/// Writes a vehicle file atomically, and before it the networks that it names beside itself; existing files with other contents are
+/// replaced only with `force`.
 ///
 /// # Errors
 /// [`AcceptError::Exists`] and [`AcceptError::Write`].
 pub fn write(path: &Path, text: &str, force: bool) -> Result<(), AcceptError> {
+    may_write(path, force)?;
+    write_networks(path, text, force)?;
     files::write(path, force, |file| file.write_all(text.as_bytes())).map_err(refused(path))
+}
+
+/// Writes the networks that the text of a vehicle file at `path` names beside it; those that are there already stay.
+///
+/// # Errors
+/// [`AcceptError::Exists`] for a file with other contents, without `force`, and [`AcceptError::Write`].
+pub fn write_networks(path: &Path, text: &str, force: bool) -> Result<(), AcceptError> {
+    for (name, content) in network::files_of(text) {
+        let beside = path.with_file_name(name);
+        if std::fs::read(&beside).is_ok_and(|there| there == content.as_bytes()) {
+            continue;
+        }
+        files::write(&beside, force, |file| file.write_all(content.as_bytes())).map_err(refused(&beside))?;
+    }
+    Ok(())
 }
 
 fn refused(path: &Path) -> impl FnOnce(std::io::Error) -> AcceptError {

@@ -46,6 +46,8 @@ pub struct Settings<'a> {
     pub no_advice: bool,
     /// Leaves out the search for formulas where something is unexplained.
     pub no_formulas: bool,
+    /// Fits a small network to what is left in the end ([`crate::network`]).
+    pub network: bool,
     /// Leaves out the ladder of [`crate::fitted::fit`], for which every step is flown on all flights.
     pub no_ladder: bool,
     /// What is done about moments at which something changed in mid-flight.

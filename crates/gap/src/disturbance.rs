@@ -339,6 +339,46 @@ impl Window {
         Some(Own { mean, inverse })
     }
 
+    /// What it says of further pushes in its intervals, with the parameters at `delta`, its initial state and its disturbances eliminated:
+    /// their information, and that times the likeliest pushes; order (interval, component), the components those of the disturbances.
+    pub fn pushes(&self, disturbance: &Disturbance, delta: &[f64]) -> Option<(DMatrix<f64>, DVector<f64>)> {
+        let len = own_len(self.pushes);
+        let (n, m) = (self.gram.nrows() - len - 1, len - START_STATE);
+        let mut of_start = block(&self.gram, (0, 0), (START_STATE, START_STATE));
+        let start = disturbance.start();
+        for k in 0..START_STATE {
+            of_start[(k, k)] += start[k / 3].powi(-2);
+        }
+        let mut score = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
+        if !delta.is_empty() {
+            score -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
+        }
+        let across = block(&self.gram, (0, START_STATE), (START_STATE, m));
+        let factor = Cholesky::new(of_start)?;
+        let information =
+            block(&self.gram, (START_STATE, START_STATE), (m, m)) - across.tr_mul(&factor.solve(&across));
+        let known = score.rows(0, START_STATE).into_owned();
+        let score = score.rows(START_STATE, m) - across.tr_mul(&factor.solve(&known));
+        let mut both = information.clone();
+        let common = disturbance.common_variance();
+        let intervals = self.pushes as f64;
+        for r in 0..6 {
+            let quick = disturbance.quick[SIZE_OF[r]];
+            let apart = quick.powi(-2);
+            let together = 1.0 / (quick * quick + intervals * common[r]);
+            for i in 0..self.pushes {
+                for j in 0..self.pushes {
+                    let add = (together - apart) / intervals + if i == j { apart } else { 0.0 };
+                    both[(6 * i + r, 6 * j + r)] += add;
+                }
+            }
+        }
+        let factor = Cholesky::new((&both + both.transpose()) * 0.5)?;
+        let p = &information - &information * factor.solve(&information);
+        let b = &score - &information * factor.solve(&score);
+        Some(((&p + p.transpose()) * 0.5, b))
+    }
+
     /// Its initial state with the nuisance parameters at `own`.
     pub fn moved(&self, own: &DVector<f64>) -> Measured {
         let mut start = self.start;

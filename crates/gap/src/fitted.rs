@@ -14,6 +14,7 @@ use super::formula::{self, Formula, Proposed};
 use super::headline::{headline, pair};
 use super::judge::{Judge, rung_over};
 use super::ladder::Flights;
+use super::network;
 use super::policy::{HEADLINE_CHARS, WORSE};
 use super::report::significant;
 use super::track::{Noise, Options, Track};
@@ -96,6 +97,18 @@ pub struct Fitted {
     at_best: Option<Vehicle>,
     /// Where something changed in mid-flight: the flight that the diagnosis is about.
     now: Option<Flights>,
+    /// What is written with all calibration that lowers the errors on the judge's flight; only where a network is searched.
+    pub(crate) helped: Option<Helped>,
+}
+
+/// A vehicle with calibration.
+pub(crate) struct Helped {
+    pub vehicle: Vehicle,
+    pub text: String,
+    /// Number of parameters within tolerance that were set.
+    pub calibrated: usize,
+    /// All parameters within tolerance, those that help marked.
+    pub adjusted: Vec<Calibration>,
 }
 
 impl Fitted {
@@ -181,6 +194,9 @@ pub(crate) fn fit_from(
         }
     }
     let mut fitted = found.unwrap_or(plain);
+    if settings.network {
+        network::add(&filed, flights, &work.judge, (settings, by), &mut fitted)?;
+    }
     let named = |w: &Why| fitted.diagnosed.verdict.formulas.iter().any(|f| f.id == w.id);
     why.retain(|w| !named(w));
     why.dedup();
@@ -322,12 +338,15 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
     let found = rungs.len();
     let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
     let mut calibrated = 0;
-    let mut at_best = None;
-    if *calibrate != Calibrate::No || work.formulas {
+    let (mut at_best, mut helped) = (None, None);
+    if *calibrate != Calibrate::No || work.formulas || settings.network {
         let mut adjusted = verdict.adjusted.clone();
         let shown = calibration::judged(&writer, judge, &completion, &mut adjusted)?;
         let last = shown.iter().rev().find(|s| s.helps).map(|s| s.vehicle.clone());
         at_best = last.or_else(|| after.clone());
+        if settings.network {
+            helped = with_help(&completion, filed.vehicle, adjusted.clone())?;
+        }
         if *calibrate != Calibrate::No {
             verdict.adjusted = adjusted;
         }
@@ -353,7 +372,18 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);
-    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable, at_best, now: None })
+    Ok(Fitted { diagnosed, after, text: completion.text, calibrated, unwritable, at_best, now: None, helped })
+}
+
+/// A completed vehicle with the calibration that helps; none where nothing does.
+fn with_help(completion: &Completion, like: &Vehicle, adjusted: Vec<Calibration>) -> Result<Option<Helped>> {
+    let mut whole = completion.clone();
+    let helping: Vec<Calibration> = adjusted.iter().filter(|c| c.helps).cloned().collect();
+    let calibrated = whole.calibrate(&helping)?;
+    if calibrated == 0 {
+        return Ok(None);
+    }
+    Ok(Some(Helped { vehicle: whole.vehicle(like)?, text: whole.text, calibrated, adjusted }))
 }
 
 /// Warns where findings cannot be judged, or only on flight used in the fit.

@@ -37,6 +37,7 @@ mod limits;
 pub mod live;
 pub(crate) mod model;
 pub mod moments;
+pub mod network;
 mod noise;
 mod opinion;
 pub mod overlay;

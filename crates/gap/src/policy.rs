@@ -252,6 +252,10 @@ pub(crate) const FORMULA_NATS: f64 = 25.0;
 /// Evidence that a shorter formula may bring less, nats.
 pub(crate) const FORMULA_SHORTER: f64 = 12.0;
 
+/// Standard errors by which a network must lower the error on blocks of flight that its fit has not seen: the blocks are few, and
+/// weather goes with the flight in one of them easily.
+pub(crate) const NETWORK_SIGMAS: f64 = 3.0;
+
 /// Share of the held-out error that an effect must remove beside other effects.
 pub(crate) const LEAST_SHARE: f64 = 0.1;
 

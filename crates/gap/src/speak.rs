@@ -77,6 +77,7 @@ pub(super) fn speak(
         verdict,
         findings,
         formulas: Vec::new(),
+        network: None,
         why: why.into_iter().chain(decided).collect(),
         calibration: adjusted.iter().filter(|c| corrected(c)).cloned().collect(),
         adjusted,

@@ -4,6 +4,7 @@ use super::decide::rules::{Rule, Why};
 use super::formula::Formula;
 use super::headline::shortened;
 use super::moments::{Moment, words};
+use super::network::NetworkVerdict;
 use super::opinion;
 use super::track::Noise;
 use propwash_physics::effects::Area;
@@ -420,6 +421,8 @@ pub struct Diagnosis {
     pub findings: Vec<Finding>,
     /// Formulas among the findings, for physics that is not in the list: their tables of a vehicle file.
     pub formulas: Vec<Formula>,
+    /// What became of the search for a small network; null where none was asked for.
+    pub network: Option<NetworkVerdict>,
     /// Why each effect is named, in doubt or not named, in the order of the decisions.
     pub why: Vec<Why>,
     /// Parameters within tolerance that the log moves by more than two standard deviations.

@@ -4,8 +4,8 @@
 //! derivatives ([`dual::Dual`]) and traces ([`trace::Sym`]) all implement. A trace is a graph ([`trace::Graph`]); [`schedule`]
 //! schedules it, [`adjoint`] turns it into that of its derivatives, [`export`] prints it as Rust (a [`kernel::Kernel`]), and
 //! [`bytecode`] runs what has no kernel, [`formula`] runs what carries no state. [`math`] builds vectors and rotations of numbers,
-//! [`params`] makes structs of them that can be visited by name, [`units`] converts those of files, [`names`] guesses what a mistyped
-//! one means.
+//! [`params`] makes structs of them that can be visited by name, [`mlp`] holds small networks, [`units`] converts those of files,
+//! [`names`] guesses what a mistyped one means.
 //!
 //! Published scalar traits require `PartialOrd` or `bool`, which a lane, a tape or a symbol cannot provide. Here a
 //! comparison returns a [`Real::Mask`] and a choice is [`Real::select`], so a formula written over `Real` contains no
@@ -23,6 +23,7 @@ pub mod formula;
 pub mod kernel;
 pub mod lanes;
 pub mod math;
+pub mod mlp;
 pub mod names;
 pub mod params;
 pub mod program;

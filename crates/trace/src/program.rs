@@ -137,7 +137,7 @@ fn power<S: Real>(a: S, n: i8) -> S {
 }
 
 /// Hyperbolic tangent, 1 − 2 / (e^(2a) + 1). Beyond ±20 it differs from ±1 by less than rounding.
-fn tanh<S: Real>(a: S) -> S {
+pub(crate) fn tanh<S: Real>(a: S) -> S {
     let held = a.clamp(S::lit(-20.0), S::lit(20.0));
     let two = S::lit(2.0);
     S::one() - two / ((two * held).exp() + S::one())

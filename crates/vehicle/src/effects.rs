@@ -5,6 +5,7 @@ use super::DYNAMICS;
 use super::error::VehicleError;
 use super::expression;
 use super::file::{Check, join, shape};
+use super::network;
 use super::schema::EffectEntry;
 use propwash_physics::effects::{AnyEffect, Bounds, Effect, kinds};
 use propwash_physics::params::Parameters;
@@ -77,6 +78,9 @@ impl Check<'_> {
         };
         if entry.kind == expression::KIND {
             return self.expression(key, entry);
+        }
+        if entry.kind == network::KIND {
+            return self.network(key, entry);
         }
         let mut names: Vec<String> = Vec::new();
         effect.visit("", &mut |name, _| names.push(name.trim_start_matches('.').to_string()));

@@ -215,6 +215,13 @@ pub(super) struct Check<'a> {
     file: &'a str,
 }
 
+impl<'a> Check<'a> {
+    /// Checks of the file that messages call `file`.
+    pub(super) fn of(file: &'a str) -> Self {
+        Self { file }
+    }
+}
+
 impl Check<'_> {
     /// An error in this file.
     pub(super) fn wrong(

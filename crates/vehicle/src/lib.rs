@@ -18,6 +18,7 @@ pub mod expression;
 mod file;
 pub mod first;
 mod mixer;
+pub mod network;
 pub mod provenance;
 pub mod schema;
 mod similar;
@@ -105,28 +106,38 @@ impl Vehicle {
             .ok_or_else(|| VehicleError::UnknownVehicle { name: name.into(), known: BUILTIN.join(", ") })
     }
 
-    /// A vehicle file (TOML, see `docs/vehicles.md`).
+    /// A vehicle file (TOML, see `docs/vehicles.md`), with the networks beside it that it names.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, VehicleError> {
         let path = path.as_ref();
         let text = read_text(path)?;
         let name = path.file_stem().map_or_else(|| "vehicle".into(), |s| s.to_string_lossy().into_owned());
         let file = path.display().to_string();
-        let mut vehicle = Self::build(name, &file, file::parse(&file, &text)?)?;
+        // A path without a folder is one in the folder of the process.
+        let dir = path.parent().unwrap_or(Path::new(""));
+        let mut vehicle = Self::build(name, &file, file::parse(&file, &text)?, Some(dir))?;
         vehicle.dir = path.parent().map(Path::to_path_buf);
         Ok(vehicle)
     }
 
-    /// The text of a vehicle file.
+    /// The text of a vehicle file. Networks that it names without their content must have been read before
+    /// ([`network::kept`]).
     pub fn from_toml(name: &str, text: &str) -> Result<Self, VehicleError> {
-        Self::build(name.into(), name, file::parse(name, text)?)
+        Self::build(name.into(), name, file::parse(name, text)?, None)
     }
 
     /// A vehicle from its file's contents, as read before or put together in code.
     pub fn from_file(name: &str, file: VehicleFile) -> Result<Self, VehicleError> {
-        Self::build(name.into(), name, file)
+        Self::build(name.into(), name, file, None)
     }
 
-    fn build(name: String, label: &str, file: VehicleFile) -> Result<Self, VehicleError> {
+    /// `dir` is the folder of the file, where it was read from one.
+    fn build(
+        name: String,
+        label: &str,
+        mut file: VehicleFile,
+        dir: Option<&Path>,
+    ) -> Result<Self, VehicleError> {
+        network::resolve(label, dir, &mut file)?;
         let contents = file::contents(label, &file)?;
         let text = file::to_text(label, &file)?;
         let r = &file.rates;

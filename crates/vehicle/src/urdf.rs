@@ -402,7 +402,7 @@ impl Urdf {
         let controller = self.controller(&model, &file, thrust_to_weight * weight / n as f64, km / kf)?;
         let file =
             VehicleFile { controller: Controllers { mellinger: Some(controller), direct: None }, ..file };
-        let vehicle = Vehicle::build(self.name.clone(), &self.label, file)?;
+        let vehicle = Vehicle::build(self.name.clone(), &self.label, file, None)?;
         warnings.extend(vehicle.warnings().iter().cloned());
         Ok(vehicle.to_toml().to_string())
     }

@@ -15,6 +15,7 @@ use crate::gap::diagnose::Settings;
 use crate::gap::fitted::{Calibrate, Filed};
 use crate::gap::formula::{Formula, with_formulas};
 use crate::gap::headline::{before_after, pair};
+use crate::gap::network::{FoundNetwork, with_network};
 use crate::gap::report::{Report, turns};
 use crate::gap::session::{Put, completed_by};
 use crate::gap::verdict::{Calibration, HorizonError, ParameterFit, Rung};
@@ -69,7 +70,8 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
     let (vehicle, flights) = open(&args.reading, &args.fit, &args.held_out)?;
     // Only the page and the JSON hold the advice.
     let no_advice = args.report.is_none() && !args.json;
-    let settings = Settings { given: Some(args.effects.clone()), no_advice, ..Settings::default() };
+    let (given, network) = (Some(args.effects.clone()), args.network);
+    let settings = Settings { given, no_advice, network, ..Settings::default() };
     let name = &args.reading.vehicle;
     let calibrate = if args.calibrate { Calibrate::Write } else { Calibrate::No };
     let mut fitted = fit(name, &vehicle, &flights, settings, "add", calibrate)?;
@@ -127,6 +129,9 @@ fn fitted(args: &AddArgs) -> Result<Outcome> {
             0 => "no group of parameters within tolerance lowers the error on unseen flight: they stay as filed".into(),
             n => format!("and {n} parameters within tolerance at their estimates"),
         })?;
+    }
+    if let Some(network) = &verdict.network {
+        print(&network.text)?;
     }
     if let [before, .., after] = &verdict.ladder[..] {
         show_errors(before, after)?;
@@ -198,6 +203,20 @@ struct Saved {
     adjusted: Vec<Calibration>,
     #[serde(default)]
     formulas: Vec<Formula>,
+    #[serde(default)]
+    network: Option<SavedNetwork>,
+}
+
+#[derive(Deserialize)]
+struct SavedNetwork {
+    found: Option<FoundNetwork>,
+}
+
+impl Saved {
+    /// The network that was found, if one was.
+    fn found_network(&self) -> Option<&FoundNetwork> {
+        self.network.as_ref().and_then(|n| n.found.as_ref())
+    }
 }
 
 #[derive(Deserialize)]
@@ -318,7 +337,8 @@ fn same_vehicle(saved: &Saved, vehicle: &Vehicle, name: &str) -> Result<()> {
 
 /// Refuses names of effects that the diagnosis did not find.
 fn has_found(saved: &Saved, effects: &[String]) -> Result<()> {
-    let known: Vec<&str> = saved.findings.iter().map(|f| f.id.as_str()).collect();
+    let mut known: Vec<&str> = saved.findings.iter().map(|f| f.id.as_str()).collect();
+    known.extend(saved.found_network().map(|n| n.id.as_str()));
     let Some(unknown) = effects.iter().find(|e| !known.contains(&e.as_str())) else { return Ok(()) };
     let list = if known.is_empty() { "nothing".into() } else { known.join(", ") };
     Err(Error::Gap(GapError::Unknown {
@@ -351,11 +371,13 @@ struct Taken<'a> {
     whole: bool,
     /// Parameters within tolerance that were written.
     calibrated: usize,
+    /// The network that was written.
+    network: Option<&'a FoundNetwork>,
 }
 
 impl Taken<'_> {
     fn is_nothing(&self) -> bool {
-        self.written.is_empty() && self.calibrated == 0
+        self.written.is_empty() && self.calibrated == 0 && self.network.is_none()
     }
 }
 
@@ -387,7 +409,13 @@ fn take<'a>(args: &AddArgs, saved: &'a Saved, completion: &mut Completion) -> Re
     }
     let helping: Vec<Calibration> = saved.adjusted.iter().filter(|c| c.helps).cloned().collect();
     let calibrated = if args.calibrate && whole { completion.calibrate(&helping)? } else { 0 };
-    Ok(Taken { written, doubtful, whole, calibrated })
+    Ok(Taken { written, doubtful, whole, calibrated, network: None })
+}
+
+/// The network of a diagnosis, where it is asked for: it was fitted beside everything else that was found, and goes with all of it.
+fn network_of<'a>(args: &AddArgs, saved: &'a Saved, taken: &Taken) -> Option<&'a FoundNetwork> {
+    let asked = |n: &&FoundNetwork| args.effects.is_empty() || args.effects.contains(&n.id);
+    saved.found_network().filter(asked).filter(|_| taken.whole)
 }
 
 /// The text of the vehicle file with those formulas of a diagnosis that are `wanted`, which are effects of the file from here on.
@@ -421,7 +449,15 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
     };
     let (text, _) = with_found(&saved, name, path, written)?;
     let mut completion = Completion::new(&vehicle, text, name, &saved.dynamics, source_of(&saved));
-    let taken = take(args, &saved, &mut completion)?;
+    let mut taken = take(args, &saved, &mut completion)?;
+    taken.network = network_of(args, &saved, &taken);
+    if let Some(network) = taken.network {
+        if network.with_calibration && !args.calibrate {
+            let helping: Vec<Calibration> = saved.adjusted.iter().filter(|c| c.helps).cloned().collect();
+            taken.calibrated = completion.calibrate(&helping)?;
+        }
+        completion.text = with_network(&completion.text, network);
+    }
     if !taken.is_nothing() {
         let better = Vehicle::from_toml(name, &completion.text)?;
         carries(&vehicle.drone(&saved.dynamics)?, &better.drone(&saved.dynamics)?, path)?;
@@ -435,7 +471,8 @@ fn from_diagnosis(args: &AddArgs, path: &Path) -> Result<Outcome> {
 fn say_taken(args: &AddArgs, taken: &Taken, remarks: &[String]) -> Result<()> {
     let nothing = taken.is_nothing();
     if args.json {
-        let ids: Vec<&str> = taken.written.iter().map(|f| f.id.as_str()).collect();
+        let mut ids: Vec<&str> = taken.written.iter().map(|f| f.id.as_str()).collect();
+        ids.extend(taken.network.map(|n| n.id.as_str()));
         return print_json(&json!({
             "vehicle": &args.reading.vehicle,
             "out": (!nothing).then_some(&args.out),
@@ -450,6 +487,13 @@ fn say_taken(args: &AddArgs, taken: &Taken, remarks: &[String]) -> Result<()> {
     }
     for f in &taken.written {
         show_parameters(&f.id, &f.parameters)?;
+    }
+    if let Some(network) = taken.network {
+        let (id, file) = (&network.id, &network.file);
+        print(format_args!(
+            "{id}  a network of {} weights, beside the vehicle file: {file}",
+            network.n_weights
+        ))?;
     }
     for words in &taken.doubtful {
         print(words)?;

@@ -28,7 +28,8 @@ pub fn run(args: &DiagnoseArgs) -> Result<Outcome> {
     let (vehicle, flights) = open(&args.logs.reading, &args.logs.logs, &args.held_out)?;
     let only = (!args.candidates.is_empty()).then(|| args.candidates.clone());
     let moments = if args.no_moments { Moments::No } else { Moments::Apart };
-    let settings = Settings { only, no_formulas: args.no_formulas, moments, ..Settings::default() };
+    let (no_formulas, network) = (args.no_formulas, args.network);
+    let settings = Settings { only, no_formulas, network, moments, ..Settings::default() };
     let fitted = fit(&args.logs.reading.vehicle, &vehicle, &flights, settings, "diagnose", Calibrate::Show)?;
     let verdict = &fitted.diagnosed.verdict;
     if let Some(path) = &args.out {
@@ -60,7 +61,9 @@ fn say(args: &DiagnoseArgs, verdict: &Diagnosis) -> Result<()> {
 
 /// Exit code of a verdict: found where something is missing, unexplained or changed in mid-flight.
 pub fn outcome(verdict: &Diagnosis) -> Outcome {
-    let fine = verdict.findings.is_empty() && verdict.moments.is_empty() && !verdict.remainder.unexplained;
+    let network = verdict.network.as_ref().is_some_and(|n| n.found.is_some());
+    let listed = verdict.findings.is_empty() && verdict.moments.is_empty();
+    let fine = listed && !verdict.remainder.unexplained && !network;
     if fine { Outcome::Fine } else { Outcome::Found }
 }
 

@@ -4,7 +4,7 @@
 //! Equations: docs/effects/*.md; sizes: of a quadrotor of 0.75 kg, scaled with mass and hover speed for others.
 
 use super::linear::{V, mul, norm, sub, unit};
-use super::strange::{STRANGE, Strange};
+use super::strange::{RUGGED, STRANGE, Strange};
 use super::world::{MAX_ROTORS, Speeds};
 use propwash::random::{Key, Stream, purpose};
 use serde::Serialize;
@@ -80,18 +80,19 @@ pub const CEILING_Z_M: f64 = 3.0;
 
 const DEG: f64 = PI / 180.0;
 
-/// The id among [`HIDDEN`], [`UNLISTED`] and [`STRANGE`] that is called `name`.
+/// The id among [`HIDDEN`], [`UNLISTED`], [`STRANGE`] and [`RUGGED`] that is called `name`.
 ///
 /// # Errors
 /// A sentence with all ids where there is none.
 pub fn id(name: &str) -> Result<&'static str, String> {
-    let all = HIDDEN.iter().chain(MORE_ROTORS).chain(UNLISTED).chain(STRANGE);
+    let all = HIDDEN.iter().chain(MORE_ROTORS).chain(UNLISTED).chain(STRANGE).chain(RUGGED);
     all.into_iter().find(|known| **known == name).copied().ok_or_else(|| {
         format!(
-            "expected the id of an effect, found `{name}`: take one of {}, {}, {}, or none",
+            "expected the id of an effect, found `{name}`: take one of {}, {}, {}, {}, or none",
             HIDDEN.join(", "),
             UNLISTED.join(", "),
-            STRANGE.join(", ")
+            STRANGE.join(", "),
+            RUGGED.join(", ")
         )
     })
 }
@@ -564,7 +565,7 @@ impl Deviations {
             }
             "speed_thrust_loss" => self.speed_loss = size * d.s.uniform(0.08, 0.16),
             _ => {
-                let Some(id) = STRANGE.iter().find(|known| **known == id) else { return false };
+                let Some(id) = STRANGE.iter().chain(RUGGED).find(|known| **known == id) else { return false };
                 self.strange = Some(Strange::draw(id, &mut d.s, size, d.scale));
             }
         }

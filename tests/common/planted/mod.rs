@@ -30,7 +30,7 @@ pub use self::{
     hidden::{Build, CEILING_Z_M, Deviations, HIDDEN, MORE_ROTORS, Scatter, UNLISTED, id, of_rotors},
     pilot::Excitation,
     sensors::{Figures, Inputs, NoiseLevel, Sensors},
-    strange::STRANGE,
+    strange::{RUGGED, STRANGE},
     world::{MAX_ROTORS, Nominal, Speeds, State, World},
 };
 
@@ -67,7 +67,7 @@ pub enum Marker {
 pub struct Plan<'a> {
     /// The vehicle as filed; four to eight rotors, no filed effect but linear drag.
     pub vehicle: &'a Vehicle,
-    /// Ids of [`HIDDEN`], [`UNLISTED`] or [`STRANGE`].
+    /// Ids of [`HIDDEN`], [`UNLISTED`], [`STRANGE`] or [`RUGGED`].
     pub hidden: Vec<&'static str>,
     /// What the pilot does.
     pub excitation: Excitation,
@@ -518,7 +518,7 @@ fn truth(
         .iter()
         .map(|id| Planted {
             id,
-            listed: !UNLISTED.contains(id) && !STRANGE.contains(id),
+            listed: !UNLISTED.contains(id) && !STRANGE.contains(id) && !RUGGED.contains(id),
             parameters: dev.parameters(id, &filed),
             filed: none.parameters(id, &filed),
         })

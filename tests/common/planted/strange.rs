@@ -5,6 +5,7 @@ use super::hidden::Scale;
 use super::linear::{V, cross, mul, norm};
 use propwash::random::Stream;
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// Ids of these effects.
 pub const STRANGE: &[&str] = &[
@@ -22,6 +23,18 @@ pub const STRANGE: &[&str] = &[
     "spin_loss",
     "saturating_lift",
     "low_lift",
+];
+
+/// Ids of effects that no formula of few quantities describes: ripples, humps and mixtures, as turbulent flow makes them.
+pub const RUGGED: &[&str] = &[
+    "rippled_push",
+    "resonant_push",
+    "speed_hump",
+    "mixed_ripple",
+    "twist_ripple",
+    "rate_ripple",
+    "descent_wake",
+    "height_ripple",
 ];
 
 /// One of them, with its strength and, where it has one, its scale.
@@ -52,6 +65,12 @@ impl Strange {
             "bank_lift" => (s.uniform(0.3, 0.6), 0.0),
             "spin_loss" => (s.uniform(0.02, 0.04), 0.0),
             "saturating_lift" => (m * s.uniform(0.3, 0.6), s.uniform(1.0, 2.0)),
+            "rippled_push" | "mixed_ripple" => (m * s.uniform(0.3, 0.6), s.uniform(1.2, 2.0)),
+            "resonant_push" | "speed_hump" => (m * s.uniform(0.4, 0.8), s.uniform(0.8, 1.4)),
+            "twist_ripple" => (j * s.uniform(2e-3, 4e-3), s.uniform(1.2, 2.0)),
+            "rate_ripple" => (j * s.uniform(2e-3, 4e-3), s.uniform(1.0, 1.6)),
+            "descent_wake" => (s.uniform(0.05, 0.1), s.uniform(0.3, 0.6)),
+            "height_ripple" => (m * s.uniform(0.3, 0.6), s.uniform(0.8, 1.4)),
             _ => (m * s.uniform(1.5, 3.0), s.uniform(1.0, 2.0)),
         };
         Self { id, strength: size * strength, scale }
@@ -76,8 +95,53 @@ impl Strange {
             "bank_lift" => force[2] = c * thrust * roll.sin().powi(2),
             "spin_loss" => force[2] = -c * thrust * norm(w),
             "saturating_lift" => force[2] = c * ((u[0] * u[0] + u[1] * u[1]) / self.scale.powi(2)).tanh(),
+            "rippled_push" => (0..2).for_each(|k| force[k] = c * (TAU * u[k] / self.scale).sin()),
+            "resonant_push" => {
+                let across = u[0].hypot(u[1]);
+                let push = c * (-((across - self.scale) / 0.35).powi(2)).exp() / (across + 1e-9);
+                force = [-push * u[0], -push * u[1], 0.0];
+            }
+            "speed_hump" => force[2] = c * (-((speed - self.scale) / 0.4).powi(2)).exp(),
+            "mixed_ripple" => force[1] = c * (TAU * (u[0] + u[1]) / self.scale).sin(),
+            "twist_ripple" => torque[2] = c * (TAU * u[0] / self.scale).sin(),
+            "rate_ripple" => torque[0] = c * (TAU * w[0] / self.scale).sin(),
+            "descent_wake" => force[2] = -c * thrust * (-((u[2] + self.scale) / 0.3).powi(2)).exp(),
+            "height_ripple" => force[2] = c * (TAU * z / self.scale).sin(),
             _ => force[2] = c * (-z / self.scale).exp(),
         }
         (force, torque)
+    }
+
+    /// One of [`RUGGED`] as an effect of a vehicle file.
+    pub fn as_expression(&self) -> String {
+        let (c, s) = (self.strength, self.scale);
+        let ripple = |of: &str| format!("{c:e} * sin(2 * pi * ({of}) / {s:e})");
+        let across = "sqrt(vx_body^2 + vy_body^2 + 1e-9)";
+        let hump = |of: &str, width: f64| format!("{c:e} * exp(-((({of}) - {s:e}) / {width:?})^2)");
+        let resonant = hump(across, 0.35);
+        let none = String::from("0");
+        let (key, three) = match self.id {
+            "rippled_push" => ("force_body_n", [ripple("vx_body"), ripple("vy_body"), none]),
+            "resonant_push" => (
+                "force_body_n",
+                [
+                    format!("-vx_body / {across} * {resonant}"),
+                    format!("-vy_body / {across} * {resonant}"),
+                    none,
+                ],
+            ),
+            "speed_hump" => {
+                let speed = "sqrt(vx_body^2 + vy_body^2 + vz_body^2 + 1e-9)";
+                ("force_body_n", [none.clone(), none, hump(speed, 0.4)])
+            }
+            "mixed_ripple" => ("force_body_n", [none.clone(), ripple("vx_body + vy_body"), none]),
+            "twist_ripple" => ("torque_body_n_m", [none.clone(), none, ripple("vx_body")]),
+            "rate_ripple" => ("torque_body_n_m", [ripple("wx"), none.clone(), none]),
+            "descent_wake" => {
+                ("force_body_n", [none.clone(), none, format!("-thrust_n * {}", hump("-vz_body", 0.3))])
+            }
+            _ => ("force_body_n", [none.clone(), none, ripple("z")]),
+        };
+        format!("\n[[effect]]\nkind = \"expression\"\nname = \"truth\"\n{key} = {three:?}\n")
     }
 }

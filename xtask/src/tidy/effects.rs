@@ -11,7 +11,7 @@ const HEADINGS: &[&str] =
     &["What it models", "Equation", "Parameters", "What it looks like in a log", "Source"];
 
 /// Effects whose keys their users choose: names of parameters are not checked against the code.
-const FREE: &[&str] = &["expression"];
+const FREE: &[&str] = &["expression", "network"];
 
 /// Files of the folder that are no effects.
 const HELPERS: &[&str] = &["mod", "README", "candidate", "custom"];

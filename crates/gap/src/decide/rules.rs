@@ -2,7 +2,7 @@
 
 use crate::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, FORMULA_NATS, FORMULA_SHARE, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE,
-    LITTLE_GAIN, LOST_NATS, MOMENT_NATS, MOMENT_SHARE, NAMED_SIGMAS, RISES, WELL_BELOW,
+    LITTLE_GAIN, LOST_NATS, MOMENT_NATS, MOMENT_SHARE, NAMED_SIGMAS, NETWORK_SIGMAS, RISES, WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -41,6 +41,8 @@ pub enum Rule {
     NeverWorse,
     /// A formula for what is in no list.
     Formula,
+    /// A small network for what no formula fits.
+    Network,
     /// A drift from flight to flight ([`crate::drift`]).
     Drift,
     /// Something changed in mid-flight ([`crate::moments`]).
@@ -49,7 +51,7 @@ pub enum Rule {
 
 impl Rule {
     /// All of them, in the order in which they are applied.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 18] = [
         Self::Evidence,
         Self::LittleGain,
         Self::EvidenceLost,
@@ -65,6 +67,7 @@ impl Rule {
         Self::BesideUnexplained,
         Self::NeverWorse,
         Self::Formula,
+        Self::Network,
         Self::Drift,
         Self::Moment,
     ];
@@ -87,6 +90,7 @@ impl Rule {
             Self::BesideUnexplained => "beside unexplained",
             Self::NeverWorse => "never worse",
             Self::Formula => "formula",
+            Self::Network => "network",
             Self::Drift => "drift",
             Self::Moment => "moment",
         }
@@ -154,6 +158,13 @@ impl Rule {
                 percent(FORMULA_SHARE),
                 percent(LITTLE_GAIN)
             ),
+            Self::Network => format!(
+                "on request, a small network is fitted to what is left beside all tolerances at their estimates, where it brings \
+                 {FORMULA_NATS} nats and {NETWORK_SIGMAS} standard errors between stretches of time that its fit has not seen; it is written \
+                 if the errors on unseen flight then fall to {} and none rises by more than {:.0} %",
+                percent(LITTLE_GAIN),
+                100.0 * (RISES - 1.0)
+            ),
             Self::Drift => format!(
                 "from flight to flight a drift of an effect is named that brings {THRESHOLD} nats, averaged over the logs in which it may \
                  have begun; it is accepted if with it the errors on unseen flight of the newest log fall to {} in its channel or all \
@@ -192,6 +203,7 @@ impl Rule {
             Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",
             Self::BesideUnexplained => "no flight of its own: what `two estimators` asks, where more is open",
             Self::Formula => "planted flights with effects that are in no list, and with none",
+            Self::Network => "planted flights with effects that no formula describes, and with none",
             Self::Drift => {
                 "48 planted flights of six vehicles with another wind and battery in each, which name none; six flights of a Crazyflie \
                  Brushless with something unexplained, which named ten"

@@ -67,6 +67,7 @@ pub(super) fn fit_each(
             unwritable: Vec::new(),
             at_best: None,
             now: None,
+            helped: None,
         });
     };
     let verdict = &mut out.diagnosed.verdict;

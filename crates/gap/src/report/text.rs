@@ -81,6 +81,10 @@ pub fn text(diagnosis: &Diagnosis) -> String {
     for (k, finding) in d.findings.iter().enumerate() {
         out.finding(k + 1, finding, d.judged_on());
     }
+    if let Some(network) = &d.network {
+        out.heading("Network");
+        out.paragraph(4, &network.text);
+    }
     out.ladder(&d.ladder);
     out.calibration(&d.calibration);
     out.remainder(d);

@@ -13,6 +13,9 @@ use propwash_trace::Real;
 use propwash_trace::math::{euler, vec3};
 pub use propwash_trace::program::{MAX_DEPTH, Op, Program, ProgramError};
 
+/// Distance that stands for "no other vehicle", m.
+const NO_NEIGHBOUR_M: f64 = 1e6;
+
 /// Most parameters of one expression effect.
 pub const MAX_PARAMETERS: usize = 8;
 
@@ -88,6 +91,7 @@ mod list {
         thrust_n "N" "thrust of all rotors by their curves, before what the air does" => thrust(view);
         ground_m "m" "height above what lies below; 1000000 where there is no ground" => view.surroundings.ground_distance_m;
         ceiling_m "m" "distance up to what lies above; 1000000 where there is no ceiling" => view.surroundings.ceiling_distance_m;
+        others_m "m" "distance to the nearest other vehicle; 1000000 where there is none" => nearest(view);
         wind_x "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[0];
         wind_y "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[1];
         wind_z "m/s" "velocity of the air, world" => view.surroundings.wind_m_s[2];
@@ -104,6 +108,11 @@ mod list {
 }
 pub use list::VARIABLES;
 
+/// Value of variable number `index` of [`VARIABLES`].
+pub(super) fn variable<S: Real>(index: usize, view: &View<S>) -> S {
+    list::value(index as u16, view)
+}
+
 fn sum_of_speeds<S: Real>(view: &View<S>) -> S {
     let speeds = view.rotor_vel();
     let mut sum = S::zero();
@@ -111,6 +120,16 @@ fn sum_of_speeds<S: Real>(view: &View<S>) -> S {
         sum = sum + speeds[i];
     }
     sum
+}
+
+/// Distance to the nearest other vehicle, m.
+fn nearest<S: Real>(view: &View<S>) -> S {
+    let far = S::lit(NO_NEIGHBOUR_M);
+    view.surroundings.neighbours.iter().fold(far, |least, other| {
+        let apart = vec3::sub(other.pos, view.state.pos);
+        // The added square keeps the slope finite where two places are one.
+        least.min((vec3::dot(apart, apart) + S::lit(1e-8)).sqrt())
+    })
 }
 
 fn thrust<S: Real>(view: &View<S>) -> S {
@@ -210,10 +229,11 @@ impl<S: Real> Params<S> {
 }
 
 /// What a variable takes from the surroundings.
-fn reads_of(variable: &str) -> Reads {
+pub(super) fn reads_of(variable: &str) -> Reads {
     match variable {
         "ground_m" => Reads::GROUND,
         "ceiling_m" => Reads::CEILING,
+        "others_m" => Reads::NEIGHBOURS,
         "wind_x" | "wind_y" | "wind_z" | "vx_body" | "vy_body" | "vz_body" => Reads::WIND,
         _ => Reads::NOTHING,
     }
@@ -277,6 +297,7 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         let needs = match Effect::<f64>::reads(effect) {
             reads if reads.ground => Needs::Ground,
             reads if reads.ceiling => Needs::Ceiling,
+            reads if reads.neighbours => Needs::Neighbour,
             _ => Needs::Nothing,
         };
         let candidate = Candidate::new(
@@ -289,4 +310,34 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
         out.push(candidate.called(&formula.name).needing(needs));
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rigid_body::State;
+    use crate::sample::quad;
+    use crate::surroundings::{Neighbour, Surroundings};
+
+    #[test]
+    fn the_nearest_of_the_others_counts() {
+        let drone = quad(vec![]);
+        let state = State { pos: [1.0, 0.0, 0.5], ..State::rest() };
+        let read = |neighbours: &[Neighbour<f64>]| {
+            let surroundings = Surroundings { neighbours, ..Surroundings::calm() };
+            let view = View {
+                body: &drone.body,
+                airframe: &drone.airframe,
+                state: &state,
+                surroundings: &surroundings,
+                collective_n: None,
+                memory: &[],
+            };
+            nearest(&view)
+        };
+        let at = |pos: [f64; 3]| Neighbour { pos, vel: [0.0; 3], weight_n: 1.0, disc_radius_m: 0.1 };
+        assert_eq!(read(&[]), 1e6);
+        assert!((read(&[at([4.0, 4.0, 0.5]), at([1.0, 0.0, 2.0])]) - 1.5).abs() < 1e-8);
+        assert_eq!(reads_of("others_m"), Reads::NEIGHBOURS);
+    }
 }

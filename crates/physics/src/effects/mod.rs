@@ -43,6 +43,7 @@ pub mod inflow;
 pub mod linear_drag;
 pub mod motor_lag;
 pub mod mount;
+pub mod network;
 pub mod payload;
 pub mod quadratic_drag;
 pub mod rotor_drag;
@@ -454,6 +455,8 @@ effects! {
     clock_offset => ClockOffset,
     /// What a user wrote as expressions in the vehicle file.
     expression => Expression,
+    /// What a small neural network says, whose file lies beside the vehicle file.
+    network => Network,
 }
 
 /// The nature of the effect called `kind`; the ordinary one for names that are not known.
@@ -463,10 +466,11 @@ pub fn nature(kind: &str) -> Nature {
 
 impl<S: Real> AnyEffect<S> {
     /// Name of the effect within its vehicle, with which names of parameters begin after `effect.`: its kind, and for an
-    /// expression `expression.NAME`.
+    /// expression `expression.NAME`, for a network `network.NAME`.
     pub fn label(&self) -> String {
         match self {
             Self::Expression(p) if !p.formula.name.is_empty() => format!("expression.{}", p.formula.name),
+            Self::Network(p) if !p.network.name.is_empty() => format!("network.{}", p.network.name),
             other => other.kind().into(),
         }
     }
@@ -783,7 +787,7 @@ mod tests {
         let ids: std::collections::BTreeSet<&str> = all.iter().map(|c| c.id.as_str()).collect();
         assert_eq!(ids.len(), all.len(), "two candidates of one name");
         for kind in KINDS {
-            let none = ["disturbance", "turbulence", "expression"].contains(kind);
+            let none = ["disturbance", "turbulence", "expression", "network"].contains(kind);
             assert_eq!(all.iter().any(|c| c.kind == *kind), !none, "{kind}");
         }
     }

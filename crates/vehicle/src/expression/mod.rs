@@ -62,7 +62,7 @@ pub fn set_parameter(entry: &mut EffectEntry, name: &str, value: f64, sigma: Opt
 }
 
 /// A name that can stand between dots and in expressions.
-fn is_identifier(name: &str) -> bool {
+pub(super) fn is_identifier(name: &str) -> bool {
     name.chars().all(is_name) && name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
 }
 

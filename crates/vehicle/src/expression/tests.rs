@@ -7,7 +7,7 @@ use propwash_physics::effects::{Command, Effect, candidates, linear_drag};
 use propwash_physics::params::Parameters;
 use propwash_physics::rigid_body::{MAX_ROTORS, State};
 use propwash_physics::sample::quad;
-use propwash_physics::surroundings::{Reads, Surroundings};
+use propwash_physics::surroundings::{Neighbour, Reads, Surroundings};
 use propwash_trace::Real;
 use propwash_trace::dual::Dual;
 use propwash_trace::math::{euler, quat};
@@ -217,6 +217,7 @@ fn every_variable_reads_what_its_name_says() {
         ("thrust_n", 1e-5 * squares),
         ("ground_m", 1.9),
         ("ceiling_m", 1.2),
+        ("others_m", 1e6),
         ("wind_x", 0.5),
         ("wind_y", 0.2),
         ("wind_z", -0.1),
@@ -250,6 +251,7 @@ fn every_variable_reads_what_its_name_says() {
 fn an_expression_declares_what_its_variables_read() {
     let state: State<f64> = tilted();
     let near = Surroundings { ground_distance_m: 1.9, ceiling_distance_m: 1.2, ..Surroundings::calm() };
+    let other = Neighbour { pos: [1.0, 0.0, 0.0], vel: [0.0; 3], weight_n: 1.0, disc_radius_m: 0.1 };
     for variable in VARIABLES {
         let lines = format!("force_world_n = [\"1e-3 * {}\", \"0\", \"0\"]", variable.name);
         let drone = sample(&entry("one", &lines));
@@ -259,7 +261,7 @@ fn an_expression_declares_what_its_variables_read() {
         let found = Reads {
             ground: changes(Surroundings { ground_distance_m: 1.8, ..near }),
             ceiling: changes(Surroundings { ceiling_distance_m: 1.1, ..near }),
-            neighbours: false,
+            neighbours: changes(Surroundings { neighbours: &[other], ..near }),
             wind: changes(Surroundings { wind_m_s: [0.5, 0.2, -0.1], ..near }),
             noise: changes(Surroundings { normals: [0.5, 0.2, -0.1], ..near }),
         };
