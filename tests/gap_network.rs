@@ -39,7 +39,7 @@ fn fitted(vehicle: &Vehicle, log: &Path) -> Result<Fitted> {
     let flights = Flights::new(vec![track(vehicle, log)?], Vec::new(), HOLD_OUT);
     let text = std::fs::read_to_string(QUAD).unwrap();
     let settings = Settings { network: true, no_ladder: true, ..Settings::default() };
-    Ok(fit(Filed { label: QUAD, vehicle, text }, &flights, &settings, "a test", Calibrate::No)?)
+    Ok(fit(Filed { label: QUAD, vehicle, text }, &flights, &settings, "propwash diagnose", Calibrate::No)?)
 }
 
 /// Force and torque that a vehicle lacks on a flight, over the noise, and its error of position after 0.5 s, m.
@@ -164,11 +164,7 @@ fn ripples_are_learnt_written_and_flown() {
 type Run<'a> = dyn Fn(&[&str]) -> (Option<i32>, String) + 'a;
 
 /// What commands say of a network beside `better.toml` that was changed or is missing, and of a diagnosis that was tampered with.
-fn refused_in_words(
-    propwash: &Run,
-    folder: &Path,
-    network: &propwash::gap::network::FoundNetwork,
-) {
+fn refused_in_words(propwash: &Run, folder: &Path, network: &propwash::gap::network::FoundNetwork) {
     let path = |name: &str| folder.join(name);
     let beside = path(&network.file);
     // A file that is missing or was changed is refused in words, by every command.

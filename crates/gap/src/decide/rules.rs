@@ -151,6 +151,14 @@ impl Rule {
                 100.0 * (RISES - 1.0),
                 percent(WELL_BELOW)
             ),
+            Self::Formula | Self::Network | Self::Drift | Self::Moment => self.statement_beyond(),
+        }
+    }
+
+    /// The same of the rules about what is in no list, and about what changes.
+    fn statement_beyond(self) -> String {
+        let percent = |share: f64| format!("{:.0} %", 100.0 * share);
+        match self {
             Self::Formula => format!(
                 "where something is unexplained, a formula is tried that describes {} and more of what the windows lack and \
                  brings {FORMULA_NATS} nats; it is named if the search then chooses it and the errors on unseen flight fall to {} of \
@@ -172,7 +180,7 @@ impl Rule {
                  it was accepted before",
                 percent(LITTLE_GAIN)
             ),
-            Self::Moment => format!(
+            _ => format!(
                 "a step of an effect in mid-flight is named that brings {MOMENT_NATS} nats beyond the price of all effects and times that \
                  were compared, the weather being estimated again with it, and {THRESHOLD} nats more than the same effect going steadily \
                  from one value to another, if the steps of a flight together take {} of the variance of what it leaves; what was found as if nothing had changed is then in doubt, and the flight before and after \
