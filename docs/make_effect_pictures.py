@@ -79,7 +79,7 @@ TRUE = {"gyro_scale", "actuator_saturation", "world_tilt"}
 #: Parameters of these that vehicle files call otherwise.
 FILED = {("world_tilt", "rotation_rad"): "tilt_rad"}
 #: Pages without a picture: what they write is the user's, or is set by the caller.
-NONE = {"expression", "disturbance"}
+NONE = {"expression", "disturbance", "network"}
 
 BEFORE, AFTER, GREY = "#d55e00", "#0072b2", "#5d6370"
 

@@ -10,7 +10,7 @@ use planted::{Build, CEILING_Z_M, Excitation, Flight, Inputs, NoiseLevel, Plan, 
 use propwash::flight::FlightLog;
 use propwash::gap::compare::compare;
 use propwash::gap::decide::rules::{Rule, Why};
-use propwash::gap::diagnose::{Settings, diagnose};
+use propwash::gap::diagnose::{Moments, Settings, diagnose};
 use propwash::gap::excite;
 use propwash::gap::fitted::{Calibrate, Filed, fit};
 use propwash::gap::ladder::Flights;
@@ -19,6 +19,11 @@ use propwash::gap::{Diagnosis, Drive, Options, Track};
 use propwash::vehicle::Vehicle;
 
 const SECONDS: f64 = 30.0;
+
+/// The flights of one vehicle in which nothing changes: `tests/moments.rs` is about those in which something does.
+fn one_vehicle() -> Settings<'static> {
+    Settings { moments: Moments::No, ..Settings::default() }
+}
 
 fn verdict(hidden: &[&'static str], seed: u64) -> (Diagnosis, Flight) {
     flown(hidden, seed, |_| {})
@@ -37,7 +42,7 @@ fn flown(hidden: &[&'static str], seed: u64, change: impl FnOnce(&mut Plan)) -> 
     let ceiling_z_m = (plan.excitation == Excitation::NearCeiling).then_some(CEILING_Z_M);
     let log = FlightLog::load(&file, None).unwrap();
     let track = Track::new(log, &vehicle, &Options { ceiling_z_m, ..Options::default() }).unwrap();
-    let verdict = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+    let verdict = diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict;
     (verdict, flight)
 }
 
@@ -144,7 +149,7 @@ fn a_world_that_leans_is_found_at_its_size_on_a_large_vehicle() {
         let file = folder.path().join("flight.csv");
         flight.write(&file).unwrap();
         let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
-        let d = diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict;
+        let d = diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict;
         assert_eq!(names(&d), ["world_tilt"], "{}", d.verdict);
         for axis in 0..2 {
             let name = format!("tilt_rad.{axis}");
@@ -195,7 +200,7 @@ fn a_regular_torque_on_a_heavy_vehicle_is_said_to_be_unexplained() {
         let file = folder.path().join("flight.csv");
         planted::fly(&plan).unwrap().write(&file).unwrap();
         let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
-        diagnose(&[track], &vehicle, &Settings::default()).unwrap().verdict
+        diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict
     };
     let swing = verdict(&["swing_torque"]);
     assert!(swing.remainder.unexplained, "{}", swing.remainder.text);
@@ -374,7 +379,7 @@ fn clocks_of_each_flight_are_told_and_two_flights_say_more_than_one() {
         Vehicle::load(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml")).unwrap();
     let flights = [0, 1].map(|f| filtered_flight(&vehicle, &["rotor_drag"], 16, f));
     let [first, second] = flights.each_ref().map(|(track, _)| track.clone());
-    let of = |tracks: &[Track]| diagnose(tracks, &vehicle, &Settings::default()).unwrap().verdict;
+    let of = |tracks: &[Track]| diagnose(tracks, &vehicle, &one_vehicle()).unwrap().verdict;
     let (alone, both) = (of(std::slice::from_ref(&first)), of(&[first, second]));
     let drag = |d: &Diagnosis| d.findings.iter().find(|f| f.id == "rotor_drag").unwrap().clone();
     let (one, two) = (drag(&alone), drag(&both));
@@ -475,7 +480,7 @@ fn beside_something_unexplained_nothing_is_written_that_the_next_flight_denies()
             let text = std::fs::read_to_string(path).unwrap();
             let filed = Filed { label: "micro", vehicle: &vehicle, text };
             let flights = Flights::new(vec![track(0)], Vec::new(), 0.2);
-            let settings = Settings { no_formulas, ..Settings::default() };
+            let settings = Settings { no_formulas, ..one_vehicle() };
             let fitted = fit(filed, &flights, &settings, "test", Calibrate::No).unwrap();
             let verdict = &fitted.diagnosed.verdict;
             if no_formulas {
@@ -511,7 +516,7 @@ fn comparing_and_diagnosing_give_one_verdict() {
         let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
         let tracks = [track];
         let seen = compare(&tracks, &vehicle).unwrap();
-        let d = diagnose(&tracks, &vehicle, &Settings::default()).unwrap().verdict;
+        let d = diagnose(&tracks, &vehicle, &one_vehicle()).unwrap().verdict;
         let nothing = d.findings.is_empty() && !d.remainder.unexplained;
         assert_eq!(nothing, hidden.is_empty(), "{hidden:?}: {}", d.verdict);
         assert!(!seen.agrees, "{hidden:?}: {}", seen.verdict);
@@ -602,7 +607,7 @@ fn what_a_quiet_flight_hides_shows_in_the_flight_that_is_advised() {
             Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap()
         })
         .collect();
-    let after = diagnose(&tracks, &vehicle, &Settings::default()).unwrap().verdict;
+    let after = diagnose(&tracks, &vehicle, &one_vehicle()).unwrap().verdict;
     assert_eq!(names(&after), ["wrong_inertia.z"], "after {next:?}: {}", after.verdict);
     assert!(
         after.limits.iter().filter(|l| !l.visible).count()

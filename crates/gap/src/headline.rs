@@ -76,7 +76,15 @@ pub(crate) fn parted(sentence: &str) -> (&str, &str) {
 /// One sentence of evidence for a headline: how the first finding changes the error, or what remains without findings.
 pub fn evidence(d: &Diagnosis) -> String {
     let first = d.findings.iter().find(|f| f.doubt().is_none()).or(d.findings.first());
-    let Some(f) = first else { return corrections(d).unwrap_or_else(|| d.remainder.text.clone()) };
+    let by_network = || {
+        let network = d.network.as_ref()?;
+        let (found, h) = (network.found.as_ref()?, network.held_out.as_ref()?);
+        let numbers = pair(h.without, h.with, &h.unit);
+        Some(format!("without and with {} on {}: {} {numbers}", found.id, d.judged_on(), h.channel))
+    };
+    let Some(f) = first else {
+        return by_network().or_else(|| corrections(d)).unwrap_or_else(|| d.remainder.text.clone());
+    };
     if let Some(doubt) = f.doubt() {
         return format!("{}: {doubt}", f.id);
     }

@@ -13,7 +13,7 @@ use crate::disturbance::Disturbance;
 use crate::error::{Error, GapError, Result};
 use crate::fit::{Cut, Linear, Prepared, Starts, forces_only, linearise, shortest_window_s};
 use crate::fitted::{Filed, Fitted, source};
-use crate::headline::pair;
+use crate::headline::{pair, shortened};
 use crate::judge::Judge;
 use crate::ladder::Flights;
 use crate::model::Model;
@@ -151,6 +151,11 @@ pub(crate) fn add(
     );
     verdict.why.push(Why::new(&network.id, Rule::Network, words.clone()));
     verdict.verdict = format!("{}; what no formula fits: {words}", verdict.verdict);
+    let found = format!("by a network: {}", names(&network.acts_on));
+    verdict.headline = match verdict.findings.is_empty() {
+        true => shortened(&format!("found {found}; no formula or effect of the list")),
+        false => shortened(&format!("{}; {found}", verdict.headline)),
+    };
     if !settings.no_ladder {
         match flights.ladder(&[(format!("written + {}", network.id), vehicle.clone())]) {
             Ok(rungs) => verdict.ladder.extend(rungs),

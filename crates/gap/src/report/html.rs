@@ -12,9 +12,7 @@ use super::{Against, Overlay, Report, ResidualSeries};
 use crate::headline::{evidence, pair, parted};
 use crate::live::Live;
 use crate::policy::FAR_TOLERANCES;
-use crate::verdict::{
-    Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Remainder, Rung,
-};
+use crate::verdict::{Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Rung};
 pub(super) use propwash_page::escape as esc;
 use propwash_page::{Page as Skeleton, Part};
 use std::fmt::Write as _;
@@ -51,7 +49,7 @@ pub(super) fn page(report: &Report) -> String {
     if let Some(d) = &report.diagnosis {
         page.parameters(d);
         page.look_alikes(d);
-        page.remainder(&d.remainder);
+        page.remainder(d);
         page.advice(d);
         page.singles(d);
         page.why(d);
@@ -617,8 +615,12 @@ impl Page {
         }
     }
 
-    fn remainder(&mut self, r: &Remainder) {
+    fn remainder(&mut self, d: &Diagnosis) {
+        let r = &d.remainder;
         self.section("rest", "What remains", "What remains", "");
+        if let Some(network) = &d.network {
+            put!(self, "<p>{}</p>\n", esc(&sentence(&network.text)));
+        }
         if r.unexplained {
             self.body.push_str(
                 "<p class=\"note\">More is left than a well-known vehicle leaves: something is missing that is not in the list of effects.</p>\n",
