@@ -265,16 +265,33 @@ impl Own {
     }
 }
 
+/// Adds the prior precision of a window's initial state, the first of its nuisance parameters.
+fn add_prior_of_start(precision: &mut DMatrix<f64>, disturbance: &Disturbance) {
+    let start = disturbance.start();
+    for k in 0..START_STATE {
+        precision[(k, k)] += start[k / 3].powi(-2);
+    }
+}
+
 impl Window {
     /// Cholesky factor of the posterior precision of the nuisance parameters, prior included.
     fn own(&self, common_variance: &[f64; 6], disturbance: &Disturbance) -> Option<DMatrix<f64>> {
         let len = own_len(self.pushes);
         let mut own = block(&self.gram, (0, 0), (len, len));
-        let start = disturbance.start();
-        for k in 0..START_STATE {
-            own[(k, k)] += start[k / 3].powi(-2);
-        }
-        // Covariance common² 11ᵀ + quick² I over the pushes of one component.
+        add_prior_of_start(&mut own, disturbance);
+        self.add_prior_of_pushes(&mut own, START_STATE, common_variance, disturbance);
+        lower_factor(own)
+    }
+
+    /// Adds the prior precision of the pushes, whose first has number `first`: of one component they have the covariance common² 11ᵀ +
+    /// quick² I.
+    fn add_prior_of_pushes(
+        &self,
+        precision: &mut DMatrix<f64>,
+        first: usize,
+        common_variance: &[f64; 6],
+        disturbance: &Disturbance,
+    ) {
         let n = self.pushes as f64;
         for r in 0..6 {
             let quick = disturbance.quick[SIZE_OF[r]];
@@ -283,11 +300,10 @@ impl Window {
             for i in 0..self.pushes {
                 for j in 0..self.pushes {
                     let both = (together - apart) / n + if i == j { apart } else { 0.0 };
-                    own[(place(i, r), place(j, r))] += both;
+                    precision[(first + 6 * i + r, first + 6 * j + r)] += both;
                 }
             }
         }
-        lower_factor(own)
     }
 
     /// Eliminates its initial state and its quick disturbances.
@@ -345,10 +361,7 @@ impl Window {
         let len = own_len(self.pushes);
         let (n, m) = (self.gram.nrows() - len - 1, len - START_STATE);
         let mut of_start = block(&self.gram, (0, 0), (START_STATE, START_STATE));
-        let start = disturbance.start();
-        for k in 0..START_STATE {
-            of_start[(k, k)] += start[k / 3].powi(-2);
-        }
+        add_prior_of_start(&mut of_start, disturbance);
         let mut score = self.gram.view((0, len + n), (len, 1)).column(0).into_owned();
         if !delta.is_empty() {
             score -= self.gram.view((0, len), (len, n)) * DVector::from_column_slice(delta);
@@ -360,19 +373,7 @@ impl Window {
         let known = score.rows(0, START_STATE).into_owned();
         let score = score.rows(START_STATE, m) - across.tr_mul(&factor.solve(&known));
         let mut both = information.clone();
-        let common = disturbance.common_variance();
-        let intervals = self.pushes as f64;
-        for r in 0..6 {
-            let quick = disturbance.quick[SIZE_OF[r]];
-            let apart = quick.powi(-2);
-            let together = 1.0 / (quick * quick + intervals * common[r]);
-            for i in 0..self.pushes {
-                for j in 0..self.pushes {
-                    let add = (together - apart) / intervals + if i == j { apart } else { 0.0 };
-                    both[(6 * i + r, 6 * j + r)] += add;
-                }
-            }
-        }
+        self.add_prior_of_pushes(&mut both, 0, &disturbance.common_variance(), disturbance);
         let factor = Cholesky::new((&both + both.transpose()) * 0.5)?;
         let p = &information - &information * factor.solve(&information);
         let b = &score - &information * factor.solve(&score);
@@ -536,6 +537,30 @@ mod tests {
         let from = seed as usize * 10 * super::super::replay::PUSH_STEPS;
         let (gram, rows_of) = (rows.transpose() * &rows, [n_rows, 0, 0, 0]);
         Window { log: 0, from, start, gram, kept: None, rows_of, n_rows, pushes: PUSHES }
+    }
+
+    #[test]
+    fn further_pushes_are_as_likely_as_with_the_disturbances_solved_for() {
+        let (window, disturbance) = (window(3), Disturbance::unknown());
+        let delta = [0.3, -0.2];
+        let (information, score) = window.pushes(&disturbance, &delta).unwrap();
+        // χ² with the nuisance parameters at their best, up to a constant, by moving the residual by the pushes.
+        let len = own_len(PUSHES);
+        let last = window.gram.nrows() - 1;
+        let left = |pushes: &DVector<f64>| {
+            let mut sum = DVector::zeros(last + 1);
+            (0..PARAMETERS).for_each(|k| sum[len + k] = -delta[k]);
+            (0..6 * PUSHES).for_each(|i| sum[START_STATE + i] = -pushes[i]);
+            sum[last] = 1.0;
+            let column = &window.gram * &sum;
+            let own = column.rows(0, len).into_owned();
+            let factor = window.own(&disturbance.common_variance(), &disturbance).unwrap();
+            sum.dot(&column) - (inverse_of_lower(&factor) * own).norm_squared()
+        };
+        let pushes = DVector::from_fn(6 * PUSHES, |i, _| (0.7 * i as f64).sin());
+        let expected = left(&pushes) - left(&DVector::zeros(6 * PUSHES));
+        let given = pushes.dot(&(&information * &pushes)) - 2.0 * score.dot(&pushes);
+        assert!((given - expected).abs() < 1e-8 * expected.abs().max(1.0), "{given} {expected}");
     }
 
     #[test]
