@@ -31,6 +31,7 @@ HIDDEN = {
     "weak_rotor": "weak_rotor.2",
     "clock_offset": "clock_offset.pose",
     "thrust_fade": "battery_sag",
+    "network": "rippled_push",
 }
 #: What is fitted where it is not what was hidden.
 FITTED = {"battery_sag": "thrust_fade", "thrust_fade": "thrust_fade", "turbulence": None}
@@ -54,6 +55,7 @@ SHOW: dict[str, tuple[str, str | None]] = {
     "linear_drag": ("force_body_x", "velocity_forward"),
     "motor_lag": ("torque_body_x", None),
     "mount": ("force_body_x", "rotor_speed"),
+    "network": ("force_body_x", "velocity_forward"),
     "payload": ("force_body_z", "rotor_speed"),
     "quadratic_drag": ("force_body_x", "velocity_forward"),
     "rotor_drag": ("force_body_x", "velocity_forward"),
@@ -79,7 +81,7 @@ TRUE = {"gyro_scale", "actuator_saturation", "world_tilt"}
 #: Parameters of these that vehicle files call otherwise.
 FILED = {("world_tilt", "rotation_rad"): "tilt_rad"}
 #: Pages without a picture: what they write is the user's, or is set by the caller.
-NONE = {"expression", "disturbance", "network"}
+NONE = {"expression", "disturbance"}
 
 BEFORE, AFTER, GREY = "#d55e00", "#0072b2", "#5d6370"
 
@@ -123,7 +125,8 @@ def fly_and_compare(programs: Path, name: str, folder: Path) -> tuple[dict, dict
         rows = [f"{FILED.get((name, field), field)} = {values[0][0] if isinstance(values[0], list) else values}" for field, values in lists.items()]
         text = (folder / "quad.toml").read_text() + f'\n[[effect]]\nkind = "{name}"\n' + "\n".join(rows) + "\n"
         (folder / "better.toml").write_text(text)
-    words = ["add", fitted, "--vehicle", "quad.toml", "--fit", "flight.csv", "--out", "better.toml", "--force", *read]
+    added = "--network" if name == "network" else fitted
+    words = ["add", added, "--vehicle", "quad.toml", "--fit", "flight.csv", "--out", "better.toml", "--force", *read]
     if name not in TRUE:
         run("propwash", *words, fine=(0, 1))
     if not (folder / "better.toml").exists():

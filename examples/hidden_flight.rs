@@ -117,6 +117,7 @@ fn list() {
     println!("effects: {}", planted::HIDDEN.join(" "));
     println!("effects of vehicles with more than four rotors: {}", planted::MORE_ROTORS.join(" "));
     println!("effects that no list of candidates has: {}", planted::UNLISTED.join(" "));
+    println!("effects that no formula has: {}", planted::RUGGED.join(" "));
     let names: Vec<&str> = Excitation::ALL.iter().map(|(name, _)| *name).collect();
     println!("excitations: {}", names.join(" "));
 }

@@ -271,7 +271,7 @@ def test_the_page_of_examples_has_every_example():
 
 def test_every_effect_has_its_picture():
     for page in sorted((ROOT / "docs/effects").glob("*.md")):
-        if page.stem not in ("README", "expression", "disturbance", "network"):
+        if page.stem not in ("README", "expression", "disturbance"):
             assert f"]({page.stem}.png)" in page.read_text(), f"{page.name}: run docs/make_effect_pictures.py {page.stem}"
             assert 1000 < page.with_suffix(".png").stat().st_size < 60_000
 
