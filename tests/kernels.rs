@@ -8,20 +8,16 @@ use propwash::rollout::common_steps;
 
 /// Folder of the crate of kernels.
 const KERNELS: &str = "crates/kernels/src";
-/// Folder of the kernels backwards, which are compiled for tests only.
-const FOR_TESTS: &str = "crates/rollout/src/traced";
 
 /// Every generated file by its path from the root, with its text.
 fn wanted() -> BTreeMap<String, String> {
     let steps = common_steps().unwrap();
-    let for_tests = |name: &str| name.ends_with("_adjoint");
-    let mut names: Vec<String> = steps.iter().map(|s| s.name.clone()).filter(|n| !for_tests(n)).collect();
+    let mut names: Vec<String> = steps.iter().map(|s| s.name.clone()).collect();
     names.sort();
     let mut out = BTreeMap::from([(format!("{KERNELS}/lib.rs"), rust::library(&names))]);
     for step in steps {
-        let folder = if for_tests(&step.name) { FOR_TESTS } else { KERNELS };
         let text = rust::kernel(&step.name, &step.about, &step.schedule);
-        out.insert(format!("{folder}/{}.rs", step.name), text);
+        out.insert(format!("{KERNELS}/{}.rs", step.name), text);
     }
     out
 }
@@ -31,12 +27,8 @@ fn wanted() -> BTreeMap<String, String> {
 fn kernels_are_what_the_equations_give() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let wanted = wanted();
-    let there = [KERNELS, FOR_TESTS].into_iter().flat_map(|folder| {
-        std::fs::read_dir(root.join(folder)).unwrap().map(move |entry| {
-            let name = entry.unwrap().file_name();
-            format!("{folder}/{}", name.to_string_lossy())
-        })
-    });
+    let there = std::fs::read_dir(root.join(KERNELS)).unwrap();
+    let there = there.map(|entry| format!("{KERNELS}/{}", entry.unwrap().file_name().to_string_lossy()));
     let mut found: Vec<String> = there.collect();
     found.sort();
     if std::env::var_os("PROPWASH_WRITE_KERNELS").is_some() {

@@ -76,6 +76,7 @@ from .recorder import Recorder  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .tape import Gradient, States, Tape  # noqa: E402
 from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
 
@@ -105,6 +106,7 @@ __all__ = [
     "Flown",
     "Geom",
     "GeomLint",
+    "Gradient",
     "Identification",
     "Lab",
     "LabEffect",
@@ -139,7 +141,9 @@ __all__ = [
     "SensorChannel",
     "Sim",
     "State",
+    "States",
     "Swept",
+    "Tape",
     "Vehicle",
     "View",
     "Viewer",

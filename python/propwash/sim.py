@@ -20,6 +20,7 @@ from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _floats, _whole
+from .tape import States, Tape
 from .viewer import Viewer
 
 if TYPE_CHECKING:
@@ -451,11 +452,55 @@ class Sim:
         """
         if type(n_steps) is not int or n_steps < 0:
             n_steps = _whole("n_steps", n_steps, 0, 2**62)
-        if self._native.step(n_steps, self.data):
+        self._tell_quarantine(self._native.step(n_steps, self.data))
+
+    def rollout(self, commands: ArrayLike, substeps: int = 1) -> States:
+        """Flies a sequence of commands in one call and gives the states after each.
+
+        Args:
+            commands: In the units of the control mode; the last stays in force. (n_worlds, n_times, n_drones, command_width)
+            substeps: Steps under each command.
+
+        Returns:
+            States of shape (n_worlds, n_times, n_drones, …). A world that is quarantined stands still from the command on under which it
+            was, and a ``QuarantineWarning`` says so.
+
+        It does what setting one command after the other and stepping does, faster: all commands are flown while a few worlds sit in cache.
+        To try many commands from one state, ``fork`` it first.
+
+        Raises:
+            ValueError: for commands of another shape or that are not finite, and for a ``Sim`` with stages that are functions of Python.
+        """
+        states, more = self._native.rollout(np.asarray(commands), _whole("substeps", substeps, 1, 2**31))
+        self._tell_quarantine(more)
+        return States(states)
+
+    def record(self, commands: ArrayLike, substeps: int = 1) -> Tape:
+        """As ``rollout``, and remembers the flight: ``Tape.pull_back`` takes gradients of it.
+
+        Raises:
+            ValueError: as ``rollout``, and where the ground or the ceiling is measured in a scene, as some effects ask.
+        """
+        tape, more = self._native.record(np.asarray(commands), _whole("substeps", substeps, 1, 2**31))
+        self._tell_quarantine(more)
+        return Tape(tape)
+
+    def linearize(self, substeps: int = 1) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Slopes of ``substeps`` steps about where the drones are, under the commands that are set: ``A`` and ``B`` of x' = A x + B u, as
+        ``Tape.linearize`` gives them. The ``Sim`` stays where it is.
+        """
+        kept = self.save()
+        try:
+            return self.record(np.array(self.data.command)[:, None], substeps).linearize()
+        finally:
+            self.restore(kept)
+
+    def _tell_quarantine(self, more: bool) -> None:
+        if more:
             first = self.quarantine[0]
             n = int(self.quarantined.sum())
-            more = f" ({n} worlds are quarantined in all)" if n > 1 else ""
-            warnings.warn(first.message + more, QuarantineWarning, stacklevel=2)
+            others = f" ({n} worlds are quarantined in all)" if n > 1 else ""
+            warnings.warn(first.message + others, QuarantineWarning, stacklevel=3)
 
     def reset(self, mask: ArrayLike | None = None) -> None:
         """Back to the initial states, in all worlds or in those where ``mask`` (n_worlds,) is true.

@@ -15,6 +15,7 @@ mod sense;
 mod sim;
 mod stages;
 mod state;
+mod tape;
 mod task;
 mod threads;
 mod vehicle;
@@ -50,6 +51,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<stages::RestOnGround>()?;
     m.add_class::<sim::PySim>()?;
     m.add_class::<state::PyState>()?;
+    m.add_class::<tape::PyTape>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<recorder::PyRecorder>()?;
     m.add_class::<env::PyEnv>()?;

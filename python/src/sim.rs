@@ -64,6 +64,11 @@ pub struct Core {
 }
 
 impl Core {
+    /// Number of quarantined worlds.
+    pub fn quarantined(&self) -> usize {
+        either!(&self.flight, arena => arena.sim().n_quarantined())
+    }
+
     /// Worlds that are quarantined now are not told of again.
     pub fn known_quarantine(&mut self) {
         self.told = either!(&self.flight, arena => arena.sim().n_quarantined());
@@ -124,6 +129,17 @@ impl PySim {
             Err(TryLockError::WouldBlock) => Err(Error::new_err(
                 "this Sim is at work in another thread, or calls itself from one of its own stages: wait until that call \
                  returns, or give each thread a Sim of its own; stages change the arrays that they are given",
+            )),
+        }
+    }
+
+    /// Refuses a call that flies many steps without Python where Python wrote a stage.
+    pub fn plain(&self) -> PyResult<()> {
+        match self.has_stages() {
+            false => Ok(()),
+            true => Err(PyValueError::new_err(
+                "a sequence of commands is flown in one call, in which stages that are functions of Python cannot run: take them out of \
+                 the pipeline, or step under one command after the other",
             )),
         }
     }

@@ -57,6 +57,7 @@ use crate::physics::rigid_body::State;
 use crate::physics::surroundings::Reads;
 use crate::rollout::pipeline::Pipeline;
 use crate::rollout::quarantine::Quarantine;
+use crate::rollout::tape::{Tape, state_width};
 use crate::rollout::trajectory::Trajectory;
 use crate::rollout::{RolloutError, Sim, SimData};
 use crate::scalar::lanes::Number;
@@ -366,6 +367,53 @@ impl<N: Number> Arena<N> {
             flown?;
         }
         Ok(())
+    }
+
+    /// Flies a sequence of commands and returns the states after each, as [`Sim::rollout`]; effects read the ground and the ceiling of the
+    /// place where each step begins.
+    ///
+    /// # Errors
+    /// As there, and as [`Arena::step`].
+    pub fn rollout(&mut self, commands: &[N], substeps: usize) -> Result<Vec<N>, ArenaError> {
+        if !self.measures() {
+            self.move_obstacles();
+            let flown = self.sim.rollout(commands, substeps);
+            self.move_obstacles();
+            return Ok(flown?);
+        }
+        let times = self.sim.times_of(commands, substeps)?;
+        let (worlds, drones) = (self.sim.data.n_worlds, self.sim.data.n_drones);
+        let (own, width) = (drones * self.sim.data.command_width, state_width(self.sim.data.n_rotors));
+        let mut states = vec![N::zero(); worlds * times * drones * width];
+        for t in 0..times {
+            for (w, to) in self.sim.data.command.chunks_exact_mut(own).enumerate() {
+                to.copy_from_slice(&commands[(w * times + t) * own..][..own]);
+            }
+            self.step(substeps)?;
+            for row in 0..worlds * drones {
+                let to = ((row / drones * times + t) * drones + row % drones) * width;
+                self.sim.data.copy_state(row, &mut states[to..to + width]);
+            }
+        }
+        Ok(states)
+    }
+
+    /// As [`Arena::rollout`], and remembers the flight for gradients, as [`Sim::record`].
+    ///
+    /// # Errors
+    /// As there; [`RolloutError::Gradient`] where ground or ceiling are measured in a scene before every step, since the slopes of what is
+    /// measured are unknown.
+    pub fn record(&mut self, commands: &[N], substeps: usize) -> Result<Tape<N>, ArenaError> {
+        if self.measures() {
+            return Err(ArenaError::Rollout(RolloutError::Gradient {
+                what: "steps before which the ground or the ceiling is measured in the scene, as effects of a drone ask".into(),
+                remedy: "fly without the scene: the ground is then level (ground_z of the arrays)".into(),
+            }));
+        }
+        self.move_obstacles();
+        let flown = self.sim.record(commands, substeps);
+        self.move_obstacles();
+        Ok(flown?)
     }
 
     /// The first half of a step, as [`Sim::run_controllers`]; what effects read is measured here, so that

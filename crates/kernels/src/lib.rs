@@ -5,13 +5,17 @@
 use propwash_trace::kernel::Kernel;
 
 mod first_principles_attitude;
+mod first_principles_attitude_adjoint;
 mod first_principles_body_rate;
 mod first_principles_force_torque;
+mod first_principles_force_torque_adjoint;
 mod first_principles_rotor_vel;
+mod first_principles_rotor_vel_adjoint;
 mod first_principles_state;
 mod so_rpy_attitude;
 mod so_rpy_rotor_attitude;
 mod so_rpy_rotor_drag_attitude;
+mod so_rpy_rotor_drag_attitude_adjoint;
 mod so_rpy_rotor_drag_state;
 mod so_rpy_rotor_state;
 mod so_rpy_state;
@@ -20,13 +24,17 @@ mod so_rpy_state;
 #[rustfmt::skip]
 pub const ALL: &[Kernel] = &[
     first_principles_attitude::KERNEL,
+    first_principles_attitude_adjoint::KERNEL,
     first_principles_body_rate::KERNEL,
     first_principles_force_torque::KERNEL,
+    first_principles_force_torque_adjoint::KERNEL,
     first_principles_rotor_vel::KERNEL,
+    first_principles_rotor_vel_adjoint::KERNEL,
     first_principles_state::KERNEL,
     so_rpy_attitude::KERNEL,
     so_rpy_rotor_attitude::KERNEL,
     so_rpy_rotor_drag_attitude::KERNEL,
+    so_rpy_rotor_drag_attitude_adjoint::KERNEL,
     so_rpy_rotor_drag_state::KERNEL,
     so_rpy_rotor_state::KERNEL,
     so_rpy_state::KERNEL,

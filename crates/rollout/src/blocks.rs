@@ -87,6 +87,33 @@ pub(super) fn periods(rates: &Rates) -> mellinger::Periods<f64> {
 }
 
 impl<S: Real> Slot<S> {
+    /// The same over another number type.
+    pub fn map<T: Real>(&self, f: &mut dyn FnMut(S) -> T) -> Slot<T> {
+        let State { pos, quat, vel, ang_vel, rotor_vel, thrust } = self.state;
+        let mut memory = Vec::new();
+        self.memory.store(|_, v| memory.push(f(v)));
+        Slot {
+            state: State {
+                pos: pos.map(&mut *f),
+                quat: quat.map(&mut *f),
+                vel: vel.map(&mut *f),
+                ang_vel: ang_vel.map(&mut *f),
+                rotor_vel: rotor_vel.map(&mut *f),
+                thrust: f(thrust),
+            },
+            command: self.command.map(&mut *f),
+            memory: Memory::load(|i| memory[i]),
+            rotor_command: self.rotor_command.map(&mut *f),
+            attitude_command: self.attitude_command.map(&mut *f),
+            disturbance_force: self.disturbance_force.map(&mut *f),
+            disturbance_torque: self.disturbance_torque.map(&mut *f),
+            wind: self.wind.map(&mut *f),
+            ground_z: f(self.ground_z),
+            ceiling_z: f(self.ceiling_z),
+            effect_memory: self.effect_memory.iter().map(|v| f(*v)).collect(),
+        }
+    }
+
     /// The on-board controllers, as far as they tick in this step.
     pub fn control(
         &mut self,
@@ -163,7 +190,7 @@ impl<S: Real> Slot<S> {
 pub(super) struct Block {
     pub step: u64,
     pub slots: Vec<Slot<f64>>,
-    source: Source,
+    pub source: Source,
     next: Vec<State<f64>>,
     neighbours: Vec<Neighbour<f64>>,
 }

@@ -137,6 +137,24 @@ impl<N: Number> SimData<N> {
         }
     }
 
+    /// Copies the state of a row (world, drone): position, attitude, velocity, angular velocity, rotor speeds, thrust; see
+    /// [`crate::tape::state_width`].
+    pub fn copy_state(&self, row: usize, to: &mut [N]) {
+        let parts = [
+            (&self.pos, 3),
+            (&self.quat, 4),
+            (&self.vel, 3),
+            (&self.ang_vel, 3),
+            (&self.rotor_vel, self.n_rotors),
+            (&self.thrust, 1),
+        ];
+        let mut col = 0;
+        for (array, width) in parts {
+            to[col..col + width].copy_from_slice(&array[row * width..(row + 1) * width]);
+            col += width;
+        }
+    }
+
     /// Row of (world, drone) in arrays of shape (world, drone, n).
     #[inline(always)]
     pub fn row(&self, world: usize, drone: usize) -> usize {

@@ -97,6 +97,14 @@ pub enum RolloutError {
         /// What it is.
         got: f64,
     },
+    /// No gradient.
+    #[error("no gradient of {what}; {remedy}")]
+    Gradient {
+        /// Of what.
+        what: String,
+        /// What to do.
+        remedy: String,
+    },
     /// A randomisation file or rule is wrong.
     #[error("randomisation rule {rule}: {reason}")]
     Randomization {

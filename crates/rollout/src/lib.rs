@@ -19,6 +19,7 @@ pub mod random;
 pub mod randomize;
 mod sim;
 mod state;
+pub mod tape;
 mod traced;
 pub mod trajectory;
 mod views;

@@ -59,6 +59,12 @@ impl<N> Pipeline<N> {
         self.stages.iter().all(|(_, s)| !matches!(s, Stage::User(_)))
     }
 
+    /// Names of the user's stages.
+    pub(super) fn user_names(&self) -> Vec<&str> {
+        let user = self.stages.iter().filter(|(_, s)| matches!(s, Stage::User(_)));
+        user.map(|(name, _)| name.as_str()).collect()
+    }
+
     /// Place of the integration among the stages.
     pub(super) fn integration(&self) -> usize {
         let found = self.stages.iter().position(|(_, s)| matches!(s, Stage::Integration));

@@ -1,14 +1,15 @@
 //! The batched simulation.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use super::backend::Backend;
 use super::blocks::{Block, Phase, non_finite};
 use super::equations::Equations;
-use super::lanes::{Lanes, Options as LaneOptions};
+use super::lanes::{Ask, Extra, Lanes};
 use super::pipeline::{Pipeline, Stage};
 use super::quarantine::{NO_ATTITUDE, Quarantine};
 use super::randomize::{Randomization, Rule};
+use super::tape::{Programs, Version, lane_options};
 use super::{RolloutError, SimData, pool};
 use crate::random::Key;
 use propwash_physics::controllers::{ControlMode, Rates};
@@ -141,7 +142,7 @@ pub struct Sim<N: Number = f64> {
     pub(super) own: Option<Vec<Drone<f64>>>,
     /// Where drones start from: one per slot, or one per (world, drone) where worlds differ.
     pub(super) initial: Vec<State<f64>>,
-    rates: Vec<Rates>,
+    pub(super) rates: Vec<Rates>,
     /// Where the memory of the effects of each drone begins in that of a world, and where the last one ends.
     effect_at: Vec<usize>,
     /// What the arrays of controllers hold in this control mode.
@@ -154,6 +155,9 @@ pub struct Sim<N: Number = f64> {
     pub pipeline: Pipeline<N>,
     /// Where steps are computed in lanes.
     lanes: Option<Box<Lanes<N>>>,
+    /// Programs of its tapes, and what their tables must hold.
+    pub(super) programs: Arc<Mutex<Programs<N>>>,
+    pub(super) version: Version,
 }
 
 impl Sim<f64> {
@@ -194,6 +198,8 @@ impl<N: Number> Sim<N> {
             data,
             pipeline,
             lanes: None,
+            programs: Arc::default(),
+            version: Version::default(),
         };
         let wanted = match sim.options.engine {
             Engine::Auto => N::NAME == "f32",
@@ -405,6 +411,7 @@ impl<N: Number> Sim<N> {
 
     /// Lets lanes read the parameters anew.
     pub(super) fn forget_tables(&mut self) {
+        self.version.vehicles += 1;
         if let Some(lanes) = &mut self.lanes {
             lanes.forget_tables();
         }
@@ -477,6 +484,8 @@ impl<N: Number> Sim<N> {
             check_body(&drone, d)?;
             let first = self.own.is_none();
             per_world(&mut self.own, &self.nominal, self.data.n_worlds)[row] = drone;
+            let changes = if first { &mut self.version.vehicles } else { &mut self.version.worlds };
+            *changes += 1;
             if let Some(lanes) = &mut self.lanes {
                 if first {
                     lanes.forget_tables();
@@ -615,7 +624,7 @@ impl<N: Number> Sim<N> {
 
     /// Attitudes that were written into `data` are brought to unit length, which steps then keep. One of length 0 is none: its
     /// world is quarantined.
-    fn mend_attitudes(&mut self) {
+    pub(super) fn mend_attitudes(&mut self) {
         let n = self.nominal.len();
         for (row, q) in self.data.quat.chunks_exact_mut(4).enumerate() {
             let n2: f64 = q.iter().map(|v| v.wide() * v.wide()).sum();
@@ -719,7 +728,7 @@ impl<N: Number> Sim<N> {
     /// Runs blocks of worlds, in parallel where it pays.
     fn run(&mut self, n_steps: usize, phase: Phase) {
         if self.lanes.is_some() {
-            return self.run_lanes(n_steps, phase);
+            return self.run_lanes((n_steps, phase), &Ask::Steps, Vec::new());
         }
         let n = self.nominal.len();
         let plan = self.equations().plan();
@@ -743,20 +752,12 @@ impl<N: Number> Sim<N> {
         }
     }
 
-    /// The same in lanes.
-    fn run_lanes(&mut self, n_steps: usize, phase: Phase) {
+    /// The same in lanes, or what else is asked of them; see [`Lanes::run`].
+    pub(super) fn run_lanes(&mut self, (n_steps, phase): (usize, Phase), ask: &Ask<N>, extra: Extra<N>) {
         let Some(lanes) = &mut self.lanes else { return };
-        let options = LaneOptions {
-            mode: self.options.control,
-            integrator: self.options.integrator,
-            sim_hz: self.options.sim_hz,
-            seed: self.options.seed,
-            first_world: self.options.first_world,
-            phase,
-            n_steps,
-        };
+        let options = lane_options(&self.options, phase, n_steps);
         let drones = (&self.nominal[..], self.own.as_deref());
-        lanes.run(&options, &self.options.seeds, drones, &self.rates, &mut self.data);
+        lanes.run(&options, &self.options.seeds, drones, &self.rates, (&mut self.data, ask, extra));
     }
 
     /// Writes a world back.
@@ -800,7 +801,7 @@ fn per_world<'a>(
 }
 
 /// Names of parameters that begin as `wanted` does, or, where none does, what names begin with.
-fn close_names(drone: &mut Drone<f64>, wanted: &str) -> String {
+pub(super) fn close_names(drone: &mut Drone<f64>, wanted: &str) -> String {
     let head = wanted.split('.').next().unwrap_or("");
     let (mut close, mut heads): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
     drone.visit(&mut |name, _| {
@@ -850,7 +851,6 @@ fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
     Ok(())
 }
 
-/// Refuses options that make no sense.
 /// Refuses another number of seeds than worlds.
 fn check_seeds(seeds: &[u64], n_worlds: usize) -> Result<(), RolloutError> {
     if seeds.len() == n_worlds {
@@ -860,6 +860,7 @@ fn check_seeds(seeds: &[u64], n_worlds: usize) -> Result<(), RolloutError> {
     Err(RolloutError::Length { name: "seeds", expected: n_worlds, shape, got: seeds.len() })
 }
 
+/// Refuses options that make no sense.
 fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), RolloutError> {
     let option = |name, expected: &str, got: String| {
         Err(RolloutError::Option { name, expected: expected.into(), got })

@@ -1,5 +1,9 @@
 //! A step of one drone as a graph, cut by how often its values change: what lanes fly.
 
+mod backwards;
+
+pub(super) use backwards::{Backwards, adjoint_schedule};
+
 use std::sync::LazyLock;
 
 use super::blocks::{Phase, Slot, periods};
@@ -9,7 +13,6 @@ use propwash_physics::integrate::Integrator;
 use propwash_physics::rigid_body::{MAX_ROTORS, State};
 use propwash_physics::surroundings::Neighbour;
 use propwash_trace::Real;
-use propwash_trace::adjoint::pull_back;
 use propwash_trace::kernel::key;
 use propwash_trace::schedule::{Input, Output, Schedule, schedule};
 use propwash_trace::trace::{Graph, Sym, trace_finite};
@@ -248,49 +251,6 @@ pub(super) fn scheduled(drone: &Drone<f64>, shape: &Shape, varies: &dyn Fn(usize
     schedule(&graph, &inputs, &outputs)
 }
 
-/// Places of the derivatives of a loss: that by the number at place p stands at this plus p. Effects that remember have none.
-const BY: u32 = place::EFFECTS;
-
-/// The step of `drone` backwards, scheduled. Its state is what a loss gains by every carried number, before the step where it was after,
-/// and by the command and what disturbs, summed over the steps; the numbers themselves, as they were before the step, are fresh.
-pub(super) fn adjoint_schedule(drone: &Drone<f64>, shape: &Shape) -> Schedule {
-    let (forward, forward_inputs, forward_outputs) = graph(drone, shape, &|_| false);
-    let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-    let mut wanted = Vec::new();
-    for (i, input) in forward_inputs.iter().enumerate() {
-        inputs.push(match *input {
-            Input::Carried(p) | Input::Fresh(p) => Input::Fresh(p),
-            other => other,
-        });
-        match *input {
-            Input::Carried(p) => wanted.push((i, p, false)),
-            Input::Given(p) if (place::COMMAND..place::WIND).contains(&p) => wanted.push((i, p, true)),
-            _ => {}
-        }
-    }
-    let n = inputs.len();
-    // What the loss gains after the step by carried numbers, and so far by given ones; results of the last step have no part.
-    inputs.extend(wanted.iter().map(|(_, p, _)| Input::Carried(BY + p)));
-    let back = trace_finite(inputs.len(), |x| {
-        let by = |p: u32| wanted.iter().position(|(_, q, _)| *q == p).map_or(Sym::lit(0.0), |k| x[n + k]);
-        let seeds: Vec<Sym> = forward_outputs
-            .iter()
-            .map(|o| match o {
-                Output::Carried(p) => by(*p),
-                Output::Final(_) => Sym::lit(0.0),
-            })
-            .collect();
-        let gains = pull_back(&forward, &x[..n], &seeds);
-        let mut results = Vec::new();
-        for (i, p, sums) in &wanted {
-            outputs.push(Output::Carried(BY + p));
-            results.push(if *sums { by(*p) + gains[*i] } else { gains[*i] });
-        }
-        results
-    });
-    schedule(&back, &inputs, &outputs)
-}
-
 /// A step that many fly: what a kernel is generated from.
 #[derive(Clone, Debug)]
 pub struct CommonStep {
@@ -320,8 +280,13 @@ const COMMON: [(&str, ControlMode); 11] = [
     ("so_rpy_rotor_drag", ControlMode::State),
 ];
 
-/// The same for a step backwards.
-const BACKWARDS: (&str, ControlMode) = ("first_principles", ControlMode::Attitude);
+/// The same for steps backwards, which are long code: the commonest of them.
+const BACKWARDS: [(&str, ControlMode); 4] = [
+    ("first_principles", ControlMode::RotorVel),
+    ("first_principles", ControlMode::ForceTorque),
+    ("first_principles", ControlMode::Attitude),
+    ("so_rpy_rotor_drag", ControlMode::Attitude),
+];
 
 /// The steps that kernels are generated for, each once: all built-in vehicles fly them, and every vehicle that is made of the
 /// same parts and has the same parameters of 0, 1 and −1.
@@ -342,35 +307,34 @@ pub fn common_steps() -> Result<Vec<CommonStep>, VehicleError> {
                 let integrator = Integrator::Euler;
                 let shape =
                     Shape { mode, integrator, phase: Phase::Both, due, sim_hz: USUAL_HZ, neighbours: 0 };
-                let schedule = scheduled(&drone, &shape, &|_| false);
-                if out.iter().any(|s| key(&s.schedule) == key(&schedule)) {
-                    continue;
+                let forwards = scheduled(&drone, &shape, &|_| false);
+                add(&mut out, (dynamics, mode), false, forwards);
+                if BACKWARDS.contains(&(dynamics, mode)) {
+                    let backwards = adjoint_schedule(&drone, &shape, &|_| false, &[]);
+                    add(&mut out, (dynamics, mode), true, backwards);
                 }
-                let plain = format!("{dynamics}_{}", mode.name());
-                let taken = out.iter().filter(|s| s.name.starts_with(&plain)).count();
-                let name = if taken == 0 { plain } else { format!("{plain}_{}", taken + 1) };
-                let about = format!("A step of `{dynamics}` under commands `{}`.", mode.name());
-                out.push(CommonStep { name, about, schedule });
             }
         }
     }
-    let (dynamics, mode) = BACKWARDS;
-    let drone = Vehicle::builtin(BUILTIN[0])?.drone(dynamics)?;
-    let all = Due { state: true, attitude: true, force_torque: true };
-    let shape = Shape {
-        mode,
-        integrator: Integrator::Euler,
-        phase: Phase::Both,
-        due: relevant(mode, all),
-        sim_hz: USUAL_HZ,
-        neighbours: 0,
-    };
-    out.push(CommonStep {
-        name: format!("{dynamics}_{}_adjoint", mode.name()),
-        about: format!("A step of `{dynamics}` under commands `{}`, backwards.", mode.name()),
-        schedule: adjoint_schedule(&drone, &shape),
-    });
     Ok(out)
+}
+
+/// Adds a step unless it is there.
+fn add(
+    out: &mut Vec<CommonStep>,
+    (dynamics, mode): (&str, ControlMode),
+    backwards: bool,
+    schedule: Schedule,
+) {
+    if out.iter().any(|s| key(&s.schedule) == key(&schedule)) {
+        return;
+    }
+    let (end, how) = if backwards { ("_adjoint", ", backwards") } else { ("", "") };
+    let plain = format!("{dynamics}_{}{end}", mode.name());
+    let numbered = |n: usize| if n == 1 { plain.clone() } else { format!("{plain}_{n}") };
+    let free = (1..).map(numbered).find(|name| out.iter().all(|s| s.name != *name));
+    let about = format!("A step of `{dynamics}` under commands `{}`{how}.", mode.name());
+    out.push(CommonStep { name: free.unwrap_or(plain), about, schedule });
 }
 
 /// What ticks, without what does not matter in a control mode.
@@ -382,10 +346,6 @@ pub(super) fn relevant(mode: ControlMode, due: Due) -> Due {
         force_torque: due.force_torque && mode != ControlMode::RotorVel,
     }
 }
-
-// No public call runs it yet.
-#[cfg(test)]
-mod first_principles_attitude_adjoint;
 
 #[cfg(test)]
 mod tests {
@@ -460,155 +420,6 @@ mod tests {
             };
         }
         out
-    }
-
-    /// A vehicle near hover, by place, that has begun to turn and is told to lean.
-    fn leaning(drone: &Drone<f64>) -> Vec<f64> {
-        let mut home = vec![0.0; place::EFFECTS as usize];
-        for (i, v) in [0.02, -0.03, 0.05].into_iter().enumerate() {
-            home[place::QUAT as usize + i] = v;
-            home[place::VEL as usize + i] = 3.0 * v;
-            home[place::ANG_VEL as usize + i] = -4.0 * v;
-        }
-        home[place::QUAT as usize + 3] = (1.0f64 - 0.0038).sqrt();
-        home[place::COMMAND as usize..][..4].copy_from_slice(&[
-            0.05,
-            -0.04,
-            0.1,
-            1.02 * drone.hover_thrust(),
-        ]);
-        home[place::ROTOR_VEL as usize..][..MAX_ROTORS].copy_from_slice(&drone.hover_rotor_vel());
-        home[place::CEILING as usize] = 1e6;
-        home
-    }
-
-    /// The loss of the test below weighs every part of the state.
-    fn weigh(p: u32) -> f64 {
-        1.0 + 0.3 * f64::from(p)
-    }
-
-    /// The gradient of that loss by the command, by duals.
-    fn by_duals(drone: &Drone<f64>, rates: &Rates, shape: &Shape, start: &[f64], steps: usize) -> [f64; 4] {
-        type Four = propwash_trace::dual::Dual<f64, 4>;
-        let wide: Vec<Four> = start
-            .iter()
-            .enumerate()
-            .map(|(p, v)| match (p as u32).checked_sub(place::COMMAND) {
-                Some(k @ 0..4) => Four::input(*v, k as usize),
-                _ => Four::lit(*v),
-            })
-            .collect();
-        let (mut moved, dt) = (slot(&wide, 0), 1.0 / f64::from(shape.sim_hz));
-        let drone = drone.map(&mut Four::lit);
-        let p = periods(rates);
-        let periods = mellinger::Periods {
-            state: Four::lit(p.state),
-            attitude: Four::lit(p.attitude),
-            body_rate: Four::lit(p.body_rate),
-        };
-        for _ in 0..steps {
-            moved.control(&drone, shape.mode, shape.due, &periods);
-            let around = (Four::lit(0.0), [Four::lit(0.0); 3], &[][..]);
-            moved.state = moved.moved(&drone, shape.integrator, (Four::lit(dt), dt), around);
-        }
-        let s = &moved.state;
-        let numbers = [&s.pos[..], &s.quat, &s.vel, &s.ang_vel].concat();
-        core::array::from_fn(|k| {
-            numbers.iter().enumerate().map(|(p, v)| weigh(p as u32) * v.partials[k]).sum()
-        })
-    }
-
-    /// The sweep of the adjoint kernel in cells of one type, all lanes alike; what the loss gains by the command, in the last lane.
-    fn sweep<C: propwash_trace::lanes::Cell>(
-        entries: &propwash_trace::kernel::Entries<C>,
-        schedule: &Schedule,
-        table: &[f64],
-        states: &[Vec<f64>],
-        seed: impl Fn(u32) -> f64,
-    ) -> [f64; 4] {
-        use propwash_trace::lanes::Number;
-        let of = |v: f64| C::splat(C::Number::of(v));
-        let mut home = vec![of(0.0); 2 * BY as usize];
-        let mut scratch: Vec<C> = table.iter().map(|v| of(*v)).collect();
-        scratch.resize(schedule.n_scratch(), of(0.0));
-        let inputs = schedule.given.iter().copied().chain(schedule.state.iter().filter_map(|s| s.input));
-        for input in inputs {
-            match input {
-                Input::Given(p) => home[p as usize] = of(states[0][p as usize]),
-                // What no step changes counts as given.
-                Input::Carried(p) => home[p as usize] = of(seed(p - BY)),
-                Input::Fixed(_) | Input::Fresh(_) => {}
-            }
-        }
-        for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
-            if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
-                scratch[k as usize] = home[p as usize];
-            }
-        }
-        (entries.call)(level(), &mut scratch);
-        for state in states[..states.len() - 1].iter().rev() {
-            for slot in &schedule.state {
-                if let Some(Input::Fresh(p)) = slot.input {
-                    home[p as usize] = of(state[p as usize]);
-                }
-            }
-            (entries.step)(level(), &mut home, &mut scratch, 1);
-        }
-        core::array::from_fn(|k| {
-            let wanted = BY + place::COMMAND + k as u32;
-            assert!(schedule.state.iter().any(|s| s.output == Some(Output::Carried(wanted))));
-            home[wanted as usize].get(C::LANES - 1).wide()
-        })
-    }
-
-    /// A loss after some steps and its derivatives by the command: by the adjoint kernel in f64 and in lanes, by duals, and by
-    /// central differences.
-    #[test]
-    fn the_adjoint_kernel_gives_the_gradient_of_duals_and_of_differences() {
-        const STEPS: usize = 10;
-        let vehicle = Vehicle::builtin(BUILTIN[0]).unwrap();
-        let (dynamics, mode) = BACKWARDS;
-        let drone = vehicle.drone(dynamics).unwrap();
-        let due = relevant(mode, Due { state: true, attitude: true, force_torque: true });
-        let integrator = Integrator::Euler;
-        let shape = Shape { mode, integrator, phase: Phase::Both, due, sim_hz: 500, neighbours: 0 };
-        let seen = 0..place::ROTOR_VEL;
-        let loss = |home: &[f64]| seen.clone().map(|p| weigh(p) * home[p as usize]).sum::<f64>();
-        let start = leaning(&drone);
-        let states: Vec<Vec<f64>> =
-            (0..=STEPS).map(|n| by_equations(&drone, &vehicle.rates, &shape, &start, n)).collect();
-        let by_duals = by_duals(&drone, &vehicle.rates, &shape, &start, STEPS);
-        let schedule = adjoint_schedule(&drone, &shape);
-        let kernel = first_principles_attitude_adjoint::KERNEL;
-        assert!(kernel.key == key(&schedule), "run `cargo xtask gen`");
-        let table = schedule.once.eval(&fixed(&drone, &vehicle.rates, 500));
-        let seed = |p: u32| if seen.contains(&p) { weigh(p) } else { 0.0 };
-        let swept = sweep(&kernel.scalar, &schedule, &table, &states, seed);
-        let lanes = sweep(&kernel.f64, &schedule, &table, &states, seed);
-        let single = sweep(&kernel.f32, &schedule, &table, &states, seed);
-        let scale = by_duals.iter().fold(0.0f64, |most, g| most.max(g.abs()));
-        assert!(scale > 1e-3, "{by_duals:?}");
-        for k in 0..4 {
-            let step = 1e-6;
-            let at = |by: f64| {
-                let mut home = start.clone();
-                home[place::COMMAND as usize + k] += by;
-                loss(&by_equations(&drone, &vehicle.rates, &shape, &home, STEPS))
-            };
-            let differences = (at(step) - at(-step)) / (2.0 * step);
-            let of = |name: &str, got: f64, want: f64, within: f64| {
-                assert!(
-                    (got - want).abs() < within * scale,
-                    "{name} {k}: {got:e}, not {want:e} (of {scale:e})"
-                );
-            };
-            of("kernel and duals", swept[k], by_duals[k], 1e-12);
-            of("kernel and differences", swept[k], differences, 1e-7);
-            if propwash_trace::kernel::has_level(level()) {
-                of("lanes and duals", lanes[k], by_duals[k], 1e-11);
-                of("f32 and duals", single[k], by_duals[k], 1e-4);
-            }
-        }
     }
 
     /// What the arrays do not keep stays zero.

@@ -3,6 +3,7 @@
 use super::super::SimData;
 use super::super::quarantine::Quarantine;
 use super::super::traced::place;
+use super::Extra;
 
 /// Place of the memory of effects among the arrays that steps change, the last of them.
 pub(super) const EFFECT_MEMORY: usize = 9;
@@ -33,6 +34,8 @@ pub(super) struct View<'a, N> {
     pub(super) written: [usize; 9],
     pub(super) steps: &'a mut [u64],
     pub(super) quarantine: &'a mut [Option<Box<Quarantine>>],
+    /// Further arrays that are written, with the numbers of a world in each.
+    pub(super) extra: Extra<'a, N>,
 }
 
 /// How the public arrays hold the numbers of a drone.
@@ -93,6 +96,14 @@ impl<'a, N> View<'a, N> {
         }
         let (steps, more_steps) = self.steps.split_at_mut(worlds);
         let (quarantine, more_quarantine) = self.quarantine.split_at_mut(worlds);
+        let (extra, more_extra) = self
+            .extra
+            .into_iter()
+            .map(|(array, per_world)| {
+                let (low, high) = array.split_at_mut(worlds * per_world);
+                ((low, per_world), (high, per_world))
+            })
+            .unzip();
         let (n_drones, n_effects, written) = (self.n_drones, self.n_effects, self.written);
         (
             View {
@@ -104,6 +115,7 @@ impl<'a, N> View<'a, N> {
                 written,
                 steps,
                 quarantine,
+                extra,
             },
             View {
                 first: self.first + worlds,
@@ -114,6 +126,7 @@ impl<'a, N> View<'a, N> {
                 written,
                 steps: more_steps,
                 quarantine: more_quarantine,
+                extra: more_extra,
             },
         )
     }

@@ -9,6 +9,7 @@ mod arrays;
 mod pack;
 mod plan;
 mod runner;
+mod sequence;
 
 use std::sync::{Arc, Mutex};
 
@@ -17,6 +18,7 @@ use fearless_simd::Level;
 use arrays::{Arrays, View};
 use pack::Pool;
 use plan::{Kind, Plan, kinds};
+use sequence::{Job, Sequence};
 
 use super::SimData;
 use super::backend::Backend;
@@ -53,6 +55,31 @@ pub(super) struct Options {
     pub first_world: u64,
     pub phase: Phase,
     pub n_steps: usize,
+}
+
+/// What a call does with all worlds.
+#[derive(Debug)]
+pub(super) enum Ask<'a, N> {
+    /// Steps under the commands that are set.
+    Steps,
+    /// Steps under a sequence of commands.
+    Record(Commands<'a, N>),
+    /// The same backwards: what a loss gains by everything that the flight began with and was told, from what it gains by the state
+    /// after each command (world, time, drone, number of a state), with gains by these fixed numbers of each drone slot. Steps must
+    /// stay finite; the arrays are left as they are.
+    Sweep(Commands<'a, N>, &'a [N], &'a [Vec<usize>]),
+}
+
+/// Further arrays that a call writes, with the numbers of a world in each.
+pub(super) type Extra<'a, N> = Vec<(&'a mut [N], usize)>;
+
+/// Commands, one after the other, each in force for some steps.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Commands<'a, N> {
+    /// (world, time, drone, number of a command)
+    pub numbers: &'a [N],
+    pub times: usize,
+    pub substeps: usize,
 }
 
 /// Programs, tables and working memory of a simulation.
@@ -130,6 +157,7 @@ struct Shared<'a, N: Number> {
     effects_from: &'a [usize],
     worlds_at_once: usize,
     parallel: bool,
+    job: Job<'a, N>,
 }
 
 impl<N: Number> Lanes<N> {
@@ -151,14 +179,15 @@ impl<N: Number> Lanes<N> {
         }
     }
 
-    /// Advances every world that is not quarantined.
+    /// Advances every world that is not quarantined, or does what else is asked for. `extra` are further arrays that it writes, with the
+    /// numbers of a world in each: the states of [`Ask::Record`], or the gains of [`Ask::Sweep`] in the order of [`sequence::gain`].
     pub fn run(
         &mut self,
         options: &Options,
         seeds: &[u64],
         (nominal, own): (&[Drone<f64>], Option<&[Drone<f64>]>),
         rates: &[Rates],
-        data: &mut SimData<N>,
+        (data, ask, extra): (&mut SimData<N>, &Ask<N>, Extra<N>),
     ) {
         if options.n_steps == 0 {
             return;
@@ -167,6 +196,9 @@ impl<N: Number> Lanes<N> {
             self.arrays = Arrays::of(data);
         }
         self.prepare(options, nominal, own, rates, data.n_worlds);
+        if let Ask::Sweep(_, _, parameters) = ask {
+            self.prepare_back(options, (nominal, own), rates, data.n_worlds, parameters);
+        }
         let threads = crate::pool::threads();
         while self.scratch.len() < threads + 1 {
             self.scratch.push(Mutex::default());
@@ -181,7 +213,15 @@ impl<N: Number> Lanes<N> {
         // Several blocks share what a leaf of the recursion costs, as long as every thread has enough of them.
         let blocks = (data.n_worlds * most).div_ceil(lanes) / if parallel { 4 * threads } else { 1 };
         let at_once = if near { 1 } else { blocks.clamp(1, BLOCKS_AT_ONCE) };
+        // What is kept of steps that are undone fills the cache that several blocks would share.
+        let at_once = if matches!(ask, Ask::Sweep(..)) { 1 } else { at_once };
         let worlds_at_once = (lanes * at_once).div_ceil(most).max(1);
+        let sizes = (data.command_width, &data.memory_columns[..]);
+        let job = match ask {
+            Ask::Steps => Job::Steps,
+            Ask::Record(commands) => Job::Record(Sequence::new(commands, sizes, near)),
+            Ask::Sweep(commands, seeds, _) => Job::Sweep(Sequence::new(commands, sizes, near), seeds),
+        };
         let shared = Shared {
             options: *options,
             kinds: &self.kinds,
@@ -203,6 +243,7 @@ impl<N: Number> Lanes<N> {
             effects_from: &self.effects_from,
             worlds_at_once,
             parallel,
+            job,
         };
         let view = View {
             first: 0,
@@ -224,6 +265,7 @@ impl<N: Number> Lanes<N> {
             written: self.arrays.written,
             steps: &mut data.steps,
             quarantine: &mut data.quarantine,
+            extra,
         };
         shared.spread(view);
     }
@@ -279,6 +321,7 @@ impl<N: Number> Lanes<N> {
             };
             if kind.note_differences(&rows, numbers) {
                 kind.plans.clear();
+                kind.back = None;
             }
             let dues = kind.dues.clone();
             for due in dues {
@@ -305,13 +348,38 @@ impl<N: Number> Lanes<N> {
             }
             if !changed.is_empty() {
                 self.stamp += 1;
-                for plan in &mut kind.plans {
+                let backwards = kind.back.iter_mut().flat_map(|back| &mut back.plans);
+                for plan in kind.plans.iter_mut().chain(backwards) {
                     plan.fill_rows(&kind.slots, nominal.len(), n_worlds, Some(changed), numbers);
                 }
             }
             kind.collect(&self.arrays);
         }
         changed.clear();
+    }
+}
+
+impl<N: Number> Lanes<N> {
+    /// Traces the steps backwards where they were not yet, with gains by these fixed numbers of each drone slot.
+    fn prepare_back(
+        &mut self,
+        options: &Options,
+        (nominal, own): (&[Drone<f64>], Option<&[Drone<f64>]>),
+        rates: &[Rates],
+        n_worlds: usize,
+        parameters: &[Vec<usize>],
+    ) {
+        for kind in &mut self.kinds {
+            let slot = kind.slots[0];
+            let numbers = |row: usize| {
+                let drone = own.map_or(&nominal[row % nominal.len()], |own| &own[row]);
+                fixed(drone, &rates[slot], options.sim_hz)
+            };
+            let sizes = (nominal.len(), n_worlds);
+            if kind.trace_back(options, &nominal[slot], &parameters[slot], sizes, numbers) {
+                self.stamp += 1;
+            }
+        }
     }
 }
 
@@ -323,7 +391,11 @@ impl<N: Number> Shared<'_, N> {
             let slot = &self.scratch[thread.min(self.scratch.len() - 1)];
             // A panic in another thread leaves nothing behind that this one would read.
             let mut scratch = slot.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-            return self.advance(view, &mut scratch);
+            return match &self.job {
+                Job::Steps => self.advance(view, &mut scratch),
+                Job::Record(sequence) => self.record(view, &mut scratch, sequence),
+                Job::Sweep(sequence, seeds) => self.sweep(view, &mut scratch, sequence, seeds),
+            };
         }
         let parts = view.n_worlds.div_ceil(self.worlds_at_once);
         let (low, high) = view.split(parts / 2 * self.worlds_at_once);
@@ -340,19 +412,24 @@ impl<N: Number> Shared<'_, N> {
         self.load(&view, scratch, false);
         self.steps(&view, scratch, 0, self.options.n_steps);
         if self.options.phase == Phase::Controllers || scratch.finite(self.level) {
-            scratch.one.store(self, &mut view, &[]);
-            scratch.two.store(self, &mut view, &[]);
-            scratch.four.store(self, &mut view, &[]);
-            if self.options.phase != Phase::Controllers {
-                for w in 0..view.n_worlds {
-                    if view.quarantine[w].is_none() {
-                        view.steps[w] += self.options.n_steps as u64;
-                    }
+            return self.put_back(&mut view, scratch, self.options.n_steps);
+        }
+        self.load(&view, scratch, true);
+        self.one_by_one(&mut view, scratch, self.options.n_steps);
+    }
+
+    /// Writes back all drones that were loaded, after `n` steps.
+    fn put_back(&self, view: &mut View<N>, scratch: &mut Scratch<N>, n: usize) {
+        scratch.one.store(self, view, &[]);
+        scratch.two.store(self, view, &[]);
+        scratch.four.store(self, view, &[]);
+        if self.options.phase != Phase::Controllers {
+            for w in 0..view.n_worlds {
+                if view.quarantine[w].is_none() {
+                    view.steps[w] += n as u64;
                 }
             }
-            return;
         }
-        self.one_by_one(view, scratch);
     }
 
     /// Fills lanes with the drones of all worlds that are not quarantined: with all their numbers, or with those that matter before
@@ -394,16 +471,15 @@ impl<N: Number> Shared<'_, N> {
         }
     }
 
-    /// The same steps again, one at a time, to find the worlds that turn non-finite and the state before.
-    fn one_by_one(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
-        self.load(&view, scratch, true);
+    /// The same steps again, one at a time, to find the worlds that turn non-finite and the state before; all numbers are loaded.
+    fn one_by_one(&self, view: &mut View<N>, scratch: &mut Scratch<N>, n: usize) {
         scratch.done.clear();
         scratch.done.resize(view.n_worlds, false);
-        for s in 0..self.options.n_steps {
+        for s in 0..n {
             scratch.one.keep();
             scratch.two.keep();
             scratch.four.keep();
-            self.steps(&view, scratch, s, 1);
+            self.steps(view, scratch, s, 1);
             // The first drone of every world that has a number that is none.
             for w in 0..view.n_worlds {
                 if scratch.done[w] || view.quarantine[w].is_some() {
@@ -417,9 +493,9 @@ impl<N: Number> Shared<'_, N> {
                 let Some((drone, quantity)) = fault else { continue };
                 for d in 0..view.n_drones {
                     let row = (w * view.n_drones + d) as u32;
-                    scratch.one.store_row(self, &mut view, row);
-                    scratch.two.store_row(self, &mut view, row);
-                    scratch.four.store_row(self, &mut view, row);
+                    scratch.one.store_row(self, view, row);
+                    scratch.two.store_row(self, view, row);
+                    scratch.four.store_row(self, view, row);
                 }
                 view.steps[w] += s as u64;
                 view.quarantine[w] = Some(Box::new(Quarantine {
@@ -433,12 +509,12 @@ impl<N: Number> Shared<'_, N> {
             }
         }
         let Scratch { one, two, four, done, .. } = scratch;
-        one.store(self, &mut view, done);
-        two.store(self, &mut view, done);
-        four.store(self, &mut view, done);
+        one.store(self, view, done);
+        two.store(self, view, done);
+        four.store(self, view, done);
         for w in 0..view.n_worlds {
             if view.quarantine[w].is_none() {
-                view.steps[w] += self.options.n_steps as u64;
+                view.steps[w] += n as u64;
             }
         }
     }

@@ -6,7 +6,8 @@ use super::super::sim::origin;
 use super::super::traced::place;
 use super::Shared;
 use super::arrays::{Columns, EFFECT_MEMORY, View};
-use super::plan::Kind;
+use super::plan::{Kind, Plan, Run};
+use super::sequence::Undo;
 use fearless_simd::Level;
 use propwash_physics::rigid_body::MAX_ROTORS;
 use propwash_trace::Real;
@@ -30,11 +31,13 @@ pub(super) struct Span {
 pub(super) struct Pool<C> {
     pub(super) packs: Vec<Pack<C>>,
     pub(super) used: usize,
+    /// Each of them backwards, where that was asked for.
+    pub(super) undo: Vec<Undo<C>>,
 }
 
 impl<C> Default for Pool<C> {
     fn default() -> Self {
-        Self { packs: Vec::new(), used: 0 }
+        Self { packs: Vec::new(), used: 0, undo: Vec::new() }
     }
 }
 
@@ -69,17 +72,7 @@ impl<C: Interpret> Pool<C> {
     ) -> usize {
         let of = &shared.kinds[kind];
         if self.packs.len() == self.used {
-            self.packs.push(Pack {
-                kind,
-                rows: Vec::new(),
-                n: 0,
-                file: Vec::new(),
-                made_for: (usize::MAX, 0),
-                n_home: 0,
-                before: Vec::new(),
-                mixed: Vec::new(),
-                merged: Vec::new(),
-            });
+            self.packs.push(Pack::empty());
         }
         let pack = &mut self.packs[self.used];
         self.used += 1;
@@ -99,7 +92,7 @@ impl<C: Interpret> Pool<C> {
         pack.n = pack.rows.len();
         let last = pack.rows.last().copied().unwrap_or(0);
         pack.rows.resize(C::LANES, last);
-        pack.make(of, (kind, shared.stamp));
+        pack.make((kind, shared.stamp), of.n_home, &of.plans);
         pack.load(shared, view, all);
         pack.n
     }
@@ -188,16 +181,36 @@ impl<C: Interpret> Pool<C> {
 }
 
 impl<C: Interpret> Pack<C> {
-    /// Makes the file ready for a kind.
-    pub(super) fn make(&mut self, kind: &Kind<C::Number>, made_for: (usize, u64)) {
+    pub(super) fn empty() -> Self {
+        Self {
+            kind: 0,
+            rows: Vec::new(),
+            n: 0,
+            file: Vec::new(),
+            made_for: (usize::MAX, 0),
+            n_home: 0,
+            before: Vec::new(),
+            mixed: Vec::new(),
+            merged: Vec::new(),
+        }
+    }
+
+    /// Takes over which drones are in the lanes of another.
+    pub(super) fn become_like(&mut self, other: &Self) {
+        (self.kind, self.n) = (other.kind, other.n);
+        self.rows.clone_from(&other.rows);
+    }
+
+    /// Makes the file ready for the plans of a kind.
+    pub(super) fn make(&mut self, made_for: (usize, u64), n_home: usize, plans: &[Plan<C::Number>]) {
         if self.made_for == made_for {
             return;
         }
-        (self.made_for, self.n_home) = (made_for, kind.n_home);
+        (self.made_for, self.n_home) = (made_for, n_home);
         self.file.clear();
-        let scratch = kind.plans.iter().map(|p| p.program.len).sum::<usize>();
-        self.file.resize(kind.n_home + scratch, C::splat(C::Number::zero()));
-        for plan in &kind.plans {
+        let scratch = plans.iter().map(|p| p.program.len).sum::<usize>();
+        self.file.resize(n_home + scratch, C::splat(C::Number::zero()));
+        for plan in plans {
             for (cell, v) in self.file[plan.scratch..].iter_mut().zip(&plan.table) {
                 *cell = C::splat(*v);
             }
@@ -322,39 +335,64 @@ impl<C: Interpret> Pack<C> {
         n: usize,
     ) {
         let kind = &shared.kinds[self.kind];
-        let phase = shared.options.phase;
+        let fresh = |rows: &[u32], p, done, cell: &mut C| {
+            fresh(shared, view, kind, (rows, around), p, done, cell);
+        };
         if kind.dues.len() == 1 {
-            let span = Span { plan: kind.plan(phase, 0), from, n, first: true, last: true };
-            return self.segment(shared, view, around, span);
+            let span = Span { plan: kind.plan(shared.options.phase, 0), from, n, first: true, last: true };
+            return self.segment(shared, view, (kind, &kind.plans), fresh, span);
         }
-        let first = self.step_of(view, 0, 0);
-        let alike = (1..self.n).all(|lane| self.step_of(view, lane, 0) == first);
+        self.run_kept(shared, view, around, (from, n), None);
+    }
+
+    /// The same; where `kept` is given, steps are taken one by one, and what it names is kept of each.
+    pub(super) fn run_kept(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        around: &[C::Number],
+        (from, n): (usize, usize),
+        mut kept: Option<&mut Kept<C>>,
+    ) {
+        let kind = &shared.kinds[self.kind];
+        let phase = shared.options.phase;
+        let fresh = |rows: &[u32], p, done, cell: &mut C| {
+            fresh(shared, view, kind, (rows, around), p, done, cell);
+        };
+        let (first, alike) = self.alike(view);
         // Plans that have run, by bit; more than there are bits count as not.
         let mut ran = 0u64;
         let mut done = 0;
         while done < n {
-            let plan = kind.plan(phase, first + (from + done) as u64);
+            if let Some(kept) = &mut kept {
+                kept.take(kept.before, &self.file);
+            }
+            let mut length = 1;
             if alike {
-                let mut length = 1;
-                while done + length < n && kind.plan(phase, first + (from + done + length) as u64) == plan {
+                let plan = kind.plan(phase, first + (from + done) as u64);
+                let more = |length| kind.plan(phase, first + (from + done + length) as u64) == plan;
+                while kept.is_none() && done + length < n && more(length) {
                     length += 1;
                 }
                 let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
-                let span = Span {
-                    plan,
-                    from: from + done,
-                    n: length,
-                    first: ran & bit == 0,
-                    last: done + length == n,
-                };
+                let (first, last) = (ran & bit == 0, done + length == n);
+                let span = Span { plan, from: from + done, n: length, first, last };
                 ran |= bit;
-                self.segment(shared, view, around, span);
-                done += length;
-                continue;
+                self.segment(shared, view, (kind, &kind.plans), fresh, span);
+            } else {
+                self.mixed_step(shared, view, (kind, &kind.plans), fresh, from + done);
             }
-            self.mixed_step(shared, view, around, from + done);
-            done += 1;
+            if let Some(kept) = &mut kept {
+                kept.take(kept.after, &self.file);
+            }
+            done += length;
         }
+    }
+
+    /// Steps since the last reset at the start of the call, and whether all lanes are as far.
+    pub(super) fn alike(&self, view: &View<C::Number>) -> (u64, bool) {
+        let first = self.step_of(view, 0, 0);
+        (first, (1..self.n).all(|lane| self.step_of(view, lane, 0) == first))
     }
 
     /// One step of worlds in which different stages tick: every set of stages on all lanes, and each lane takes its own.
@@ -362,26 +400,26 @@ impl<C: Interpret> Pack<C> {
         &mut self,
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
-        around: &[C::Number],
+        (kind, plans): (&Kind<C::Number>, &[Plan<C::Number>]),
+        fresh: impl Fn(&[u32], u32, usize, &mut C),
         from: usize,
     ) {
-        let kind = &shared.kinds[self.kind];
-        let phase = shared.options.phase;
         let (mut before, mut merged) = (std::mem::take(&mut self.mixed), std::mem::take(&mut self.merged));
         for copy in [&mut before, &mut merged] {
             copy.clear();
             copy.extend_from_slice(&self.file[..self.n_home]);
         }
-        for plan in 0..kind.plans.len() {
-            let mine = |lane: usize| {
-                kind.plan(phase, view.steps[self.rows[lane] as usize / view.n_drones] + from as u64) == plan
-            };
+        for plan in 0..plans.len() {
+            let due =
+                |lane: usize| kind.due(view.steps[self.rows[lane] as usize / view.n_drones] + from as u64);
+            let mine = |lane: usize| plans[plan].is_for(shared.options.phase, due(lane));
             let lanes: u64 = (0..C::LANES).filter(|lane| mine(*lane)).map(|lane| 1 << lane).sum();
             if lanes == 0 {
                 continue;
             }
             self.file[..self.n_home].copy_from_slice(&before);
-            self.segment(shared, view, around, Span { plan, from, n: 1, first: true, last: true });
+            let span = Span { plan, from, n: 1, first: true, last: true };
+            self.segment(shared, view, (kind, plans), &fresh, span);
             for (to, new) in merged.iter_mut().zip(&self.file) {
                 for lane in (0..C::LANES).filter(|lane| lanes >> lane & 1 == 1) {
                     to.set(lane, new.get(lane));
@@ -392,17 +430,18 @@ impl<C: Interpret> Pack<C> {
         (self.mixed, self.merged) = (before, merged);
     }
 
-    /// Steps in which the same stages tick.
+    /// Steps in which the same stages tick. `fresh` writes a number that is another in every step: of these rows, at this place, this
+    /// many steps after the start of the call.
     pub(super) fn segment(
         &mut self,
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
-        around: &[C::Number],
+        (kind, plans): (&Kind<C::Number>, &[Plan<C::Number>]),
+        fresh: impl Fn(&[u32], u32, usize, &mut C),
         span: Span,
     ) {
         let Span { from, n, .. } = span;
-        let kind = &shared.kinds[self.kind];
-        let plan = &kind.plans[span.plan];
+        let plan = &plans[span.plan];
         for (j, entry) in plan.varying.iter().enumerate().filter(|_| span.first) {
             for lane in 0..C::LANES {
                 let row = self.rows[lane] as usize;
@@ -427,9 +466,7 @@ impl<C: Interpret> Pack<C> {
         let once = plan.fresh.is_empty();
         for s in 0..if once { 1 } else { n } {
             for p in &plan.fresh {
-                let mut cell = self.file[*p as usize];
-                self.fresh(shared, view, around, *p, from + s, &mut cell);
-                self.file[*p as usize] = cell;
+                fresh(&self.rows, *p, from + s, &mut self.file[*p as usize]);
             }
             runner.step(level, plan, &mut self.file, if once { n } else { 1 });
         }
@@ -443,40 +480,57 @@ impl<C: Interpret> Pack<C> {
             self.file[*to as usize] = C::splat(*v);
         }
     }
+}
 
-    /// A number that is another in every step: time, normal random numbers, where neighbours are.
-    pub(super) fn fresh(
-        &self,
-        shared: &Shared<C::Number>,
-        view: &View<C::Number>,
-        around: &[C::Number],
-        p: u32,
-        done: usize,
-        cell: &mut C,
-    ) {
-        let kind = &shared.kinds[self.kind];
-        let o = &shared.options;
-        for lane in 0..C::LANES {
-            let row = self.rows[lane] as usize;
-            let (w, d) = (row / view.n_drones, row % view.n_drones);
-            let step = self.step_of(view, lane, done);
-            let value = match p {
-                place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
-                place::NORMALS..place::EFFECTS if kind.reads_noise => {
-                    let number = o.first_world + (view.first + w) as u64;
-                    let origin = origin(o.seed, shared.seeds, number, view.first + w);
-                    let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
-                    C::Number::of(source.normals(d, step)[(p - place::NORMALS) as usize])
-                }
-                _ if p >= place::EFFECTS + kind.effects as u32 => {
-                    let q = (p - place::EFFECTS) as usize - kind.effects;
-                    let (j, i) = (q / place::NEIGHBOUR as usize, q % place::NEIGHBOUR as usize);
-                    let other = if j < d { j } else { j + 1 };
-                    around[6 * (w * view.n_drones + other) + i]
-                }
-                _ => C::Number::zero(),
-            };
-            cell.set(lane, value);
+/// What is kept of every step.
+#[derive(Debug)]
+pub(super) struct Kept<'a, C> {
+    /// Places of what is kept as it was before the step, and of what the step was told.
+    pub(super) before: &'a [Run],
+    pub(super) after: &'a [Run],
+    /// (step, before and after)
+    pub(super) cells: &'a mut Vec<C>,
+}
+
+impl<C: Copy> Kept<'_, C> {
+    fn take(&mut self, runs: &[Run], file: &[C]) {
+        for run in runs {
+            self.cells.extend_from_slice(&file[run.place..run.place + run.n]);
         }
+    }
+}
+
+/// A number that is another in every step: time, normal random numbers, where neighbours are.
+fn fresh<C: Interpret>(
+    shared: &Shared<C::Number>,
+    view: &View<C::Number>,
+    kind: &Kind<C::Number>,
+    (rows, around): (&[u32], &[C::Number]),
+    p: u32,
+    done: usize,
+    cell: &mut C,
+) {
+    let o = &shared.options;
+    for (lane, row) in rows.iter().enumerate() {
+        let row = *row as usize;
+        let (w, d) = (row / view.n_drones, row % view.n_drones);
+        let step = view.steps[w] + done as u64;
+        let value = match p {
+            place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
+            place::NORMALS..place::EFFECTS if kind.reads_noise => {
+                let number = o.first_world + (view.first + w) as u64;
+                let origin = origin(o.seed, shared.seeds, number, view.first + w);
+                let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
+                C::Number::of(source.normals(d, step)[(p - place::NORMALS) as usize])
+            }
+            _ if p >= place::EFFECTS + kind.effects as u32 => {
+                let q = (p - place::EFFECTS) as usize - kind.effects;
+                let (j, i) = (q / place::NEIGHBOUR as usize, q % place::NEIGHBOUR as usize);
+                let other = if j < d { j } else { j + 1 };
+                around[6 * (w * view.n_drones + other) + i]
+            }
+            _ => C::Number::zero(),
+        };
+        cell.set(lane, value);
     }
 }

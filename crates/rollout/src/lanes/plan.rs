@@ -3,7 +3,7 @@
 use fearless_simd::Level;
 
 use super::super::blocks::Phase;
-use super::super::traced::{Shape, bare, place, relevant};
+use super::super::traced::{Backwards, Shape, adjoint_schedule, bare, place, relevant};
 use super::Options;
 use super::arrays::{Arrays, Columns, columns};
 use super::runner::Runner;
@@ -37,6 +37,47 @@ pub(super) struct Kind<N> {
     pub(super) saves: Vec<Columns>,
     pub(super) reads_noise: bool,
     pub(super) effects: usize,
+    /// Its steps backwards, once gradients were asked for.
+    pub(super) back: Option<Back<N>>,
+}
+
+/// Neighbouring places: the first, how many, and the column in which the first is kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Run {
+    pub(super) place: usize,
+    pub(super) n: usize,
+    pub(super) column: usize,
+}
+
+/// Runs of ascending places whose columns begin at `column`.
+fn runs(places: &[u32], mut column: usize) -> Vec<Run> {
+    let mut out: Vec<Run> = Vec::new();
+    for p in places {
+        match out.last_mut() {
+            Some(run) if run.place + run.n == *p as usize => run.n += 1,
+            _ => out.push(Run { place: *p as usize, n: 1, column }),
+        }
+        column += 1;
+    }
+    out
+}
+
+/// The programs of a kind backwards, in the order of its own.
+#[derive(Debug)]
+pub(super) struct Back<N> {
+    pub(super) plans: Vec<Plan<N>>,
+    /// Fixed numbers by which gains are wanted.
+    pub(super) parameters: Vec<usize>,
+    pub(super) layout: Backwards,
+    pub(super) n_home: usize,
+    /// Runs of places of what must be kept of every step, with the column of the first: what steps change, as it was before, and what they
+    /// were told.
+    pub(super) before: Vec<Run>,
+    pub(super) after: Vec<Run>,
+    /// Number of columns.
+    pub(super) columns: usize,
+    /// Places of what is the same during a call that some program reads.
+    pub(super) given: Vec<u32>,
 }
 
 /// The program of a kind for one set of stages that tick.
@@ -133,6 +174,7 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
             saves: Vec::new(),
             reads_noise: reads.noise,
             effects,
+            back: None,
         });
     }
     kinds
@@ -202,6 +244,11 @@ impl<N: Number> Plan<N> {
             varying: Vec::new(),
             rows: Vec::new(),
         }
+    }
+
+    /// Whether it flies steps in which these stages tick.
+    pub(super) fn is_for(&self, phase: Phase, due: Due) -> bool {
+        self.phase == phase && self.due == due
     }
 
     /// The kernel for cells of this type.
@@ -283,26 +330,7 @@ impl<N: Number> Kind<N> {
     /// What all plans together read and write.
     pub(super) fn collect(&mut self, arrays: &Arrays) {
         let n_plans = self.plans.len();
-        let (mut reads, mut writers) = (vec![false; self.n_home], vec![0; self.n_home]);
-        for plan in &self.plans {
-            plan.reads.iter().for_each(|p| reads[*p as usize] = true);
-            plan.writes.iter().for_each(|p| writers[*p as usize] += 1);
-        }
-        // What one plan writes and another does not keeps what it was.
-        let kept = |p: u32| reads[p as usize] || writers[p as usize] < n_plans;
-        for plan in &mut self.plans {
-            plan.enter.part(|(p, _)| writers[*p as usize] > 0);
-            plan.leave.part(|(_, p)| kept(*p));
-            plan.constants.part(|(_, p)| kept(*p));
-            let Schedule { state, epilogue, finals, .. } = &plan.schedule;
-            let finished = |slot: u32| epilogue.stores.iter().any(|(_, to)| *to == slot);
-            let own = epilogue.stores.iter().filter_map(|(_, slot)| state[*slot as usize].output);
-            let moved = finals.iter().filter_map(|(output, source)| match source {
-                Source::State(slot) if finished(*slot) => Some(*output),
-                _ => None,
-            });
-            plan.needs_epilogue = own.chain(moved).any(|output| kept(output.place()));
-        }
+        let (reads, writers) = part(&mut self.plans, self.n_home);
         let places = 0..self.n_home as u32;
         let saves: Vec<u32> = places.clone().filter(|p| writers[*p as usize] > 0).collect();
         // The state is looked at even where it does not change.
@@ -325,9 +353,100 @@ impl<N: Number> Kind<N> {
         self.plans.iter().all(|p| p.entries::<C>(level).is_some())
     }
 
+    /// What ticks in a step.
+    pub(super) fn due(&self, step: u64) -> Due {
+        self.dues[usize::from(self.ticks[(step % self.ticks.len() as u64) as usize])]
+    }
+
     /// Place of the plan for a step.
     pub(super) fn plan(&self, phase: Phase, step: u64) -> usize {
-        let due = self.dues[usize::from(self.ticks[(step % self.ticks.len() as u64) as usize])];
-        self.plans.iter().position(|p| p.phase == phase && p.due == due).unwrap_or(0)
+        self.plans.iter().position(|p| p.is_for(phase, self.due(step))).unwrap_or(0)
     }
+
+    /// Traces the steps backwards, with gains by these fixed numbers, unless they were already; whether it did. `numbers` are the fixed numbers of a row of
+    /// (world, drone), `drone` one of this kind.
+    pub(super) fn trace_back(
+        &mut self,
+        options: &Options,
+        drone: &Drone<f64>,
+        parameters: &[usize],
+        (n_drones, n_worlds): (usize, usize),
+        numbers: impl Fn(usize) -> Vec<f64>,
+    ) -> bool {
+        if self.back.as_ref().is_some_and(|back| back.parameters == parameters) {
+            return false;
+        }
+        let layout = Backwards::new(self.effects, self.neighbours);
+        let n_home = layout.n_home(parameters.len());
+        let mut plans: Vec<Plan<N>> = Vec::new();
+        for due in &self.dues {
+            let shape = Shape {
+                mode: options.mode,
+                integrator: options.integrator,
+                phase: Phase::Both,
+                due: *due,
+                sim_hz: options.sim_hz,
+                neighbours: self.neighbours,
+            };
+            let schedule = adjoint_schedule(drone, &shape, &|k| self.varies[k], parameters);
+            let scratch = n_home + plans.iter().map(|p| p.program.len).sum::<usize>();
+            let mut plan = Plan::new(&shape, schedule, scratch, None);
+            plan.fill(&self.typical, &self.varies, self.slots.len() * n_worlds);
+            plan.fill_rows(&self.slots, n_drones, n_worlds, None, &numbers);
+            plans.push(plan);
+        }
+        part(&mut plans, n_home);
+        let (mut before, mut after, mut given) = (Vec::new(), Vec::new(), Vec::new());
+        for p in 0..layout.n_places {
+            let told =
+                (place::TIME..place::EFFECTS).contains(&p) || p >= place::EFFECTS + self.effects as u32;
+            if plans.iter().any(|plan| plan.fresh.contains(&p)) {
+                (if told { &mut after } else { &mut before }).push(p);
+            }
+            let enters = |plan: &Plan<N>| {
+                plan.enter.all_or_often(true).into_iter().flatten().any(|(from, _)| *from == p)
+            };
+            if plans.iter().any(enters) {
+                given.push(p);
+            }
+        }
+        let (parameters, columns) = (parameters.to_vec(), before.len() + after.len());
+        let (before, after) = (runs(&before, 0), runs(&after, before.len()));
+        self.back = Some(Back { plans, parameters, layout, n_home, before, after, columns, given });
+        true
+    }
+}
+
+impl<N> Back<N> {
+    /// Place of the plan for a step in which these tick.
+    pub(super) fn plan(&self, due: Due) -> usize {
+        self.plans.iter().position(|p| p.due == due).unwrap_or(0)
+    }
+}
+
+/// Parts what plans that share a home of `n_home` numbers do often from what is enough once; which places some plan reads, and how many
+/// write each.
+fn part<N: Number>(plans: &mut [Plan<N>], n_home: usize) -> (Vec<bool>, Vec<usize>) {
+    let n_plans = plans.len();
+    let (mut reads, mut writers) = (vec![false; n_home], vec![0; n_home]);
+    for plan in plans.iter() {
+        plan.reads.iter().for_each(|p| reads[*p as usize] = true);
+        plan.writes.iter().for_each(|p| writers[*p as usize] += 1);
+    }
+    // What one plan writes and another does not keeps what it was.
+    let kept = |p: u32| reads[p as usize] || writers[p as usize] < n_plans;
+    for plan in plans {
+        plan.enter.part(|(p, _)| writers[*p as usize] > 0);
+        plan.leave.part(|(_, p)| kept(*p));
+        plan.constants.part(|(_, p)| kept(*p));
+        let Schedule { state, epilogue, finals, .. } = &plan.schedule;
+        let finished = |slot: u32| epilogue.stores.iter().any(|(_, to)| *to == slot);
+        let own = epilogue.stores.iter().filter_map(|(_, slot)| state[*slot as usize].output);
+        let moved = finals.iter().filter_map(|(output, source)| match source {
+            Source::State(slot) if finished(*slot) => Some(*output),
+            _ => None,
+        });
+        plan.needs_epilogue = own.chain(moved).any(|output| kept(output.place()));
+    }
+    (reads, writers)
 }
