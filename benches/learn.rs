@@ -1,4 +1,4 @@
-//! Gradients of flights, ours against Crazyflow's, alternately.
+//! Gradients of flights, ours against Crazyflow's, alternately; and policies trained by them, beside the figures of Crazyflow's paper.
 //!
 //! `cargo xtask bench learn --help`. Prints Markdown tables. On Linux only: it reads `/proc` and pins with `taskset`.
 
@@ -12,10 +12,15 @@ use clap::Parser;
 use common::peer::Peer;
 use common::report::{Report, count, figures, number, numbers, shown};
 use common::{Fallible, ended, machine, median};
+use propwash::learn::goals::{Recover, Track};
+use propwash::learn::{Actions, Flown, Goal, Options, train};
 use propwash::physics::controllers::{ControlMode, Rates};
+use propwash::rollout::pilot::{Pilot, Place};
 use propwash::rollout::pool::alone;
 use propwash::rollout::{Sim, SimOptions};
+use propwash::scalar::lanes::{Cell, F32x16};
 use propwash::vehicle::Vehicle;
+use std::sync::{Mutex, PoisonError};
 
 const VEHICLE: &str = "cf2x_L250";
 
@@ -34,6 +39,15 @@ struct Args {
     /// Longest time that Crazyflow may take to get ready, s; it compiles for every shape.
     #[arg(long, default_value_t = 300)]
     patience: u64,
+    /// What to measure: gradients, policies.
+    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into()])]
+    parts: Vec<String>,
+    /// First seed of the trained policies, and number of seeds.
+    #[arg(long, default_value_t = 200)]
+    first: u64,
+    /// Number of seeds.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..))]
+    seeds: u64,
     /// Leaves Crazyflow out.
     #[arg(long)]
     ours_alone: bool,
@@ -78,14 +92,72 @@ fn gradient(sim: &mut Sim<f32>, commands: &[f32], steps: usize) -> Fallible<Vec<
     Ok(tape.pull_back(&seeds, &[])?.commands)
 }
 
+/// The same in one pass, by a pilot that gives fixed commands: the states are seen in lanes, and nothing is flown twice.
+struct Fixed<'a> {
+    commands: &'a [f32],
+    /// Heights, and gains by the command, of each block of worlds.
+    blocks: Vec<Mutex<[F32x16; 5]>>,
+}
+
+impl Fixed<'_> {
+    fn with(&self, at: Place, work: impl FnOnce(&mut [F32x16; 5])) {
+        let block = &self.blocks[at.first_world / F32x16::LANES];
+        work(&mut block.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+}
+
+impl Pilot<f32> for Fixed<'_> {
+    fn command(&self, at: Place, _: &[F32x16], command: &mut [F32x16]) {
+        for (k, cell) in command.iter_mut().enumerate() {
+            cell.fill(at.first_world, |w| self.commands[4 * w.min(self.commands.len() / 4 - 1) + k]);
+        }
+    }
+
+    fn look(&self, at: Place, state: &[F32x16]) {
+        self.with(at, |block| block[4] = state[2]);
+    }
+
+    fn seed(&self, at: Place, by_state: &mut [F32x16]) {
+        self.with(at, |block| {
+            let (z, gain) = (block[4], &mut by_state[2]);
+            (0..at.n_worlds).for_each(|lane| gain.set(lane, gain.get(lane) + 2.0 * (z.get(lane) - 1.0)));
+        });
+    }
+
+    fn pull_back(&self, at: Place, by_command: &[F32x16], _: &mut [F32x16]) {
+        self.with(at, |block| block[..4].copy_from_slice(by_command));
+    }
+
+    fn lost(&self, _: Place) {}
+}
+
+/// Gains by the commands.
+fn in_one_pass(sim: &mut Sim<f32>, commands: &[f32], steps: usize) -> Fallible<Vec<f32>> {
+    let n = commands.len() / 4;
+    let block = || Mutex::new([F32x16::splat(0.0); 5]);
+    let blocks = (0..n.div_ceil(F32x16::LANES)).map(|_| block()).collect();
+    let pilot = Fixed { commands, blocks };
+    sim.fly_piloted(&pilot, 1, steps)?;
+    let mut out = vec![0.0; commands.len()];
+    for (k, block) in pilot.blocks.into_iter().enumerate() {
+        let block = block.into_inner().unwrap_or_else(PoisonError::into_inner);
+        for (lane, to) in out[4 * k * F32x16::LANES..].chunks_exact_mut(4).take(F32x16::LANES).enumerate() {
+            to.iter_mut().zip(&block).for_each(|(to, cell)| *to = cell.get(lane));
+        }
+    }
+    Ok(out)
+}
+
+type Gradients = fn(&mut Sim<f32>, &[f32], usize) -> Fallible<Vec<f32>>;
+
 /// Median and least seconds of a gradient of all worlds, over at least 0.3 s.
-fn measure(sim: &mut Sim<f32>, commands: &[f32], steps: usize) -> Fallible<(f64, f64)> {
+fn measure(sim: &mut Sim<f32>, commands: &[f32], steps: usize, of: Gradients) -> Fallible<(f64, f64)> {
     let start = sim.save();
     let (mut times, begin) = (Vec::new(), Instant::now());
     while begin.elapsed() < Duration::from_millis(300) || times.len() < 3 {
         sim.restore(&start)?;
         let began = Instant::now();
-        gradient(sim, commands, steps)?;
+        of(sim, commands, steps)?;
         times.push(began.elapsed().as_secs_f64());
     }
     let least = times.iter().copied().fold(f64::INFINITY, f64::min);
@@ -93,18 +165,32 @@ fn measure(sim: &mut Sim<f32>, commands: &[f32], steps: usize) -> Fallible<(f64,
 }
 
 fn run(args: &Args) -> Fallible<()> {
-    let cores = machine::cores();
     let about = format!(
-        "{} rounds; {VEHICLE}, first_principles, attitude commands, {} steps of 2 ms, f32",
-        args.rounds, args.steps
+        "{} rounds; gradients: {VEHICLE}, first_principles, attitude commands, {} steps of 2 ms, f32; policies: seeds {} to {}",
+        args.rounds,
+        args.steps,
+        args.first,
+        args.first + args.seeds - 1
     );
     let mut report = Report::begin("learn", args.json.as_deref(), &about)?;
-    first(&mut report, args)?;
+    if args.parts.iter().any(|part| part == "gradients") {
+        first(&mut report, args)?;
+        gradients(&mut report, args)?;
+    }
+    if args.parts.iter().any(|part| part == "policies") {
+        policies(&mut report, args)?;
+    }
+    report.end()
+}
+
+/// Gradients per second, by the number of worlds.
+fn gradients(report: &mut Report, args: &Args) -> Fallible<()> {
     let columns = [
         numbers("worlds", "worlds"),
         numbers("cores", "cores"),
         numbers("crazyflow", "Crazyflow, thousand/s"),
-        numbers("propwash", "Propwash, thousand/s"),
+        numbers("tape", "Propwash by a tape"),
+        numbers("propwash", "in one pass"),
         numbers("propwash_best", "best"),
         numbers("ratio", "ratio of medians"),
     ];
@@ -112,7 +198,7 @@ fn run(args: &Args) -> Fallible<()> {
     report.table("gradients", caption, &columns)?;
     let all = machine::allowed()?;
     let mut versions = String::new();
-    for threads in [1, cores] {
+    for threads in [1, machine::cores()] {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
         if threads == 1 {
             machine::pin(&machine::last_core()?)?;
@@ -126,10 +212,16 @@ fn run(args: &Args) -> Fallible<()> {
                     Some(Peer::start_within(args.patience, "learn.py", &words, &[])?)
                 }
             };
-            let (mut ours, mut best, mut theirs) = (Vec::new(), f64::INFINITY, Vec::new());
+            let (mut tape, mut ours, mut best, mut theirs) =
+                (Vec::new(), Vec::new(), f64::INFINITY, Vec::new());
             for _ in 0..args.rounds {
-                let mut run = || measure(&mut sim, &commands, args.steps as usize).map_err(|e| e.to_string());
-                let (one, least) = if threads == 1 { alone(run) } else { pool.install(&mut run) }?;
+                let mut time = |of: Gradients| {
+                    let mut run =
+                        || measure(&mut sim, &commands, args.steps as usize, of).map_err(|e| e.to_string());
+                    if threads == 1 { alone(run) } else { pool.install(&mut run) }
+                };
+                tape.push(time(gradient)?.0);
+                let (one, least) = time(in_one_pass)?;
                 ours.push(one);
                 best = best.min(least);
                 if let Some(peer) = &mut peer {
@@ -140,14 +232,13 @@ fn run(args: &Args) -> Fallible<()> {
                 versions = peer.versions();
             }
             let rate = |seconds: f64| worlds as f64 / seconds / 1e3;
-            let (ours, theirs) = (
-                rate(median(&mut ours)),
-                if theirs.is_empty() { f64::NAN } else { rate(median(&mut theirs)) },
-            );
+            let theirs = if theirs.is_empty() { f64::NAN } else { rate(median(&mut theirs)) };
+            let (tape, ours) = (rate(median(&mut tape)), rate(median(&mut ours)));
             report.row(vec![
                 count(worlds),
                 count(threads),
                 shown(theirs, figures(theirs)),
+                shown(tape, figures(tape)),
                 shown(ours, figures(ours)),
                 shown(rate(best), figures(rate(best))),
                 number(ours / theirs, 1),
@@ -158,7 +249,102 @@ fn run(args: &Args) -> Fallible<()> {
     if !versions.is_empty() {
         report.text(&format!("Peer: {versions}; one core."))?;
     }
-    report.end()
+    Ok(())
+}
+
+/// The vehicle of the paper's policies.
+const LEARNER: &str = "cf21B_500";
+
+/// A training for each seed, from nothing, on one core: seconds, and what flights showed.
+fn trained<G: Goal>(
+    args: &Args,
+    goal: &G,
+    actions: fn(&propwash::physics::drone::Drone<f64>) -> Actions,
+    options: &Options,
+    (flights, settle_s): (usize, f64),
+) -> Fallible<Vec<(f64, Flown)>> {
+    (args.first..args.first + args.seeds)
+        .map(|seed| {
+            let began = Instant::now();
+            let vehicle = Vehicle::builtin(LEARNER)?;
+            let of = (&vehicle, "first_principles");
+            let actions = actions(&vehicle.drone(of.1)?);
+            let options = Options { seed, ..options.clone() };
+            let trained = alone(|| train(goal, of, &actions, &options))?;
+            let seconds = began.elapsed().as_secs_f64();
+            Ok((seconds, trained.policy.fly(goal, of, (flights, settle_s, 1_000_000))?))
+        })
+        .collect()
+}
+
+/// Policies beside the figures of Crazyflow's paper.
+fn policies(report: &mut Report, args: &Args) -> Fallible<()> {
+    let columns = [
+        common::report::words("task", "task"),
+        numbers("paper_s", "paper, s"),
+        numbers("paper", "paper"),
+        numbers("seconds", "Propwash, s"),
+        numbers("seconds_most", "slowest"),
+        numbers("result", "median"),
+        numbers("worst", "worst"),
+        common::report::words("what", "what"),
+    ];
+    let caption = "Policies trained from nothing on one core, over seeds that nothing was chosen by; flights from starts that no training has seen.";
+    report.table("policies", caption, &columns)?;
+    let all = machine::allowed()?;
+    machine::pin(&machine::last_core()?)?;
+    let by_rotors = Options { horizon: 40, substeps: 5, commands: 600_000, ..Options::default() };
+    let throws = Options { horizon: 25, substeps: 5, commands: 60_000, ..Options::default() };
+    let eight = Track { period_s: 5.5, ..Track::default() };
+    let error = |f: &Flown| if f.lost > 0 { f64::INFINITY } else { 1e3 * f.off_rms_m };
+    let caught = |f: &Flown| 0.1 * f.reached as f64;
+    let rows = [
+        (
+            "eight in 10 s, by attitudes",
+            (1.56, 8.7),
+            trained(args, &Track::default(), Actions::attitude, &Options::default(), (100, 2.0))?,
+        ),
+        (
+            "eight in 5.5 s, by rotor speeds",
+            (12.16, 166.0),
+            trained(args, &eight, Actions::rotors, &by_rotors, (100, 2.0))?,
+        ),
+    ];
+    for (task, paper, flown) in rows {
+        row(report, task, paper, &flown, error, "error, mm, rms", false)?;
+    }
+    let flown = trained(args, &Recover::default(), Actions::attitude, &throws, (1000, 0.0))?;
+    row(report, "throws", (0.38, f64::NAN), &flown, caught, "% of 1,000 caught", true)?;
+    machine::pin(&all)?;
+    report.text("Paper: Crazyflow's, its own machine and its own figure of eight (a Lissajous figure), after warming up.")
+}
+
+fn row(
+    report: &mut Report,
+    task: &str,
+    (paper_s, paper): (f64, f64),
+    flown: &[(f64, Flown)],
+    of: impl Fn(&Flown) -> f64,
+    what: &str,
+    high_is_good: bool,
+) -> Fallible<()> {
+    let mut seconds: Vec<f64> = flown.iter().map(|(s, _)| *s).collect();
+    let mut results: Vec<f64> = flown.iter().map(|(_, f)| of(f)).collect();
+    let fold =
+        |list: &[f64], best: fn(f64, f64) -> f64| list.iter().copied().reduce(best).unwrap_or(f64::NAN);
+    let slowest = fold(&seconds, f64::max);
+    let worst = fold(&results, if high_is_good { f64::min } else { f64::max });
+    let (seconds, result) = (median(&mut seconds), median(&mut results));
+    report.row(vec![
+        common::report::word(task),
+        shown(paper_s, figures(paper_s)),
+        shown(paper, figures(paper)),
+        shown(seconds, figures(seconds)),
+        shown(slowest, figures(slowest)),
+        shown(result, figures(result)),
+        shown(worst, figures(worst)),
+        common::report::word(what),
+    ])
 }
 
 /// Time from nothing to the first gradient: vehicle, simulation, programs.
@@ -167,7 +353,7 @@ fn first(report: &mut Report, args: &Args) -> Fallible<()> {
     for _ in 0..args.rounds {
         let began = Instant::now();
         let (mut sim, commands) = sim(1024)?;
-        gradient(&mut sim, &commands, args.steps as usize)?;
+        in_one_pass(&mut sim, &commands, args.steps as usize)?;
         times.push(1e3 * began.elapsed().as_secs_f64());
     }
     let ms = median(&mut times);

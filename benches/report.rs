@@ -16,12 +16,13 @@ use common::{Fallible, ended};
 use serde_json::Value;
 
 /// Titles of the sections, in their order.
-const SECTIONS: [(&str, &str); 7] = [
+const SECTIONS: [(&str, &str); 8] = [
     ("steps", "Steps, swarms, memory"),
     ("loop", "The whole loop"),
     ("depth", "Depth images"),
     ("contacts", "Contacts and clearances"),
     ("identify", "Identification"),
+    ("learn", "Gradients and policies"),
     ("lab", "The lab"),
     ("instructions", "Instructions"),
 ];

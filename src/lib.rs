@@ -25,7 +25,7 @@
 //! | --- | --- |
 //! | fly, see and touch | [`arena::Arena`], by [`arena::Builder`] or a [`arena::SimConfig`] |
 //! | fly without a scene | [`rollout::Sim`] |
-//! | learn | [`env::Env`], [`env::EnvConfig`] |
+//! | learn | [`env::Env`], [`env::EnvConfig`]; by gradients [`learn::train`] |
 //! | record data sets | [`dataset::recorder`] for patterns, [`dataset::Recorder`] for a loop of your own |
 //! | read data sets | [`dataset::Dataset`] |
 //! | find what a model lacks | [`flight::FlightLog`], [`mod@gap::compare`], [`mod@gap::diagnose`], [`gap::accept`] |
@@ -54,6 +54,8 @@ pub use propwash_vehicle as vehicle;
 pub use propwash_kernels as kernels;
 pub use propwash_rollout as rollout;
 pub use propwash_rollout::random;
+// Policies trained by the gradients of their flights.
+pub use propwash_learn as learn;
 
 // Shapes, and what rays meet, what is near and what touches, without MuJoCo.
 pub use propwash_geometry as geometry;

@@ -11,6 +11,7 @@ __all__ = [
     "Env",
     "Error",
     "LabSession",
+    "Learnt",
     "Recorder",
     "RestOnGround",
     "Sim",
@@ -28,6 +29,7 @@ __all__ = [
     "gap_diagnose",
     "gap_watch",
     "identify",
+    "learn_bptt",
     "lint",
     "load_plugin_library",
     "log_check",
@@ -99,6 +101,21 @@ class Vehicle:
         """The file as TOML that reads back equal; comments are not kept."""
     def __reduce__(self) -> tuple[Callable[..., Vehicle], tuple[str, str, str | None]]: ...
 
+@final
+class Learnt:
+    @property
+    def seconds(self) -> float: ...
+    @property
+    def lost(self) -> int: ...
+    def curve(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]]: ...
+    def parts(self) -> dict[str, Any]: ...
+    def fly(
+        self, vehicle: Vehicle | None, flights: int, settle_s: float, seed: int
+    ) -> tuple[float, float, int, int, NDArray[np.float64]]: ...
+
+def learn_bptt(
+    goal: str, numbers: dict[str, float], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]
+) -> Learnt: ...
 @final
 class Tape:
     @property

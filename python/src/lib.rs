@@ -9,6 +9,7 @@ mod env;
 mod errors;
 mod gap;
 mod lab;
+mod learn;
 mod program;
 mod recorder;
 mod sense;
@@ -65,6 +66,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(vehicle::vehicle_of, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::network_files, m)?)?;
     m.add_class::<lab::PyLab>()?;
+    m.add_class::<learn::PyLearnt>()?;
+    m.add_function(wrap_pyfunction!(learn::learn_bptt, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_watch, m)?)?;

@@ -14,7 +14,7 @@ from conftest import ROOT
 import propwash
 import propwash.envs
 
-TESTED = {"own_dataset.py", "own_task.py", "raptor.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
+TESTED = {"learn_by_gradients.py", "own_dataset.py", "own_task.py", "raptor.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
 
 
 def run(name, *args):
@@ -61,6 +61,15 @@ def test_a_vehicle_of_ones_own_flies_and_learns():
 def test_a_policys_flights_become_a_data_set(tmp_path):
     said = run("own_dataset.py", tmp_path / "set")
     assert "16 worlds" in said and "lidar_range (1, 8)" in said, said
+
+
+def test_policies_are_learnt_by_gradients(tmp_path):
+    pytest.importorskip("gymnasium")
+    said = run("learn_by_gradients.py", "--no-picture", "--picture", tmp_path / "learn.png")
+    row = re.search(r"^\| as trained \| ([\d.]+) mm \| ([\d.]+) mm \| ([\d.]+)% caught", said, re.M)
+    eight, fast, caught = map(float, row.groups())
+    assert eight < 8.7 and fast < 166.0 and caught >= 95.0, said
+    assert propwash.Policy.load(tmp_path / "learn_1.npz").trained["environment"] == "Propwash/Trajectory-v0"
 
 
 def test_reaching_is_learnt(tmp_path):

@@ -32,7 +32,7 @@ const BENCHES: &[Bench] = &[
     Bench { name: "depth", peers: true, quick: Some(&["--rounds=2", "--scene=forest, 40", "--worlds=0"]) },
     Bench { name: "contacts", peers: true, quick: Some(&["--rounds=1", "--scene=forest 40"]) },
     Bench { name: "identify", peers: true, quick: Some(&["--rounds=1"]) },
-    Bench { name: "learn", peers: true, quick: Some(&["--rounds=1", "--worlds=1024"]) },
+    Bench { name: "learn", peers: true, quick: Some(&["--rounds=1", "--worlds=1024", "--seeds=2"]) },
     Bench { name: "lab", peers: false, quick: Some(&["--rounds=1", "--seconds=20"]) },
     Bench { name: "instructions", peers: false, quick: Some(&[]) },
     // Tells how often a diagnosis is right, which takes hours, and no speeds.

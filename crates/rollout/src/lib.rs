@@ -12,6 +12,7 @@ mod data;
 mod equations;
 mod error;
 mod lanes;
+pub mod pilot;
 pub mod pipeline;
 pub mod pool;
 pub mod quarantine;

@@ -78,6 +78,16 @@ fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
     out
 }
 
+/// The results of a graph for these inputs, over any number type: over symbols a graph within another.
+///
+/// # Panics
+/// Where there are fewer inputs than [`Graph::n_inputs`].
+pub fn evaluate<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<S> {
+    assert!(inputs.len() >= graph.n_inputs, "expected {} inputs, found {}", graph.n_inputs, inputs.len());
+    let values = values(graph, inputs);
+    graph.outputs.iter().map(|place| values[*place as usize].number()).collect()
+}
+
 /// Below this squared angle, rad², the slope of [`Real::half_turn`] is taken from its series: the closed form loses
 /// precision.
 const SMALL_TURN: f64 = 0.05;

@@ -300,6 +300,8 @@ pub trait Arith:
 
     /// A constant. A nonzero value that would underflow to zero becomes the smallest normal number.
     fn lit(token: Self::Token, v: f64) -> Self;
+    /// The same number in all lanes.
+    fn every(token: Self::Token, v: <Self::Cell as Cell>::Number) -> Self;
     /// Loads from memory.
     fn load(token: Self::Token, cell: &Self::Cell) -> Self;
     /// Loads a cell whose value is shared by all blocks of a batch.
@@ -351,6 +353,10 @@ impl Arith for f64 {
 
     #[inline(always)]
     fn lit((): (), v: f64) -> Self {
+        v
+    }
+    #[inline(always)]
+    fn every((): (), v: f64) -> Self {
         v
     }
     #[inline(always)]
@@ -451,6 +457,10 @@ macro_rules! lanes_alike {
             #[inline(always)]
             fn lit(token: S, v: f64) -> Self {
                 Self::splat(token, <$float as Number>::constant(v))
+            }
+            #[inline(always)]
+            fn every(token: S, v: $float) -> Self {
+                Self::splat(token, v)
             }
             #[inline(always)]
             fn load(token: S, cell: &$cell) -> Self {
@@ -623,6 +633,10 @@ impl<T: Arith> Arith for Pair<T> {
     #[inline(always)]
     fn lit(token: Self::Token, v: f64) -> Self {
         Self(T::lit(token, v), T::lit(token, v))
+    }
+    #[inline(always)]
+    fn every(token: Self::Token, v: <Self::Cell as Cell>::Number) -> Self {
+        Self(T::every(token, v), T::every(token, v))
     }
     #[inline(always)]
     fn load(token: Self::Token, cell: &Self::Cell) -> Self {

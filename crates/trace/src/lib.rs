@@ -17,6 +17,7 @@ use core::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
 pub mod adjoint;
 pub mod bytecode;
+pub mod dense;
 pub mod dual;
 pub mod export;
 pub mod formula;

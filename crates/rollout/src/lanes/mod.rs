@@ -23,6 +23,7 @@ use sequence::{Job, Sequence};
 use super::SimData;
 use super::backend::Backend;
 use super::blocks::Phase;
+use super::pilot::Pilot;
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
 use propwash_physics::controllers::{ControlMode, Rates};
@@ -58,7 +59,6 @@ pub(super) struct Options {
 }
 
 /// What a call does with all worlds.
-#[derive(Debug)]
 pub(super) enum Ask<'a, N> {
     /// Steps under the commands that are set.
     Steps,
@@ -68,6 +68,8 @@ pub(super) enum Ask<'a, N> {
     /// after each command (world, time, drone, number of a state), with gains by these fixed numbers of each drone slot. Steps must
     /// stay finite; the arrays are left as they are.
     Sweep(Commands<'a, N>, &'a [N], &'a [Vec<usize>]),
+    /// Steps whose commands a pilot gives, and the same backwards, with gains by no fixed numbers (one empty list for each drone slot).
+    Pilot(Commands<'a, N>, &'a dyn Pilot<N>, &'a [Vec<usize>]),
 }
 
 /// Further arrays that a call writes, with the numbers of a world in each.
@@ -196,7 +198,7 @@ impl<N: Number> Lanes<N> {
             self.arrays = Arrays::of(data);
         }
         self.prepare(options, nominal, own, rates, data.n_worlds);
-        if let Ask::Sweep(_, _, parameters) = ask {
+        if let Ask::Sweep(_, _, parameters) | Ask::Pilot(_, _, parameters) = ask {
             self.prepare_back(options, (nominal, own), rates, data.n_worlds, parameters);
         }
         let threads = crate::pool::threads();
@@ -206,7 +208,8 @@ impl<N: Number> Lanes<N> {
         let n_effects = self.place_effects(nominal, 1.0 / f64::from(options.sim_hz));
         let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
         let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
-        let lanes = if compiled { N::Cell::LANES } else { N::Four::LANES };
+        let narrow = compiled || matches!(ask, Ask::Pilot(..));
+        let lanes = if narrow { N::Cell::LANES } else { N::Four::LANES };
         let work = work(data.n_worlds * nominal.len(), options.n_steps);
         let parallel = threads > 1 && work >= SERIAL_LIMIT;
         let near = self.kinds.iter().any(|k| k.neighbours > 0);
@@ -214,13 +217,18 @@ impl<N: Number> Lanes<N> {
         let blocks = (data.n_worlds * most).div_ceil(lanes) / if parallel { 4 * threads } else { 1 };
         let at_once = if near { 1 } else { blocks.clamp(1, BLOCKS_AT_ONCE) };
         // What is kept of steps that are undone fills the cache that several blocks would share.
-        let at_once = if matches!(ask, Ask::Sweep(..)) { 1 } else { at_once };
+        let at_once = if matches!(ask, Ask::Sweep(..) | Ask::Pilot(..)) { 1 } else { at_once };
         let worlds_at_once = (lanes * at_once).div_ceil(most).max(1);
         let sizes = (data.command_width, &data.memory_columns[..]);
         let job = match ask {
             Ask::Steps => Job::Steps,
-            Ask::Record(commands) => Job::Record(Sequence::new(commands, sizes, near)),
-            Ask::Sweep(commands, seeds, _) => Job::Sweep(Sequence::new(commands, sizes, near), seeds),
+            Ask::Record(commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
+            Ask::Pilot(commands, pilot, _) => {
+                Job::Pilot(Sequence::new(commands, sizes, (near, true)), *pilot)
+            }
+            Ask::Sweep(commands, seeds, _) => {
+                Job::Sweep(Sequence::new(commands, sizes, (near, false)), seeds)
+            }
         };
         let shared = Shared {
             options: *options,
@@ -394,6 +402,7 @@ impl<N: Number> Shared<'_, N> {
             return match &self.job {
                 Job::Steps => self.advance(view, &mut scratch),
                 Job::Record(sequence) => self.record(view, &mut scratch, sequence),
+                Job::Pilot(sequence, pilot) => self.piloted(view, &mut scratch, sequence, *pilot),
                 Job::Sweep(sequence, seeds) => self.sweep(view, &mut scratch, sequence, seeds),
             };
         }
@@ -439,7 +448,7 @@ impl<N: Number> Shared<'_, N> {
         (one.used, two.used, four.used) = (0, 0, 0);
         for (index, kind) in self.kinds.iter().enumerate() {
             let mut next = (0, 0);
-            let compiled = kind.is_compiled::<N::Cell>(self.level);
+            let compiled = kind.is_compiled::<N::Cell>(self.level) || matches!(self.job, Job::Pilot(..));
             let mut left = view.quarantine.iter().filter(|q| q.is_none()).count() * kind.slots.len();
             while left > 0 {
                 let taken = if !compiled && left > N::Two::LANES {

@@ -359,7 +359,7 @@ impl<C: Interpret> Pack<C> {
         let fresh = |rows: &[u32], p, done, cell: &mut C| {
             fresh(shared, view, kind, (rows, around), p, done, cell);
         };
-        let (first, alike) = self.alike(view);
+        let (first, alike) = self.alike(view, kind);
         // Plans that have run, by bit; more than there are bits count as not.
         let mut ran = 0u64;
         let mut done = 0;
@@ -389,10 +389,11 @@ impl<C: Interpret> Pack<C> {
         }
     }
 
-    /// Steps since the last reset at the start of the call, and whether all lanes are as far.
-    pub(super) fn alike(&self, view: &View<C::Number>) -> (u64, bool) {
+    /// Steps since the last reset at the start of the call, and whether the same stages tick in all lanes.
+    pub(super) fn alike(&self, view: &View<C::Number>, kind: &Kind<C::Number>) -> (u64, bool) {
         let first = self.step_of(view, 0, 0);
-        (first, (1..self.n).all(|lane| self.step_of(view, lane, 0) == first))
+        let alike = kind.dues.len() == 1 || (1..self.n).all(|lane| self.step_of(view, lane, 0) == first);
+        (first, alike)
     }
 
     /// One step of worlds in which different stages tick: every set of stages on all lanes, and each lane takes its own.

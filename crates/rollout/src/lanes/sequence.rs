@@ -8,15 +8,18 @@ use super::arrays::View;
 use super::pack::{Kept, Pack, Pool, Span};
 use super::plan::{Back, Kind};
 use super::{Commands, Scratch, Shared};
+use crate::pilot::{Pilot, Place};
 use crate::traced::place;
 use fearless_simd::Level;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
-use propwash_trace::lanes::Number;
+use propwash_trace::lanes::{Cell, Number};
 use std::ops::Range;
 
 /// Flights of up to this many steps are one group: what is kept of them fits into cache.
 const ONE_GROUP: usize = 64;
+/// The same where a pilot commands: what it does for a command costs more than what is fetched from farther away.
+const ONE_GROUP_PILOTED: usize = 512;
 
 /// Part of the steps under one command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +48,6 @@ pub(super) struct Sequence<'a, N> {
 }
 
 /// What a call does with each part of its worlds.
-#[derive(Debug)]
 pub(super) enum Job<'a, N> {
     /// Steps under the command that is set.
     Steps,
@@ -53,6 +55,8 @@ pub(super) enum Job<'a, N> {
     Record(Sequence<'a, N>),
     /// The same backwards, for what a loss gains by the state after each command (world, time, drone, number of a state).
     Sweep(Sequence<'a, N>, &'a [N]),
+    /// A flight whose commands a pilot gives, and the same backwards.
+    Pilot(Sequence<'a, N>, &'a dyn Pilot<N>),
 }
 
 /// Arrays of gains among [`View::extra`], in this order.
@@ -103,10 +107,11 @@ impl<'a, N: Number> Sequence<'a, N> {
     pub(super) fn new(
         &Commands { numbers: commands, times, substeps }: &Commands<'a, N>,
         (width, memory_columns): (usize, &[usize]),
-        near: bool,
+        (near, piloted): (bool, bool),
     ) -> Self {
         let all = times * substeps;
-        let group = if all <= ONE_GROUP { all } else { all.isqrt().max(ONE_GROUP) };
+        let least = if piloted { ONE_GROUP_PILOTED } else { ONE_GROUP };
+        let group = if all <= least { all } else { all.isqrt().max(least) };
         // Where drones feel each other their gains meet after every step.
         let most = if near { 1 } else { group.max(1) };
         let mut pieces = Vec::new();
@@ -154,6 +159,8 @@ pub(super) struct Undo<C> {
     kept: Vec<C>,
     /// Homes at the start of each group.
     marks: Vec<C>,
+    /// What a pilot commanded. (time, number of a command)
+    commands: Vec<C>,
 }
 
 impl<C: Interpret> Pack<C> {
@@ -240,7 +247,12 @@ impl<C: Interpret> Pool<C> {
             let pack = &self.packs[i];
             let Some(back) = &shared.kinds[pack.kind].back else { continue };
             if self.undo.len() == i {
-                self.undo.push(Undo { pack: Pack::empty(), kept: Vec::new(), marks: Vec::new() });
+                self.undo.push(Undo {
+                    pack: Pack::empty(),
+                    kept: Vec::new(),
+                    marks: Vec::new(),
+                    commands: Vec::new(),
+                });
             }
             let undo = &mut self.undo[i];
             undo.pack.become_like(pack);
@@ -302,7 +314,13 @@ impl<C: Interpret> Pool<C> {
         let laid = seq.command_at(piece.t, view.n_drones);
         let first_row = view.first * view.n_drones;
         for (undo, kind, back) in self.undone(shared) {
-            undo.pack.take(shared.level, place::COMMAND as usize, seq.commands, first_row, laid);
+            let command = place::COMMAND as usize;
+            if matches!(shared.job, Job::Pilot(..)) {
+                let given = &undo.commands[piece.t * seq.width..(piece.t + 1) * seq.width];
+                undo.pack.file[command..command + seq.width].copy_from_slice(given);
+            } else {
+                undo.pack.take(shared.level, command, seq.commands, first_row, laid);
+            }
             let kept = &undo.kept[kept_from * back.columns..];
             let from = seq.step_of(piece);
             undo.pack.run_back(shared, view, (kind, back), kept, (from, piece.n));
@@ -415,7 +433,7 @@ impl<C: Interpret> Pack<C> {
     ) {
         // All of it is put into place before each step.
         let fresh = |_: &[u32], _: u32, _: usize, _: &mut C| {};
-        let (first, alike) = self.alike(view);
+        let (first, alike) = self.alike(view, kind);
         let mut ran = 0u64;
         for s in (from..from + n).rev() {
             let kept = &kept[(s - from) * back.columns..];
@@ -537,7 +555,7 @@ impl<N: Number> Shared<'_, N> {
         (seq, piece): (&Sequence<N>, Piece),
         kept: bool,
     ) {
-        if piece.from == 0 {
+        if piece.from == 0 && !matches!(self.job, Job::Pilot(..)) {
             scratch.command(self, view, seq, piece.t);
         }
         let steps = (seq.step_of(piece), piece.n);
@@ -592,5 +610,161 @@ impl<N: Number> Shared<'_, N> {
             }
         }
         pools!(scratch, give_start(self, &mut view, seq));
+    }
+}
+
+/// Numbers of a state, one cell each, from the cells of a home that begin with them.
+fn state_cells<C: Copy>(file: &[C], from: usize, width: usize) -> impl Iterator<Item = C> + '_ {
+    file[from..from + width - 1].iter().chain([&file[from + place::THRUST as usize]]).copied()
+}
+
+impl<N: Number> Shared<'_, N> {
+    /// A flight that a pilot commands, and the same backwards. Where numbers stop being numbers nothing is written back.
+    pub(super) fn piloted(
+        &self,
+        mut view: View<N>,
+        scratch: &mut Scratch<N>,
+        seq: &Sequence<N>,
+        pilot: &dyn Pilot<N>,
+    ) {
+        self.load(&view, scratch, true);
+        scratch.one.begin_undo(self);
+        let width = crate::tape::state_width(view.written[4]);
+        let mut buffer: Vec<N::Cell> = Vec::new();
+        let mut lost = vec![false; scratch.one.used];
+        for (number, group) in seq.groups.iter().enumerate() {
+            scratch.mark(None);
+            let last = number + 1 == seq.groups.len();
+            for piece in &seq.pieces[group.clone()] {
+                self.pilot_forwards(&view, scratch, (seq, *piece), (pilot, width, last), &mut buffer);
+            }
+        }
+        for (pack, lost) in scratch.one.packs.iter().zip(&mut lost) {
+            *lost = !pack.finite(self.level);
+        }
+        for (i, pack) in scratch.one.packs[..scratch.one.used].iter().enumerate() {
+            if lost[i] {
+                pilot.lost(Place::of(pack, &view, 0));
+            } else {
+                pack.store(self, &mut view);
+            }
+        }
+        for (number, group) in seq.groups.iter().enumerate().rev() {
+            let last = number + 1 == seq.groups.len();
+            if !last {
+                scratch.mark(Some(number));
+                for piece in &seq.pieces[group.clone()] {
+                    self.pilot_forwards(&view, scratch, (seq, *piece), (pilot, width, true), &mut buffer);
+                }
+            }
+            let mut steps: usize = seq.pieces[group.clone()].iter().map(|piece| piece.n).sum();
+            for piece in seq.pieces[group.clone()].iter().rev() {
+                steps -= piece.n;
+                let pool = &mut scratch.one;
+                if piece.from + piece.n == seq.substeps {
+                    pool.pilot_seed(self, &view, (pilot, piece.t), width, &mut buffer);
+                }
+                pool.undo(self, &view, (seq, *piece), steps);
+                if piece.from == 0 {
+                    pool.pilot_back(self, &view, (pilot, piece.t), (width, seq.width), &mut buffer);
+                }
+            }
+        }
+        for w in 0..view.n_worlds {
+            let pack = w / <N::Cell as Cell>::LANES;
+            if view.quarantine[w].is_none() && !lost.get(pack).is_some_and(|lost| *lost) {
+                view.steps[w] += (seq.times * seq.substeps) as u64;
+            }
+        }
+    }
+
+    /// One piece forwards, commanded by a pilot; `kept` where it is to be undone.
+    fn pilot_forwards(
+        &self,
+        view: &View<N>,
+        scratch: &mut Scratch<N>,
+        (seq, piece): (&Sequence<N>, Piece),
+        (pilot, width, kept): (&dyn Pilot<N>, usize, bool),
+        buffer: &mut Vec<N::Cell>,
+    ) {
+        let command = place::COMMAND as usize..place::COMMAND as usize + seq.width;
+        let (pool, zero) = (&mut scratch.one, <N::Cell as Cell>::splat(N::zero()));
+        if piece.from == 0 {
+            for (pack, undo) in pool.packs[..pool.used].iter_mut().zip(&mut pool.undo) {
+                buffer.clear();
+                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
+                buffer.resize(width + seq.width, zero);
+                let (state, to) = buffer.split_at_mut(width);
+                pilot.command(Place::of(pack, view, piece.t), state, to);
+                pack.file[command.clone()].copy_from_slice(to);
+                undo.commands.resize(seq.times * seq.width, zero);
+                undo.commands[piece.t * seq.width..(piece.t + 1) * seq.width].copy_from_slice(to);
+            }
+        }
+        self.forwards(view, scratch, (seq, piece), kept);
+        if kept && piece.from + piece.n == seq.substeps {
+            let pool = &scratch.one;
+            for pack in &pool.packs[..pool.used] {
+                buffer.clear();
+                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
+                pilot.look(Place::of(pack, view, piece.t), buffer);
+            }
+        }
+    }
+}
+
+impl Place {
+    fn of<C: Interpret>(pack: &Pack<C>, view: &View<C::Number>, t: usize) -> Self {
+        Self { first_world: view.first + pack.rows[0] as usize, n_worlds: pack.n, t }
+    }
+}
+
+impl<C: Interpret> Pool<C> {
+    /// Adds what the loss gains by the states after command `t`.
+    fn pilot_seed(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        (pilot, t): (&dyn Pilot<C::Number>, usize),
+        width: usize,
+        buffer: &mut Vec<C>,
+    ) where
+        C::Number: Number<Cell = C>,
+    {
+        for (undo, _, back) in self.undone(shared) {
+            let pack = &mut undo.pack;
+            let first = back.layout.by(place::STATE) as usize;
+            buffer.clear();
+            buffer.extend(state_cells(&pack.file, first, width));
+            pilot.seed(Place::of(pack, view, t), buffer);
+            pack.file[first..first + width - 1].copy_from_slice(&buffer[..width - 1]);
+            pack.file[first + place::THRUST as usize] = buffer[width - 1];
+        }
+    }
+
+    /// Lets the pilot take what the loss gains by command `t` to what it gains by the state for which it was given.
+    fn pilot_back(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        (pilot, t): (&dyn Pilot<C::Number>, usize),
+        (width, command): (usize, usize),
+        buffer: &mut Vec<C>,
+    ) where
+        C::Number: Number<Cell = C>,
+    {
+        for (undo, _, back) in self.undone(shared) {
+            let pack = &mut undo.pack;
+            let (first, commands) =
+                (back.layout.by(place::STATE) as usize, back.layout.by(place::COMMAND) as usize);
+            buffer.clear();
+            buffer.extend(state_cells(&pack.file, first, width));
+            buffer.extend_from_slice(&pack.file[commands..commands + command]);
+            let (state, by_command) = buffer.split_at_mut(width);
+            pilot.pull_back(Place::of(pack, view, t), by_command, state);
+            pack.file[first..first + width - 1].copy_from_slice(&state[..width - 1]);
+            pack.file[first + place::THRUST as usize] = state[width - 1];
+            pack.clear(commands..commands + command);
+        }
     }
 }

@@ -176,14 +176,7 @@ impl<N: Number> Sim<N> {
     /// # Errors
     /// Those of [`Sim::rollout`]; [`RolloutError::Gradient`] for a simulation with stages of the user's, whose slopes are unknown.
     pub fn record(&mut self, commands: &[N], substeps: usize) -> Result<Tape<N>, RolloutError> {
-        if !self.pipeline.is_plain() {
-            let names: Vec<&str> = self.pipeline.user_names();
-            return Err(RolloutError::Gradient {
-                what: format!("steps with stages written as code ({})", names.join(", ")),
-                remedy: "take them out of the pipeline, or write them as effects (expressions have slopes)"
-                    .into(),
-            });
-        }
+        self.check_slopes()?;
         let times = self.times_of(commands, substeps)?;
         self.check_data()?;
         self.mend_attitudes();
@@ -204,6 +197,19 @@ impl<N: Number> Sim<N> {
             states,
             faults,
         })
+    }
+
+    /// Refuses steps whose slopes are unknown.
+    pub(super) fn check_slopes(&self) -> Result<(), RolloutError> {
+        if !self.pipeline.is_plain() {
+            let names: Vec<&str> = self.pipeline.user_names();
+            return Err(RolloutError::Gradient {
+                what: format!("steps with stages written as code ({})", names.join(", ")),
+                remedy: "take them out of the pipeline, or write them as effects (expressions have slopes)"
+                    .into(),
+            });
+        }
+        Ok(())
     }
 
     /// Number of commands in a sequence for all drones.

@@ -1,0 +1,98 @@
+//! A network of dense layers with tanh behind each, in lanes.
+
+use propwash_rollout::random::Stream;
+use propwash_trace::dense::{Dense, sum, undo_tanh};
+use propwash_trace::lanes::{Cell, F32x16};
+
+/// Layers and their weights. Behind every layer, the last too, stands a tanh.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    layers: Vec<Dense>,
+    weights: Vec<f32>,
+}
+
+impl Network {
+    /// A network of these widths, from the observation to the action. Weights are normal with variance 1 / inputs (LeCun, "Efficient
+    /// BackProp", 1998), those of the last layer a tenth of that size, so that it begins with small actions; biases are zero.
+    pub fn new(widths: &[usize], random: &mut Stream) -> Self {
+        let layers: Vec<Dense> =
+            widths.windows(2).map(|pair| Dense { inputs: pair[0], outputs: pair[1] }).collect();
+        let mut weights = Vec::new();
+        for (k, layer) in layers.iter().enumerate() {
+            let size = if k + 1 == layers.len() { 0.1 } else { 1.0 } / (layer.inputs as f64).sqrt();
+            weights.extend((0..layer.inputs * layer.outputs).map(|_| (size * random.normal()) as f32));
+            weights.extend(std::iter::repeat_n(0.0, layer.outputs));
+        }
+        Self { layers, weights }
+    }
+
+    /// Widths from the observation to the action.
+    pub fn widths(&self) -> Vec<usize> {
+        let first = self.layers.first().map(|layer| layer.inputs);
+        first.into_iter().chain(self.layers.iter().map(|layer| layer.outputs)).collect()
+    }
+
+    /// All weights: of each layer (output, input), row by row, and then its biases.
+    pub fn weights(&self) -> &[f32] {
+        &self.weights
+    }
+
+    /// The same to be changed.
+    pub fn weights_mut(&mut self) -> &mut [f32] {
+        &mut self.weights
+    }
+
+    /// Cells that one evaluation keeps: the input and what stands behind every layer.
+    pub(crate) fn kept(&self) -> usize {
+        self.widths().iter().sum()
+    }
+
+    /// Evaluates it. `kept` begins with the input; behind it every layer writes its output, the last of which is the action.
+    pub(crate) fn forward(&self, kept: &mut [F32x16]) {
+        let (mut weights, mut at) = (&self.weights[..], 0);
+        for layer in &self.layers {
+            let (own, rest) = weights.split_at(layer.len());
+            weights = rest;
+            let (x, y) = kept[at..].split_at_mut(layer.inputs);
+            layer.forward(own, x, &mut y[..layer.outputs], true);
+            at += layer.inputs;
+        }
+    }
+
+    /// Takes what a loss gains by the action (the first cells of `gains`, which it uses up) to what it gains by the input, which is left there, and by
+    /// weights, which is added.
+    pub(crate) fn backward(&self, kept: &[F32x16], gains: &mut Vec<F32x16>, by_weights: &mut [F32x16]) {
+        let zero = F32x16::splat(0.0);
+        let (mut end, mut to) = (self.weights.len(), kept.len());
+        let mut by_x = Vec::new();
+        for layer in self.layers.iter().rev() {
+            let from = end - layer.len();
+            let y = &kept[to - layer.outputs..to];
+            undo_tanh(y, &mut gains[..layer.outputs]);
+            let x_end = to - layer.outputs;
+            let x = &kept[x_end - layer.inputs..x_end];
+            by_x.clear();
+            by_x.resize(layer.inputs, zero);
+            let own = &self.weights[from..end];
+            layer.backward(own, x, &gains[..layer.outputs], &mut by_x, &mut by_weights[from..end]);
+            std::mem::swap(gains, &mut by_x);
+            (end, to) = (from, x_end);
+        }
+    }
+
+    /// Evaluates it for one observation.
+    pub fn act(&self, observation: &[f32]) -> Vec<f32> {
+        let mut kept = vec![F32x16::splat(0.0); self.kept()];
+        for (cell, v) in kept.iter_mut().zip(observation) {
+            *cell = F32x16::splat(*v);
+        }
+        self.forward(&mut kept);
+        let outputs = self.layers.last().map_or(0, |layer| layer.outputs);
+        kept[kept.len() - outputs..].iter().map(|cell| cell.get(0)).collect()
+    }
+
+    /// Sums over lanes.
+    pub(crate) fn gathered(by_weights: &[F32x16]) -> impl Iterator<Item = f32> + '_ {
+        by_weights.iter().map(sum)
+    }
+}

@@ -1,0 +1,252 @@
+//! Dense layers of a network in lanes: one block of lanes for each number, every weight the same in all lanes.
+//!
+//! y = W x + b, forwards and backwards (Goodfellow, Bengio, Courville, "Deep learning", 2016, ch. 6.5). Gains by weights are summed lane by
+//! lane and only added up over lanes at the end, so that no step needs a sum across lanes.
+
+use fearless_simd::{Simd, dispatch, f32x16};
+
+use super::lanes::{Arith, F32x16, level};
+
+/// Outputs that are summed side by side: as many sums as the processor works on at once.
+const AT_ONCE: usize = 8;
+
+/// One dense layer: weights (output, input), row by row, and behind them one bias for each output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dense {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Number of outputs.
+    pub outputs: usize,
+}
+
+impl Dense {
+    /// Numbers of weights and biases.
+    pub fn len(self) -> usize {
+        self.outputs * (self.inputs + 1)
+    }
+
+    /// Whether it has none.
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// y = W x + b, each number through tanh where `tanh` is true.
+    ///
+    /// # Panics
+    /// Where lists are shorter than the layer.
+    pub fn forward(self, weights: &[f32], x: &[F32x16], y: &mut [F32x16], tanh: bool) {
+        dispatch!(level(), simd => forward_at(simd, self, weights, x, y, tanh));
+    }
+
+    /// From `by_y`, what a loss gains by the outputs (of W x + b, before any tanh), to what it gains by the inputs, which is written to `by_x`, and
+    /// by weights, which is added to `by_weights`.
+    ///
+    /// # Panics
+    /// Where lists are shorter than the layer.
+    pub fn backward(
+        self,
+        weights: &[f32],
+        x: &[F32x16],
+        by_y: &[F32x16],
+        by_x: &mut [F32x16],
+        by_weights: &mut [F32x16],
+    ) {
+        dispatch!(level(), simd => backward_at(simd, self, weights, (x, by_y), by_x, by_weights));
+    }
+}
+
+/// What a loss gains by the numbers before a tanh, from what it gains by those after it, `y`: in place.
+pub fn undo_tanh(y: &[F32x16], gains: &mut [F32x16]) {
+    #[inline(always)]
+    fn at<S: Simd>(simd: S, y: &[F32x16], gains: &mut [F32x16]) {
+        simd.vectorize(
+            #[inline(always)]
+            || undo::<f32x16<S>>(simd, y, gains),
+        );
+    }
+    dispatch!(level(), simd => at(simd, y, gains));
+}
+
+/// Sum over lanes.
+pub fn sum(cell: &F32x16) -> f32 {
+    // By halves, so that no sum waits for the one before.
+    let mut v = cell.0;
+    for half in [8, 4, 2, 1] {
+        for i in 0..half {
+            v[i] += v[i + half];
+        }
+    }
+    v[0]
+}
+
+#[inline(always)]
+fn forward_at<S: Simd>(simd: S, layer: Dense, weights: &[f32], x: &[F32x16], y: &mut [F32x16], tanh: bool) {
+    simd.vectorize(
+        #[inline(always)]
+        || forward::<f32x16<S>>(simd, layer, weights, x, y, tanh),
+    );
+}
+
+#[inline(always)]
+fn backward_at<S: Simd>(
+    simd: S,
+    layer: Dense,
+    weights: &[f32],
+    given: (&[F32x16], &[F32x16]),
+    by_x: &mut [F32x16],
+    by_weights: &mut [F32x16],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || backward::<f32x16<S>>(simd, layer, weights, given, by_x, by_weights),
+    );
+}
+
+#[inline(always)]
+fn tanh_of<A: Arith>(t: A::Token, v: A) -> A {
+    let (one, two) = (A::lit(t, 1.0), A::lit(t, 2.0));
+    // Beyond ±9 it differs from ±1 by less than rounding.
+    let held = v.max(A::lit(t, -9.0)).min(A::lit(t, 9.0));
+    one - two / ((two * held).exp() + one)
+}
+
+#[inline(always)]
+fn forward<A: Arith<Cell = F32x16>>(
+    t: A::Token,
+    layer: Dense,
+    weights: &[f32],
+    x: &[F32x16],
+    y: &mut [F32x16],
+    tanh: bool,
+) {
+    let (n, m) = (layer.inputs, layer.outputs);
+    let (rows, biases) = weights[..layer.len()].split_at(n * m);
+    let x = &x[..n];
+    let mut j = 0;
+    while j < m {
+        let k = if j + AT_ONCE <= m { AT_ONCE } else { 1 };
+        let mut sums = [A::lit(t, 0.0); AT_ONCE];
+        for s in 0..k {
+            sums[s] = A::every(t, biases[j + s]);
+        }
+        if k == AT_ONCE {
+            let rows = &rows[j * n..(j + AT_ONCE) * n];
+            for i in 0..n {
+                let v = A::load(t, &x[i]);
+                for s in 0..AT_ONCE {
+                    sums[s] = A::every(t, rows[s * n + i]).mul_add(v, sums[s]);
+                }
+            }
+        } else {
+            for i in 0..n {
+                sums[0] = A::every(t, rows[j * n + i]).mul_add(A::load(t, &x[i]), sums[0]);
+            }
+        }
+        for s in 0..k {
+            let v = if tanh { tanh_of(t, sums[s]) } else { sums[s] };
+            v.store(&mut y[j + s]);
+        }
+        j += k;
+    }
+}
+
+#[inline(always)]
+fn backward<A: Arith<Cell = F32x16>>(
+    t: A::Token,
+    layer: Dense,
+    weights: &[f32],
+    (x, by_y): (&[F32x16], &[F32x16]),
+    by_x: &mut [F32x16],
+    by_weights: &mut [F32x16],
+) {
+    let (n, m) = (layer.inputs, layer.outputs);
+    let rows = &weights[..n * m];
+    let (x, by_x) = (&x[..n], &mut by_x[..n]);
+    let (by_rows, by_biases) = by_weights[..layer.len()].split_at_mut(n * m);
+    for i in 0..n {
+        A::lit(t, 0.0).store(&mut by_x[i]);
+    }
+    let mut j = 0;
+    while j < m {
+        let k = if j + 4 <= m { 4 } else { 1 };
+        let mut gains = [A::lit(t, 0.0); 4];
+        for s in 0..k {
+            gains[s] = A::load(t, &by_y[j + s]);
+            (A::load(t, &by_biases[j + s]) + gains[s]).store(&mut by_biases[j + s]);
+        }
+        let rows = &rows[j * n..(j + k) * n];
+        let by_rows = &mut by_rows[j * n..(j + k) * n];
+        for i in 0..n {
+            let v = A::load(t, &x[i]);
+            let mut sum = A::load(t, &by_x[i]);
+            for s in 0..k {
+                let at = s * n + i;
+                gains[s].mul_add(v, A::load(t, &by_rows[at])).store(&mut by_rows[at]);
+                sum = A::every(t, rows[at]).mul_add(gains[s], sum);
+            }
+            sum.store(&mut by_x[i]);
+        }
+        j += k;
+    }
+}
+
+#[inline(always)]
+fn undo<A: Arith<Cell = F32x16>>(t: A::Token, y: &[F32x16], gains: &mut [F32x16]) {
+    let one = A::lit(t, 1.0);
+    for i in 0..gains.len() {
+        let v = A::load(t, &y[i]);
+        (A::load(t, &gains[i]) * v.mul_from(v, one)).store(&mut gains[i]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::Cell;
+
+    fn wave(k: usize) -> f32 {
+        ((k as f32 + 1.0) * 12.9898).sin()
+    }
+
+    #[test]
+    fn layers_are_sums_of_products_and_backwards_their_slopes() {
+        for (inputs, outputs) in [(1, 1), (5, 3), (13, 8), (43, 64), (64, 4), (7, 21)] {
+            let layer = Dense { inputs, outputs };
+            let weights: Vec<f32> = (0..layer.len()).map(|k| 0.3 * wave(k)).collect();
+            let cell = |from: usize| {
+                let mut cell = F32x16::splat(0.0);
+                cell.fill(0, |lane| wave(7 * from + 31 * lane));
+                cell
+            };
+            let x: Vec<F32x16> = (0..inputs).map(cell).collect();
+            let by_y: Vec<F32x16> = (0..outputs).map(|j| cell(j + 1000)).collect();
+            let mut y = vec![F32x16::splat(0.0); outputs];
+            layer.forward(&weights, &x, &mut y, false);
+            let mut bent = y.clone();
+            layer.forward(&weights, &x, &mut bent, true);
+            let (mut by_x, mut by_weights) = (vec![cell(3); inputs], vec![F32x16::splat(1.0); layer.len()]);
+            layer.backward(&weights, &x, &by_y, &mut by_x, &mut by_weights);
+            let mut undone = by_y.clone();
+            undo_tanh(&bent, &mut undone);
+            for lane in 0..F32x16::LANES {
+                let close = |a: f32, b: f32| assert!((a - b).abs() < 2e-5, "{inputs} {outputs}: {a} {b}");
+                for j in 0..outputs {
+                    let products = (0..inputs).map(|i| weights[j * inputs + i] * x[i].get(lane));
+                    let wanted = weights[inputs * outputs + j] + products.sum::<f32>();
+                    close(y[j].get(lane), wanted);
+                    close(bent[j].get(lane), wanted.tanh());
+                    let slope = 1.0 - wanted.tanh().powi(2);
+                    close(undone[j].get(lane), by_y[j].get(lane) * slope);
+                    close(by_weights[inputs * outputs + j].get(lane), 1.0 + by_y[j].get(lane));
+                    for i in 0..inputs {
+                        close(by_weights[j * inputs + i].get(lane), 1.0 + by_y[j].get(lane) * x[i].get(lane));
+                    }
+                }
+                for i in 0..inputs {
+                    let products = (0..outputs).map(|j| weights[j * inputs + i] * by_y[j].get(lane));
+                    close(by_x[i].get(lane), products.sum::<f32>());
+                }
+            }
+        }
+    }
+}
