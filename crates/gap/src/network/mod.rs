@@ -141,11 +141,10 @@ pub(crate) fn add(
         fitted.calibrated = calibrated;
     }
     let change = pair(held_out.without, held_out.with, &held_out.unit);
+    let (acts_on, reads) = (names(&network.acts_on), network.reads.join(", "));
     let words = format!(
-        "{}, by a network of {} weights that reads {}; {} on {}: {change}{beside}",
-        names(&network.acts_on),
+        "{acts_on}, by a network of {} weights that reads {reads}; {} on {}: {change}{beside}",
         network.n_weights,
-        network.reads.join(", "),
         held_out.channel,
         judge.title(),
     );

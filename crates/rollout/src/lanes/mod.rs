@@ -37,6 +37,9 @@ pub(super) const SERIAL_LIMIT: usize = 10_000;
 /// What it costs to bring the numbers of a drone into lanes and back, once per call, in steps (about 35 ns against 6 ns a step).
 const STEPS_OF_A_CALL: usize = 6;
 
+/// Steps of which several blocks of lanes can keep all that they changed, about 35 numbers each, within the cache.
+const FEW_STEPS: usize = 20;
+
 /// Blocks of lanes that are loaded, flown and stored together.
 const BLOCKS_AT_ONCE: usize = 4;
 
@@ -206,30 +209,9 @@ impl<N: Number> Lanes<N> {
             self.scratch.push(Mutex::default());
         }
         let n_effects = self.place_effects(nominal, 1.0 / f64::from(options.sim_hz));
-        let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
-        let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
-        let narrow = compiled || matches!(ask, Ask::Pilot(..));
-        let lanes = if narrow { N::Cell::LANES } else { N::Four::LANES };
-        let work = work(data.n_worlds * nominal.len(), options.n_steps);
-        let parallel = threads > 1 && work >= SERIAL_LIMIT;
-        let near = self.kinds.iter().any(|k| k.neighbours > 0);
-        // Several blocks share what a leaf of the recursion costs, as long as every thread has enough of them.
-        let blocks = (data.n_worlds * most).div_ceil(lanes) / if parallel { 4 * threads } else { 1 };
-        let at_once = if near { 1 } else { blocks.clamp(1, BLOCKS_AT_ONCE) };
-        // What is kept of steps that are undone fills the cache that several blocks would share.
-        let at_once = if matches!(ask, Ask::Sweep(..) | Ask::Pilot(..)) { 1 } else { at_once };
-        let worlds_at_once = (lanes * at_once).div_ceil(most).max(1);
+        let (worlds_at_once, parallel) = self.worlds_at_once(ask, data.n_worlds, options.n_steps, threads);
         let sizes = (data.command_width, &data.memory_columns[..]);
-        let job = match ask {
-            Ask::Steps => Job::Steps,
-            Ask::Record(commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
-            Ask::Pilot(commands, pilot, _) => {
-                Job::Pilot(Sequence::new(commands, sizes, (near, true)), *pilot)
-            }
-            Ask::Sweep(commands, seeds, _) => {
-                Job::Sweep(Sequence::new(commands, sizes, (near, false)), seeds)
-            }
-        };
+        let job = job(ask, sizes, self.kinds.iter().any(|k| k.neighbours > 0));
         let shared = Shared {
             options: *options,
             kinds: &self.kinds,
@@ -276,6 +258,24 @@ impl<N: Number> Lanes<N> {
             extra,
         };
         shared.spread(view);
+    }
+
+    /// How many worlds one leaf of the recursion takes, and whether threads share the work.
+    fn worlds_at_once(&self, ask: &Ask<N>, n_worlds: usize, n_steps: usize, threads: usize) -> (usize, bool) {
+        let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
+        let n_drones: usize = self.kinds.iter().map(|k| k.slots.len()).sum();
+        let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
+        let narrow = compiled || matches!(ask, Ask::Pilot(..));
+        let lanes = if narrow { N::Cell::LANES } else { N::Four::LANES };
+        let parallel = threads > 1 && work(n_worlds * n_drones, n_steps) >= SERIAL_LIMIT;
+        let near = self.kinds.iter().any(|k| k.neighbours > 0);
+        // Several blocks share what a leaf of the recursion costs, as long as every thread has enough of them.
+        let blocks = (n_worlds * most).div_ceil(lanes) / if parallel { 4 * threads } else { 1 };
+        // What is kept of many steps that are undone fills the cache that several blocks would share.
+        let undone = matches!(ask, Ask::Sweep(..) | Ask::Pilot(..));
+        let alone = near || undone && n_steps > FEW_STEPS;
+        let at_once = if alone { 1 } else { blocks.clamp(1, BLOCKS_AT_ONCE) };
+        ((lanes * at_once).div_ceil(most).max(1), parallel)
     }
 
     /// Places the memory of the effects of every slot within that of a world; returns its length.
@@ -364,6 +364,18 @@ impl<N: Number> Lanes<N> {
             kind.collect(&self.arrays);
         }
         changed.clear();
+    }
+}
+
+/// What each part of the worlds is to do; `sizes` are those of [`Sequence::new`], `near`: whether drones feel each other.
+fn job<'a, N: Number>(ask: &Ask<'a, N>, sizes: (usize, &[usize]), near: bool) -> Job<'a, N> {
+    match *ask {
+        Ask::Steps => Job::Steps,
+        Ask::Record(ref commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
+        Ask::Pilot(ref commands, pilot, _) => Job::Pilot(Sequence::new(commands, sizes, (near, true)), pilot),
+        Ask::Sweep(ref commands, seeds, _) => {
+            Job::Sweep(Sequence::new(commands, sizes, (near, false)), seeds)
+        }
     }
 }
 

@@ -4,16 +4,18 @@
 //! a few worlds again, keeps what the steps of a group changed, and undoes them, group by group from the last. Groups are √(number of steps)
 //! long, so that what a thread keeps grows with the root of the flight's length (Griewank & Walther, Evaluating Derivatives, 2008, ch. 12).
 
+mod piloted;
+
 use super::arrays::View;
 use super::pack::{Kept, Pack, Pool, Span};
 use super::plan::{Back, Kind};
 use super::{Commands, Scratch, Shared};
-use crate::pilot::{Pilot, Place};
+use crate::pilot::Pilot;
 use crate::traced::place;
 use fearless_simd::Level;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
-use propwash_trace::lanes::{Cell, Number};
+use propwash_trace::lanes::Number;
 use std::ops::Range;
 
 /// Flights of up to this many steps are one group: what is kept of them fits into cache.
@@ -265,11 +267,14 @@ impl<C: Interpret> Pool<C> {
         }
     }
 
-    /// Keeps the homes, or puts back those that were kept as number `group`.
-    fn mark(&mut self, back_to: Option<usize>) {
+    /// Keeps the homes, or puts back those that were kept as number `group`, where there are several `groups`; nothing is kept of steps any
+    /// more.
+    fn mark(&mut self, groups: usize, back_to: Option<usize>) {
         for (pack, undo) in self.packs[..self.used].iter_mut().zip(&mut self.undo) {
             let n = pack.n_home;
             match back_to {
+                // The only group is flown from where it begins.
+                _ if groups == 1 => {}
                 None => undo.marks.extend_from_slice(&pack.file[..n]),
                 Some(group) => pack.file[..n].copy_from_slice(&undo.marks[group * n..(group + 1) * n]),
             }
@@ -462,10 +467,10 @@ impl<N: Number> Scratch<N> {
         self.four.command(shared, first_row, seq.commands, laid);
     }
 
-    fn mark(&mut self, back_to: Option<usize>) {
-        self.one.mark(back_to);
-        self.two.mark(back_to);
-        self.four.mark(back_to);
+    fn mark(&mut self, groups: usize, back_to: Option<usize>) {
+        self.one.mark(groups, back_to);
+        self.two.mark(groups, back_to);
+        self.four.mark(groups, back_to);
     }
 
     /// Hands what drones gain by what they felt of others on to these.
@@ -579,7 +584,7 @@ impl<N: Number> Shared<'_, N> {
         let drones = view.n_drones;
         let width = view.extra[gain::STATE].1 / drones;
         for (number, group) in seq.groups.iter().enumerate() {
-            scratch.mark(None);
+            scratch.mark(seq.groups.len(), None);
             if number + 1 < seq.groups.len() {
                 for piece in &seq.pieces[group.clone()] {
                     self.forwards(&view, scratch, (seq, *piece), false);
@@ -587,7 +592,7 @@ impl<N: Number> Shared<'_, N> {
             }
         }
         for (number, group) in seq.groups.iter().enumerate().rev() {
-            scratch.mark(Some(number));
+            scratch.mark(seq.groups.len(), Some(number));
             let mut steps = 0;
             for piece in &seq.pieces[group.clone()] {
                 self.forwards(&view, scratch, (seq, *piece), true);
@@ -610,161 +615,5 @@ impl<N: Number> Shared<'_, N> {
             }
         }
         pools!(scratch, give_start(self, &mut view, seq));
-    }
-}
-
-/// Numbers of a state, one cell each, from the cells of a home that begin with them.
-fn state_cells<C: Copy>(file: &[C], from: usize, width: usize) -> impl Iterator<Item = C> + '_ {
-    file[from..from + width - 1].iter().chain([&file[from + place::THRUST as usize]]).copied()
-}
-
-impl<N: Number> Shared<'_, N> {
-    /// A flight that a pilot commands, and the same backwards. Where numbers stop being numbers nothing is written back.
-    pub(super) fn piloted(
-        &self,
-        mut view: View<N>,
-        scratch: &mut Scratch<N>,
-        seq: &Sequence<N>,
-        pilot: &dyn Pilot<N>,
-    ) {
-        self.load(&view, scratch, true);
-        scratch.one.begin_undo(self);
-        let width = crate::tape::state_width(view.written[4]);
-        let mut buffer: Vec<N::Cell> = Vec::new();
-        let mut lost = vec![false; scratch.one.used];
-        for (number, group) in seq.groups.iter().enumerate() {
-            scratch.mark(None);
-            let last = number + 1 == seq.groups.len();
-            for piece in &seq.pieces[group.clone()] {
-                self.pilot_forwards(&view, scratch, (seq, *piece), (pilot, width, last), &mut buffer);
-            }
-        }
-        for (pack, lost) in scratch.one.packs.iter().zip(&mut lost) {
-            *lost = !pack.finite(self.level);
-        }
-        for (i, pack) in scratch.one.packs[..scratch.one.used].iter().enumerate() {
-            if lost[i] {
-                pilot.lost(Place::of(pack, &view, 0));
-            } else {
-                pack.store(self, &mut view);
-            }
-        }
-        for (number, group) in seq.groups.iter().enumerate().rev() {
-            let last = number + 1 == seq.groups.len();
-            if !last {
-                scratch.mark(Some(number));
-                for piece in &seq.pieces[group.clone()] {
-                    self.pilot_forwards(&view, scratch, (seq, *piece), (pilot, width, true), &mut buffer);
-                }
-            }
-            let mut steps: usize = seq.pieces[group.clone()].iter().map(|piece| piece.n).sum();
-            for piece in seq.pieces[group.clone()].iter().rev() {
-                steps -= piece.n;
-                let pool = &mut scratch.one;
-                if piece.from + piece.n == seq.substeps {
-                    pool.pilot_seed(self, &view, (pilot, piece.t), width, &mut buffer);
-                }
-                pool.undo(self, &view, (seq, *piece), steps);
-                if piece.from == 0 {
-                    pool.pilot_back(self, &view, (pilot, piece.t), (width, seq.width), &mut buffer);
-                }
-            }
-        }
-        for w in 0..view.n_worlds {
-            let pack = w / <N::Cell as Cell>::LANES;
-            if view.quarantine[w].is_none() && !lost.get(pack).is_some_and(|lost| *lost) {
-                view.steps[w] += (seq.times * seq.substeps) as u64;
-            }
-        }
-    }
-
-    /// One piece forwards, commanded by a pilot; `kept` where it is to be undone.
-    fn pilot_forwards(
-        &self,
-        view: &View<N>,
-        scratch: &mut Scratch<N>,
-        (seq, piece): (&Sequence<N>, Piece),
-        (pilot, width, kept): (&dyn Pilot<N>, usize, bool),
-        buffer: &mut Vec<N::Cell>,
-    ) {
-        let command = place::COMMAND as usize..place::COMMAND as usize + seq.width;
-        let (pool, zero) = (&mut scratch.one, <N::Cell as Cell>::splat(N::zero()));
-        if piece.from == 0 {
-            for (pack, undo) in pool.packs[..pool.used].iter_mut().zip(&mut pool.undo) {
-                buffer.clear();
-                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
-                buffer.resize(width + seq.width, zero);
-                let (state, to) = buffer.split_at_mut(width);
-                pilot.command(Place::of(pack, view, piece.t), state, to);
-                pack.file[command.clone()].copy_from_slice(to);
-                undo.commands.resize(seq.times * seq.width, zero);
-                undo.commands[piece.t * seq.width..(piece.t + 1) * seq.width].copy_from_slice(to);
-            }
-        }
-        self.forwards(view, scratch, (seq, piece), kept);
-        if kept && piece.from + piece.n == seq.substeps {
-            let pool = &scratch.one;
-            for pack in &pool.packs[..pool.used] {
-                buffer.clear();
-                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
-                pilot.look(Place::of(pack, view, piece.t), buffer);
-            }
-        }
-    }
-}
-
-impl Place {
-    fn of<C: Interpret>(pack: &Pack<C>, view: &View<C::Number>, t: usize) -> Self {
-        Self { first_world: view.first + pack.rows[0] as usize, n_worlds: pack.n, t }
-    }
-}
-
-impl<C: Interpret> Pool<C> {
-    /// Adds what the loss gains by the states after command `t`.
-    fn pilot_seed(
-        &mut self,
-        shared: &Shared<C::Number>,
-        view: &View<C::Number>,
-        (pilot, t): (&dyn Pilot<C::Number>, usize),
-        width: usize,
-        buffer: &mut Vec<C>,
-    ) where
-        C::Number: Number<Cell = C>,
-    {
-        for (undo, _, back) in self.undone(shared) {
-            let pack = &mut undo.pack;
-            let first = back.layout.by(place::STATE) as usize;
-            buffer.clear();
-            buffer.extend(state_cells(&pack.file, first, width));
-            pilot.seed(Place::of(pack, view, t), buffer);
-            pack.file[first..first + width - 1].copy_from_slice(&buffer[..width - 1]);
-            pack.file[first + place::THRUST as usize] = buffer[width - 1];
-        }
-    }
-
-    /// Lets the pilot take what the loss gains by command `t` to what it gains by the state for which it was given.
-    fn pilot_back(
-        &mut self,
-        shared: &Shared<C::Number>,
-        view: &View<C::Number>,
-        (pilot, t): (&dyn Pilot<C::Number>, usize),
-        (width, command): (usize, usize),
-        buffer: &mut Vec<C>,
-    ) where
-        C::Number: Number<Cell = C>,
-    {
-        for (undo, _, back) in self.undone(shared) {
-            let pack = &mut undo.pack;
-            let (first, commands) =
-                (back.layout.by(place::STATE) as usize, back.layout.by(place::COMMAND) as usize);
-            buffer.clear();
-            buffer.extend(state_cells(&pack.file, first, width));
-            buffer.extend_from_slice(&pack.file[commands..commands + command]);
-            let (state, by_command) = buffer.split_at_mut(width);
-            pilot.pull_back(Place::of(pack, view, t), by_command, state);
-            pack.file[first..first + width - 1].copy_from_slice(&state[..width - 1]);
-            pack.file[first + place::THRUST as usize] = state[width - 1];
-            pack.clear(commands..commands + command);
-        }
     }
 }
