@@ -73,6 +73,7 @@ from .jobs import (  # noqa: E402
 from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved  # noqa: E402
 from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
 from .recorder import Recorder  # noqa: E402
+from .references import MinimumSnap  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
@@ -121,6 +122,7 @@ __all__ = [
     "LogReport",
     "Manoeuvre",
     "ManoeuvreFlight",
+    "MinimumSnap",
     "Moment",
     "Motors",
     "Obstacle",

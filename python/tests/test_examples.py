@@ -14,13 +14,25 @@ from conftest import ROOT
 import propwash
 import propwash.envs
 
-TESTED = {"learn_by_gradients.py", "own_dataset.py", "own_task.py", "raptor.py", "ray_dataset.py", "train_forest.py", "train_reach.py", "train_sb3.py"}
+TESTED = {
+    "learn_by_gradients.py",
+    "lqr.py",
+    "mppi.py",
+    "own_dataset.py",
+    "own_task.py",
+    "raptor.py",
+    "ray_dataset.py",
+    "swarm_exchange.py",
+    "train_forest.py",
+    "train_reach.py",
+    "train_sb3.py",
+}
 
 
-def run(name, *args):
+def run(name, *args, cwd=ROOT):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     command = [sys.executable, str(ROOT / "examples" / name), *map(str, args)]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=ROOT)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=cwd)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -70,6 +82,22 @@ def test_policies_are_learnt_by_gradients(tmp_path):
     eight, fast, caught = map(float, row.groups())
     assert eight < 8.7 and fast < 166.0 and caught >= 95.0, said
     assert propwash.Policy.load(tmp_path / "learn_1.npz").trained["environment"] == "Propwash/Trajectory-v0"
+
+
+def test_gains_of_the_slopes_hold_a_hover(tmp_path):
+    pytest.importorskip("scipy")
+    said = run("lqr.py", "--worlds", 64, cwd=tmp_path)
+    assert "64 of 64 hover within 2 cm" in said, said
+
+
+def test_samples_find_a_way_between_poles(tmp_path):
+    said = run("mppi.py", "--flights", 2, "--samples", 256, cwd=tmp_path)
+    assert "2 of 2 flights arrive, 0 touch a pole" in said, said
+
+
+def test_drones_exchange_places_without_touching(tmp_path):
+    said = run("swarm_exchange.py", "--drones", 32, cwd=tmp_path)
+    assert "0 of 32 touch another" in said, said
 
 
 def test_reaching_is_learnt(tmp_path):
