@@ -62,6 +62,8 @@ def test_wrong_input_is_refused_in_words():
         learn.bptt(learn.Track(), action="state")
     with pytest.raises(ValueError, match="rate"):
         learn.bptt(learn.Track(), rate=float("nan"))
+    with pytest.raises(ValueError, match="substeps: expected a divisor of 500"):
+        learn.bptt(learn.Track(), substeps=3)
     with pytest.raises(ValueError, match="horizon"):
         learn.bptt(learn.Track(), horizon=0)
     with pytest.raises(ValueError, match="rotor_vel"):

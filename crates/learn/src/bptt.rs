@@ -452,6 +452,16 @@ fn check(options: &Options) -> Result<(), LearnError> {
     if let Some((name, _)) = least.into_iter().find(|(_, v)| *v == 0) {
         return Err(LearnError::Option { name, expected: "at least 1".into(), got: "0".into() });
     }
+    if !(options.sim_hz as usize).is_multiple_of(options.substeps) {
+        return Err(LearnError::Option {
+            name: "substeps",
+            expected: format!(
+                "a divisor of {} steps a second, so that commands are a whole number a second",
+                options.sim_hz
+            ),
+            got: options.substeps.to_string(),
+        });
+    }
     for (name, v) in [("rate", options.rate), ("longest", options.longest)] {
         if !(v.is_finite() && v > 0.0) {
             let expected = "a finite number above 0".into();
