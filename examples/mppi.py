@@ -57,11 +57,12 @@ class Planner:
     def update(self, state: propwash.States, goals: np.ndarray) -> np.ndarray:
         """The command for now. ``goals``: where to be after each step, (HORIZON, 3)."""
         began = time.process_time()
-        data, n = self.sim.data, self.sim.n_worlds
-        for part in ("pos", "quat", "vel", "ang_vel", "rotor_vel"):
-            getattr(data, part)[...] = getattr(state, part)
-        data.thrust[...] = self.hover if not data.thrust.any() else data.thrust
-        data.controller_memory[...] = 0.0
+        n = self.sim.n_worlds
+        # The quick model has a thrust in place of rotor speeds: that of hover to begin with.
+        numbers = state.numbers.copy()
+        numbers[..., -1] = self.hover
+        self.sim.states = propwash.States(numbers)
+        self.sim.data.controller_memory[...] = 0.0
         noise = self.draws.standard_normal((n, HORIZON, 4), dtype=np.float32)
         # Noise that lasts moves farther than noise that changes with every step.
         for t in range(1, HORIZON):
@@ -105,10 +106,8 @@ def fly(seed: int, samples: int) -> dict:
         now = updates * UPDATE_S
         along = np.clip(SPEED_M_S * (now + STEP_S * np.arange(1, HORIZON + 1)), 0, 6.0)
         goals = start + along[:, None] * np.array([1.0, 0.0, 0.0])
-        data = sim.data
-        state = propwash.States(np.concatenate([data.pos, data.quat, data.vel, data.ang_vel, data.rotor_vel, data.thrust[..., None]], -1)[0])
-        command = planner.update(state, goals.astype(np.float32))
-        before = data.pos.copy(), data.quat.copy()
+        command = planner.update(propwash.States(sim.states.numbers[0]), goals.astype(np.float32))
+        before = sim.data.pos.copy(), sim.data.quat.copy()
         sim.attitude_control(command[None, None])
         sim.step(10)
         touched += int(sim.swept(*before).touched.any())

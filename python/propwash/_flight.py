@@ -33,7 +33,7 @@ class Flight:
             if wind is not None:
                 sim.data.wind[...] = wind
             if state is not None:
-                self._begin(state)
+                sim.states = States(np.asarray(state))
             tape = sim.record(commands, self.substeps)
             done = True
         finally:
@@ -49,12 +49,3 @@ class Flight:
             gain = gradient.parameters[name].sum(axis=1)
             out.append(gain if shape else np.asarray(gain.sum()))
         return out
-
-    def _begin(self, state: Any) -> None:
-        data, states = self.sim.data, States(np.asarray(state))
-        expected = (self.sim.n_worlds, self.sim.n_drones, data.rotor_vel.shape[-1] + 14)
-        if states.numbers.shape != expected:
-            raise ValueError(f"state: expected shape (n_worlds, n_drones, state_width) = {expected}, got {states.numbers.shape}")
-        for part in ("pos", "quat", "vel", "ang_vel", "rotor_vel"):
-            getattr(data, part)[...] = getattr(states, part)
-        data.thrust[...] = states.thrust

@@ -51,7 +51,7 @@ def rollout(
 
     dtype = jax.dtypes.canonicalize_dtype(np.dtype(sim.precision.replace("f", "float")))
     worlds, times, drones = inputs[0].shape[:3]
-    shape = jax.ShapeDtypeStruct((worlds, times, drones, sim.data.rotor_vel.shape[-1] + 14), dtype)
+    shape = jax.ShapeDtypeStruct((worlds, times, drones, sim.states.numbers.shape[-1]), dtype)
 
     def fly(*arrays: Any) -> Any:
         return np.asarray(flight.record(spread(arrays)).states.numbers, dtype)

@@ -454,6 +454,26 @@ class Sim:
             n_steps = _whole("n_steps", n_steps, 0, 2**62)
         self._tell_quarantine(self._native.step(n_steps, self.data))
 
+    @property
+    def states(self) -> States:
+        """Where all drones are, as one new array. (n_worlds, n_drones, …) Setting it writes the states into ``data``: those of all worlds, or of one for all, (n_drones,
+        …); what controllers and effects remember stays.
+        """
+        data = self.data
+        return States(np.concatenate([data.pos, data.quat, data.vel, data.ang_vel, data.rotor_vel, data.thrust[..., None]], -1))
+
+    @states.setter
+    def states(self, states: States) -> None:
+        data = self.data
+        width = data.rotor_vel.shape[-1] + 14
+        got = states.numbers.shape
+        if got not in ((self.n_worlds, self.n_drones, width), (self.n_drones, width)):
+            raise ValueError(
+                f"states: expected shape (n_worlds, n_drones, state_width) = ({self.n_worlds}, {self.n_drones}, {width}), or that of one world for all, got {got}"
+            )
+        for part in ("pos", "quat", "vel", "ang_vel", "rotor_vel", "thrust"):
+            getattr(data, part)[...] = getattr(states, part)
+
     def rollout(self, commands: ArrayLike, substeps: int = 1) -> States:
         """Flies a sequence of commands in one call and gives the states after each.
 

@@ -34,6 +34,19 @@ def test_a_rollout_is_steps_under_one_command_after_the_other():
     assert repr(states) == "States(numbers=<float32 (5, 4, 1, 18)>)"
 
 
+def test_states_are_read_and_written_as_one():
+    sim, _ = flight(n_worlds=3)
+    states = sim.states
+    np.testing.assert_array_equal(states.vel, sim.data.vel)
+    sim.states = pw.States(states.numbers[::-1].copy())
+    np.testing.assert_array_equal(sim.data.ang_vel, states.ang_vel[::-1])
+    sim.states = pw.States(states.numbers[1])
+    for world in range(3):
+        np.testing.assert_array_equal(sim.states.numbers[world], states.numbers[1])
+    with pytest.raises(ValueError, match="states: expected shape"):
+        sim.states = pw.States(states.numbers[:2])
+
+
 def test_gradients_are_those_of_differences_and_of_dual_numbers():
     sim, commands = flight()
     kept = sim.save()
@@ -123,7 +136,7 @@ def test_jax_takes_gradients_through_flights():
     import propwash.jax
 
     sim, commands = flight(precision="f32")
-    start = np.concatenate([sim.data.pos, sim.data.quat, sim.data.vel, sim.data.ang_vel, sim.data.rotor_vel, sim.data.thrust[..., None]], -1)
+    start = sim.states.numbers
     before = sim.data.pos.copy()
 
     def loss(commands, state, mass):
@@ -148,7 +161,7 @@ def test_torch_takes_gradients_through_flights():
     sim, commands = flight(n_worlds=2)
     sim.rollout(commands[:, :1], 5)
     before = sim.data.pos.copy()
-    start = np.concatenate([sim.data.pos, sim.data.quat, sim.data.vel, sim.data.ang_vel, sim.data.rotor_vel, sim.data.thrust[..., None]], -1)
+    start = sim.states.numbers
 
     def of(commands, state, wind, mass):
         return propwash.torch.rollout(sim, commands, state=state, wind=wind, parameters={"body.mass_kg": mass}, substeps=4)[..., :13]
