@@ -383,17 +383,11 @@ impl<N: Number> Arena<N> {
         }
         let times = self.sim.times_of(commands, substeps)?;
         let (worlds, drones) = (self.sim.data.n_worlds, self.sim.data.n_drones);
-        let (own, width) = (drones * self.sim.data.command_width, state_width(self.sim.data.n_rotors));
-        let mut states = vec![N::zero(); worlds * times * drones * width];
+        let mut states = vec![N::zero(); worlds * times * drones * state_width(self.sim.data.n_rotors)];
         for t in 0..times {
-            for (w, to) in self.sim.data.command.chunks_exact_mut(own).enumerate() {
-                to.copy_from_slice(&commands[(w * times + t) * own..][..own]);
-            }
+            self.sim.data.take_command(commands, t);
             self.step(substeps)?;
-            for row in 0..worlds * drones {
-                let to = ((row / drones * times + t) * drones + row % drones) * width;
-                self.sim.data.copy_state(row, &mut states[to..to + width]);
-            }
+            self.sim.data.give_states(&mut states, t);
         }
         Ok(states)
     }

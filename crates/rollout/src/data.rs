@@ -155,6 +155,25 @@ impl<N: Number> SimData<N> {
         }
     }
 
+    /// Takes command number `t` of each world out of a sequence, (world, time, drone, command).
+    pub fn take_command(&mut self, sequence: &[N], t: usize) {
+        let own = self.n_drones * self.command_width;
+        let times = sequence.len() / (own * self.n_worlds);
+        for (w, to) in self.command.chunks_exact_mut(own).enumerate() {
+            to.copy_from_slice(&sequence[(w * times + t) * own..][..own]);
+        }
+    }
+
+    /// Writes the states of all drones to time `t` of an array, (world, time, drone, number of a state).
+    pub fn give_states(&self, array: &mut [N], t: usize) {
+        let width = crate::tape::state_width(self.n_rotors);
+        let times = array.len() / (self.n_worlds * self.n_drones * width);
+        for row in 0..self.n_worlds * self.n_drones {
+            let (w, d) = (row / self.n_drones, row % self.n_drones);
+            self.copy_state(row, &mut array[((w * times + t) * self.n_drones + d) * width..][..width]);
+        }
+    }
+
     /// Row of (world, drone) in arrays of shape (world, drone, n).
     #[inline(always)]
     pub fn row(&self, world: usize, drone: usize) -> usize {

@@ -1,19 +1,16 @@
 //! Forward-mode derivatives of a recorded flight: how the states move when everything before moves in one direction.
 
-use super::{Partials, Tape, seeded};
+use super::{Partials, Slope, Tape, seeded};
 use crate::RolloutError;
 use crate::blocks::{Plan, Slot};
 use crate::equations::Equations;
-use propwash_physics::controllers::{ControlMode, mellinger};
+use propwash_physics::controllers::{Memory, mellinger};
 use propwash_physics::drone::Drone;
 use propwash_physics::rigid_body::State;
 use propwash_physics::surroundings::Neighbour;
 use propwash_trace::Real;
-use propwash_trace::dual::Dual;
 use propwash_trace::lanes::Number;
 use rayon::prelude::*;
-
-type Slope = Dual<f64, 1>;
 
 /// A number with how far it moves.
 fn moving(value: f64, by: f64) -> Slope {
@@ -157,7 +154,7 @@ impl<N: Number> Tape<N> {
             for (within, by) in columns.iter().zip(&direction.controller_memory[row * columns.len()..]) {
                 memory[*within].partials[0] = by.wide();
             }
-            out.memory = propwash_physics::controllers::Memory::load(|i| memory[i]);
+            out.memory = Memory::load(|i| memory[i]);
             let first = w * effect_at[self.nominal.len()] + effect_at[d];
             for (v, by) in out.effect_memory.iter_mut().zip(&direction.effect_memory[first..]) {
                 v.partials[0] = by.wide();
@@ -218,7 +215,6 @@ impl<N: Number> Tape<N> {
                 }
             }
         }
-        debug_assert!(plan.mode != ControlMode::RotorVel || command <= self.start.n_rotors);
     }
 }
 

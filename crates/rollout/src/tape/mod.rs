@@ -140,31 +140,19 @@ impl<N: Number> Sim<N> {
         let width = state_width(self.data.n_rotors);
         let (worlds, drones) = (self.data.n_worlds, self.data.n_drones);
         let mut states = vec![N::zero(); worlds * times * drones * width];
-        let own = drones * self.data.command_width;
-        let last = |w: usize| (w * times + times - 1) * own..(w * times + times) * own;
         if self.in_lanes() && self.pipeline.is_plain() {
             self.check_data()?;
             self.mend_attitudes();
             let sequence = Commands { numbers: commands, times, substeps };
             let extra = vec![(&mut states[..], times * drones * width)];
             self.run_lanes((times * substeps, Phase::Both), &Ask::Record(sequence), extra);
-            for (w, to) in self.data.command.chunks_exact_mut(own).enumerate() {
-                to.copy_from_slice(&commands[last(w)]);
-            }
+            self.data.take_command(commands, times - 1);
             return Ok(states);
         }
         for t in 0..times {
-            for w in 0..worlds {
-                let from = (w * times + t) * own;
-                self.data.command[w * own..(w + 1) * own].copy_from_slice(&commands[from..from + own]);
-            }
+            self.data.take_command(commands, t);
             self.step(substeps)?;
-            for w in 0..worlds {
-                for d in 0..drones {
-                    let to = ((w * times + t) * drones + d) * width;
-                    self.data.copy_state(w * drones + d, &mut states[to..to + width]);
-                }
-            }
+            self.data.give_states(&mut states, t);
         }
         Ok(states)
     }
