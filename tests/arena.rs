@@ -669,3 +669,51 @@ fn a_world_whose_drone_stands_nowhere_is_marked_and_the_others_are_seen() {
     arena.reset(None).unwrap();
     assert!(arena.sim().data.quarantine.iter().all(Option::is_none));
 }
+
+/// In a scene the ground is measured before every step of a sequence too: a drone that flies over the edge of a table leaves its air cushion. Such
+/// flights have no gradient, and say so; those of effects that read no ground have one.
+#[test]
+fn sequences_of_commands_measure_the_ground_before_every_step() {
+    let at = |effects: &str| {
+        let v = vehicle(effects);
+        let drone = v.drone("first_principles").unwrap();
+        let hover = drone.hover_command();
+        let options = SimOptions {
+            n_worlds: 2,
+            control: ControlMode::Attitude,
+            engine: Engine::Lanes,
+            ..SimOptions::default()
+        };
+        let sim = Sim::<f64>::storing(options, vec![(drone, v.rates)]).unwrap();
+        let mut arena = Arena::within(sim, &[scene(TABLE, &[v])], &[0, 0]).unwrap();
+        for (w, x) in [(0, -0.1), (1, -3.0)] {
+            let state = State { pos: [x, 0.0, 0.05], vel: [1.5, 0.0, 0.0], ..State::rest() };
+            arena.set_initial(w, 0, state).unwrap();
+        }
+        arena.reset(None).unwrap();
+        (arena, hover)
+    };
+    let strong = "[[effect]]\nkind = \"ground_effect\"\nstrength = 3.0\n";
+    let (mut arena, hover) = at(strong);
+    let commands: Vec<f64> = (0..2 * 5).flat_map(|k| [0.0, 0.01 * f64::from(k % 5), 0.0, hover]).collect();
+    let start = arena.save();
+    let states = arena.rollout(&commands, 20).unwrap();
+    let (end, width) = (arena.sim().data.pos.clone(), states.len() / 10);
+    arena.restore(&start).unwrap();
+    for t in 0..5 {
+        let now: Vec<f64> = (0..2).flat_map(|w| commands[4 * (5 * w + t)..][..4].to_vec()).collect();
+        arena.set_command(&now).unwrap();
+        arena.step(20).unwrap();
+        for w in 0..2 {
+            assert_eq!(states[(5 * w + t) * width..][..3], arena.sim().data.pos[3 * w..3 * w + 3], "{t} {w}");
+        }
+    }
+    assert_eq!(end, arena.sim().data.pos);
+    assert!(end[5] > end[2] + 0.001, "the table lifts the drone that stays over it: {end:?}");
+    let refused = arena.record(&commands, 20).unwrap_err().to_string();
+    assert!(refused.contains("the ground or the ceiling is measured in the scene"), "{refused}");
+    let (mut arena, _) = at("");
+    let mut tape = arena.record(&commands, 20).unwrap();
+    let seeds = vec![1.0; tape.states().len()];
+    assert!(tape.pull_back(&seeds, &[]).unwrap().commands.iter().any(|g| *g != 0.0));
+}

@@ -7,10 +7,11 @@ use propwash::physics::effects::KINDS;
 use propwash::physics::integrate::Integrator;
 use propwash::physics::rigid_body::State;
 use propwash::random::{Key, Stream, purpose};
+use propwash::rollout::pilot::{Pilot, Place};
 use propwash::rollout::randomize::{Draw, Randomization, Rule};
 use propwash::rollout::tape::{Partials, Tape};
 use propwash::rollout::{Engine, RolloutError, Sim, SimOptions};
-use propwash::scalar::lanes::Number;
+use propwash::scalar::lanes::{Cell, F32x16, Number};
 use propwash::vehicle::{BUILTIN, Vehicle};
 
 #[path = "common/effects.rs"]
@@ -471,4 +472,64 @@ fn what_has_no_gradient_is_refused_in_words() {
     assert!(gains.state[gains.state.len() / 2..].iter().any(|v| *v != 0.0));
     sim.pipeline.append("gust", Box::new(|data| data.wind[0] = 1.0)).unwrap();
     assert!(told(sim.record(&commands, 4).unwrap_err()).contains("gust"));
+}
+
+/// A pilot that commands hover and asks for nothing.
+struct Idle(f32);
+
+impl Pilot<f32> for Idle {
+    fn command(&self, _: Place, _: &[F32x16], command: &mut [F32x16]) {
+        command.fill(F32x16::splat(0.0));
+        command[3] = F32x16::splat(self.0);
+    }
+    fn look(&self, _: Place, _: &[F32x16]) {}
+    fn seed(&self, _: Place, _: &mut [F32x16]) {}
+    fn pull_back(&self, _: Place, by_command: &[F32x16], _: &mut [F32x16]) {
+        assert!(by_command.iter().all(|cell| *cell == F32x16::splat(0.0)));
+    }
+    fn lost(&self, at: Place) {
+        assert_eq!(at.first_world, 16, "only the second block is lost");
+    }
+}
+
+/// A flight under a pilot ends where the same commands end, block by block; a block that is lost stays where it was; and what it cannot fly is
+/// refused in words.
+#[test]
+fn pilots_fly_what_sequences_of_commands_fly() {
+    let vehicle = Vehicle::builtin("cf2x_L250").unwrap();
+    let drone = vehicle.drone("first_principles").unwrap();
+    let drones = vec![(drone.clone(), vehicle.rates)];
+    let options = SimOptions { n_worlds: 35, control: ControlMode::Attitude, ..SimOptions::default() };
+    let (mut sim, _) = upset::<f32>(&options, &drones, 12);
+    let hover = drone.hover_command() as f32;
+    let start = sim.save();
+    let commands: Vec<f32> = [0.0, 0.0, 0.0, hover].repeat(35 * 6);
+    sim.rollout(&commands, 10).unwrap();
+    let wanted = sim.save();
+    sim.restore(&start).unwrap();
+    sim.fly_piloted(&Idle(hover), 6, 10).unwrap();
+    assert_eq!(sim.data.pos, wanted.data().pos);
+    assert_eq!(sim.data.controller_memory, wanted.data().controller_memory);
+    assert_eq!(sim.data.steps, wanted.data().steps);
+    sim.restore(&start).unwrap();
+    (sim.data.pos[3 * 20], sim.data.vel[3 * 20]) = (0.99998e9, 1e6);
+    let before = sim.data.clone();
+    sim.fly_piloted(&Idle(hover), 6, 10).unwrap();
+    for w in 0..35 {
+        let own = 3 * w..3 * w + 3;
+        let lost = (16..32).contains(&w);
+        let expected = if lost { &before.pos } else { &wanted.data().pos };
+        assert_eq!(sim.data.pos[own.clone()], expected[own], "{w}");
+        assert_eq!(sim.data.steps[w], if lost { 0 } else { 60 });
+    }
+    let told = |sim: &mut Sim<f32>, times| sim.fly_piloted(&Idle(hover), times, 1).unwrap_err().to_string();
+    assert!(told(&mut sim, 0).contains("at least one each"));
+    sim.data.pos[0] = 2e9;
+    sim.step(1).unwrap();
+    assert!(told(&mut sim, 1).contains("stands still"));
+    let (mut two, _) = upset::<f32>(&options, &[drones[0].clone(), drones[0].clone()], 1);
+    assert!(told(&mut two, 1).contains("one in each world"));
+    let reference = SimOptions { engine: Engine::Reference, ..options };
+    let (mut slow, _) = upset::<f32>(&reference, &drones, 1);
+    assert!(told(&mut slow, 1).contains("`lanes`, for pilots"));
 }
