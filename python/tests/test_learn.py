@@ -27,8 +27,26 @@ def test_it_learns_by_rotor_speeds_too():
 
 
 def test_it_learns_to_recover_from_throws():
-    flights = learn.bptt(learn.Recover()).fly(flights=1000)
+    trained = learn.bptt(learn.Recover())
+    flights = trained.fly(flights=1000)
     assert flights.reached >= 950, flights
+    # The same by the policy in NumPy, from other throws.
+    n, draws = 100, np.random.default_rng(2)
+    sim = pw.Sim(n, drone="cf21B_500", control="attitude")
+    axis = draws.normal(size=(n, 1, 3))
+    half = draws.uniform(0, np.pi / 4, (n, 1, 1))
+    axis *= np.sin(half) / np.linalg.norm(axis, axis=-1, keepdims=True)
+    quat = np.concatenate([axis, np.cos(half)], -1)
+    sim.set_initial(pos=np.zeros((n, 1, 3)), quat=quat, vel=draws.uniform(-2, 2, (n, 1, 3)), ang_vel=draws.uniform(-8, 8, (n, 1, 3)))
+    sim.reset()
+    for _ in range(250):
+        now = sim.states
+        action = trained.policy({name: getattr(now, name)[:, 0] for name in ("pos", "quat", "vel", "ang_vel")})
+        sim.attitude_control(action[:, None])
+        sim.step(5)
+    end = sim.states
+    still = (np.linalg.norm(end.vel, axis=-1) < 0.3) & (np.linalg.norm(end.ang_vel, axis=-1) < 1.0)
+    assert still.sum() >= 95, still.sum()
 
 
 def test_the_same_seed_gives_the_same_policy(tracked):
