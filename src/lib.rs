@@ -53,6 +53,8 @@ pub use propwash_vehicle as vehicle;
 // Generated straight-line code of the commonest steps.
 pub use propwash_kernels as kernels;
 pub use propwash_rollout as rollout;
+// The C compiler of the machine, for steps without a kernel.
+pub use propwash_compile as compile;
 pub use propwash_rollout::random;
 // Policies trained by the gradients of their flights.
 pub use propwash_learn as learn;

@@ -212,6 +212,9 @@ class Sim:
         integrator: ``"euler"``, ``"semi_implicit_euler"`` or ``"rk4"``.
         precision: ``"f32"``, or ``"f64"`` for comparisons: the number that is stored and, in lanes, computed with.
         engine: ``"auto"``: ``"lanes"`` of the processor for f32, ``"reference"`` (the equations, world by world) for f64.
+        compile: When steps that come without compiled code (effects, other integrators) are compiled by the C compiler of this machine:
+            ``"auto"``, what the cache holds at once and the rest in the background as soon as it is worth it; ``"now"`` (or True), before
+            the first step; ``"off"`` (or False), never. Results have the same bits (docs/compile.md).
         seed: Seed of all random numbers: randomisation, turbulence, noise of effects.
         threads: Threads that share the worlds; one for each processor where it is None. Results do not depend on it.
         rotor_start: ``"hover"`` or ``"off"``: how rotors start after a reset.
@@ -273,6 +276,7 @@ class Sim:
         integrator: Literal["euler", "semi_implicit_euler", "rk4"] = "euler",
         precision: Literal["f32", "f64"] = "f32",
         engine: Literal["auto", "lanes", "reference"] = "auto",
+        compile: Literal["auto", "now", "off"] | bool = "auto",
         seed: int = 0,
         threads: int | None = None,
         rotor_start: Literal["hover", "off"] = "hover",
@@ -309,6 +313,7 @@ class Sim:
             "control": _text("control", control),
             "rotor_start": _text("rotor_start", rotor_start),
             "engine": _text("engine", engine),
+            "compile": _text("compile", ("now" if compile else "off") if isinstance(compile, bool) else compile),
             "precision": _text("precision", precision),
             "n_drones": n,
             "drones": drones,
@@ -586,6 +591,11 @@ class Sim:
     def quarantined(self) -> NDArray[np.bool_]:
         """Worlds that stand still since their numbers stopped being numbers, a new array. (n_worlds,)"""
         return self._native.quarantined()
+
+    def compiling(self) -> list[str]:
+        """How compiling goes, a line for each step that was traced so far and came without compiled code, such as
+        ``"compiled in 0.31 s"``; empty where there is none (docs/compile.md)."""
+        return self._native.compiling()
 
     @property
     def quarantine(self) -> list[Quarantine]:

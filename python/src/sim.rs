@@ -1,6 +1,7 @@
 //! The simulation behind `propwash.Sim`: its state, its commands and its steps. What it senses is in `sense.rs`.
 
 use std::collections::BTreeMap;
+use std::ffi::CString;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::Instant;
 
@@ -14,7 +15,7 @@ use propwash::rollout::pool::alone;
 use propwash::rollout::quarantine::Quarantine;
 use propwash::scalar::lanes::Number;
 use propwash::scene::Pose;
-use pyo3::exceptions::{PyIndexError, PyKeyError, PyTypeError, PyValueError};
+use pyo3::exceptions::{PyIndexError, PyKeyError, PyRuntimeWarning, PyTypeError, PyValueError};
 use pyo3::gc::{PyTraverseError, PyVisit};
 use pyo3::prelude::*;
 use rayon::ThreadPool;
@@ -481,11 +482,21 @@ impl PySim {
                     }
                 }
             }
+            if let Some(why) = propwash::compile::complaint() {
+                let text = CString::new(format!("steps fly as byte code, more slowly: {why}"))?;
+                PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)?;
+            }
             let now = arena.sim().n_quarantined();
             let more = now > *told;
             *told = now;
             Ok(more)
         })
+    }
+
+    /// How compiling goes, a line for each step that was traced and has no kernel.
+    fn compiling(&self) -> PyResult<Vec<String>> {
+        let core = self.core()?;
+        Ok(either!(&core.flight, arena => arena.sim().compiling().iter().map(|s| s.to_string()).collect()))
     }
 
     /// Back to the initial states, in all worlds or in those of the mask.

@@ -36,6 +36,9 @@ pub fn run_with(words: impl IntoIterator<Item = OsString>, again: impl IntoItera
     let line: Vec<OsString> = std::iter::once("propwash".into()).chain(words).collect();
     let again: Vec<OsString> = again.into_iter().collect();
     let code = caught(|| parse_and_run(&line, &again)).unwrap_or_else(|said| exit::bug(&said));
+    if let Some(why) = crate::compile::complaint() {
+        eprintln!("note: steps flew as byte code, more slowly: {why}");
+    }
     // In a process whose main program is not ours, nothing else writes out what is still kept.
     let _ = std::io::stdout().flush();
     code

@@ -1,5 +1,7 @@
 //! Errors of building and running a simulation.
 
+use propwash_compile::CompileError;
+
 /// What is wrong with a simulation or with what it was asked to do.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -14,6 +16,9 @@ pub enum RolloutError {
         /// What it was.
         got: String,
     },
+    /// The steps were to be compiled and cannot be.
+    #[error("compiling the steps of the simulation: {0}")]
+    Compile(CompileError),
     /// The control mode needs rotors, the dynamics have none.
     #[error(
         "drone {drone}: control mode {mode} commands rotors or torques, but its dynamics are the abstracted attitude \

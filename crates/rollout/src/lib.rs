@@ -29,6 +29,7 @@ pub use backend::{Backend, PreparedStep};
 pub use data::SimData;
 pub use equations::{Equations, WorldEquations};
 pub use error::RolloutError;
+pub use propwash_compile::{Compile, CompileError, Status as CompileStatus};
 pub use sim::{Engine, RotorStart, Sim, SimOptions, origin};
 pub use state::SimState;
 pub use traced::{CommonStep, common_steps};

@@ -12,6 +12,7 @@ use super::randomize::{Randomization, Rule};
 use super::tape::{Programs, Version, lane_options};
 use super::{RolloutError, SimData, pool};
 use crate::random::Key;
+use propwash_compile::{Compile, Request, Status};
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::{Drone, Dynamics};
 use propwash_physics::effects::{Command, Effect};
@@ -73,6 +74,8 @@ pub struct SimOptions {
     pub randomization: Randomization,
     /// What computes the steps.
     pub engine: Engine,
+    /// When lanes compile steps for which there is no kernel. It says how this machine flies, not what: results have the same bits.
+    pub compile: Compile,
 }
 
 impl Default for SimOptions {
@@ -89,6 +92,7 @@ impl Default for SimOptions {
             rotor_start: RotorStart::default(),
             randomization: Randomization::default(),
             engine: Engine::default(),
+            compile: Compile::default(),
         }
     }
 }
@@ -198,7 +202,7 @@ impl<N: Number> Sim<N> {
             data,
             pipeline,
             lanes: None,
-            programs: Arc::default(),
+            programs: Arc::new(Mutex::new(Programs::new(Compile::Off))),
             version: Version::default(),
         };
         let wanted = match sim.options.engine {
@@ -206,13 +210,37 @@ impl<N: Number> Sim<N> {
             Engine::Reference => false,
             Engine::Lanes => true,
         };
-        sim.lanes = wanted.then(Box::default);
+        let compile = sim.options.compile.or_of_environment().map_err(RolloutError::Compile)?;
+        sim.lanes = wanted.then(|| Box::new(Lanes::new(compile)));
+        sim.programs = Arc::new(Mutex::new(Programs::new(compile)));
         for rule in &sim.options.randomization.rules.clone() {
             rule.check()?;
             sim.check_rule(rule)?;
         }
         sim.reset(None)?;
+        if sim.options.compile == Compile::Now {
+            sim.compile()?;
+        }
         Ok(sim)
+    }
+
+    /// Compiles the steps for which there is no kernel, all at once, and waits for them: what [`Compile::Now`] does when a simulation is made.
+    /// Steps that are computed by the equations need none. Simulations with [`Compile::Off`] are left as they are.
+    ///
+    /// # Errors
+    /// [`RolloutError::Compile`], saying why; the simulation can go on by byte code.
+    pub fn compile(&mut self) -> Result<(), RolloutError> {
+        let Some(lanes) = &mut self.lanes else { return Ok(()) };
+        let options = lane_options(&self.options, Phase::Both, 1);
+        lanes.trace(&options, (&self.nominal, self.own.as_deref()), &self.rates, &self.data);
+        let requests = lanes.requests();
+        requests.iter().for_each(Request::begin);
+        requests.iter().try_for_each(|request| request.wait().map(|_| ())).map_err(RolloutError::Compile)
+    }
+
+    /// How compiling goes, one entry for each step that was traced so far and has no kernel.
+    pub fn compiling(&self) -> Vec<Status> {
+        self.lanes.iter().flat_map(|lanes| lanes.requests()).map(|request| request.status()).collect()
     }
 
     /// Whether lanes compute the steps.

@@ -775,7 +775,7 @@ fn of_quadrant<A: Arith>(t: A::Token, k: A, sin: A, cos: A) -> (A, A) {
 // (sinf.c, expf.c, atanf.c, sin.c, exp.c, atan.c).
 
 #[inline(always)]
-fn sin_cos_f32<A: Arith>(t: A::Token, x: A) -> (A, A) {
+pub(crate) fn sin_cos_f32<A: Arith>(t: A::Token, x: A) -> (A, A) {
     let k = nearest(t, x * A::lit(t, core::f64::consts::FRAC_2_PI));
     let parts = [1.570_312_5, 4.837_512_969_970_703e-4, 7.549_789_954_891_882e-8];
     let r = reduced(t, x, k, parts);
@@ -788,7 +788,7 @@ fn sin_cos_f32<A: Arith>(t: A::Token, x: A) -> (A, A) {
 }
 
 #[inline(always)]
-fn sin_cos_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
+pub(crate) fn sin_cos_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
     let k = nearest(t, x * A::lit(t, core::f64::consts::FRAC_2_PI));
     // Parts of 33 bits, as in fdlibm's e_rem_pio2.c.
     let parts = [1.570_796_326_734_125_6, 6.077_100_506_303_966e-11, 2.022_266_248_795_950_7e-21];
@@ -859,14 +859,14 @@ const fn first_six(c: [f64; 10]) -> [f64; 6] {
 }
 
 #[inline(always)]
-fn half_turn_f32<A: Arith>(t: A::Token, x: A) -> (A, A) {
+pub(crate) fn half_turn_f32<A: Arith>(t: A::Token, x: A) -> (A, A) {
     let series =
         (polynomial(t, x, const { first_six(HALF_SIN) }), polynomial(t, x, const { first_six(HALF_COS) }));
     half_turn_by(t, x, series)
 }
 
 #[inline(always)]
-fn half_turn_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
+pub(crate) fn half_turn_f64<A: Arith>(t: A::Token, x: A) -> (A, A) {
     half_turn_by(t, x, (polynomial(t, x, HALF_SIN), polynomial(t, x, HALF_COS)))
 }
 
@@ -881,7 +881,7 @@ fn scaled<A: Arith>(t: A::Token, x: A, (least, most): (f64, f64), k: A, of_remai
 }
 
 #[inline(always)]
-fn exp_f32<A: Arith>(t: A::Token, x: A) -> A {
+pub(crate) fn exp_f32<A: Arith>(t: A::Token, x: A) -> A {
     let (least, most) = (-87.336_5, 88.722_83);
     let held = x.max(A::lit(t, least)).min(A::lit(t, most));
     let k = nearest(t, held * A::lit(t, core::f64::consts::LOG2_E));
@@ -903,7 +903,7 @@ fn exp_f32<A: Arith>(t: A::Token, x: A) -> A {
 }
 
 #[inline(always)]
-fn exp_f64<A: Arith>(t: A::Token, x: A) -> A {
+pub(crate) fn exp_f64<A: Arith>(t: A::Token, x: A) -> A {
     let (least, most) = (-708.396, 709.782_712_893_384);
     let held = x.max(A::lit(t, least)).min(A::lit(t, most));
     let k = nearest(t, held * A::lit(t, core::f64::consts::LOG2_E));
@@ -951,7 +951,7 @@ fn of_octant<A: Arith>(t: A::Token, y: A, x: A, wide: A::Mask, angle: A, pi: (f6
 }
 
 #[inline(always)]
-fn atan2_f32<A: Arith>(t: A::Token, y: A, x: A) -> A {
+pub(crate) fn atan2_f32<A: Arith>(t: A::Token, y: A, x: A) -> A {
     let (above, below, wide) = octant(t, y, x);
     let r = above / below;
     let z = r * r;
@@ -965,7 +965,7 @@ fn atan2_f32<A: Arith>(t: A::Token, y: A, x: A) -> A {
 }
 
 #[inline(always)]
-fn atan2_f64<A: Arith>(t: A::Token, y: A, x: A) -> A {
+pub(crate) fn atan2_f64<A: Arith>(t: A::Token, y: A, x: A) -> A {
     let (above, below, wide) = octant(t, y, x);
     let r = above / below;
     let z = r * r;

@@ -1,7 +1,7 @@
 //! Many drones at once in the lanes of the processor.
 //!
-//! Drones of one kind (same parts, same rates) share a program: a generated kernel where there is one for their step, else byte
-//! code. Worlds are taken a few at a time; the drones of a kind in them fill lanes, all steps of a call run while they sit in
+//! Drones of one kind (same parts, same rates) share a program: a generated kernel where there is one for their step, else code that is compiled at run
+//! time ([`propwash_compile`]), or byte code until it is there. Worlds are taken a few at a time; the drones of a kind in them fill lanes, all steps of a call run while they sit in
 //! cache, and only then their numbers go back to the public arrays. A lane depends on no other, so results do not depend on how
 //! worlds are grouped.
 
@@ -12,12 +12,13 @@ mod runner;
 mod sequence;
 
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
 
 use arrays::{Arrays, View};
 use pack::Pool;
-use plan::{Kind, Plan, kinds};
+use plan::{Kind, Means, Plan, kinds};
 use sequence::{Job, Sequence};
 
 use super::SimData;
@@ -26,6 +27,7 @@ use super::blocks::Phase;
 use super::pilot::Pilot;
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
+use propwash_compile::{Compile, Request};
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::Drone;
 use propwash_physics::integrate::Integrator;
@@ -36,6 +38,9 @@ pub(super) const SERIAL_LIMIT: usize = 10_000;
 
 /// What it costs to bring the numbers of a drone into lanes and back, once per call, in steps (about 35 ns against 6 ns a step).
 const STEPS_OF_A_CALL: usize = 6;
+
+/// Time that byte code flies before its steps are worth compiling: about as long as the compiler takes for one.
+const WORTH_COMPILING: Duration = Duration::from_millis(400);
 
 /// Steps of which several blocks of lanes can keep all that they changed, about 35 numbers each, within the cache.
 const FEW_STEPS: usize = 20;
@@ -104,10 +109,14 @@ pub(super) struct Lanes<N: Number> {
     scratch: Vec<Mutex<Scratch<N>>>,
     /// The instructions that are used.
     pub(super) level: Level,
+    /// When steps without a kernel are compiled, and how long byte code flew them so far.
+    compile: Compile,
+    interpreted: Duration,
 }
 
-impl<N: Number> Default for Lanes<N> {
-    fn default() -> Self {
+impl<N: Number> Lanes<N> {
+    /// Lanes that compile steps then.
+    pub fn new(compile: Compile) -> Self {
         Self {
             kinds: Vec::new(),
             backend: None,
@@ -117,6 +126,8 @@ impl<N: Number> Default for Lanes<N> {
             effects_from: Vec::new(),
             scratch: Vec::new(),
             level: level(),
+            compile,
+            interpreted: Duration::ZERO,
         }
     }
 }
@@ -200,10 +211,11 @@ impl<N: Number> Lanes<N> {
         if self.arrays.columns.is_empty() {
             self.arrays = Arrays::of(data);
         }
-        self.prepare(options, nominal, own, rates, data.n_worlds);
+        self.prepare(options, (nominal, own), rates, data.n_worlds);
         if let Ask::Sweep(_, _, parameters) | Ask::Pilot(_, _, parameters) = ask {
             self.prepare_back(options, (nominal, own), rates, data.n_worlds, parameters);
         }
+        let begun = self.take_up().then(Instant::now);
         let threads = crate::pool::threads();
         while self.scratch.len() < threads + 1 {
             self.scratch.push(Mutex::default());
@@ -258,6 +270,45 @@ impl<N: Number> Lanes<N> {
             extra,
         };
         shared.spread(view);
+        if let Some(begun) = begun {
+            self.note_interpreted(begun.elapsed());
+        }
+    }
+
+    /// Takes up what was compiled since the last call; whether byte code still flies something that can be compiled.
+    fn take_up(&mut self) -> bool {
+        let mut waits = false;
+        for plan in self.kinds.iter_mut().flat_map(Kind::all_plans_mut) {
+            waits |= plan.take_up();
+        }
+        waits
+    }
+
+    /// Byte code flew for so long: has its steps compiled as soon as that is worth it.
+    fn note_interpreted(&mut self, took: Duration) {
+        self.interpreted += took;
+        if self.interpreted > WORTH_COMPILING {
+            self.requests().iter().for_each(Request::begin);
+        }
+    }
+
+    /// What is compiled, or may be.
+    pub fn requests(&self) -> Vec<Arc<Request>> {
+        self.kinds.iter().flat_map(Kind::all_plans).filter_map(|plan| plan.request.clone()).collect()
+    }
+
+    /// Traces the steps that a call with these options flies, without flying them.
+    pub fn trace(
+        &mut self,
+        options: &Options,
+        drones: (&[Drone<f64>], Option<&[Drone<f64>]>),
+        rates: &[Rates],
+        data: &SimData<N>,
+    ) {
+        if self.arrays.columns.is_empty() {
+            self.arrays = Arrays::of(data);
+        }
+        self.prepare(options, drones, rates, data.n_worlds);
     }
 
     /// How many worlds one leaf of the recursion takes, and whether threads share the work.
@@ -293,8 +344,7 @@ impl<N: Number> Lanes<N> {
     fn prepare(
         &mut self,
         options: &Options,
-        nominal: &[Drone<f64>],
-        own: Option<&[Drone<f64>]>,
+        (nominal, own): (&[Drone<f64>], Option<&[Drone<f64>]>),
         rates: &[Rates],
         n_worlds: usize,
     ) {
@@ -313,6 +363,7 @@ impl<N: Number> Lanes<N> {
             None => &nominal[row % nominal.len()],
         };
         let n_rows = n_worlds * nominal.len();
+        let means = Means { backend: self.backend.as_deref(), compile: self.compile, level: self.level };
         for kind in &mut self.kinds {
             let rate = &rates[kind.slots[0]];
             if all {
@@ -345,7 +396,7 @@ impl<N: Number> Lanes<N> {
                     };
                     let schedule = scheduled(&nominal[kind.slots[0]], &shape, &|k| kind.varies[k]);
                     let scratch = kind.n_home + kind.plans.iter().map(|p| p.program.len).sum::<usize>();
-                    kind.plans.push(Plan::new(&shape, schedule, scratch, self.backend.as_deref()));
+                    kind.plans.push(Plan::new(&shape, schedule, scratch, means));
                     let plan = kind.plans.last_mut();
                     if let Some(plan) = plan {
                         plan.fill(&kind.typical, &kind.varies, kind.slots.len() * n_worlds);
@@ -389,6 +440,7 @@ impl<N: Number> Lanes<N> {
         n_worlds: usize,
         parameters: &[Vec<usize>],
     ) {
+        let means = Means { backend: None, compile: self.compile, level: self.level };
         for kind in &mut self.kinds {
             let slot = kind.slots[0];
             let numbers = |row: usize| {
@@ -396,7 +448,7 @@ impl<N: Number> Lanes<N> {
                 fixed(drone, &rates[slot], options.sim_hz)
             };
             let sizes = (nominal.len(), n_worlds);
-            if kind.trace_back(options, &nominal[slot], &parameters[slot], sizes, numbers) {
+            if kind.trace_back(options, &nominal[slot], &parameters[slot], sizes, means, numbers) {
                 self.stamp += 1;
             }
         }

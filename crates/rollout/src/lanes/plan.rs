@@ -1,5 +1,7 @@
 //! What drones of one kind fly by: a program for each set of stages that tick, and which numbers of the arrays it needs.
 
+use std::sync::Arc;
+
 use fearless_simd::Level;
 
 use super::super::blocks::Phase;
@@ -8,11 +10,12 @@ use super::Options;
 use super::arrays::{Arrays, Columns, columns};
 use super::runner::Runner;
 use crate::backend::{Backend, PreparedStep};
+use propwash_compile::{Code, Compile, Request, Status, request};
 use propwash_kernels as kernels;
 use propwash_physics::controllers::{Due, Rates};
 use propwash_physics::drone::Drone;
 use propwash_trace::bytecode::{Interpret, Program};
-use propwash_trace::kernel::{Entries, Kernel, key};
+use propwash_trace::kernel::{Compiled, Entries, Kernel, key};
 use propwash_trace::lanes::Number;
 use propwash_trace::schedule::{Input, Location, Schedule, Source};
 
@@ -87,6 +90,9 @@ pub(super) struct Plan<N> {
     pub(super) due: Due,
     pub(super) schedule: Schedule,
     pub(super) kernel: Option<&'static Kernel>,
+    /// What is compiled at run time where there is no kernel, and its code once it is there.
+    pub(super) request: Option<Arc<Request>>,
+    pub(super) code: Option<Code>,
     /// What runs the code where the simulation has a backend of the user's, instead of kernel and byte code.
     pub(super) prepared: Option<Box<dyn PreparedStep<N>>>,
     pub(super) program: Program,
@@ -110,6 +116,14 @@ pub(super) struct Plan<N> {
     /// Entries of the table that differ between rows, and their numbers: (row, entry).
     pub(super) varying: Vec<u32>,
     pub(super) rows: Vec<N>,
+}
+
+/// What runs plans: a backend of the user's, or else kernels, code that is compiled now and then, and byte code.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Means<'a, N> {
+    pub(super) backend: Option<&'a dyn Backend<N>>,
+    pub(super) compile: Compile,
+    pub(super) level: Level,
 }
 
 /// What is done whenever other stages begin to tick within a call, and what once per call is enough for.
@@ -182,15 +196,17 @@ pub(super) fn kinds<N: Number>(options: &Options, nominal: &[Drone<f64>], rates:
 
 impl<N: Number> Plan<N> {
     /// The plan of a step, whose scratch begins at cell `scratch` of the file.
-    pub(super) fn new(
-        shape: &Shape,
-        schedule: Schedule,
-        scratch: usize,
-        backend: Option<&dyn Backend<N>>,
-    ) -> Self {
+    pub(super) fn new(shape: &Shape, schedule: Schedule, scratch: usize, means: Means<N>) -> Self {
         let wanted = key(&schedule);
-        let prepared = backend.map(|b| b.prepare(&schedule));
+        let prepared = means.backend.map(|b| b.prepare(&schedule));
         let kernel = kernels::ALL.iter().find(|k| k.key == wanted && prepared.is_none());
+        let flies = kernel.is_some_and(|k| <N::Cell as Compiled>::entries(k, means.level).is_some());
+        let compiles = !flies && prepared.is_none() && means.compile != Compile::Off;
+        let request = compiles.then(|| request::<N>(&schedule, means.level));
+        if let Some(request) = request.as_ref().filter(|_| means.compile == Compile::Now) {
+            // What fails flies as byte code; `Sim::storing` has told of it.
+            let _ = request.wait();
+        }
         // Byte code too where there is a kernel: not all types of cells and levels have its functions.
         let program = Program::new(&schedule, scratch);
         let (mut reads, mut writes, mut fresh) = (Vec::new(), Vec::new(), Vec::new());
@@ -230,6 +246,8 @@ impl<N: Number> Plan<N> {
             due: shape.due,
             schedule,
             kernel,
+            code: request.as_ref().and_then(|r| r.code()),
+            request,
             prepared,
             program,
             scratch,
@@ -261,8 +279,26 @@ impl<N: Number> Plan<N> {
         match (&self.prepared, self.entries::<C>(level)) {
             (Some(step), _) => Runner::Backend(step.as_ref()),
             (None, Some(entries)) => Runner::Kernel(entries),
-            (None, None) => Runner::ByteCode,
+            (None, None) => match self.code.filter(Code::is_for::<C>) {
+                Some(code) => Runner::Compiled(code),
+                None => Runner::ByteCode,
+            },
         }
+    }
+
+    /// Whether straight-line code flies cells of this type.
+    fn is_compiled<C: Interpret<Number = N>>(&self, level: Level) -> bool {
+        self.entries::<C>(level).is_some() || self.code.is_some_and(|code| code.is_for::<C>())
+    }
+
+    /// Takes up code that was compiled since; whether byte code flies while there is code to come.
+    pub(super) fn take_up(&mut self) -> bool {
+        let Some(request) = self.request.as_ref().filter(|_| self.code.is_none()) else { return false };
+        self.code = request.code();
+        if let Status::Failed(why) = request.status() {
+            propwash_compile::complain(&why);
+        }
+        !request.is_done()
     }
 
     /// The table of the first drone, and which of its entries differ between drones.
@@ -348,9 +384,19 @@ impl<N: Number> Kind<N> {
             (columns(loads, 1), columns(all_loads, 1), columns(saves, 0));
     }
 
-    /// Whether kernels fly this kind in cells of this type.
+    /// Whether kernels, or code that was compiled since, fly this kind in cells of this type.
     pub(super) fn is_compiled<C: Interpret<Number = N>>(&self, level: Level) -> bool {
-        self.plans.iter().all(|p| p.entries::<C>(level).is_some())
+        self.plans.iter().all(|p| p.is_compiled::<C>(level))
+    }
+
+    /// All its plans, those backwards too.
+    pub(super) fn all_plans(&self) -> impl Iterator<Item = &Plan<N>> {
+        self.plans.iter().chain(self.back.iter().flat_map(|back| &back.plans))
+    }
+
+    /// The same, to be changed.
+    pub(super) fn all_plans_mut(&mut self) -> impl Iterator<Item = &mut Plan<N>> {
+        self.plans.iter_mut().chain(self.back.iter_mut().flat_map(|back| &mut back.plans))
     }
 
     /// What ticks in a step.
@@ -371,6 +417,7 @@ impl<N: Number> Kind<N> {
         drone: &Drone<f64>,
         parameters: &[usize],
         (n_drones, n_worlds): (usize, usize),
+        means: Means<N>,
         numbers: impl Fn(usize) -> Vec<f64>,
     ) -> bool {
         if self.back.as_ref().is_some_and(|back| back.parameters == parameters) {
@@ -390,7 +437,7 @@ impl<N: Number> Kind<N> {
             };
             let schedule = adjoint_schedule(drone, &shape, &|k| self.varies[k], parameters);
             let scratch = n_home + plans.iter().map(|p| p.program.len).sum::<usize>();
-            let mut plan = Plan::new(&shape, schedule, scratch, None);
+            let mut plan = Plan::new(&shape, schedule, scratch, Means { backend: None, ..means });
             plan.fill(&self.typical, &self.varies, self.slots.len() * n_worlds);
             plan.fill_rows(&self.slots, n_drones, n_worlds, None, &numbers);
             plans.push(plan);

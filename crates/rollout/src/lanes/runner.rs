@@ -1,9 +1,10 @@
-//! What runs the code of a plan on the file of a pack: a kernel, byte code, or a backend of the user's.
+//! What runs the code of a plan on the file of a pack: a kernel, code that was compiled at run time, byte code, or a backend of the user's.
 
 use fearless_simd::Level;
 
 use super::plan::Plan;
 use crate::backend::PreparedStep;
+use propwash_compile::Code;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
 use propwash_trace::kernel::Entries;
@@ -11,6 +12,7 @@ use propwash_trace::kernel::Entries;
 /// The code of a plan for one type of cells.
 pub(super) enum Runner<'a, C: Interpret> {
     Kernel(Entries<C>),
+    Compiled(Code),
     ByteCode,
     Backend(&'a dyn PreparedStep<C::Number>),
 }
@@ -36,6 +38,7 @@ impl<C: Interpret> Runner<'_, C> {
     pub(super) fn call(&self, level: Level, plan: &Plan<C::Number>, file: &mut [C]) {
         match self {
             Self::Kernel(entries) => (entries.call)(level, &mut file[plan.scratch..]),
+            Self::Compiled(code) => code.call(&mut file[plan.scratch..]),
             Self::ByteCode => C::interpret(level, &plan.program.call, file, 1),
             Self::Backend(step) => {
                 let cells = &mut file[plan.scratch..][..plan.schedule.n_scratch()];
@@ -53,6 +56,10 @@ impl<C: Interpret> Runner<'_, C> {
                 let (home, scratch) = file.split_at_mut(plan.scratch);
                 (entries.step)(level, home, scratch, times);
             }
+            Self::Compiled(code) => {
+                let (home, scratch) = file.split_at_mut(plan.scratch);
+                code.step(home, scratch, times);
+            }
             Self::ByteCode => C::interpret(level, &plan.program.step, file, times),
             Self::Backend(step) => on_numbers(plan, file, |home, scratch| {
                 step.step(C::LANES, home, scratch, times);
@@ -66,6 +73,10 @@ impl<C: Interpret> Runner<'_, C> {
             Self::Kernel(entries) => {
                 let (home, scratch) = file.split_at_mut(plan.scratch);
                 (entries.epilogue)(level, home, scratch);
+            }
+            Self::Compiled(code) => {
+                let (home, scratch) = file.split_at_mut(plan.scratch);
+                code.epilogue(home, scratch);
             }
             Self::ByteCode => C::interpret(level, &plan.program.epilogue, file, 1),
             Self::Backend(step) => on_numbers(plan, file, |home, scratch| {

@@ -15,6 +15,7 @@ use super::lanes::{Ask, Commands, Lanes, Options as LaneOptions};
 use super::quarantine::Quarantine;
 use super::traced::fixed;
 use super::{RolloutError, Sim, SimData, SimOptions};
+use propwash_compile::Compile;
 use propwash_physics::controllers::Rates;
 use propwash_physics::drone::Drone;
 use propwash_trace::Real;
@@ -35,13 +36,18 @@ pub(super) struct Version {
 }
 
 /// Programs that fly sequences of commands and undo them, shared by a simulation and its tapes.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Programs<N: Number> {
     lanes: Lanes<N>,
     filled_for: Option<Version>,
 }
 
 impl<N: Number> Programs<N> {
+    /// Programs that are compiled then.
+    pub fn new(compile: Compile) -> Self {
+        Self { lanes: Lanes::new(compile), filled_for: None }
+    }
+
     /// The lanes with the tables of this version.
     fn of(&mut self, version: Version, n_rows: usize) -> &mut Lanes<N> {
         match self.filled_for.replace(version) {

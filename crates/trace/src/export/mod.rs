@@ -1,3 +1,5 @@
-//! Prints traced equations as source code (Rust). No formula is written here: everything printed comes from a trace.
+//! Prints traced equations as source code. No formula is written here: everything printed comes from a trace.
 
+pub mod c;
+mod recorded;
 pub mod rust;

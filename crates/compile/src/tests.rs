@@ -1,0 +1,205 @@
+//! Compiled code against byte code, bit by bit, and what can go wrong on the way.
+
+use std::fs;
+use std::path::Path;
+
+use fearless_simd::Level;
+use propwash_trace::Real;
+use propwash_trace::bytecode::{Interpret, Program};
+use propwash_trace::export::c::{Target, kernel};
+use propwash_trace::lanes::{Cell, F32x16, F64x8, Number, level};
+use propwash_trace::schedule::{Input, Location, Output, Schedule, schedule};
+use propwash_trace::trace::{Sym, trace};
+
+use crate::loaded::Code;
+use crate::{CompileError, cache, compiler, sizes};
+
+/// Carried numbers of the step below: two that change, and one for each result.
+const RESULTS: usize = 16;
+
+/// A step with every operation there is, on two numbers that it changes, one that is given and one that is fixed.
+fn everything() -> Schedule {
+    let graph = trace(4, |v| {
+        let (fixed, given, a, b) = (v[0], v[1], v[2], v[3]);
+        let (sin, cos) = (a * given).sin_cos();
+        let (half, whole) = (a * a).half_turn();
+        let near = a.lt(b) & !(b.le(fixed * given)) | a.gt(given);
+        let mut out: Vec<Sym> = vec![a + b * given, a * b - given];
+        out.extend([
+            sin,
+            cos,
+            half,
+            whole,
+            a.exp(),
+            (b - a).exp(),
+            a.atan2(b),
+            (a * fixed).floor(),
+            a.abs().sqrt(),
+        ]);
+        out.extend([
+            Sym::select(near, a, b),
+            a.min(b),
+            a.max(b),
+            given - a * b,
+            a / fixed,
+            -a / (b + given),
+            (given * fixed).exp() * a,
+        ]);
+        out
+    });
+    let inputs = [Input::Fixed(0), Input::Given(2), Input::Carried(0), Input::Carried(1)];
+    let mut outputs = vec![Output::Carried(0), Output::Carried(1)];
+    outputs.extend((0..RESULTS as u32).map(|k| Output::Final(3 + k)));
+    schedule(&graph, &inputs, &outputs)
+}
+
+/// The file of cells before a call: home, then scratch and registers of the program.
+fn file<C: Cell>(schedule: &Schedule, program: &Program, n_home: usize, numbers: &[f64]) -> Vec<C> {
+    let mut file = vec![C::splat(C::Number::zero()); n_home + program.len];
+    for (k, v) in schedule.once.eval(&[0.75]).iter().enumerate() {
+        file[n_home + k] = C::splat(C::Number::of(*v));
+    }
+    for (cell, v) in file[program.constants_at..].iter_mut().zip(&program.constants) {
+        *cell = C::splat(C::Number::constant(*v));
+    }
+    for p in 0..3 {
+        for lane in 0..C::LANES {
+            file[p].set(lane, C::Number::of(numbers[(lane * 3 + p) % numbers.len()]));
+        }
+    }
+    for (input, at) in schedule.given.iter().zip(schedule.given_at()) {
+        if let (Some(p), Location::Scratch(k)) = (input.place(), at) {
+            file[n_home + k as usize] = file[p as usize];
+        }
+    }
+    file
+}
+
+/// Compares compiled code with byte code at a level, over ordinary and extraordinary numbers.
+fn compare<C: Interpret>(folder: &Path, level: Level, target: Target) {
+    let schedule = everything();
+    let n_home = 3 + RESULTS;
+    let program = Program::new(&schedule, n_home);
+    let source = kernel::<C::Number>(&schedule, target);
+    let to = folder.join(format!("{target:?}{}.so", C::Number::NAME));
+    compiler::build(&source, target, &to).unwrap();
+    let code = Code::load(&to, size_of::<C::Number>(), sizes(&schedule)).unwrap();
+    assert!(code.is_for::<C>() && !code.is_for::<[C; 2]>());
+    let mut numbers: Vec<f64> = vec![
+        0.0,
+        -0.0,
+        1.0,
+        -1.0,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::NAN,
+        1e-42,
+        3e38,
+        -88.9,
+        710.0,
+        1e-310,
+        4.0,
+    ];
+    for k in 0..400 {
+        let x = f64::from(k);
+        numbers.push((x * 0.731).sin() * (x * 0.05 - 6.0).exp2());
+    }
+    for shift in (0..numbers.len()).step_by(5) {
+        numbers.rotate_left(shift % 7 + 1);
+        for times in [1, 3] {
+            let mut by_byte_code: Vec<C> = file(&schedule, &program, n_home, &numbers);
+            let mut compiled = by_byte_code.clone();
+            C::interpret(level, &program.call, &mut by_byte_code, 1);
+            C::interpret(level, &program.step, &mut by_byte_code, times);
+            C::interpret(level, &program.epilogue, &mut by_byte_code, 1);
+            let (home, scratch) = compiled.split_at_mut(n_home);
+            code.call(scratch);
+            code.step(home, scratch, times);
+            code.epilogue(home, scratch);
+            for p in 0..n_home {
+                for lane in 0..C::LANES {
+                    let (a, b) = (by_byte_code[p].get(lane).wide(), compiled[p].get(lane).wide());
+                    // A NaN is one, whatever its bits.
+                    let same = a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
+                    assert!(same, "{target:?} {} place {p}, lane {lane}: {a:e} and {b:e}", C::Number::NAME);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn compiled_code_has_the_bits_of_byte_code_at_every_level() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut levels = vec![level()];
+    #[cfg(target_arch = "x86_64")]
+    {
+        levels.extend(level().as_avx2().map(Level::Avx2));
+        levels.extend(level().as_sse4_2().map(Level::Sse4_2));
+    }
+    let mut compared = 0;
+    for level in levels {
+        let Some(target) = Target::of(level) else { continue };
+        compare::<F32x16>(folder.path(), level, target);
+        compare::<F64x8>(folder.path(), level, target);
+        compared += 1;
+    }
+    assert!(compared > 0, "nothing is compiled for {:?}", level());
+}
+
+#[test]
+fn what_the_cache_holds_is_used_only_while_it_is_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path().join("below");
+    let put = |text: &'static str| cache::put(&folder, "step", |to| write(to, text));
+    assert_eq!(cache::find(&folder, "step"), None);
+    let file = put("whole").unwrap();
+    assert_eq!(cache::find(&folder, "step"), Some(file.clone()));
+    // Cut off, and with the sum of another.
+    fs::write(&file, "who").unwrap();
+    assert_eq!(cache::find(&folder, "step"), None);
+    put("another").unwrap();
+    assert_eq!(cache::find(&folder, "step"), Some(file.clone()));
+    fs::remove_file(file.with_extension("sum")).unwrap();
+    assert_eq!(cache::find(&folder, "step"), None);
+    // A build that fails leaves nothing, and what was there.
+    put("whole").unwrap();
+    let failed = cache::put(&folder, "step", |to| {
+        write(to, "half")?;
+        Err(CompileError::Compiler { compiler: "cc".into(), message: "no space left on device".into() })
+    });
+    assert!(failed.unwrap_err().to_string().contains("no space left"));
+    assert_eq!(fs::read_to_string(&file).unwrap(), "whole");
+    let left: Vec<_> = fs::read_dir(&folder).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 2, "{left:?}");
+    // A file where the folder should be.
+    let message = cache::put(&file, "step", |_| Ok(())).unwrap_err().to_string();
+    assert!(message.contains("PROPWASH_CACHE"), "{message}");
+}
+
+fn write(to: &Path, text: &str) -> Result<(), CompileError> {
+    fs::write(to, text).unwrap();
+    Ok(())
+}
+
+#[cfg(unix)]
+#[test]
+fn nothing_is_loaded_from_a_folder_that_others_may_write_to() {
+    use std::os::unix::fs::PermissionsExt as _;
+    let folder = tempfile::tempdir().unwrap();
+    fs::set_permissions(folder.path(), fs::Permissions::from_mode(0o777)).unwrap();
+    let message = cache::put(folder.path(), "step", |_| Ok(())).unwrap_err().to_string();
+    assert!(message.contains("others may write"), "{message}");
+}
+
+#[test]
+fn code_that_does_not_compile_and_files_that_do_not_load_are_errors_in_words() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(target) = Target::of(level()) else { return };
+    let to = folder.path().join("x.so");
+    let message = compiler::build("int f( {", target, &to).unwrap_err().to_string();
+    assert!(message.contains("failed: exit status: 1") && message.contains("error"), "{message}");
+    fs::write(&to, "no library").unwrap();
+    let message = Code::load(&to, 4, (1, 1)).unwrap_err().to_string();
+    assert!(message.contains("x.so cannot be loaded") && message.contains("noexec"), "{message}");
+}
