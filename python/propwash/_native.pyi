@@ -252,6 +252,30 @@ class Recorder:
     def finish(self) -> tuple[int, int, int]: ...
 
 @final
+class Function:
+    """A vehicle's equations as one function of named vectors."""
+
+    def __new__(
+        cls,
+        vehicle: Vehicle,
+        what: str,
+        dynamics: str,
+        control: str,
+        integrator: str,
+        freq: int,
+        parameters: Sequence[str],
+        surroundings: bool,
+    ) -> Function: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def about(self) -> str: ...
+    def inputs(self) -> list[tuple[str, str, list[str], list[float]]]: ...
+    def outputs(self) -> list[tuple[str, str, list[str]]]: ...
+    def source(self, language: str) -> str: ...
+    def evaluate(self, inputs: Sequence[Sequence[float]]) -> list[list[float]]: ...
+
+@final
 class Env:
     def __new__(
         cls,

@@ -7,6 +7,7 @@ mod commands;
 mod doubt;
 mod env;
 mod errors;
+mod function;
 mod gap;
 mod lab;
 mod learn;
@@ -62,6 +63,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(env::env_config, m)?)?;
     m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;
     m.add_function(wrap_pyfunction!(sim::read_config, m)?)?;
+    m.add_class::<function::PyFunction>()?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::vehicle_of, m)?)?;
     m.add_function(wrap_pyfunction!(vehicle::network_files, m)?)?;

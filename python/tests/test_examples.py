@@ -18,6 +18,7 @@ TESTED = {
     "learn_by_gradients.py",
     "lqr.py",
     "mppi.py",
+    "nmpc.py",
     "own_dataset.py",
     "own_task.py",
     "raptor.py",
@@ -93,6 +94,13 @@ def test_gains_of_the_slopes_hold_a_hover(tmp_path):
 def test_samples_find_a_way_between_poles(tmp_path):
     said = run("mppi.py", "--flights", 2, "--samples", 256, cwd=tmp_path)
     assert "2 of 2 flights arrive, 0 touch a pole" in said, said
+
+
+def test_a_figure_of_eight_is_followed_by_optimisation(tmp_path):
+    pytest.importorskip("casadi")
+    said = run("nmpc.py", "--flights", 1, "--seconds", 4, cwd=tmp_path)
+    off = [float(line.split(": ")[1].split(" mm")[0]) for line in said.splitlines() if " mm off" in line]
+    assert len(off) == 2 and off[0] < 1 and off[1] < 10, said
 
 
 def test_drones_exchange_places_without_touching(tmp_path):

@@ -86,6 +86,15 @@ Examples:
 
 Units are SI: kg, m, s, N, rad; rotor speeds in this list are in rpm.";
 
+/// Ends the help of `propwash export`.
+const EXPORT_EXAMPLES: &str = "\
+Examples:
+  propwash export cf21B_500 --to casadi --out cf21B_500.py
+  propwash export my_drone.toml --what step --control rotor_vel --to c --out step.c
+  propwash export cf21B_500 --to latex --parameters body.mass_kg
+
+docs/export.md says what goes in and comes out.";
+
 /// Ends the help of `propwash scene lint`.
 const LINT_EXAMPLES: &str = "\
 Examples:
@@ -130,6 +139,9 @@ pub enum Command {
     /// List the vehicles, or show one with all its values and sources.
     #[command(after_help = DRONES_EXAMPLES, allow_negative_numbers = true)]
     Drones(DronesArgs),
+    /// Print a vehicle's equations in another language.
+    #[command(after_help = EXPORT_EXAMPLES)]
+    Export(ExportArgs),
     /// Check scenes and make new ones.
     #[command(after_help = NEW_EXAMPLES)]
     Scene(SceneArgs),
@@ -618,6 +630,43 @@ pub struct DronesArgs {
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+/// `propwash export`.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct ExportArgs {
+    /// Vehicle: a built-in name or a vehicle file.
+    pub vehicle: String,
+    /// Which equations.
+    #[arg(long, value_parser = ["rate", "step", "controller", "gradient"], default_value = "rate")]
+    pub what: String,
+    /// The language.
+    #[arg(long, value_parser = ["c", "c-float", "cuda", "wgsl", "numpy", "jax", "casadi", "latex"], default_value = "c")]
+    pub to: String,
+    /// The model.
+    #[arg(long, default_value = "first_principles")]
+    pub dynamics: String,
+    /// What commands mean, for all but a rate.
+    #[arg(long, default_value = "attitude")]
+    pub control: String,
+    /// How a step integrates.
+    #[arg(long, value_parser = integrator())]
+    pub integrator: Option<Integrator>,
+    /// Steps per second.
+    #[arg(long, value_name = "HZ", default_value_t = 500)]
+    pub freq: u32,
+    /// Parameters that are inputs, such as body.mass_kg, or all; the others are numbers in the code.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub parameters: Vec<String>,
+    /// Forces, wind, heights of ground and ceiling, time and random numbers are inputs, too.
+    #[arg(long)]
+    pub surroundings: bool,
+    /// Where to write it; standard output where there is none.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Replace a file that is there already.
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `propwash scene`.

@@ -90,6 +90,7 @@ fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
         args::Command::Lab(a) => cmd::lab::run(&a),
         args::Command::Depth(a) => cmd::depth::run(&a),
         args::Command::Drones(a) => cmd::drones::run(&a),
+        args::Command::Export(a) => cmd::export::run(&a),
         args::Command::Scene(a) => cmd::scene::run(&a),
         args::Command::Urdf(a) => cmd::urdf::run(&a),
         args::Command::Dataset(a) => cmd::dataset::run(&a),

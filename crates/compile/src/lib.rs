@@ -64,7 +64,7 @@ impl Compile {
 }
 
 /// Why a step was not compiled.
-#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CompileError {
     /// The variable `PROPWASH_COMPILE` makes no sense.

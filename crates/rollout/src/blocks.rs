@@ -135,7 +135,7 @@ impl<S: Real> Slot<S> {
     }
 
     /// Surroundings in this step.
-    fn surroundings<'a>(
+    pub(super) fn surroundings<'a>(
         &self,
         time_s: S,
         normals: [S; 3],

@@ -11,6 +11,7 @@ mod blocks;
 mod data;
 mod equations;
 mod error;
+pub mod function;
 mod lanes;
 pub mod pilot;
 pub mod pipeline;

@@ -41,8 +41,8 @@ impl<S: Real> Value<S> {
     }
 }
 
-/// All values of a graph for these inputs.
-fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
+/// All values of a graph for these inputs; `half_turn` is [`Real::half_turn`], or another way to compute it.
+fn values<S: Real>(graph: &Graph, inputs: &[S], half_turn: impl Fn(S) -> (S, S)) -> Vec<Value<S>> {
     let mut out: Vec<Value<S>> = Vec::with_capacity(graph.nodes.len());
     for node in &graph.nodes {
         let n = |place: NodeId| out[place as usize].number();
@@ -59,8 +59,8 @@ fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
             Node::Sqrt(a) => Value::Number(n(a).sqrt()),
             Node::Sin(a) => Value::Number(n(a).sin_cos().0),
             Node::Cos(a) => Value::Number(n(a).sin_cos().1),
-            Node::TurnSin(a) => Value::Number(n(a).half_turn().0),
-            Node::TurnCos(a) => Value::Number(n(a).half_turn().1),
+            Node::TurnSin(a) => Value::Number(half_turn(n(a)).0),
+            Node::TurnCos(a) => Value::Number(half_turn(n(a)).1),
             Node::Exp(a) => Value::Number(n(a).exp()),
             Node::Atan2(a, b) => Value::Number(n(a).atan2(n(b))),
             Node::Floor(a) => Value::Number(n(a).floor()),
@@ -83,8 +83,13 @@ fn values<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<Value<S>> {
 /// # Panics
 /// Where there are fewer inputs than [`Graph::n_inputs`].
 pub fn evaluate<S: Real>(graph: &Graph, inputs: &[S]) -> Vec<S> {
+    evaluate_with(graph, inputs, S::half_turn)
+}
+
+/// The same with another way to compute [`Real::half_turn`].
+pub(crate) fn evaluate_with<S: Real>(graph: &Graph, inputs: &[S], half_turn: impl Fn(S) -> (S, S)) -> Vec<S> {
     assert!(inputs.len() >= graph.n_inputs, "expected {} inputs, found {}", graph.n_inputs, inputs.len());
-    let values = values(graph, inputs);
+    let values = values(graph, inputs, half_turn);
     graph.outputs.iter().map(|place| values[*place as usize].number()).collect()
 }
 
@@ -115,7 +120,7 @@ pub fn pull_back<S: Real>(graph: &Graph, inputs: &[S], seeds: &[S]) -> Vec<S> {
         graph.outputs.len(),
         seeds.len()
     );
-    let values = values(graph, inputs);
+    let values = values(graph, inputs, S::half_turn);
     let zero = S::zero();
     let mut gains: Vec<Option<S>> = vec![None; graph.nodes.len()];
     // A zero gradient stays zero even through an infinite slope.

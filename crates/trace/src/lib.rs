@@ -72,13 +72,7 @@ pub trait Real:
     /// zero. (Grassia, "Practical parameterization of rotations using the exponential map", J. Graphics Tools 3(3), 1998.)
     #[inline(always)]
     fn half_turn(self) -> (Self, Self) {
-        let t2 = self;
-        let small = t2.lt(Self::lit(1e-6));
-        let t = Self::select(small, Self::one(), t2).sqrt();
-        let (sin, cos) = (t * Self::lit(0.5)).sin_cos();
-        let k_series = Self::lit(0.5) - t2 * Self::lit(1.0 / 48.0) + t2 * t2 * Self::lit(1.0 / 3840.0);
-        let c_series = Self::one() - t2 * Self::lit(1.0 / 8.0) + t2 * t2 * Self::lit(1.0 / 384.0);
-        (Self::select(small, k_series, sin / t), Self::select(small, c_series, cos))
+        half_turn_by_root(self)
     }
 
     /// Zero.
@@ -121,6 +115,17 @@ pub trait Real:
     fn square(self) -> Self {
         self * self
     }
+}
+
+/// [`Real::half_turn`] by root, sine and cosine.
+#[inline(always)]
+pub fn half_turn_by_root<S: Real>(t2: S) -> (S, S) {
+    let small = t2.lt(S::lit(1e-6));
+    let t = S::select(small, S::one(), t2).sqrt();
+    let (sin, cos) = (t * S::lit(0.5)).sin_cos();
+    let k_series = S::lit(0.5) - t2 * S::lit(1.0 / 48.0) + t2 * t2 * S::lit(1.0 / 3840.0);
+    let c_series = S::one() - t2 * S::lit(1.0 / 8.0) + t2 * t2 * S::lit(1.0 / 384.0);
+    (S::select(small, k_series, sin / t), S::select(small, c_series, cos))
 }
 
 macro_rules! impl_real_for_float {

@@ -9,6 +9,7 @@ pub mod depth;
 pub mod diagnose;
 pub mod drones;
 pub mod excite;
+pub mod export;
 pub mod fly;
 pub mod identify;
 pub mod lab;

@@ -3,3 +3,4 @@
 pub mod c;
 mod recorded;
 pub mod rust;
+pub mod text;
