@@ -126,3 +126,29 @@ impl Goal for Land {
         20.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn soft_landings_are_done_and_hard_ones_lost() {
+        let goal = Land { height_m: 0.5, ..Land::default() };
+        let judged = |height: f64, change: &dyn Fn(&mut [f64])| {
+            let mut state = [0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0];
+            change(&mut state);
+            let (before, mut memory) = ([0.0], [0.0]);
+            let seen = Seen::of(&state, 1.0, &before);
+            let outcome = goal.judge(&seen, &seen, &mut memory);
+            assert_eq!(outcome == Outcome::On, memory[0] == 0.0);
+            (outcome, goal.reached(&Seen::of(&state, 1.0, &memory)))
+        };
+        assert_eq!(judged(0.51, &|_| {}), (Outcome::On, false));
+        assert_eq!(judged(0.499, &|_| {}), (Outcome::Done, true));
+        for (number, value) in [(9, -0.31), (7, 0.21), (8, -0.21), (0, 0.21)] {
+            assert_eq!(judged(0.499, &|state| state[number] = value), (Outcome::Lost, false), "{number}");
+        }
+        let leaning = quat::exp([0.18, 0.0, 0.0]);
+        assert_eq!(judged(0.499, &|state| state[3..7].copy_from_slice(&leaning)).0, Outcome::Lost);
+    }
+}
