@@ -66,7 +66,7 @@ def draw(picture: Path, trained: dict[str, learn.Trained]) -> None:
             column[0].plot(training.commands[19:] / 1e3, cost, color=color, linewidth=1, label=what)
         if len(costs) > 1:
             column[0].legend(loc="upper right")
-        column[0].set(yscale="log", title=f"{name}\n{one.seconds:.2f} s", xlabel="thousand commands", ylabel="mean cost of a command")
+        column[0].set(yscale="log", title=name, xlabel="thousand commands", ylabel="mean cost of a command")
         paths = [one.fly(flights=1, settle=0.0, seed=seed).path for seed in range(1 if isinstance(one.goal, learn.Track) else 12)]
         across = (0, 1) if isinstance(one.goal, learn.Gates) else (0, 2)
         if isinstance(one.goal, learn.Track):
