@@ -12,10 +12,10 @@ use clap::Parser;
 use common::peer::Peer;
 use common::report::{Report, count, figures, number, numbers, shown};
 use common::{Fallible, ended, machine, median};
-use propwash::learn::goals::{Recover, Track};
-use propwash::learn::{Actions, Flown, Goal, Options, train};
+use propwash::learn::goals::{Gates, Land, Reach, Recover, Track};
+use propwash::learn::{Actions, Critic, Flown, Goal, Options, ppo, train};
 use propwash::physics::controllers::{ControlMode, Rates};
-use propwash::rollout::pilot::{Pilot, Place};
+use propwash::rollout::pilot::{Commander, Pilot, Place};
 use propwash::rollout::pool::alone;
 use propwash::rollout::{Sim, SimOptions};
 use propwash::scalar::lanes::{Cell, F32x16};
@@ -106,7 +106,7 @@ impl Fixed<'_> {
     }
 }
 
-impl Pilot<f32> for Fixed<'_> {
+impl Commander<f32> for Fixed<'_> {
     fn command(&self, at: Place, _: &[F32x16], command: &mut [F32x16]) {
         for (k, cell) in command.iter_mut().enumerate() {
             cell.fill(at.first_world, |w| self.commands[4 * w.min(self.commands.len() / 4 - 1) + k]);
@@ -117,6 +117,10 @@ impl Pilot<f32> for Fixed<'_> {
         self.with(at, |block| block[4] = state[2]);
     }
 
+    fn lost(&self, _: Place) {}
+}
+
+impl Pilot<f32> for Fixed<'_> {
     fn seed(&self, at: Place, by_state: &mut [F32x16]) {
         self.with(at, |block| {
             let (z, gain) = (block[4], &mut by_state[2]);
@@ -127,8 +131,6 @@ impl Pilot<f32> for Fixed<'_> {
     fn pull_back(&self, at: Place, by_command: &[F32x16], _: &mut [F32x16]) {
         self.with(at, |block| block[..4].copy_from_slice(by_command));
     }
-
-    fn lost(&self, _: Place) {}
 }
 
 /// Gains by the commands.
@@ -255,12 +257,18 @@ fn gradients(report: &mut Report, args: &Args) -> Fallible<()> {
 /// The vehicle of the paper's policies.
 const LEARNER: &str = "cf21B_500";
 
-/// A training for each seed, from nothing, on one core: seconds, and what flights showed.
+/// How a policy is trained: on one core by gradients, on all by proximal policy optimisation.
+enum How {
+    Bptt(Options),
+    Ppo(ppo::Options),
+}
+
+/// A training for each seed, from nothing: seconds, and what flights showed.
 fn trained<G: Goal>(
     args: &Args,
     goal: &G,
     actions: fn(&propwash::physics::drone::Drone<f64>) -> Actions,
-    options: &Options,
+    how: &How,
     (flights, settle_s): (usize, f64),
 ) -> Fallible<Vec<(f64, Flown)>> {
     (args.first..args.first + args.seeds)
@@ -269,8 +277,14 @@ fn trained<G: Goal>(
             let vehicle = Vehicle::builtin(LEARNER)?;
             let of = (&vehicle, "first_principles");
             let actions = actions(&vehicle.drone(of.1)?);
-            let options = Options { seed, ..options.clone() };
-            let trained = alone(|| train(goal, of, &actions, &options))?;
+            let trained = match how {
+                How::Bptt(options) => {
+                    alone(|| train(goal, of, &actions, &Options { seed, ..options.clone() }))?
+                }
+                How::Ppo(options) => {
+                    ppo::train(goal, of, &actions, &ppo::Options { seed, ..options.clone() })?
+                }
+            };
             let seconds = began.elapsed().as_secs_f64();
             Ok((seconds, trained.policy.fly(goal, of, (flights, settle_s, 1_000_000))?))
         })
@@ -289,34 +303,44 @@ fn policies(report: &mut Report, args: &Args) -> Fallible<()> {
         numbers("worst", "worst"),
         common::report::words("what", "what"),
     ];
-    let caption = "Policies trained from nothing on one core, over seeds that nothing was chosen by; flights from starts that no training has seen.";
+    let caption = "Policies trained from nothing, on one core but where all are named, over seeds that nothing was chosen by; flights from starts that no training has seen.";
     report.table("policies", caption, &columns)?;
     let all = machine::allowed()?;
     machine::pin(&machine::last_core()?)?;
-    let by_rotors = Options { horizon: 40, substeps: 5, commands: 600_000, ..Options::default() };
-    let throws = Options { horizon: 25, substeps: 5, commands: 60_000, ..Options::default() };
+    let gradients = |horizon, substeps, commands| {
+        How::Bptt(Options { horizon, substeps, commands, ..Options::default() })
+    };
     let eight = Track { period_s: 5.5, ..Track::default() };
     let error = |f: &Flown| if f.lost > 0 { f64::INFINITY } else { 1e3 * f.off_rms_m };
-    let caught = |f: &Flown| 0.1 * f.reached as f64;
-    let rows = [
-        (
-            "eight in 10 s, by attitudes",
-            (1.56, 8.7),
-            trained(args, &Track::default(), Actions::attitude, &Options::default(), (100, 2.0))?,
-        ),
-        (
-            "eight in 5.5 s, by rotor speeds",
-            (12.16, 166.0),
-            trained(args, &eight, Actions::rotors, &by_rotors, (100, 2.0))?,
-        ),
-    ];
-    for (task, paper, flown) in rows {
-        row(report, task, paper, &flown, error, "error, mm, rms", false)?;
+    let done = |f: &Flown| 0.1 * f.reached as f64;
+    let (slow, fast) = (Track::default(), (100, 2.0));
+    let flown = trained(args, &slow, Actions::attitude, &gradients(40, 10, 100_000), fast)?;
+    row(report, "eight in 10 s, by attitudes", (1.56, 8.7), &flown, error, "error, mm, rms", false)?;
+    let flown = trained(args, &eight, Actions::rotors, &gradients(40, 5, 600_000), fast)?;
+    row(report, "eight in 5.5 s, by rotor speeds", (12.16, 166.0), &flown, error, "error, mm, rms", false)?;
+    let none = (f64::NAN, f64::NAN);
+    let goal = Recover::default();
+    let flown = trained(args, &goal, Actions::attitude, &gradients(25, 5, 60_000), (1000, 0.0))?;
+    row(report, "throws", (0.38, f64::NAN), &flown, done, "% of 1,000 caught", true)?;
+    let goal = Reach::default();
+    let flown = trained(args, &goal, Actions::attitude, &gradients(40, 10, 200_000), (1000, 3.0))?;
+    row(report, "places", none, &flown, done, "% of 1,000 reached", true)?;
+    row(report, "places, the last second", none, &flown, error, "error, mm, rms", false)?;
+    let land = |critic| Options { horizon: 40, commands: 300_000, critic, ..Options::default() };
+    for (task, critic) in [("landings", Some(Critic::default())), ("landings, without a critic", None)] {
+        let how = How::Bptt(land(critic));
+        let flown = trained(args, &Land::default(), Actions::attitude, &how, (1000, 0.0))?;
+        row(report, task, none, &flown, done, "% of 1,000 soft", true)?;
     }
-    let flown = trained(args, &Recover::default(), Actions::attitude, &throws, (1000, 0.0))?;
-    row(report, "throws", (0.38, f64::NAN), &flown, caught, "% of 1,000 caught", true)?;
+    let how = How::Bptt(Options { commands: 1_000_000, rate: 0.005, ..Options::default() });
+    let flown = trained(args, &Gates::default(), Actions::attitude, &how, (1000, 0.0))?;
+    row(report, "gate races", none, &flown, done, "% of 1,000 done", true)?;
     machine::pin(&all)?;
-    report.text("Paper: Crazyflow's, its own machine and its own figure of eight (a Lissajous figure), after warming up.")
+    let how = How::Ppo(ppo::Options::default());
+    let flown = trained(args, &slow, Actions::attitude, &how, fast)?;
+    let task = "eight in 10 s, by PPO, all cores";
+    row(report, task, (1.61, 15.9), &flown, error, "error, mm, rms", false)?;
+    report.text("Paper: Crazyflow's, its own machine (PPO: on a GPU) and its own figure of eight (a Lissajous figure), after warming up.")
 }
 
 fn row(

@@ -7,7 +7,7 @@ use propwash::physics::effects::KINDS;
 use propwash::physics::integrate::Integrator;
 use propwash::physics::rigid_body::State;
 use propwash::random::{Key, Stream, purpose};
-use propwash::rollout::pilot::{Pilot, Place};
+use propwash::rollout::pilot::{Commander, Pilot, Place};
 use propwash::rollout::randomize::{Draw, Randomization, Rule};
 use propwash::rollout::tape::{Partials, Tape};
 use propwash::rollout::{Engine, RolloutError, Sim, SimOptions};
@@ -477,18 +477,21 @@ fn what_has_no_gradient_is_refused_in_words() {
 /// A pilot that commands hover and asks for nothing.
 struct Idle(f32);
 
-impl Pilot<f32> for Idle {
+impl Commander<f32> for Idle {
     fn command(&self, _: Place, _: &[F32x16], command: &mut [F32x16]) {
         command.fill(F32x16::splat(0.0));
         command[3] = F32x16::splat(self.0);
     }
     fn look(&self, _: Place, _: &[F32x16]) {}
+    fn lost(&self, at: Place) {
+        assert_eq!(at.first_world, 16, "only the second block is lost");
+    }
+}
+
+impl Pilot<f32> for Idle {
     fn seed(&self, _: Place, _: &mut [F32x16]) {}
     fn pull_back(&self, _: Place, by_command: &[F32x16], _: &mut [F32x16]) {
         assert!(by_command.iter().all(|cell| *cell == F32x16::splat(0.0)));
-    }
-    fn lost(&self, at: Place) {
-        assert_eq!(at.first_world, 16, "only the second block is lost");
     }
 }
 
@@ -511,19 +514,33 @@ fn pilots_fly_what_sequences_of_commands_fly() {
     assert_eq!(sim.data.pos, wanted.data().pos);
     assert_eq!(sim.data.controller_memory, wanted.data().controller_memory);
     assert_eq!(sim.data.steps, wanted.data().steps);
+    // The same without the way back.
+    sim.restore(&start).unwrap();
+    sim.fly_commanded(&Idle(hover), 6, 10).unwrap();
+    assert_eq!(sim.data.pos, wanted.data().pos);
+    assert_eq!(sim.data.controller_memory, wanted.data().controller_memory);
+    assert_eq!(sim.data.steps, wanted.data().steps);
     sim.restore(&start).unwrap();
     (sim.data.pos[3 * 20], sim.data.vel[3 * 20]) = (0.99998e9, 1e6);
-    let before = sim.data.clone();
-    sim.fly_piloted(&Idle(hover), 6, 10).unwrap();
-    for w in 0..35 {
-        let own = 3 * w..3 * w + 3;
-        let lost = (16..32).contains(&w);
-        let expected = if lost { &before.pos } else { &wanted.data().pos };
-        assert_eq!(sim.data.pos[own.clone()], expected[own], "{w}");
-        assert_eq!(sim.data.steps[w], if lost { 0 } else { 60 });
+    let before = sim.save();
+    for backwards in [true, false] {
+        sim.restore(&before).unwrap();
+        match backwards {
+            true => sim.fly_piloted(&Idle(hover), 6, 10).unwrap(),
+            false => sim.fly_commanded(&Idle(hover), 6, 10).unwrap(),
+        }
+        for w in 0..35 {
+            let own = 3 * w..3 * w + 3;
+            let lost = (16..32).contains(&w);
+            let expected = if lost { &before.data().pos } else { &wanted.data().pos };
+            assert_eq!(sim.data.pos[own.clone()], expected[own], "{w}");
+            assert_eq!(sim.data.steps[w], if lost { 0 } else { 60 });
+        }
     }
     let told = |sim: &mut Sim<f32>, times| sim.fly_piloted(&Idle(hover), times, 1).unwrap_err().to_string();
     assert!(told(&mut sim, 0).contains("at least one each"));
+    let forwards = sim.fly_commanded(&Idle(hover), 1, 0).unwrap_err().to_string();
+    assert!(forwards.contains("at least one each"));
     sim.data.pos[0] = 2e9;
     sim.step(1).unwrap();
     assert!(told(&mut sim, 1).contains("stands still"));

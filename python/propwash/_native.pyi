@@ -30,6 +30,7 @@ __all__ = [
     "gap_watch",
     "identify",
     "learn_bptt",
+    "learn_ppo",
     "lint",
     "load_plugin_library",
     "log_check",
@@ -111,10 +112,13 @@ class Learnt:
     def parts(self) -> dict[str, Any]: ...
     def fly(
         self, vehicle: Vehicle | None, flights: int, settle_s: float, seed: int
-    ) -> tuple[float, float, int, int, NDArray[np.float64]]: ...
+    ) -> tuple[float, float, int, int, NDArray[np.float64], NDArray[np.float64]]: ...
 
 def learn_bptt(
-    goal: str, numbers: dict[str, float], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]
+    goal: str, numbers: dict[str, Any], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]
+) -> Learnt: ...
+def learn_ppo(
+    goal: str, numbers: dict[str, Any], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]
 ) -> Learnt: ...
 @final
 class Tape:

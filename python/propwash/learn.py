@@ -1,7 +1,7 @@
-"""Policies that are trained by the gradients of their flights: ``import propwash.learn``.
+"""Policies that are trained in the lanes in which they fly: ``import propwash.learn``.
 
-A small network commands many worlds at once, in the lanes in which they fly, and the exact gradient of what the flights cost goes back through motion,
-effects, on-board controllers and network (backpropagation through time). It takes a tenth of a second, and nothing but Propwash.
+A small network commands many worlds at once. ``bptt`` takes the exact gradient of what the flights cost back through motion, effects, on-board controllers and
+network (backpropagation through time): a tenth of a second, and nothing but Propwash. ``ppo`` sees costs alone (proximal policy optimisation): some seconds.
 
 >>> trained = propwash.learn.bptt(propwash.learn.Track(period=10.0))
 >>> print(trained.fly())
@@ -23,7 +23,7 @@ from ._repr import shorten_all as _shorten_all
 from .policies import ActionSpec, Branch, Channel, Input, Layer, Policy
 from .sense import _whole
 
-__all__ = ["Flights", "Recover", "Track", "Trained", "bptt"]
+__all__ = ["Critic", "Flights", "Gate", "Gates", "Land", "Reach", "Recover", "Track", "Trained", "bptt", "ppo"]
 
 Action = Literal["attitude", "rotor_vel"]
 
@@ -50,7 +50,91 @@ class Recover:
     """Time until the drone should be at rest, s."""
 
 
-Goal = Union[Track, Recover]
+@dataclass(frozen=True)
+class Reach:
+    """Fly to a place that is drawn for each episode, and hover there. The policy sees the way there (``difference_to_goal``)."""
+
+    far: float = 1.5
+    """Starts and places lie within ± this of (0, 0, 1.5) along x and y, and within ± 1 m along z, m."""
+    speed: float = 1.0
+    """Starts are up to this fast along each axis, m/s."""
+    time: float = 4.0
+    """Time of an episode, s."""
+
+
+@dataclass(frozen=True)
+class Land:
+    """Touch down softly at (0, 0, ``height``): slower than 0.3 m/s downwards and 0.2 m/s sideways, leaning less than 10°, within 0.2 m.
+
+    Nothing stands there: a flight ends where the drone's origin comes down to the height, and it is the flight before that counts."""
+
+    height: float = 0.0
+    """Height at which the drone's origin is when it stands there, m."""
+    beside: float = 1.0
+    """Starts lie within ± this of the place along x and y, m."""
+    above: float = 1.0
+    """Starts are half of this to one and a half of it above the place, m."""
+    time: float = 6.0
+    """Time in which it must touch down, s."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """A round opening that is to be crossed along ``normal``."""
+
+    centre: tuple[float, float, float]
+    """Its middle, m."""
+    normal: tuple[float, float, float]
+    """The way through, of length 1."""
+    radius: float = 0.3
+    """Radius of the opening, m."""
+
+
+@dataclass(frozen=True)
+class Gates:
+    """Race through a ring of gates, in their order, without touching a rim or missing one.
+
+    Each episode moves and turns all gates a little and begins before one that is drawn. The policy sees the next two, as ways to their middles and normals.
+    """
+
+    gates: tuple[Gate, ...] = ()
+    """The gates; after the last comes the first. Without any: five on a ring of 2 m radius, at heights of 0.9 to 1.6 m."""
+    rim: float = 0.1
+    """Width of the rims, m; they have no thickness."""
+    body: float = 0.07
+    """Radius of the drone: it must stay so far inside an opening, and outside a rim, m."""
+    moved: float = 0.2
+    """Gates are moved by up to this along each axis, m."""
+    turned: float = 0.2
+    """Gates are turned by up to this about the vertical, rad."""
+    speed: float = 2.5
+    """Speed that costs least, m/s."""
+    laps: int = 1
+    """How often each gate is to be passed."""
+    time: float = 10.0
+    """Time for all of it, s."""
+
+
+Goal = Union[Track, Recover, Reach, Land, Gates]
+
+
+@dataclass(frozen=True)
+class Critic:
+    """How the value network of short-horizon actor-critic learns (Xu et al., 2022): it estimates what comes after a flight's end, and its slopes enter the gradient
+    there."""
+
+    discount: float = 0.97
+    """What a cost counts one command later, below 1."""
+    lam: float = 0.95
+    """Share of longer returns in what the network is taught (λ of TD(λ))."""
+    follow: float = 0.2
+    """Share of the way that the network whose slopes are used goes towards the one that learns, after each flight."""
+    rate: float = 0.003
+    """Size of Adam's first steps."""
+    epochs: int = 4
+    """How often the samples of a flight are gone through."""
+    parts: int = 4
+    """In how many parts, each a step of Adam."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +143,28 @@ class Flights:
 
     flights: int
     error_rms: float
-    """How far off they were, m, root mean square over flights and time: from the path (``Track``), from the origin (``Recover``). NaN where all were lost."""
+    """How far off they were, m, root mean square over flights and time: from the path (``Track``), the origin (``Recover``), the place (``Reach``; ``Land``: beside
+    it), the middle of the next gate (``Gates``). NaN where all were lost."""
     error_most: float
     """The most of it, m."""
     reached: int
-    """Flights that ended as they should: within 0.1 m of the path (``Track``); level within 15°, slower than 0.3 m/s and 1 rad/s (``Recover``)."""
+    """Flights that ended as they should: within 0.1 m of the path (``Track``); level within 15°, slower than 0.3 m/s and 1 rad/s (``Recover``); within 0.05 m and
+    slower than 0.1 m/s (``Reach``); landed softly (``Land``); all gates passed (``Gates``)."""
     lost: int
-    """Flights that came more than 1 m (``Track``) or 10 m (``Recover``) off, or whose numbers stopped being numbers."""
+    """Flights that came more than 1 m (``Track``), 10 m (``Recover``, ``Reach``), 5 m (``Land``) or 6 m (``Gates``) off, touched down too hard, touched or missed a
+    gate, or whose numbers stopped being numbers."""
     path: NDArray[np.float64]
     """Positions of the first flight after each command, m. (n, 3)"""
+    ends: NDArray[np.float64]
+    """The last state of each flight: position (m), attitude (x y z w), velocity (m/s), angular velocity (rad/s, body). (flights, 13)"""
 
 
 class Trained:
     """A policy and how it came to be."""
 
-    def __init__(self, native: _native.Learnt, goal: Goal, vehicle: Vehicle) -> None:
+    def __init__(self, native: _native.Learnt, goal: Goal, vehicle: Vehicle, by: str) -> None:
         self._native = native
+        self._by = by
         self._vehicle = vehicle
         self.goal = goal
         self.seconds: float = native.seconds
@@ -98,8 +188,8 @@ class Trained:
             seed: Seed of the starts.
         """
         other = None if vehicle is None else vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-        rms, most, reached, lost, path = self._native.fly(other, _whole("flights", flights, 1, 10**6), float(settle), _whole("seed", seed, 0, 2**62))
-        return Flights(flights, rms, most, reached, lost, path)
+        found = self._native.fly(other, _whole("flights", flights, 1, 10**6), float(settle), _whole("seed", seed, 0, 2**62))
+        return Flights(flights, *found)
 
     @property
     def policy(self) -> Policy:
@@ -124,18 +214,31 @@ class Trained:
         )
         first, second, third = (float(scale) for scale in parts["scales"])
         state = [Input("quat"), Input("vel").scale(second), Input("ang_vel").scale(third)]
-        trained: dict[str, Any] = {"propwash": __version__, "note": f"propwash.learn.bptt of {self.goal}"}
-        if isinstance(self.goal, Track):
+        trained: dict[str, Any] = {"propwash": __version__, "note": self._note}
+        if isinstance(self.goal, Gates):
+            factor = ([first] * 3 + [1.0] * 3) * 2
+            inputs = [Input("gates").scale(factor), state[1], state[0], state[2]]
+            channels = [Channel("ang_vel", (3,)), Channel("gates", (12,)), Channel("quat", (4,)), Channel("vel", (3,))]
+        elif isinstance(self.goal, (Reach, Land)):
+            inputs = [Input("difference_to_goal").scale(first), state[1], state[0], state[2]]
+            channels = [Channel("ang_vel", (3,)), Channel("difference_to_goal", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
+            if isinstance(self.goal, Reach):
+                trained.update(self._where(parts, "Propwash/ReachPos-v0", {}))
+        elif isinstance(self.goal, Track):
             inputs = [Input("local_samples").scale(first), state[1], state[0], state[2]]
             channels = [Channel("ang_vel", (3,)), Channel("local_samples", (30,)), Channel("quat", (4,)), Channel("vel", (3,))]
-            trained.update(self._where(parts))
+            trained.update(self._where(parts, "Propwash/Trajectory-v0", {"period_s": self.goal.period}))
         else:
             inputs = [Input("pos").scale(first), *state]
             channels = [Channel("ang_vel", (3,)), Channel("pos", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
         # The last tanh is that of the limit.
         return Policy(tuple(channels), (Branch(tuple(inputs)),), tuple(layers[:-1]), action, trained)
 
-    def _where(self, parts: dict[str, Any]) -> dict[str, Any]:
+    @property
+    def _note(self) -> str:
+        return f"propwash.learn.{self._by} of {self.goal}"
+
+    def _where(self, parts: dict[str, Any], name: str, options: dict[str, Any]) -> dict[str, Any]:
         """The environment that asks for the same; nothing without gymnasium."""
         try:
             import gymnasium
@@ -144,17 +247,57 @@ class Trained:
         from . import envs as _envs
         from .policies._convert import Seen
 
-        assert isinstance(self.goal, Track) and _envs
+        assert _envs
         env = gymnasium.make_vec(
-            "Propwash/Trajectory-v0",
+            name,
             num_envs=1,
             drone=self._vehicle,
             action=parts["kind"],
             normalize_actions=False,
             freq=parts["step_hz"],
-            task_options={"period_s": self.goal.period},
+            task_options=options,
         )
-        return Seen(env).trained(f"propwash.learn.bptt of {self.goal}")
+        return Seen(env).trained(self._note)
+
+
+def _given(goal: Goal, vehicle: str | os.PathLike[str] | Vehicle) -> tuple[str, dict[str, Any], Vehicle]:
+    """Name and numbers of a goal as the compiled module takes them, and the vehicle."""
+    if not isinstance(goal, (Track, Recover, Reach, Land, Gates)):
+        raise TypeError(f"goal: expected propwash.learn.Track, Recover, Reach, Land or Gates, got {type(goal).__name__}")
+    numbers = asdict(goal)
+    if isinstance(goal, Gates):
+        for k, gate in enumerate(goal.gates):
+            if not isinstance(gate, Gate):
+                raise TypeError(f"gates[{k}]: expected propwash.learn.Gate, got {type(gate).__name__}")
+        numbers["gates"] = [(list(map(float, gate.centre)), list(map(float, gate.normal)), float(gate.radius)) for gate in goal.gates]
+        numbers["laps"] = _whole("laps", goal.laps, 1, 10**6)
+    return type(goal).__name__.lower(), numbers, vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
+
+
+def _common(freq: int, substeps: int, worlds: int, horizon: int, commands: int, hidden: Sequence[int], seed: int) -> dict[str, Any]:
+    return {
+        "freq": _whole("freq", freq, 1, 1_000_000),
+        "substeps": _whole("substeps", substeps, 1, 10**6),
+        "worlds": _whole("worlds", worlds, 1, 10**6),
+        "horizon": _whole("horizon", horizon, 1, 10**6),
+        "commands": _whole("commands", commands, 1, 10**12),
+        "hidden": [_whole("hidden", width, 1, 10**4) for width in hidden],
+        "seed": _whole("seed", seed, 0, 2**62),
+    }
+
+
+def _usual(goal: Goal, action: str) -> tuple[int, int, int, float]:
+    """Steps under a command, commands of a flight, commands in all and rate of ``bptt``."""
+    slow = action == "attitude"
+    if isinstance(goal, Recover):
+        return 5, 25, 60_000, 0.01
+    if isinstance(goal, Gates):
+        return 10 if slow else 5, 40, 1_000_000, 0.005
+    if isinstance(goal, Land):
+        return 10 if slow else 5, 40, 300_000, 0.01
+    if isinstance(goal, Reach):
+        return 10 if slow else 5, 40, 200_000, 0.01
+    return 10 if slow else 5, 40, 100_000 if slow else 600_000, 0.01
 
 
 def bptt(
@@ -169,49 +312,118 @@ def bptt(
     horizon: int | None = None,
     commands: int | None = None,
     hidden: Sequence[int] = (64, 64),
-    rate: float = 0.01,
+    rate: float | None = None,
     longest: float = 0.2,
+    critic: Critic | bool | None = None,
     seed: int = 0,
 ) -> Trained:
     """Trains a policy by backpropagation through time.
 
     Args:
-        goal: ``Track`` or ``Recover``.
+        goal: ``Track``, ``Recover``, ``Reach``, ``Land`` or ``Gates``.
         vehicle: What flies, with all its effects.
         dynamics: Its model.
         action: What the policy commands: ``attitude`` (roll and pitch up to ± 0.6 rad, yaw up to ± 0.2 rad, thrust 30 to 170 % of hover), or ``rotor_vel`` (± 30 % of the
             speeds of hover).
         freq: Steps of the simulation a second.
-        substeps: Steps under each command; None: 10 for ``Track`` by attitudes, else 5.
+        substeps: Steps under each command; None: 10 by attitudes, 5 by rotor speeds and for ``Recover``.
         worlds: Worlds that fly at once; multiples of 16 fill the lanes.
-        horizon: Commands of a flight before its gradient is taken; None: 40 for ``Track``, 25 for ``Recover``.
-        commands: Commands in all, over all worlds; None: 100,000 for ``Track`` by attitudes, 600,000 by rotor speeds, 60,000 for ``Recover``.
+        horizon: Commands of a flight before its gradient is taken; None: 40, for ``Recover`` 25.
+        commands: Commands in all, over all worlds; None: 100,000 for ``Track`` by attitudes, 600,000 by rotor speeds, 60,000 for ``Recover``, 200,000 for ``Reach``,
+            300,000 for ``Land``, 1,000,000 for ``Gates``.
         hidden: Widths of the network's layers.
-        rate: Size of Adam's first steps; it falls to nothing along half a cosine.
+        rate: Size of Adam's first steps; it falls to nothing along half a cosine. None: 0.01, for ``Gates`` 0.005.
         longest: Gradients that are longer are shortened to this.
+        critic: A value network for what comes after a flight's end; False: none, True: that of ``Critic()``; None: True for ``Land``, else False.
         seed: Seed of weights and starts.
 
     Raises:
         ValueError: for options that make no sense, vehicles without these dynamics, and models that have no rotors to command.
     """
-    if not isinstance(goal, (Track, Recover)):
-        raise TypeError(f"goal: expected propwash.learn.Track or Recover, got {type(goal).__name__}")
-    of = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-    slow = isinstance(goal, Track) and action == "attitude"
-    track = isinstance(goal, Track)
-    options = {
-        "freq": _whole("freq", freq, 1, 1_000_000),
-        "substeps": _whole("substeps", (10 if slow else 5) if substeps is None else substeps, 1, 10**6),
-        "worlds": _whole("worlds", worlds, 1, 10**6),
-        "horizon": _whole("horizon", (40 if track else 25) if horizon is None else horizon, 1, 10**6),
-        "commands": _whole("commands", ((100_000 if slow else 600_000) if track else 60_000) if commands is None else commands, 1, 10**12),
-        "hidden": [_whole("hidden", width, 1, 10**4) for width in hidden],
-        "rate": float(rate),
-        "longest": float(longest),
-        "seed": _whole("seed", seed, 0, 2**62),
-    }
-    name = type(goal).__name__.lower()
-    return Trained(_native.learn_bptt(name, asdict(goal), of, dynamics, action, options), goal, of)
+    name, numbers, of = _given(goal, vehicle)
+    steps, flight, all_commands, first_rate = _usual(goal, action)
+    if critic is None:
+        critic = isinstance(goal, Land)
+    how = Critic() if critic is True else critic or None
+    if how is not None and not isinstance(how, Critic):
+        raise TypeError(f"critic: expected propwash.learn.Critic, a bool or None, got {type(how).__name__}")
+    options = _common(
+        freq,
+        steps if substeps is None else substeps,
+        worlds,
+        flight if horizon is None else horizon,
+        all_commands if commands is None else commands,
+        hidden,
+        seed,
+    )
+    options |= {"rate": float(first_rate if rate is None else rate), "longest": float(longest)}
+    options["critic"] = None if how is None else _taught(how)
+    return Trained(_native.learn_bptt(name, numbers, of, dynamics, action, options), goal, of, "bptt")
+
+
+def _taught(critic: Critic) -> dict[str, Any]:
+    whole = {name: _whole(f"critic.{name}", getattr(critic, name), 1, 10**6) for name in ("epochs", "parts")}
+    return whole | {name: float(getattr(critic, name)) for name in ("discount", "lam", "follow", "rate")}
+
+
+def ppo(
+    goal: Goal,
+    vehicle: str | os.PathLike[str] | Vehicle = "cf21B_500",
+    *,
+    dynamics: str = "first_principles",
+    action: Action = "attitude",
+    freq: int = 500,
+    substeps: int | None = None,
+    worlds: int = 128,
+    horizon: int = 32,
+    commands: int = 2_000_000,
+    hidden: Sequence[int] = (64, 64),
+    rate: float = 0.005,
+    longest: float = 0.5,
+    discount: float = 0.95,
+    lam: float = 0.95,
+    clip: float = 0.2,
+    epochs: int = 4,
+    parts: int = 4,
+    noise: float = 0.3,
+    entropy: float = 0.0,
+    seed: int = 0,
+) -> Trained:
+    """Trains a policy by proximal policy optimisation (Schulman et al., 2017): it sees what flights cost, and no slopes.
+
+    The policy that comes out flies the middle of the actions that the training drew. It is the same, bit for bit, at any number of threads.
+
+    Args:
+        goal: ``Track``, ``Recover``, ``Reach``, ``Land`` or ``Gates``.
+        vehicle: What flies, with all its effects.
+        dynamics: Its model.
+        action: What the policy commands, as for ``bptt``.
+        freq: Steps of the simulation a second.
+        substeps: Steps under each command; None: 10 by attitudes, 5 by rotor speeds and for ``Recover``.
+        worlds: Worlds that fly at once; multiples of 16 fill the lanes.
+        horizon: Commands of a flight before the policy is changed.
+        commands: Commands in all, over all worlds.
+        hidden: Widths of the layers of both networks, of the actions and of the values.
+        rate: Size of Adam's first steps; it falls to nothing along half a cosine.
+        longest: Gradients that are longer are shortened to this.
+        discount: What a cost counts one command later, below 1.
+        lam: Share of longer returns in what an action is judged by (λ of generalised advantage estimation).
+        clip: How far the likelihood of an action may move from what it was when it was flown, as a share, before it gains nothing more.
+        epochs: How often the samples of a flight are gone through.
+        parts: In how many parts, each a step of Adam.
+        noise: Standard deviation of the first actions around those of the network; 1 is the limit of an action.
+        entropy: What the logarithms of the standard deviations gain the loss by themselves, so that noise does not die early.
+        seed: Seed of weights, starts and actions.
+
+    Raises:
+        ValueError: for options that make no sense, vehicles without these dynamics, and models that have no rotors to command.
+    """
+    name, numbers, of = _given(goal, vehicle)
+    options = _common(freq, _usual(goal, action)[0] if substeps is None else substeps, worlds, horizon, commands, hidden, seed)
+    options |= {"rate": float(rate), "longest": float(longest), "discount": float(discount), "lam": float(lam), "clip": float(clip)}
+    options |= {"epochs": _whole("epochs", epochs, 1, 10**6), "parts": _whole("parts", parts, 1, 10**6)}
+    options |= {"noise": float(noise), "entropy": float(entropy)}
+    return Trained(_native.learn_ppo(name, numbers, of, dynamics, action, options), goal, of, "ppo")
 
 
 _shorten_all(globals())

@@ -1,10 +1,10 @@
-//! Policies trained by the gradients of their flights: the compiled side of `propwash.learn`.
+//! Policies trained in the lanes in which they fly: the compiled side of `propwash.learn`.
 
 use std::time::Instant;
 
 use numpy::PyArrayDyn;
-use propwash::learn::goals::{Recover, Track, recover, track};
-use propwash::learn::{Actions, Flown, LearnError, Options, Trained, train};
+use propwash::learn::goals::{Gate, Gates, Land, Reach, Recover, Track, gates, land, reach, recover, track};
+use propwash::learn::{Actions, Critic, Flown, LearnError, Options, Trained, ppo, train};
 use propwash::physics::controllers::ControlMode;
 use propwash::vehicle::Vehicle;
 use pyo3::exceptions::PyValueError;
@@ -16,10 +16,12 @@ use crate::errors::{IntoPython, OrRaise};
 use crate::vehicle::PyVehicle;
 
 /// What there is to be learnt.
-#[derive(Clone, Copy)]
 enum AnyGoal {
     Track(Track),
     Recover(Recover),
+    Reach(Reach),
+    Land(Land),
+    Gates(Gates),
 }
 
 /// The same expression for every goal.
@@ -28,6 +30,9 @@ macro_rules! each {
         match $goal {
             AnyGoal::Track($of) => $body,
             AnyGoal::Recover($of) => $body,
+            AnyGoal::Reach($of) => $body,
+            AnyGoal::Land($of) => $body,
+            AnyGoal::Gates($of) => $body,
         }
     };
 }
@@ -52,37 +57,128 @@ pub struct PyLearnt {
     seconds: f64,
 }
 
+/// Numbers of a goal or of a training, by name.
+struct Numbers<'a, 'py>(&'a Bound<'py, PyDict>);
+
+impl Numbers<'_, '_> {
+    fn get<T: for<'a> FromPyObject<'a, 'a, Error = PyErr>>(&self, key: &str, usual: T) -> PyResult<T> {
+        self.0.get_item(key)?.map_or(Ok(usual), |value| value.extract())
+    }
+
+    /// A number that must be finite and above zero, or not below it.
+    fn size(&self, key: &str, usual: f64, zero: bool) -> PyResult<f64> {
+        let value = self.get(key, usual)?;
+        if value.is_finite() && (value > 0.0 || zero && value == 0.0) {
+            return Ok(value);
+        }
+        let expected = if zero { "a finite number of at least 0" } else { "a finite number above 0" };
+        Err(PyValueError::new_err(format!("{key}: expected {expected}, got {value}")))
+    }
+
+    fn above(&self, key: &str, usual: f64) -> PyResult<f64> {
+        self.size(key, usual, false)
+    }
+}
+
 /// A goal by name, with its numbers.
 fn goal_of(name: &str, numbers: &Bound<'_, PyDict>) -> PyResult<AnyGoal> {
-    let number = |key: &str| -> PyResult<Option<f64>> {
-        let Some(value) = numbers.get_item(key)? else { return Ok(None) };
-        let value: f64 = value.extract()?;
-        match value.is_finite() && value > 0.0 {
-            true => Ok(Some(value)),
-            false => {
-                Err(PyValueError::new_err(format!("{key}: expected a finite number above 0, got {value}")))
-            }
-        }
-    };
+    let given = Numbers(numbers);
     match name {
         "track" => {
             let usual = Track::default();
-            Ok(AnyGoal::Track(Track { period_s: number("period")?.unwrap_or(usual.period_s), ..usual }))
+            Ok(AnyGoal::Track(Track { period_s: given.above("period", usual.period_s)?, ..usual }))
         }
         "recover" => {
             let usual = Recover::default();
             Ok(AnyGoal::Recover(Recover {
-                speed_m_s: number("speed")?.unwrap_or(usual.speed_m_s),
-                spin_rad_s: number("spin")?.unwrap_or(usual.spin_rad_s),
-                lean_rad: number("lean")?.unwrap_or(usual.lean_rad),
-                time_s: number("time")?.unwrap_or(usual.time_s),
+                speed_m_s: given.above("speed", usual.speed_m_s)?,
+                spin_rad_s: given.above("spin", usual.spin_rad_s)?,
+                lean_rad: given.above("lean", usual.lean_rad)?,
+                time_s: given.above("time", usual.time_s)?,
             }))
         }
-        _ => Err(PyValueError::new_err(format!("goal: expected `track` or `recover`, got {name:?}"))),
+        "reach" => {
+            let usual = Reach::default();
+            Ok(AnyGoal::Reach(Reach {
+                far_m: given.above("far", usual.far_m)?,
+                speed_m_s: given.above("speed", usual.speed_m_s)?,
+                time_s: given.above("time", usual.time_s)?,
+            }))
+        }
+        "land" => {
+            let usual = Land::default();
+            let height_m: f64 = given.get("height", usual.height_m)?;
+            if !height_m.is_finite() {
+                return Err(PyValueError::new_err(format!(
+                    "height: expected a finite number, got {height_m}"
+                )));
+            }
+            Ok(AnyGoal::Land(Land {
+                height_m,
+                beside_m: given.above("beside", usual.beside_m)?,
+                above_m: given.above("above", usual.above_m)?,
+                time_s: given.above("time", usual.time_s)?,
+            }))
+        }
+        "gates" => gates_of(&given),
+        _ => {
+            let expected = "`track`, `recover`, `reach`, `land` or `gates`";
+            Err(PyValueError::new_err(format!("goal: expected {expected}, got {name:?}")))
+        }
     }
 }
 
-/// Trains a policy.
+/// A race: its gates as (centre, normal, radius), those of the default where none are given.
+fn gates_of(given: &Numbers<'_, '_>) -> PyResult<AnyGoal> {
+    let usual = Gates::default();
+    let listed: Vec<([f64; 3], [f64; 3], f64)> = given.get("gates", Vec::new())?;
+    let body_m = given.above("body", usual.body_m)?;
+    let mut gates = if listed.is_empty() { usual.gates.clone() } else { Vec::new() };
+    for (k, (centre_m, normal, radius_m)) in listed.into_iter().enumerate() {
+        let wrong = |what: &str, expected: &str, got: String| {
+            Err(PyValueError::new_err(format!("gates[{k}].{what}: expected {expected}, got {got}")))
+        };
+        let length = normal.iter().map(|v| v * v).sum::<f64>().sqrt();
+        if centre_m.iter().any(|v| !v.is_finite()) {
+            return wrong("centre", "finite numbers", format!("{centre_m:?}"));
+        }
+        if !(length - 1.0).abs().lt(&1e-6) {
+            return wrong("normal", "a vector of length 1", format!("{normal:?}, of length {length}"));
+        }
+        if !(radius_m.is_finite() && radius_m > body_m) {
+            return wrong(
+                "radius",
+                &format!("more than the drone's {body_m} m (`body`)"),
+                format!("{radius_m}"),
+            );
+        }
+        gates.push(Gate { centre_m, normal, radius_m });
+    }
+    Ok(AnyGoal::Gates(Gates {
+        gates,
+        rim_m: given.size("rim", usual.rim_m, true)?,
+        body_m,
+        moved_m: given.size("moved", usual.moved_m, true)?,
+        turned_rad: given.size("turned", usual.turned_rad, true)?,
+        speed_m_s: given.above("speed", usual.speed_m_s)?,
+        laps: given.get("laps", usual.laps)?,
+        time_s: given.above("time", usual.time_s)?,
+    }))
+}
+
+fn actions_of(vehicle: &Vehicle, dynamics: &str, action: &str) -> PyResult<Actions> {
+    let drone = vehicle.drone(dynamics).or_raise()?;
+    match action {
+        "attitude" => Ok(Actions::attitude(&drone)),
+        "rotor_vel" => Ok(Actions::rotors(&drone)),
+        _ => {
+            let expected = "`attitude` or `rotor_vel`";
+            Err(PyValueError::new_err(format!("action: expected {expected}, got {action:?}")))
+        }
+    }
+}
+
+/// Trains a policy by backpropagation through time.
 #[pyfunction]
 #[pyo3(signature = (goal, numbers, vehicle, dynamics, action, options))]
 pub fn learn_bptt(
@@ -94,43 +190,79 @@ pub fn learn_bptt(
     action: &str,
     options: &Bound<'_, PyDict>,
 ) -> PyResult<PyLearnt> {
-    let goal = goal_of(goal, numbers)?;
-    let usual = Options::default();
-    let whole = |key: &str, usual: usize| -> PyResult<usize> {
-        options.get_item(key)?.map_or(Ok(usual), |value| value.extract())
-    };
-    let number = |key: &str, usual: f32| -> PyResult<f32> {
-        options.get_item(key)?.map_or(Ok(usual), |value| value.extract())
-    };
-    let hidden = match options.get_item("hidden")? {
-        Some(value) => value.extract()?,
-        None => usual.hidden.clone(),
+    let (goal, given, usual) = (goal_of(goal, numbers)?, Numbers(options), Options::default());
+    let critic = match options.get_item("critic")? {
+        Some(value) if !value.is_none() => {
+            let (table, usual) = (value.cast_into::<PyDict>()?, Critic::default());
+            let given = Numbers(&table);
+            Some(Critic {
+                discount: given.get("discount", usual.discount)?,
+                lambda: given.get("lam", usual.lambda)?,
+                follow: given.get("follow", usual.follow)?,
+                rate: given.get("rate", usual.rate)?,
+                epochs: given.get("epochs", usual.epochs)?,
+                parts: given.get("parts", usual.parts)?,
+            })
+        }
+        _ => None,
     };
     let options = Options {
-        worlds: whole("worlds", usual.worlds)?,
-        horizon: whole("horizon", usual.horizon)?,
-        substeps: whole("substeps", usual.substeps)?,
-        sim_hz: whole("freq", usual.sim_hz as usize)? as u32,
-        commands: whole("commands", usual.commands)?,
-        hidden,
-        rate: number("rate", usual.rate)?,
-        longest: number("longest", usual.longest)?,
-        seed: whole("seed", 0)? as u64,
+        worlds: given.get("worlds", usual.worlds)?,
+        horizon: given.get("horizon", usual.horizon)?,
+        substeps: given.get("substeps", usual.substeps)?,
+        sim_hz: given.get("freq", usual.sim_hz)?,
+        commands: given.get("commands", usual.commands)?,
+        hidden: given.get("hidden", usual.hidden)?,
+        rate: given.get("rate", usual.rate)?,
+        longest: given.get("longest", usual.longest)?,
+        critic,
+        seed: given.get("seed", 0)?,
     };
     let vehicle = vehicle.vehicle.clone();
-    let drone = vehicle.drone(dynamics).or_raise()?;
-    let actions = match action {
-        "attitude" => Actions::attitude(&drone),
-        "rotor_vel" => Actions::rotors(&drone),
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "action: expected `attitude` or `rotor_vel`, got {action:?}"
-            )));
-        }
-    };
+    let actions = actions_of(&vehicle, dynamics, action)?;
     let began = Instant::now();
     let of = (&vehicle, dynamics);
-    let trained = py.detach(|| each!(goal, goal => train(&goal, of, &actions, &options))).or_raise()?;
+    let trained = py.detach(|| each!(&goal, goal => train(goal, of, &actions, &options))).or_raise()?;
+    let (seconds, dynamics) = (began.elapsed().as_secs_f64(), dynamics.to_string());
+    Ok(PyLearnt { goal, trained, vehicle, dynamics, seconds })
+}
+
+/// Trains a policy by proximal policy optimisation.
+#[pyfunction]
+#[pyo3(signature = (goal, numbers, vehicle, dynamics, action, options))]
+pub fn learn_ppo(
+    py: Python<'_>,
+    goal: &str,
+    numbers: &Bound<'_, PyDict>,
+    vehicle: &PyVehicle,
+    dynamics: &str,
+    action: &str,
+    options: &Bound<'_, PyDict>,
+) -> PyResult<PyLearnt> {
+    let (goal, given, usual) = (goal_of(goal, numbers)?, Numbers(options), ppo::Options::default());
+    let options = ppo::Options {
+        worlds: given.get("worlds", usual.worlds)?,
+        horizon: given.get("horizon", usual.horizon)?,
+        substeps: given.get("substeps", usual.substeps)?,
+        sim_hz: given.get("freq", usual.sim_hz)?,
+        commands: given.get("commands", usual.commands)?,
+        hidden: given.get("hidden", usual.hidden)?,
+        rate: given.get("rate", usual.rate)?,
+        longest: given.get("longest", usual.longest)?,
+        discount: given.get("discount", usual.discount)?,
+        lambda: given.get("lam", usual.lambda)?,
+        clip: given.get("clip", usual.clip)?,
+        epochs: given.get("epochs", usual.epochs)?,
+        parts: given.get("parts", usual.parts)?,
+        noise: given.get("noise", usual.noise)?,
+        entropy: given.get("entropy", usual.entropy)?,
+        seed: given.get("seed", 0)?,
+    };
+    let vehicle = vehicle.vehicle.clone();
+    let actions = actions_of(&vehicle, dynamics, action)?;
+    let began = Instant::now();
+    let of = (&vehicle, dynamics);
+    let trained = py.detach(|| each!(&goal, goal => ppo::train(goal, of, &actions, &options))).or_raise()?;
     let (seconds, dynamics) = (began.elapsed().as_secs_f64(), dynamics.to_string());
     Ok(PyLearnt { goal, trained, vehicle, dynamics, seconds })
 }
@@ -178,6 +310,9 @@ impl PyLearnt {
         let scales = match self.goal {
             AnyGoal::Track(_) => track::SCALES,
             AnyGoal::Recover(_) => recover::SCALES,
+            AnyGoal::Reach(_) => reach::SCALES,
+            AnyGoal::Land(_) => land::SCALES,
+            AnyGoal::Gates(_) => gates::SCALES,
         };
         let out = PyDict::new(py);
         out.set_item("layers", layers)?;
@@ -190,8 +325,8 @@ impl PyLearnt {
         Ok(out)
     }
 
-    /// Flies it, from starts that the training has not seen: error (rms, most, m), flights that ended as they should, that were lost, and the path of the
-    /// first.
+    /// Flies it, from starts that the training has not seen: error (rms, most, m), flights that ended as they should, that were lost, the path of the
+    /// first, and the last state of each.
     #[allow(clippy::type_complexity)]
     fn fly<'py>(
         &self,
@@ -200,7 +335,7 @@ impl PyLearnt {
         flights: usize,
         settle_s: f64,
         seed: u64,
-    ) -> PyResult<(f64, f64, usize, usize, Bound<'py, PyArrayDyn<f64>>)> {
+    ) -> PyResult<(f64, f64, usize, usize, Bound<'py, PyArrayDyn<f64>>, Bound<'py, PyArrayDyn<f64>>)> {
         if flights == 0 {
             return Err(PyValueError::new_err("flights: expected at least 1, got 0"));
         }
@@ -208,9 +343,10 @@ impl PyLearnt {
         let of = (vehicle, &self.dynamics[..]);
         let how = (flights, settle_s, seed);
         let flown = py.detach(|| each!(&self.goal, goal => self.trained.policy.fly(goal, of, how)));
-        let Flown { off_rms_m, off_most_m, reached, lost, path_m } = flown.or_raise()?;
+        let Flown { off_rms_m, off_most_m, reached, lost, path_m, ends } = flown.or_raise()?;
         let n = path_m.len();
         let path = arrays::owned(py, path_m.into_iter().flatten().collect(), &[n, 3])?;
-        Ok((off_rms_m, off_most_m, reached, lost, path))
+        let ends = arrays::owned(py, ends.into_iter().flatten().collect(), &[flights, 13])?;
+        Ok((off_rms_m, off_most_m, reached, lost, path, ends))
     }
 }

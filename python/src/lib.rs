@@ -70,6 +70,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<lab::PyLab>()?;
     m.add_class::<learn::PyLearnt>()?;
     m.add_function(wrap_pyfunction!(learn::learn_bptt, m)?)?;
+    m.add_function(wrap_pyfunction!(learn::learn_ppo, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_watch, m)?)?;

@@ -16,6 +16,7 @@ import propwash.envs
 
 TESTED = {
     "learn_by_gradients.py",
+    "learn_goals.py",
     "lqr.py",
     "mppi.py",
     "nmpc.py",
@@ -83,6 +84,15 @@ def test_policies_are_learnt_by_gradients(tmp_path):
     eight, fast, caught = map(float, row.groups())
     assert eight < 8.7 and fast < 166.0 and caught >= 95.0, said
     assert propwash.Policy.load(tmp_path / "learn_1.npz").trained["environment"] == "Propwash/Trajectory-v0"
+
+
+def test_places_landings_and_gates_are_learnt(tmp_path):
+    pytest.importorskip("gymnasium")
+    said = run("learn_goals.py", "--no-picture", "--flights", 200, "--picture", tmp_path / "goals.png")
+    row = re.search(r"^\| as trained \| ([\d.]+) mm \| ([\d.]+)%, (\d+) mm \| ([\d.]+)% \| ([\d.]+)% \| ([\d.]+)% \|", said, re.M)
+    eight, places, off, landings, alone, races = map(float, row.groups())
+    assert eight < 15.9 and places >= 99.0 and off < 20 and landings >= 95.0 and alone < landings and races >= 90.0, said
+    assert len(list(tmp_path.glob("learn_goals_*.npz"))) == 5
 
 
 def test_gains_of_the_slopes_hold_a_hover(tmp_path):

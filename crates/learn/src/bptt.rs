@@ -6,18 +6,17 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::LearnError;
 use crate::adam::Adam;
-use crate::goal::{Actions, Goal, Seen};
+use crate::batch::{shorten, shuffle};
+use crate::check::{above_zero, at_least_one, below_one, divides, up_to_one};
+use crate::episodes::{Episodes, Lives, stream};
+use crate::goal::{Actions, Goal, Outcome};
 use crate::network::Network;
 use crate::policy::Policy;
-use propwash_rollout::pilot::{Pilot, Place};
-use propwash_rollout::random::{Key, Stream, purpose};
-use propwash_rollout::tape::state_width;
-use propwash_rollout::{Engine, Sim, SimOptions};
-use propwash_trace::Real;
-use propwash_trace::adjoint::{evaluate, pull_back};
-use propwash_trace::formula::{Formula, Registers};
+use crate::traced::Traced;
+use crate::value::{Sample, Value};
+use propwash_rollout::pilot::{Commander, Pilot, Place};
+use propwash_trace::formula::Registers;
 use propwash_trace::lanes::{Cell, F32x16};
-use propwash_trace::trace::{Sym, trace};
 use propwash_vehicle::Vehicle;
 
 /// How a policy is trained.
@@ -39,8 +38,34 @@ pub struct Options {
     pub rate: f32,
     /// Gradients that are longer are shortened to this.
     pub longest: f32,
+    /// What comes after a flight's end is estimated by a value network and its slopes enter the gradient there; without it flights are taken as if
+    /// nothing came after them.
+    pub critic: Option<Critic>,
     /// Seed of weights and starts.
     pub seed: u64,
+}
+
+/// How the value network of short-horizon actor-critic learns (Xu et al., "Accelerated policy learning with parallel differentiable simulation", 2022).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Critic {
+    /// What a cost counts one command later, below one.
+    pub discount: f64,
+    /// Share of longer returns in what the value network is taught (λ of TD(λ)).
+    pub lambda: f64,
+    /// Share of the way that the network whose slopes are used goes towards the one that learns, after each flight.
+    pub follow: f32,
+    /// Size of the first steps of Adam, which falls as that of the policy.
+    pub rate: f32,
+    /// How often the samples of a flight are gone through, and in how many parts.
+    pub epochs: usize,
+    /// Parts of the samples, each a step of Adam.
+    pub parts: usize,
+}
+
+impl Default for Critic {
+    fn default() -> Self {
+        Self { discount: 0.97, lambda: 0.95, follow: 0.2, rate: 0.003, epochs: 4, parts: 4 }
+    }
 }
 
 impl Default for Options {
@@ -55,6 +80,7 @@ impl Default for Options {
             hidden: vec![64, 64],
             rate: 0.01,
             longest: 0.2,
+            critic: None,
             seed: 0,
         }
     }
@@ -80,42 +106,6 @@ pub struct Trained {
     pub lost: usize,
 }
 
-/// Formulas of a goal in lanes.
-struct Traced {
-    /// From the state and the time to the observation.
-    observe: Formula,
-    /// From these and what a loss gains by the observation to what it gains by the state.
-    observe_back: Formula,
-    /// From state, time, action and action before to the cost, and to its gains by state, action and action before.
-    cost: Formula,
-}
-
-impl Traced {
-    fn new<G: Goal>(goal: &G, width: usize, actions: usize) -> Self {
-        let observe = |x: &[Sym]| {
-            let mut out = Vec::new();
-            goal.observe(&Seen::of(x, x[width]), &mut out);
-            out
-        };
-        let graph = trace(width + 1, observe);
-        let inputs = width + 1;
-        let observe_back = Formula::new(inputs + graph.outputs.len(), |x| {
-            pull_back::<Sym>(&graph, &x[..inputs], &x[inputs..])[..width].to_vec()
-        });
-        let inputs = width + 1 + 2 * actions;
-        let price = trace(inputs, |x| {
-            let (action, before) = x[width + 1..].split_at(actions);
-            vec![goal.cost(&Seen::of(x, x[width]), action, before)]
-        });
-        let cost = Formula::new(inputs, |x| {
-            let gains = pull_back::<Sym>(&price, x, &[Sym::one()]);
-            let value = evaluate::<Sym>(&price, x)[0];
-            [&[value], &gains[..width], &gains[width + 1..]].concat()
-        });
-        Self { observe: Formula::new(width + 1, observe), observe_back, cost }
-    }
-}
-
 /// What is kept of one block of worlds during a flight.
 struct Block {
     observe: Registers<F32x16>,
@@ -126,31 +116,72 @@ struct Block {
     /// States for which and after which commands were given. (time, number of a state)
     before: Vec<F32x16>,
     after: Vec<F32x16>,
+    /// What is remembered, and which episodes are over.
+    lives: Lives,
+    /// What each command cost. (time)
+    costs: Vec<F32x16>,
     /// What the loss gains by each action but for the flight. (time, action)
     by_action: Vec<F32x16>,
     /// The action before the flight.
     last_action: Vec<F32x16>,
     gains: Vec<F32x16>,
     by_weights: Vec<F32x16>,
+    /// What the value network keeps for the end of the flight, and the cost to go that it says there.
+    end: Vec<F32x16>,
+    to_go: F32x16,
     /// Time of each world when the flight began, s.
     time_s: F32x16,
     cost_sum: f64,
     lost: bool,
 }
 
+impl Block {
+    fn new(
+        traced: &Traced,
+        (horizon, width, n): (usize, usize, usize),
+        memory: usize,
+        network: &Network,
+    ) -> Self {
+        let zero = F32x16::splat(0.0);
+        Self {
+            observe: Registers::new(&traced.observe),
+            observe_back: Registers::new(&traced.observe_back),
+            cost: Registers::new(&traced.cost),
+            kept: vec![zero; horizon * network.kept()],
+            before: vec![zero; horizon * width],
+            after: vec![zero; horizon * width],
+            lives: Lives::new(horizon, memory),
+            costs: vec![zero; horizon],
+            by_action: vec![zero; horizon * n],
+            last_action: vec![zero; n],
+            gains: Vec::new(),
+            by_weights: vec![zero; network.weights().len()],
+            end: Vec::new(),
+            to_go: zero,
+            time_s: zero,
+            cost_sum: 0.0,
+            lost: false,
+        }
+    }
+}
+
 /// Flies and undoes, and keeps what is needed in between.
-struct Learner<'a> {
+struct Learner<'a, G> {
+    goal: &'a G,
     network: &'a Network,
+    /// The value network and what a cost counts one command later.
+    critic: Option<(&'a Value, f32)>,
     actions: &'a Actions,
     traced: &'a Traced,
     blocks: &'a [Mutex<Block>],
     width: usize,
-    step_s: f32,
+    horizon: usize,
+    step_s: f64,
     /// What each command of each world counts in the loss.
     share: f32,
 }
 
-impl Learner<'_> {
+impl<G> Learner<'_, G> {
     fn block(&self, at: Place) -> MutexGuard<'_, Block> {
         self.blocks[at.first_world / F32x16::LANES].lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -158,85 +189,40 @@ impl Learner<'_> {
     /// Time of the worlds of a block after `t` commands.
     fn time(&self, block: &Block, t: usize) -> F32x16 {
         let mut cell = block.time_s;
-        (0..F32x16::LANES).for_each(|lane| cell.set(lane, cell.get(lane) + t as f32 * self.step_s));
+        (0..F32x16::LANES).for_each(|lane| cell.set(lane, cell.get(lane) + t as f32 * self.step_s as f32));
         cell
     }
-}
 
-impl Pilot<f32> for Learner<'_> {
-    fn command(&self, at: Place, state: &[F32x16], command: &mut [F32x16]) {
-        let mut guard = self.block(at);
-        let block = &mut *guard;
-        let (width, size) = (self.width, self.network.kept());
-        block.before[at.t * width..(at.t + 1) * width].copy_from_slice(state);
-        let time = self.time(block, at.t);
-        for (i, cell) in state.iter().chain([&time]).enumerate() {
+    /// What a cost after `t` commands counts, in a lane.
+    fn weight(&self, block: &Block, at: Place, t: usize, lane: usize) -> f32 {
+        if lane >= at.n_worlds {
+            return 0.0;
+        }
+        let discount = self.critic.map_or(1.0, |(_, discount)| discount.powi(t as i32));
+        self.share * discount * block.lives.alive(t, lane)
+    }
+
+    /// Writes the observation of a state after `t` commands.
+    fn observe(&self, block: &mut Block, t: usize, state: &[F32x16], to: &mut [F32x16]) {
+        let time = self.time(block, t);
+        for (i, cell) in state.iter().chain([&time]).chain(block.lives.memory(t)).enumerate() {
             *block.observe.input(i) = *cell;
         }
         block.observe.run(&self.traced.observe);
-        let kept = &mut block.kept[at.t * size..(at.t + 1) * size];
-        for (k, cell) in kept[..self.network.widths()[0]].iter_mut().enumerate() {
+        for (k, cell) in to.iter_mut().enumerate() {
             *cell = *block.observe.output(&self.traced.observe, k);
         }
-        self.network.forward(kept);
-        let action = &kept[size - self.actions.len()..];
-        for (k, (cell, a)) in command.iter_mut().zip(action).enumerate() {
-            let (middle, reach) = (self.actions.middle[k] as f32, self.actions.reach[k] as f32);
-            cell.fill(0, |lane| middle + reach * a.get(lane));
-        }
     }
 
-    fn look(&self, at: Place, state: &[F32x16]) {
-        let from = at.t * self.width;
-        self.block(at).after[from..from + self.width].copy_from_slice(state);
-    }
-
-    fn seed(&self, at: Place, by_state: &mut [F32x16]) {
-        let mut guard = self.block(at);
-        let block = &mut *guard;
-        let (width, size, n) = (self.width, self.network.kept(), self.actions.len());
-        let time = self.time(block, at.t + 1);
-        let action = |t: usize| &block.kept[(t + 1) * size - n..(t + 1) * size];
-        let before = if at.t == 0 { &block.last_action[..] } else { action(at.t - 1) };
-        let inputs = block.after[at.t * width..(at.t + 1) * width].iter().chain([&time]);
-        for (i, cell) in inputs.chain(action(at.t)).chain(before).enumerate() {
-            *block.cost.input(i) = *cell;
-        }
-        block.cost.run(&self.traced.cost);
-        let cost = block.cost.output(&self.traced.cost, 0);
-        block.cost_sum += (0..at.n_worlds).map(|lane| f64::from(cost.get(lane))).sum::<f64>();
-        let share = |lane: usize| if lane < at.n_worlds { self.share } else { 0.0 };
-        for (k, gain) in by_state.iter_mut().enumerate() {
-            let own = block.cost.output(&self.traced.cost, 1 + k);
-            (0..F32x16::LANES).for_each(|lane| gain.set(lane, gain.get(lane) + share(lane) * own.get(lane)));
-        }
-        for (t, first) in [(Some(at.t), 1 + width), (at.t.checked_sub(1), 1 + width + n)] {
-            let Some(t) = t else { continue };
-            for k in 0..n {
-                let own = block.cost.output(&self.traced.cost, first + k);
-                let gain = &mut block.by_action[t * n + k];
-                (0..F32x16::LANES)
-                    .for_each(|lane| gain.set(lane, gain.get(lane) + share(lane) * own.get(lane)));
-            }
-        }
-    }
-
-    fn pull_back(&self, at: Place, by_command: &[F32x16], by_state: &mut [F32x16]) {
-        let mut guard = self.block(at);
-        let block = &mut *guard;
-        let (width, size, n) = (self.width, self.network.kept(), self.actions.len());
-        block.gains.clear();
-        for k in 0..n {
-            let reach = self.actions.reach[k] as f32;
-            let mut cell = block.by_action[at.t * n + k];
-            (0..F32x16::LANES)
-                .for_each(|lane| cell.set(lane, cell.get(lane) + reach * by_command[k].get(lane)));
-            block.gains.push(cell);
-        }
-        let kept = &block.kept[at.t * size..(at.t + 1) * size];
-        self.network.backward(kept, &mut block.gains, &mut block.by_weights);
-        let time = self.time(block, at.t);
-        let inputs = block.before[at.t * width..(at.t + 1) * width].iter().chain([&time]);
+    /// Takes what a loss gains by the observation of a state after `t` commands (`block.gains`) to what it gains by the state, which is added.
+    fn observe_back(&self, block: &mut Block, t: usize, after: bool, by_state: &mut [F32x16]) {
+        let time = self.time(block, t);
+        let width = self.width;
+        let state = match after {
+            true => &block.after[(t - 1) * width..t * width],
+            false => &block.before[t * width..(t + 1) * width],
+        };
+        let inputs = state.iter().chain([&time]).chain(block.lives.memory(t));
         for (i, cell) in inputs.chain(&block.gains).enumerate() {
             *block.observe_back.input(i) = *cell;
         }
@@ -247,84 +233,151 @@ impl Pilot<f32> for Learner<'_> {
         }
     }
 
+    /// Adds what the loss gains by the state at the flight's end through the cost to go there.
+    fn seed_end(&self, block: &mut Block, at: Place, by_state: &mut [F32x16]) {
+        let Some((value, _)) = self.critic else { return };
+        let after = block.after[at.t * self.width..(at.t + 1) * self.width].to_vec();
+        let mut end = std::mem::take(&mut block.end);
+        end.resize(value.kept(), F32x16::splat(0.0));
+        self.observe(block, at.t + 1, &after, &mut end[..self.network.widths()[0]]);
+        block.to_go = value.estimate(&mut end);
+        block.gains = value.slopes(&end);
+        for cell in &mut block.gains {
+            let mut weighed = *cell;
+            for lane in 0..F32x16::LANES {
+                // A sum over all later commands, each of which counts as one of this flight.
+                let weight = if lane < at.n_worlds { block.lives.alive(at.t + 1, lane) } else { 0.0 };
+                let discount = self.critic.map_or(1.0, |(_, d)| d.powi(at.t as i32 + 1));
+                weighed.set(lane, self.share * discount * weight * cell.get(lane));
+            }
+            *cell = weighed;
+        }
+        block.end = end;
+        self.observe_back(block, at.t + 1, true, by_state);
+    }
+}
+
+impl<G: Goal> Commander<f32> for Learner<'_, G> {
+    fn command(&self, at: Place, state: &[F32x16], command: &mut [F32x16]) {
+        let mut guard = self.block(at);
+        let block = &mut *guard;
+        let (width, size) = (self.width, self.network.kept());
+        block.before[at.t * width..(at.t + 1) * width].copy_from_slice(state);
+        let mut all = std::mem::take(&mut block.kept);
+        let kept = &mut all[at.t * size..(at.t + 1) * size];
+        self.observe(block, at.t, state, &mut kept[..self.network.widths()[0]]);
+        self.network.forward(kept);
+        let action = &kept[size - self.actions.len()..];
+        for (k, (cell, a)) in command.iter_mut().zip(action).enumerate() {
+            let (middle, reach) = (self.actions.middle[k] as f32, self.actions.reach[k] as f32);
+            cell.fill(0, |lane| middle + reach * a.get(lane));
+        }
+        block.kept = all;
+    }
+
+    fn look(&self, at: Place, state: &[F32x16]) {
+        let mut guard = self.block(at);
+        let block = &mut *guard;
+        let (from, time) = (at.t * self.width, self.time(block, at.t));
+        block.after[from..from + self.width].copy_from_slice(state);
+        let before = &block.before[from..from + self.width];
+        block.lives.judge(self.goal, at, (before, state), (time, self.step_s), false);
+    }
+
     fn lost(&self, at: Place) {
         self.block(at).lost = true;
     }
 }
 
-fn stream(seed: u64, world: usize, episode: u64, what: &str) -> Stream {
-    Key { seed, world: world as u64, drone: 0, step: episode, purpose: purpose(what) }.stream()
+impl<G: Goal> Pilot<f32> for Learner<'_, G> {
+    fn seed(&self, at: Place, by_state: &mut [F32x16]) {
+        let mut guard = self.block(at);
+        let block = &mut *guard;
+        let (width, size, n) = (self.width, self.network.kept(), self.actions.len());
+        let time = self.time(block, at.t + 1);
+        let action = |t: usize| &block.kept[(t + 1) * size - n..(t + 1) * size];
+        let before = if at.t == 0 { &block.last_action[..] } else { action(at.t - 1) };
+        let inputs = block.after[at.t * width..(at.t + 1) * width].iter().chain([&time]);
+        let inputs = inputs.chain(block.lives.memory(at.t + 1));
+        for (i, cell) in inputs.chain(action(at.t)).chain(before).enumerate() {
+            *block.cost.input(i) = *cell;
+        }
+        block.cost.run(&self.traced.cost);
+        let cost = *block.cost.output(&self.traced.cost, 0);
+        block.costs[at.t] = cost;
+        let alive = |lane: usize| block.lives.alive(at.t, lane);
+        block.cost_sum += (0..at.n_worlds).map(|lane| f64::from(alive(lane) * cost.get(lane))).sum::<f64>();
+        let share: [f32; F32x16::LANES] = std::array::from_fn(|lane| self.weight(block, at, at.t, lane));
+        for (k, gain) in by_state.iter_mut().enumerate() {
+            let own = block.cost.output(&self.traced.cost, 1 + k);
+            (0..F32x16::LANES).for_each(|lane| gain.set(lane, gain.get(lane) + share[lane] * own.get(lane)));
+        }
+        for (t, first) in [(Some(at.t), 1 + width), (at.t.checked_sub(1), 1 + width + n)] {
+            let Some(t) = t else { continue };
+            for k in 0..n {
+                let own = block.cost.output(&self.traced.cost, first + k);
+                let gain = &mut block.by_action[t * n + k];
+                (0..F32x16::LANES)
+                    .for_each(|lane| gain.set(lane, gain.get(lane) + share[lane] * own.get(lane)));
+            }
+        }
+        if at.t + 1 == self.horizon {
+            self.seed_end(block, at, by_state);
+        }
+    }
+
+    fn pull_back(&self, at: Place, by_command: &[F32x16], by_state: &mut [F32x16]) {
+        let mut guard = self.block(at);
+        let block = &mut *guard;
+        let (size, n) = (self.network.kept(), self.actions.len());
+        block.gains.clear();
+        for k in 0..n {
+            let reach = self.actions.reach[k] as f32;
+            let mut cell = block.by_action[at.t * n + k];
+            (0..F32x16::LANES)
+                .for_each(|lane| cell.set(lane, cell.get(lane) + reach * by_command[k].get(lane)));
+            block.gains.push(cell);
+        }
+        let kept = &block.kept[at.t * size..(at.t + 1) * size];
+        self.network.backward(kept, &mut block.gains, &mut block.by_weights);
+        self.observe_back(block, at.t, false, by_state);
+    }
 }
 
 /// A training as it goes.
 struct Training<'a, G: Goal> {
-    goal: &'a G,
+    episodes: Episodes<'a, G>,
     options: &'a Options,
-    sim: Sim<f32>,
     actions: Actions,
     traced: Traced,
     blocks: Vec<Mutex<Block>>,
-    /// Time of each world, time at which its episode ends, s, and episodes begun.
-    time_s: Vec<f64>,
-    ends_s: Vec<f64>,
-    episodes: Vec<u64>,
-    width: usize,
-    lost: usize,
+    critic: Option<Taught>,
+}
+
+/// The value network that learns and the one that follows it, whose slopes are used.
+struct Taught {
+    how: Critic,
+    learns: Value,
+    used: Value,
+    flights: u64,
+}
+
+fn own(block: &mut Mutex<Block>) -> &mut Block {
+    block.get_mut().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a, G: Goal> Training<'a, G> {
-    fn new(goal: &'a G, options: &'a Options, sim: Sim<f32>, actions: &Actions, network: &Network) -> Self {
-        let (width, n, zero) = (state_width(sim.data.n_rotors), actions.len(), F32x16::splat(0.0));
-        let traced = Traced::new(goal, width, n);
-        let block = || {
-            Mutex::new(Block {
-                observe: Registers::new(&traced.observe),
-                observe_back: Registers::new(&traced.observe_back),
-                cost: Registers::new(&traced.cost),
-                kept: vec![zero; options.horizon * network.kept()],
-                before: vec![zero; options.horizon * width],
-                after: vec![zero; options.horizon * width],
-                by_action: vec![zero; options.horizon * n],
-                last_action: vec![zero; n],
-                gains: Vec::new(),
-                by_weights: vec![zero; network.weights().len()],
-                time_s: zero,
-                cost_sum: 0.0,
-                lost: false,
-            })
-        };
+    fn new(episodes: Episodes<'a, G>, options: &'a Options, actions: &Actions, network: &Network) -> Self {
+        let (goal, n) = (episodes.goal, actions.len());
+        let traced = Traced::new(goal, episodes.width, n);
+        let sizes = (options.horizon, episodes.width, n);
+        let block = || Mutex::new(Block::new(&traced, sizes, goal.memory(), network));
         let blocks = (0..options.worlds.div_ceil(F32x16::LANES)).map(|_| block()).collect();
-        Self {
-            goal,
-            options,
-            sim,
-            actions: actions.clone(),
-            traced,
-            blocks,
-            time_s: vec![0.0; options.worlds],
-            ends_s: vec![0.0; options.worlds],
-            episodes: vec![0; options.worlds],
-            width,
-            lost: 0,
-        }
-    }
-
-    fn step_s(&self) -> f64 {
-        self.options.substeps as f64 / f64::from(self.options.sim_hz)
-    }
-
-    /// Begins episodes in these worlds.
-    fn begin(&mut self, worlds: &[bool]) -> Result<(), LearnError> {
-        for w in (0..worlds.len()).filter(|w| worlds[*w]) {
-            let mut random = stream(self.options.seed, w, self.episodes[w], "learn.start");
-            let (state, time_s) = self.goal.start(&mut random);
-            self.sim.set_initial(w, 0, state)?;
-            self.episodes[w] += 1;
-            (self.time_s[w], self.ends_s[w]) = (time_s, time_s + self.goal.episode_s());
-            let mut block = self.blocks[w / F32x16::LANES].lock().unwrap_or_else(PoisonError::into_inner);
-            block.last_action.iter_mut().for_each(|cell| cell.set(w % F32x16::LANES, 0.0));
-        }
-        Ok(self.sim.reset(Some(worlds))?)
+        let critic = options.critic.map(|how| {
+            let value = Value::new(goal.observations(), &options.hidden, options.seed);
+            Taught { how, learns: value.clone(), used: value, flights: 0 }
+        });
+        Self { episodes, options, actions: actions.clone(), traced, blocks, critic }
     }
 
     /// Flies all worlds once; the gradient by the weights, and the mean cost.
@@ -332,58 +385,122 @@ impl<'a, G: Goal> Training<'a, G> {
         let (worlds, horizon) = (self.options.worlds, self.options.horizon);
         let zero = F32x16::splat(0.0);
         for (k, block) in self.blocks.iter_mut().enumerate() {
-            let block = block.get_mut().unwrap_or_else(PoisonError::into_inner);
+            let block = own(block);
             block.by_action.fill(zero);
             block.by_weights.fill(zero);
             (block.cost_sum, block.lost) = (0.0, false);
             let first = k * F32x16::LANES;
-            block.time_s.fill(0, |lane| self.time_s[(first + lane).min(worlds - 1)] as f32);
+            block.time_s.fill(0, |lane| self.episodes.time_s[(first + lane).min(worlds - 1)] as f32);
+            block.lives.begin(&self.episodes, first);
         }
         let share = 1.0 / (worlds * horizon) as f32;
         let learner = Learner {
+            goal: self.episodes.goal,
             network,
+            critic: self.critic.as_ref().map(|taught| (&taught.used, taught.how.discount as f32)),
             actions: &self.actions,
             traced: &self.traced,
             blocks: &self.blocks,
-            width: self.width,
-            step_s: self.step_s() as f32,
+            width: self.episodes.width,
+            horizon,
+            step_s: self.episodes.step_s,
             share,
         };
-        self.sim.fly_piloted(&learner, horizon, self.options.substeps)?;
+        self.episodes.sim.fly_piloted(&learner, horizon, self.options.substeps)?;
         let (mut gradient, mut cost) = (vec![0.0; network.weights().len()], 0.0);
         let (size, n) = (network.kept(), self.actions.len());
-        for block in &mut self.blocks {
-            let block = block.get_mut().unwrap_or_else(PoisonError::into_inner);
-            let own: Vec<f32> = Network::gathered(&block.by_weights).collect();
-            block.lost |= own.iter().any(|v| !v.is_finite());
+        for (k, block) in self.blocks.iter_mut().enumerate() {
+            let block = own(block);
+            let gains: Vec<f32> = Network::gathered(&block.by_weights).collect();
+            block.lost |= gains.iter().any(|v| !v.is_finite());
             if block.lost {
                 continue;
             }
-            gradient.iter_mut().zip(own).for_each(|(sum, v)| *sum += v);
+            gradient.iter_mut().zip(gains).for_each(|(sum, v)| *sum += v);
             cost += block.cost_sum * f64::from(share);
             let last = &block.kept[horizon * size - n..];
             block.last_action.copy_from_slice(last);
+            block.lives.end(&mut self.episodes, k * F32x16::LANES);
         }
         Ok((gradient, cost))
     }
 
     /// Moves time on, and begins episodes where they ended or went astray.
     fn go_on(&mut self) -> Result<(), LearnError> {
-        let worlds = self.options.worlds;
-        let flown_s = self.options.horizon as f64 * self.step_s();
-        let mut anew = vec![false; worlds];
-        let mut numbers = vec![0.0f32; self.width];
-        for (w, anew) in anew.iter_mut().enumerate() {
-            self.time_s[w] += flown_s;
-            let block = self.blocks[w / F32x16::LANES].get_mut().unwrap_or_else(PoisonError::into_inner);
-            self.sim.data.copy_state(w, &mut numbers);
-            let state: Vec<f64> = numbers.iter().map(|v| f64::from(*v)).collect();
-            let off = self.goal.off_m(&Seen::of(&state, self.time_s[w]));
-            let astray = block.lost || off.is_nan() || off > self.goal.far_off_m();
-            self.lost += usize::from(astray);
-            *anew = astray || self.time_s[w] >= self.ends_s[w];
+        let blocks: Vec<&Block> = self.blocks.iter_mut().map(|block| &*own(block)).collect();
+        let over = |w: usize| {
+            let block = blocks[w / F32x16::LANES];
+            (block.lives.outcome(w % F32x16::LANES), block.lost)
+        };
+        let anew = self.episodes.go_on(self.options.horizon, over)?;
+        for w in (0..anew.len()).filter(|w| anew[*w]) {
+            let block = own(&mut self.blocks[w / F32x16::LANES]);
+            block.last_action.iter_mut().for_each(|cell| cell.set(w % F32x16::LANES, 0.0));
         }
-        if anew.contains(&true) { self.begin(&anew) } else { Ok(()) }
+        Ok(())
+    }
+
+    /// Teaches the value network what the flight cost, by the discounted sum of its costs and of the cost to go at its end (TD(λ)).
+    fn teach(&mut self, observations: usize, done: f32) {
+        let (worlds, horizon) = (self.options.worlds, self.options.horizon);
+        let lost_cost = self.episodes.goal.lost_cost() as f32;
+        let Some(taught) = &mut self.critic else { return };
+        let how = taught.how;
+        let blocks: Vec<&Block> = self.blocks.iter_mut().map(|block| &*own(block)).collect();
+        let size = blocks[0].kept.len() / horizon;
+        let mut targets = Vec::new();
+        for (k, block) in blocks.iter().enumerate() {
+            let lanes = (worlds - k * F32x16::LANES).min(F32x16::LANES);
+            let before = targets.len();
+            targets.resize(before + horizon, [F32x16::splat(0.0); 2]);
+            if block.lost {
+                continue;
+            }
+            let mut kept = vec![F32x16::splat(0.0); taught.used.kept()];
+            let (mut next, mut sum) = (block.to_go, block.to_go);
+            for t in (0..horizon).rev() {
+                let observation = &block.kept[t * size..t * size + observations];
+                kept[..observations].copy_from_slice(observation);
+                let said = taught.used.estimate(&mut kept);
+                let to = &mut targets[before + t];
+                for lane in 0..lanes {
+                    let alive = block.lives.alive(t + 1, lane);
+                    let ended = block.lives.alive(t, lane) - alive;
+                    let lost =
+                        if block.lives.outcome(lane) == Outcome::Lost { ended * lost_cost } else { 0.0 };
+                    let (lambda, discount) = (how.lambda as f32, how.discount as f32);
+                    let later = lambda * sum.get(lane) + (1.0 - lambda) * next.get(lane);
+                    sum.set(lane, block.costs[t].get(lane) + lost + alive * discount * later);
+                    to[1].set(lane, block.lives.alive(t, lane));
+                }
+                to[0] = sum;
+                next = said;
+            }
+        }
+        let count: f64 = targets.iter().flat_map(|t| t[1].0).map(f64::from).sum();
+        let each = || targets.iter().flat_map(|t| t[0].0.into_iter().zip(t[1].0)).filter(|(_, w)| *w > 0.0);
+        if count == 0.0 {
+            return;
+        }
+        let mean = each().map(|(v, _)| f64::from(v)).sum::<f64>() / count;
+        let variance = each().map(|(v, _)| (f64::from(v) - mean).powi(2)).sum::<f64>() / count;
+        taught.learns.note(mean, variance);
+        let sample = |i: usize| {
+            let at = i % horizon * size;
+            let observation = &blocks[i / horizon].kept[at..at + observations];
+            Sample { observation, target: targets[i][0], weight: targets[i][1] }
+        };
+        let mut order: Vec<usize> = (0..targets.len()).collect();
+        let rate = how.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
+        for epoch in 0..how.epochs {
+            let number = taught.flights * how.epochs as u64 + epoch as u64;
+            shuffle(&mut order, &mut stream(self.options.seed, 0, number, "learn.order"));
+            for part in order.chunks(order.len().div_ceil(how.parts)) {
+                taught.learns.teach(part, sample, (rate, 1.0));
+            }
+        }
+        taught.flights += 1;
+        taught.used.follow(&taught.learns, how.follow);
     }
 }
 
@@ -398,172 +515,55 @@ pub fn train<G: Goal>(
     options: &Options,
 ) -> Result<Trained, LearnError> {
     check(options)?;
-    let sim_options = SimOptions {
-        n_worlds: options.worlds,
-        seed: options.seed,
-        sim_hz: options.sim_hz,
-        control: actions.mode,
-        engine: Engine::Lanes,
-        ..SimOptions::default()
-    };
-    let sim = Sim::<f32>::storing(sim_options, vec![(vehicle.drone(dynamics)?, vehicle.rates)])?;
+    let (worlds, seed) = (options.worlds, options.seed);
+    let rates = (options.substeps, options.sim_hz);
+    let episodes = Episodes::new(goal, (vehicle, dynamics), actions, (worlds, seed), rates)?;
     let widths: Vec<usize> = [goal.observations()]
         .into_iter()
         .chain(options.hidden.iter().copied())
         .chain([actions.len()])
         .collect();
     let mut network = Network::new(&widths, &mut stream(options.seed, 0, 0, "learn.weights"));
-    let mut training = Training::new(goal, options, sim, actions, &network);
-    training.begin(&vec![true; options.worlds])?;
-    // First episodes end at different times, so that later ones do not all begin together.
-    for (w, ends) in training.ends_s.iter_mut().enumerate() {
-        *ends -= goal.episode_s() * w as f64 / options.worlds as f64;
-    }
+    let mut training = Training::new(episodes, options, actions, &network);
     let mut adam = Adam::new(network.weights().len());
     let mut curve = Curve::default();
     let each = options.worlds * options.horizon;
     let updates = options.commands.div_ceil(each);
     for update in 0..updates {
         let (mut gradient, cost) = training.fly(&network)?;
-        let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
-        if length > options.longest {
-            gradient.iter_mut().for_each(|g| *g *= options.longest / length);
-        }
+        shorten(&mut gradient, options.longest);
         let done = update as f32 / updates as f32;
         let rate = options.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
         adam.step(network.weights_mut(), &gradient, rate);
         curve.commands.push((update + 1) * each);
         curve.cost.push(cost);
+        training.teach(widths[0], done);
         training.go_on()?;
     }
     let (substeps, sim_hz) = (options.substeps, options.sim_hz);
     let policy = Policy { network, actions: actions.clone(), substeps, sim_hz };
-    Ok(Trained { policy, curve, lost: training.lost })
+    Ok(Trained { policy, curve, lost: training.episodes.lost })
 }
 
 fn check(options: &Options) -> Result<(), LearnError> {
-    let least = [
+    let hidden = options.hidden.iter().copied().min().unwrap_or(1);
+    let (epochs, parts) = options.critic.map_or((1, 1), |critic| (critic.epochs, critic.parts));
+    at_least_one(&[
         ("worlds", options.worlds),
         ("horizon", options.horizon),
         ("substeps", options.substeps),
         ("commands", options.commands),
-        ("hidden", options.hidden.iter().copied().min().unwrap_or(1)),
-    ];
-    if let Some((name, _)) = least.into_iter().find(|(_, v)| *v == 0) {
-        return Err(LearnError::Option { name, expected: "at least 1".into(), got: "0".into() });
-    }
-    if !(options.sim_hz as usize).is_multiple_of(options.substeps) {
-        return Err(LearnError::Option {
-            name: "substeps",
-            expected: format!(
-                "a divisor of {} steps a second, so that commands are a whole number a second",
-                options.sim_hz
-            ),
-            got: options.substeps.to_string(),
-        });
-    }
-    for (name, v) in [("rate", options.rate), ("longest", options.longest)] {
-        if !(v.is_finite() && v > 0.0) {
-            let expected = "a finite number above 0".into();
-            return Err(LearnError::Option { name, expected, got: v.to_string() });
-        }
-    }
-    Ok(())
+        ("hidden", hidden),
+        ("critic epochs", epochs),
+        ("critic parts", parts),
+    ])?;
+    divides(options.substeps, options.sim_hz)?;
+    above_zero(&[("rate", options.rate), ("longest", options.longest)])?;
+    let Some(critic) = options.critic else { return Ok(()) };
+    above_zero(&[("critic rate", critic.rate)])?;
+    below_one("critic discount", critic.discount)?;
+    up_to_one(&[("critic lambda", critic.lambda), ("critic follow", f64::from(critic.follow))])
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::goals::Track;
-
-    /// Mean cost of a flight, in f64 by the simulation itself, and by formulas over f64.
-    fn cost_of<G: Goal>(
-        goal: &G,
-        sim: &mut Sim<f64>,
-        policy: &Policy,
-        options: &Options,
-        time_s: &[f64],
-    ) -> f64 {
-        let (worlds, n) = (options.worlds, policy.actions.len());
-        let step_s = options.substeps as f64 / f64::from(options.sim_hz);
-        let mut numbers = vec![0.0; state_width(sim.data.n_rotors)];
-        let mut before = vec![0.0; worlds * n];
-        let mut sum = 0.0;
-        for t in 0..options.horizon {
-            let mut commands = Vec::new();
-            let mut actions = Vec::new();
-            for (w, begun) in time_s.iter().enumerate() {
-                sim.data.copy_state(w, &mut numbers);
-                let mut observation = Vec::new();
-                goal.observe(&Seen::of(&numbers, begun + t as f64 * step_s), &mut observation);
-                let observation: Vec<f32> = observation.into_iter().map(|v| v as f32).collect();
-                let action = policy.network.act(&observation);
-                commands.extend(policy.actions.command(&action));
-                actions.extend(action.into_iter().map(f64::from));
-            }
-            sim.set_command(&commands).unwrap();
-            sim.step(options.substeps).unwrap();
-            for (w, begun) in time_s.iter().enumerate() {
-                sim.data.copy_state(w, &mut numbers);
-                let seen = Seen::of(&numbers, begun + (t + 1) as f64 * step_s);
-                let own = w * n..(w + 1) * n;
-                sum += goal.cost(&seen, &actions[own.clone()], &before[own]);
-            }
-            before = actions;
-        }
-        sum / (worlds * options.horizon) as f64
-    }
-
-    /// 19 worlds, so that lanes stay empty; by attitudes and by rotor speeds; in one group of steps and in several.
-    #[test]
-    fn the_gradient_by_weights_is_that_of_differences() {
-        let vehicle = Vehicle::builtin("cf21B_500").unwrap();
-        let drone = vehicle.drone("first_principles").unwrap();
-        let goal = Track::default();
-        for (actions, horizon) in
-            [(Actions::attitude(&drone), 8), (Actions::rotors(&drone), 5), (Actions::attitude(&drone), 60)]
-        {
-            let options = Options { worlds: 19, horizon, hidden: vec![9, 7], ..Options::default() };
-            let sim_options = SimOptions {
-                n_worlds: 19,
-                control: actions.mode,
-                engine: Engine::Lanes,
-                ..SimOptions::default()
-            };
-            let drones = vec![(drone.clone(), vehicle.rates)];
-            let sim = Sim::<f32>::storing(sim_options.clone(), drones.clone()).unwrap();
-            let widths = [goal.observations(), 9, 7, actions.len()];
-            let network = Network::new(&widths, &mut stream(3, 0, 0, "learn.weights"));
-            let mut training = Training::new(&goal, &options, sim, &actions, &network);
-            training.begin(&[true; 19]).unwrap();
-            let (time_s, start) = (training.time_s.clone(), training.sim.save());
-            let (gradient, cost) = training.fly(&network).unwrap();
-            let mut same = Sim::<f64>::storing(sim_options, drones).unwrap();
-            let mut at = |weights: &[f32]| {
-                for w in 0..19 {
-                    same.set_initial(w, 0, start.data().state(w, 0)).unwrap();
-                }
-                same.reset(None).unwrap();
-                let mut network = network.clone();
-                network.weights_mut().copy_from_slice(weights);
-                let (substeps, sim_hz) = (options.substeps, options.sim_hz);
-                let policy = Policy { network, actions: actions.clone(), substeps, sim_hz };
-                cost_of(&goal, &mut same, &policy, &options, &time_s)
-            };
-            let wanted = at(network.weights());
-            assert!((cost - wanted).abs() < 1e-4 * wanted, "{horizon}: {cost} {wanted}");
-            let size = gradient.iter().fold(0.0f32, |most, g| most.max(g.abs()));
-            for k in (0..gradient.len()).step_by(23) {
-                let step = 2e-3;
-                let moved = |by: f32| {
-                    let mut weights = network.weights().to_vec();
-                    weights[k] += by;
-                    weights
-                };
-                let slope = (at(&moved(step)) - at(&moved(-step))) / f64::from(2.0 * step);
-                let off = (slope - f64::from(gradient[k])).abs();
-                assert!(off < 0.01 * f64::from(size), "{horizon} {k}: {slope} {} of {size}", gradient[k]);
-            }
-        }
-    }
-}
+mod tests;

@@ -8,7 +8,7 @@ use propwash_trace::Real;
 
 /// What a goal sees of a world.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<S> {
+pub struct Seen<'a, S> {
     /// Position, m, world.
     pub pos_m: [S; 3],
     /// Attitude x y z w, body to world.
@@ -19,11 +19,13 @@ pub struct Seen<S> {
     pub ang_vel_rad_s: [S; 3],
     /// Time since the beginning of what is to be flown, s.
     pub time_s: S,
+    /// What the episode remembers ([`Goal::memory`]).
+    pub memory: &'a [S],
 }
 
-impl<S: Real> Seen<S> {
+impl<'a, S: Real> Seen<'a, S> {
     /// From the numbers of a state in order.
-    pub fn of(state: &[S], time_s: S) -> Self {
+    pub fn of(state: &[S], time_s: S, memory: &'a [S]) -> Self {
         let at = |from: usize, i: usize| state[from + i];
         Self {
             pos_m: core::array::from_fn(|i| at(0, i)),
@@ -31,6 +33,7 @@ impl<S: Real> Seen<S> {
             vel_m_s: core::array::from_fn(|i| at(7, i)),
             ang_vel_rad_s: core::array::from_fn(|i| at(10, i)),
             time_s,
+            memory,
         }
     }
 }
@@ -81,7 +84,22 @@ impl Actions {
     }
 }
 
+/// How an episode goes on after a command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Outcome {
+    /// It goes on.
+    #[default]
+    On,
+    /// It is over, since there is nothing left to do: no further command costs anything.
+    Done,
+    /// It is over, since it failed: this costs [`Goal::lost_cost`].
+    Lost,
+}
+
 /// What a policy shall do.
+///
+/// An episode can remember numbers, such as its target or which gate is next. They are drawn at its start and changed by [`Goal::judge`] between
+/// commands; gradients take them as given.
 pub trait Goal: Sync {
     /// Numbers of an observation.
     fn observations(&self) -> usize;
@@ -92,8 +110,8 @@ pub trait Goal: Sync {
     /// What a step costs, seen at its end: the action of the step and the one before, each number of −1 to 1.
     fn cost<S: Real>(&self, seen: &Seen<S>, action: &[S], before: &[S]) -> S;
 
-    /// Where an episode begins: the state (rotors are set to hover) and the time, s.
-    fn start(&self, random: &mut Stream) -> (State<f64>, f64);
+    /// Where an episode begins: the state (rotors are set to hover) and the time, s. Fills what it remembers, all zero so far.
+    fn start(&self, random: &mut Stream, memory: &mut [f64]) -> (State<f64>, f64);
 
     /// Length of an episode, s.
     fn episode_s(&self) -> f64;
@@ -106,4 +124,19 @@ pub trait Goal: Sync {
 
     /// A flight farther off than this is lost: training begins a new episode, m.
     fn far_off_m(&self) -> f64;
+
+    /// Numbers that an episode remembers. Episodes of goals without any are never judged: only their time and [`Goal::far_off_m`] end them.
+    fn memory(&self) -> usize {
+        0
+    }
+
+    /// Judges one command, by what was seen before and after it, and changes what the episode remembers; both show the memory as it was.
+    fn judge(&self, _before: &Seen<f64>, _after: &Seen<f64>, _memory: &mut [f64]) -> Outcome {
+        Outcome::On
+    }
+
+    /// What it costs to be lost, for learners that see costs alone.
+    fn lost_cost(&self) -> f64 {
+        100.0
+    }
 }

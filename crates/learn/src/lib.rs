@@ -1,8 +1,8 @@
-//! Policies that are trained by the gradients of their flights.
+//! Policies that are trained by the gradients of their flights ([`train`]), or by what they cost ([`ppo`]).
 //!
 //! Backpropagation through time: a small network commands many worlds at once, in the lanes in which they fly, and the exact gradient of what the
 //! flights cost goes back through motion, effects, on-board controllers and network in one sweep ([`propwash_rollout::pilot`]). What a policy shall
-//! do is a [`Goal`]: what it observes and what a step costs, written once over any number type.
+//! do is a [`Goal`]: what it observes and what a step costs, written once over any number type. Proximal policy optimisation trains the same policies for the same goals.
 //!
 //! ```
 //! use propwash_learn::{Actions, Options, goals::Track, train};
@@ -22,14 +22,20 @@
 #![forbid(unsafe_code)]
 
 mod adam;
+mod batch;
 mod bptt;
+mod check;
+mod episodes;
 mod goal;
 pub mod goals;
 mod network;
 mod policy;
+pub mod ppo;
+mod traced;
+mod value;
 
-pub use bptt::{Curve, Options, Trained, train};
-pub use goal::{Actions, Goal, Seen};
+pub use bptt::{Critic, Curve, Options, Trained, train};
+pub use goal::{Actions, Goal, Outcome, Seen};
 pub use network::Network;
 pub use policy::{Flown, Policy};
 

@@ -1,14 +1,16 @@
-//! A network of dense layers with tanh behind each, in lanes.
+//! A network of dense layers with tanh between them, in lanes.
 
 use propwash_rollout::random::Stream;
 use propwash_trace::dense::{Dense, sum, undo_tanh};
 use propwash_trace::lanes::{Cell, F32x16};
 
-/// Layers and their weights. Behind every layer, the last too, stands a tanh.
+/// Layers and their weights. Behind every layer stands a tanh, behind the last one only where the network gives actions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Network {
     layers: Vec<Dense>,
     weights: Vec<f32>,
+    /// Whether a tanh stands behind the last layer.
+    held: bool,
 }
 
 impl Network {
@@ -23,7 +25,21 @@ impl Network {
             weights.extend((0..layer.inputs * layer.outputs).map(|_| (size * random.normal()) as f32));
             weights.extend(std::iter::repeat_n(0.0, layer.outputs));
         }
-        Self { layers, weights }
+        Self { layers, weights, held: true }
+    }
+
+    /// The same without a tanh behind the last layer: for values, which have no limits.
+    pub fn unlimited(widths: &[usize], random: &mut Stream) -> Self {
+        Self { held: false, ..Self::new(widths, random) }
+    }
+
+    fn is_bent(&self, layer: usize) -> bool {
+        self.held || layer + 1 < self.layers.len()
+    }
+
+    /// Numbers of the result.
+    fn outputs(&self) -> usize {
+        self.layers.last().map_or(0, |layer| layer.outputs)
     }
 
     /// Widths from the observation to the action.
@@ -50,11 +66,11 @@ impl Network {
     /// Evaluates it. `kept` begins with the input; behind it every layer writes its output, the last of which is the action.
     pub(crate) fn forward(&self, kept: &mut [F32x16]) {
         let (mut weights, mut at) = (&self.weights[..], 0);
-        for layer in &self.layers {
+        for (k, layer) in self.layers.iter().enumerate() {
             let (own, rest) = weights.split_at(layer.len());
             weights = rest;
             let (x, y) = kept[at..].split_at_mut(layer.inputs);
-            layer.forward(own, x, &mut y[..layer.outputs], true);
+            layer.forward(own, x, &mut y[..layer.outputs], self.is_bent(k));
             at += layer.inputs;
         }
     }
@@ -65,10 +81,12 @@ impl Network {
         let zero = F32x16::splat(0.0);
         let (mut end, mut to) = (self.weights.len(), kept.len());
         let mut by_x = Vec::new();
-        for layer in self.layers.iter().rev() {
+        for (k, layer) in self.layers.iter().enumerate().rev() {
             let from = end - layer.len();
             let y = &kept[to - layer.outputs..to];
-            undo_tanh(y, &mut gains[..layer.outputs]);
+            if self.is_bent(k) {
+                undo_tanh(y, &mut gains[..layer.outputs]);
+            }
             let x_end = to - layer.outputs;
             let x = &kept[x_end - layer.inputs..x_end];
             by_x.clear();
@@ -80,6 +98,55 @@ impl Network {
         }
     }
 
+    /// Takes what a loss gains by the results of many samples (`gains`, one after the other, which it uses up) to what it gains by weights, which is added.
+    /// What each sample kept stands in `kept`, one after the other.
+    pub(crate) fn backward_many(&self, kept: &[F32x16], gains: &mut Vec<F32x16>, by_weights: &mut [F32x16]) {
+        let (size, zero) = (self.kept(), F32x16::splat(0.0));
+        let (mut end, mut to) = (self.weights.len(), size);
+        let mut by_x = Vec::new();
+        for (k, layer) in self.layers.iter().enumerate().rev() {
+            let (from, x_from) = (end - layer.len(), to - layer.outputs - layer.inputs);
+            if self.is_bent(k) {
+                for (own, gains) in kept.chunks_exact(size).zip(gains.chunks_exact_mut(layer.outputs)) {
+                    undo_tanh(&own[to - layer.outputs..to], gains);
+                }
+            }
+            layer.to_weights((&kept[x_from..], size), gains, &mut by_weights[from..end]);
+            if k > 0 {
+                by_x.clear();
+                by_x.resize(gains.len() / layer.outputs * layer.inputs, zero);
+                let rows = by_x.chunks_exact_mut(layer.inputs);
+                for (gains, by_x) in gains.chunks_exact(layer.outputs).zip(rows) {
+                    layer.to_inputs(&self.weights[from..end], gains, by_x);
+                }
+                std::mem::swap(gains, &mut by_x);
+            }
+            (end, to) = (from, to - layer.outputs);
+        }
+    }
+
+    /// What a result gains by the input, through what was kept: `gains` begins with what a loss gains by the results and ends as that.
+    pub(crate) fn back_to_input(&self, kept: &[F32x16], gains: &mut Vec<F32x16>) {
+        let (mut end, mut to) = (self.weights.len(), kept.len());
+        for (k, layer) in self.layers.iter().enumerate().rev() {
+            let from = end - layer.len();
+            if self.is_bent(k) {
+                undo_tanh(&kept[to - layer.outputs..to], &mut gains[..layer.outputs]);
+            }
+            let mut by_x = vec![F32x16::splat(0.0); layer.inputs];
+            layer.to_inputs(&self.weights[from..end], gains, &mut by_x);
+            *gains = by_x;
+            (end, to) = (from, to - layer.outputs);
+        }
+    }
+
+    /// Weights and biases of the last layer, to be changed.
+    pub(crate) fn last_layer_mut(&mut self) -> &mut [f32] {
+        let n = self.layers.last().map_or(0, |layer| layer.len());
+        let from = self.weights.len() - n;
+        &mut self.weights[from..]
+    }
+
     /// Evaluates it for one observation.
     pub fn act(&self, observation: &[f32]) -> Vec<f32> {
         let mut kept = vec![F32x16::splat(0.0); self.kept()];
@@ -87,8 +154,7 @@ impl Network {
             *cell = F32x16::splat(*v);
         }
         self.forward(&mut kept);
-        let outputs = self.layers.last().map_or(0, |layer| layer.outputs);
-        kept[kept.len() - outputs..].iter().map(|cell| cell.get(0)).collect()
+        kept[kept.len() - self.outputs()..].iter().map(|cell| cell.get(0)).collect()
     }
 
     /// Sums over lanes.

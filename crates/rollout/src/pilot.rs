@@ -1,4 +1,4 @@
-//! Flights that are commanded from the states as they come, forwards and backwards in one call: what policies are trained by.
+//! Flights that are commanded from the states as they come, forwards alone or forwards and backwards in one call: what policies are trained by.
 
 use super::blocks::Phase;
 use super::lanes::{Ask, Commands};
@@ -16,27 +16,31 @@ pub struct Place {
     pub t: usize,
 }
 
-/// What commands drones from their states, and says what their states are worth, with slopes. Numbers stand in lanes: one block of worlds for each
-/// number of a state ([`crate::tape::state_width`]) or of a command.
+/// What commands drones from their states. Numbers stand in lanes: one block of worlds for each number of a state
+/// ([`crate::tape::state_width`]) or of a command.
 ///
-/// Forwards [`Pilot::command`] and [`Pilot::look`] alternate, backwards [`Pilot::seed`] and [`Pilot::pull_back`]. A long flight is flown in groups, of which
-/// the earlier ones are flown again before they are undone: then the same commands are asked for again, from the same states. Blocks of worlds
-/// are flown by several threads.
-pub trait Pilot<N: Number>: Sync {
+/// [`Commander::command`] and [`Commander::look`] alternate. Blocks of worlds are flown by several threads.
+pub trait Commander<N: Number>: Sync {
     /// The commands for these states.
     fn command(&self, at: Place, state: &[N::Cell], command: &mut [N::Cell]);
 
     /// The states after the command.
     fn look(&self, at: Place, state: &[N::Cell]);
 
+    /// These worlds did not stay finite: they stay where the flight began, and what was said of it backwards is void.
+    fn lost(&self, at: Place);
+}
+
+/// What commands drones and says what their states are worth, with slopes.
+///
+/// Backwards [`Pilot::seed`] and [`Pilot::pull_back`] alternate. A long flight is flown in groups, of which the earlier ones are flown again before
+/// they are undone: then the same commands are asked for again, from the same states.
+pub trait Pilot<N: Number>: Commander<N> {
     /// Adds what the loss gains by the states after the command.
     fn seed(&self, at: Place, by_state: &mut [N::Cell]);
 
     /// Adds what the loss gains by the states for which the command was given, through what it gains by the command.
     fn pull_back(&self, at: Place, by_command: &[N::Cell], by_state: &mut [N::Cell]);
-
-    /// These worlds did not stay finite: they stay where the flight began, and what was said of it backwards is void.
-    fn lost(&self, at: Place);
 }
 
 impl<N: Number> Sim<N> {
@@ -52,6 +56,31 @@ impl<N: Number> Sim<N> {
         times: usize,
         substeps: usize,
     ) -> Result<(), RolloutError> {
+        self.check_piloted(times, substeps)?;
+        let commands = Commands { numbers: &[], times, substeps };
+        let none = vec![Vec::new(); self.data.n_drones];
+        self.run_lanes((times * substeps, Phase::Both), &Ask::Pilot(commands, pilot, &none), Vec::new());
+        Ok(())
+    }
+
+    /// Flies all worlds under `times` commands, each in force for `substeps` steps: [`Sim::fly_piloted`] without the way back.
+    ///
+    /// # Errors
+    /// Those of [`Sim::fly_piloted`].
+    pub fn fly_commanded(
+        &mut self,
+        commander: &dyn Commander<N>,
+        times: usize,
+        substeps: usize,
+    ) -> Result<(), RolloutError> {
+        self.check_piloted(times, substeps)?;
+        let commands = Commands { numbers: &[], times, substeps };
+        self.run_lanes((times * substeps, Phase::Both), &Ask::Commander(commands, commander), Vec::new());
+        Ok(())
+    }
+
+    /// Makes ready for a flight that is commanded as it goes, or says why there can be none.
+    fn check_piloted(&mut self, times: usize, substeps: usize) -> Result<(), RolloutError> {
         let option = |name, expected: &str, got: String| {
             Err(RolloutError::Option { name, expected: expected.into(), got })
         };
@@ -73,9 +102,6 @@ impl<N: Number> Sim<N> {
                 remedy: "reset it first".into(),
             });
         }
-        let commands = Commands { numbers: &[], times, substeps };
-        let none = vec![Vec::new(); self.data.n_drones];
-        self.run_lanes((times * substeps, Phase::Both), &Ask::Pilot(commands, pilot, &none), Vec::new());
         Ok(())
     }
 }

@@ -31,7 +31,7 @@ pub fn threads() -> usize {
 pub(super) const SERIAL_LIMIT: usize = 200;
 
 /// `f` on every item; `work` is the number of drone-steps altogether.
-pub(super) fn for_each<T: Send>(items: &mut [T], work: usize, f: impl Fn(&mut T) + Sync + Send) {
+pub fn for_each<T: Send>(items: &mut [T], work: usize, f: impl Fn(&mut T) + Sync + Send) {
     if work < SERIAL_LIMIT || threads() == 1 {
         items.iter_mut().for_each(f);
     } else {

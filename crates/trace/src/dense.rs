@@ -53,6 +53,24 @@ impl Dense {
     ) {
         dispatch!(level(), simd => backward_at(simd, self, weights, (x, by_y), by_x, by_weights));
     }
+
+    /// From what a loss gains by the outputs (before any tanh) to what it gains by the inputs, which is written to `by_x`.
+    ///
+    /// # Panics
+    /// Where lists are shorter than the layer.
+    pub fn to_inputs(self, weights: &[f32], by_y: &[F32x16], by_x: &mut [F32x16]) {
+        dispatch!(level(), simd => to_inputs_at(simd, self, weights, by_y, by_x));
+    }
+
+    /// From what a loss gains by the outputs of several samples, one block of lanes each, to what it gains by weights, which is added to `by_weights`.
+    /// The inputs of sample c begin at `x[c * stride]`, its gains at `by_y[c * outputs]`. Many samples at once cost less than one by one: sums stay in
+    /// registers.
+    ///
+    /// # Panics
+    /// Where lists are shorter than the layer.
+    pub fn to_weights(self, (x, stride): (&[F32x16], usize), by_y: &[F32x16], by_weights: &mut [F32x16]) {
+        dispatch!(level(), simd => to_weights_at(simd, self, (x, stride), by_y, by_weights));
+    }
 }
 
 /// What a loss gains by the numbers before a tanh, from what it gains by those after it, `y`: in place.
@@ -100,6 +118,128 @@ fn backward_at<S: Simd>(
         #[inline(always)]
         || backward::<f32x16<S>>(simd, layer, weights, given, by_x, by_weights),
     );
+}
+
+#[inline(always)]
+fn to_inputs_at<S: Simd>(simd: S, layer: Dense, weights: &[f32], by_y: &[F32x16], by_x: &mut [F32x16]) {
+    simd.vectorize(
+        #[inline(always)]
+        || to_inputs::<f32x16<S>>(simd, layer, weights, by_y, by_x),
+    );
+}
+
+#[inline(always)]
+fn to_weights_at<S: Simd>(
+    simd: S,
+    layer: Dense,
+    x: (&[F32x16], usize),
+    by_y: &[F32x16],
+    by_weights: &mut [F32x16],
+) {
+    simd.vectorize(
+        #[inline(always)]
+        || to_weights::<f32x16<S>>(simd, layer, x, by_y, by_weights),
+    );
+}
+
+#[inline(always)]
+fn to_inputs<A: Arith<Cell = F32x16>>(
+    t: A::Token,
+    layer: Dense,
+    weights: &[f32],
+    by_y: &[F32x16],
+    by_x: &mut [F32x16],
+) {
+    let (n, m) = (layer.inputs, layer.outputs);
+    let rows = &weights[..n * m];
+    let by_y = &by_y[..m];
+    let mut i = 0;
+    while i < n {
+        let k = if i + AT_ONCE <= n { AT_ONCE } else { 1 };
+        let mut sums = [A::lit(t, 0.0); AT_ONCE];
+        if k == AT_ONCE {
+            for j in 0..m {
+                let gain = A::load(t, &by_y[j]);
+                let row = &rows[j * n + i..j * n + i + AT_ONCE];
+                for s in 0..AT_ONCE {
+                    sums[s] = A::every(t, row[s]).mul_add(gain, sums[s]);
+                }
+            }
+        } else {
+            for j in 0..m {
+                sums[0] = A::every(t, rows[j * n + i]).mul_add(A::load(t, &by_y[j]), sums[0]);
+            }
+        }
+        for s in 0..k {
+            sums[s].store(&mut by_x[i + s]);
+        }
+        i += k;
+    }
+}
+
+/// Outputs and inputs whose products are summed side by side.
+const TILE: [usize; 2] = [4, 2];
+
+#[inline(always)]
+fn to_weights<A: Arith<Cell = F32x16>>(
+    t: A::Token,
+    layer: Dense,
+    x: (&[F32x16], usize),
+    by_y: &[F32x16],
+    by_weights: &mut [F32x16],
+) {
+    let (n, m) = (layer.inputs, layer.outputs);
+    let (by_rows, by_biases) = by_weights[..layer.len()].split_at_mut(n * m);
+    for (j, bias) in by_biases.iter_mut().enumerate() {
+        let mut sum = A::load(t, bias);
+        for gains in by_y.chunks_exact(m) {
+            sum = sum + A::load(t, &gains[j]);
+        }
+        sum.store(bias);
+    }
+    let (whole_m, whole_n) = (m - m % TILE[0], n - n % TILE[1]);
+    for j in (0..whole_m).step_by(TILE[0]) {
+        for i in (0..whole_n).step_by(TILE[1]) {
+            tile::<A, 4, 2>(t, (n, m), x, by_y, by_rows, (j, i));
+        }
+        if whole_n < n {
+            tile::<A, 4, 1>(t, (n, m), x, by_y, by_rows, (j, whole_n));
+        }
+    }
+    for j in whole_m..m {
+        for i in 0..n {
+            tile::<A, 1, 1>(t, (n, m), x, by_y, by_rows, (j, i));
+        }
+    }
+}
+
+/// Adds the products of `J` gains and `I` inputs, from these numbers on, over all samples.
+#[inline(always)]
+fn tile<A: Arith<Cell = F32x16>, const J: usize, const I: usize>(
+    t: A::Token,
+    (n, m): (usize, usize),
+    (x, stride): (&[F32x16], usize),
+    by_y: &[F32x16],
+    by_rows: &mut [F32x16],
+    (j, i): (usize, usize),
+) {
+    let mut sums = [[A::lit(t, 0.0); I]; J];
+    for (c, gains) in by_y.chunks_exact(m).enumerate() {
+        let gains = &gains[j..j + J];
+        let inputs = &x[c * stride + i..c * stride + i + I];
+        for b in 0..I {
+            let v = A::load(t, &inputs[b]);
+            for a in 0..J {
+                sums[a][b] = A::load(t, &gains[a]).mul_add(v, sums[a][b]);
+            }
+        }
+    }
+    for a in 0..J {
+        for b in 0..I {
+            let to = &mut by_rows[(j + a) * n + i + b];
+            (A::load(t, to) + sums[a][b]).store(to);
+        }
+    }
 }
 
 #[inline(always)]
@@ -228,8 +368,20 @@ mod tests {
             layer.backward(&weights, &x, &by_y, &mut by_x, &mut by_weights);
             let mut undone = by_y.clone();
             undo_tanh(&bent, &mut undone);
+            // The same in two steps, the weights from three samples at once.
+            let mut alone = vec![F32x16::splat(0.0); inputs];
+            layer.to_inputs(&weights, &by_y, &mut alone);
+            let (stride, mut three) = (inputs + 2, vec![F32x16::splat(1.0); layer.len()]);
+            let samples = [&x[..], &[cell(1), cell(2)]].concat().repeat(3);
+            layer.to_weights((&samples, stride), &by_y.repeat(3), &mut three);
             for lane in 0..F32x16::LANES {
                 let close = |a: f32, b: f32| assert!((a - b).abs() < 2e-5, "{inputs} {outputs}: {a} {b}");
+                for (a, b) in alone.iter().zip(&by_x) {
+                    close(a.get(lane), b.get(lane));
+                }
+                for (a, b) in three.iter().zip(&by_weights) {
+                    close(a.get(lane) - 1.0, 3.0 * (b.get(lane) - 1.0));
+                }
                 for j in 0..outputs {
                     let products = (0..inputs).map(|i| weights[j * inputs + i] * x[i].get(lane));
                     let wanted = weights[inputs * outputs + j] + products.sum::<f32>();

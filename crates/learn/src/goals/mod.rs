@@ -1,7 +1,13 @@
 //! Goals that come with the crate.
 
+pub mod gates;
+pub mod land;
+pub mod reach;
 pub mod recover;
 pub mod track;
 
+pub use gates::{Gate, Gates};
+pub use land::Land;
+pub use reach::Reach;
 pub use recover::Recover;
 pub use track::Track;

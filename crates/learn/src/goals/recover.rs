@@ -66,7 +66,7 @@ impl Goal for Recover {
         sum
     }
 
-    fn start(&self, random: &mut Stream) -> (State<f64>, f64) {
+    fn start(&self, random: &mut Stream, _: &mut [f64]) -> (State<f64>, f64) {
         let state = State {
             quat: quat::exp(within(random, self.lean_rad)),
             vel: within(random, self.speed_m_s),

@@ -71,7 +71,7 @@ impl Goal for Track {
         sum
     }
 
-    fn start(&self, random: &mut Stream) -> (State<f64>, f64) {
+    fn start(&self, random: &mut Stream, _: &mut [f64]) -> (State<f64>, f64) {
         let time_s = random.uniform(0.0, self.period_s);
         let (point, velocity) = (self.at(time_s), self.velocity(time_s));
         let state = State {

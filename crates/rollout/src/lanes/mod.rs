@@ -24,7 +24,7 @@ use sequence::{Job, Sequence};
 use super::SimData;
 use super::backend::Backend;
 use super::blocks::Phase;
-use super::pilot::Pilot;
+use super::pilot::{Commander, Pilot};
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
 use propwash_compile::{Compile, Request};
@@ -78,6 +78,8 @@ pub(super) enum Ask<'a, N> {
     Sweep(Commands<'a, N>, &'a [N], &'a [Vec<usize>]),
     /// Steps whose commands a pilot gives, and the same backwards, with gains by no fixed numbers (one empty list for each drone slot).
     Pilot(Commands<'a, N>, &'a dyn Pilot<N>, &'a [Vec<usize>]),
+    /// Steps whose commands are given as they go, forwards alone.
+    Commander(Commands<'a, N>, &'a dyn Commander<N>),
 }
 
 /// Further arrays that a call writes, with the numbers of a world in each.
@@ -316,7 +318,7 @@ impl<N: Number> Lanes<N> {
         let most = self.kinds.iter().map(|k| k.slots.len()).max().unwrap_or(1);
         let n_drones: usize = self.kinds.iter().map(|k| k.slots.len()).sum();
         let compiled = self.kinds.iter().all(|k| k.is_compiled::<N::Cell>(self.level));
-        let narrow = compiled || matches!(ask, Ask::Pilot(..));
+        let narrow = compiled || matches!(ask, Ask::Pilot(..) | Ask::Commander(..));
         let lanes = if narrow { N::Cell::LANES } else { N::Four::LANES };
         let parallel = threads > 1 && work(n_worlds * n_drones, n_steps) >= SERIAL_LIMIT;
         let near = self.kinds.iter().any(|k| k.neighbours > 0);
@@ -424,6 +426,9 @@ fn job<'a, N: Number>(ask: &Ask<'a, N>, sizes: (usize, &[usize]), near: bool) ->
         Ask::Steps => Job::Steps,
         Ask::Record(ref commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
         Ask::Pilot(ref commands, pilot, _) => Job::Pilot(Sequence::new(commands, sizes, (near, true)), pilot),
+        Ask::Commander(ref commands, commander) => {
+            Job::Commander(Sequence::new(commands, sizes, (near, true)), commander)
+        }
         Ask::Sweep(ref commands, seeds, _) => {
             Job::Sweep(Sequence::new(commands, sizes, (near, false)), seeds)
         }
@@ -467,6 +472,9 @@ impl<N: Number> Shared<'_, N> {
                 Job::Steps => self.advance(view, &mut scratch),
                 Job::Record(sequence) => self.record(view, &mut scratch, sequence),
                 Job::Pilot(sequence, pilot) => self.piloted(view, &mut scratch, sequence, *pilot),
+                Job::Commander(sequence, commander) => {
+                    self.commanded(view, &mut scratch, sequence, *commander);
+                }
                 Job::Sweep(sequence, seeds) => self.sweep(view, &mut scratch, sequence, seeds),
             };
         }
@@ -512,7 +520,8 @@ impl<N: Number> Shared<'_, N> {
         (one.used, two.used, four.used) = (0, 0, 0);
         for (index, kind) in self.kinds.iter().enumerate() {
             let mut next = (0, 0);
-            let compiled = kind.is_compiled::<N::Cell>(self.level) || matches!(self.job, Job::Pilot(..));
+            let asked = matches!(self.job, Job::Pilot(..) | Job::Commander(..));
+            let compiled = kind.is_compiled::<N::Cell>(self.level) || asked;
             let mut left = view.quarantine.iter().filter(|q| q.is_none()).count() * kind.slots.len();
             while left > 0 {
                 let taken = if !compiled && left > N::Two::LANES {

@@ -10,7 +10,7 @@ use super::arrays::View;
 use super::pack::{Kept, Pack, Pool, Span};
 use super::plan::{Back, Kind};
 use super::{Commands, Scratch, Shared};
-use crate::pilot::Pilot;
+use crate::pilot::{Commander, Pilot};
 use crate::traced::place;
 use fearless_simd::Level;
 use propwash_trace::Real;
@@ -59,6 +59,8 @@ pub(super) enum Job<'a, N> {
     Sweep(Sequence<'a, N>, &'a [N]),
     /// A flight whose commands a pilot gives, and the same backwards.
     Pilot(Sequence<'a, N>, &'a dyn Pilot<N>),
+    /// The same without the way back.
+    Commander(Sequence<'a, N>, &'a dyn Commander<N>),
 }
 
 /// Arrays of gains among [`View::extra`], in this order.

@@ -4,8 +4,9 @@ use super::super::arrays::View;
 use super::super::pack::{Pack, Pool};
 use super::super::{Scratch, Shared};
 use super::{Piece, Sequence};
-use crate::pilot::{Pilot, Place};
+use crate::pilot::{Commander, Pilot, Place};
 use crate::traced::place;
+use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
 use propwash_trace::lanes::{Cell, Number};
 
@@ -27,7 +28,6 @@ impl<N: Number> Shared<'_, N> {
         scratch.one.begin_undo(self);
         let width = crate::tape::state_width(view.written[4]);
         let mut buffer: Vec<N::Cell> = Vec::new();
-        let mut lost = vec![false; scratch.one.used];
         for (number, group) in seq.groups.iter().enumerate() {
             scratch.mark(seq.groups.len(), None);
             let last = number + 1 == seq.groups.len();
@@ -35,16 +35,7 @@ impl<N: Number> Shared<'_, N> {
                 self.pilot_forwards(&view, scratch, (seq, *piece), (pilot, width, last), &mut buffer);
             }
         }
-        for (pack, lost) in scratch.one.packs.iter().zip(&mut lost) {
-            *lost = !pack.finite(self.level);
-        }
-        for (i, pack) in scratch.one.packs[..scratch.one.used].iter().enumerate() {
-            if lost[i] {
-                pilot.lost(Place::of(pack, &view, 0));
-            } else {
-                pack.store(self, &mut view);
-            }
-        }
+        self.keep_finite(&mut view, scratch, seq, pilot);
         for (number, group) in seq.groups.iter().enumerate().rev() {
             let last = number + 1 == seq.groups.len();
             if !last {
@@ -66,6 +57,46 @@ impl<N: Number> Shared<'_, N> {
                 }
             }
         }
+    }
+
+    /// A flight whose commands are given as it goes.
+    pub(in super::super) fn commanded(
+        &self,
+        mut view: View<N>,
+        scratch: &mut Scratch<N>,
+        seq: &Sequence<N>,
+        commander: &dyn Commander<N>,
+    ) {
+        self.load(&view, scratch, true);
+        let width = crate::tape::state_width(view.written[4]);
+        let mut buffer: Vec<N::Cell> = Vec::new();
+        for t in 0..seq.times {
+            for pack in &mut scratch.one.packs[..scratch.one.used] {
+                pack.ask(&view, (commander, t), (width, seq.width), &mut buffer);
+            }
+            self.steps(&view, scratch, t * seq.substeps, seq.substeps);
+            scratch.one.show_states(&view, (commander, t), width, &mut buffer);
+        }
+        self.keep_finite(&mut view, scratch, seq, commander);
+    }
+
+    /// Writes back the worlds at the end of a flight, but for blocks that did not stay finite.
+    fn keep_finite(
+        &self,
+        view: &mut View<N>,
+        scratch: &Scratch<N>,
+        seq: &Sequence<N>,
+        commander: &dyn Commander<N>,
+    ) {
+        let packs = &scratch.one.packs[..scratch.one.used];
+        let lost: Vec<bool> = packs.iter().map(|pack| !pack.finite(self.level)).collect();
+        for (pack, lost) in packs.iter().zip(&lost) {
+            if *lost {
+                commander.lost(Place::of(pack, view, 0));
+            } else {
+                pack.store(self, view);
+            }
+        }
         for w in 0..view.n_worlds {
             let pack = w / <N::Cell as Cell>::LANES;
             if view.quarantine[w].is_none() && !lost.get(pack).is_some_and(|lost| *lost) {
@@ -83,29 +114,40 @@ impl<N: Number> Shared<'_, N> {
         (pilot, width, kept): (&dyn Pilot<N>, usize, bool),
         buffer: &mut Vec<N::Cell>,
     ) {
-        let command = place::COMMAND as usize..place::COMMAND as usize + seq.width;
         let (pool, zero) = (&mut scratch.one, <N::Cell as Cell>::splat(N::zero()));
         if piece.from == 0 {
             for (pack, undo) in pool.packs[..pool.used].iter_mut().zip(&mut pool.undo) {
-                buffer.clear();
-                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
-                buffer.resize(width + seq.width, zero);
-                let (state, to) = buffer.split_at_mut(width);
-                pilot.command(Place::of(pack, view, piece.t), state, to);
-                pack.file[command.clone()].copy_from_slice(to);
+                let to = pack.ask(view, (pilot, piece.t), (width, seq.width), buffer);
                 undo.commands.resize(seq.times * seq.width, zero);
                 undo.commands[piece.t * seq.width..(piece.t + 1) * seq.width].copy_from_slice(to);
             }
         }
         self.forwards(view, scratch, (seq, piece), kept);
-        if kept && piece.from + piece.n == seq.substeps {
-            let pool = &scratch.one;
-            for pack in &pool.packs[..pool.used] {
-                buffer.clear();
-                buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
-                pilot.look(Place::of(pack, view, piece.t), buffer);
-            }
+        if piece.from + piece.n == seq.substeps {
+            scratch.one.show_states(view, (pilot, piece.t), width, buffer);
         }
+    }
+}
+
+impl<C: Interpret> Pack<C> {
+    /// Asks for the command for its states, puts it into place and returns it.
+    fn ask<'a>(
+        &mut self,
+        view: &View<C::Number>,
+        (commander, t): (&dyn Commander<C::Number>, usize),
+        (width, command): (usize, usize),
+        buffer: &'a mut Vec<C>,
+    ) -> &'a [C]
+    where
+        C::Number: Number<Cell = C>,
+    {
+        buffer.clear();
+        buffer.extend(state_cells(&self.file, place::STATE as usize, width));
+        buffer.resize(width + command, C::splat(C::Number::zero()));
+        let (state, to) = buffer.split_at_mut(width);
+        commander.command(Place::of(self, view, t), state, to);
+        self.file[place::COMMAND as usize..place::COMMAND as usize + command].copy_from_slice(to);
+        to
     }
 }
 
@@ -116,6 +158,23 @@ impl Place {
 }
 
 impl<C: Interpret> Pool<C> {
+    /// Shows the states after command `t`.
+    fn show_states(
+        &self,
+        view: &View<C::Number>,
+        (commander, t): (&dyn Commander<C::Number>, usize),
+        width: usize,
+        buffer: &mut Vec<C>,
+    ) where
+        C::Number: Number<Cell = C>,
+    {
+        for pack in &self.packs[..self.used] {
+            buffer.clear();
+            buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
+            commander.look(Place::of(pack, view, t), buffer);
+        }
+    }
+
     /// Adds what the loss gains by the states after command `t`.
     fn pilot_seed(
         &mut self,
