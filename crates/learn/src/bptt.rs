@@ -252,7 +252,7 @@ impl Pilot<f32> for Learner<'_> {
     }
 }
 
-fn stream(seed: u64, world: usize, episode: u64, what: &str) -> Stream {
+pub(crate) fn stream(seed: u64, world: usize, episode: u64, what: &str) -> Stream {
     Key { seed, world: world as u64, drone: 0, step: episode, purpose: purpose(what) }.stream()
 }
 
@@ -425,13 +425,8 @@ pub fn train<G: Goal>(
     let updates = options.commands.div_ceil(each);
     for update in 0..updates {
         let (mut gradient, cost) = training.fly(&network)?;
-        let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
-        if length > options.longest {
-            gradient.iter_mut().for_each(|g| *g *= options.longest / length);
-        }
-        let done = update as f32 / updates as f32;
-        let rate = options.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
-        adam.step(network.weights_mut(), &gradient, rate);
+        shorten(&mut gradient, options.longest);
+        adam.step(network.weights_mut(), &gradient, annealed(options.rate, update, updates));
         curve.commands.push((update + 1) * each);
         curve.cost.push(cost);
         training.go_on()?;
@@ -441,7 +436,21 @@ pub fn train<G: Goal>(
     Ok(Trained { policy, curve, lost: training.lost })
 }
 
-fn check(options: &Options) -> Result<(), LearnError> {
+/// Shortens a gradient that is longer than `longest` to that.
+pub(crate) fn shorten(gradient: &mut [f32], longest: f32) {
+    let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();
+    if length > longest {
+        gradient.iter_mut().for_each(|g| *g *= longest / length);
+    }
+}
+
+/// The size of steps along half a cosine, from `rate` to nothing.
+pub(crate) fn annealed(rate: f32, update: usize, updates: usize) -> f32 {
+    let done = update as f32 / updates as f32;
+    rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos())
+}
+
+pub(crate) fn check(options: &Options) -> Result<(), LearnError> {
     let least = [
         ("worlds", options.worlds),
         ("horizon", options.horizon),

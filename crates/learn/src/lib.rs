@@ -27,11 +27,13 @@ mod goal;
 pub mod goals;
 mod network;
 mod policy;
+mod sighted;
 
 pub use bptt::{Curve, Options, Trained, train};
 pub use goal::{Actions, Goal, Seen};
 pub use network::Network;
 pub use policy::{Flown, Policy};
+pub use sighted::{Near, SightedGoal, Surroundings, train_sighted};
 
 /// What is wrong with a training.
 #[derive(Debug, thiserror::Error)]
@@ -43,6 +45,12 @@ pub enum LearnError {
     /// The vehicle refuses it.
     #[error(transparent)]
     Vehicle(#[from] propwash_vehicle::VehicleError),
+    /// The surroundings of a training cannot be used.
+    #[error("surroundings: {what}")]
+    Surroundings {
+        /// Why.
+        what: String,
+    },
     /// An option makes no sense.
     #[error("training option {name}: expected {expected}, got {got}")]
     Option {

@@ -26,6 +26,7 @@ use super::blocks::Phase;
 use super::pilot::Pilot;
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
+use super::watch::Watcher;
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::Drone;
 use propwash_physics::integrate::Integrator;
@@ -66,13 +67,22 @@ pub(super) enum Ask<'a, N> {
     /// Steps under the commands that are set.
     Steps,
     /// Steps under a sequence of commands.
-    Record(Commands<'a, N>),
+    Record(Commands<'a, N>, Looks<'a, N>),
     /// The same backwards: what a loss gains by everything that the flight began with and was told, from what it gains by the state
     /// after each command (world, time, drone, number of a state), with gains by these fixed numbers of each drone slot. Steps must
     /// stay finite; the arrays are left as they are.
     Sweep(Commands<'a, N>, &'a [N], &'a [Vec<usize>]),
     /// Steps whose commands a pilot gives, and the same backwards, with gains by no fixed numbers (one empty list for each drone slot).
     Pilot(Commands<'a, N>, &'a dyn Pilot<N>, &'a [Vec<usize>]),
+}
+
+/// What is done with the states after each command.
+#[derive(Clone, Copy)]
+pub(super) struct Looks<'a, N> {
+    /// Sees them.
+    pub watcher: Option<&'a dyn Watcher<N>>,
+    /// All are kept; else each takes the place of the one before.
+    pub keep: bool,
 }
 
 /// Further arrays that a call writes, with the numbers of a world in each.
@@ -371,7 +381,7 @@ impl<N: Number> Lanes<N> {
 fn job<'a, N: Number>(ask: &Ask<'a, N>, sizes: (usize, &[usize]), near: bool) -> Job<'a, N> {
     match *ask {
         Ask::Steps => Job::Steps,
-        Ask::Record(ref commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
+        Ask::Record(ref commands, looks) => Job::Record(Sequence::new(commands, sizes, (near, false)), looks),
         Ask::Pilot(ref commands, pilot, _) => Job::Pilot(Sequence::new(commands, sizes, (near, true)), pilot),
         Ask::Sweep(ref commands, seeds, _) => {
             Job::Sweep(Sequence::new(commands, sizes, (near, false)), seeds)
@@ -413,7 +423,7 @@ impl<N: Number> Shared<'_, N> {
             let mut scratch = slot.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             return match &self.job {
                 Job::Steps => self.advance(view, &mut scratch),
-                Job::Record(sequence) => self.record(view, &mut scratch, sequence),
+                Job::Record(sequence, looks) => self.record(view, &mut scratch, (sequence, *looks)),
                 Job::Pilot(sequence, pilot) => self.piloted(view, &mut scratch, sequence, *pilot),
                 Job::Sweep(sequence, seeds) => self.sweep(view, &mut scratch, sequence, seeds),
             };
