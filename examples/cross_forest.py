@@ -3,7 +3,7 @@
     pip install 'propwash[envs]' matplotlib
     python examples/cross_forest.py --picture out/cross_forest.png
 
-Three million commands are flown in 24 generated forests; the slopes of what the flights cost go through motion, on-board controller, network and the distance to
+Two million commands are flown in 24 generated forests; the slopes of what the flights cost go through motion, on-board controller, network and the distance to
 trees, not through pixels (docs/learn.md). The judge is the environment ``Propwash/ForestDepth-v0`` with other forests, in which any touch ends the flight.
 """
 
@@ -71,7 +71,7 @@ def draw(path: Path, trained: learn.Crossed, shown: list) -> None:
     each = max(1, len(trained.cost) // 200)
     smooth = trained.cost[: len(trained.cost) // each * each].reshape(-1, each).mean(axis=1)
     grid[0, 0].semilogy(trained.commands[each - 1 :: each][: len(smooth)] / 1e6, smooth)
-    grid[0, 0].set(xlabel="million commands", ylabel="cost of a command", title=f"training, {trained.seconds:.0f} s")
+    grid[0, 0].set(xlabel="million commands", ylabel="cost of a command", title="training")
     grid[0, 0].grid(alpha=0.3)
     grid[1, 0].axis("off")
     for column, (picture, way, image, ending) in enumerate(shown, 1):
@@ -90,7 +90,7 @@ def draw(path: Path, trained: learn.Crossed, shown: list) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--commands", type=int, default=3_000_000, help="commands of the training, over all worlds")
+    parser.add_argument("--commands", type=int, default=2_000_000, help="commands of the training, over all worlds")
     parser.add_argument("--seed", type=int, default=0, help="seed of the training")
     parser.add_argument("--unseen", type=int, default=500, help="seed of the first forest that is crossed afterwards; those of the training are 100 to 123")
     parser.add_argument("--flights", type=int, default=500, help="flights afterwards")

@@ -4,7 +4,7 @@
     python examples/mppi.py --picture out/mppi.png
 
 Fifty times a second thousands of command sequences of 1 s are flown by a model that is quick to fly (`so_rpy_rotor_drag` in 40 ms steps), in one call of
-``Sim.rollout``, which also says which of them come too near to a pole, and the best hundredth of them says what to do next. What flies is the first-principles model at 500 Hz in a scene of MuJoCo; whether it
+``Sim.rollout``, and the best hundredth of them says what to do next. What flies is the first-principles model at 500 Hz in a scene of MuJoCo; whether it
 touched a pole is said by the scene, not by the planner's costs. Williams et al., "Information theoretic MPC", 2017; Pinneri et al., "Sample-efficient
 cross-entropy method for real-time planning", 2020.
 """
@@ -18,8 +18,8 @@ import numpy as np
 import propwash
 
 VEHICLE = "cf21B_500"
-#: Poles on a grid, their radius, how near the middle of the drone may come to their surfaces, and cells of the scene's distance field, m.
-PITCH_M, RADIUS_M, KEEP_M, CELL_M = 0.8, 0.05, 0.15, 0.04
+#: Poles on a grid, their radius, how near the middle of the drone may come to their axes, and cells of the planner's map, m.
+PITCH_M, RADIUS_M, KEEP_M, CELL_M = 0.8, 0.05, 0.2, 0.01
 HORIZON, STEP_S, UPDATE_S = 25, 0.04, 0.02
 SPREAD = np.array([0.12, 0.12, 0.0, 0.06], np.float32)
 SPEED_M_S = 1.2
@@ -40,11 +40,14 @@ def scene(where: np.ndarray) -> str:
 class Planner:
     """Sequences of commands for a second to come, better with every update."""
 
-    def __init__(self, samples: int, field: propwash.DistanceField, seed: int) -> None:
+    def __init__(self, samples: int, where: np.ndarray, seed: int) -> None:
         slow = {f"{name}_freq": 25 for name in ("state", "attitude", "body_rate", "force_torque")}
         self.sim = propwash.Sim(samples, drone=VEHICLE, dynamics="so_rpy_rotor_drag", control="attitude", freq=25, threads=1, **slow)
         self.hover = float(self.sim.hover_thrust()[0, 0])
-        self.field = field
+        # Where poles are too near, on a grid of 1 cm over the field: looked up in place of 30 distances.
+        x, y = np.meshgrid(np.arange(-2, 8, CELL_M), np.arange(-4, 4, CELL_M), indexing="ij")
+        near = np.min(np.hypot(x[..., None] - where[:, 0], y[..., None] - where[:, 1]), axis=-1)
+        self.taken = (near < KEEP_M).astype(np.float32)
         self.mean = np.tile(np.array([0, 0, 0, self.hover], np.float32), (HORIZON, 1))
         self.low = np.array([-0.6, -0.6, 0, 0.3 * self.hover], np.float32)
         self.high = np.array([0.6, 0.6, 0, 1.7 * self.hover], np.float32)
@@ -66,9 +69,8 @@ class Planner:
             noise[:, t] = 0.8 * noise[:, t - 1] + 0.6 * noise[:, t]
         noise[0] = 0.0
         commands = np.clip(self.mean + noise * SPREAD, self.low, self.high)
-        flown = self.sim.rollout(commands[:, :, None], field=self.field, radius=KEEP_M, states=True)
-        # What comes too near counts from there on.
-        cost = self.cost(flown.states, commands, goals) + 1000.0 * (HORIZON - flown.first[:, 0].astype(np.float32))
+        states = self.sim.rollout(commands[:, :, None])
+        cost = self.cost(states, commands, goals)
         best = np.argpartition(cost, n // 100)[: n // 100]
         self.mean = commands[best].mean(axis=0)
         command = self.mean[0].copy()
@@ -82,7 +84,9 @@ class Planner:
         off, tilt, thrust = pos - goals, commands[..., :2], commands[..., 3] - self.hover
         cost = 50 * np.einsum("ntk,ntk->n", off, off) + np.einsum("ntk,ntk->n", vel, vel)
         cost += 5 * np.einsum("ntk,ntk->n", tilt, tilt) + 5 * np.einsum("nt,nt->n", thrust, thrust)
-        return cost
+        i = ((pos[..., 0] + 2) / CELL_M).astype(np.int32).clip(0, self.taken.shape[0] - 1)
+        j = ((pos[..., 1] + 4) / CELL_M).astype(np.int32).clip(0, self.taken.shape[1] - 1)
+        return cost + 1000 * self.taken[i, j].sum(1)
 
 
 def fly(seed: int, samples: int) -> dict:
@@ -96,7 +100,7 @@ def fly(seed: int, samples: int) -> dict:
     start, end = np.array([0.0, 0.0, 1.0]), np.array([6.0, 0.0, 1.0])
     sim.set_initial(pos=start)
     sim.reset()
-    planner = Planner(samples, sim.distance_field(CELL_M, ([-1, -3, 0.2], [7, 3, 1.8])), seed)
+    planner = Planner(samples, where, seed)
     flown, touched, updates = [sim.data.pos[0, 0].copy()], 0, 0
     while updates < 500 and np.linalg.norm(sim.data.pos[0, 0] - end) > 0.15:
         now = updates * UPDATE_S

@@ -3,8 +3,12 @@
 #[path = "common/scenes.rs"]
 mod scenes;
 
-use propwash::geometry::DistanceField;
+use propwash::arena::{Arena, SimConfig};
+use propwash::geometry::{DistanceField, FieldGrid};
+use propwash::physics::controllers::ControlMode;
 use propwash::random::{Key, Stream, purpose};
+use propwash::rollout::{Engine, SimOptions};
+use propwash::scalar::lanes::Number;
 use propwash::scene::{FIELD_MOST_BYTES, Scene, SceneError, SceneSource, Shell};
 use propwash::sense::Queries;
 use scenes::build;
@@ -23,9 +27,12 @@ fn draws(step: u64) -> Stream {
     Key { seed: 5, world: 0, drone: 0, step, purpose: purpose("test of fields") }.stream()
 }
 
-/// Everything of the scene that can collide must stand still: then clearances are what the field should be.
+/// Obstacles, which are not in fields, are moved out of the way: then clearances are what the field should be.
 fn compare(name: &str, scene: &Scene, field: &DistanceField) {
     let mut worker = scene.worker().unwrap();
+    for obstacle in 0..scene.obstacles().len() {
+        worker.set_obstacle(obstacle, [0.0, 0.0, 1000.0 + 10.0 * obstacle as f64], LEVEL).unwrap();
+    }
     let mut s = draws(scene.geoms().len() as u64);
     let (low, high) = (field.grid().origin_m, field.grid().end_m());
     let bound = 0.5 * 3f64.sqrt() * field.grid().resolution_m + 2e-5;
@@ -68,10 +75,6 @@ fn compare(name: &str, scene: &Scene, field: &DistanceField) {
 fn fields_agree_with_exact_clearances_in_scenes_of_all_kinds() {
     for name in ["forest", "room", "corridor", "terrain", "meshes", "zoo"] {
         let scene = Scene::build(&SceneSource::file(format!("xml/{name}.xml")), &[ball()]).unwrap();
-        let still = scene.geoms().iter().filter(|g| g.can_collide() && g.drone.is_none());
-        if still.clone().any(|g| scene.bodies()[g.body_id].obstacle.is_some()) {
-            continue;
-        }
         let field = scene.distance_field(0.2, None, FIELD_MOST_BYTES).unwrap();
         compare(name, &scene, &field);
     }
@@ -137,4 +140,67 @@ fn what_makes_no_field_is_refused_in_words() {
     assert!(words(&ball, f64::INFINITY, None, 1 << 20).contains("resolution: expected"));
     assert!(words(&ball, 0.1, Some([[1.0; 3], [0.0; 3]]), 1 << 20).contains("bounds: expected"));
     assert!(words(&ball, 0.1, Some([[f64::NAN; 3], [0.0; 3]]), 1 << 20).contains("bounds: expected"));
+}
+
+/// The distance to the plane x = 0.3 from its lower side.
+fn wall() -> DistanceField {
+    let grid = FieldGrid { origin_m: [-1.0, -1.0, -1.0], resolution_m: 1.0, counts: [3, 3, 4] };
+    let data = (0..grid.len()).map(|i| 0.3 - (-1.0 + (i / 12) as f32)).collect();
+    DistanceField::new(grid, data, vec![], vec![]).unwrap()
+}
+
+fn arena<N: Number>(engine: Engine) -> Arena<N> {
+    let options =
+        SimOptions { n_worlds: 37, control: ControlMode::Attitude, engine, ..SimOptions::default() };
+    Arena::from_config(&SimConfig { options, n_drones: Some(2), ..SimConfig::default() }).unwrap()
+}
+
+/// In lanes and one by one, with states kept and not; a world goes astray on its way.
+#[test]
+fn what_is_seen_on_the_way_is_what_the_states_say_afterwards() {
+    check_watched::<f32>(Engine::Lanes);
+    check_watched::<f64>(Engine::Lanes);
+    check_watched::<f64>(Engine::Reference);
+}
+
+fn check_watched<N: Number>(engine: Engine) {
+    let (field, radius_m, times) = (wall(), 0.25, 30);
+    // A pitch for each drone of each world; some stay where they are. (world, time, drone)
+    let pitch = |i: usize| 0.5 * ((i / (2 * times) * 2 + i % 2) % 7) as f64 / 6.0;
+    let command = |i: usize| [0.0, pitch(i), 0.0, 0.33].map(N::of);
+    let commands: Vec<N> = (0..37 * times * 2).flat_map(command).collect();
+    let flown = |keep: bool| {
+        let mut arena = arena::<N>(engine);
+        // Beyond 1e9 m after a step or two.
+        arena.data_mut().vel[6 * 5] = N::of(3e11);
+        let found = arena.rollout_near(&commands, 10, (&field, radius_m), keep).unwrap();
+        assert!(arena.sim().data.quarantine[5].is_some() && arena.sim().data.quarantine[4].is_none());
+        found
+    };
+    let (states, near) = flown(true);
+    let (none, same) = flown(false);
+    assert!(none.is_empty() && same == near);
+    let width = states.len() / (37 * times * 2);
+    let mut hits = 0;
+    for row in 0..74 {
+        let at = |t: usize| {
+            let from = ((row / 2 * times + t) * 2 + row % 2) * width;
+            field.at([0, 1, 2].map(|k| states[from + k].wide())).0
+        };
+        let distances: Vec<f64> = (0..times).map(at).collect();
+        let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
+        let off = (least - f64::from(near.distance_m[row])).abs();
+        assert!(off < 1e-5 * (1.0 + least.abs()), "{row}: {off} of {least}");
+        let first = near.first[row] as usize;
+        let below = distances.iter().position(|d| *d < radius_m).unwrap_or(times);
+        // Within rounding of the radius either may be the first.
+        let close = distances.get(first.min(below)).is_some_and(|d| (d - radius_m).abs() < 1e-5);
+        assert!(first == below || close, "{row}: {first} {below}");
+        hits += usize::from(first < times);
+    }
+    assert!(hits > 5 && hits < 70, "{hits}");
+    for radius_m in [-1.0, f64::NAN] {
+        let e = arena::<N>(engine).rollout_near(&commands, 1, (&field, radius_m), false).unwrap_err();
+        assert!(e.to_string().contains("radius_m"), "{e}");
+    }
 }

@@ -8,8 +8,10 @@ from .sim import Control, Dynamics
 
 __all__ = [
     "Cameras",
+    "Crossed",
     "Env",
     "Error",
+    "Field",
     "LabSession",
     "Learnt",
     "Recorder",
@@ -30,6 +32,7 @@ __all__ = [
     "gap_watch",
     "identify",
     "learn_bptt",
+    "learn_cross",
     "lint",
     "load_plugin_library",
     "log_check",

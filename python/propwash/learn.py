@@ -204,7 +204,7 @@ def cross(
     pool: tuple[int, int] = (1, 1),
     worlds: int = 128,
     horizon: int = 30,
-    commands: int = 3_000_000,
+    commands: int = 2_000_000,
     hidden: Sequence[int] = (64, 64),
     rate: float = 0.003,
     longest: float = 1.0,

@@ -60,12 +60,12 @@ impl<'a> Baker<'a> {
         let mut best = limit;
         for id in &self.planes {
             let id = *id as usize;
-            best = best.min(table.from_point(id, place(id), point_m, best));
+            best = best.min(table.point_distance(id, place(id), point_m, best));
         }
         self.tree.near(point_m, best, |k, _| {
             let id = self.ids[self.tree.order[k] as usize] as usize;
             if lower_bound(&table.geoms[id], place(id), point_m, 0.0) < best {
-                best = best.min(table.from_point(id, place(id), point_m, best));
+                best = best.min(table.point_distance(id, place(id), point_m, best));
             }
             best
         });

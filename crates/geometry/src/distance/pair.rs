@@ -143,7 +143,7 @@ impl Table {
 
     /// Signed distance from a point to a geom where it is less than `limit`, else any number of at least that. 0 inside of what does not
     /// [tell](Self::tells_depth) how deep.
-    pub(crate) fn from_point(&self, id: usize, at: Place, point: [f64; 3], limit: f64) -> f64 {
+    pub(crate) fn point_distance(&self, id: usize, at: Place, point: [f64; 3], limit: f64) -> f64 {
         let (h, p) = (&self.geoms[id], sub(at.pos, point));
         let met = match h.kind {
             GeomType::Hfield | GeomType::Sdf => {
