@@ -12,8 +12,10 @@ use clap::Parser;
 use common::peer::Peer;
 use common::report::{Report, count, figures, number, numbers, shown};
 use common::{Fallible, ended, machine, median};
-use propwash::learn::goals::{Gates, Land, Reach, Recover, Track};
-use propwash::learn::{Actions, Critic, Flown, Goal, Options, ppo, train};
+use propwash::env::crossing::{NEARNESS, Sight};
+use propwash::env::{Ending, Env, EnvConfig, train_crossing};
+use propwash::learn::goals::{Cross, Gates, Land, Reach, Recover, Track, cross};
+use propwash::learn::{Actions, Critic, Flown, Goal, Options, Policy, ppo, train};
 use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::rollout::pilot::{Commander, Pilot, Place};
 use propwash::rollout::pool::alone;
@@ -39,8 +41,8 @@ struct Args {
     /// Longest time that Crazyflow may take to get ready, s; it compiles for every shape.
     #[arg(long, default_value_t = 300)]
     patience: u64,
-    /// What to measure: gradients, policies.
-    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into()])]
+    /// What to measure: gradients, policies, forests.
+    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into(), "forests".into()])]
     parts: Vec<String>,
     /// First seed of the trained policies, and number of seeds.
     #[arg(long, default_value_t = 200)]
@@ -181,6 +183,9 @@ fn run(args: &Args) -> Fallible<()> {
     }
     if args.parts.iter().any(|part| part == "policies") {
         policies(&mut report, args)?;
+    }
+    if args.parts.iter().any(|part| part == "forests") {
+        forests(&mut report, args)?;
     }
     report.end()
 }
@@ -387,4 +392,89 @@ fn first(report: &mut Report, args: &Args) -> Fallible<()> {
         &[numbers("ms", "ms")],
     )?;
     report.row(vec![shown(ms, figures(ms))])
+}
+
+/// An environment of forests, of seeds from `seed` on, in which a drone acts by attitudes and sees 12 × 16 pixels.
+fn forest(worlds: usize, seed: u64, layouts: usize, first: u64) -> Fallible<EnvConfig> {
+    let text = format!(
+        "n_worlds = {worlds}\nseed = {seed}\nlayouts = {layouts}\nstep_hz = 20\nmax_episode_s = 16.0\n\
+         [[drones]]\nvehicle = \"{LEARNER}\"\n[task]\nkind = \"forest_depth\"\n[action]\nkind = \"attitude\"\nnormalized = false\n\
+         [camera]\nwidth = 16\nheight = 12\nfovy_deg = 70.0\nrange_m = [0.02, 6.0]\n\
+         [scene.forest]\ntrees = 36\nrocks = 6\nlogs = 3\nmoving = 0\nsize_m = 12.0\nseed = {first}"
+    );
+    Ok(EnvConfig::from_text(&text)?)
+}
+
+/// Part of the worlds whose first episode arrives.
+fn arrive(policy: &Policy, config: EnvConfig) -> Fallible<f64> {
+    let worlds = config.sim.options.n_worlds;
+    let mut env = Env::new(config)?;
+    env.reset(None, None)?;
+    let width: usize = env.channels().iter().filter(|c| c.name != "depth").map(|c| c.width).sum();
+    let far = 1.0 / env.depth_range_m()[1] as f32;
+    let mut endings = vec![Ending::None as u8; worlds];
+    let [distance, speed, height, zero] = cross::SCALES.map(|v| v as f32);
+    for _ in 0..321 {
+        let (seen, depth) = (env.observation().to_vec(), env.depth().to_vec());
+        let act = |(row, image): (&[f32], &[f32])| -> Vec<f32> {
+            // Behind position, attitude, velocity and angular velocity stand the goal and the velocity along the heading.
+            let (goal, along) = (&row[13..16], &row[16..19]);
+            let length = goal.iter().map(|v| v * v).sum::<f32>().sqrt();
+            let mut input: Vec<f32> = goal.iter().map(|v| v / length.max(cross::LEAST_M as f32)).collect();
+            input.push(distance * length);
+            input.extend(along.iter().map(|v| speed * v));
+            input.push(height * (row[2] - zero));
+            input.extend(&row[3..7]);
+            let near = NEARNESS[0] as f32;
+            let nearness = |d: &f32| (1.0 / d.max(near) - far) / (1.0 / near - far);
+            input.extend(image.iter().map(|d| NEARNESS[1] as f32 * nearness(d).clamp(0.0, 1.0)));
+            policy.actions.command(&policy.network.act(&input)).map(|v| v as f32).collect()
+        };
+        let actions: Vec<f32> =
+            seen.chunks_exact(width).zip(depth.chunks_exact(depth.len() / worlds)).flat_map(act).collect();
+        env.step(&actions)?;
+        let now = env.ending();
+        (endings.iter_mut().zip(now))
+            .filter(|(known, _)| **known == 0)
+            .for_each(|(known, new)| *known = *new);
+        if endings.iter().all(|e| *e != 0) {
+            break;
+        }
+    }
+    Ok(endings.iter().filter(|e| **e == Ending::Done as u8).count() as f64 / worlds as f64)
+}
+
+/// Policies that cross forests by depth, on all cores; the judge is the environment, with other forests.
+fn forests(report: &mut Report, args: &Args) -> Fallible<()> {
+    let columns = [
+        numbers("seed", "seed"),
+        numbers("cores", "cores"),
+        numbers("prepared_s", "scenes and fields, s"),
+        numbers("seconds", "in all, s"),
+        numbers("arrive", "% of 500 unseen forests crossed"),
+    ];
+    let caption = "Forests by depth: 2,000,000 commands of 50 ms in 24 forests, from nothing; unseen forests are crossed in the environment, once each.";
+    report.table("forests", caption, &columns)?;
+    for seed in args.first..args.first + args.seeds {
+        let options = Options {
+            worlds: 128,
+            horizon: 30,
+            commands: 2_000_000,
+            rate: 0.003,
+            longest: 1.0,
+            ..Options::default()
+        };
+        let config = forest(1, seed, 24, 100)?;
+        let crossed = train_crossing(config, &Cross::default(), Sight { block: [1, 1] }, &options)?;
+        let part = arrive(&crossed.trained.policy, forest(500, seed, 500, 2000)?)?;
+        let [prepared, seconds] = crossed.seconds;
+        report.row(vec![
+            count(seed as usize),
+            count(machine::cores()),
+            shown(prepared, figures(prepared)),
+            shown(seconds, figures(seconds)),
+            number(100.0 * part, 1),
+        ])?;
+    }
+    Ok(())
 }

@@ -23,6 +23,7 @@ from ._repr import shorten_all as _shorten_all  # noqa: E402
 from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
+from .field import DistanceField  # noqa: E402
 from .gap import (  # noqa: E402
     AcceptedParameter,
     Change,
@@ -77,13 +78,14 @@ from .references import MinimumSnap  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
-from .tape import Gradient, States, Tape  # noqa: E402
+from .tape import Approach, Gradient, States, Tape  # noqa: E402
 from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
 
 __all__ = [
     "AcceptedParameter",
     "Advice",
+    "Approach",
     "Body",
     "Camera",
     "Change",
@@ -96,6 +98,7 @@ __all__ = [
     "Data",
     "DepthFrame",
     "Diagnosis",
+    "DistanceField",
     "Error",
     "Estimate",
     "Evaluation",

@@ -8,8 +8,10 @@ from .sim import Control, Dynamics
 
 __all__ = [
     "Cameras",
+    "Crossed",
     "Env",
     "Error",
+    "Field",
     "LabSession",
     "Learnt",
     "Recorder",
@@ -30,6 +32,7 @@ __all__ = [
     "gap_watch",
     "identify",
     "learn_bptt",
+    "learn_cross",
     "learn_ppo",
     "lint",
     "load_plugin_library",
@@ -121,6 +124,39 @@ def learn_ppo(
     goal: str, numbers: dict[str, Any], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]
 ) -> Learnt: ...
 @final
+class Crossed:
+    @property
+    def seconds(self) -> list[float]: ...
+    @property
+    def lost(self) -> int: ...
+    def curve(self) -> tuple[NDArray[np.uint64], NDArray[np.float64]]: ...
+    def parts(self) -> dict[str, Any]: ...
+
+def learn_cross(
+    config: str, goal: dict[str, float], block: tuple[int, int], options: dict[str, Any], threads: int | None
+) -> Crossed: ...
+@final
+class Field:
+    def __new__(
+        cls,
+        data: NDArray[np.float32],
+        origin: Sequence[float],
+        resolution: float,
+        planes: Sequence[Sequence[float]],
+        zero_inside: Sequence[int],
+    ) -> Field: ...
+    def data(self) -> NDArray[np.float32]: ...
+    @property
+    def origin(self) -> list[float]: ...
+    @property
+    def resolution(self) -> float: ...
+    @property
+    def planes(self) -> list[list[float]]: ...
+    @property
+    def zero_inside(self) -> list[int]: ...
+    def at(self, points: ArrayLike, n: int, fast: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
 class Tape:
     @property
     def shape(self) -> list[int]: ...
@@ -187,6 +223,10 @@ class Sim:
     def step(self, n_steps: int, data: Any) -> bool: ...
     def compiling(self) -> list[str]: ...
     def rollout(self, commands: ArrayLike, substeps: int) -> tuple[NDArray[Any], bool]: ...
+    def rollout_near(
+        self, commands: ArrayLike, substeps: int, field: Field, how: tuple[float, bool]
+    ) -> tuple[NDArray[Any] | None, NDArray[np.float32], NDArray[np.uint32], bool]: ...
+    def distance_field(self, resolution: float, bounds: Sequence[Sequence[float]] | None, scene: int, most_bytes: int) -> Field: ...
     def record(self, commands: ArrayLike, substeps: int) -> tuple[Tape, bool]: ...
     def reset(self, mask: ArrayLike | None = None) -> None: ...
     def set_initial(

@@ -10,6 +10,7 @@ network (backpropagation through time): a tenth of a second, and nothing but Pro
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Sequence, Union
@@ -23,7 +24,22 @@ from ._repr import shorten_all as _shorten_all
 from .policies import ActionSpec, Branch, Channel, Input, Layer, Policy
 from .sense import _whole
 
-__all__ = ["Critic", "Flights", "Gate", "Gates", "Land", "Reach", "Recover", "Track", "Trained", "bptt", "ppo"]
+__all__ = [
+    "Critic",
+    "Cross",
+    "Crossed",
+    "Flights",
+    "Gate",
+    "Gates",
+    "Land",
+    "Reach",
+    "Recover",
+    "Track",
+    "Trained",
+    "bptt",
+    "cross",
+    "ppo",
+]
 
 Action = Literal["attitude", "rotor_vel"]
 
@@ -138,6 +154,24 @@ class Critic:
 
 
 @dataclass(frozen=True)
+class Cross:
+    """Cross a forest to a goal, seeing by a depth camera: what a training by ``cross`` pays for."""
+
+    speed: float = 1.8
+    """Speed that is wanted, m/s."""
+    keep: float = 0.6
+    """Nearer to things than this costs more and more, m: from the middle of the drone."""
+    ceiling: float = 2.0
+    """Higher than this costs more and more, m."""
+    arrive: float = 0.6
+    """The goal is reached within this distance, m."""
+    touch: float = 0.1
+    """A drone whose middle is nearer to things than this begins anew, m."""
+    time: float = 12.0
+    """Longest time of an episode in training, s."""
+
+
+@dataclass(frozen=True)
 class Flights:
     """What flights from starts that no training has seen showed."""
 
@@ -200,18 +234,6 @@ class Trained:
 
     def _make(self) -> Policy:
         parts = self._native.parts()
-        layers: list[Layer] = []
-        for weight, bias in parts["layers"]:
-            layers += [Layer("linear", np.asarray(weight, np.float32), np.asarray(bias, np.float32)), Layer("tanh")]
-        middle, reach = np.array(parts["middle"]), np.array(parts["reach"])
-        action = ActionSpec(
-            parts["kind"],
-            (middle - reach).astype(np.float32),
-            (middle + reach).astype(np.float32),
-            limit="tanh",
-            normalized=False,
-            step_hz=parts["step_hz"],
-        )
         first, second, third = (float(scale) for scale in parts["scales"])
         state = [Input("quat"), Input("vel").scale(second), Input("ang_vel").scale(third)]
         trained: dict[str, Any] = {"propwash": __version__, "note": self._note}
@@ -231,8 +253,7 @@ class Trained:
         else:
             inputs = [Input("pos").scale(first), *state]
             channels = [Channel("ang_vel", (3,)), Channel("pos", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
-        # The last tanh is that of the limit.
-        return Policy(tuple(channels), (Branch(tuple(inputs)),), tuple(layers[:-1]), action, trained)
+        return Policy(tuple(channels), (Branch(tuple(inputs)),), _layers(parts), _action(parts), trained)
 
     @property
     def _note(self) -> str:
@@ -298,6 +319,115 @@ def _usual(goal: Goal, action: str) -> tuple[int, int, int, float]:
     if isinstance(goal, Reach):
         return 10 if slow else 5, 40, 200_000, 0.01
     return 10 if slow else 5, 40, 100_000 if slow else 600_000, 0.01
+
+
+def _layers(parts: dict[str, Any]) -> tuple[Layer, ...]:
+    """Layers of a network, a tanh behind each but the last, whose tanh is that of the limit."""
+    layers: list[Layer] = []
+    for weight, bias in parts["layers"]:
+        layers += [Layer("linear", np.asarray(weight, np.float32), np.asarray(bias, np.float32)), Layer("tanh")]
+    return tuple(layers[:-1])
+
+
+def _action(parts: dict[str, Any]) -> ActionSpec:
+    middle, reach = np.array(parts["middle"]), np.array(parts["reach"])
+    low, high = (middle - reach).astype(np.float32), (middle + reach).astype(np.float32)
+    return ActionSpec(parts["kind"], low, high, limit="tanh", normalized=False, step_hz=parts["step_hz"])
+
+
+class Crossed:
+    """A policy that sees, and how it came to be."""
+
+    def __init__(self, native: _native.Crossed, goal: Cross, policy: Policy) -> None:
+        self.goal = goal
+        self.policy = policy
+        """The policy, to be saved, exported, evaluated and flown as any other: it takes observations of the environment as they are."""
+        self.prepared: float = native.seconds[0]
+        """Time to compile the scenes and to bake their distance fields, s."""
+        self.seconds: float = native.seconds[1]
+        """Time that all of it took, s."""
+        self.lost: int = native.lost
+        """Worlds that began anew since they touched something."""
+        self.commands, self.cost = native.curve()
+        """Commands flown so far at each update, and the mean cost of a command in it."""
+
+    def __repr__(self) -> str:
+        return f"<propwash.learn.Crossed, {int(self.commands[-1])} commands in {self.seconds:.1f} s>"
+
+
+def cross(
+    env: Any,
+    goal: Cross = Cross(),
+    *,
+    pool: tuple[int, int] = (1, 1),
+    worlds: int = 128,
+    horizon: int = 30,
+    commands: int = 2_000_000,
+    hidden: Sequence[int] = (64, 64),
+    rate: float = 0.003,
+    longest: float = 1.0,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Crossed:
+    """Trains a policy that crosses forests by what a depth camera shows, by backpropagation through time.
+
+    What it costs to come near things goes through their exact distance and its slope (``DistanceField``), not through pixels.
+
+    Args:
+        env: ``Propwash/ForestDepth-v0`` with ``action="attitude"`` and ``normalize_actions=False``, without wrappers: it says what flies, in which scenes, what the camera is, how
+            often the policy acts (``freq``) and how far actions reach. Nothing may move in the scenes. The training flies on its own in them, without noise and delays.
+        goal: What is paid for.
+        pool: Height and width of blocks of pixels of which the policy sees the nearest.
+        worlds: Worlds that fly at once; multiples of 16 fill the lanes.
+        horizon: Commands of a flight before its gradient is taken.
+        commands: Commands in all, over all worlds.
+        hidden: Widths of the network's layers.
+        rate: Size of Adam's first steps; it falls to nothing along half a cosine.
+        longest: Gradients that are longer are shortened to this.
+        seed: Seed of weights, scenes that worlds are in, starts and goals.
+        threads: Number of threads; None: all. The policy is the same for any.
+
+    Raises:
+        ValueError: for another task or action, several drones, scenes in which something moves, and options that make no sense.
+        TypeError: for what is no environment of ``propwash.envs``.
+    """
+    from .policies._convert import Seen
+
+    seen = Seen(env)
+    if seen.base is not getattr(env, "unwrapped", env):
+        raise TypeError(f"env: expected an environment without wrappers, got {type(env).__name__}")
+    config = json.loads(json.dumps(seen.base.config))
+    config["seed"] = _whole("seed", seed, 0, 2**62)
+    if config["action"]["normalized"]:
+        raise ValueError("env: expected normalize_actions=False, so that commands have their units; got True")
+    numbers = asdict(goal)
+    for name, value in numbers.items():
+        if not (np.isfinite(value) and value > 0.0):
+            raise ValueError(f"goal.{name}: expected a finite number above 0, got {value}")
+    options = {
+        "worlds": _whole("worlds", worlds, 1, 10**6),
+        "horizon": _whole("horizon", horizon, 1, 10**6),
+        "commands": _whole("commands", commands, 1, 10**12),
+        "hidden": [_whole("hidden", width, 1, 10**4) for width in hidden],
+        "rate": float(rate),
+        "longest": float(longest),
+    }
+    block = (_whole("pool", pool[0], 1, 10**4), _whole("pool", pool[1], 1, 10**4))
+    several = None if threads is None else _whole("threads", threads, 1, 4096)
+    native = _native.learn_cross(json.dumps(config), numbers, block, options, several)
+    parts = native.parts()
+    away, speed, height, zero, least, near, factor = parts["scales"]
+    inputs = (
+        Input("goal").direction(least),
+        Input("goal").length().scale(away),
+        Input("vel_heading").scale(speed),
+        Input("pos").take(2).scale(height, zero),
+        Input("quat"),
+        Input("depth").nearness(near, config["camera"]["range_m"][1]).pool(block[0], block[1], "max").scale(factor),
+    )
+    channels = tuple(Channel(name, seen.shapes[name], 1) for name in sorted({given.channel for given in inputs}))
+    policy = Policy(channels, (Branch(inputs),), _layers(parts), _action(parts), seen.trained(f"propwash.learn.cross of {goal}"))
+    return Crossed(native, goal, policy)
 
 
 def bptt(

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Callable, Literal, Mapping, Sequence, Union, get_args
+from typing import TYPE_CHECKING, Any, Callable, Literal, Mapping, Sequence, Union, get_args, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,10 @@ from . import _native
 from ._mirror import Mirror, mirror, picture
 from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
+from .field import DistanceField
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _floats, _whole
-from .tape import States, Tape
+from .tape import Approach, States, Tape
 from .viewer import Viewer
 
 if TYPE_CHECKING:
@@ -479,16 +480,26 @@ class Sim:
         for part in ("pos", "quat", "vel", "ang_vel", "rotor_vel", "thrust"):
             getattr(data, part)[...] = getattr(states, part)
 
-    def rollout(self, commands: ArrayLike, substeps: int = 1) -> States:
-        """Flies a sequence of commands in one call and gives the states after each.
+    @overload
+    def rollout(self, commands: ArrayLike, substeps: int = 1, *, field: None = None, radius: float = 0.0, states: bool = True) -> States: ...
+    @overload
+    def rollout(self, commands: ArrayLike, substeps: int = 1, *, field: DistanceField, radius: float = 0.0, states: bool = False) -> Approach: ...
+    def rollout(
+        self, commands: ArrayLike, substeps: int = 1, *, field: DistanceField | None = None, radius: float = 0.0, states: bool | None = None
+    ) -> States | Approach:
+        """Flies a sequence of commands in one call and gives the states after each, or how near the drones came to things.
 
         Args:
             commands: In the units of the control mode; the last stays in force. (n_worlds, n_times, n_drones, command_width)
             substeps: Steps under each command.
+            field: Distances to what stands still (``distance_field``): then an ``Approach`` is returned, which is found while the numbers sit in cache. Drones are asked
+                where they are after each command; with one step under each that is after every step.
+            radius: How near a drone's place may come to things, m.
+            states: Whether to give the states with a field, too; without they are never stored.
 
         Returns:
             States of shape (n_worlds, n_times, n_drones, …). A world that is quarantined stands still from the command on under which it
-            was, and a ``QuarantineWarning`` says so.
+            was, and a ``QuarantineWarning`` says so. With a field an ``Approach``.
 
         It does what setting one command after the other and stepping does, faster: all commands are flown while a few worlds sit in cache.
         To try many commands from one state, ``fork`` it first.
@@ -496,9 +507,48 @@ class Sim:
         Raises:
             ValueError: for commands of another shape or that are not finite, and for a ``Sim`` with stages that are functions of Python.
         """
-        states, more = self._native.rollout(np.asarray(commands), _whole("substeps", substeps, 1, 2**31))
+        array, steps = np.asarray(commands), _whole("substeps", substeps, 1, 2**31)
+        if field is None:
+            if states is False:
+                raise ValueError("states: expected True without a field, since nothing else is returned")
+            numbers, more = self._native.rollout(array, steps)
+            self._tell_quarantine(more)
+            return States(numbers)
+        kept, distance, first, more = self._native.rollout_near(array, steps, field._native, (float(radius), bool(states)))
         self._tell_quarantine(more)
-        return States(states)
+        return Approach(distance, first, None if kept is None else States(kept))
+
+    def distance_field(
+        self,
+        resolution: float = 0.05,
+        bounds: tuple[Sequence[float], Sequence[float]] | None = None,
+        *,
+        scene: int = 0,
+        memory_mib: float = 1024.0,
+    ) -> DistanceField:
+        """Signed distances to everything in a scene that stands still and can collide, on a grid: baked once, from the exact distances of ``clearances``.
+
+        Drones and obstacles that can be moved are not in it. Meshes are their convex hulls, as for contacts. Inside of two things that overlap the distance is that to the
+        farther surface of the two.
+
+        Args:
+            resolution: Distance of neighbouring points, m.
+            bounds: Lowest and highest corner of the grid, m; None: around all these things but planes, and 1 m beyond.
+            scene: Which scene, where worlds have several.
+            memory_mib: Memory that the grid may take, MiB; four bytes a point.
+
+        Raises:
+            ValueError: for bounds or a resolution that make no sense, a grid that takes too much memory (nothing is allocated then), scenes in which nothing stands still,
+                and for planes alone without bounds.
+            IndexError: for a scene that there is not.
+        """
+        if not float(memory_mib) > 0.0:
+            raise ValueError(f"memory_mib: expected a number above 0, got {memory_mib}")
+        box = None if bounds is None else [[float(v) for v in corner] for corner in bounds]
+        if box is not None and [len(corner) for corner in box] != [3, 3]:
+            raise ValueError(f"bounds: expected two corners of three numbers each, got {bounds}")
+        most = int(min(float(memory_mib), 2.0**40) * 2**20)
+        return DistanceField._of(self._native.distance_field(float(resolution), box, _whole("scene", scene, 0, 2**31), most))
 
     def record(self, commands: ArrayLike, substeps: int = 1) -> Tape:
         """As ``rollout``, and remembers the flight: ``Tape.pull_back`` takes gradients of it.

@@ -59,6 +59,18 @@ class States:
 
 
 @dataclass(frozen=True)
+class Approach:
+    """How near the drones of a flight came to what stands still, where they were after each command."""
+
+    distance: NDArray[np.float32]
+    """Least distance of a drone's place to anything, m. (n_worlds, n_drones)"""
+    first: NDArray[np.uint32]
+    """Number of the first command after which it was nearer than the radius, from 0; the number of commands where it never was. (n_worlds, n_drones)"""
+    states: States | None
+    """States after each command; None where they were not asked for."""
+
+
+@dataclass(frozen=True)
 class Gradient:
     """What a loss gains by everything that a flight began with and was told."""
 

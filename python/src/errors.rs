@@ -104,7 +104,9 @@ impl IntoPython for EnvError {
                 Ok(raised) => *raised,
                 Err(e) => Error::new_err(e.to_string()),
             },
-            EnvError::Place { .. } | EnvError::Ended { .. } => Error::new_err(self.to_string()),
+            EnvError::Place { .. } | EnvError::Ended { .. } | EnvError::Learn { .. } => {
+                Error::new_err(self.to_string())
+            }
             _ => PyValueError::new_err(self.to_string()),
         }
     }

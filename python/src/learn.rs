@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use numpy::PyArrayDyn;
 use propwash::learn::goals::{Gate, Gates, Land, Reach, Recover, Track, gates, land, reach, recover, track};
-use propwash::learn::{Actions, Critic, Flown, LearnError, Options, Trained, ppo, train};
+use propwash::learn::{Actions, Critic, Curve, Flown, LearnError, Options, Policy, Trained, ppo, train};
 use propwash::physics::controllers::ControlMode;
 use propwash::vehicle::Vehicle;
 use pyo3::exceptions::PyValueError;
@@ -178,6 +178,40 @@ fn actions_of(vehicle: &Vehicle, dynamics: &str, action: &str) -> PyResult<Actio
     }
 }
 
+/// Commands flown so far, and the mean cost of a command.
+#[allow(clippy::type_complexity)]
+pub fn curve_of<'py>(
+    py: Python<'py>,
+    curve: &Curve,
+) -> PyResult<(Bound<'py, PyArrayDyn<u64>>, Bound<'py, PyArrayDyn<f64>>)> {
+    let commands: Vec<u64> = curve.commands.iter().map(|n| *n as u64).collect();
+    let n = commands.len();
+    Ok((arrays::owned(py, commands, &[n])?, arrays::owned(py, curve.cost.clone(), &[n])?))
+}
+
+/// A network and what surrounds it, for `propwash.Policy`.
+pub fn parts_of<'py>(py: Python<'py>, policy: &Policy, scales: &[f64]) -> PyResult<Bound<'py, PyDict>> {
+    let widths = policy.network.widths();
+    let mut rest = policy.network.weights();
+    let mut layers = Vec::new();
+    for pair in widths.windows(2) {
+        let (weight, behind) = rest.split_at(pair[0] * pair[1]);
+        let (bias, others) = behind.split_at(pair[1]);
+        rest = others;
+        let weight = arrays::owned(py, weight.to_vec(), &[pair[1], pair[0]])?;
+        layers.push((weight, arrays::owned(py, bias.to_vec(), &[pair[1]])?));
+    }
+    let out = PyDict::new(py);
+    out.set_item("layers", layers)?;
+    out.set_item("middle", policy.actions.middle.clone())?;
+    out.set_item("reach", policy.actions.reach.clone())?;
+    let kind = if policy.actions.mode == ControlMode::RotorVel { "rotor_vel" } else { "attitude" };
+    out.set_item("kind", kind)?;
+    out.set_item("scales", scales)?;
+    out.set_item("step_hz", policy.sim_hz as usize / policy.substeps)?;
+    Ok(out)
+}
+
 /// Trains a policy by backpropagation through time.
 #[pyfunction]
 #[pyo3(signature = (goal, numbers, vehicle, dynamics, action, options))]
@@ -287,26 +321,12 @@ impl PyLearnt {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyArrayDyn<u64>>, Bound<'py, PyArrayDyn<f64>>)> {
-        let curve = &self.trained.curve;
-        let commands: Vec<u64> = curve.commands.iter().map(|n| *n as u64).collect();
-        let n = commands.len();
-        Ok((arrays::owned(py, commands, &[n])?, arrays::owned(py, curve.cost.clone(), &[n])?))
+        curve_of(py, &self.trained.curve)
     }
 
     /// The network and what surrounds it: weights and biases of each layer, commands of action zero, what is added for one, the kind of action, scales of
     /// the inputs, actions a second.
     fn parts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let policy = &self.trained.policy;
-        let widths = policy.network.widths();
-        let mut rest = policy.network.weights();
-        let mut layers = Vec::new();
-        for pair in widths.windows(2) {
-            let (weight, behind) = rest.split_at(pair[0] * pair[1]);
-            let (bias, others) = behind.split_at(pair[1]);
-            rest = others;
-            let weight = arrays::owned(py, weight.to_vec(), &[pair[1], pair[0]])?;
-            layers.push((weight, arrays::owned(py, bias.to_vec(), &[pair[1]])?));
-        }
         let scales = match self.goal {
             AnyGoal::Track(_) => track::SCALES,
             AnyGoal::Recover(_) => recover::SCALES,
@@ -314,15 +334,7 @@ impl PyLearnt {
             AnyGoal::Land(_) => land::SCALES,
             AnyGoal::Gates(_) => gates::SCALES,
         };
-        let out = PyDict::new(py);
-        out.set_item("layers", layers)?;
-        out.set_item("middle", policy.actions.middle.clone())?;
-        out.set_item("reach", policy.actions.reach.clone())?;
-        let kind = if policy.actions.mode == ControlMode::RotorVel { "rotor_vel" } else { "attitude" };
-        out.set_item("kind", kind)?;
-        out.set_item("scales", scales)?;
-        out.set_item("step_hz", policy.sim_hz as usize / policy.substeps)?;
-        Ok(out)
+        parts_of(py, &self.trained.policy, &scales)
     }
 
     /// Flies it, from starts that the training has not seen: error (rms, most, m), flights that ended as they should, that were lost, the path of the

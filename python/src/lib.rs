@@ -4,9 +4,11 @@
 mod arrays;
 mod camera;
 mod commands;
+mod crossing;
 mod doubt;
 mod env;
 mod errors;
+mod field;
 mod function;
 mod gap;
 mod lab;
@@ -54,6 +56,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<sim::PySim>()?;
     m.add_class::<state::PyState>()?;
     m.add_class::<tape::PyTape>()?;
+    m.add_class::<field::PyField>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<recorder::PyRecorder>()?;
     m.add_class::<env::PyEnv>()?;
@@ -71,6 +74,8 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<learn::PyLearnt>()?;
     m.add_function(wrap_pyfunction!(learn::learn_bptt, m)?)?;
     m.add_function(wrap_pyfunction!(learn::learn_ppo, m)?)?;
+    m.add_class::<crossing::PyCrossed>()?;
+    m.add_function(wrap_pyfunction!(crossing::learn_cross, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_watch, m)?)?;

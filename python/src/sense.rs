@@ -116,6 +116,15 @@ fn slice<'a, T: Element>(plane: &'a mut Plane<'_, T>) -> PyResult<Option<&'a mut
     plane.as_mut().map(|p| p.as_slice_mut().map_err(Into::into)).transpose()
 }
 
+impl PySim {
+    /// A scene by its number.
+    pub fn scene_of(&self, index: usize) -> PyResult<Scene> {
+        let mut core = self.core()?;
+        let (flight, _) = core.sensing()?;
+        scene(flight, index)
+    }
+}
+
 #[pymethods]
 impl PySim {
     /// What is in a scene, as JSON.

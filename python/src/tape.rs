@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use numpy::Element;
+use numpy::{Element, PyArrayDyn};
 use propwash::arena::Arena;
 use propwash::rollout::tape::{Partials, Tape};
 use propwash::scalar::lanes::Number;
@@ -13,6 +13,7 @@ use rayon::ThreadPool;
 
 use crate::arrays;
 use crate::errors::OrRaise;
+use crate::field::PyField;
 use crate::sim::{Flight, PySim, either};
 
 /// A recorded flight of either number.
@@ -94,6 +95,41 @@ impl PySim {
         core.known_quarantine();
         let more = core.quarantined() > before;
         Ok((states, more))
+    }
+
+    /// The same with how near each drone came to what a field holds, (n_worlds, n_drones), and the first command after which it was nearer than the radius; the
+    /// states only where they are kept, else none.
+    #[allow(clippy::type_complexity)]
+    fn rollout_near<'py>(
+        &self,
+        py: Python<'py>,
+        commands: &Bound<'py, PyAny>,
+        substeps: usize,
+        field: &PyField,
+        how: (f64, bool),
+    ) -> PyResult<(Option<Bound<'py, PyAny>>, Bound<'py, PyArrayDyn<f32>>, Bound<'py, PyArrayDyn<u32>>, bool)>
+    {
+        let (radius, keep) = how;
+        self.plain()?;
+        let mut core = self.core()?;
+        let before = core.quarantined();
+        let shape = [self.n_worlds, self.n_drones];
+        let (states, near) = either!(&mut core.flight, arena => {
+            let (times, commands) = sequence(arena, commands)?;
+            let near = (&field.field, radius);
+            let flown = py.detach(|| within(&self.pool, || arena.rollout_near(&commands, substeps, near, keep)));
+            let (states, near) = flown.or_raise()?;
+            let width = states.len() / (self.n_worlds * times * self.n_drones);
+            let states = match keep {
+                true => Some(arrays::owned(py, states, &[shape[0], times, shape[1], width])?.into_any()),
+                false => None,
+            };
+            (states, near)
+        });
+        core.known_quarantine();
+        let more = core.quarantined() > before;
+        let distance = arrays::owned(py, near.distance_m, &shape)?;
+        Ok((states, distance, arrays::owned(py, near.first, &shape)?, more))
     }
 
     /// The same, and remembers the flight.

@@ -15,6 +15,7 @@ import propwash
 import propwash.envs
 
 TESTED = {
+    "cross_forest.py",
     "learn_by_gradients.py",
     "learn_goals.py",
     "lqr.py",
@@ -178,3 +179,12 @@ def test_stable_baselines_train(tmp_path):
     assert re.search(r"landed in \d+ % -> \d+ % of 20 episodes that it has not seen", said), said
     assert (tmp_path / "land.png").stat().st_size > 20_000
     assert propwash.Policy.load(tmp_path / "land.npz").trained["environment"] == "Propwash/Landing-v0"
+
+
+def test_forests_are_crossed_by_gradients(tmp_path):
+    pytest.importorskip("matplotlib")
+    save, picture = tmp_path / "cross.npz", tmp_path / "cross.png"
+    said = run("cross_forest.py", "--commands", 8000, "--flights", 6, "--save", save, "--picture", picture)
+    assert re.search(r"\d+ commands in", said) and re.search(r"% of 6 flights through unseen forests arrive", said), said
+    assert picture.stat().st_size > 10_000
+    assert propwash.Policy.load(save).action.kind == "attitude"

@@ -21,6 +21,7 @@ mod camera;
 mod config;
 mod error;
 mod motion;
+mod nearest;
 mod pattern;
 mod places;
 mod scenes;
@@ -42,6 +43,7 @@ pub use config::{
 pub use error::ArenaError;
 use motion::Motion;
 pub use motion::{MotionKind, ObstacleMotion};
+pub use nearest::Nearest;
 pub use pattern::FlightPattern;
 pub use places::Look;
 pub use scenes::SceneConfig;
@@ -59,6 +61,7 @@ use crate::rollout::pipeline::Pipeline;
 use crate::rollout::quarantine::Quarantine;
 use crate::rollout::tape::{Tape, state_width};
 use crate::rollout::trajectory::Trajectory;
+use crate::rollout::watch::Watcher;
 use crate::rollout::{RolloutError, Sim, SimData};
 use crate::scalar::lanes::Number;
 use crate::scene::{Lent, Scene, WorkerPool};
@@ -375,21 +378,52 @@ impl<N: Number> Arena<N> {
     /// # Errors
     /// As there, and as [`Arena::step`].
     pub fn rollout(&mut self, commands: &[N], substeps: usize) -> Result<Vec<N>, ArenaError> {
+        self.fly(commands, substeps, None)
+    }
+
+    /// The same, while `watcher` sees the states after each command, as [`Sim::rollout_watched`].
+    ///
+    /// # Errors
+    /// As [`Arena::rollout`].
+    pub fn rollout_watched(
+        &mut self,
+        commands: &[N],
+        substeps: usize,
+        watcher: &dyn Watcher<N>,
+        keep: bool,
+    ) -> Result<Vec<N>, ArenaError> {
+        self.fly(commands, substeps, Some((watcher, keep)))
+    }
+
+    fn fly(
+        &mut self,
+        commands: &[N],
+        substeps: usize,
+        watched: Option<(&dyn Watcher<N>, bool)>,
+    ) -> Result<Vec<N>, ArenaError> {
         if !self.measures() {
             self.move_obstacles();
-            let flown = self.sim.rollout(commands, substeps);
+            let flown = match watched {
+                Some((watcher, keep)) => self.sim.rollout_watched(commands, substeps, watcher, keep),
+                None => self.sim.rollout(commands, substeps),
+            };
             self.move_obstacles();
             return Ok(flown?);
         }
         let times = self.sim.times_of(commands, substeps)?;
+        let keep = watched.is_none_or(|(_, keep)| keep);
         let (worlds, drones) = (self.sim.data.n_worlds, self.sim.data.n_drones);
-        let mut states = vec![N::zero(); worlds * times * drones * state_width(self.sim.data.n_rotors)];
+        let kept = if keep { times } else { 1 };
+        let mut states = vec![N::zero(); worlds * kept * drones * state_width(self.sim.data.n_rotors)];
         for t in 0..times {
             self.sim.data.take_command(commands, t);
             self.step(substeps)?;
-            self.sim.data.give_states(&mut states, t);
+            self.sim.data.give_states(&mut states, if keep { t } else { 0 });
+            if let Some((watcher, _)) = watched {
+                self.sim.data.show(&states, t, watcher);
+            }
         }
-        Ok(states)
+        Ok(if keep { states } else { Vec::new() })
     }
 
     /// As [`Arena::rollout`], and remembers the flight for gradients, as [`Sim::record`].

@@ -3,6 +3,7 @@
 mod act;
 mod batched;
 mod build;
+pub mod crossing;
 mod judging;
 mod rows;
 mod sensors;

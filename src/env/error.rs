@@ -83,6 +83,12 @@ pub enum EnvError {
         /// The number.
         got: f32,
     },
+    /// A policy cannot be trained in its surroundings.
+    #[error("{what}")]
+    Learn {
+        /// What is wrong.
+        what: String,
+    },
     /// A task gave something else that cannot be used.
     #[error("task: {what}")]
     Task {

@@ -6,6 +6,7 @@
 
 mod engine;
 mod error;
+mod field;
 pub mod generate;
 mod kinematics;
 pub mod lint;
@@ -21,6 +22,7 @@ mod workers;
 pub use crate::geometry::GeomType;
 pub use engine::load_plugin_library;
 pub use error::SceneError;
+pub use field::{FIELD_BESIDE_M, FIELD_MOST_BYTES};
 pub use lint::{GeomLint, LintReport, Verdict, lint, lint_source};
 pub(crate) use lint::{contact_verdict, depth_verdict};
 pub use model::{

@@ -9,6 +9,7 @@
 //! | [`ray`] | what rays meet, sixteen at a time in f32 or one in f64 |
 //! | `distance`, [`Query`] | signed distances, what is nearest to a drone, what it touches |
 //! | [`sweep`] | what a moving drone touches first |
+//! | [`Baker`], [`DistanceField`] | distances of what stands still, on a grid and between its points |
 //!
 //! Lengths are in metres, in the frame of the world unless a text says otherwise; rotation matrices are row major, from the frame of
 //! the geom to the world. A *drone* is a group of geoms that move together and that are not asked about each other.
@@ -19,9 +20,11 @@
 
 #![forbid(unsafe_code)]
 
+mod bake;
 mod broad;
 mod distance;
 mod error;
+mod field;
 mod kind;
 mod pose;
 mod query;
@@ -30,9 +33,11 @@ mod shape;
 pub mod sweep;
 mod table;
 
+pub use bake::Baker;
 pub use distance::find::{Found, Touch};
 pub use distance::pair::{Meeting, PairDistance};
 pub use error::GeometryError;
+pub use field::{DistanceField, FieldGrid, trilinear};
 pub use kind::GeomType;
 pub use pose::Pose;
 pub use query::{Memory, NearMemory, Poses, Query};

@@ -26,6 +26,11 @@ pub(crate) fn summed(samples: &[usize], n: usize, part: impl Fn(&[usize], &mut [
     total
 }
 
+/// The size of steps along half a cosine, from `rate` to nothing: `done` goes from 0 to 1.
+pub(crate) fn annealed(rate: f32, done: f32) -> f32 {
+    rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos())
+}
+
 /// Shortens a gradient to a length.
 pub(crate) fn shorten(gradient: &mut [f32], longest: f32) {
     let length = gradient.iter().map(|g| g * g).sum::<f32>().sqrt();

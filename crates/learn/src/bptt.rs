@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::LearnError;
 use crate::adam::Adam;
-use crate::batch::{shorten, shuffle};
+use crate::batch::{annealed, shorten, shuffle};
 use crate::check::{above_zero, at_least_one, below_one, divides, up_to_one};
 use crate::episodes::{Episodes, Lives, stream};
 use crate::goal::{Actions, Goal, Outcome};
@@ -491,7 +491,7 @@ impl<'a, G: Goal> Training<'a, G> {
             Sample { observation, target: targets[i][0], weight: targets[i][1] }
         };
         let mut order: Vec<usize> = (0..targets.len()).collect();
-        let rate = how.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
+        let rate = annealed(how.rate, done);
         for epoch in 0..how.epochs {
             let number = taught.flights * how.epochs as u64 + epoch as u64;
             shuffle(&mut order, &mut stream(self.options.seed, 0, number, "learn.order"));
@@ -530,11 +530,10 @@ pub fn train<G: Goal>(
     let each = options.worlds * options.horizon;
     let updates = options.commands.div_ceil(each);
     for update in 0..updates {
+        let done = update as f32 / updates as f32;
         let (mut gradient, cost) = training.fly(&network)?;
         shorten(&mut gradient, options.longest);
-        let done = update as f32 / updates as f32;
-        let rate = options.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
-        adam.step(network.weights_mut(), &gradient, rate);
+        adam.step(network.weights_mut(), &gradient, annealed(options.rate, done));
         curve.commands.push((update + 1) * each);
         curve.cost.push(cost);
         training.teach(widths[0], done);
@@ -545,7 +544,7 @@ pub fn train<G: Goal>(
     Ok(Trained { policy, curve, lost: training.episodes.lost })
 }
 
-fn check(options: &Options) -> Result<(), LearnError> {
+pub(crate) fn check(options: &Options) -> Result<(), LearnError> {
     let hidden = options.hidden.iter().copied().min().unwrap_or(1);
     let (epochs, parts) = options.critic.map_or((1, 1), |critic| (critic.epochs, critic.parts));
     at_least_one(&[

@@ -31,6 +31,7 @@ pub mod goals;
 mod network;
 mod policy;
 pub mod ppo;
+mod sighted;
 mod traced;
 mod value;
 
@@ -38,6 +39,7 @@ pub use bptt::{Critic, Curve, Options, Trained, train};
 pub use goal::{Actions, Goal, Outcome, Seen};
 pub use network::Network;
 pub use policy::{Flown, Policy};
+pub use sighted::{Near, SightedGoal, Surroundings, train_sighted};
 
 /// What is wrong with a training.
 #[derive(Debug, thiserror::Error)]
@@ -49,6 +51,12 @@ pub enum LearnError {
     /// The vehicle refuses it.
     #[error(transparent)]
     Vehicle(#[from] propwash_vehicle::VehicleError),
+    /// The surroundings of a training cannot be used.
+    #[error("surroundings: {what}")]
+    Surroundings {
+        /// Why.
+        what: String,
+    },
     /// An option makes no sense.
     #[error("training option {name}: expected {expected}, got {got}")]
     Option {

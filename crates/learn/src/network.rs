@@ -1,7 +1,7 @@
 //! A network of dense layers with tanh between them, in lanes.
 
 use propwash_rollout::random::Stream;
-use propwash_trace::dense::{Dense, sum, undo_tanh};
+use propwash_trace::dense::{Dense, Rows, sum, undo_tanh};
 use propwash_trace::lanes::{Cell, F32x16};
 
 /// Layers and their weights. Behind every layer stands a tanh, behind the last one only where the network gives actions.
@@ -145,6 +145,53 @@ impl Network {
         let n = self.layers.last().map_or(0, |layer| layer.len());
         let from = self.weights.len() - n;
         &mut self.weights[from..]
+    }
+
+    /// Numbers before all its tanh.
+    pub(crate) fn sums(&self) -> usize {
+        self.layers.iter().map(|layer| layer.outputs).sum()
+    }
+
+    /// As [`Network::backward`] without gains by weights: what a loss gains by the numbers before each tanh is written to `by_sums`, layer after layer, and what it gains
+    /// by the first `inputs` numbers of the input is left in `gains`.
+    pub(crate) fn backward_inputs(
+        &self,
+        kept: &[F32x16],
+        gains: &mut Vec<F32x16>,
+        by_sums: &mut [F32x16],
+        inputs: usize,
+    ) {
+        let (mut end, mut to, mut sums) = (self.weights.len(), kept.len(), by_sums.len());
+        let mut by_x = Vec::new();
+        for (k, layer) in self.layers.iter().enumerate().rev() {
+            let from = end - layer.len();
+            if self.is_bent(k) {
+                undo_tanh(&kept[to - layer.outputs..to], &mut gains[..layer.outputs]);
+            }
+            by_sums[sums - layer.outputs..sums].copy_from_slice(&gains[..layer.outputs]);
+            by_x.clear();
+            by_x.resize(if k == 0 { inputs } else { layer.inputs }, F32x16::splat(0.0));
+            layer.to_inputs(&self.weights[from..end], &gains[..layer.outputs], &mut by_x);
+            std::mem::swap(gains, &mut by_x);
+            (end, to, sums) = (from, to - layer.outputs, sums - layer.outputs);
+        }
+    }
+
+    /// Adds what a loss gains by the weights over `times` evaluations: from what these kept and what the loss gains by the numbers before each tanh.
+    pub(crate) fn weight_gains(
+        &self,
+        kept: &[F32x16],
+        by_sums: &[F32x16],
+        times: usize,
+        by_weights: &mut [f32],
+    ) {
+        let (mut from, mut x, mut y) = (0, 0, 0);
+        for layer in &self.layers {
+            let given = Rows { cells: &kept[x..], stride: self.kept() };
+            let gains = Rows { cells: &by_sums[y..], stride: self.sums() };
+            layer.weight_gains(given, gains, times, &mut by_weights[from..from + layer.len()]);
+            (from, x, y) = (from + layer.len(), x + layer.inputs, y + layer.outputs);
+        }
     }
 
     /// Evaluates it for one observation.

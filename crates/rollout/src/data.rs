@@ -3,6 +3,7 @@
 use super::RolloutError;
 use super::quarantine::Quarantine;
 use super::state::spread;
+use super::watch::{Watched, Watcher};
 use propwash_physics::controllers::{ControlMode, Memory};
 use propwash_physics::rigid_body::State;
 use propwash_trace::lanes::Number;
@@ -172,6 +173,15 @@ impl<N: Number> SimData<N> {
             let (w, d) = (row / self.n_drones, row % self.n_drones);
             self.copy_state(row, &mut array[((w * times + t) * self.n_drones + d) * width..][..width]);
         }
+    }
+
+    /// Lets a watcher see the states after command `t`, which stand in an array of shape (world, time, drone, number of a state) with all times or with this one
+    /// alone.
+    pub fn show(&self, array: &[N], t: usize, watcher: &dyn Watcher<N>) {
+        let width = self.n_drones * crate::tape::state_width(self.n_rotors);
+        let stride = array.len() / self.n_worlds;
+        let from = if stride == width { 0 } else { t * width };
+        watcher.look(Watched::new((0, self.n_worlds, t), &array[from..], (stride, width)));
     }
 
     /// Row of (world, drone) in arrays of shape (world, drone, n).

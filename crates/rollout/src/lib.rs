@@ -25,6 +25,7 @@ pub mod tape;
 mod traced;
 pub mod trajectory;
 mod views;
+pub mod watch;
 
 pub use backend::{Backend, PreparedStep};
 pub use data::SimData;

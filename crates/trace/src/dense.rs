@@ -54,7 +54,7 @@ impl Dense {
         dispatch!(level(), simd => backward_at(simd, self, weights, (x, by_y), by_x, by_weights));
     }
 
-    /// From what a loss gains by the outputs (before any tanh) to what it gains by the inputs, which is written to `by_x`.
+    /// From what a loss gains by the outputs (before any tanh) to what it gains by the first inputs, as many as `by_x` has, which is written there.
     ///
     /// # Panics
     /// Where lists are shorter than the layer.
@@ -70,6 +70,28 @@ impl Dense {
     /// Where lists are shorter than the layer.
     pub fn to_weights(self, (x, stride): (&[F32x16], usize), by_y: &[F32x16], by_weights: &mut [F32x16]) {
         dispatch!(level(), simd => to_weights_at(simd, self, (x, stride), by_y, by_weights));
+    }
+}
+
+/// Cells of several evaluations, each `stride` behind the one before.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    /// All cells from the first evaluation's on.
+    pub cells: &'a [F32x16],
+    /// Cells from one evaluation to the next.
+    pub stride: usize,
+}
+
+impl Dense {
+    /// Adds to `by_weights` what a loss gains by the weights over several evaluations and all lanes, from their inputs and what it gains by their outputs.
+    ///
+    /// Each sum stays in registers over all evaluations: with many inputs that is several times faster than gains by weights in lanes, which are
+    /// fetched and written for every evaluation.
+    ///
+    /// # Panics
+    /// Where lists are shorter than the layer.
+    pub fn weight_gains(self, x: Rows, by_y: Rows, times: usize, by_weights: &mut [f32]) {
+        dispatch!(level(), simd => gains_at(simd, self, (x, by_y), times, by_weights));
     }
 }
 
@@ -153,9 +175,10 @@ fn to_inputs<A: Arith<Cell = F32x16>>(
     let (n, m) = (layer.inputs, layer.outputs);
     let rows = &weights[..n * m];
     let by_y = &by_y[..m];
+    let wanted = by_x.len().min(n);
     let mut i = 0;
-    while i < n {
-        let k = if i + AT_ONCE <= n { AT_ONCE } else { 1 };
+    while i < wanted {
+        let k = if i + AT_ONCE <= wanted { AT_ONCE } else { 1 };
         let mut sums = [A::lit(t, 0.0); AT_ONCE];
         if k == AT_ONCE {
             for j in 0..m {
@@ -174,6 +197,63 @@ fn to_inputs<A: Arith<Cell = F32x16>>(
             sums[s].store(&mut by_x[i + s]);
         }
         i += k;
+    }
+}
+
+#[inline(always)]
+fn gains_at<S: Simd>(simd: S, layer: Dense, rows: (Rows, Rows), times: usize, by_weights: &mut [f32]) {
+    simd.vectorize(
+        #[inline(always)]
+        || gains_over::<f32x16<S>>(simd, layer, rows, times, by_weights),
+    );
+}
+
+/// Outputs and inputs whose products are summed at once over all lanes.
+const SQUARE: usize = 4;
+
+#[inline(always)]
+fn gains_over<A: Arith<Cell = F32x16>>(
+    t: A::Token,
+    layer: Dense,
+    (x, by_y): (Rows, Rows),
+    times: usize,
+    by_weights: &mut [f32],
+) {
+    let (n, m) = (layer.inputs, layer.outputs);
+    let (by_rows, by_biases) = by_weights[..layer.len()].split_at_mut(n * m);
+    let mut cell = F32x16([0.0; 16]);
+    for j in 0..m {
+        let mut total = A::lit(t, 0.0);
+        for k in 0..times {
+            total = total + A::load(t, &by_y.cells[k * by_y.stride + j]);
+        }
+        total.store(&mut cell);
+        by_biases[j] += sum(&cell);
+    }
+    for j in (0..m).step_by(SQUARE) {
+        for i in (0..n).step_by(SQUARE) {
+            let mut sums = [[A::lit(t, 0.0); SQUARE]; SQUARE];
+            // Tiles at the edges repeat the last row and column.
+            let (js, is) = (
+                [0, 1, 2, 3].map(|a: usize| (j + a).min(m - 1)),
+                [0, 1, 2, 3].map(|b: usize| (i + b).min(n - 1)),
+            );
+            for k in 0..times {
+                let gains = js.map(|j| A::load(t, &by_y.cells[k * by_y.stride + j]));
+                let given = is.map(|i| A::load(t, &x.cells[k * x.stride + i]));
+                for a in 0..SQUARE {
+                    for b in 0..SQUARE {
+                        sums[a][b] = gains[a].mul_add(given[b], sums[a][b]);
+                    }
+                }
+            }
+            for a in 0..SQUARE.min(m - j) {
+                for b in 0..SQUARE.min(n - i) {
+                    sums[a][b].store(&mut cell);
+                    by_rows[(j + a) * n + i + b] += sum(&cell);
+                }
+            }
+        }
     }
 }
 
@@ -399,6 +479,23 @@ mod tests {
                     close(by_x[i].get(lane), products.sum::<f32>());
                 }
             }
+            // Over two evaluations of which the second is half of the first, and all lanes; the first inputs alone.
+            let halves = |cells: &[F32x16]| -> Vec<F32x16> {
+                let half = cells.iter().map(|c| F32x16(c.0.map(|v| 0.5 * v)));
+                cells.iter().copied().chain(half).collect()
+            };
+            let (xs, gains) = (halves(&x), halves(&by_y));
+            let (xs, gains) = (Rows { cells: &xs, stride: inputs }, Rows { cells: &gains, stride: outputs });
+            let mut sums = vec![2.0; layer.len()];
+            layer.weight_gains(xs, gains, 2, &mut sums);
+            for (k, got) in sums.iter().enumerate() {
+                let once = sum(&by_weights[k]) - F32x16::LANES as f32;
+                let wanted = 2.0 + once * if k < inputs * outputs { 1.25 } else { 1.5 };
+                assert!((got - wanted).abs() < 2e-4, "{inputs} {outputs} {k}: {got} {wanted}");
+            }
+            let mut first = vec![cell(9); inputs.div_ceil(2)];
+            layer.to_inputs(&weights, &by_y, &mut first);
+            assert!(first.iter().zip(&by_x).all(|(a, b)| (0..16).all(|l| (a.0[l] - b.0[l]).abs() < 2e-5)));
         }
     }
 }

@@ -143,7 +143,7 @@ impl Env {
 }
 
 /// Fills in what the action and the task decide, and refuses what an environment has no use for.
-fn complete(config: &mut EnvConfig, asked: &Asked) -> Result<(), EnvError> {
+pub(super) fn complete(config: &mut EnvConfig, asked: &Asked) -> Result<(), EnvError> {
     let sim = &mut config.sim;
     let (mode, wanted) = (config.action.kind.mode(), sim.options.control);
     if wanted != mode && wanted != ControlMode::default() {

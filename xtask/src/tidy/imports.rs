@@ -19,7 +19,10 @@ const TABLE: &[(&str, &[&str])] = &[
     ("error", &["*"]),
     ("scene", &["geometry", "math", "names", "random", "error"]),
     ("sense", &["geometry", "scene", "physics::measure", "math", "random", "error"]),
-    ("arena", &["rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"]),
+    (
+        "arena",
+        &["rollout", "geometry", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"],
+    ),
     (
         "dataset",
         &[
@@ -29,7 +32,10 @@ const TABLE: &[(&str, &[&str])] = &[
     ),
     (
         "env",
-        &["arena", "rollout", "scene", "sense", "vehicle", "physics", "scalar", "math", "random", "error"],
+        &[
+            "arena", "rollout", "learn", "scene", "geometry", "sense", "vehicle", "physics", "scalar",
+            "math", "random", "error",
+        ],
     ),
     ("view", &["page", "gap", "dataset", "arena", "scene", "sense", "flight", "vehicle", "math", "error"]),
     ("lab", &["view", "page", "gap", "arena", "scene", "flight", "vehicle", "physics", "math", "error"]),

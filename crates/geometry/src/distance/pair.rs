@@ -4,6 +4,7 @@ use super::foot::{Foot, foot};
 use super::gjk::{Convex, Gap, Points};
 use crate::kind::GeomType;
 use crate::shape::hull::Hull;
+use crate::shape::round::Round;
 use crate::shape::surface::Surface;
 use crate::table::{Geom, Table};
 use crate::vec3::{cross, dot, sub};
@@ -140,6 +141,41 @@ impl Table {
         }
     }
 
+    /// Signed distance from a point to a geom where it is less than `limit`, else any number of at least that. 0 inside of what does not
+    /// [tell](Self::tells_depth) how deep.
+    pub(crate) fn point_distance(&self, id: usize, at: Place, point: [f64; 3], limit: f64) -> f64 {
+        let (h, p) = (&self.geoms[id], sub(at.pos, point));
+        let met = match h.kind {
+            GeomType::Hfield | GeomType::Sdf => {
+                let Some(shape) = Convex::new(GeomType::Sphere, [0.0; 3], [0.0; 3], LEVEL, None) else {
+                    return f64::INFINITY;
+                };
+                self.meet_field(&POINT, &shape, h, p, at.mat, limit)
+            }
+            _ => {
+                if let Some(foot) = self.foot(h, into(at.mat, p.map(|x| -x))) {
+                    return foot.distance;
+                }
+                let Some(shape) = Convex::new(GeomType::Sphere, [0.0; 3], [0.0; 3], LEVEL, None) else {
+                    return f64::INFINITY;
+                };
+                self.meet_convex(&shape, id, p, at.mat, limit.max(0.0))
+            }
+        };
+        if met.deep { 0.0 } else { met.distance }
+    }
+
+    /// It is known how deep a point is inside a geom.
+    pub(crate) fn tells_depth(&self, id: usize) -> bool {
+        let g = &self.geoms[id];
+        match g.kind {
+            GeomType::Hfield => false,
+            GeomType::Sdf => g.solid.is_some(),
+            GeomType::Mesh => self.hull(g).is_some_and(Hull::has_faces),
+            _ => true,
+        }
+    }
+
     fn foot(&self, g: &Geom, p: [f64; 3]) -> Option<Foot> {
         foot(g.kind, g.size, self.hull(g), p)
     }
@@ -213,6 +249,26 @@ impl Table {
         Meeting::of_gap(&best)
     }
 }
+
+const LEVEL: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// A ball without size.
+const POINT: Geom = Geom {
+    kind: GeomType::Sphere,
+    collides: true,
+    opaque: false,
+    foreign: false,
+    group: 0,
+    asset: 0,
+    solid: None,
+    body: 0,
+    drone: None,
+    size: [0.0; 3],
+    round: Round::POINT,
+    aabb: [0.0; 6],
+    radius: 0.0,
+    margin: 0.0,
+};
 
 /// Gaps below this count as touching where a search begins, m.
 const TOUCH_M: f64 = 1e-6;

@@ -107,6 +107,11 @@ impl Hull {
         }
     }
 
+    /// Its faces are known, and with them how deep a point is inside.
+    pub fn has_faces(&self) -> bool {
+        !self.planes.is_empty()
+    }
+
     /// How deep a point is inside: its signed distance to the nearest face and that face's outward normal; none where the
     /// point is outside or the faces are not known.
     pub fn depth(&self, p: [f64; 3]) -> Option<(f64, [f64; 3])> {

@@ -11,6 +11,9 @@ pub(crate) struct Round {
 }
 
 impl Round {
+    /// A point at the origin.
+    pub const POINT: Self = Self { centre: [0.0; 3], half: [0.0; 3], radius: 0.0 };
+
     /// Of a box.
     pub fn of_box(centre: [f64; 3], size: [f64; 3]) -> Self {
         let long = (0..3).fold(0, |a, k| if size[k] > size[a] { k } else { a });

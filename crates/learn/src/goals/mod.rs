@@ -1,11 +1,13 @@
 //! Goals that come with the crate.
 
+pub mod cross;
 pub mod gates;
 pub mod land;
 pub mod reach;
 pub mod recover;
 pub mod track;
 
+pub use cross::Cross;
 pub use gates::{Gate, Gates};
 pub use land::Land;
 pub use reach::Reach;

@@ -9,7 +9,7 @@ mod update;
 
 use crate::LearnError;
 use crate::adam::Adam;
-use crate::batch::{shorten, shuffle};
+use crate::batch::{annealed, shorten, shuffle};
 use crate::bptt::{Curve, Trained};
 use crate::check::{above_zero, at_least_one, below_one, divides, up_to_one};
 use crate::episodes::{Episodes, stream};
@@ -178,7 +178,7 @@ pub fn train<G: Goal>(
         let samples = flights.samples();
         let judged = samples.judge(&learner.value, goal.lost_cost() as f32, options);
         let done = update as f32 / updates as f32;
-        let rate = options.rate * 0.5 * (1.0 + (done * std::f32::consts::PI).cos());
+        let rate = annealed(options.rate, done);
         learner.improve(&samples, &judged, options, (update as u64, rate));
         curve.commands.push((update + 1) * each);
         curve.cost.push(cost);

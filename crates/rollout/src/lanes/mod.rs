@@ -27,6 +27,7 @@ use super::blocks::Phase;
 use super::pilot::{Commander, Pilot};
 use super::quarantine::Quarantine;
 use super::traced::{Shape, fixed, scheduled};
+use super::watch::Watcher;
 use propwash_compile::{Compile, Request};
 use propwash_physics::controllers::{ControlMode, Rates};
 use propwash_physics::drone::Drone;
@@ -71,7 +72,7 @@ pub(super) enum Ask<'a, N> {
     /// Steps under the commands that are set.
     Steps,
     /// Steps under a sequence of commands.
-    Record(Commands<'a, N>),
+    Record(Commands<'a, N>, Looks<'a, N>),
     /// The same backwards: what a loss gains by everything that the flight began with and was told, from what it gains by the state
     /// after each command (world, time, drone, number of a state), with gains by these fixed numbers of each drone slot. Steps must
     /// stay finite; the arrays are left as they are.
@@ -80,6 +81,15 @@ pub(super) enum Ask<'a, N> {
     Pilot(Commands<'a, N>, &'a dyn Pilot<N>, &'a [Vec<usize>]),
     /// Steps whose commands are given as they go, forwards alone.
     Commander(Commands<'a, N>, &'a dyn Commander<N>),
+}
+
+/// What is done with the states after each command.
+#[derive(Clone, Copy)]
+pub(super) struct Looks<'a, N> {
+    /// Sees them.
+    pub watcher: Option<&'a dyn Watcher<N>>,
+    /// All are kept; else each takes the place of the one before.
+    pub keep: bool,
 }
 
 /// Further arrays that a call writes, with the numbers of a world in each.
@@ -424,7 +434,7 @@ impl<N: Number> Lanes<N> {
 fn job<'a, N: Number>(ask: &Ask<'a, N>, sizes: (usize, &[usize]), near: bool) -> Job<'a, N> {
     match *ask {
         Ask::Steps => Job::Steps,
-        Ask::Record(ref commands) => Job::Record(Sequence::new(commands, sizes, (near, false))),
+        Ask::Record(ref commands, looks) => Job::Record(Sequence::new(commands, sizes, (near, false)), looks),
         Ask::Pilot(ref commands, pilot, _) => Job::Pilot(Sequence::new(commands, sizes, (near, true)), pilot),
         Ask::Commander(ref commands, commander) => {
             Job::Commander(Sequence::new(commands, sizes, (near, true)), commander)
@@ -470,7 +480,7 @@ impl<N: Number> Shared<'_, N> {
             let mut scratch = slot.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             return match &self.job {
                 Job::Steps => self.advance(view, &mut scratch),
-                Job::Record(sequence) => self.record(view, &mut scratch, sequence),
+                Job::Record(sequence, looks) => self.record(view, &mut scratch, (sequence, *looks)),
                 Job::Pilot(sequence, pilot) => self.piloted(view, &mut scratch, sequence, *pilot),
                 Job::Commander(sequence, commander) => {
                     self.commanded(view, &mut scratch, sequence, *commander);

@@ -9,9 +9,10 @@ mod piloted;
 use super::arrays::View;
 use super::pack::{Kept, Pack, Pool, Span};
 use super::plan::{Back, Kind};
-use super::{Commands, Scratch, Shared};
+use super::{Commands, Looks, Scratch, Shared};
 use crate::pilot::{Commander, Pilot};
 use crate::traced::place;
+use crate::watch::Watched;
 use fearless_simd::Level;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
@@ -54,7 +55,7 @@ pub(super) enum Job<'a, N> {
     /// Steps under the command that is set.
     Steps,
     /// Steps under a sequence of commands; the states after each go to the first of [`View::extra`].
-    Record(Sequence<'a, N>),
+    Record(Sequence<'a, N>, Looks<'a, N>),
     /// The same backwards, for what a loss gains by the state after each command (world, time, drone, number of a state).
     Sweep(Sequence<'a, N>, &'a [N]),
     /// A flight whose commands a pilot gives, and the same backwards.
@@ -502,11 +503,18 @@ macro_rules! pools {
 }
 
 impl<N: Number> Shared<'_, N> {
-    /// States after each command, from the packs; those of worlds that stand still, from the arrays.
-    fn give_states(&self, view: &mut View<N>, scratch: &Scratch<N>, (times, t): (usize, usize)) {
+    /// States after command `t`, from the packs; those of worlds that stand still, from the arrays. Then they are looked at.
+    fn give_states(
+        &self,
+        view: &mut View<N>,
+        scratch: &Scratch<N>,
+        (seq, looks): (&Sequence<N>, Looks<N>),
+        t: usize,
+    ) {
         let (drones, worlds) = (view.n_drones, view.n_worlds);
         let (array, per_world) = &mut view.extra[0];
-        let laid = Laid { times, t, drones, width: *per_world / (times * drones) };
+        let (times, at) = if looks.keep { (seq.times, t) } else { (1, 0) };
+        let laid = Laid { times, t: at, drones, width: *per_world / (times * drones) };
         pools!(scratch, give_states(self.level, array, laid));
         let rotors = laid.width - 14;
         for w in (0..worlds).filter(|w| view.quarantine[*w].is_some()) {
@@ -519,24 +527,38 @@ impl<N: Number> Shared<'_, N> {
                 }
             }
         }
+        if let Some(watcher) = looks.watcher {
+            let sizes = (*per_world, drones * laid.width);
+            watcher.look(Watched::new((view.first, worlds, t), &array[laid.at(0)..], sizes));
+        }
     }
 
     /// All steps of a few worlds under a sequence of commands.
-    pub(super) fn record(&self, mut view: View<N>, scratch: &mut Scratch<N>, seq: &Sequence<N>) {
+    pub(super) fn record(
+        &self,
+        mut view: View<N>,
+        scratch: &mut Scratch<N>,
+        (seq, looks): (&Sequence<N>, Looks<N>),
+    ) {
         self.load(&view, scratch, true);
         for t in 0..seq.times {
             scratch.command(self, &view, seq, t);
             self.steps(&view, scratch, t * seq.substeps, seq.substeps);
             if !scratch.finite(self.level) {
-                return self.record_one_by_one(view, scratch, seq);
+                return self.record_one_by_one(view, scratch, (seq, looks));
             }
-            self.give_states(&mut view, scratch, (seq.times, t));
+            self.give_states(&mut view, scratch, (seq, looks), t);
         }
         self.put_back(&mut view, scratch, seq.times * seq.substeps);
     }
 
     /// The same command by command, where a world turns non-finite.
-    fn record_one_by_one(&self, mut view: View<N>, scratch: &mut Scratch<N>, seq: &Sequence<N>) {
+    fn record_one_by_one(
+        &self,
+        mut view: View<N>,
+        scratch: &mut Scratch<N>,
+        (seq, looks): (&Sequence<N>, Looks<N>),
+    ) {
         for t in 0..seq.times {
             self.load(&view, scratch, true);
             scratch.command(self, &view, seq, t);
@@ -550,7 +572,7 @@ impl<N: Number> Shared<'_, N> {
             }
             // Worlds that stand still since this command are read from the arrays, as are all others by now.
             self.load(&view, scratch, true);
-            self.give_states(&mut view, scratch, (seq.times, t));
+            self.give_states(&mut view, scratch, (seq, looks), t);
         }
     }
 

@@ -11,9 +11,10 @@ mod forward;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::blocks::Phase;
-use super::lanes::{Ask, Commands, Lanes, Options as LaneOptions};
+use super::lanes::{Ask, Commands, Lanes, Looks, Options as LaneOptions};
 use super::quarantine::Quarantine;
 use super::traced::fixed;
+use super::watch::Watcher;
 use super::{RolloutError, Sim, SimData, SimOptions};
 use propwash_compile::Compile;
 use propwash_physics::controllers::Rates;
@@ -142,23 +143,47 @@ impl<N: Number> Sim<N> {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn rollout(&mut self, commands: &[N], substeps: usize) -> Result<Vec<N>, RolloutError> {
+        self.fly(commands, substeps, Looks { watcher: None, keep: true })
+    }
+
+    /// As [`Sim::rollout`], while `watcher` sees the states after each command, in the threads and while the numbers sit in cache. They are
+    /// returned only where `keep` says so; else the list is empty, and nothing of their size is allocated.
+    ///
+    /// # Errors
+    /// Those of [`Sim::rollout`].
+    pub fn rollout_watched(
+        &mut self,
+        commands: &[N],
+        substeps: usize,
+        watcher: &dyn Watcher<N>,
+        keep: bool,
+    ) -> Result<Vec<N>, RolloutError> {
+        let states = self.fly(commands, substeps, Looks { watcher: Some(watcher), keep })?;
+        Ok(if keep { states } else { Vec::new() })
+    }
+
+    /// The states of all commands, or of the last alone.
+    fn fly(&mut self, commands: &[N], substeps: usize, looks: Looks<N>) -> Result<Vec<N>, RolloutError> {
         let times = self.times_of(commands, substeps)?;
-        let width = state_width(self.data.n_rotors);
-        let (worlds, drones) = (self.data.n_worlds, self.data.n_drones);
-        let mut states = vec![N::zero(); worlds * times * drones * width];
+        let per_time = self.data.n_drones * state_width(self.data.n_rotors);
+        let per_world = per_time * if looks.keep { times } else { 1 };
+        let mut states = vec![N::zero(); self.data.n_worlds * per_world];
         if self.in_lanes() && self.pipeline.is_plain() {
             self.check_data()?;
             self.mend_attitudes();
             let sequence = Commands { numbers: commands, times, substeps };
-            let extra = vec![(&mut states[..], times * drones * width)];
-            self.run_lanes((times * substeps, Phase::Both), &Ask::Record(sequence), extra);
+            let extra = vec![(&mut states[..], per_world)];
+            self.run_lanes((times * substeps, Phase::Both), &Ask::Record(sequence, looks), extra);
             self.data.take_command(commands, times - 1);
             return Ok(states);
         }
         for t in 0..times {
             self.data.take_command(commands, t);
             self.step(substeps)?;
-            self.data.give_states(&mut states, t);
+            self.data.give_states(&mut states, if looks.keep { t } else { 0 });
+            if let Some(watcher) = looks.watcher {
+                self.data.show(&states, t, watcher);
+            }
         }
         Ok(states)
     }
