@@ -10,6 +10,7 @@ __all__ = [
     "Cameras",
     "Crossed",
     "Env",
+    "Function",
     "Error",
     "Field",
     "LabSession",
