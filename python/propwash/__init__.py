@@ -72,6 +72,7 @@ from .jobs import (  # noqa: E402
     vehicle_throttle,
 )
 from .lab import Lab, LabEffect, LabFigures, LabParameter, LabResidual, LabSaved  # noqa: E402
+from .effects import Effect, EffectParameter, effect  # noqa: E402
 from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .references import MinimumSnap  # noqa: E402
@@ -99,6 +100,8 @@ __all__ = [
     "DepthFrame",
     "Diagnosis",
     "DistanceField",
+    "Effect",
+    "EffectParameter",
     "Error",
     "Estimate",
     "Evaluation",
@@ -158,6 +161,7 @@ __all__ = [
     "add",
     "compare",
     "diagnose",
+    "effect",
     "evaluate",
     "excite",
     "fly",

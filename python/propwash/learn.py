@@ -375,7 +375,8 @@ def cross(
 
     Args:
         env: ``Propwash/ForestDepth-v0`` with ``action="attitude"`` and ``normalize_actions=False``, without wrappers: it says what flies, in which scenes, what the camera is, how
-            often the policy acts (``freq``) and how far actions reach. Nothing may move in the scenes. The training flies on its own in them, without noise and delays.
+            often the policy acts (``freq``) and how far actions reach. Nothing may move in the scenes. The training flies on its own in them, without disturbances, noise, delays and randomisation: an
+            environment that has some is refused.
         goal: What is paid for.
         pool: Height and width of blocks of pixels of which the policy sees the nearest.
         worlds: Worlds that fly at once; multiples of 16 fill the lanes.

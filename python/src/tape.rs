@@ -1,5 +1,6 @@
 //! Sequences of commands in one call, and gradients of what was flown: the compiled side of `propwash.Tape`.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::{Element, PyArrayDyn};
@@ -72,6 +73,35 @@ fn within<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
     if pool.current_num_threads() == 1 { propwash::rollout::pool::alone(work) } else { pool.install(work) }
 }
 
+/// Drone-steps of a rollout after which Ctrl-C is heard: a tenth of a second in lanes.
+const STEPS_OF_A_PART: usize = 10_000_000;
+
+/// Arrays of (world, time, …), in parts along the times.
+#[derive(Clone, Copy)]
+struct Parts {
+    worlds: usize,
+    times: usize,
+}
+
+impl Parts {
+    /// A part of an array.
+    fn take<N: Number>(self, all: &[N], part: Range<usize>) -> Vec<N> {
+        let each = all.len() / (self.worlds * self.times);
+        let of = |w: usize| &all[(w * self.times + part.start) * each..(w * self.times + part.end) * each];
+        (0..self.worlds).flat_map(|w| of(w).iter().copied()).collect()
+    }
+
+    /// Puts a part where it belongs; the array is made with the first one.
+    fn put<N: Number>(self, all: &mut Vec<N>, own: &[N], part: Range<usize>) {
+        let each = own.len() / (self.worlds * part.len());
+        all.resize(self.worlds * self.times * each, N::zero());
+        for (w, own) in own.chunks_exact(part.len() * each).enumerate() {
+            let from = (w * self.times + part.start) * each;
+            all[from..from + own.len()].copy_from_slice(own);
+        }
+    }
+}
+
 #[pymethods]
 impl PySim {
     /// Flies a sequence of commands: the states after each, (n_worlds, n_times, n_drones, state_width), and whether worlds were quarantined
@@ -87,9 +117,23 @@ impl PySim {
         let before = core.quarantined();
         let states = either!(&mut core.flight, arena => {
             let (times, commands) = sequence(arena, commands)?;
-            let flown = py.detach(|| within(&self.pool, || arena.rollout(&commands, substeps)));
-            let states = flown.or_raise()?;
-            let width = states.len() / (self.n_worlds * times * self.n_drones);
+            let rows = self.n_worlds * self.n_drones;
+            // In parts after which Ctrl-C is heard; flights are the same in any parts.
+            let most = (STEPS_OF_A_PART / (rows * substeps).max(1)).max(1);
+            let states = if times <= most {
+                py.detach(|| within(&self.pool, || arena.rollout(&commands, substeps))).or_raise()?
+            } else {
+                let mut states = Vec::new();
+                for from in (0..times).step_by(most) {
+                    let part = from..times.min(from + most);
+                    let own = Parts { worlds: self.n_worlds, times }.take(&commands, part.clone());
+                    let flown = py.detach(|| within(&self.pool, || arena.rollout(&own, substeps))).or_raise()?;
+                    Parts { worlds: self.n_worlds, times }.put(&mut states, &flown, part);
+                    py.check_signals()?;
+                }
+                states
+            };
+            let width = states.len() / (rows * times);
             arrays::owned(py, states, &[self.n_worlds, times, self.n_drones, width])?.into_any()
         });
         core.known_quarantine();

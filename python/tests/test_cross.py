@@ -77,6 +77,8 @@ def test_pixels_are_pooled():
         ({}, {"goal": learn.Cross(speed=-1.0)}, "goal.speed"),
         ({}, {"rate": 0.0}, "rate"),
         ({"scene": {"forest": {"moving": 2, "seed": 1}}}, {}, "nothing moves"),
+        ({"levels": {"action_delay_s": 0.05}}, {}, "without disturbances, delays, noise"),
+        ({"randomization": [{"parameter": "body.mass_kg", "draw": {"scale": [0.9, 1.1]}}]}, {}, "without disturbances, delays, noise"),
     ],
 )
 def test_what_makes_no_sense_is_refused(changed, options, words):

@@ -405,7 +405,7 @@ impl Maker<'_> {
         remembered.extend((0..self.effects).map(|i| (format!("effect_{i}"), 0.0)));
         self.inputs.add("m", "what controllers and effects remember", remembered);
         if self.asked.surroundings {
-            let about = "surroundings: force (N, world), torque (N m, body), wind (m/s, world), heights of ground and ceiling (m), time (s), normal random numbers";
+            let about = "surroundings: force (N, world), torque (N m, world), wind (m/s, world), heights of ground and ceiling (m), time (s), normal random numbers";
             self.inputs.add("w", about, surroundings());
         }
         let wanted = &self.asked.parameters;

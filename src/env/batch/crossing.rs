@@ -10,6 +10,7 @@ use super::build::complete;
 use crate::env::EnvError;
 use crate::env::config::EnvConfig;
 use crate::env::layouts::Layout;
+use crate::env::randomize::Levels;
 use crate::env::task::{EpisodeStart, Start, Task};
 use crate::env::tasks::{ForestDepth, TaskConfig};
 use crate::geometry::DistanceField;
@@ -170,7 +171,7 @@ impl Surroundings for Scenes {
 /// Trains a policy that crosses the forests of an environment by its depth camera ([`TaskConfig::ForestDepth`], with attitude actions), by backpropagation through time
 /// in the same scenes, from the same starts to the same goals. The environment says what flies, where, what it sees, how often it acts and how far actions
 /// reach; `options` the rest (its substeps, rate of the simulation and seed are those of the environment). Nothing moves in the forests, and drones fly without noise, delay
-/// and randomisation.
+/// and randomisation, so that an environment that has them is refused.
 ///
 /// # Errors
 /// [`EnvError::Option`] for another task and other actions, for several drones, without a camera, and for scenes in which something moves; those of
@@ -191,6 +192,10 @@ pub fn train_crossing(
     if config.action.kind.mode() != ControlMode::Attitude {
         let got = config.action.kind.mode().name();
         return Err(EnvError::option("action kind", "attitude, whose slopes have kernels", got));
+    }
+    if config.levels != Levels::default() || !config.sim.options.randomization.rules.is_empty() {
+        let expected = "an environment without disturbances, delays, noise and randomisation, which this training does not fly with; fly the policy in another one that has them";
+        return Err(EnvError::option("env", expected, "one with some"));
     }
     complete(&mut config, &Asked::World(Arc::new(task)))?;
     let setup = config.sim.load()?;
