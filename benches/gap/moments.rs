@@ -92,13 +92,28 @@ impl Tried {
     }
 }
 
+/// What became of several flights.
+pub struct Tries {
+    pub tried: Vec<Tried>,
+    /// Why the others were not: a planted flight that hits the ground is no flight of a pilot.
+    pub not_flown: Vec<String>,
+}
+
+impl FromIterator<Result<Tried, String>> for Tries {
+    fn from_iter<I: IntoIterator<Item = Result<Tried, String>>>(all: I) -> Self {
+        let mut out = Self { tried: Vec::new(), not_flown: Vec::new() };
+        for one in all {
+            match one {
+                Ok(tried) => out.tried.push(tried),
+                Err(why) => out.not_flown.push(why),
+            }
+        }
+        out
+    }
+}
+
 /// All kinds with all seeds, each coming at a time of its own; otherwise as `base`.
-pub fn changed(
-    seeds: Range<u64>,
-    base: &Case,
-    vehicle: &Vehicle,
-    args: &Args,
-) -> Result<Vec<Tried>, Failure> {
+pub fn changed(seeds: Range<u64>, base: &Case, vehicle: &Vehicle, args: &Args) -> Result<Tries, Failure> {
     let wanted = |id: &&str| args.kinds.is_empty() || args.kinds.iter().any(|k| k == id);
     let kinds: Vec<&'static str> = KINDS.into_iter().filter(wanted).collect();
     let each = kinds.into_iter().flat_map(|id| seeds.clone().map(move |seed| (id, seed)));
@@ -108,7 +123,8 @@ pub fn changed(
             let share = stream(seed, 0, "moment").uniform(AMONG[0], AMONG[1]);
             tried(&Case { hidden: vec![id], seed, ..base.clone() }, vehicle, Some(share * base.seconds), args)
         })
-        .collect()
+        .collect::<Result<Vec<_>, _>>()
+        .map(Tries::from_iter)
 }
 
 /// Flights with one of these effects, or none (`none`), from the beginning on.
@@ -118,7 +134,7 @@ pub fn steady(
     base: &Case,
     vehicle: &Vehicle,
     args: &Args,
-) -> Result<Vec<Tried>, Failure> {
+) -> Result<Tries, Failure> {
     let each = effects.iter().flat_map(|id| seeds.clone().map(move |seed| (*id, seed)));
     each.collect::<Vec<_>>()
         .into_par_iter()
@@ -126,17 +142,31 @@ pub fn steady(
             let hidden = if id == "none" { vec![] } else { vec![id] };
             tried(&Case { hidden, seed, ..base.clone() }, vehicle, None, args)
         })
-        .collect()
+        .collect::<Result<Vec<_>, _>>()
+        .map(Tries::from_iter)
 }
 
-fn tried(case: &Case, vehicle: &Vehicle, at_s: Option<f64>, args: &Args) -> Result<Tried, Failure> {
+/// Diagnoses a planted flight, or says why there is none.
+fn tried(
+    case: &Case,
+    vehicle: &Vehicle,
+    at_s: Option<f64>,
+    args: &Args,
+) -> Result<Result<Tried, String>, Failure> {
     let mut plan = case.plan(vehicle, 0);
     if at_s.is_some() {
         // What shows an effect may fly elsewhere than what the pilot does before it comes.
         plan.excitation = Excitation::MultiSine;
     }
     plan.begins_s = at_s;
-    let track = case.track(vehicle, &fly(&plan)?)?;
+    let flight = match fly(&plan) {
+        Ok(flight) => flight,
+        Err(why) => {
+            let hidden = case.hidden.first().copied().unwrap_or("none");
+            return Ok(Err(format!("{hidden}, seed {}: {why}", case.seed)));
+        }
+    };
+    let track = case.track(vehicle, &flight)?;
     let settings =
         Settings { no_formulas: true, no_advice: true, moments: Moments::Tell, ..Settings::default() };
     let found = diagnose(&[track], vehicle, &settings)?.verdict.moments;
@@ -144,5 +174,5 @@ fn tried(case: &Case, vehicle: &Vehicle, at_s: Option<f64>, args: &Args) -> Resu
     if args.verbose {
         println!("{}", out.line(case));
     }
-    Ok(out)
+    Ok(Ok(out))
 }

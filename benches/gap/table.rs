@@ -97,6 +97,17 @@ fn loaded(name: &str) -> Result<Vehicle, Box<dyn std::error::Error>> {
     Ok(Vehicle::load(format!("{}/tests/data/planted_{name}.toml", env!("CARGO_MANIFEST_DIR")))?)
 }
 
+/// The flights that were flown; says which were not, and refuses where none was.
+fn counted(flown: moments::Tries) -> Result<Vec<moments::Tried>, Box<dyn std::error::Error>> {
+    for why in &flown.not_flown {
+        println!("left out, since it is no flight: {why}");
+    }
+    match flown.tried.is_empty() {
+        true => Err("expected flights, found none that can be flown: take other seeds".into()),
+        false => Ok(flown.tried),
+    }
+}
+
 type Done = Result<(), Box<dyn std::error::Error>>;
 
 impl Table<'_> {
@@ -227,7 +238,8 @@ impl Table<'_> {
         for name in craft(self.args) {
             let vehicle = loaded(&name)?;
             let seeds = self.args.first..self.args.first + self.args.seeds;
-            let out = moments::changed(seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
+            let flown = moments::changed(seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
+            let out = counted(flown)?;
             let n = out.len();
             let part =
                 |of: &dyn Fn(&moments::Tried) -> bool| percent(out.iter().filter(|t| of(t)).count(), n);
@@ -254,8 +266,9 @@ impl Table<'_> {
                 true => core::iter::once("none").chain(HIDDEN.iter().copied()).collect(),
                 false => self.args.kinds.iter().map(|k| id(k)).collect::<Result<_, _>>()?,
             };
-            let out =
+            let flown =
                 moments::steady(&effects, seeds, base, &vehicle, self.args).map_err(|e| e.to_string())?;
+            let out = counted(flown)?;
             let quiet = out.iter().filter(|t| t.more() == 0).count();
             let what = format!("{name}, {level}: no moment in a steady flight");
             self.row(&what, percent(quiet, out.len()), out.len(), "≥ 98 %");
