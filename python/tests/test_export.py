@@ -172,6 +172,13 @@ def test_a_function_says_what_it_is_and_takes_usual_values_for_what_is_left_out(
     assert "fn cf21B_500_rate(x: array<f32, 17>, u: array<f32, 4>)" in export.source("cf21B_500", to="wgsl")
 
 
+def test_any_name_of_a_vehicle_gives_a_name_of_a_function():
+    odd = pw.Vehicle.from_toml(pw.Vehicle("cf21B_500").to_toml(), name='5" quad */ """')
+    rate = export.numpy(odd)
+    assert rate.name.startswith("vehicle_5__quad_") and rate.name.isidentifier() and rate(rate.defaults["x"]).shape == (17,)
+    assert export.source(odd, to="c").count("*/") == 4
+
+
 def test_what_makes_no_sense_is_refused_in_words():
     rate = export.numpy("cf21B_500")
     for wrong, message in [

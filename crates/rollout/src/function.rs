@@ -490,12 +490,13 @@ impl Maker<'_> {
             "step" | "gradient" => format!(", {} at {sim_hz} Hz", integrator.name()),
             _ => String::new(),
         };
+        // A name of every language, and nothing that would end a comment.
+        let vehicle: String =
+            vehicle.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
         let about = format!("{what} of {vehicle}, {dynamics}{how}{pace}");
-        let name = |text: &str| {
-            text.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect::<String>()
-        };
+        let before = if vehicle.starts_with(|c: char| c.is_ascii_digit()) { "vehicle_" } else { "" };
         Printed {
-            name: name(&format!("{}_{what}", vehicle)),
+            name: format!("{before}{vehicle}_{what}"),
             about,
             inputs: self.inputs.groups,
             outputs,
