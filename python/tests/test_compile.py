@@ -99,3 +99,34 @@ def test_the_variable_is_for_those_that_ask_for_auto(tmp_path):
     assert "expected off, auto or now, got 'yes'" in run("auto", tmp_path, PROPWASH_COMPILE="yes").stderr.replace('"', "'")
     off = run("off", tmp_path, PROPWASH_COMPILE="yes")
     assert "IndexError" in off.stderr and "PROPWASH_COMPILE" not in off.stderr
+
+
+FORKED = """
+import os, sys, time
+import propwash as pw
+make = lambda mode: pw.Sim(2048, drone="cf2x_L250", control="attitude", integrator="rk4", compile=mode)
+sim = make("auto")
+sim.data.command[..., 3] = sim.hover_thrust()
+sim.step(1)
+while sim.compiling()[0] == "byte code":
+    sim.reset()
+    sim.step(50)
+assert sim.compiling()[0] == "byte code, compiling", sim.compiling()
+child = os.fork()
+if child == 0:
+    os.environ["CC"] = "cc"
+    print(make("now").compiling()[0], flush=True)
+    os._exit(0)
+assert os.waitpid(child, 0)[1] == 0
+"""
+
+
+@needs_compiler
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_process_that_was_forked_meanwhile_compiles_by_itself(tmp_path):
+    slow = tmp_path / "slow-cc"
+    slow.write_text("#!/bin/sh\nsleep 20\nexec cc \"$@\"\n")
+    slow.chmod(0o755)
+    env = {**os.environ, "PROPWASH_CACHE": str(tmp_path / "cache"), "CC": str(slow)}
+    run = subprocess.run([sys.executable, "-c", FORKED], env=env, capture_output=True, text=True, timeout=60)
+    assert run.stdout.startswith("compiled in "), run

@@ -41,15 +41,16 @@ pub struct Request {
     result: OnceLock<Result<(Code, Option<Duration>), CompileError>>,
 }
 
-/// Requests of this process, by what is asked for: key of the schedule, bytes of a number, target.
-type Known = HashMap<(u128, usize, Option<Target>), Arc<Request>>;
+/// Requests by what is asked for: key of the schedule, bytes of a number, target; and by the process, since a process that was forked while one was
+/// being compiled has no thread that would end it.
+type Known = HashMap<(u128, usize, Option<Target>, u32), Arc<Request>>;
 
 static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
 
 /// The code of a schedule for N's lanes at a SIMD level. What the cache holds is loaded at once; nothing is compiled yet.
 pub fn request<N: Number>(schedule: &Schedule, level: Level) -> Arc<Request> {
     let target = Target::of(level);
-    let asked = (key(schedule), size_of::<N>(), target);
+    let asked = (key(schedule), size_of::<N>(), target, std::process::id());
     let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     let known = known.get_or_insert_default();
     if let Some(request) = known.get(&asked) {
