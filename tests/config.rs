@@ -136,7 +136,7 @@ fn errors_say_where_what_was_expected_and_what_was_found() {
     for (text, words) in [
         (
             r#"{"sim_hs": 500}"#,
-            "sim_hs: unknown field `sim_hs`, expected one of body_rate_law, camera, control,",
+            "sim_hs: unknown field `sim_hs`, expected one of body_rate_law, camera, compile, control,",
         ),
         (r#"{"sim_hz": "fast"}"#, "sim_hz: invalid type: string \"fast\", expected u32"),
         (r#"{"integrator": "rk5"}"#, "integrator: unknown variant `rk5`, expected one of `euler`"),
