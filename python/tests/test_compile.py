@@ -97,6 +97,7 @@ def test_what_the_compiler_says_and_where_nothing_can_be_kept_are_told(tmp_path)
 
 def test_the_variable_is_for_those_that_ask_for_auto(tmp_path):
     assert "expected off, auto or now, got 'yes'" in run("auto", tmp_path, PROPWASH_COMPILE="yes").stderr.replace('"', "'")
+    assert "no C compiler" in run("auto", tmp_path, PROPWASH_COMPILE="now", CC="no-such-compiler").stderr
     off = run("off", tmp_path, PROPWASH_COMPILE="yes")
     assert "IndexError" in off.stderr and "PROPWASH_COMPILE" not in off.stderr
 

@@ -218,7 +218,7 @@ impl<N: Number> Sim<N> {
             sim.check_rule(rule)?;
         }
         sim.reset(None)?;
-        if sim.options.compile == Compile::Now {
+        if compile == Compile::Now {
             sim.compile()?;
         }
         Ok(sim)
