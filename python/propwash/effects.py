@@ -4,9 +4,9 @@ The function runs once, over names of numbers instead of numbers, and what it do
 in lanes, is compiled (docs/compile.md), has gradients, is fitted and ranked by the gap finder, and is saved with the vehicle.
 
 >>> @propwash.effect
-... def gust(s):
+... def breeze(s):
 ...     s.force[0] += 0.01 * np.sin(2 * s.t)
->>> sim = propwash.Sim(1024, drone=gust.on("cf21B_500"), control="attitude")
+>>> sim = propwash.Sim(1024, drone=breeze.on("cf21B_500"), control="attitude")
 """
 
 from __future__ import annotations
