@@ -11,7 +11,7 @@ the gradient of a step. ``numpy``, ``jax`` and ``casadi`` give functions to call
 from __future__ import annotations
 
 import os
-from typing import Any, Literal, Mapping, Sequence, Union
+from typing import TYPE_CHECKING, Any, Literal, Mapping, Sequence, TypedDict, Union
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,11 +20,31 @@ from . import _native
 from ._native import Vehicle
 from ._optional import need
 
-__all__ = ["Function", "casadi", "jax", "numpy", "source"]
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+__all__ = ["Choices", "Function", "casadi", "jax", "numpy", "source"]
 
 What = Literal["rate", "step", "controller", "gradient"]
 Language = Literal["c", "c-float", "cuda", "wgsl", "numpy", "jax", "casadi", "latex"]
 VehicleLike = Union[str, "os.PathLike[str]", Vehicle]
+
+
+class Choices(TypedDict, total=False):
+    """Which function of a vehicle, beside what it computes."""
+
+    dynamics: str
+    """As that of ``Sim``: ``"first_principles"`` where it is not given."""
+    control: str
+    """What commands mean: ``"attitude"``. A rate has rotor speeds, or attitude and thrust for fitted models."""
+    integrator: str
+    """How a step integrates: ``"euler"``."""
+    freq: int
+    """Steps per second: 500."""
+    parameters: Sequence[str] | Literal["all"]
+    """Names of parameters that are inputs (``sim.parameters()`` lists them), or ``"all"``; the others are numbers in the code."""
+    surroundings: bool
+    """Whether forces, wind, heights of ground and ceiling, time and random numbers are an input ``w``; else the air is still, and the drone far from everything."""
 
 
 class Function:
@@ -78,33 +98,25 @@ class Function:
         return f"Function({self.about}: {inputs} -> {outputs})"
 
 
-def _function(
-    vehicle: VehicleLike,
-    what: What,
-    dynamics: str,
-    control: str,
-    integrator: str,
-    freq: int,
-    parameters: Sequence[str] | Literal["all"],
-    surroundings: bool,
-) -> _native.Function:
+def _function(vehicle: VehicleLike, what: What, choices: Choices) -> _native.Function:
+    unknown = set(choices) - set(Choices.__annotations__)
+    if unknown:
+        raise TypeError(f"unknown choice {sorted(unknown)[0]!r}: there are {', '.join(Choices.__annotations__)}")
     own = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-    names = [parameters] if isinstance(parameters, str) else list(parameters)
-    return _native.Function(own, what, dynamics, control, integrator, freq, names, surroundings)
+    free = choices.get("parameters", ())
+    return _native.Function(
+        own,
+        what,
+        choices.get("dynamics", "first_principles"),
+        choices.get("control", "attitude"),
+        choices.get("integrator", "euler"),
+        choices.get("freq", 500),
+        [free] if isinstance(free, str) else list(free),
+        choices.get("surroundings", False),
+    )
 
 
-def source(
-    vehicle: VehicleLike,
-    what: What = "rate",
-    to: Language = "c",
-    *,
-    dynamics: str = "first_principles",
-    control: str = "attitude",
-    integrator: str = "euler",
-    freq: int = 500,
-    parameters: Sequence[str] | Literal["all"] = (),
-    surroundings: bool = False,
-) -> str:
+def source(vehicle: VehicleLike, what: What = "rate", to: Language = "c", **choices: Unpack[Choices]) -> str:
     """The source of a function of a vehicle.
 
     Args:
@@ -113,62 +125,29 @@ def source(
             step of the simulation in which all stages of the controllers tick. ``"controller"``: what the on-board controllers command. ``"gradient"``:
             what a loss gains by the inputs of a step, from what it gains by its outputs.
         to: ``"c"`` (C99, double), ``"c-float"``, ``"cuda"``, ``"wgsl"``, ``"numpy"``, ``"jax"``, ``"casadi"``, ``"latex"``.
-        dynamics, control, integrator, freq: As those of ``Sim``.
-        parameters: Names of parameters that are inputs (``sim.parameters()`` lists them), or ``"all"``; the others are numbers in the code.
-        surroundings: Whether forces, wind, heights of ground and ceiling, time and random numbers are an input ``w``; else the air is still, and the drone far
-            from everything.
+        **choices: ``dynamics``, ``control``, ``integrator``, ``freq``, ``parameters``, ``surroundings``: see ``Choices``.
 
     Raises:
         ValueError, KeyError: for what the vehicle lacks; the message says what there is.
     """
-    return _function(vehicle, what, dynamics, control, integrator, freq, parameters, surroundings).source(to)
+    return _function(vehicle, what, choices).source(to)
 
 
-def numpy(
-    vehicle: VehicleLike,
-    what: What = "rate",
-    *,
-    dynamics: str = "first_principles",
-    control: str = "attitude",
-    integrator: str = "euler",
-    freq: int = 500,
-    parameters: Sequence[str] | Literal["all"] = (),
-    surroundings: bool = False,
-) -> Function:
+def numpy(vehicle: VehicleLike, what: What = "rate", **choices: Unpack[Choices]) -> Function:
     """The same as a function over NumPy arrays."""
-    return Function(_function(vehicle, what, dynamics, control, integrator, freq, parameters, surroundings), "numpy")
+    return Function(_function(vehicle, what, choices), "numpy")
 
 
-def jax(
-    vehicle: VehicleLike,
-    what: What = "rate",
-    *,
-    dynamics: str = "first_principles",
-    control: str = "attitude",
-    integrator: str = "euler",
-    freq: int = 500,
-    parameters: Sequence[str] | Literal["all"] = (),
-    surroundings: bool = False,
-) -> Function:
+def jax(vehicle: VehicleLike, what: What = "rate", **choices: Unpack[Choices]) -> Function:
     """The same over JAX arrays: it can be jitted, mapped and differentiated. JAX computes in f32 unless ``jax_enable_x64`` is set."""
     need("jax", "jax", "propwash.export.jax")
-    return Function(_function(vehicle, what, dynamics, control, integrator, freq, parameters, surroundings), "jax")
+    return Function(_function(vehicle, what, choices), "jax")
 
 
-def casadi(
-    vehicle: VehicleLike,
-    what: What = "rate",
-    *,
-    dynamics: str = "first_principles",
-    control: str = "attitude",
-    integrator: str = "euler",
-    freq: int = 500,
-    parameters: Sequence[str] | Literal["all"] = (),
-    surroundings: bool = False,
-) -> Any:
+def casadi(vehicle: VehicleLike, what: What = "rate", **choices: Unpack[Choices]) -> Any:
     """The same as a ``casadi.Function`` of its inputs, all of which it takes, for solvers of CasADi."""
     need("casadi", "casadi", "propwash.export.casadi")
-    native = _function(vehicle, what, dynamics, control, integrator, freq, parameters, surroundings)
+    native = _function(vehicle, what, choices)
     space: dict[str, Any] = {}
     exec(compile(native.source("casadi"), f"<{native.name}>", "exec"), space)
     return space[native.name]()

@@ -212,6 +212,21 @@ pub fn parts_of<'py>(py: Python<'py>, policy: &Policy, scales: &[f64]) -> PyResu
     Ok(out)
 }
 
+/// What a training makes of a goal and a vehicle, with the time that it takes.
+fn learnt(
+    py: Python<'_>,
+    goal: AnyGoal,
+    (vehicle, dynamics, action): (&PyVehicle, &str, &str),
+    train: impl Fn(&AnyGoal, (&Vehicle, &str), &Actions) -> Result<Trained, LearnError> + Sync,
+) -> PyResult<PyLearnt> {
+    let vehicle = vehicle.vehicle.clone();
+    let actions = actions_of(&vehicle, dynamics, action)?;
+    let began = Instant::now();
+    let trained = py.detach(|| train(&goal, (&vehicle, dynamics), &actions)).or_raise()?;
+    let (seconds, dynamics) = (began.elapsed().as_secs_f64(), dynamics.to_string());
+    Ok(PyLearnt { goal, trained, vehicle, dynamics, seconds })
+}
+
 /// Trains a policy by backpropagation through time.
 #[pyfunction]
 #[pyo3(signature = (goal, numbers, vehicle, dynamics, action, options))]
@@ -252,13 +267,12 @@ pub fn learn_bptt(
         critic,
         seed: given.get("seed", 0)?,
     };
-    let vehicle = vehicle.vehicle.clone();
-    let actions = actions_of(&vehicle, dynamics, action)?;
-    let began = Instant::now();
-    let of = (&vehicle, dynamics);
-    let trained = py.detach(|| each!(&goal, goal => train(goal, of, &actions, &options))).or_raise()?;
-    let (seconds, dynamics) = (began.elapsed().as_secs_f64(), dynamics.to_string());
-    Ok(PyLearnt { goal, trained, vehicle, dynamics, seconds })
+    learnt(
+        py,
+        goal,
+        (vehicle, dynamics, action),
+        |goal, of, actions| each!(goal, goal => train(goal, of, actions, &options)),
+    )
 }
 
 /// Trains a policy by proximal policy optimisation.
@@ -292,13 +306,12 @@ pub fn learn_ppo(
         entropy: given.get("entropy", usual.entropy)?,
         seed: given.get("seed", 0)?,
     };
-    let vehicle = vehicle.vehicle.clone();
-    let actions = actions_of(&vehicle, dynamics, action)?;
-    let began = Instant::now();
-    let of = (&vehicle, dynamics);
-    let trained = py.detach(|| each!(&goal, goal => ppo::train(goal, of, &actions, &options))).or_raise()?;
-    let (seconds, dynamics) = (began.elapsed().as_secs_f64(), dynamics.to_string());
-    Ok(PyLearnt { goal, trained, vehicle, dynamics, seconds })
+    learnt(
+        py,
+        goal,
+        (vehicle, dynamics, action),
+        |goal, of, actions| each!(goal, goal => ppo::train(goal, of, actions, &options)),
+    )
 }
 
 #[pymethods]

@@ -4,12 +4,15 @@ import ctypes
 import itertools
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import propwash as pw
 import propwash.export as export
+
+ROOT = Path(__file__).resolve().parents[2]
 
 WHATS = ("rate", "step", "controller", "gradient")
 EFFECTS = """
@@ -78,8 +81,8 @@ CASES = [
 def made(case, **more):
     vehicle, what, dynamics, control = case
     own = with_effects() if vehicle == "effects" else vehicle
-    choices = dict(what=what, dynamics=dynamics, control=control, surroundings=True, **more)
-    return own, choices, export._function(own, what, dynamics, control, "euler", 500, more.get("parameters", ()), True)
+    choices = dict(dynamics=dynamics, control=control, surroundings=True, **more)
+    return own, dict(what=what, **choices), export._function(own, what, choices)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -115,6 +118,25 @@ def test_jax_gives_them_too_and_its_gradient_is_ours(case):
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-ffreestanding", "-ffp-contract=off", "-O1", "-fPIC", "-shared"]
 
 
+def built(text, name, tmp_path):
+    """A function of C, compiled."""
+    (tmp_path / "f.c").write_text(text)
+    subprocess.run(["cc", *FLAGS, "-o", tmp_path / "f.so", tmp_path / "f.c", "-lm"], check=True)
+    return getattr(ctypes.CDLL(str(tmp_path / "f.so")), name)
+
+
+def called(function, number, inputs, outputs):
+    """What it gives for each row; shapes as those of `outputs`."""
+    got = [np.zeros(rows.shape) for rows in outputs]
+    for k in range(len(inputs[0])):
+        given = [(number * rows.shape[1])(*rows[k]) for rows in inputs]
+        made_here = [(number * rows.shape[1])() for rows in outputs]
+        function(*given, *made_here)
+        for rows, own in zip(got, made_here):
+            rows[k] = own
+    return got
+
+
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
 @pytest.mark.parametrize("language, number, tolerance", [("c", ctypes.c_double, 1e-12), ("c-float", ctypes.c_float, 2e-5), ("cuda", ctypes.c_float, 2e-5)])
 @pytest.mark.parametrize("case", [CASES[0], CASES[1], CASES[2], CASES[3], CASES[-2]])
@@ -126,19 +148,48 @@ def test_c_builds_without_a_warning_and_gives_them_too(case, language, number, t
         assert "__device__ void" in text and "#include" not in text
         text = "#include <math.h>\n" + text.replace("__device__ void", "void f(" + text.split("void ")[1].split("(", 1)[1].split(")")[0] + ");\nvoid")
         text = text.replace("void f(", f"void {native.name}(", 1)
-    (tmp_path / "f.c").write_text(text)
-    subprocess.run(["cc", *FLAGS, "-o", tmp_path / "f.so", tmp_path / "f.c", "-lm"], check=True)
-    function = getattr(ctypes.CDLL(str(tmp_path / "f.so")), native.name)
+    function = built(text, native.name, tmp_path)
     inputs = states(native, 200)
     want = reference(native, inputs)
-    got = [np.zeros(rows.shape) for rows in want]
-    for k in range(200):
-        given = [(number * rows.shape[1])(*rows[k]) for rows in inputs]
-        made_here = [(number * rows.shape[1])() for rows in want]
-        function(*given, *made_here)
-        for rows, own in zip(got, made_here):
-            rows[k] = own
+    got = called(function, number, inputs, want)
     close(got, want, tolerance)
+
+
+def examples():
+    """A Crazyflie with each kind of effect whose page has an example that it takes."""
+    for page in sorted((ROOT / "docs/effects").glob("*.md")):
+        parts = page.read_text().split("```toml\n")
+        if len(parts) < 2:
+            continue
+        try:
+            yield page.stem, pw.Vehicle("cf2x_L250").with_effects(parts[1].split("```")[0])
+        except (ValueError, OSError):
+            continue
+
+
+EXAMPLES = dict(examples())
+
+
+def test_most_effects_are_among_those_that_are_exported():
+    assert len(EXAMPLES) >= 25
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("effect", EXAMPLES)
+def test_every_effect_is_what_it_is_in_numpy_casadi_and_c(effect, tmp_path):
+    casadi = pytest.importorskip("casadi")
+    vehicle = EXAMPLES[effect]
+    choices = dict(what="step", control="rotor_vel", surroundings=True)
+    native = export._function(vehicle, "step", dict(control="rotor_vel", surroundings=True))
+    inputs = states(native, 1000, seed=7)
+    want = reference(native, inputs)
+    close(export.numpy(vehicle, **choices)(*inputs), want, 1e-12)
+    got = export.casadi(vehicle, **choices).map(1000)(*(rows.T for rows in inputs))
+    close([np.array(part).T for part in got], want, 1e-12)
+    function = built(export.source(vehicle, to="c", **choices), native.name, tmp_path)
+    rows = called(function, ctypes.c_double, inputs, want)
+    close(rows, want, 1e-12)
+    assert isinstance(got[0], casadi.DM)
 
 
 @pytest.mark.parametrize("vehicle", pw.vehicles())
@@ -190,6 +241,7 @@ def test_what_makes_no_sense_is_refused_in_words():
         (lambda: export.source("cf21B_500", "force"), "what: expected one of rate, step"),
         (lambda: export.source("cf21B_500", dynamics="so"), "dynamics: expected first_principles, so_rpy"),
         (lambda: export.source("cf21B_500", "step", dynamics="so_rpy", control="rotor_vel"), "control: expected state, attitude, got rotor_vel"),
+        (lambda: export.source("cf21B_500", mode="state"), "unknown choice 'mode': there are dynamics, control"),
         (lambda: export.source("cf21B_500", parameters=["body.mas"]), "body.mass_kg"),
         (lambda: export.source("no_such_vehicle"), "no_such_vehicle"),
     ]:

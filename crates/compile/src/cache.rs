@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
-use crate::{CompileError, hash};
+use propwash_trace::kernel::hash;
+
+use crate::CompileError;
 
 /// Files of builds that were cut off are removed after this time.
 const STALE: Duration = Duration::from_hours(1);
@@ -38,7 +40,7 @@ pub(crate) fn find(folder: &Path, name: &str) -> Option<PathBuf> {
 }
 
 fn checksum(bytes: &[u8]) -> String {
-    format!("{:032x}", hash([bytes]))
+    format!("{:032x}", hash(bytes.iter().copied()))
 }
 
 /// Makes the folder, for its owner alone. Code is loaded from it, so nobody else may be able to write there.

@@ -144,17 +144,6 @@ impl core::fmt::Display for Status {
     }
 }
 
-/// 128-bit FNV-1a hash.
-fn hash<'a>(parts: impl IntoIterator<Item = &'a [u8]>) -> u128 {
-    let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
-    for part in parts {
-        for byte in part.iter().chain(&[0]) {
-            hash = (hash ^ u128::from(*byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
-        }
-    }
-    hash
-}
-
 /// Cells of home and scratch that the code of a schedule reaches.
 fn sizes(schedule: &Schedule) -> (usize, usize) {
     (schedule.n_home(), schedule.n_scratch())

@@ -35,9 +35,10 @@ impl Code {
         number: usize,
         (home, scratch): (usize, usize),
     ) -> Result<Self, CompileError> {
-        let failed = |e: libloading::Error| CompileError::Load {
-            file: file.display().to_string(),
-            message: e.to_string(),
+        let failed = |e: libloading::Error| {
+            // What the system says stands behind the error.
+            let why = core::error::Error::source(&e).map_or_else(String::new, |why| format!(": {why}"));
+            CompileError::Load { file: file.display().to_string(), message: format!("{e}{why}") }
         };
         // SAFETY: the file was made by the compiler of what `export::c` printed, or has the checksum that was written when it was. It has no
         // initialisers, and its three functions have the types below.

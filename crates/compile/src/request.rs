@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 
 use fearless_simd::Level;
 use propwash_trace::export::c::{Target, kernel};
-use propwash_trace::kernel::key;
+use propwash_trace::kernel::{hash, key};
 use propwash_trace::lanes::Number;
 use propwash_trace::schedule::Schedule;
 
 use crate::loaded::Code;
-use crate::{CompileError, cache, compiler, hash, sizes};
+use crate::{CompileError, cache, compiler, sizes};
 
 /// How compiling a step goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,8 +58,8 @@ pub fn request<N: Number>(schedule: &Schedule, level: Level) -> Arc<Request> {
     }
     let source = target.map_or_else(String::new, |target| kernel::<N>(schedule, target));
     let flags = target.map_or_else(Vec::new, |target| compiler::flags(&source, target));
-    let parts = [source.as_bytes(), std::env::consts::ARCH.as_bytes()];
-    let name = hash(parts.into_iter().chain(flags.iter().map(|f| f.as_bytes())));
+    let parts = [&source, std::env::consts::ARCH].into_iter().chain(flags);
+    let name = hash(parts.flat_map(|part| part.bytes().chain([0])));
     let level = format!("{level:?}");
     let level = level.split('(').next().unwrap_or_default().to_string();
     let request = Arc::new(Request {

@@ -65,15 +65,19 @@ compiled! {
     [[F64x8; 2]; 2]: _kernel, _level => None;
 }
 
-/// Identifies the code of a schedule and the sizes of their tables: the 128-bit FNV-1a hash of a text of them.
+/// 128-bit FNV-1a hash (Fowler, Noll, Vo; RFC 9923).
+pub fn hash(bytes: impl IntoIterator<Item = u8>) -> u128 {
+    let start: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
+    let add =
+        |hash: u128, byte| (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
+    bytes.into_iter().fold(start, add)
+}
+
+/// Identifies the code of a schedule and the sizes of their tables: the hash of a text of them.
 pub fn key(schedule: &Schedule) -> u128 {
     let cells = (schedule.n_constants, schedule.n_call, schedule.given.len(), schedule.state_at());
     let text = format!("{cells:?} {:?} {:?} {:?}", schedule.call, schedule.step, schedule.epilogue);
-    let mut hash: u128 = 0x6c62_272e_07bb_0142_62b8_2175_6295_c58d;
-    for byte in text.bytes() {
-        hash = (hash ^ u128::from(byte)).wrapping_mul(0x0000_0000_0100_0000_0000_0000_0000_013b);
-    }
-    hash
+    hash(text.bytes())
 }
 
 // For the macros below, in crates that do not name it themselves.

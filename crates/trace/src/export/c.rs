@@ -194,7 +194,6 @@ fn head<N: Number>(target: Target) -> String {
             ("@int", "int"),
             ("@bias", "127"),
             ("@shift", "23"),
-            ("@c", "s"),
             ("@quiet", "0x7fffffff"),
             ("@wide", "f32"),
         ]
@@ -208,7 +207,6 @@ fn head<N: Number>(target: Target) -> String {
             ("@int", "long long"),
             ("@bias", "1023"),
             ("@shift", "52"),
-            ("@c", "d"),
             ("@quiet", "0x7fffffffffffffffll"),
             ("@wide", "f64"),
         ]
