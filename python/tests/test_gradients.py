@@ -173,11 +173,7 @@ def test_torch_takes_gradients_through_flights():
     np.testing.assert_array_equal(end.detach().numpy(), sim.data.pos)
 
 
-def test_long_rollouts_are_flown_in_parts_and_hear_ctrl_c():
-    import os
-    import signal
-    import threading
-
+def test_long_rollouts_are_flown_in_parts():
     sim = pw.Sim(3, control="state")
     kept = sim.save()
     # 21 million steps of drones, of which ten million make a part.
@@ -189,6 +185,3 @@ def test_long_rollouts_are_flown_in_parts_and_hear_ctrl_c():
     ours = [sim.rollout(commands[:, t : t + 100], 10_000).numbers for t in range(0, 700, 100)]
     np.testing.assert_array_equal(whole.numbers, np.concatenate(ours, axis=1))
     assert len(np.unique(whole.pos[:, -1, 0, 0])) == 3 and not sim.quarantined.any()
-    threading.Timer(0.5, lambda: os.kill(os.getpid(), signal.SIGINT)).start()
-    with pytest.raises(KeyboardInterrupt):
-        sim.rollout(np.repeat(commands, 20, axis=1), 10_000)

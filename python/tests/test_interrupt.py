@@ -3,6 +3,7 @@
 import signal
 import threading
 
+import numpy as np
 import pytest
 
 import propwash
@@ -87,3 +88,11 @@ def test_an_analysis_ends(once):
     with Soon(), pytest.raises(KeyboardInterrupt):
         while True:
             propwash.excite("cf2x_L250", ["linear_drag", "payload"], seconds=60.0)
+
+
+def test_long_rollouts_end(once):
+    sim = propwash.Sim(3, control="state")
+    # 420 million steps of drones, of which ten million make a part.
+    commands = np.zeros((3, 14_000, 1, 16))
+    with Soon(), pytest.raises(KeyboardInterrupt):
+        sim.rollout(commands, 10_000)

@@ -73,7 +73,7 @@ pub fn run(args: &[String]) -> Result {
     if folder.is_dir() && args.is_empty() && built {
         let package = python::package(&target)?;
         let mut tests = Command::new(&python);
-        tests.args(["-m", "pytest", "python/tests", "-q", "-rs"]).current_dir(run::root());
+        tests.args(["-m", "pytest", "python/tests", "-q", "-rfEs"]).current_dir(run::root());
         tests.arg(if colour { "--color=yes" } else { "--color=no" });
         prepare(&mut tests);
         tests.env("PYTHONPATH", package);

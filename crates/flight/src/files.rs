@@ -3,7 +3,9 @@
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, OpenOptions};
 use std::io::{Error, ErrorKind, Result};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::cell::Cell;
+use std::panic::{self, AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
 use std::path::{Path, PathBuf};
 
 /// How the name of a file begins that is not whole yet.
@@ -140,12 +142,30 @@ pub fn suggestion(path: &Path) -> String {
         .map_or_else(String::new, |k| format!("; did you mean `{}`?", path.with_file_name(k).display()))
 }
 
-/// Runs a parser that is not ours, which may panic on an odd file; words for the error where it does.
+thread_local! {
+    /// True while a parser that is not ours runs in this thread.
+    static PARSING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Runs a parser that is not ours, which may panic on an odd file; words for the error where it does. Such a panic prints nothing: the
+/// file is at fault, and the error says so. Panics of other code are told as before.
 ///
 /// # Errors
 /// What to say that was found.
 pub fn parsed<T>(parse: impl FnOnce() -> T) -> std::result::Result<T, String> {
-    catch_unwind(AssertUnwindSafe(parse)).map_err(|_| "a record on which the parser gives up".into())
+    static HOOK: Once = Once::new();
+    HOOK.call_once(|| {
+        let before = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            if !PARSING.get() {
+                before(info);
+            }
+        }));
+    });
+    PARSING.set(true);
+    let done = catch_unwind(AssertUnwindSafe(parse));
+    PARSING.set(false);
+    done.map_err(|_| "a record on which the parser gives up".into())
 }
 
 #[cfg(test)]
