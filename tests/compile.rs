@@ -110,6 +110,14 @@ fn compiled_steps_have_the_bits_of_byte_code_with_every_effect() {
         let run = |compile| flown::<f32>(&vehicle, control, Integrator::Euler, compile);
         assert_eq!(run(Compile::Now), run(Compile::Off), "{kinds:?}");
     }
+    // A controller in place of the one on board.
+    let own = vehicle(
+        "[[effect]]\nkind = \"expression\"\nname = \"own\"\nmodels = [\"first_principles\"]\ncontrols = true\n\
+         let = [\"turn = 20 * wx + 3 * held\"]\nmemory.held = { next = \"held + dt * (normal1 + command1)\" }\n\
+         rotor_command = [\"1500 - turn\", \"where(z < 0, 1450, 1500) - turn\", \"1500 + turn\", \"1500 + turn\"]",
+    );
+    let run = |compile| flown::<f32>(&own, ControlMode::Attitude, Integrator::Euler, compile);
+    assert_eq!(run(Compile::Now), run(Compile::Off));
     let mixed = vehicle(&groups[0].0);
     let run = |compile| flown::<f64>(&mixed, ControlMode::Attitude, Integrator::Rk4, compile);
     assert_eq!(run(Compile::Now), run(Compile::Off));

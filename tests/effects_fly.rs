@@ -375,7 +375,7 @@ fn turbulence_has_the_spread_and_the_memory_that_its_page_says() {
     let mut winds: [Vec<f64>; 3] = Default::default();
     for step in 0..n {
         let mut stream = Key { seed: 1, world: 0, drone: 0, step, purpose: purpose("test") }.stream();
-        let normals = [stream.normal(), stream.normal(), stream.normal()];
+        let normals = [stream.normal(), stream.normal(), stream.normal(), 0.0, 0.0, 0.0];
         let mut around = Surroundings { wind_m_s: [4.0, 0.0, 0.0], normals, ..Surroundings::calm() };
         let mut command = Command::Rotors([0.0; 8]);
         drone.transmit(&HOVER.start, &mut around, (dt, dt), &mut command, &mut memory);

@@ -65,3 +65,56 @@ fn a_log_keeps_how_it_was_simulated() {
         assert!((of.step_s - 0.001).abs() < 1e-12 && of.order == 1, "{of:?}");
     }
 }
+
+/// A controller in place of the one on board: heights and places by springs and dampers, tilts by torques.
+const OWN: &str = r#"
+[[effect]]
+kind = "expression"
+name = "own"
+models = ["first_principles"]
+controls = true
+let = [
+    "lift = 0.0328 * (9.81 + 9 * (command3 - z) + 6 * (command6 - vz)) / 4",
+    "lean = min(max((command1 - x) * 0.4 + (command4 - vx) * 0.3, -0.4), 0.4)",
+    "side = min(max((command2 - y) * 0.4 + (command5 - vy) * 0.3, -0.4), 0.4)",
+    "over = 1.68e-5 * (60 * (-side - roll) - 20 * wx) * 7.685",
+    "nose = 1.68e-5 * (60 * (lean - pitch) - 20 * wy) * 7.685",
+    "turn = 2.98e-5 * (-9 * yaw - 6 * wz + 0 * held) * 34",
+]
+rotor_command = [
+    "(sqrt(2.64e-11 + 8.967e-8 * max(lift - over - nose - turn, 0.013)) + 5.14e-6) / 4.4834e-8",
+    "(sqrt(2.64e-11 + 8.967e-8 * max(lift - over + nose + turn, 0.013)) + 5.14e-6) / 4.4834e-8",
+    "(sqrt(2.64e-11 + 8.967e-8 * max(lift + over + nose - turn, 0.013)) + 5.14e-6) / 4.4834e-8",
+    "(sqrt(2.64e-11 + 8.967e-8 * max(lift + over - nose + turn, 0.013)) + 5.14e-6) / 4.4834e-8",
+]
+
+[effect.memory.held]
+next = "held + dt * z"
+"#;
+
+#[test]
+fn a_comparison_leaves_a_controller_of_ones_own_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
+    let plain = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
+    std::fs::write(folder.join("own.toml"), format!("{}{OWN}", plain.to_toml())).unwrap();
+    let fly = "fly --scene empty.xml --drone own.toml --seconds 5 --log-hz 500 --fps 1 --out set";
+    let (code, said) = run(folder, fly);
+    assert_eq!(code, 0, "{said}");
+    let (code, said) = run(folder, "log from-dataset set --world 0 --drone 0 --out own.csv");
+    assert_eq!(code, 0, "{said}");
+    let mut off = Vec::new();
+    for vehicle in ["own.toml", "cf2x_L250"] {
+        for drive in ["rotor-commands", "rotor-speeds"] {
+            let (_, said) =
+                run(folder, &format!("compare own.csv --vehicle {vehicle} --drive {drive} --json"));
+            let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+            off.push(said["logs"][0]["worst_times_noise"].as_f64().unwrap());
+            let warned = said["logs"][0]["warnings"].to_string();
+            assert!(!warned.contains("comparisons with logs do not follow"), "{warned}");
+        }
+    }
+    // With and without it the same, and near: it flew what its rotors were told.
+    assert!(off[..2] == off[2..] && off.iter().all(|times| *times <= 3.5), "{off:?}");
+}

@@ -23,6 +23,7 @@ from ._repr import shorten_all as _shorten_all  # noqa: E402
 from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
+from .controllers import Controller, controller  # noqa: E402
 from .field import DistanceField  # noqa: E402
 from .gap import (  # noqa: E402
     AcceptedParameter,
@@ -96,6 +97,7 @@ __all__ = [
     "CommandWarning",
     "Comparison",
     "Contacts",
+    "Controller",
     "Data",
     "DepthFrame",
     "Diagnosis",
@@ -160,6 +162,7 @@ __all__ = [
     "__version__",
     "add",
     "compare",
+    "controller",
     "diagnose",
     "effect",
     "evaluate",

@@ -12,189 +12,44 @@ in lanes, is compiled (docs/compile.md), has gradients, is fitted and ranked by 
 from __future__ import annotations
 
 import inspect
-import linecache
 import os
-import sys
 from dataclasses import dataclass
-from typing import Any, Callable, Literal, Union
+from typing import Any, Callable, Literal
 
 import numpy as np
 
+from ._formula import Formula, Names, Vector, naming, numbers, refuse
 from ._native import Vehicle
 
 __all__ = ["Effect", "EffectParameter", "effect"]
 
-Operand = Union["Formula", float, int]
 
-#: What sums and products are worth in the text of an expression, for parentheses: the higher, the tighter.
-_SUM, _PRODUCT, _MINUS, _POWER, _ATOM = range(5)
+class Memory:
+    """A number that is remembered from step to step."""
 
+    def __init__(self, name: str, start: float) -> None:
+        self.name, self.start = name, start
+        self._next: Formula | None = None
 
-def _where() -> str:
-    """The line of the user's code that is running: the innermost one that is not of this file or NumPy's."""
-    frame = sys._getframe(1)
-    while frame is not None and frame.f_code.co_filename == __file__:
-        frame = frame.f_back  # type: ignore[assignment]
-    if frame is None:
-        return ""
-    line = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
-    return f" ({os.path.basename(frame.f_code.co_filename)}, line {frame.f_lineno}{': ' + line if line else ''})"
+    @property
+    def value(self) -> Formula:
+        """What is remembered."""
+        return Formula(self.name)
 
+    @property
+    def next(self) -> Formula:
+        """What will be remembered after this step."""
+        if self._next is None:
+            raise refuse(f"memory {self.name}: its next value is not set yet")
+        return self._next
 
-def _refuse(what: str) -> TypeError:
-    return TypeError(what + _where())
-
-
-class Formula:
-    """A number that is not known yet, as the text of an expression."""
-
-    __slots__ = ("_rank", "_text")
-
-    def __init__(self, text: str, rank: int = _ATOM) -> None:
-        self._text, self._rank = text, rank
-
-    def __repr__(self) -> str:
-        return self._text
-
-    @staticmethod
-    def _of(value: Any) -> Formula:
-        if isinstance(value, Formula):
-            return value
-        if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
-            raise _refuse(f"expected a number or a formula of the state, got {value!r} ({type(value).__name__})")
-        number = float(value)
-        if not np.isfinite(number):
-            raise _refuse(f"expected a finite number, got {number}")
-        return Formula(repr(number), _MINUS if number < 0 else _ATOM)
-
-    def _in(self, least: int) -> str:
-        return self._text if self._rank >= least else f"({self._text})"
-
-    def _two(self, sign: str, other: Any, rank: int, swapped: bool = False) -> Formula:
-        a, b = (Formula._of(other), self) if swapped else (self, Formula._of(other))
-        # What stands behind − and / keeps its parentheses, also where it is of the same rank; so does what begins with a minus.
-        return Formula(f"{a._in(rank)} {sign} {b._in(max(rank + 1, _POWER if b._rank == _MINUS else 0))}", rank)
-
-    def __add__(self, other: Any) -> Formula:
-        return self._two("+", other, _SUM)
-
-    def __radd__(self, other: Any) -> Formula:
-        return self._two("+", other, _SUM, swapped=True)
-
-    def __sub__(self, other: Any) -> Formula:
-        return self._two("-", other, _SUM)
-
-    def __rsub__(self, other: Any) -> Formula:
-        return self._two("-", other, _SUM, swapped=True)
-
-    def __mul__(self, other: Any) -> Formula:
-        return self._two("*", other, _PRODUCT)
-
-    def __rmul__(self, other: Any) -> Formula:
-        return self._two("*", other, _PRODUCT, swapped=True)
-
-    def __truediv__(self, other: Any) -> Formula:
-        return self._two("/", other, _PRODUCT)
-
-    def __rtruediv__(self, other: Any) -> Formula:
-        return self._two("/", other, _PRODUCT, swapped=True)
-
-    def __neg__(self) -> Formula:
-        return Formula(f"-{self._in(_POWER)}", _MINUS)
-
-    def __pos__(self) -> Formula:
-        return self
-
-    def __abs__(self) -> Formula:
-        return self._call("abs")
-
-    def __pow__(self, power: Any) -> Formula:
-        if isinstance(power, (float, np.floating)) and float(power).is_integer():
-            power = int(power)
-        if isinstance(power, (bool, Formula)) or not isinstance(power, (int, np.integer)) or not -16 <= power <= 16:
-            raise _refuse(f"expected a whole power from -16 to 16, got {power!r}; roots are np.sqrt")
-        return Formula(f"{self._in(_ATOM)}^{int(power)}", _POWER)
-
-    def _call(self, name: str, *others: Any) -> Formula:
-        return Formula(f"{name}({', '.join([self._text, *(Formula._of(other)._text for other in others)])})")
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **_: Any) -> Any:
-        name = _UFUNCS.get(ufunc)
-        if method != "__call__" or name is None:
-            known = ", ".join(sorted(f"np.{u.__name__}" for u in _UFUNCS))
-            raise _refuse(f"np.{ufunc.__name__} is no part of expressions; there are {known}")
-        if any(isinstance(value, np.ndarray) for value in inputs):
-            raise _refuse(f"np.{ufunc.__name__} of an array and a formula: take the numbers one by one")
-        first = Formula._of(inputs[0])
-        if name.startswith("__"):
-            return getattr(first, name)(*inputs[1:])
-        return first._call(name, *inputs[1:])
-
-    def _compare(self, _: object) -> Any:
-        raise _refuse("comparisons are no part of expressions, since effects have no branches: np.minimum and np.maximum bend what begins or ends somewhere")
-
-    __lt__ = __le__ = __gt__ = __ge__ = __eq__ = __ne__ = _compare
-    __hash__ = None  # type: ignore[assignment]
-
-    def __bool__(self) -> bool:
-        raise _refuse("`if`, `while`, `and`, `or`, `min` and `max` ask whether something is so, which is not known yet: np.minimum and np.maximum bend what begins or ends somewhere")
-
-    def __float__(self) -> float:
-        raise _refuse("a number is asked for, which is not known yet: functions of `math` and float() take numbers, those of NumPy (np.sin) take formulas")
-
-    __int__ = __index__ = __float__
-
-
-_UFUNCS: dict[np.ufunc, str] = {
-    np.sqrt: "sqrt",
-    np.exp: "exp",
-    np.sin: "sin",
-    np.cos: "cos",
-    np.tanh: "tanh",
-    np.absolute: "abs",
-    np.minimum: "min",
-    np.maximum: "max",
-    np.add: "__add__",
-    np.subtract: "__sub__",
-    np.multiply: "__mul__",
-    np.divide: "__truediv__",
-    np.negative: "__neg__",
-    np.power: "__pow__",
-}
-
-
-class Vector:
-    """Three numbers that a function adds to."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._sums: list[Formula | None] = [None, None, None]
-
-    def __getitem__(self, axis: int) -> Formula:
-        found = self._sums[self._axis(axis)]
-        return Formula("0.0") if found is None else found
-
-    def __setitem__(self, axis: int, value: Any) -> None:
-        at, new = self._axis(axis), Formula._of(value)
-        # `+=` on nothing is the sum with 0.
-        if self._sums[at] is None and new._text.startswith("0.0 + "):
-            rest = new._text[len("0.0 + ") :]
-            new = Formula(rest, new._rank)
-        self._sums[at] = new
-
-    def _axis(self, axis: Any) -> int:
-        if isinstance(axis, bool) or not isinstance(axis, (int, np.integer)) or not 0 <= axis <= 2:
-            raise _refuse(f"{self._name}[{axis!r}]: expected 0, 1 or 2")
-        return int(axis)
-
-    def _texts(self) -> list[str] | None:
-        if all(value is None for value in self._sums):
-            return None
-        return ["0" if value is None else value._text for value in self._sums]
+    @next.setter
+    def next(self, value: Any) -> None:
+        self._next = Formula.of(value)
 
 
 class Surroundings:
-    """What an effect sees, and what it adds to. Vectors are tuples of numbers; units are SI."""
+    """What an effect sees, and what it adds to. Vectors are arrays of numbers; units are SI."""
 
     #: Names of the state, by what expressions call them.
     _SEES = {
@@ -217,11 +72,20 @@ class Surroundings:
         "air_density": "air_density",
         "mass": "mass_kg",
         "gravity": "gravity",
+        "normal": ("normal1", "normal2", "normal3"),
+        "command": tuple(f"command{k}" for k in range(1, 17)),
+        "dt": "dt",
     }
-    _ADDS = ("force", "force_body", "torque", "thrust_factor")
+    _ADDS: tuple[str, ...] = ("force", "force_body", "torque", "thrust_factor", "rotor_command", "attitude_command")
+    #: How the error calls who looks.
+    _WHO = "an effect"
 
-    def __init__(self) -> None:
-        made = {"force": Vector("force"), "force_body": Vector("force_body"), "torque": Vector("torque"), "thrust_factor": None}
+    def __init__(self, rotors: int = 4) -> None:
+        made: dict[str, Any] = {name: Vector(name) for name in ("force", "force_body", "torque")}
+        made["thrust_factor"] = None
+        made["rotor_command"] = Vector("rotor_command", rotors, [f"rotor_command{k + 1}" for k in range(rotors)])
+        made["attitude_command"] = Vector("attitude_command", 4, [f"{name}_command" for name in ("roll", "pitch", "yaw", "thrust")])
+        made["_memories"] = {}
         for name, value in made.items():
             object.__setattr__(self, name, value)
 
@@ -234,19 +98,46 @@ class Surroundings:
     def __getattr__(self, name: str) -> Any:
         found = Surroundings._SEES.get(name)
         if found is None:
-            raise _refuse(f"an effect sees {', '.join(Surroundings._SEES)} and adds to {', '.join(Surroundings._ADDS)}, not {name}")
-        return Formula(found) if isinstance(found, str) else tuple(Formula(part) for part in found)
+            raise refuse(f"{self._WHO} sees {', '.join(Surroundings._SEES)} and adds to {', '.join(self._ADDS)}, not {name}")
+        return Formula(found) if isinstance(found, str) else numbers(found)
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "thrust_factor":
-            new = Formula._of(value)
-            if new._text.startswith("1.0 * "):
-                new = Formula(new._text[len("1.0 * ") :], new._rank)
-            object.__setattr__(self, name, new)
-        elif name in Surroundings._ADDS:
-            raise _refuse(f"{name} has three numbers: {name}[0] += …")
+        if name == "thrust_factor" and name in self._ADDS:
+            object.__setattr__(self, name, Formula.of(value))
+        elif name in self._ADDS:
+            # What `+=` does behind its sum.
+            if value is not object.__getattribute__(self, name):
+                raise refuse(f"{name} has {len(getattr(self, name))} numbers: {name}[0] += …, {name}[:] = …")
         else:
-            raise _refuse(f"an effect adds to {', '.join(Surroundings._ADDS)}, not to {name}")
+            raise refuse(f"{self._WHO} adds to {', '.join(self._ADDS)}, not to {name}")
+
+    def memory(self, name: str, start: float = 0.0) -> Memory:
+        """A number that is remembered from step to step: ``.value`` is what it was, ``.next`` is to be set.
+
+        Forces see what is remembered in this very step: ``.next`` of the step. Raises TypeError for a name that was given before.
+        """
+        if not isinstance(name, str) or not name.isidentifier() or name in self._memories:
+            raise refuse(f"memory({name!r}): expected a name of letters, digits and underscores that no other memory has")
+        if isinstance(start, bool) or not isinstance(start, (int, float, np.integer, np.floating)) or not np.isfinite(start):
+            raise refuse(f"memory {name}: expected a finite number to start from, got {start!r}")
+        self._memories[name] = Memory(name, float(start))
+        found: Memory = self._memories[name]
+        return found
+
+    def to_world(self, vector: Any) -> Any:
+        """Three numbers along body axes as along the world's."""
+        return _turned(self.quat, vector, 1.0)
+
+    def to_body(self, vector: Any) -> Any:
+        """Three numbers along the world's axes as along body axes."""
+        return _turned(self.quat, vector, -1.0)
+
+
+def _turned(quat: Any, vector: Any, way: float) -> Any:
+    """v + 2 w q × v + 2 q × (q × v), by the vector q and the scalar w of a quaternion or its inverse."""
+    axis = quat[:3] * way
+    once = np.cross(axis, vector)
+    return vector + 2 * quat[3] * once + 2 * np.cross(axis, once)
 
 
 @dataclass(frozen=True)
@@ -280,39 +171,84 @@ class Effect:
 
     name: str
     """Its name: that of the function."""
-    toml: str
-    """What stands in a vehicle file: an ``[[effect]]`` of the kind ``expression``."""
+    #: Whether a number as default makes a parameter of the vehicle.
+    _NUMBERS_ARE_PARAMETERS = True
 
     def __init__(self, function: Callable[..., Any], name: str | None = None) -> None:
         self.name = name or function.__name__
         self.__doc__ = function.__doc__
+        self._function = function
         first, *rest = inspect.signature(function).parameters.values()
-        parameters = {}
+        self._first = first.name
+        self._parameters: dict[str, EffectParameter] = {}
+        self._constants: dict[str, float] = {}
         for own in rest:
             if own.default is inspect.Parameter.empty:
                 raise TypeError(f"{self.name}: {own.name} has no value: write {own.name}=propwash.EffectParameter(0.1, \"N·s/m\")")
             value = own.default
             if isinstance(value, (int, float)) and not isinstance(value, bool):
+                if not self._NUMBERS_ARE_PARAMETERS:
+                    self._constants[own.name] = float(value)
+                    continue
                 value = EffectParameter(float(value))
             if not isinstance(value, EffectParameter):
                 raise TypeError(f"{self.name}: {own.name}: expected a number or a propwash.EffectParameter, got {value!r}")
-            parameters[own.name] = value
-        seen = Surroundings()
-        returned = function(seen, **{own: Formula(own) for own in parameters})
+            self._parameters[own.name] = value
+        self._toml = self._written(self._default())
+
+    def _default(self) -> Surroundings:
+        return Surroundings()
+
+    @property
+    def toml(self) -> str:
+        """What stands in a vehicle file, of a vehicle with four rotors: an ``[[effect]]`` of the kind ``expression``."""
+        return self._toml
+
+    def _written(self, seen: Surroundings) -> str:
+        """Runs the function, and writes down what it did."""
+        names = Names({*self._parameters, "vx", "vy", "vz"})
+        with naming(names):
+            returned = self._function(seen, **{own: Formula(own) for own in self._parameters}, **self._constants)
+            self._after(seen)
         if returned is not None:
-            raise TypeError(f"{self.name}: expected None, got {type(returned).__name__}; an effect adds to {first.name}.force and the like, and returns nothing")
-        keys = {"force_world_n": seen.force, "force_body_n": seen.force_body, "torque_body_n_m": seen.torque}
-        lines = [f'[[effect]]\nkind = "expression"\nname = "{self.name}"\n']
-        for key, vector in keys.items():
-            texts = vector._texts()
-            if texts is not None:
-                lines.append(f"{key} = [" + ", ".join(f'"{text}"' for text in texts) + "]\n")
+            raise TypeError(f"{self.name}: expected None, got {type(returned).__name__}; an effect adds to {self._first}.force and the like, and returns nothing")
+        lists = {
+            "force_world_n": seen.force.texts(),
+            "force_body_n": seen.force_body.texts(),
+            "torque_body_n_m": seen.torque.texts(),
+            "rotor_command": seen.rotor_command.texts(),
+            "attitude_command": seen.attitude_command.texts(),
+        }
+        lines = [f"{key} = [" + ", ".join(f'"{text}"' for text in texts) + "]\n" for key, texts in lists.items() if texts is not None]
+        used = [text for texts in lists.values() for text in texts or []]
         factor = object.__getattribute__(seen, "thrust_factor")
         if factor is not None:
             lines.append(f'thrust_factor = "{factor._text}"\n')
-        if len(lines) == 1:
-            raise TypeError(f"{self.name} adds nothing: expected {first.name}.force[0] += … or another of {', '.join(Surroundings._ADDS)}")
-        self.toml = "".join([*lines, *(own._toml(key) for key, own in parameters.items())])
+            used.append(factor._text)
+        if not lines:
+            raise TypeError(f"{self.name} adds nothing: expected {self._first}.force[0] += … or another of {', '.join(seen._ADDS)}")
+        for memory in seen._memories.values():
+            if memory._next is None:
+                raise TypeError(f"{self.name}: memory {memory.name} never gets a next value: set .next")
+            if memory.name in self._parameters:
+                raise TypeError(f"{self.name}: memory {memory.name} has the name of a parameter")
+            used.append(memory._next._text)
+        lets = [f'"{text}"' for text in self._before()] + [f'"{name} = {text}"' for name, text in names.used_by(used)]
+        head = [f'[[effect]]\nkind = "expression"\nname = "{self.name}"\n', *self._beside()]
+        head += ["let = [\n    " + ",\n    ".join(lets) + ",\n]\n"] if lets else []
+        tables = [f'[effect.memory.{m.name}]\nstart = {m.start!r}\nnext = "{m._next._text}"\n' for m in seen._memories.values()]
+        return "".join([*head, *lines, *tables, *(own._toml(key) for key, own in self._parameters.items())])
+
+    def _before(self) -> list[str]:
+        """Values that stand before those of the function."""
+        return []
+
+    def _after(self, seen: Surroundings) -> None:
+        """What becomes of what the function did."""
+
+    def _beside(self) -> list[str]:
+        """Further keys of the entry."""
+        return []
 
     def on(self, vehicle: str | os.PathLike[str] | Vehicle) -> Vehicle:
         """A vehicle with this effect behind those that it has.
@@ -321,22 +257,33 @@ class Effect:
             ValueError: for what expressions cannot say, with its place in the text; for a second effect of this name.
         """
         own = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-        return own.with_effects(self.toml)
+        if "\nrotor_command" not in self._toml:
+            return own.with_effects(self._toml)
+        return own.with_effects(self._written(Surroundings(_rotors(own))))
 
     def __repr__(self) -> str:
         return f"<propwash.Effect {self.name}>"
 
 
+def _rotors(vehicle: Vehicle) -> int:
+    """Number of rotors."""
+    return sum(name.startswith("rotors.") and name.endswith(".spin") for name, _ in vehicle.parameters())
+
+
 def effect(function: Callable[..., Any]) -> Effect:
     """Makes an effect of a Python function of what surrounds the drone, which runs once and then never again.
 
-    The function takes ``s`` and adds to ``s.force`` (N, world), ``s.force_body`` (N, body), ``s.torque`` (N m, body), three numbers each, or multiplies
-    ``s.thrust_factor``. It sees ``s.t`` (s since the reset), ``s.pos``, ``s.vel`` (world), ``s.vel_body`` (through the air, body), ``s.ang_vel`` (body),
+    The function takes ``s`` and adds to ``s.force`` (N, world), ``s.force_body`` (N, body), ``s.torque`` (N m, body), three numbers each, multiplies
+    ``s.thrust_factor``, or changes ``s.rotor_command`` (rad/s, one for each rotor) and ``s.attitude_command`` (roll, pitch, yaw in rad, thrust in N) on their way to the motors. It sees ``s.t`` (s since the
+    reset), ``s.pos``, ``s.vel`` (world), ``s.vel_body`` (through the air, body), ``s.ang_vel`` (body),
     ``s.quat``, ``s.roll``, ``s.pitch``, ``s.yaw``, ``s.rotor_vel``, ``s.rotor_sum``, ``s.thrust``, ``s.ground`` and ``s.ceiling`` (m to them), ``s.others`` (m to the nearest
-    vehicle), ``s.wind``, ``s.air_density``, ``s.mass``, ``s.gravity``; arithmetic, whole powers, ``abs`` and NumPy's ``sqrt``, ``exp``, ``sin``, ``cos``, ``tanh``,
-    ``minimum``, ``maximum``. Further arguments are parameters, with their values as defaults (``EffectParameter``), which are ``effect.expression.NAME.ARGUMENT`` elsewhere.
+    vehicle), ``s.wind``, ``s.air_density``, ``s.mass``, ``s.gravity``, ``s.normal`` (three standard normal random numbers, others in every step), ``s.command`` (what the vehicle is
+    commanded, by number), ``s.dt``; turns vectors by ``s.to_world`` and ``s.to_body``; and remembers numbers by ``m = s.memory("name", start)``, ``m.value`` and
+    ``m.next``. Vectors are arrays. There are arithmetic, whole powers, comparisons, ``abs``, and NumPy's ``where``, ``clip``, ``minimum``, ``maximum``, ``sqrt``, ``exp``, ``sin``, ``cos``, ``tan``, ``arcsin``, ``arccos``,
+    ``arctan2``, ``tanh``, ``floor``, ``sign``, ``hypot``, ``cross``, ``@``. Further arguments are parameters, with their values as defaults (``EffectParameter``), which are
+    ``effect.expression.NAME.ARGUMENT`` elsewhere.
 
     Raises:
-        TypeError: for what cannot be part of an expression: branches, comparisons, functions of ``math``, other names; the message says the line.
+        TypeError: for what cannot be part of an expression: branches, functions of ``math``, other names; the message says the line.
     """
     return Effect(function)

@@ -119,7 +119,12 @@ class Recorder:
         Raises:
             ValueError: without a flight, or where the ``Sim`` was stepped otherwise meanwhile.
         """
-        return self._native.step(_whole("n_steps", n_steps, 1, 2**62), self.sim.data)
+        n_steps = _whole("n_steps", n_steps, 1, 2**62)
+        pipeline, data = self.sim.pipeline, self.sim.data
+        pipeline._call(pipeline._before, data)
+        goes_on = self._native.step(n_steps, data)
+        pipeline._call(pipeline._after, data)
+        return goes_on
 
     def end(self, mask: ArrayLike) -> None:
         """Ends the flight of worlds, (n_worlds,), before its time: their rows end here. The other worlds go on."""

@@ -155,23 +155,54 @@ class Pipeline:
     ``controllers`` and ``integration`` are built in. A stage of one's own is a function that takes ``Sim.data``, is called once
     per step with all worlds and writes into the arrays. When it raises, the step ends without the remaining Python stages and
     ``Sim.step`` raises what it raised.
+
+    What need not look at every step is added with ``per="call"``: it is called once per call of ``Sim.step`` or ``Recorder.step``, before its first step (``prepend``)
+    or after its last (``append``), and the steps in between are flown without Python. Forces, commands and memory of every step that are formulas are effects
+    (``propwash.effect``, ``propwash.controller``): they cost no Python at all.
     """
 
     def __init__(self, native: _native.Sim) -> None:
         self._native = native
+        self._before: dict[str, Callable[[Data], object]] = {}
+        self._after: dict[str, Callable[[Data], object]] = {}
 
     @property
     def names(self) -> list[str]:
         """Names of the stages, first to last."""
-        return self._native.stage_names()
+        return [*self._before, *self._native.stage_names(), *self._after]
 
-    def append(self, name: str, stage: Stage) -> None:
+    def append(self, name: str, stage: Stage, *, per: Literal["step", "call"] = "step") -> None:
         """Adds a stage as the last."""
-        self._native.add_stage("last", name, stage)
+        self._add("last", name, stage, per)
 
-    def prepend(self, name: str, stage: Stage) -> None:
+    def prepend(self, name: str, stage: Stage, *, per: Literal["step", "call"] = "step") -> None:
         """Adds a stage as the first."""
-        self._native.add_stage("first", name, stage)
+        self._add("first", name, stage, per)
+
+    def _add(self, place: str, name: str, stage: Stage, per: str) -> None:
+        if per not in ("step", "call"):
+            raise ValueError(f"per: expected \"step\" or \"call\", got {per!r}")
+        if hasattr(stage, "on") and hasattr(stage, "toml"):
+            raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}, which belongs to a vehicle: Sim(drone=NAME.on(...))")
+        if name in self._before or name in self._after:
+            raise ValueError(f"stage {name!r}: expected a name that no stage has: replace() or remove() that one first")
+        if per == "step":
+            self._native.add_stage(place, name, stage)
+            return
+        if isinstance(stage, RestOnGround) or not callable(stage):
+            raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}")
+        if name in self._native.stage_names():
+            raise ValueError(f"stage {name!r}: expected a name that no stage has: replace() or remove() that one first")
+        if place == "first":
+            self._before = {name: stage, **self._before}
+        else:
+            self._after[name] = stage
+
+    def _call(self, stages: dict[str, Callable[[Data], object]], data: Data) -> None:
+        for name, stage in list(stages.items()):
+            result = stage(data)
+            if result is not None:
+                raise TypeError(f"stage {name!r}: expected None, got {type(result).__name__}; a stage writes into the arrays that it is given and returns nothing")
 
     def insert_before(self, anchor: str, name: str, stage: Stage) -> None:
         """Adds a stage directly before ``anchor``."""
@@ -183,11 +214,18 @@ class Pipeline:
 
     def replace(self, name: str, stage: Stage) -> None:
         """Puts another stage in the place of one that was added."""
+        for stages in (self._before, self._after):
+            if name in stages:
+                if isinstance(stage, RestOnGround) or not callable(stage):
+                    raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}")
+                stages[name] = stage
+                return
         self._native.add_stage("instead", name, stage)
 
     def remove(self, name: str) -> None:
         """Takes out a stage that was added."""
-        self._native.remove_stage(name)
+        if self._before.pop(name, None) is None and self._after.pop(name, None) is None:
+            self._native.remove_stage(name)
 
     def __repr__(self) -> str:
         return shortened(f"<propwash.Pipeline {' -> '.join(self.names)}>")
@@ -458,7 +496,12 @@ class Sim:
         """
         if type(n_steps) is not int or n_steps < 0:
             n_steps = _whole("n_steps", n_steps, 0, 2**62)
-        self._tell_quarantine(self._native.step(n_steps, self.data))
+        pipeline, data = self.pipeline, self.data
+        if pipeline._before and n_steps:
+            pipeline._call(pipeline._before, data)
+        self._tell_quarantine(self._native.step(n_steps, data))
+        if pipeline._after and n_steps:
+            pipeline._call(pipeline._after, data)
 
     @property
     def states(self) -> States:

@@ -155,12 +155,34 @@ def root(s):
     s.force[0] += s.vel[0] ** 0.5
 
 
-def arrays(s):
-    s.force[0] += np.sin(np.array([1.0, 2.0]) * s.t)[0]
-
-
 def other_ufunc(s):
-    s.force[0] += np.arctan(s.t)
+    s.force[0] += np.cosh(s.t)
+
+
+def equal(s):
+    s.force[0] += s.pos[0] == 1.0
+
+
+def no_next(s):
+    s.force[0] += s.memory("low").value
+
+
+def twice(s):
+    s.memory("low"), s.memory("low")
+
+
+def no_start(s):
+    s.memory("low", math.nan)
+
+
+def clash(s, k=0.1):
+    m = s.memory("k")
+    m.next = m.value
+    s.force[0] += k * m.value
+
+
+def reduced(s):
+    s.force[0] += np.max(s.pos)
 
 
 def text(s):
@@ -180,16 +202,21 @@ def bare_parameter(s, k):
     [
         (nothing, r"nothing adds nothing: expected s\.force\[0\] \+= "),
         (returns, "returns: expected None, got Vector"),
-        (branch, r"comparisons are no part of expressions.*line \d+: if s\.pos\[2\] < 1:"),
+        (branch, r"ask whether something is so.*line \d+: if s\.pos\[2\] < 1:"),
+        (equal, r"== and != are no part.*line \d+: s\.force\[0\] \+= s\.pos"),
+        (no_next, "no_next: memory low never gets a next value: set .next"),
+        (twice, r"memory\('low'\): expected a name .* no other memory has"),
+        (no_start, "memory low: expected a finite number to start from, got nan"),
+        (clash, "memory k has the name of a parameter"),
+        (reduced, r"ask whether something is so.*line \d+: s\.force\[0\] \+= np\.max"),
         (truth, r"ask whether something is so.*line \d+: s\.force\[0\] \+= 1\.0 if"),
         (of_math, r"functions of `math`.*line \d+: s\.force\[0\] \+= math\.sin"),
         (no_name, r"an effect sees t, pos, vel, .*not speed .*line \d+: s\.force\[0\] \+= s\.speed"),
-        (whole, "force has three numbers"),
-        (elsewhere, "adds to force, force_body, torque, thrust_factor, not to lift"),
+        (whole, r"force has 3 numbers: force\[0\] \+= "),
+        (elsewhere, "adds to force, force_body, torque, thrust_factor, rotor_command, attitude_command, not to lift"),
         (fourth, r"force\[3\]: expected 0, 1 or 2"),
         (root, "whole power from -16 to 16, got 0.5; roots are np.sqrt"),
-        (arrays, "of an array and a formula"),
-        (other_ufunc, "np.arctan is no part of expressions; there are np.absolute"),
+        (other_ufunc, "np.cosh is no part of expressions; there are np.absolute"),
         (text, "expected a number or a formula of the state, got '1'"),
         (endless, "expected a finite number, got inf"),
         (bare_parameter, "k has no value: write k="),
@@ -198,3 +225,78 @@ def bare_parameter(s, k):
 def test_what_cannot_be_an_effect_is_refused_with_its_line(function, message):
     with pytest.raises(TypeError, match=message):
         pw.effect(function)
+
+
+def test_arrays_choices_and_long_sums_are_those_of_numpy():
+    @pw.effect
+    def everywhere(s):
+        away = s.pos - [0.5, -0.25, 1.0]
+        far = np.sqrt(away @ away + 1e-6)
+        s.force -= 0.01 * away / far * np.where((far > 0.3) & (s.pos[2] < 5), 1.0, 0.5)
+        s.force[:2] += 0.003 * np.clip(s.vel, -0.5, [0.5, 0.25, 1.0])[:2] + np.arctan2(s.vel[:2], 2.0) * 1e-3
+        s.force += 1e-3 * s.to_world(np.cross(s.to_body(s.vel), [0.0, 0.0, 1.0]))
+        s.torque[:] = [0.0, 1e-7 * np.sign(s.ang_vel[1]), -1e-7 * ~(s.t >= 0.01)]
+
+    own, wanted = flown(everywhere.on(bare())), flown(bare())
+    for step in range(10):
+        x, v, q = wanted.data.pos, wanted.data.vel, wanted.data.quat
+        away = x - [0.5, -0.25, 1.0]
+        far = np.sqrt((away**2).sum(-1) + 1e-6)[..., None]
+        force = -0.01 * away / far * np.where((far > 0.3) & (x[..., 2:] < 5), 1.0, 0.5)
+        force[..., :2] += (0.003 * np.clip(v, -0.5, [0.5, 0.25, 1.0]) + np.arctan2(v, 2.0) * 1e-3)[..., :2]
+        up = np.stack([2 * (q[..., 0] * q[..., 2] + q[..., 1] * q[..., 3]), 2 * (q[..., 1] * q[..., 2] - q[..., 0] * q[..., 3]), 1 - 2 * (q[..., 0] ** 2 + q[..., 1] ** 2)], -1)
+        force += 1e-3 * np.cross(v, up)
+        # Disturbances turn about the world's axes: the torque about the body's.
+        torque = np.zeros_like(x)
+        torque[..., 1], torque[..., 2] = 1e-7 * np.sign(wanted.data.ang_vel[..., 1]), -1e-7 * (step / 500 < 0.01)
+        t = 2 * np.cross(q[..., :3], torque)
+        wanted.data.disturbance_force[...], wanted.data.disturbance_torque[...] = force, torque + q[..., 3:] * t + np.cross(q[..., :3], t)
+        wanted.step(1)
+        own.step(1)
+    for name in ("pos", "vel", "ang_vel"):
+        np.testing.assert_allclose(getattr(own.data, name), getattr(wanted.data, name), rtol=0, atol=1e-12, err_msg=name)
+
+
+@pw.effect
+def gusty(s, tau=0.05, size=pw.EffectParameter(0.004, "N")):
+    low = s.memory("low", start=0.5)
+    low.next = low.value + s.dt / tau * (s.normal[0] - low.value)
+    s.force[0] += size * low.value
+
+
+@pytest.mark.parametrize("engine, atol", [("reference", 1e-13), ("lanes", 1e-13)])
+def test_what_is_remembered_and_random_numbers_are_those_of_a_filter_in_numpy(engine, atol):
+    sim = flown(gusty.on(bare()), engine=engine)
+    plain = flown(bare(), engine=engine)
+    low, seen = np.full(6, 0.5), []
+    for _ in range(50):
+        before = sim.data.vel[:, 0, 0] - plain.data.vel[:, 0, 0]
+        sim.step(1)
+        plain.step(1)
+        # What the force was says what is remembered, and that says what was drawn.
+        force = (sim.data.vel[:, 0, 0] - plain.data.vel[:, 0, 0] - before) * 500 * 0.0328
+        normal = (force / 0.004 - low) * 0.05 * 500 + low
+        low = low + 1 / 500 / 0.05 * (normal - low)
+        seen.append(normal)
+    seen = np.array(seen)
+    assert abs(seen.mean()) < 4 / np.sqrt(seen.size) and 0.8 < seen.std() < 1.2 and len(np.unique(seen.round(9))) == seen.size
+    # A reset starts it again, with other numbers; the same seed has the same ones.
+    again = flown(gusty.on(bare()), engine=engine)
+    again.step(50)
+    np.testing.assert_array_equal(again.data.vel, sim.data.vel)
+
+
+def test_commands_are_changed_on_their_way():
+    @pw.effect
+    def limit(s):
+        s.rotor_command[0] *= 0.9
+        s.rotor_command[1:] = np.minimum(s.rotor_command[1:], 1400.0)
+
+    own, told = flown(limit.on(bare())), flown(bare())
+    told.rotor_vel_control(np.array([[[1350.0, 1400.0, 1400.0, 1400.0]]] * 6))
+    own.step(20)
+    told.step(20)
+    np.testing.assert_allclose(own.data.rotor_vel, told.data.rotor_vel, rtol=1e-12)
+    # As many as the vehicle has.
+    with pytest.raises(TypeError, match=r"rotor_command\[9\]: expected 0 to 3"):
+        pw.effect(lambda s: s.rotor_command.__setitem__(9, 1.0))

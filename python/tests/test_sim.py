@@ -296,6 +296,36 @@ def test_stages_are_put_first_last_before_after_and_instead():
     assert calls[8:] == ["a", "B", "c", "d"]
 
 
+def test_stages_once_per_call_see_its_beginning_or_its_end():
+    sim = propwash.Sim(2)
+    seen = []
+    sim.pipeline.append("every", lambda data: seen.append(("every", int(data.steps[0]))))
+    sim.pipeline.append("end", lambda data: seen.append(("end", int(data.steps[0]))), per="call")
+    sim.pipeline.prepend("begin", lambda data: seen.append(("begin", int(data.steps[0]))), per="call")
+    assert sim.pipeline.names == ["begin", "controllers", "integration", "every", "end"]
+    sim.step(0)
+    assert not seen
+    sim.step(3)
+    assert [name for name, _ in seen] == ["begin", "every", "every", "every", "end"] and seen[0][1] == 0 and seen[-1][1] == 3
+    sim.pipeline.replace("end", lambda data: seen.append(("other", 0)))
+    sim.pipeline.remove("every")
+    sim.pipeline.remove("begin")
+    seen.clear()
+    sim.step(4)
+    assert seen == [("other", 0)] and sim.pipeline.names == ["controllers", "integration", "end"]
+    for stage, message in [(propwash.RestOnGround(0.1), "expected a function"), (3, "expected a function"), (propwash.effect(lambda s: s.force.__iadd__(1.0) and None), "belongs to a vehicle")]:
+        with pytest.raises(TypeError, match=message):
+            sim.pipeline.append("odd", stage, per="call")
+    for name in ("end", "controllers"):
+        with pytest.raises(ValueError, match="expected a name that no stage has"):
+            sim.pipeline.append(name, print, per="call")
+    with pytest.raises(ValueError, match='expected "step" or "call", got "hour"|got \'hour\''):
+        sim.pipeline.append("odd", print, per="hour")
+    sim.pipeline.replace("end", lambda data: 3)
+    with pytest.raises(TypeError, match="stage 'end': expected None, got int"):
+        sim.step(1)
+
+
 def test_what_a_stage_raises_is_raised_by_step():
     sim = propwash.Sim(2)
     later = []

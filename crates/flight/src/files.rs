@@ -1,12 +1,12 @@
 //! Files: read within limits, written whole or not at all, and replacing no other unasked.
 
 use sha2::{Digest, Sha256};
+use std::cell::Cell;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Error, ErrorKind, Result};
-use std::cell::Cell;
 use std::panic::{self, AssertUnwindSafe, catch_unwind};
-use std::sync::Once;
 use std::path::{Path, PathBuf};
+use std::sync::Once;
 
 /// How the name of a file begins that is not whole yet.
 pub const PARTIAL: &str = ".partial_";

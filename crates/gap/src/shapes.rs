@@ -52,9 +52,6 @@ impl Model {
             let formula = Formula {
                 name: (*name).into(),
                 force_body_n: programs.try_into().ok(),
-                force_world_n: None,
-                torque_body_n_m: None,
-                thrust_factor: None,
                 parameters: freedoms
                     .iter()
                     .map(|f| propwash_physics::effects::expression::Declared {
@@ -62,6 +59,7 @@ impl Model {
                         bounds: Bounds::from(f64::NEG_INFINITY),
                     })
                     .collect(),
+                ..Formula::default()
             };
             let params = Params { formula: intern(formula), ..Params::default() };
             self.drone.effects.push(AnyEffect::Expression(params));

@@ -283,7 +283,9 @@ impl<S: Real> Drone<S> {
             if battery_v.is_some() {
                 return battery_v;
             }
-            effect.command(&view, dt_s.0, command, mine);
+            if !effect.controls() {
+                effect.command(&view, dt_s.0, command, mine);
+            }
             rest = others;
         }
         None
@@ -462,6 +464,38 @@ impl<S: Real> Drone<S> {
         }
     }
 
+    /// Whether an effect takes the place of the on-board controller ([`Effect::controls`]).
+    pub fn controls_itself(&self) -> bool {
+        self.effects.iter().any(Effect::controls)
+    }
+
+    /// The command of the effect that takes the place of the on-board controller, if there is one, once per step of `dt_s` seconds; `memory` has
+    /// [`Drone::memory_len`] numbers. It sees the wind of the surroundings without what effects add, and the vehicle as filed.
+    pub fn own_command(
+        &self,
+        state: &State<S>,
+        surroundings: &Surroundings<S>,
+        dt_s: (S, f64),
+        memory: &mut [S],
+    ) -> Option<Command<S>> {
+        let mut rest = memory;
+        for effect in &self.effects {
+            let (mine, others) = rest.split_at_mut(effect.memory_len(dt_s.1));
+            if effect.controls() {
+                let (body, airframe, zero) = (&self.body, &self.airframe, S::zero());
+                let mut command = match self.dynamics {
+                    Dynamics::Rotors => Command::Rotors([zero; MAX_ROTORS]),
+                    Dynamics::AttitudeResponse(_) => Command::Attitude([zero; 4]),
+                };
+                let view = View { body, airframe, state, surroundings, collective_n: None, memory: &[] };
+                effect.command(&view, dt_s.0, &mut command, mine);
+                return Some(command);
+            }
+            rest = others;
+        }
+        None
+    }
+
     /// Lets every effect change the command, and then add to the surroundings, once per step of `dt_s` seconds; `memory`
     /// has [`Drone::memory_len`] numbers.
     #[inline(always)]
@@ -504,7 +538,10 @@ impl<S: Real> Drone<S> {
             // Most vehicles remember nothing.
             let own = if rest.is_empty() { 0 } else { effect.memory_len(dt_s.1) };
             let (mine, others) = rest.split_at_mut(own);
-            effect.command(&view, dt_s.0, command, mine);
+            // A controller has run already.
+            if !effect.controls() {
+                effect.command(&view, dt_s.0, command, mine);
+            }
             rest = others;
         }
         self.recall(memory, dt_s.1, surroundings);

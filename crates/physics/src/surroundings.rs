@@ -71,6 +71,8 @@ impl Reads {
     pub const NEIGHBOURS: Self = Self { neighbours: true, ..Self::NOTHING };
     /// Reads the wind alone.
     pub const WIND: Self = Self { wind: true, ..Self::NOTHING };
+    /// Reads random numbers alone.
+    pub const NOISE: Self = Self { noise: true, ..Self::NOTHING };
 
     /// What one of two reads.
     pub fn or(self, other: Self) -> Self {
@@ -107,8 +109,10 @@ pub struct Surroundings<'a, S> {
     pub neighbours: &'a [Neighbour<S>],
     /// The load on the vehicle's cable; what the caller fills in goes before what an effect computes.
     pub load: Load<S>,
-    /// Standard normal numbers of this step, where an effect reads them ([`Reads::noise`]).
-    pub normals: [S; 3],
+    /// What the vehicle is commanded, in the numbers and units of its control mode; empty where that is not known.
+    pub command: &'a [S],
+    /// Standard normal numbers of this step, where an effect reads them ([`Reads::noise`]): three for turbulence, three for expressions.
+    pub normals: [S; 6],
     /// What the vehicle's effects remember.
     pub memory: Remembered<'a, S>,
 }
@@ -140,7 +144,8 @@ impl<S: Real> Surroundings<'_, S> {
             battery_v: zero,
             neighbours: &[],
             load: Load::absent(),
-            normals: [zero; 3],
+            command: &[],
+            normals: [zero; 6],
             memory: Remembered { numbers: &[], step_s: 0.0 },
         }
     }

@@ -28,8 +28,14 @@ pub(super) struct Plan {
 }
 
 /// Purposes of the random numbers that effects may read.
-const NORMALS: [u32; 3] =
-    [purpose("effects.normal.0"), purpose("effects.normal.1"), purpose("effects.normal.2")];
+const NORMALS: [u32; 6] = [
+    purpose("effects.normal.0"),
+    purpose("effects.normal.1"),
+    purpose("effects.normal.2"),
+    purpose("effects.normal.3"),
+    purpose("effects.normal.4"),
+    purpose("effects.normal.5"),
+];
 
 /// Names the random numbers of a world.
 #[derive(Clone, Debug)]
@@ -42,13 +48,16 @@ pub(super) struct Source {
 
 impl Source {
     /// Standard normal numbers of one drone in one step.
-    pub fn normals(&self, drone: usize, step: u64) -> [f64; 3] {
+    pub fn normals(&self, drone: usize, step: u64) -> [f64; 6] {
+        core::array::from_fn(|i| self.normal(drone, step, i))
+    }
+
+    /// Number `i` of them.
+    pub fn normal(&self, drone: usize, step: u64, i: usize) -> f64 {
         let (seed, world) = self.origin;
-        core::array::from_fn(|i| {
-            // Episodes count from the top bits down, so that steps of two episodes never share a number.
-            let step = self.episodes.rotate_left(40) ^ step;
-            Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
-        })
+        // Episodes count from the top bits down, so that steps of two episodes never share a number.
+        let step = self.episodes.rotate_left(40) ^ step;
+        Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
     }
 }
 
@@ -59,6 +68,9 @@ pub(super) enum Phase {
     Integration,
     Both,
 }
+
+/// Time (s), standard normal random numbers and the other drones, in one step.
+pub(super) type Around<'a, S> = (S, [S; 6], &'a [Neighbour<S>]);
 
 /// One drone slot of a block.
 #[derive(Clone, Debug)]
@@ -114,16 +126,31 @@ impl<S: Real> Slot<S> {
         }
     }
 
-    /// The on-board controllers, as far as they tick in this step.
+    /// The on-board controllers, as far as they tick in this step, or the effect that takes their place, which runs in every step.
     pub fn control(
         &mut self,
         drone: &Drone<S>,
-        mode: ControlMode,
-        due: Due,
-        periods: &mellinger::Periods<S>,
+        (mode, due, periods): (ControlMode, Due, &mellinger::Periods<S>),
+        dt_s: (S, f64),
+        around: Around<S>,
     ) {
         let gravity = drone.body.gravity_m_s2;
         let controller = &drone.controller;
+        if drone.controls_itself() {
+            let told = self.command;
+            let surroundings = self.surroundings(&told, around);
+            match drone.own_command(&self.state, &surroundings, dt_s, &mut self.effect_memory) {
+                Some(Command::Rotors(speeds)) => {
+                    self.rotor_command = speeds;
+                    mellinger::limit_rotor_vel(controller, &mut self.rotor_command);
+                }
+                Some(Command::Attitude([roll, pitch, yaw, thrust])) => {
+                    self.attitude_command = [roll, pitch, yaw, mellinger::limit_thrust(controller, thrust)];
+                }
+                None => {}
+            }
+            return;
+        }
         mellinger::run(controller, gravity, mode, due, periods, &self.state, &self.command, &mut self.memory);
         self.rotor_command = self.memory.rotor_cmd;
         // What the mixer stage commands in this step is within these limits.
@@ -134,12 +161,11 @@ impl<S: Real> Slot<S> {
         self.attitude_command[3] = mellinger::limit_thrust(controller, self.attitude_command[3]);
     }
 
-    /// Surroundings in this step.
+    /// Surroundings in this step, under these commands.
     pub(super) fn surroundings<'a>(
         &self,
-        time_s: S,
-        normals: [S; 3],
-        neighbours: &'a [Neighbour<S>],
+        command: &'a [S],
+        (time_s, normals, neighbours): Around<'a, S>,
     ) -> Surroundings<'a, S> {
         Surroundings {
             time_s,
@@ -152,6 +178,7 @@ impl<S: Real> Slot<S> {
             battery_v: S::zero(),
             neighbours,
             load: Load::absent(),
+            command,
             normals,
             memory: Remembered { numbers: &[], step_s: 0.0 },
         }
@@ -171,10 +198,11 @@ impl<S: Real> Slot<S> {
         drone: &Drone<S>,
         integrator: Integrator,
         dt_s: (S, f64),
-        (time_s, normals, neighbours): (S, [S; 3], &[Neighbour<S>]),
+        around: Around<S>,
     ) -> State<S> {
         let mut command = self.command(drone);
-        let mut surroundings = self.surroundings(time_s, normals, neighbours);
+        let told = self.command;
+        let mut surroundings = self.surroundings(&told, around);
         drone.transmit(&self.state, &mut surroundings, dt_s, &mut command, &mut self.effect_memory);
         surroundings.memory = Remembered { numbers: &self.effect_memory, step_s: dt_s.1 };
         integrator.step(&self.state, dt_s.0, |s| {
@@ -227,10 +255,14 @@ impl Block {
 
     /// The on-board controllers, as far as they tick in this step.
     fn control(&mut self, plan: &Plan, drones: &[&Drone<f64>]) {
-        for (d, slot) in self.slots.iter_mut().enumerate() {
-            let rates = &plan.rates[d];
-            let due = rates.due(plan.mode, self.step, plan.sim_hz);
-            slot.control(drones[d], plan.mode, due, &plan.periods[d]);
+        let dt = 1.0 / f64::from(plan.sim_hz);
+        for d in 0..self.slots.len() {
+            let due = plan.rates[d].due(plan.mode, self.step, plan.sim_hz);
+            // Nobody moves before all have been controlled, so that it does not matter in which order.
+            self.fill_neighbours(plan, drones, d);
+            let (time_s, normals) = (self.time_s(plan), self.normals(plan, d));
+            let around = (time_s, normals, &self.neighbours[..]);
+            self.slots[d].control(drones[d], (plan.mode, due, &plan.periods[d]), (dt, dt), around);
         }
     }
 
@@ -256,13 +288,14 @@ impl Block {
         self.step as f64 / f64::from(plan.sim_hz)
     }
 
-    fn normals(&self, plan: &Plan, d: usize) -> [f64; 3] {
-        if plan.reads_noise[d] { self.source.normals(d, self.step) } else { [0.0; 3] }
+    fn normals(&self, plan: &Plan, d: usize) -> [f64; 6] {
+        if plan.reads_noise[d] { self.source.normals(d, self.step) } else { [0.0; 6] }
     }
 
     /// Surroundings of slot `d` in this step; `neighbours` must be filled.
     fn surroundings<'a>(&'a self, plan: &Plan, d: usize) -> Surroundings<'a, f64> {
-        self.slots[d].surroundings(self.time_s(plan), self.normals(plan, d), &self.neighbours)
+        let around = (self.time_s(plan), self.normals(plan, d), &self.neighbours[..]);
+        self.slots[d].surroundings(&self.slots[d].command, around)
     }
 
     /// The same with what effects remember of the last step: gusts, a load on a cable.

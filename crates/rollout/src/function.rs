@@ -152,6 +152,9 @@ fn surroundings() -> Vec<(String, f64)> {
         "normal_0",
         "normal_1",
         "normal_2",
+        "normal_3",
+        "normal_4",
+        "normal_5",
     ]);
     (out[9].1, out[10].1) = (-NO_GROUND_M, NO_CEILING_M);
     out
@@ -293,7 +296,7 @@ impl Maker<'_> {
     }
 
     /// The controllers, all of which tick.
-    fn control(&self, slot: &mut Slot<Sym>, drone: &Drone<Sym>) {
+    fn control(&self, slot: &mut Slot<Sym>, drone: &Drone<Sym>, all: &[Sym]) {
         let due = Due { state: true, attitude: true, force_torque: true };
         let p = periods(&self.rates);
         let periods = mellinger::Periods {
@@ -301,7 +304,10 @@ impl Maker<'_> {
             attitude: Sym::lit(p.attitude),
             body_rate: Sym::lit(p.body_rate),
         };
-        slot.control(drone, self.asked.control, super::traced::relevant(self.asked.control, due), &periods);
+        let due = super::traced::relevant(self.asked.control, due);
+        let dt = 1.0 / f64::from(self.asked.sim_hz);
+        let (time_s, normals) = self.course(all);
+        slot.control(drone, (self.asked.control, due, &periods), (Sym::lit(dt), dt), (time_s, normals, &[]));
     }
 
     fn rate(&self, all: &[Sym]) -> Vec<Sym> {
@@ -314,7 +320,7 @@ impl Maker<'_> {
         };
         let effects = std::mem::take(&mut slot.effect_memory);
         let (time_s, normals) = self.course(all);
-        let mut surroundings = slot.surroundings(time_s, normals, &[]);
+        let mut surroundings = slot.surroundings(&slot.command, (time_s, normals, &[]));
         let dt = 1.0 / f64::from(self.asked.sim_hz);
         surroundings.memory = Remembered { numbers: &effects, step_s: dt };
         drone.recall(&effects, dt, &mut surroundings);
@@ -331,14 +337,14 @@ impl Maker<'_> {
     }
 
     /// Time and normal random numbers.
-    fn course(&self, all: &[Sym]) -> (Sym, [Sym; 3]) {
+    fn course(&self, all: &[Sym]) -> (Sym, [Sym; 6]) {
         let w = self.around(all);
         (w[11], core::array::from_fn(|i| w[12 + i]))
     }
 
     fn step(&self, all: &[Sym]) -> (Vec<Sym>, Vec<Sym>) {
         let (drone, mut slot) = (self.vehicle(all), self.slot(all));
-        self.control(&mut slot, &drone);
+        self.control(&mut slot, &drone, all);
         let (time_s, normals) = self.course(all);
         let dt = 1.0 / f64::from(self.asked.sim_hz);
         slot.state = slot.moved(&drone, self.asked.integrator, (Sym::lit(dt), dt), (time_s, normals, &[]));
@@ -347,7 +353,7 @@ impl Maker<'_> {
 
     fn controller(&self, all: &[Sym]) -> (Vec<Sym>, Vec<Sym>) {
         let (drone, mut slot) = (self.vehicle(all), self.slot(all));
-        self.control(&mut slot, &drone);
+        self.control(&mut slot, &drone, all);
         let told = match self.is_rotors() {
             true => slot.rotor_command[..self.rotors()].to_vec(),
             false => slot.attitude_command.to_vec(),

@@ -42,7 +42,7 @@ pub(super) mod place {
     pub const TIME: u32 = CEILING + 1;
     pub const NORMALS: u32 = TIME + 1;
     /// Of the effects.
-    pub const EFFECTS: u32 = NORMALS + 3;
+    pub const EFFECTS: u32 = NORMALS + 6;
     /// Numbers of one neighbour: position, velocity, weight, radius.
     pub const NEIGHBOUR: u32 = 8;
 }
@@ -210,13 +210,13 @@ pub(super) fn graph(
         let mut slot = slot(x, effects);
         let neighbours: Vec<Neighbour<Sym>> =
             (0..shape.neighbours).map(|j| neighbour(x, first_neighbour, j)).collect();
+        let normals = core::array::from_fn(|i| at(place::NORMALS, i));
+        let around = (at(place::TIME, 0), normals, &neighbours[..]);
         if controls {
             let periods = mellinger::Periods { state: state_s, attitude: attitude_s, body_rate: body_rate_s };
-            slot.control(&drone, shape.mode, shape.due, &periods);
+            slot.control(&drone, (shape.mode, shape.due, &periods), (dt_s, dt), around);
         }
         if moves {
-            let normals = core::array::from_fn(|i| at(place::NORMALS, i));
-            let around = (at(place::TIME, 0), normals, &neighbours[..]);
             slot.state = slot.moved(&drone, shape.integrator, (dt_s, dt), around);
         }
         let mut out = Vec::new();
@@ -368,8 +368,9 @@ mod tests {
         let dt = 1.0 / f64::from(shape.sim_hz);
         let mut slot = slot(home, 0);
         for _ in 0..steps {
-            slot.control(drone, shape.mode, shape.due, &periods(rates));
-            slot.state = slot.moved(drone, shape.integrator, (dt, dt), (0.0, [0.0; 3], &[]));
+            let around = (0.0, [0.0; 6], &[][..]);
+            slot.control(drone, (shape.mode, shape.due, &periods(rates)), (dt, dt), around);
+            slot.state = slot.moved(drone, shape.integrator, (dt, dt), around);
         }
         let mut out = home.to_vec();
         let s = &slot.state;

@@ -43,6 +43,28 @@ pub enum Op {
     Min,
     /// The larger of a and b.
     Max,
+    /// Tangent of an angle in radians.
+    Tan,
+    /// Angle in radians whose sine is a, which lies between −1 and 1.
+    Asin,
+    /// Angle in radians whose cosine is a, which lies between −1 and 1.
+    Acos,
+    /// Angle in radians of the point (b, a), in (−π, π].
+    Atan2,
+    /// Largest integer not above a.
+    Floor,
+    /// −1, 0 or 1.
+    Sign,
+    /// 1 where a < b, else 0.
+    Less,
+    /// 1 where a ≤ b, else 0.
+    LessEqual,
+    /// 1 where a > b, else 0.
+    Greater,
+    /// 1 where a ≥ b, else 0.
+    GreaterEqual,
+    /// b where a is not 0, else c; both are computed.
+    Where,
 }
 
 impl Op {
@@ -51,8 +73,11 @@ impl Op {
         match self {
             Self::Literal(_) | Self::Input(_) => 0,
             Self::Negate | Self::Power(_) | Self::Abs | Self::Sqrt => 1,
-            Self::Exp | Self::Sin | Self::Cos | Self::Tanh => 1,
+            Self::Exp | Self::Sin | Self::Cos | Self::Tanh | Self::Tan => 1,
+            Self::Asin | Self::Acos | Self::Floor | Self::Sign => 1,
             Self::Add | Self::Subtract | Self::Multiply | Self::Divide | Self::Min | Self::Max => 2,
+            Self::Atan2 | Self::Less | Self::LessEqual | Self::Greater | Self::GreaterEqual => 2,
+            Self::Where => 3,
         }
     }
 }
@@ -102,10 +127,22 @@ impl Program {
     /// Evaluates the program; `input` gives the inputs.
     pub fn eval<S: Real>(&self, input: impl Fn(u16) -> S) -> S {
         let mut stack = [S::zero(); MAX_DEPTH];
+        // Where a number is 1 or 0 by a comparison, the comparison itself, so that a choice need not compare again.
+        let mut masks: [Option<S::Mask>; MAX_DEPTH] = [None; MAX_DEPTH];
         let mut top = 0;
         for op in &self.ops {
             let first = top - op.takes();
-            let (a, b) = (stack[first.min(MAX_DEPTH - 1)], stack[(first + 1).min(MAX_DEPTH - 1)]);
+            let [a, b, c] = core::array::from_fn(|i| stack[(first + i).min(MAX_DEPTH - 1)]);
+            let two = (masks[first.min(MAX_DEPTH - 1)], masks[(first + 1).min(MAX_DEPTH - 1)]);
+            let mask = match (*op, two) {
+                (Op::Less, _) => Some(a.lt(b)),
+                (Op::LessEqual, _) => Some(a.le(b)),
+                (Op::Greater, _) => Some(b.lt(a)),
+                (Op::GreaterEqual, _) => Some(b.le(a)),
+                (Op::Min, (Some(x), Some(y))) => Some(x & y),
+                (Op::Max, (Some(x), Some(y))) => Some(x | y),
+                _ => None,
+            };
             stack[first] = match *op {
                 Op::Literal(v) => S::lit(v),
                 Op::Input(i) => input(i),
@@ -123,11 +160,40 @@ impl Program {
                 Op::Tanh => tanh(a),
                 Op::Min => a.min(b),
                 Op::Max => a.max(b),
+                Op::Tan => {
+                    let (sin, cos) = a.sin_cos();
+                    sin / cos
+                }
+                Op::Asin => a.atan2(beside(a)),
+                Op::Acos => beside(a).atan2(a),
+                Op::Atan2 => a.atan2(b),
+                Op::Floor => a.floor(),
+                Op::Sign => sign(a),
+                Op::Less | Op::LessEqual | Op::Greater | Op::GreaterEqual => {
+                    mask.map_or(S::zero(), |mask| S::select(mask, S::one(), S::zero()))
+                }
+                Op::Where => match two.0 {
+                    Some(mask) => S::select(mask, b, c),
+                    None => S::select(a.le(S::zero()) & S::zero().le(a), c, b),
+                },
             };
+            masks[first] = mask;
             top = first + 1;
         }
         stack[0]
     }
+}
+
+/// The cosine of an angle between −π/2 and π/2 with this sine, √(1 − a²).
+fn beside<S: Real>(a: S) -> S {
+    // By factors: 1 − a² loses digits near ±1.
+    ((S::one() - a) * (S::one() + a)).sqrt()
+}
+
+/// −1, 0 or 1.
+fn sign<S: Real>(a: S) -> S {
+    let zero = S::zero();
+    S::select(zero.lt(a), S::one(), S::select(a.lt(zero), -S::one(), zero))
 }
 
 /// `a` to the power of `n`, by repeated multiplication.
@@ -186,6 +252,47 @@ mod tests {
             assert!((dual.value - x.tanh()).abs() < 1e-15, "{x}");
             assert!((dual.partials[0] - (1.0 - x.tanh().powi(2))).abs() < 1e-14, "{x}");
         }
+    }
+
+    #[test]
+    fn angles_choices_and_comparisons_are_those_of_the_standard_library() {
+        let unary = |op: Op, x: f64| Program::new(vec![Op::Input(0), op]).unwrap().eval(|_| x);
+        for x in [-1.0f64, -0.999_999_9, -0.3, 0.0, 0.5, 0.97, 1.0] {
+            assert!((unary(Op::Asin, x) - x.asin()).abs() < 1e-14, "asin {x}");
+            assert!((unary(Op::Acos, x) - x.acos()).abs() < 1e-14, "acos {x}");
+            assert!((unary(Op::Tan, x) - x.tan()).abs() < 1e-14, "tan {x}");
+        }
+        for (x, down, sign) in [(-1.5, -2.0, -1.0), (0.0, 0.0, 0.0), (2.5, 2.0, 1.0)] {
+            assert_eq!((unary(Op::Floor, x), unary(Op::Sign, x)), (down, sign));
+        }
+        let of = |op: Op, list: &[f64]| {
+            let mut ops: Vec<Op> = (0..list.len() as u16).map(Op::Input).collect();
+            ops.push(op);
+            Program::new(ops).unwrap().eval(|i| list[usize::from(i)])
+        };
+        assert_eq!(of(Op::Atan2, &[1.0, -1.0]), 1f64.atan2(-1.0));
+        assert_eq!(
+            [of(Op::Less, &[1.0, 2.0]), of(Op::Less, &[2.0, 2.0]), of(Op::Less, &[3.0, 2.0])],
+            [1.0, 0.0, 0.0]
+        );
+        assert_eq!([of(Op::LessEqual, &[2.0, 2.0]), of(Op::LessEqual, &[3.0, 2.0])], [1.0, 0.0]);
+        assert_eq!(
+            [of(Op::Greater, &[3.0, 2.0]), of(Op::Greater, &[2.0, 2.0]), of(Op::GreaterEqual, &[2.0, 2.0])],
+            [1.0, 0.0, 1.0]
+        );
+        assert_eq!([of(Op::Where, &[0.0, 2.0, 3.0]), of(Op::Where, &[-0.5, 2.0, 3.0])], [3.0, 2.0]);
+        // A slope goes through the side that is taken.
+        let program = Program::new(vec![
+            Op::Input(0),
+            Op::Literal(1.0),
+            Op::Less,
+            Op::Input(0),
+            Op::Power(2),
+            Op::Literal(5.0),
+            Op::Where,
+        ]);
+        let slope = |x: f64| program.as_ref().unwrap().eval(|_| Dual::<f64, 1>::input(x, 0)).partials[0];
+        assert_eq!([slope(0.5), slope(2.0)], [1.0, 0.0]);
     }
 
     #[test]

@@ -77,7 +77,7 @@ impl Check<'_> {
             ));
         };
         if entry.kind == expression::KIND {
-            return self.expression(key, entry);
+            return self.formula(key, entry);
         }
         if entry.kind == network::KIND {
             return self.network(key, entry);

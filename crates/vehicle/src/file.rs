@@ -157,7 +157,7 @@ fn scientific(value: &str) -> String {
 
 /// Checks a file and converts it.
 pub(super) fn contents(file: &str, v: &VehicleFile) -> Result<Contents, VehicleError> {
-    let check = Check { file };
+    let check = Check { file, n_rotors: Some(v.rotor.len()) };
     let mut warnings = Vec::new();
     let whole = toml::Value::try_from(v).map_err(|e| {
         VehicleError::value(
@@ -213,16 +213,23 @@ type Form<'a, const N: usize> = (&'a str, &'a dyn Fn(&Rotor) -> Option<[f64; N]>
 /// Checks of one file.
 pub(super) struct Check<'a> {
     file: &'a str,
+    /// Number of rotors of the vehicle, where it is known.
+    n_rotors: Option<usize>,
 }
 
 impl<'a> Check<'a> {
     /// Checks of the file that messages call `file`.
     pub(super) fn of(file: &'a str) -> Self {
-        Self { file }
+        Self { file, n_rotors: None }
     }
 }
 
 impl Check<'_> {
+    /// Number of rotors of the vehicle, where it is known.
+    pub(super) fn rotors(&self) -> Option<usize> {
+        self.n_rotors
+    }
+
     /// An error in this file.
     pub(super) fn wrong(
         &self,

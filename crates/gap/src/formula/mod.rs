@@ -24,7 +24,7 @@ use crate::watch::Watch;
 use grammar::Shape;
 use propwash_physics::airframe;
 use propwash_physics::effects::candidate::{Bounds, Freedom};
-use propwash_physics::effects::expression::{Declared, Formula as Programs, Params, VARIABLES};
+use propwash_physics::effects::expression::{Declared, Formula as Programs, Params, SEEN, VARIABLES};
 use propwash_physics::effects::{AnyEffect, Area, Candidate};
 use propwash_trace::math::{euler, quat};
 use propwash_vehicle::Vehicle;
@@ -158,7 +158,7 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
     let body = &model.drone.body;
     let values = |log: usize, (tick, here): (usize, Measured)| {
         let (body_vel, angles) = (quat::rotate_inverse(here.quat, here.vel), euler::from_quat(here.quat));
-        let mut now = [0.0; VARIABLES.len()];
+        let mut now = [0.0; SEEN];
         for k in 0..3 {
             now[vel[k]] = here.vel[k];
             now[vel_body[k]] = body_vel[k];
@@ -272,10 +272,9 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
     let formula = Programs {
         name: name.into(),
         force_body_n: force,
-        force_world_n: None,
         torque_body_n_m: torque,
-        thrust_factor: None,
         parameters: vec![Declared { freedom: freedom.clone(), bounds }, Declared { freedom: fixed, bounds }],
+        ..Programs::default()
     };
     let mut params = Params { formula: intern(formula), ..Params::default() };
     params.value[1] = scale;

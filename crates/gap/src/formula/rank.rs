@@ -2,7 +2,7 @@
 
 use super::grammar::{Shape, shapes};
 use crate::policy::{FORMULA_SAME, FORMULA_SHARE};
-use propwash_physics::effects::expression::{Program, VARIABLES};
+use propwash_physics::effects::expression::{Program, SEEN};
 use propwash_vehicle::expression::parse;
 use rayon::prelude::*;
 
@@ -13,7 +13,7 @@ pub(super) struct Lack {
     /// Force along body axes, N, then torque, N·m.
     pub wrench: [f64; 6],
     /// Values of the variables of expressions at each time.
-    pub at: Vec<[f64; VARIABLES.len()]>,
+    pub at: Vec<[f64; SEEN]>,
 }
 
 /// A formula with values.
@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     fn variable(name: &str) -> usize {
-        VARIABLES.iter().position(|v| v.name == name).unwrap()
+        propwash_physics::effects::expression::VARIABLES.iter().position(|v| v.name == name).unwrap()
     }
 
     /// A pseudo-random number in [−1, 1).
@@ -229,12 +229,12 @@ mod tests {
         (z >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
-    fn flight(wrench: impl Fn(&[f64; VARIABLES.len()], usize) -> [f64; 6]) -> Vec<Lack> {
+    fn flight(wrench: impl Fn(&[f64; SEEN], usize) -> [f64; 6]) -> Vec<Lack> {
         let names = ["vx_body", "vy_body", "vz_body", "wx", "wy", "wz", "roll", "pitch", "z"];
         let rates = [0.71, 1.13, 0.43, 1.31, 1.77, 0.93, 0.83, 1.21, 0.33];
         (0..240)
             .map(|i| {
-                let mut now = [0.0; VARIABLES.len()];
+                let mut now = [0.0; SEEN];
                 for (name, rate) in names.iter().zip(rates) {
                     now[variable(name)] = 1.5 * (rate * 0.25 * i as f64 + rate).sin();
                 }

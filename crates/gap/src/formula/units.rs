@@ -110,6 +110,20 @@ pub(crate) fn unit_of_coefficient(program: &Program, of: &str) -> Result<String,
                 let (b, a) = (pop(), pop());
                 same(a, b, near)?
             }
+            Op::Less | Op::LessEqual | Op::Greater | Op::GreaterEqual | Op::Atan2 => {
+                let (b, a) = (pop(), pop());
+                same(a, b, near)?;
+                Unit { bare: false, ..bare }
+            }
+            Op::Where => {
+                let (b, a) = (pop(), pop());
+                pop();
+                same(a, b, near)?
+            }
+            Op::Sign => {
+                pop();
+                Unit { bare: false, ..bare }
+            }
             Op::Multiply | Op::Divide => {
                 let (b, a) = (pop(), pop());
                 let side = if matches!(op, Op::Multiply) { 1 } else { -1 };
@@ -132,11 +146,15 @@ pub(crate) fn unit_of_coefficient(program: &Program, of: &str) -> Result<String,
                 }
                 Unit { powers: a.powers.map(|p| p / 2), coefficient: a.coefficient / 2, ..a }
             }
-            Op::Sin | Op::Cos | Op::Exp | Op::Tanh => {
+            Op::Sin | Op::Cos | Op::Tan | Op::Asin | Op::Acos | Op::Exp | Op::Tanh | Op::Floor => {
                 let a = pop();
                 if a.powers != RATIO || a.coefficient != 0 {
                     let found = if a.coefficient != 0 { "k".into() } else { words(a.powers) };
-                    return Err(fault("an angle or a ratio in sin, cos, exp and tanh", found, near));
+                    return Err(fault(
+                        "an angle or a ratio in sin, cos, tan, asin, acos, exp, tanh and floor",
+                        found,
+                        near,
+                    ));
                 }
                 a
             }

@@ -105,6 +105,8 @@ impl<'a, S: Plain> Commanded<'a, S> {
             }
             None => true,
         });
+        // The log says what was commanded, whoever did.
+        drone.effects.retain(|e| !e.controls());
         // Taken out of throttles once, a battery would slow the motors again.
         drone.effects.retain(|e| !(raw.battery_in_commands && e.nature().is_battery));
         let parts = drone.parts();

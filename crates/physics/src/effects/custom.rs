@@ -296,6 +296,9 @@ impl<S: Real> Effect<S> for Params<S> {
     fn battery_v(&self, view: &View<S>, command: &Command<S>, memory: &[S]) -> Option<S> {
         self.act(|e| e.battery_v(view, command, memory))
     }
+    fn controls(&self) -> bool {
+        self.act(|e| e.controls())
+    }
     fn delay_s(&self) -> Option<S> {
         self.act(|e| e.delay_s())
     }

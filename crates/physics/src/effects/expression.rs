@@ -1,8 +1,9 @@
-//! A user's own effect, written as expressions in the vehicle file: forces, a torque, a factor on the thrust.
+//! A user's own effect, written as expressions in the vehicle file: forces, a torque, a factor on the thrust, commands, with numbers that it
+//! remembers. One that commands in place of the on-board controller is a controller of one's own.
 //!
 //! The text is read by `vehicle::expression`; here stand the variables that it may use and what its values do.
 
-use super::{Effect, View};
+use super::{Command, Effect, Nature, View};
 use crate::airframe;
 use crate::drone::Drone;
 use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
@@ -19,6 +20,84 @@ const NO_NEIGHBOUR_M: f64 = 1e6;
 /// Most parameters of one expression effect.
 pub const MAX_PARAMETERS: usize = 8;
 
+/// Most numbers that one expression effect remembers.
+pub const MAX_MEMORY: usize = 32;
+
+/// Most values that one expression effect names.
+pub const MAX_LETS: usize = 256;
+
+/// What an expression may read beside constants; an operation holds its [index](Input::index).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// Place in [`VARIABLES`].
+    Variable(usize),
+    /// Place among the effect's parameters.
+    Parameter(usize),
+    /// Place among the numbers that it remembers.
+    Memory(usize),
+    /// Place among the values that it names.
+    Let(usize),
+}
+
+impl Input {
+    /// The number by which programs read it.
+    pub fn index(self) -> u16 {
+        let at = match self {
+            Self::Variable(i) => i,
+            Self::Parameter(i) => VARIABLES.len() + i,
+            Self::Memory(i) => VARIABLES.len() + MAX_PARAMETERS + i,
+            Self::Let(i) => VARIABLES.len() + MAX_PARAMETERS + MAX_MEMORY + i,
+        };
+        at as u16
+    }
+
+    /// What this number reads.
+    pub fn of(index: u16) -> Self {
+        let i = usize::from(index);
+        let Some(i) = i.checked_sub(VARIABLES.len()) else { return Self::Variable(i) };
+        let Some(i) = i.checked_sub(MAX_PARAMETERS) else { return Self::Parameter(i) };
+        i.checked_sub(MAX_MEMORY).map_or(Self::Memory(i), Self::Let)
+    }
+}
+
+/// Where a variable has a value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Known {
+    /// In every expression.
+    Always,
+    /// In what is computed once a step: memory and commands.
+    OnceAStep,
+}
+
+/// What an effect sees while it computes: once a step with a command, or within the forces without.
+struct Sight<'a, S> {
+    view: &'a View<'a, S>,
+    /// What goes to the motors, in a step.
+    command: Option<&'a Command<S>>,
+    dt_s: S,
+    memory: &'a [S],
+}
+
+impl<S: Real> Sight<'_, S> {
+    fn told(&self, i: usize) -> S {
+        self.view.surroundings.command.get(i).copied().unwrap_or(S::zero())
+    }
+
+    fn rotor_command(&self, i: usize) -> S {
+        match self.command {
+            Some(Command::Rotors(speeds)) => speeds[i],
+            _ => S::zero(),
+        }
+    }
+
+    fn attitude_command(&self, i: usize) -> S {
+        match self.command {
+            Some(Command::Attitude(numbers)) => numbers[i],
+            _ => S::zero(),
+        }
+    }
+}
+
 /// A quantity that expressions may read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variable {
@@ -31,11 +110,14 @@ pub struct Variable {
 }
 
 macro_rules! variables {
-    ($view:ident; $($name:ident $unit:literal $meaning:literal => $value:expr;)*) => {
-        /// All variables; an input of a program is an index into this list, or, from its length on, a parameter.
+    ($sight:ident, $view:ident; $($name:ident $unit:literal $meaning:literal => $value:expr;)*) => {
+        /// All variables; see [`Input`] for what else programs read.
         pub const VARIABLES: &[Variable] = &[
             $(Variable { name: stringify!($name), unit: $unit, meaning: $meaning },)*
         ];
+
+        /// How many of them are what a flight shows, the first ones: all but random numbers and commands.
+        pub const SEEN: usize = Index::gravity as usize + 1;
 
         /// Order of the variables.
         #[allow(non_camel_case_types)]
@@ -43,8 +125,9 @@ macro_rules! variables {
 
         /// Value of variable number `index`.
         #[inline]
-        fn read<S: Real>(index: u16, $view: &View<S>) -> S {
-            $(const $name: u16 = Index::$name as u16;)*
+        fn read<S: Real>(index: usize, $sight: &Sight<S>) -> S {
+            $(const $name: usize = Index::$name as usize;)*
+            let $view = $sight.view;
             match index {
                 $($name => $value,)*
                 _ => S::zero(),
@@ -57,7 +140,7 @@ mod list {
     #![allow(non_upper_case_globals)]
     use super::*;
 
-    variables! { view;
+    variables! { sight, view;
         pi "1" "the number π" => S::lit(core::f64::consts::PI);
         t "s" "time since the reset, or since the start of the log" => view.surroundings.time_s;
         x "m" "position, world" => view.state.pos[0];
@@ -98,19 +181,57 @@ mod list {
         air_density "kg/m³" "density of the air" => view.surroundings.air_density_kg_m3;
         mass_kg "kg" "mass of the vehicle" => view.body.mass_kg;
         gravity "m/s²" "magnitude of gravity" => vec3::norm(view.body.gravity_m_s2);
+        dt "s" "length of a step" => sight.dt_s;
+        normal1 "1" "standard normal random number, another in every step" => view.surroundings.normals[3];
+        normal2 "1" "a second one" => view.surroundings.normals[4];
+        normal3 "1" "a third one" => view.surroundings.normals[5];
+        command1 "1" "number 1 of what the vehicle is commanded, in the units of the control mode" => sight.told(0);
+        command2 "1" "number 2 of what the vehicle is commanded, in the units of the control mode" => sight.told(1);
+        command3 "1" "number 3 of what the vehicle is commanded, in the units of the control mode" => sight.told(2);
+        command4 "1" "number 4 of what the vehicle is commanded, in the units of the control mode" => sight.told(3);
+        command5 "1" "number 5 of what the vehicle is commanded, in the units of the control mode" => sight.told(4);
+        command6 "1" "number 6 of what the vehicle is commanded, in the units of the control mode" => sight.told(5);
+        command7 "1" "number 7 of what the vehicle is commanded, in the units of the control mode" => sight.told(6);
+        command8 "1" "number 8 of what the vehicle is commanded, in the units of the control mode" => sight.told(7);
+        command9 "1" "number 9 of what the vehicle is commanded, in the units of the control mode" => sight.told(8);
+        command10 "1" "number 10 of what the vehicle is commanded, in the units of the control mode" => sight.told(9);
+        command11 "1" "number 11 of what the vehicle is commanded, in the units of the control mode" => sight.told(10);
+        command12 "1" "number 12 of what the vehicle is commanded, in the units of the control mode" => sight.told(11);
+        command13 "1" "number 13 of what the vehicle is commanded, in the units of the control mode" => sight.told(12);
+        command14 "1" "number 14 of what the vehicle is commanded, in the units of the control mode" => sight.told(13);
+        command15 "1" "number 15 of what the vehicle is commanded, in the units of the control mode" => sight.told(14);
+        command16 "1" "number 16 of what the vehicle is commanded, in the units of the control mode" => sight.told(15);
+        rotor_command1 "rad/s" "commanded speed of rotor 1, on its way to the motors" => sight.rotor_command(0);
+        rotor_command2 "rad/s" "commanded speed of rotor 2, on its way to the motors" => sight.rotor_command(1);
+        rotor_command3 "rad/s" "commanded speed of rotor 3, on its way to the motors" => sight.rotor_command(2);
+        rotor_command4 "rad/s" "commanded speed of rotor 4, on its way to the motors" => sight.rotor_command(3);
+        rotor_command5 "rad/s" "commanded speed of rotor 5, on its way to the motors" => sight.rotor_command(4);
+        rotor_command6 "rad/s" "commanded speed of rotor 6, on its way to the motors" => sight.rotor_command(5);
+        rotor_command7 "rad/s" "commanded speed of rotor 7, on its way to the motors" => sight.rotor_command(6);
+        rotor_command8 "rad/s" "commanded speed of rotor 8, on its way to the motors" => sight.rotor_command(7);
+        roll_command "rad" "commanded roll, on its way to the attitude response" => sight.attitude_command(0);
+        pitch_command "rad" "commanded pitch, on its way to the attitude response" => sight.attitude_command(1);
+        yaw_command "rad" "commanded yaw, on its way to the attitude response" => sight.attitude_command(2);
+        thrust_command "N" "commanded collective thrust, on its way to the attitude response" => sight.attitude_command(3);
     }
 
     /// [`read`], for the effect.
     #[inline]
-    pub(super) fn value<S: Real>(index: u16, view: &View<S>) -> S {
-        read(index, view)
+    pub(super) fn value<S: Real>(index: usize, sight: &Sight<S>) -> S {
+        read(index, sight)
     }
 }
-pub use list::VARIABLES;
+pub use list::{SEEN, VARIABLES};
 
-/// Value of variable number `index` of [`VARIABLES`].
+/// Value of variable number `index` of [`VARIABLES`] within forces and torques.
 pub(super) fn variable<S: Real>(index: usize, view: &View<S>) -> S {
-    list::value(index as u16, view)
+    list::value(index, &Sight { view, command: None, dt_s: S::zero(), memory: &[] })
+}
+
+/// Where the variable called `name` has a value.
+pub fn known(name: &str) -> Known {
+    let on_its_way = name.ends_with("_command") || name.starts_with("rotor_command");
+    if name == "dt" || on_its_way { Known::OnceAStep } else { Known::Always }
 }
 
 fn sum_of_speeds<S: Real>(view: &View<S>) -> S {
@@ -153,14 +274,35 @@ pub struct Declared {
     pub bounds: Bounds,
 }
 
+/// A number that an effect remembers from step to step.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Memory {
+    /// Its name in expressions.
+    pub name: String,
+    /// What it is after a reset: a constant.
+    pub start: Program,
+    /// What it is after a step, computed from what was remembered before it.
+    pub next: Program,
+}
+
+impl Memory {
+    fn begun<S: Real>(&self) -> S {
+        self.start.eval(|_| S::zero())
+    }
+}
+
 /// What an expression effect says, apart from the values of its parameters.
 ///
 /// An effect is copied with its vehicle, so it holds a formula by a reference that lives as long as the program:
 /// `vehicle::expression::intern` keeps every formula once, however often its text is read, and never frees it.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Formula {
     /// Name of the effect, given by the user.
     pub name: String,
+    /// Values with names, each of which may read those before it; at most [`MAX_LETS`].
+    pub lets: Vec<(String, Program)>,
+    /// What is remembered, at most [`MAX_MEMORY`] numbers.
+    pub memory: Vec<Memory>,
     /// Force, N, body.
     pub force_body_n: Option<[Program; 3]>,
     /// Force, N, world.
@@ -169,6 +311,12 @@ pub struct Formula {
     pub torque_body_n_m: Option<[Program; 3]>,
     /// Factor on the thrust of every rotor.
     pub thrust_factor: Option<Program>,
+    /// Rotor speeds that go on to the motors, rad/s, one for each rotor; none where they stay as they are.
+    pub rotor_command: Vec<Program>,
+    /// Roll, pitch, yaw (rad) and thrust (N) that go on to the attitude response.
+    pub attitude_command: Option<[Program; 4]>,
+    /// Whether its commands take the place of the on-board controller, which does not run then.
+    pub controls: bool,
     /// Parameters, at most [`MAX_PARAMETERS`].
     pub parameters: Vec<Declared>,
 }
@@ -176,10 +324,15 @@ pub struct Formula {
 /// A formula that says nothing.
 static NOTHING: Formula = Formula {
     name: String::new(),
+    lets: Vec::new(),
+    memory: Vec::new(),
     force_body_n: None,
     force_world_n: None,
     torque_body_n_m: None,
     thrust_factor: None,
+    rotor_command: Vec::new(),
+    attitude_command: None,
+    controls: false,
     parameters: Vec::new(),
 };
 
@@ -212,19 +365,47 @@ impl<S: Real> Parameters<S> for Params<S> {
     }
 }
 
-impl<S: Real> Params<S> {
-    #[inline]
-    fn eval(&self, program: &Program, view: &View<S>) -> S {
-        let own = VARIABLES.len();
-        program.eval(|input| match usize::from(input).checked_sub(own) {
-            Some(parameter) => self.value[parameter % MAX_PARAMETERS],
-            None => list::value(input, view),
+/// What an effect sees, with the values that it names.
+struct Scope<'a, S> {
+    of: &'a Params<S>,
+    sight: Sight<'a, S>,
+    /// Empty, and then nothing is allocated, where the formula names no values.
+    lets: Vec<S>,
+}
+
+impl<S: Real> Scope<'_, S> {
+    fn eval(&self, program: &Program) -> S {
+        program.eval(|input| match Input::of(input) {
+            Input::Variable(i) => list::value(i, &self.sight),
+            Input::Parameter(i) => self.of.value[i],
+            // As at the start where what is remembered is not known.
+            Input::Memory(i) => match self.sight.memory.get(i) {
+                Some(now) => *now,
+                None => self.of.formula.memory.get(i).map_or(S::zero(), Memory::begun),
+            },
+            Input::Let(i) => self.lets.get(i).copied().unwrap_or(S::zero()),
         })
     }
 
-    #[inline]
-    fn vector(&self, programs: &[Program; 3], view: &View<S>) -> [S; 3] {
-        core::array::from_fn(|i| self.eval(&programs[i], view))
+    fn each<const K: usize>(&self, programs: &[Program; K]) -> [S; K] {
+        core::array::from_fn(|i| self.eval(&programs[i]))
+    }
+}
+
+impl<S: Real> Params<S> {
+    fn scope<'a>(&'a self, sight: Sight<'a, S>) -> Scope<'a, S> {
+        let lets = Vec::with_capacity(self.formula.lets.len());
+        let mut scope = Scope { of: self, sight, lets };
+        for (_, program) in &self.formula.lets {
+            let value = scope.eval(program);
+            scope.lets.push(value);
+        }
+        scope
+    }
+
+    /// Within forces.
+    fn within<'a>(&'a self, view: &'a View<'a, S>) -> Scope<'a, S> {
+        self.scope(Sight { view, command: None, dt_s: S::zero(), memory: view.memory })
     }
 }
 
@@ -235,49 +416,146 @@ pub(super) fn reads_of(variable: &str) -> Reads {
         "ceiling_m" => Reads::CEILING,
         "others_m" => Reads::NEIGHBOURS,
         "wind_x" | "wind_y" | "wind_z" | "vx_body" | "vy_body" | "vz_body" => Reads::WIND,
+        "normal1" | "normal2" | "normal3" => Reads::NOISE,
         _ => Reads::NOTHING,
     }
 }
 
 impl<S: Real> Effect<S> for Params<S> {
+    fn nature(&self) -> Nature {
+        Nature { moved_by_memory: self.formula.pushes_by_memory(), ..Nature::default() }
+    }
+
     /// What the variables read that the formula uses.
     fn reads(&self) -> Reads {
-        let used = VARIABLES.iter().enumerate().filter(|(i, _)| self.formula.reads_input(*i));
+        let used =
+            VARIABLES.iter().enumerate().filter(|(i, _)| self.formula.reads_input(Input::Variable(*i)));
         used.fold(Reads::NOTHING, |reads, (_, variable)| reads.or(reads_of(variable.name)))
     }
 
+    fn memory_len(&self, _: f64) -> usize {
+        self.formula.memory.len()
+    }
+
+    fn controls(&self) -> bool {
+        self.formula.controls
+    }
+
+    fn start(&self, _: &Command<S>, memory: &mut [S]) {
+        for (to, own) in memory.iter_mut().zip(&self.formula.memory) {
+            *to = own.begun();
+        }
+    }
+
+    fn command(&self, view: &View<S>, dt_s: S, command: &mut Command<S>, memory: &mut [S]) {
+        let formula = self.formula;
+        if formula.memory.is_empty() && formula.rotor_command.is_empty() && formula.attitude_command.is_none()
+        {
+            return;
+        }
+        let (before, mut next) = (*command, [S::zero(); MAX_MEMORY]);
+        let scope = self.scope(Sight { view, command: Some(&before), dt_s, memory: &*memory });
+        match command {
+            Command::Rotors(speeds) => {
+                speeds
+                    .iter_mut()
+                    .zip(&formula.rotor_command)
+                    .for_each(|(to, program)| *to = scope.eval(program));
+            }
+            Command::Attitude(numbers) => {
+                if let Some(programs) = &formula.attitude_command {
+                    *numbers = scope.each(programs);
+                }
+            }
+        }
+        // All from what was remembered before: none sees what another becomes.
+        for (to, own) in next.iter_mut().zip(&formula.memory) {
+            *to = scope.eval(&own.next);
+        }
+        memory.iter_mut().zip(next).for_each(|(to, v)| *to = v);
+    }
+
     fn thrust_gain(&self, view: &View<S>, _: [S; 3]) -> S {
-        self.formula.thrust_factor.as_ref().map_or(S::one(), |program| self.eval(program, view))
+        self.formula.thrust_factor.as_ref().map_or(S::one(), |program| self.within(view).eval(program))
     }
 
     fn wrench(&self, view: &View<S>, out: &mut Wrench<S>) {
-        if let Some(programs) = &self.formula.force_body_n {
-            out.add_body_force(self.vector(programs, view));
+        let formula = self.formula;
+        let pushes = formula.force_body_n.is_some() || formula.force_world_n.is_some();
+        if !pushes && formula.torque_body_n_m.is_none() {
+            return;
         }
-        if let Some(programs) = &self.formula.force_world_n {
-            out.force = vec3::add(out.force, self.vector(programs, view));
+        let scope = self.within(view);
+        if let Some(programs) = &formula.force_body_n {
+            out.add_body_force(scope.each(programs));
         }
-        if let Some(programs) = &self.formula.torque_body_n_m {
-            out.torque = vec3::add(out.torque, self.vector(programs, view));
+        if let Some(programs) = &formula.force_world_n {
+            out.force = vec3::add(out.force, scope.each(programs));
+        }
+        if let Some(programs) = &formula.torque_body_n_m {
+            out.torque = vec3::add(out.torque, scope.each(programs));
         }
     }
 }
 
 impl Formula {
-    /// All programs.
-    fn programs(&self) -> impl Iterator<Item = &Program> {
+    /// Programs of forces, torques and the factor on the thrust.
+    fn pushing(&self) -> impl Iterator<Item = &Program> {
         let vectors = [&self.force_body_n, &self.force_world_n, &self.torque_body_n_m];
         vectors.into_iter().flatten().flatten().chain(&self.thrust_factor)
     }
 
-    /// Whether any program reads the variable called `name`.
-    pub fn reads(&self, name: &str) -> bool {
-        VARIABLES.iter().position(|v| v.name == name).is_some_and(|i| self.reads_input(i))
+    /// All programs.
+    fn programs(&self) -> impl Iterator<Item = &Program> {
+        let lets = self.lets.iter().map(|(_, program)| program);
+        let once = self.memory.iter().map(|m| &m.next).chain(&self.rotor_command);
+        self.pushing().chain(lets).chain(once).chain(self.attitude_command.iter().flatten())
     }
 
-    /// Whether any program reads input number `index`: a variable, or from the length of [`VARIABLES`] on a parameter.
-    pub fn reads_input(&self, index: usize) -> bool {
-        let wanted = |op: &Op| matches!(op, Op::Input(i) if usize::from(*i) == index);
+    /// Everything that programs read, also by way of the values that they read.
+    fn all_read<'a>(&'a self, programs: impl Iterator<Item = &'a Program>) -> Vec<Input> {
+        let mut found: Vec<Input> = Vec::new();
+        let add = |found: &mut Vec<Input>, program: &Program| {
+            for op in program.ops() {
+                if let Op::Input(i) = op {
+                    let input = Input::of(*i);
+                    if !found.contains(&input) {
+                        found.push(input);
+                    }
+                }
+            }
+        };
+        programs.for_each(|program| add(&mut found, program));
+        let mut at = 0;
+        while let Some(input) = found.get(at).copied() {
+            if let Input::Let(k) = input
+                && let Some((_, program)) = self.lets.get(k)
+            {
+                add(&mut found, program);
+            }
+            at += 1;
+        }
+        found
+    }
+
+    /// What forces, torques and the factor on the thrust read.
+    pub fn read_by_forces(&self) -> Vec<Input> {
+        self.all_read(self.pushing())
+    }
+
+    /// Whether forces go with what is remembered.
+    fn pushes_by_memory(&self) -> bool {
+        !self.memory.is_empty() && self.read_by_forces().iter().any(|i| matches!(i, Input::Memory(_)))
+    }
+
+    /// Whether any program reads the variable called `name`.
+    pub fn reads(&self, name: &str) -> bool {
+        VARIABLES.iter().position(|v| v.name == name).is_some_and(|i| self.reads_input(Input::Variable(i)))
+    }
+
+    /// Whether any program reads it.
+    pub fn reads_input(&self, input: Input) -> bool {
+        let wanted = |op: &Op| matches!(op, Op::Input(i) if *i == input.index());
         self.programs().flat_map(Program::ops).any(wanted)
     }
 }

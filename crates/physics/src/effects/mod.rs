@@ -241,6 +241,11 @@ pub trait Effect<S: Real> {
         let _ = (view, command, memory);
         None
     }
+    /// Whether [`Effect::command`] takes the place of the on-board controller: it is called in its stead, with a command of zero, and not again
+    /// on the way to the motors. Of several the first does.
+    fn controls(&self) -> bool {
+        false
+    }
     /// How late commands arrive, s, where that is all that [`Effect::command`] does: who knows when commands were sent then needs no
     /// memory of them.
     fn delay_s(&self) -> Option<S> {
@@ -350,6 +355,9 @@ macro_rules! effects {
                     $(Self::$variant(p) => p.battery_v(view, command, memory),)*
                     Self::Custom(p) => p.battery_v(view, command, memory),
                 }
+            }
+            fn controls(&self) -> bool {
+                match self { $(Self::$variant(p) => Effect::<S>::controls(p),)* Self::Custom(p) => Effect::<S>::controls(p) }
             }
             fn delay_s(&self) -> Option<S> {
                 match self { $(Self::$variant(p) => Effect::<S>::delay_s(p),)* Self::Custom(p) => Effect::<S>::delay_s(p) }
@@ -669,7 +677,7 @@ mod tests {
         let near = Surroundings {
             ground_distance_m: 0.2,
             ceiling_distance_m: 0.15,
-            normals: [0.1; 3],
+            normals: [0.1; 6],
             ..Surroundings::calm()
         };
         for kind in KINDS {
@@ -682,7 +690,7 @@ mod tests {
                 ceiling: changes(Surroundings { ceiling_distance_m: 0.25, ..near }),
                 neighbours: changes(Surroundings { neighbours: &[above], ..near }),
                 wind: changes(Surroundings { wind_m_s: [0.5, 0.2, -0.1], ..near }),
-                noise: changes(Surroundings { normals: [0.5, 0.2, -0.1], ..near }),
+                noise: changes(Surroundings { normals: [0.5, 0.2, -0.1, 0.3, 0.4, 0.5], ..near }),
             };
             assert_eq!(Effect::<f64>::reads(&effect), found, "{kind}");
         }

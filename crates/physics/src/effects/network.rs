@@ -2,7 +2,7 @@
 //!
 //! The file is read by `vehicle::network`; here stand what a network may read and what its outputs do.
 
-use super::expression::{self, VARIABLES, Variable};
+use super::expression::{self, SEEN, VARIABLES, Variable};
 use super::{Effect, View};
 use crate::drone::Drone;
 use crate::effects::candidate::Candidate;
@@ -28,7 +28,7 @@ pub const OWN: &[Variable] = &[
 
 /// Everything that a network may read, in the order in which [`Network::inputs`] counts.
 pub fn inputs() -> impl Iterator<Item = Variable> {
-    VARIABLES.iter().chain(OWN).copied()
+    VARIABLES[..SEEN].iter().chain(OWN).copied()
 }
 
 /// What the outputs of a network may act on: forces at the centre of mass along body axes, N, and torques about them, N·m.
@@ -91,7 +91,7 @@ impl<S: Real> Parameters<S> for Params<S> {
 
 /// Value of input number `index` of [`inputs`].
 pub fn value<S: Real>(index: usize, view: &View<S>) -> S {
-    let Some(own) = index.checked_sub(VARIABLES.len()) else { return expression::variable(index, view) };
+    let Some(own) = index.checked_sub(SEEN) else { return expression::variable(index, view) };
     let up = |axis: usize| quat::rotate_inverse(view.state.quat, [S::zero(), S::zero(), S::one()])[axis];
     match own {
         0 => {
@@ -113,9 +113,9 @@ pub fn value<S: Real>(index: usize, view: &View<S>) -> S {
 
 /// What an input takes from the surroundings.
 fn reads_of(index: usize) -> Reads {
-    match VARIABLES.get(index) {
+    match VARIABLES[..SEEN].get(index) {
         Some(variable) => expression::reads_of(variable.name),
-        None if index == VARIABLES.len() => Reads::WIND,
+        None if index == SEEN => Reads::WIND,
         None => Reads::NOTHING,
     }
 }

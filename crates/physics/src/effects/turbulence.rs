@@ -102,7 +102,8 @@ mod tests {
         let drone = quad(vec![AnyEffect::Turbulence(AIR), wind]);
         let mut memory = vec![0.0; drone.memory_len(dt)];
         let step = |normals: &[f64; 3]| {
-            let mut around = Surroundings { normals: *normals, ..Surroundings::calm() };
+            let [a, b, c] = *normals;
+            let mut around = Surroundings { normals: [a, b, c, 0.0, 0.0, 0.0], ..Surroundings::calm() };
             let mut command = Command::Rotors([0.0; MAX_ROTORS]);
             drone.transmit(&State::rest(), &mut around, (dt, dt), &mut command, &mut memory);
             around.wind_m_s

@@ -465,9 +465,19 @@ impl<C: Interpret> Pack<C> {
             runner.call(level, plan, &mut self.file);
         }
         let once = plan.fresh.is_empty();
+        // Most often all worlds are in the same step: then their time is one number.
+        let together = plan.fresh.contains(&place::TIME).then(|| self.step_of(view, 0, 0));
+        let together = together.filter(|first| (1..self.n).all(|lane| self.step_of(view, lane, 0) == *first));
         for s in 0..if once { 1 } else { n } {
             for p in &plan.fresh {
-                fresh(&self.rows, *p, from + s, &mut self.file[*p as usize]);
+                let to = &mut self.file[*p as usize];
+                match together {
+                    Some(first) if *p == place::TIME => {
+                        let step = first + (from + s) as u64;
+                        *to = C::splat(C::Number::of(step as f64 / f64::from(shared.options.sim_hz)));
+                    }
+                    _ => fresh(&self.rows, *p, from + s, to),
+                }
             }
             runner.step(level, plan, &mut self.file, if once { n } else { 1 });
         }
@@ -522,7 +532,7 @@ fn fresh<C: Interpret>(
                 let number = o.first_world + (view.first + w) as u64;
                 let origin = origin(o.seed, shared.seeds, number, view.first + w);
                 let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
-                C::Number::of(source.normals(d, step)[(p - place::NORMALS) as usize])
+                C::Number::of(source.normal(d, step, (p - place::NORMALS) as usize))
             }
             _ if p >= place::EFFECTS + kind.effects as u32 => {
                 let q = (p - place::EFFECTS) as usize - kind.effects;

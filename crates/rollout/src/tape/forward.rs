@@ -187,17 +187,21 @@ impl<N: Number> Tape<N> {
                 }
             }
             for _ in 0..self.substeps {
-                for (d, slot) in slots.iter_mut().enumerate() {
+                let around = |slots: &[Slot<Slope>], d: usize| {
+                    let near = neighbours(slots, &drones, d, plan.reads_neighbours);
+                    let normals = if plan.reads_noise[d] { block.source.normals(d, step) } else { [0.0; 6] };
+                    (Slope::lit(step as f64 * dt), normals.map(Slope::lit), near)
+                };
+                for d in 0..n {
                     let due = plan.rates[d].due(plan.mode, step, plan.sim_hz);
-                    slot.control(&drones[d], plan.mode, due, &lifted(&plan.periods[d]));
+                    let (time_s, normals, near) = around(&slots, d);
+                    let by = (plan.mode, due, &lifted(&plan.periods[d]));
+                    slots[d].control(&drones[d], by, (Slope::lit(dt), dt), (time_s, normals, &near[..]));
                 }
                 let moved: Vec<State<Slope>> = (0..n)
                     .map(|d| {
-                        let near = neighbours(&slots, &drones, d, plan.reads_neighbours);
-                        let time_s = Slope::lit(step as f64 * dt);
-                        let normals =
-                            if plan.reads_noise[d] { block.source.normals(d, step) } else { [0.0; 3] };
-                        let around = (time_s, normals.map(Slope::lit), &near[..]);
+                        let (time_s, normals, near) = around(&slots, d);
+                        let around = (time_s, normals, &near[..]);
                         slots[d].moved(&drones[d], plan.integrator, (Slope::lit(dt), dt), around)
                     })
                     .collect();

@@ -1,5 +1,6 @@
 //! `[[effect]]` entries of kind `expression`: a user's own effect, from text to a program; `docs/effects/expression.md`.
 
+mod given;
 mod parser;
 #[cfg(test)]
 mod tests;
@@ -12,8 +13,8 @@ use super::provenance::META;
 use super::schema::EffectEntry;
 use parser::{FUNCTIONS, is_name};
 use propwash_physics::effects::candidate::{Bounds, Freedom, Sign};
-use propwash_physics::effects::expression::{Declared, Formula, MAX_PARAMETERS, Params, Program, VARIABLES};
-use propwash_physics::effects::{AnyEffect, kinds};
+use propwash_physics::effects::expression::{Declared, Formula, MAX_PARAMETERS, VARIABLES};
+use propwash_physics::effects::kinds;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
@@ -67,85 +68,6 @@ pub(super) fn is_identifier(name: &str) -> bool {
 }
 
 impl Check<'_> {
-    /// The effect of an entry of kind `expression`.
-    pub(super) fn expression(&self, key: &str, entry: &EffectEntry) -> Result<AnyEffect<f64>, VehicleError> {
-        const KEYS: [&str; 6] =
-            ["name", "force_body_n", "force_world_n", "torque_body_n_m", "thrust_factor", "parameter"];
-        for param in entry.params.keys() {
-            if !KEYS.contains(&param.as_str()) {
-                let expected = format!(
-                    "one of kind, models, source, source_log_sha256, date, note, {}",
-                    KEYS.join(", ")
-                );
-                return Err(self.wrong(
-                    format!("{key}.{param}"),
-                    &expected,
-                    "an unknown key",
-                    "correct or remove the key",
-                ));
-            }
-        }
-        if let Some(extra) = entry.sigma.keys().next() {
-            return Err(self.wrong(
-                format!("{key}.sigma.{extra}"),
-                "the sigma of a parameter in the parameter's own table",
-                "a sigma of the effect",
-                "write sigma = { value = … } below [effect.parameter.NAME]",
-            ));
-        }
-        let name = self.expression_name(key, entry)?;
-        let (parameters, value) = self.declared(key, entry)?;
-        let names: Vec<&str> = parameters.iter().map(|p| p.freedom.name.as_str()).collect();
-        let vector = |param: &str| -> Result<Option<[Program; 3]>, VehicleError> {
-            let Some(given) = entry.params.get(param) else { return Ok(None) };
-            let place = format!("{key}.{param}");
-            let three: Option<&[toml::Value; 3]> =
-                given.as_array().and_then(|a| a.as_slice().try_into().ok());
-            let Some([x, y, z]) = three else {
-                let found = match given.as_array() {
-                    Some(a) => format!("{} entries", a.len()),
-                    None => format!("a {}", given.type_str()),
-                };
-                let expected = "three expressions, for x, y and z";
-                return Err(self.wrong(
-                    place,
-                    expected,
-                    found,
-                    "write e.g. [\"-k * vx_body\", \"0\", \"0\"]",
-                ));
-            };
-            let one = |i: usize, v| self.program(&format!("{place}.{i}"), v, &names);
-            Ok(Some([one(0, x)?, one(1, y)?, one(2, z)?]))
-        };
-        let factor = entry.params.get("thrust_factor");
-        let formula = Formula {
-            name,
-            force_body_n: vector("force_body_n")?,
-            force_world_n: vector("force_world_n")?,
-            torque_body_n_m: vector("torque_body_n_m")?,
-            thrust_factor: factor
-                .map(|v| self.program(&format!("{key}.thrust_factor"), v, &names))
-                .transpose()?,
-            parameters: parameters.clone(),
-        };
-        if !KEYS[1..5].iter().any(|k| entry.params.contains_key(*k)) {
-            let expected = format!("at least one of {}", KEYS[1..5].join(", "));
-            return Err(self.wrong(key, &expected, "none", "write what the effect does"));
-        }
-        for (i, declared) in parameters.iter().enumerate() {
-            if !formula.reads_input(VARIABLES.len() + i) {
-                let name = &declared.freedom.name;
-                return Err(self.wrong(
-                    format!("{key}.parameter.{name}"),
-                    "a parameter that an expression of the effect uses",
-                    "one that none uses",
-                    "use it or remove its table",
-                ));
-            }
-        }
-        Ok(AnyEffect::Expression(Params { value, formula: intern(formula) }))
-    }
-
     fn expression_name(&self, key: &str, entry: &EffectEntry) -> Result<String, VehicleError> {
         let place = format!("{key}.name");
         let remedy = "write e.g. name = \"tether\": it is the effect's name in verdicts and parameters";
@@ -165,26 +87,6 @@ impl Check<'_> {
             ));
         }
         Ok(name.to_string())
-    }
-
-    fn program(&self, place: &str, text: &toml::Value, names: &[&str]) -> Result<Program, VehicleError> {
-        let number = match text {
-            toml::Value::Integer(v) => Some(v.to_string()),
-            toml::Value::Float(v) => Some(v.to_string()),
-            _ => None,
-        };
-        let Some(text) = text.as_str().or(number.as_deref()) else {
-            let found = format!("a {}", text.type_str());
-            return Err(self.wrong(place, "an expression in quotes", found, "write e.g. \"-k * vx_body\""));
-        };
-        parse(text, names).map_err(|error| {
-            self.wrong(
-                place,
-                &format!("{} at column {} of `{text}`", error.expected, error.column),
-                error.found,
-                "docs/effects/expression.md lists variables, functions and operators",
-            )
-        })
     }
 
     /// The declared parameters of an entry and their values.

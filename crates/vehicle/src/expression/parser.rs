@@ -1,9 +1,9 @@
 //! From the text of an expression to its program.
 //!
-//! Grammar: sums of products of powers, with parentheses, a sign before a factor, integer powers (`x^2`, `x^-1`), functions.
-//! `-x^2` is −(x²). Every fault names its place by column, counted from 1.
+//! Grammar: comparisons of sums of products of powers, with parentheses, a sign before a factor, integer powers (`x^2`, `x^-1`), functions.
+//! `-x^2` is −(x²), `a < b` is 1 or 0. Every fault names its place by column, counted from 1.
 
-use propwash_physics::effects::expression::{MAX_DEPTH, Op, Program, ProgramError, VARIABLES};
+use propwash_physics::effects::expression::{Input, MAX_DEPTH, Op, Program, ProgramError, VARIABLES};
 use propwash_trace::names::suggestion;
 
 /// Functions with their number of arguments.
@@ -16,6 +16,13 @@ pub(super) const FUNCTIONS: &[(&str, usize, Op)] = &[
     ("tanh", 1, Op::Tanh),
     ("min", 2, Op::Min),
     ("max", 2, Op::Max),
+    ("tan", 1, Op::Tan),
+    ("asin", 1, Op::Asin),
+    ("acos", 1, Op::Acos),
+    ("atan2", 2, Op::Atan2),
+    ("floor", 1, Op::Floor),
+    ("sign", 1, Op::Sign),
+    ("where", 3, Op::Where),
 ];
 
 /// Longest text of one expression, in characters.
@@ -37,13 +44,45 @@ pub struct ExpressionError {
     pub found: String,
 }
 
+/// Names that an expression may use beside the variables.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Names<'a> {
+    /// Parameters, in their order.
+    pub parameters: &'a [&'a str],
+    /// Numbers that are remembered.
+    pub memory: &'a [&'a str],
+    /// Values computed before.
+    pub lets: &'a [&'a str],
+}
+
+impl<'a> Names<'a> {
+    /// The input that a name stands for.
+    fn find(&self, name: &str) -> Option<Input> {
+        let place = |list: &[&str]| list.iter().position(|own| *own == name);
+        let own =
+            place(self.parameters).map(Input::Parameter).or_else(|| place(self.memory).map(Input::Memory));
+        let own = own.or_else(|| place(self.lets).map(Input::Let));
+        own.or_else(|| VARIABLES.iter().position(|v| v.name == name).map(Input::Variable))
+    }
+
+    fn all(&self) -> impl Iterator<Item = &'a str> {
+        let variables = VARIABLES.iter().map(|v| v.name);
+        variables.chain([self.parameters, self.memory, self.lets].into_iter().flatten().copied())
+    }
+}
+
 /// The program of an expression whose parameters have these names, in this order.
 ///
 /// # Errors
 /// [`ExpressionError`] where the text is no expression, or names what is neither variable nor parameter nor function.
 pub fn parse(text: &str, parameters: &[&str]) -> Result<Program, ExpressionError> {
+    parse_with(text, Names { parameters, ..Names::default() })
+}
+
+/// The same with all the names that an effect has.
+pub(super) fn parse_with(text: &str, names: Names) -> Result<Program, ExpressionError> {
     let chars: Vec<char> = text.chars().collect();
-    let mut parser = Parser { chars: &chars, at: 0, parameters, ops: Vec::new(), nesting: 0 };
+    let mut parser = Parser { chars: &chars, at: 0, names, ops: Vec::new(), nesting: 0 };
     if chars.len() > MAX_LENGTH {
         return Err(parser.fault(
             MAX_LENGTH,
@@ -51,9 +90,9 @@ pub fn parse(text: &str, parameters: &[&str]) -> Result<Program, ExpressionError
             format!("{} characters", chars.len()),
         ));
     }
-    parser.sum()?;
+    parser.whole()?;
     if parser.peek().is_some() {
-        return Err(parser.unexpected("an operator (+ - * / ^) or the end"));
+        return Err(parser.unexpected("an operator (+ - * / ^ < <= > >=) or the end"));
     }
     Program::new(parser.ops).map_err(|error| ExpressionError {
         column: 1,
@@ -68,7 +107,7 @@ pub fn parse(text: &str, parameters: &[&str]) -> Result<Program, ExpressionError
 struct Parser<'a> {
     chars: &'a [char],
     at: usize,
-    parameters: &'a [&'a str],
+    names: Names<'a>,
     ops: Vec<Op>,
     nesting: usize,
 }
@@ -115,6 +154,30 @@ impl Parser<'_> {
             let expected = format!("at most {MAX_NESTING} parentheses and signs within one another");
             return Err(self.fault(self.at, expected, "more"));
         }
+        Ok(())
+    }
+
+    /// A sum, or two that are compared.
+    fn whole(&mut self) -> Result<(), ExpressionError> {
+        self.sum()?;
+        let less = match self.peek() {
+            Some('<') => true,
+            Some('>') => false,
+            _ => return Ok(()),
+        };
+        self.at += 1;
+        let or_equal = self.chars.get(self.at) == Some(&'=');
+        self.at += usize::from(or_equal);
+        self.sum()?;
+        if matches!(self.peek(), Some('<' | '>')) {
+            return Err(self.unexpected("one comparison: min(a < b, b < c) is 1 where both hold"));
+        }
+        self.ops.push(match (less, or_equal) {
+            (true, false) => Op::Less,
+            (true, true) => Op::LessEqual,
+            (false, false) => Op::Greater,
+            (false, true) => Op::GreaterEqual,
+        });
         Ok(())
     }
 
@@ -184,7 +247,7 @@ impl Parser<'_> {
             Some('(') => {
                 self.at += 1;
                 self.deeper()?;
-                self.sum()?;
+                self.whole()?;
                 self.nesting -= 1;
                 if self.take(')') { Ok(()) } else { Err(self.unexpected("`)` or an operator")) }
             }
@@ -222,15 +285,13 @@ impl Parser<'_> {
         if self.peek() == Some('(') {
             return self.call(&name, start);
         }
-        let own = self.parameters.iter().position(|p| *p == name).map(|i| VARIABLES.len() + i);
-        match own.or_else(|| VARIABLES.iter().position(|v| v.name == name)) {
-            Some(index) => self.ops.push(Op::Input(index as u16)),
+        match self.names.find(&name) {
+            Some(input) => self.ops.push(Op::Input(input.index())),
             None => {
                 let expected = if FUNCTIONS.iter().any(|(f, ..)| *f == name) {
                     format!("`(` after the function `{name}`")
                 } else {
-                    let known = VARIABLES.iter().map(|v| v.name).chain(self.parameters.iter().copied());
-                    format!("a variable or a declared parameter{}", suggestion(&name, known))
+                    format!("a variable or a declared parameter{}", suggestion(&name, self.names.all()))
                 };
                 return Err(self.fault(start, expected, format!("`{name}`")));
             }
@@ -250,7 +311,7 @@ impl Parser<'_> {
         let mut given = 0;
         if self.peek() != Some(')') {
             loop {
-                self.sum()?;
+                self.whole()?;
                 given += 1;
                 if !self.take(',') {
                     break;

@@ -3,7 +3,8 @@
 use super::*;
 use crate::Vehicle;
 use propwash_physics::drone::{Drone, Dynamics};
-use propwash_physics::effects::{Command, Effect, candidates, linear_drag};
+use propwash_physics::effects::expression::{Known, known};
+use propwash_physics::effects::{AnyEffect, Command, Effect, candidates, linear_drag};
 use propwash_physics::params::Parameters;
 use propwash_physics::rigid_body::{MAX_ROTORS, State};
 use propwash_physics::sample::quad;
@@ -38,6 +39,11 @@ fn texts_mean_what_mathematicians_mean() {
         ("sin(0) + cos(0) + exp(0) + tanh(0)", 2.0),
         ("max( a+1 , b ) * 2", 6.0),
         (" 2*( a\t- (b) ) ", 10.0),
+        ("tan(0) + asin(0) + acos(1) + atan2(0, 1) + floor(2.7) + sign(b)", 1.0),
+        ("where(a > b, a, b) + where(a < b, a, b)", -1.0),
+        ("where(a >= 2, 1, 0) + 2 * (b <= -3) + 4 * (a + 1 > 3) + 8 * (b<a)", 11.0),
+        ("where(min(a > 0, b > 0), 1, 2) + where(max(a > 0, b > 0), 10, 20)", 12.0),
+        ("where(a, 1, 2) + where(a - 2, 10, 20)", 21.0),
     ] {
         assert!((value(text) - expected).abs() < 1e-12, "{text} = {}", value(text));
     }
@@ -57,7 +63,9 @@ fn faults_are_named_with_their_place_and_what_was_expected() {
         ("c + 1", 1, "a variable or a declared parameter", "`c`"),
         ("(a + b", 7, "`)` or an operator", "the end"),
         ("a)", 2, "an operator", "`)`"),
-        ("tan(a)", 1, "a function (abs, sqrt", "`tan(`"),
+        ("cot(a)", 1, "a function (abs, sqrt", "`cot(`"),
+        ("a < b < 3", 7, "one comparison", "`<`"),
+        ("where(a, b)", 1, "3 arguments of where", "2"),
         ("coss(a)", 1, "did you mean `cos`?", "`coss(`"),
         ("1 + sin", 5, "`(` after the function `sin`", "`sin`"),
         ("sin()", 1, "1 argument of sin", "0"),
@@ -70,7 +78,7 @@ fn faults_are_named_with_their_place_and_what_was_expected() {
         ("1e999", 1, "a finite number", "`1e999`"),
         ("1.2.3", 1, "a finite number", "`1.2.3`"),
         ("a − b", 3, "an operator", "no minus sign"),
-        ("a > b", 3, "an operator", "`>`"),
+        ("a = b", 3, "an operator", "`=`"),
         ("a ** 2", 4, "a number, a variable", "`*`"),
         (&deep, 66, "at most 64 parentheses", "more"),
         (&wide, 1, "at most 32 numbers at once", "41"),
@@ -178,6 +186,8 @@ fn every_variable_reads_what_its_name_says() {
         time_s: 0.7,
         ground_distance_m: 1.9,
         ceiling_distance_m: 1.2,
+        command: &[0.1, 0.2, 0.3, 0.4],
+        normals: [9.0, 9.0, 9.0, 1.5, -0.5, 0.25],
         ..Surroundings::calm()
     };
     let body = quat::rotate_inverse(state.quat, [0.5, -2.2, 1.6]);
@@ -224,8 +234,18 @@ fn every_variable_reads_what_its_name_says() {
         ("air_density", 1.225),
         ("mass_kg", 1.0),
         ("gravity", 9.81),
+        ("normal1", 1.5),
+        ("normal2", -0.5),
+        ("normal3", 0.25),
+        ("command1", 0.1),
+        ("command2", 0.2),
+        ("command3", 0.3),
+        ("command4", 0.4),
     ];
-    let names: Vec<&str> = VARIABLES.iter().map(|v| v.name).collect();
+    let always = VARIABLES.iter().map(|v| v.name).filter(|name| known(name) == Known::Always);
+    // What nobody commands is zero.
+    let names: Vec<&str> =
+        always.filter(|n| !n.starts_with("command") || n.len() == 8 && "1234".contains(&n[7..])).collect();
     assert_eq!(names, expected.map(|(name, _)| name), "every variable is tried");
     let page = include_str!("../../../../docs/effects/expression.md");
     for (name, value) in expected {
@@ -252,7 +272,7 @@ fn an_expression_declares_what_its_variables_read() {
     let state: State<f64> = tilted();
     let near = Surroundings { ground_distance_m: 1.9, ceiling_distance_m: 1.2, ..Surroundings::calm() };
     let other = Neighbour { pos: [1.0, 0.0, 0.0], vel: [0.0; 3], weight_n: 1.0, disc_radius_m: 0.1 };
-    for variable in VARIABLES {
+    for variable in VARIABLES.iter().filter(|v| known(v.name) == Known::Always) {
         let lines = format!("force_world_n = [\"1e-3 * {}\", \"0\", \"0\"]", variable.name);
         let drone = sample(&entry("one", &lines));
         let rate =
@@ -263,7 +283,7 @@ fn an_expression_declares_what_its_variables_read() {
             ceiling: changes(Surroundings { ceiling_distance_m: 1.1, ..near }),
             neighbours: changes(Surroundings { neighbours: &[other], ..near }),
             wind: changes(Surroundings { wind_m_s: [0.5, 0.2, -0.1], ..near }),
-            noise: changes(Surroundings { normals: [0.5, 0.2, -0.1], ..near }),
+            noise: changes(Surroundings { normals: [0.5, 0.2, -0.1, 0.3, 0.4, 0.5], ..near }),
         };
         assert_eq!(drone.reads(), found, "{}", variable.name);
     }
@@ -428,4 +448,132 @@ fn the_example_of_the_page_is_an_effect() {
     let effects = with(example).unwrap().drone("first_principles").unwrap().effects;
     assert_eq!(effects[0].label(), "expression.tether");
     assert_eq!(candidates(&quad(effects)).iter().filter(|c| c.id == "tether").count(), 1);
+}
+
+/// Memory of an effect after each of several steps of 10 ms, and the rotor command that it lets pass in the last.
+fn remembered(drone: &Drone<f64>, steps: usize, sent: [f64; MAX_ROTORS]) -> (Vec<f64>, [f64; MAX_ROTORS]) {
+    let mut memory = vec![0.0; drone.memory_len(0.01)];
+    let mut command = Command::Rotors(sent);
+    drone.start(&command, |effect| effect.memory_len(0.01), &mut memory);
+    for k in 0..steps {
+        command = Command::Rotors(sent);
+        let time_s = 0.01 * k as f64;
+        let mut around = Surroundings { time_s, normals: [0.5; 6], ..Surroundings::calm() };
+        drone.transmit(&tilted(), &mut around, (0.01, 0.01), &mut command, &mut memory);
+    }
+    let Command::Rotors(speeds) = command else { panic!("rotors expected") };
+    (memory, speeds)
+}
+
+#[test]
+fn what_is_remembered_follows_its_expressions_all_from_the_step_before() {
+    let lines = "force_world_n = [\"low\", \"0\", \"0\"]\n\
+        memory.low = { start = 2.0, next = \"low + dt * (vx - low) / 0.2\" }\n\
+        memory.swapped = { start = 5, next = \"other\" }\n\
+        memory.other = { next = \"swapped + normal1\" }";
+    let drone = sample(&entry("filter", lines));
+    let (memory, _) = remembered(&drone, 3, [500.0; MAX_ROTORS]);
+    let low = (0..3).fold(2.0, |low, _| low + 0.01 * (1.0 - low) / 0.2);
+    // In the order of their names: low, other, swapped.
+    assert!((memory[0] - low).abs() < 1e-15, "{memory:?}");
+    assert_eq!(memory[1..], [6.0, 0.5]);
+    assert!(drone.effects[0].nature().moved_by_memory && Effect::<f64>::reads(&drone.effects[0]).noise);
+    // Forces see what it is now; without a memory what it was at the start.
+    let pull = |numbers: &[f64]| {
+        let mut around = Surroundings::calm();
+        around.memory = propwash_physics::surroundings::Remembered { numbers, step_s: 0.01 };
+        drone.rate(&tilted(), &Command::Rotors([500.0; MAX_ROTORS]), &around).acc[0]
+    };
+    let still = pull(&[0.0; 3]);
+    assert!((pull(&memory) - still - low).abs() < 1e-12 && (pull(&[]) - still - 2.0).abs() < 1e-12);
+}
+
+#[test]
+fn commands_pass_through_expressions_and_values_have_names() {
+    let lines = "let = [\"lean = sqrt(roll^2 + pitch^2)\", \"share = where(lean > 0.3, 0.5, 1)\"]\n\
+        rotor_command = [\"share * rotor_command1\", \"rotor_command2 + held\", \"rotor_command3\", \"min(rotor_command4, 300)\"]\n\
+        memory.held = { start = 1, next = \"rotor_command1 / 100\" }";
+    let drone = sample(&entry("governor", lines));
+    assert!(!drone.controls_itself() && !drone.effects[0].nature().moved_by_memory);
+    let (memory, speeds) = remembered(&drone, 1, [500.0; MAX_ROTORS]);
+    assert_eq!((&memory[..], &speeds[..5]), (&[5.0][..], &[250.0, 501.0, 500.0, 300.0, 500.0][..]));
+    assert_eq!(remembered(&drone, 2, [500.0; MAX_ROTORS]).1[1], 505.0);
+}
+
+#[test]
+fn a_controller_commands_in_place_of_the_one_on_board() {
+    let lines = "models = [\"first_principles\"]\ncontrols = true\n\
+        rotor_command = [\"command1 + held\", \"2\", \"3\", \"4\"]\nmemory.held = { next = \"held + 1\" }";
+    let drone = sample(&entry("mine", lines));
+    let told = [10.0, 20.0];
+    let around = Surroundings { command: &told, ..Surroundings::calm() };
+    let mut memory = [0.0];
+    for k in 0..2 {
+        let command = drone.own_command(&tilted(), &around, (0.01, 0.01), &mut memory);
+        let Some(Command::Rotors(speeds)) = command else { panic!("rotors expected") };
+        assert_eq!(speeds[..5], [10.0 + f64::from(k), 2.0, 3.0, 4.0, 0.0]);
+    }
+    // On the way to the motors it does nothing a second time.
+    assert_eq!(remembered(&drone, 3, [500.0; MAX_ROTORS]), (vec![0.0], [500.0; MAX_ROTORS]));
+    assert!(drone.controls_itself());
+}
+
+#[test]
+fn entries_that_cannot_be_meant_are_refused_in_words() {
+    let force = "force_body_n = [\"a\", \"0\", \"0\"]";
+    for (lines, words) in [
+        (
+            format!("{force}\nlet = [\"a = b\", \"b = 1\"]"),
+            "`effect.0.let.0`: expected a variable or a declared parameter",
+        ),
+        (format!("{force}\nlet = [\"a 1\"]"), "a text `name = expression`"),
+        (format!("{force}\nlet = \"a = 1\""), "a list of texts `name = expression`"),
+        (
+            format!("{force}\nlet = [\"a = 1\", \"a = 2\"]"),
+            "a name of letters, digits and underscores that nothing else has",
+        ),
+        (format!("{force}\nlet = [\"vx = 1\"]"), "that nothing else has, found `vx`"),
+        (format!("{force}\nlet = [\"a = dt\"]"), "found `dt`, which is known once a step"),
+        (format!("{force}\nmemory.a = 1"), "a finite number `start`"),
+        (format!("{force}\nmemory.a = {{ begin = 1, next = \"1\" }}"), "a finite number `start`"),
+        (
+            format!("{force}\nmemory.a = {{ start = inf, next = \"1\" }}"),
+            "expected a finite number, found inf",
+        ),
+        (
+            format!("{force}\nmemory.a = {{ start = 1, next = \"a +\" }}"),
+            "`effect.0.memory.a.next`: expected a number",
+        ),
+        (
+            "rotor_command = [\"1\", \"2\", \"3\"]".into(),
+            "4 expressions, one for each rotor, found 3 entries",
+        ),
+        (
+            "attitude_command = [\"1\", \"2\", \"3\"]".into(),
+            "four expressions, for roll, pitch, yaw and thrust",
+        ),
+        ("controls = true\nforce_body_n = [\"1\", \"0\", \"0\"]\nmodels = []".into(), "at least one of"),
+        (
+            "models = [\"first_principles\"]\ncontrols = true\nforce_body_n = [\"1\", \"0\", \"0\"]".into(),
+            "rotor_command or attitude_command of a controller",
+        ),
+        ("controls = 1\nforce_body_n = [\"1\", \"0\", \"0\"]".into(), "true or false"),
+        (
+            "controls = true\nrotor_command = [\"1\", \"2\", \"3\", \"4\"]".into(),
+            "write models = [\"first_principles\"]",
+        ),
+        ("memory.a = { next = \"a\" }".into(), "at least one of force_body_n"),
+    ] {
+        let error = with(&entry("e", &lines)).unwrap_err().to_string();
+        assert!(error.contains(words), "{lines}\n{error}\nlacks {words}");
+    }
+    let many: Vec<String> = (0..33).map(|i| format!("memory.m{i} = {{ next = \"1\" }}")).collect();
+    let error =
+        with(&entry("e", &format!("thrust_factor = \"1\"\n{}", many.join("\n")))).unwrap_err().to_string();
+    assert!(error.contains("at most 32 numbers"), "{error}");
+    let many: Vec<String> = (0..257).map(|i| format!("\"v{i} = 1\"")).collect();
+    let error = with(&entry("e", &format!("thrust_factor = \"1\"\nlet = [{}]", many.join(", "))))
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("at most 256 values"), "{error}");
 }
