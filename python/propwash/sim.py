@@ -36,6 +36,28 @@ Dynamics = Literal["first_principles", "so_rpy", "so_rpy_rotor", "so_rpy_rotor_d
 Control = Literal["state", "attitude", "body_rate", "force_torque", "rotor_vel"]
 Floats = NDArray[Any]
 
+#: What programs that come from Crazyflow ask for, and what it is here (docs/migrate.md).
+_CRAZYFLOWS = {
+    "step_pipeline": "stages are added by sim.pipeline",
+    "reset_pipeline": "what resets draw is said by Sim(randomization=…)",
+    "build_step_fn": "changes of sim.pipeline hold at once, nothing is built",
+    "build_reset_fn": "Sim(randomization=…) holds at once, nothing is built",
+    "control_freq": "rates in force are sim.rates[0][sim.control]",
+    "seed": "Sim(seed=…) fixes all random numbers",
+    "default_data": "sim.set_initial says where drones start",
+    "states": "arrays are those of sim.data itself: sim.data.pos",
+    "controls": "commands are sim.data.command, sim.data.attitude_command, sim.data.rotor_command",
+    "params": "parameters are sim.parameter(name), sim.set_parameter(name, value)",
+    "core": "steps are sim.data.steps, seconds sim.time",
+    "replace": "arrays are written in place: sim.data.pos[...] = …",
+}
+
+
+def _missing(thing: object, name: str, known: str = "") -> AttributeError:
+    """What is raised for a name that a ``Sim`` or its ``Data`` does not have."""
+    hint = f"; Crazyflow's, here {_CRAZYFLOWS[name]}" if name in _CRAZYFLOWS else known
+    return AttributeError(f"{type(thing).__name__} has no {name!r}{hint}", name=name, obj=thing)
+
 
 class QuarantineWarning(RuntimeWarning):
     """A world has been set aside because its numbers stopped being numbers."""
@@ -137,6 +159,11 @@ class Data:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    if not TYPE_CHECKING:  # else every name would have a type
+
+        def __getattr__(self, name: str) -> Any:
+            raise _missing(self, name, f"; there are: {', '.join(self.__slots__[:-1])}")
+
     def __setattr__(self, name: str, value: object) -> None:
         # `data.pos += x` writes into the array and then sets the attribute to what it is already.
         if name not in self.__slots__:
@@ -167,27 +194,32 @@ class Pipeline:
 
     def append(self, name: str, stage: Stage) -> None:
         """Adds a stage as the last."""
-        self._native.add_stage("last", name, stage)
+        self._add("last", name, stage)
 
     def prepend(self, name: str, stage: Stage) -> None:
         """Adds a stage as the first."""
-        self._native.add_stage("first", name, stage)
+        self._add("first", name, stage)
 
     def insert_before(self, anchor: str, name: str, stage: Stage) -> None:
         """Adds a stage directly before ``anchor``."""
-        self._native.add_stage("before", name, stage, anchor)
+        self._add("before", name, stage, _text("anchor", anchor))
 
     def insert_after(self, anchor: str, name: str, stage: Stage) -> None:
         """Adds a stage directly after ``anchor``."""
-        self._native.add_stage("after", name, stage, anchor)
+        self._add("after", name, stage, _text("anchor", anchor))
 
     def replace(self, name: str, stage: Stage) -> None:
         """Puts another stage in the place of one that was added."""
-        self._native.add_stage("instead", name, stage)
+        self._add("instead", name, stage)
 
     def remove(self, name: str) -> None:
         """Takes out a stage that was added."""
         self._native.remove_stage(name)
+
+    def _add(self, where: str, name: str, stage: Stage, anchor: str | None = None) -> None:
+        if not isinstance(name, str):
+            raise TypeError(f"name: expected a str, the name of the stage, and the stage after it, got {name!r} ({type(name).__name__})")
+        self._native.add_stage(where, name, stage, anchor)
 
     def __repr__(self) -> str:
         return shortened(f"<propwash.Pipeline {' -> '.join(self.names)}>")
@@ -705,6 +737,12 @@ class Sim:
                     self._native.set_parameter(name, done, np.ascontiguousarray(before[:, done]))
                 raise
 
+    if not TYPE_CHECKING:  # else every name would have a type
+
+        def __getattr__(self, name: str) -> Any:
+            close = get_close_matches(name, dir(type(self)), 1)
+            raise _missing(self, name, f"; did you mean {close[0]!r}?" if close else "")
+
     # ---- sensing
 
     @property
@@ -1148,9 +1186,24 @@ def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -
         rules: dict[str, Any] = json.loads(_native.rules_json(text))
         return rules
     try:
-        return {"rule": json.loads(json.dumps([dict(rule) for rule in value]))}
+        plain = json.loads(json.dumps([dict(rule) for rule in value]))
     except (TypeError, ValueError) as e:
         raise TypeError(f"randomization: expected TOML text, a path or a list of rules, got {value!r} ({e})") from None
+    for k, rule in enumerate(plain):
+        if "draw" in rule:
+            _check_draw(f"randomization[{k}]", rule["draw"])
+    return {"rule": plain}
+
+
+def _check_draw(rule: str, draw: Any) -> None:
+    """Refuses what is no draw, by the number of its rule; whether its numbers make sense is asked later, where the parameter is known."""
+    numbers = {"uniform": 2, "scale": 2, "normal": 1}
+    if isinstance(draw, Mapping) and len(draw) == 1:
+        ((kind, given),) = draw.items()
+        if kind in numbers and np.shape(given) == (() if numbers[kind] == 1 else (2,)):
+            return
+    expected = '{"uniform": [low, high]}, {"scale": [low, high]} or {"normal": sigma}'
+    raise ValueError(f"{rule}: draw: expected one of {expected}, got {draw!r}")
 
 
 def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
