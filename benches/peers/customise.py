@@ -110,6 +110,37 @@ def restarted(sim, control):
     return sim
 
 
+class Between:
+    """A function of ``sim.data`` that is called between calls of ``sim.step``, before every ``every`` steps."""
+
+    def __init__(self, sim, function, every=1):
+        self.sim, self.function, self.every, self.n_worlds = sim, function, every, sim.n_worlds
+
+    def step(self, steps):
+        for _ in range(steps // self.every):
+            self.function(self.sim.data)
+            self.sim.step(self.every)
+
+
+def staged(make):
+    """A form in which what ``make`` gives, a simulation and a function, is a stage before the integration, or the first one for commands."""
+
+    def form(n, **options):
+        sim, function = make(n, **options)
+        if sim.control == "force_torque":
+            sim.pipeline.prepend("own", function)
+        else:
+            sim.pipeline.insert_before("integration", "own", function)
+        return sim
+
+    return form
+
+
+def between(make, every=1):
+    """A form in which it is called between steps."""
+    return lambda n, **options: Between(*make(n, **options), every)
+
+
 # 1. A random push in every step.
 
 
@@ -123,15 +154,14 @@ def cf_push(sim):
     insert_fn_before(sim.step_pipeline, "integration", push)
 
 
-def pw_push_stage(n, **options):
+def pw_push(n, **options):
     sim, random = ours_of(n, "attitude", **options), np.random.default_rng(0)
 
     def push(data):
         data.disturbance_force[...] = 0.02 * random.standard_normal(data.pos.shape, np.float32)
         data.disturbance_torque[...] = 2e-5 * random.standard_normal(data.pos.shape, np.float32)
 
-    sim.pipeline.insert_before("integration", "push", push)
-    return sim
+    return sim, push
 
 
 def pw_push_effect(n, **options):
@@ -178,14 +208,13 @@ def pw_wind_effects(n, **options):
     return ours_of(n, "attitude", propwash.Vehicle(VEHICLE).with_effects(toml), **options)
 
 
-def pw_wind_stage(n, **options):
+def pw_wind(n, **options):
     sim = ours_of(n, "attitude", **options)
 
     def wind(data):
         data.wind[..., 0] = 1 + 0.5 * np.sin(2 * data.steps[:, None] / sim.freq)
 
-    sim.pipeline.insert_before("integration", "wind", wind)
-    return sim
+    return sim, wind
 
 
 # 3. A force of one's own: the updraught over a fan, and gusts that take the vehicle along.
@@ -212,7 +241,7 @@ def pw_fan_effect(n, **options):
     return ours_of(n, "attitude", fan.on(VEHICLE), **options)
 
 
-def pw_fan_stage(n, **options):
+def pw_fan(n, **options):
     sim = ours_of(n, "attitude", **options)
 
     def fan(data):
@@ -221,8 +250,7 @@ def pw_fan_stage(n, **options):
         force[..., 0] += 0.015 * (1 + 0.5 * np.sin(2 * data.steps[:, None] / sim.freq))
         force[..., 2] += 0.02 * np.exp(-(pos[..., 0] ** 2 + pos[..., 1] ** 2) / 0.3)
 
-    sim.pipeline.insert_before("integration", "fan", fan)
-    return sim
+    return sim, fan
 
 
 # 4. A controller of one's own: holds a place by force and torque; motors and mixer are those of the vehicle.
@@ -247,27 +275,13 @@ def cf_law(sim):
     prepend_fn(sim.step_pipeline, own)
 
 
-def pw_law_stage(n, **options):
+def pw_law(n, **options):
     sim = ours_of(n, "force_torque", **options)
 
     def own(data):
         data.command[...] = law(np, data.pos, data.quat, data.vel, data.ang_vel)
 
-    sim.pipeline.prepend("own", own)
-    return sim
-
-
-class Between:
-    """The law between calls of five steps, 100 times a second, as a stage of 100 Hz would."""
-
-    def __init__(self, n, **options):
-        self.sim, self.n_worlds = ours_of(n, "force_torque", **options), n
-
-    def step(self, steps):
-        data = self.sim.data
-        for _ in range(steps // 5):
-            data.command[...] = law(np, data.pos, data.quat, data.vel, data.ang_vel)
-            self.sim.step(5)
+    return sim, own
 
 
 def pw_firmware(n, **options):
@@ -327,7 +341,7 @@ def pw_dynamics_effect(n, **options):
     return without_forces(ours_of(n, "rotor_vel", own.on(VEHICLE), **options))
 
 
-def pw_dynamics_stage(n, **options):
+def pw_dynamics(n, **options):
     sim = without_forces(ours_of(n, "rotor_vel", **options))
     for k in range(4):
         sim.set_parameter(f"rotors.{k}.thrust_curve.2", 0.0)
@@ -342,8 +356,7 @@ def pw_dynamics_stage(n, **options):
         arms = np.stack([PLACES[:, 1], -PLACES[:, 0], REACTION * SPINS])
         data.disturbance_torque[...] = np.einsum("wdij,wdj->wdi", turn, lift @ arms.T)
 
-    sim.pipeline.insert_before("integration", "own", own)
-    return sim
+    return sim, own
 
 
 def rotation(quat):
@@ -385,13 +398,23 @@ class Case:
     """Whether a call begins with a reset."""
 
 
+BOTH = ("stage", "between steps")
+
+
+def python(make):
+    """The two forms of a Python function."""
+    return {"stage": staged(make), "between steps": between(make)}
+
+
 CASES = {
-    "nothing": Case("nothing of one's own", "attitude", lambda sim: None, {"kernel": lambda n, **o: ours_of(n, "attitude", **o)}, ("kernel",)),
-    "push": Case("a random push", "attitude", cf_push, {"stage": pw_push_stage, "effect, drawn at resets": pw_push_effect, "turbulence": pw_turbulence}),
-    "wind": Case("gusty wind", "attitude", cf_wind, {"built-in effects": pw_wind_effects, "stage": pw_wind_stage}, ("built-in effects", "stage")),
-    "fan": Case("a force of one's own", "attitude", cf_fan, {"effect": pw_fan_effect, "stage": pw_fan_stage}, ("effect", "stage")),
-    "controller": Case("a controller of one's own", "force_torque", cf_law, {"stage": pw_law_stage, "between calls, 100 Hz": Between, "firmware's, own gains": pw_firmware}, ("stage",)),
-    "dynamics": Case("dynamics of one's own", "rotor_vel", cf_dynamics, {"effect": pw_dynamics_effect, "stage": pw_dynamics_stage}, ("effect", "stage")),
+    "nothing": Case("nothing", "attitude", lambda sim: None, {"kernel": lambda n, **o: ours_of(n, "attitude", **o)}, ("kernel",)),
+    "push": Case("a push at random", "attitude", cf_push, {"effect, drawn at resets": pw_push_effect, **python(pw_push), "turbulence, built in": pw_turbulence}),
+    "wind": Case("wind", "attitude", cf_wind, {"built-in effects": pw_wind_effects, **python(pw_wind)}, ("built-in effects", *BOTH)),
+    "fan": Case("a force", "attitude", cf_fan, {"effect": pw_fan_effect, **python(pw_fan)}, ("effect", *BOTH)),
+    "controller": Case(
+        "a controller", "force_torque", cf_law, {**python(pw_law), "between every five steps": between(pw_law, 5), "the vehicle's, own gains": pw_firmware}, BOTH
+    ),
+    "dynamics": Case("dynamics", "rotor_vel", cf_dynamics, {"effect": pw_dynamics_effect, **python(pw_dynamics)}, ("effect", *BOTH)),
     "masses": Case("masses at random, a reset in 100 steps", "attitude", cf_masses, {"rules": pw_masses}, resets=True),
 }
 
@@ -401,7 +424,9 @@ CASES = {
 
 def end_of(sim, control, steps=CHECKED_STEPS):
     """Position and attitude after a flight, (n, 1, 7)."""
-    restarted(sim, control).step(steps)
+    form, sim = sim, getattr(sim, "sim", sim)
+    restarted(sim, control)
+    form.step(steps)
     states = sim.data if isinstance(sim, propwash.Sim) else sim.data.states
     quat = np.asarray(states.quat)
     return np.concatenate([np.asarray(states.pos), quat * np.sign(quat[..., 3:])], -1)
@@ -418,7 +443,7 @@ def replayed(n):
     def push(data):
         data.disturbance_force[...], data.disturbance_torque[...] = drawn[data.steps[0]]
 
-    ours.pipeline.insert_before("integration", "push", push)
+    ours.pipeline.insert_before("integration", "own", push)
     return end_of(ours, "attitude") - np.concatenate([theirs.data.states.pos, theirs.data.states.quat], -1)
 
 

@@ -21,10 +21,10 @@ _spec.loader.exec_module(customise)
 FORMS = {
     "nothing": {"kernel"},
     "push": {"stage"},
-    "wind": {"built-in effects", "stage"},
-    "fan": {"effect", "stage"},
-    "controller": {"stage"},
-    "dynamics": {"effect", "stage"},
+    "wind": {"built-in effects", "stage", "between steps"},
+    "fan": {"effect", "stage", "between steps"},
+    "controller": {"stage", "between steps"},
+    "dynamics": {"effect", "stage", "between steps"},
     "masses": {"rules"},
 }
 SAME_M = 1e-9
