@@ -740,8 +740,7 @@ class Sim:
     if not TYPE_CHECKING:  # else every name would have a type
 
         def __getattr__(self, name: str) -> Any:
-            close = get_close_matches(name, dir(type(self)), 1)
-            raise _missing(self, name, f"; did you mean {close[0]!r}?" if close else "")
+            raise _missing(self, name)  # Python itself adds what is spelt alike
 
     # ---- sensing
 
