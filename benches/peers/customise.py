@@ -234,8 +234,7 @@ def cf_fan(sim):
 def pw_fan_effect(n, **options):
     @propwash.effect
     def fan(s):
-        for axis, air in enumerate((1 + 0.5 * np.sin(2 * s.t), 0, 0)):
-            s.force[axis] += 0.015 * (air - s.vel[axis])
+        s.force += 0.015 * (np.array([1 + 0.5 * np.sin(2 * s.t), 0, 0]) - s.vel)
         s.force[2] += 0.02 * np.exp(-(s.pos[0] ** 2 + s.pos[1] ** 2) / 0.3)
 
     return ours_of(n, "attitude", fan.on(VEHICLE), **options)
@@ -329,14 +328,11 @@ def pw_dynamics_effect(n, **options):
     @propwash.effect
     def own(s):
         s.thrust_factor *= 0
-        lift = [LIFT * w**2 - INFLOW * w * s.vel_body[2] for w in s.rotor_vel[:4]]
-        for axis in (0, 1):
-            s.force_body[axis] -= SIDE * s.rotor_sum * s.vel_body[axis]
-        for k in range(4):
-            s.force_body[2] += lift[k]
-            s.torque[0] += PLACES[k, 1] * lift[k]
-            s.torque[1] -= PLACES[k, 0] * lift[k]
-            s.torque[2] += REACTION * SPINS[k] * lift[k]
+        speed = s.rotor_vel[:4]
+        lift = LIFT * speed**2 - INFLOW * speed * s.vel_body[2]
+        s.force_body -= SIDE * s.rotor_sum * s.vel_body * np.array([1, 1, 0])
+        s.force_body[2] += lift.sum()
+        s.torque += np.stack([PLACES[:, 1], -PLACES[:, 0], REACTION * SPINS]) @ lift
 
     return without_forces(ours_of(n, "rotor_vel", own.on(VEHICLE), **options))
 

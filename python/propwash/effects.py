@@ -70,33 +70,35 @@ class Formula:
     def _in(self, least: int) -> str:
         return self._text if self._rank >= least else f"({self._text})"
 
-    def _two(self, sign: str, other: Any, rank: int, swapped: bool = False) -> Formula:
+    def _two(self, sign: str, other: Any, rank: int, swapped: bool = False) -> Any:
+        if isinstance(other, np.ndarray):
+            return NotImplemented  # NumPy takes its parts one by one
         a, b = (Formula._of(other), self) if swapped else (self, Formula._of(other))
         # What stands behind − and / keeps its parentheses, also where it is of the same rank; so does what begins with a minus.
         return Formula(f"{a._in(rank)} {sign} {b._in(max(rank + 1, _POWER if b._rank == _MINUS else 0))}", rank)
 
-    def __add__(self, other: Any) -> Formula:
+    def __add__(self, other: Any) -> Any:
         return self._two("+", other, _SUM)
 
-    def __radd__(self, other: Any) -> Formula:
+    def __radd__(self, other: Any) -> Any:
         return self._two("+", other, _SUM, swapped=True)
 
-    def __sub__(self, other: Any) -> Formula:
+    def __sub__(self, other: Any) -> Any:
         return self._two("-", other, _SUM)
 
-    def __rsub__(self, other: Any) -> Formula:
+    def __rsub__(self, other: Any) -> Any:
         return self._two("-", other, _SUM, swapped=True)
 
-    def __mul__(self, other: Any) -> Formula:
+    def __mul__(self, other: Any) -> Any:
         return self._two("*", other, _PRODUCT)
 
-    def __rmul__(self, other: Any) -> Formula:
+    def __rmul__(self, other: Any) -> Any:
         return self._two("*", other, _PRODUCT, swapped=True)
 
-    def __truediv__(self, other: Any) -> Formula:
+    def __truediv__(self, other: Any) -> Any:
         return self._two("/", other, _PRODUCT)
 
-    def __rtruediv__(self, other: Any) -> Formula:
+    def __rtruediv__(self, other: Any) -> Any:
         return self._two("/", other, _PRODUCT, swapped=True)
 
     def __neg__(self) -> Formula:
@@ -118,13 +120,30 @@ class Formula:
     def _call(self, name: str, *others: Any) -> Formula:
         return Formula(f"{name}({', '.join([self._text, *(Formula._of(other)._text for other in others)])})")
 
+    # What NumPy asks the parts of an array for, np.sin(s.vel).
+    def sqrt(self) -> Formula:
+        return self._call("sqrt")
+
+    def exp(self) -> Formula:
+        return self._call("exp")
+
+    def sin(self) -> Formula:
+        return self._call("sin")
+
+    def cos(self) -> Formula:
+        return self._call("cos")
+
+    def tanh(self) -> Formula:
+        return self._call("tanh")
+
     def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **_: Any) -> Any:
         name = _UFUNCS.get(ufunc)
         if method != "__call__" or name is None:
             known = ", ".join(sorted(f"np.{u.__name__}" for u in _UFUNCS))
             raise _refuse(f"np.{ufunc.__name__} is no part of expressions; there are {known}")
         if any(isinstance(value, np.ndarray) for value in inputs):
-            raise _refuse(f"np.{ufunc.__name__} of an array and a formula: take the numbers one by one")
+            each = np.broadcast(*(np.asarray(value, dtype=object) for value in inputs))
+            return np.array([ufunc(*row) for row in each] + [None], dtype=object)[:-1].reshape(each.shape)
         first = Formula._of(inputs[0])
         if name.startswith("__"):
             return getattr(first, name)(*inputs[1:])
@@ -174,6 +193,27 @@ class Vector:
         found = self._sums[self._axis(axis)]
         return Formula("0.0") if found is None else found
 
+    def __iadd__(self, other: Any) -> Vector:  # type: ignore[misc]
+        for axis, part in enumerate(self._three(other)):
+            self[axis] += part
+        return self
+
+    def __isub__(self, other: Any) -> Vector:  # type: ignore[misc]
+        for axis, part in enumerate(self._three(other)):
+            self[axis] -= part
+        return self
+
+    def _three(self, other: Any) -> Any:
+        if np.shape(other) != (3,):
+            raise _refuse(f"{self._name} has three numbers, got {other!r}: {self._name}[0] += … for one of them")
+        return other
+
+    def _refused(self, _: object) -> Any:
+        raise _refuse(f"{self._name} is what the effect adds to: {self._name} += three numbers, {self._name}[0] += …")
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __truediv__ = _refused
+    __array_ufunc__ = None
+
     def __setitem__(self, axis: int, value: Any) -> None:
         at, new = self._axis(axis), Formula._of(value)
         # `+=` on nothing is the sum with 0.
@@ -194,7 +234,7 @@ class Vector:
 
 
 class Surroundings:
-    """What an effect sees, and what it adds to. Vectors are tuples of numbers; units are SI."""
+    """What an effect sees, and what it adds to. Vectors are arrays of formulas; units are SI."""
 
     #: Names of the state, by what expressions call them.
     _SEES = {
@@ -235,7 +275,11 @@ class Surroundings:
         found = Surroundings._SEES.get(name)
         if found is None:
             raise _refuse(f"an effect sees {', '.join(Surroundings._SEES)} and adds to {', '.join(Surroundings._ADDS)}, not {name}")
-        return Formula(found) if isinstance(found, str) else tuple(Formula(part) for part in found)
+        if isinstance(found, str):
+            return Formula(found)
+        parts = np.array([Formula(part) for part in found], dtype=object)
+        parts.flags.writeable = False  # it is seen, not changed
+        return parts
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name == "thrust_factor":
@@ -244,7 +288,9 @@ class Surroundings:
                 new = Formula(new._text[len("1.0 * ") :], new._rank)
             object.__setattr__(self, name, new)
         elif name in Surroundings._ADDS:
-            raise _refuse(f"{name} has three numbers: {name}[0] += …")
+            # `s.force += …` has added, and then sets the attribute to what it is already.
+            if value is not getattr(self, name):
+                raise _refuse(f"{name} has three numbers: {name} += …, {name}[0] += …")
         else:
             raise _refuse(f"an effect adds to {', '.join(Surroundings._ADDS)}, not to {name}")
 
@@ -330,7 +376,7 @@ class Effect:
 def effect(function: Callable[..., Any]) -> Effect:
     """Makes an effect of a Python function of what surrounds the drone, which runs once and then never again.
 
-    The function takes ``s`` and adds to ``s.force`` (N, world), ``s.force_body`` (N, body), ``s.torque`` (N m, body), three numbers each, or multiplies
+    The function takes ``s`` and adds to ``s.force`` (N, world), ``s.force_body`` (N, body), ``s.torque`` (N m, body), three numbers at once or one (``s.force[0] += …``), or multiplies
     ``s.thrust_factor``. It sees ``s.t`` (s since the reset), ``s.pos``, ``s.vel`` (world), ``s.vel_body`` (through the air, body), ``s.ang_vel`` (body),
     ``s.quat``, ``s.roll``, ``s.pitch``, ``s.yaw``, ``s.rotor_vel``, ``s.rotor_sum``, ``s.thrust``, ``s.ground`` and ``s.ceiling`` (m to them), ``s.others`` (m to the nearest
     vehicle), ``s.wind``, ``s.air_density``, ``s.mass``, ``s.gravity``; arithmetic, whole powers, ``abs`` and NumPy's ``sqrt``, ``exp``, ``sin``, ``cos``, ``tanh``,
