@@ -364,6 +364,7 @@ def numbers(texts: Any) -> Numbers:
     """An array of names of numbers."""
     out = np.empty(len(texts), dtype=object)
     out[:] = [Formula(text) for text in texts]
+    out.flags.writeable = False  # it is seen, not changed
     return out.view(Numbers)
 
 
@@ -401,13 +402,24 @@ class Vector:
         at, new = self._axis(axis), Formula.of(value)
         self._values[at] = new
 
-    def __iadd__(self, value: Any) -> Vector:
-        self[:] = self[:] + value
+    def __iadd__(self, value: Any) -> Vector:  # type: ignore[misc]
+        self[:] = self[:] + self._whole(value)
         return self
 
-    def __isub__(self, value: Any) -> Vector:
-        self[:] = self[:] - value
+    def __isub__(self, value: Any) -> Vector:  # type: ignore[misc]
+        self[:] = self[:] - self._whole(value)
         return self
+
+    def _whole(self, value: Any) -> Any:
+        if np.shape(value) != (len(self),):
+            raise refuse(f"{self._name} has {len(self)} numbers, got {value!r}: {self._name}[0] += … for one of them")
+        return value
+
+    def _refused(self, _: object) -> Any:
+        raise refuse(f"{self._name} is what the function writes: {self._name} += {len(self)} numbers, {self._name}[0] += …; {self._name}[:] are its numbers")
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __mul__ = __rmul__ = __imul__ = __truediv__ = __rtruediv__ = __itruediv__ = _refused
+    __array_ufunc__ = None
 
     def _axis(self, axis: Any) -> int:
         last = len(self) - 1

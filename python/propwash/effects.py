@@ -107,7 +107,7 @@ class Surroundings:
         elif name in self._ADDS:
             # What `+=` does behind its sum.
             if value is not object.__getattribute__(self, name):
-                raise refuse(f"{name} has {len(getattr(self, name))} numbers: {name}[0] += …, {name}[:] = …")
+                raise refuse(f"{name} has {len(getattr(self, name))} numbers: {name} += …, {name}[0] += …, {name}[:] = …")
         else:
             raise refuse(f"{self._WHO} adds to {', '.join(self._ADDS)}, not to {name}")
 

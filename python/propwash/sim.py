@@ -36,6 +36,28 @@ Dynamics = Literal["first_principles", "so_rpy", "so_rpy_rotor", "so_rpy_rotor_d
 Control = Literal["state", "attitude", "body_rate", "force_torque", "rotor_vel"]
 Floats = NDArray[Any]
 
+#: What programs that come from Crazyflow ask for, and what it is here (docs/migrate.md).
+_CRAZYFLOWS = {
+    "step_pipeline": "stages are added by sim.pipeline",
+    "reset_pipeline": "what resets draw is said by Sim(randomization=…)",
+    "build_step_fn": "changes of sim.pipeline hold at once, nothing is built",
+    "build_reset_fn": "Sim(randomization=…) holds at once, nothing is built",
+    "control_freq": "rates in force are sim.rates[0][sim.control]",
+    "seed": "Sim(seed=…) fixes all random numbers",
+    "default_data": "sim.set_initial says where drones start",
+    "states": "arrays are those of sim.data itself: sim.data.pos",
+    "controls": "commands are sim.data.command, sim.data.attitude_command, sim.data.rotor_command",
+    "params": "parameters are sim.parameter(name), sim.set_parameter(name, value)",
+    "core": "steps are sim.data.steps, seconds sim.time",
+    "replace": "arrays are written in place: sim.data.pos[...] = …",
+}
+
+
+def _missing(thing: object, name: str, known: str = "") -> AttributeError:
+    """What is raised for a name that a ``Sim`` or its ``Data`` does not have."""
+    hint = f"; Crazyflow's, here {_CRAZYFLOWS[name]}" if name in _CRAZYFLOWS else known
+    return AttributeError(f"{type(thing).__name__} has no {name!r}{hint}", name=name, obj=thing)
+
 
 class QuarantineWarning(RuntimeWarning):
     """A world has been set aside because its numbers stopped being numbers."""
@@ -137,6 +159,11 @@ class Data:
                 array.flags.writeable = False
             object.__setattr__(self, name, array)
 
+    if not TYPE_CHECKING:  # else every name would have a type
+
+        def __getattr__(self, name: str) -> Any:
+            raise _missing(self, name, f"; there are: {', '.join(self.__slots__[:-1])}")
+
     def __setattr__(self, name: str, value: object) -> None:
         # `data.pos += x` writes into the array and then sets the attribute to what it is already.
         if name not in self.__slots__:
@@ -179,7 +206,9 @@ class Pipeline:
         """Adds a stage as the first."""
         self._add("first", name, stage, per)
 
-    def _add(self, place: str, name: str, stage: Stage, per: str) -> None:
+    def _add(self, place: str, name: str, stage: Stage, per: str = "step", anchor: str | None = None) -> None:
+        if not isinstance(name, str):
+            raise TypeError(f"name: expected a str, the name of the stage, and the stage after it, got {name!r} ({type(name).__name__})")
         if per not in ("step", "call"):
             raise ValueError(f"per: expected \"step\" or \"call\", got {per!r}")
         if hasattr(stage, "on") and hasattr(stage, "toml"):
@@ -187,7 +216,7 @@ class Pipeline:
         if name in self._before or name in self._after:
             raise ValueError(f"stage {name!r}: expected a name that no stage has: replace() or remove() that one first")
         if per == "step":
-            self._native.add_stage(place, name, stage)
+            self._native.add_stage(place, name, stage, anchor)
             return
         if isinstance(stage, RestOnGround) or not callable(stage):
             raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}")
@@ -206,11 +235,11 @@ class Pipeline:
 
     def insert_before(self, anchor: str, name: str, stage: Stage) -> None:
         """Adds a stage directly before ``anchor``."""
-        self._native.add_stage("before", name, stage, anchor)
+        self._add("before", name, stage, anchor=_text("anchor", anchor))
 
     def insert_after(self, anchor: str, name: str, stage: Stage) -> None:
         """Adds a stage directly after ``anchor``."""
-        self._native.add_stage("after", name, stage, anchor)
+        self._add("after", name, stage, anchor=_text("anchor", anchor))
 
     def replace(self, name: str, stage: Stage) -> None:
         """Puts another stage in the place of one that was added."""
@@ -220,6 +249,8 @@ class Pipeline:
                     raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}")
                 stages[name] = stage
                 return
+        if not isinstance(name, str):
+            raise TypeError(f"name: expected a str, the name of the stage, and the stage after it, got {name!r} ({type(name).__name__})")
         self._native.add_stage("instead", name, stage)
 
     def remove(self, name: str) -> None:
@@ -748,6 +779,11 @@ class Sim:
                     self._native.set_parameter(name, done, np.ascontiguousarray(before[:, done]))
                 raise
 
+    if not TYPE_CHECKING:  # else every name would have a type
+
+        def __getattr__(self, name: str) -> Any:
+            raise _missing(self, name)  # Python itself adds what is spelt alike
+
     # ---- sensing
 
     @property
@@ -1191,9 +1227,24 @@ def _rules(value: str | os.PathLike[str] | Sequence[Mapping[str, Any]] | None) -
         rules: dict[str, Any] = json.loads(_native.rules_json(text))
         return rules
     try:
-        return {"rule": json.loads(json.dumps([dict(rule) for rule in value]))}
+        plain = json.loads(json.dumps([dict(rule) for rule in value]))
     except (TypeError, ValueError) as e:
         raise TypeError(f"randomization: expected TOML text, a path or a list of rules, got {value!r} ({e})") from None
+    for k, rule in enumerate(plain):
+        if "draw" in rule:
+            _check_draw(f"randomization[{k}]", rule["draw"])
+    return {"rule": plain}
+
+
+def _check_draw(rule: str, draw: Any) -> None:
+    """Refuses what is no draw, by the number of its rule; whether its numbers make sense is asked later, where the parameter is known."""
+    numbers = {"uniform": 2, "scale": 2, "normal": 1}
+    if isinstance(draw, Mapping) and len(draw) == 1:
+        ((kind, given),) = draw.items()
+        if kind in numbers and np.shape(given) == (() if numbers[kind] == 1 else (2,)):
+            return
+    expected = '{"uniform": [low, high]}, {"scale": [low, high]} or {"normal": sigma}'
+    raise ValueError(f"{rule}: draw: expected one of {expected}, got {draw!r}")
 
 
 def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """What the tests of the package share."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,9 @@ import pytest
 
 import propwash
 from propwash import _gl
+
+# Crazyflow asks for it before anything imports SciPy, which other tests may do first.
+os.environ.setdefault("SCIPY_ARRAY_API", "1")
 
 # MuJoCo chooses its OpenGL when it is imported first, which test modules do: one that needs no display, where there is none.
 _gl.load()

@@ -198,6 +198,29 @@ def test_both_programs_of_the_page_for_users_of_crazyflow_end_at_the_same_place(
     assert there.shape == here.shape and np.abs(there - here).max() < 1e-3 and np.all(here[..., 2] > 0.4)
 
 
+def test_physics_of_ones_own_does_in_both_what_the_page_for_users_of_crazyflow_says():
+    if os.environ.get("PROPWASH_REQUIRE_PEERS") != "1":
+        pytest.importorskip("crazyflow")
+    lines, made = (ROOT / "docs/migrate.md").read_text().splitlines(), {}
+    for page, line, code, _ in PYTHON:
+        if page == "docs/migrate.md":
+            headings = [text[4:] for text in lines[:line] if text.startswith("### ")]
+            if headings:
+                made.setdefault(headings[-1], []).append(run(page, line, code)["sim"])
+    assert list(made) == ["A push at random", "Wind", "A force", "A controller", "Dynamics", "Masses at random"]
+    theirs, ours, swinging = made.pop("A push at random")
+    spread = np.std(ours.data.vel[..., :2])
+    assert 0.7 < np.std(theirs.data.states.vel[..., :2]) / spread < 1.4 and 0.005 < spread < np.std(swinging.data.vel[..., :2])
+    theirs, ours = made.pop("Masses at random")
+    for masses in np.asarray(theirs.data.params.mass)[..., 0], ours.parameter("body.mass_kg"):
+        assert masses.shape == (64, 1) and np.all(abs(masses / 0.0328 - 1) <= 0.1001) and np.std(masses) > 0.001
+    for heading, (theirs, *ours) in made.items():
+        there = np.asarray(theirs.data.states.pos)
+        assert np.abs(there).max() > 0.05, heading
+        for sim in ours:
+            assert np.abs(sim.data.pos - there).max() < 1e-4, heading
+
+
 def test_the_page_of_commands_is_the_help_of_the_program():
     program = os.environ.get("PROPWASH_BIN")
     if not program:

@@ -60,6 +60,9 @@ def refused(kind, words, call):
         ({"randomization": [{"parameter": "body.mass"}]}, ValueError, ["randomization"]),
         ({"randomization": [{"parameter": "body.weight", "draw": {"normal": 1.0}}]}, KeyError, ["body.weight", "mass_kg"]),
         ({"randomization": [{"parameter": "body.mass_kg", "draw": {"scale": [2.0, 1.0]}}]}, ValueError, ["in order"]),
+        ({"randomization": [{"parameter": "body.mass_kg", "draw": {"normal": [0.0, 0.1]}}]}, ValueError, ["randomization[0]", '{"normal": sigma}', "[0.0, 0.1]"]),
+        ({"randomization": [{"parameter": "body.mass_kg", "draw": {"uniform": 0.1}}]}, ValueError, ["randomization[0]", '{"uniform": [low, high]}']),
+        ({"randomization": [{"parameter": "body.mass_kg", "draw": {"gauss": 0.1}}]}, ValueError, ["randomization[0]", "gauss"]),
         ({"randomization": 5}, TypeError, ["randomization", "5"]),
     ],
     ids=lambda v: str(v)[:40] if isinstance(v, dict) else "",
@@ -99,6 +102,18 @@ def test_commands_that_are_no_numbers_and_were_written_past_the_check_set_their_
     with pytest.warns(propwash.QuarantineWarning, match="world 1"):
         sim.step(20)
     assert np.array_equal(sim.quarantined, [False, True, False]) and np.isfinite(sim.data.pos).all()
+
+
+def test_names_and_orders_of_crazyflow_are_answered_by_those_here():
+    sim = propwash.Sim(control="attitude")
+    refused(TypeError, ["name", "and the stage after it", "function"], lambda: sim.pipeline.append(lambda data: None, "gust"))
+    refused(TypeError, ["anchor"], lambda: sim.pipeline.insert_before(None, "gust", lambda data: None))
+    refused(AttributeError, ["step_pipeline", "sim.pipeline"], lambda: sim.step_pipeline)
+    refused(AttributeError, ["build_step_fn", "hold at once"], lambda: sim.build_step_fn())
+    refused(AttributeError, ["states", "sim.data.pos"], lambda: sim.data.states)
+    refused(AttributeError, ["force", "disturbance_force"], lambda: sim.data.force)
+    refused(AttributeError, ["Sim has no 'parametre'"], lambda: sim.parametre)
+    assert not hasattr(sim, "step_pipeline") and not hasattr(sim.data, "states")
 
 
 def test_other_calls_refuse_what_makes_no_sense():
