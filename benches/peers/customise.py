@@ -175,6 +175,16 @@ def pw_push_effect(n, **options):
     return ours_of(n, "attitude", push.on(VEHICLE), randomization=rules, **options)
 
 
+def pw_push_drawn(n, **options):
+    """The same in every step, by random numbers of the simulation."""
+
+    @propwash.effect
+    def push(s, size=0.02):
+        s.force += size * s.normal
+
+    return ours_of(n, "attitude", push.on(VEHICLE), **options)
+
+
 def pw_turbulence(n, **options):
     toml = '[[effect]]\nkind = "turbulence"\nsigma_m_s = [1.0, 1.0, 0.5]\nlength_m = [1.0, 1.0, 1.0]\n'
     return ours_of(n, "attitude", propwash.Vehicle(VEHICLE).with_effects(toml), **options)
@@ -281,6 +291,18 @@ def pw_law(n, **options):
         data.command[...] = law(np, data.pos, data.quat, data.vel, data.ang_vel)
 
     return sim, own
+
+
+def pw_law_compiled(n, **options):
+    """The law as a controller of the vehicle."""
+
+    @propwash.controller
+    def own(s):
+        wanted = 4 * (np.array([0.0, 0.0, 3.0]) - s.pos) - 4 * s.vel
+        half = np.array([-wanted[1], wanted[0], 0.0], dtype=object) / (2 * GRAVITY)
+        s.mix(MASS * (GRAVITY + wanted[2]), INERTIA * (800 * (half - s.quat[:3]) - 40 * s.ang_vel))
+
+    return ours_of(n, "force_torque", own.on(VEHICLE), **options)
 
 
 def pw_firmware(n, **options):
@@ -404,11 +426,11 @@ def python(make):
 
 CASES = {
     "nothing": Case("nothing", "attitude", lambda sim: None, {"kernel": lambda n, **o: ours_of(n, "attitude", **o)}, ("kernel",)),
-    "push": Case("a push at random", "attitude", cf_push, {"effect, drawn at resets": pw_push_effect, **python(pw_push), "turbulence, built in": pw_turbulence}),
+    "push": Case("a push at random", "attitude", cf_push, {"effect": pw_push_drawn, "effect, drawn at resets": pw_push_effect, **python(pw_push), "turbulence, built in": pw_turbulence}),
     "wind": Case("wind", "attitude", cf_wind, {"built-in effects": pw_wind_effects, **python(pw_wind)}, ("built-in effects", *BOTH)),
     "fan": Case("a force", "attitude", cf_fan, {"effect": pw_fan_effect, **python(pw_fan)}, ("effect", *BOTH)),
     "controller": Case(
-        "a controller", "force_torque", cf_law, {**python(pw_law), "between every five steps": between(pw_law, 5), "the vehicle's, own gains": pw_firmware}, BOTH
+        "a controller", "force_torque", cf_law, {"`propwash.controller`": pw_law_compiled, **python(pw_law), "between every five steps": between(pw_law, 5), "the vehicle's, own gains": pw_firmware}, BOTH
     ),
     "dynamics": Case("dynamics", "rotor_vel", cf_dynamics, {"effect": pw_dynamics_effect, **python(pw_dynamics)}, ("effect", *BOTH)),
     "masses": Case("masses at random, a reset in 100 steps", "attitude", cf_masses, {"rules": pw_masses}, resets=True),

@@ -208,9 +208,10 @@ def test_physics_of_ones_own_does_in_both_what_the_page_for_users_of_crazyflow_s
             if headings:
                 made.setdefault(headings[-1], []).append(run(page, line, code)["sim"])
     assert list(made) == ["A push at random", "Wind", "A force", "A controller", "Dynamics", "Masses at random"]
-    theirs, ours, swinging = made.pop("A push at random")
-    spread = np.std(ours.data.vel[..., :2])
-    assert 0.7 < np.std(theirs.data.states.vel[..., :2]) / spread < 1.4 and 0.005 < spread < np.std(swinging.data.vel[..., :2])
+    theirs, *ours = made.pop("A push at random")
+    there = np.std(theirs.data.states.vel[..., :2])
+    for sim in ours:
+        assert 0.7 < np.std(sim.data.vel[..., :2]) / there < 1.4 and there > 0.005
     theirs, ours = made.pop("Masses at random")
     for masses in np.asarray(theirs.data.params.mass)[..., 0], ours.parameter("body.mass_kg"):
         assert masses.shape == (64, 1) and np.all(abs(masses / 0.0328 - 1) <= 0.1001) and np.std(masses) > 0.001

@@ -313,7 +313,7 @@ def test_stages_once_per_call_see_its_beginning_or_its_end():
     seen.clear()
     sim.step(4)
     assert seen == [("other", 0)] and sim.pipeline.names == ["controllers", "integration", "end"]
-    for stage, message in [(propwash.RestOnGround(0.1), "expected a function"), (3, "expected a function"), (propwash.effect(lambda s: s.force.__iadd__(1.0) and None), "belongs to a vehicle")]:
+    for stage, message in [(propwash.RestOnGround(0.1), "expected a function"), (3, "expected a function"), (propwash.effect(lambda s: s.force.__setitem__(0, 1.0)), "belongs to a vehicle")]:
         with pytest.raises(TypeError, match=message):
             sim.pipeline.append("odd", stage, per="call")
     for name in ("end", "controllers"):

@@ -66,6 +66,8 @@ async function slide(page, selector, value) {
     bypassCSP: asked.steps.some((step) => step.axe),
   });
   const page = await context.newPage();
+  // A machine that builds beside it takes longer than the usual 30 s for a click.
+  page.setDefaultTimeout(180000);
   const out = { values: [], said: [], clicks: 0, axe: {}, wide: {} };
   const host = new URL(asked.url).host;
   page.on("console", (message) => {

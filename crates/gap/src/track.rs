@@ -206,7 +206,7 @@ fn forgetful(vehicle: &Vehicle, dynamics: &str) -> Option<String> {
         drone.effects.iter().filter(|e| e.nature().moved_by_memory).map(AnyEffect::label).collect();
     (!moved.is_empty()).then(|| {
         format!(
-            "{}: acts as at its start: comparisons with logs do not follow what it remembers",
+            "{}: acts as at its start: comparisons with logs do not follow what it remembers or is commanded",
             moved.join(", ")
         )
     })

@@ -2,7 +2,7 @@
 //! from.
 
 use super::quarantine::{MAX_POSITION_M, Quarantine, TOO_FAR};
-use crate::random::{Key, purpose};
+use crate::random::{Key, purpose, step_normal};
 use propwash_physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
 use propwash_physics::drone::{Drone, Dynamics};
 use propwash_physics::effects::Command;
@@ -57,7 +57,7 @@ impl Source {
         let (seed, world) = self.origin;
         // Episodes count from the top bits down, so that steps of two episodes never share a number.
         let step = self.episodes.rotate_left(40) ^ step;
-        Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] }.stream().normal()
+        step_normal(Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] })
     }
 }
 

@@ -479,12 +479,15 @@ impl<N: Number> Sim<N> {
         // Where all worlds have the same vehicles, these hover alike.
         let alike = self.own.is_none() && rules.iter().all(|r| r.parameter.starts_with("initial."));
         let hovers: Option<Vec<_>> = alike.then(|| self.nominal.iter().map(hover).collect());
+        // Names are looked up once: what they stand for is at the same place in every world.
+        let drawn: Vec<Vec<Drawn>> = self.nominal.iter().map(|drone| drawn(drone, &rules)).collect();
         let outcome = wanted.into_iter().try_for_each(|w| {
             self.data.episodes[w] += 1;
             self.data.steps[w] = 0;
             self.data.quarantine[w] = None;
-            (0..self.nominal.len())
-                .try_for_each(|d| self.reset_drone(w, d, &rules, hovers.as_ref().map(|h| h[d])))
+            (0..self.nominal.len()).try_for_each(|d| {
+                self.reset_drone((w, d), (&rules, &drawn[d]), hovers.as_ref().map(|h| h[d]))
+            })
         });
         self.options.randomization.rules = rules;
         outcome
@@ -493,20 +496,24 @@ impl<N: Number> Sim<N> {
     /// `hovers`: rotor speeds and thrust state at which it hovers, where they are known.
     fn reset_drone(
         &mut self,
-        w: usize,
-        d: usize,
-        rules: &[Rule],
+        (w, d): (usize, usize),
+        (rules, drawn): (&[Rule], &[Drawn]),
         hovers: Option<([f64; MAX_ROTORS], f64)>,
     ) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let (seed, world) = self.options.origin(w);
         let key = Key { seed, world, drone: d as u32, step: self.data.episodes[w] - 1, purpose: 0 };
-        if rules.iter().any(|r| !r.parameter.starts_with("initial.")) {
-            let mut drone = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]).clone();
-            drone.visit(&mut |name, value| {
-                for rule in rules.iter().filter(|r| r.matches(name)) {
-                    *value = rule.apply(name, *value, key);
-                }
+        if !drawn.is_empty() {
+            let base = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]);
+            let (mut at, mut rest) = (0, drawn.iter().peekable());
+            let mut drone = base.map(&mut |nominal| {
+                let own = rest.next_if(|number| number.at == at);
+                at += 1;
+                let apply = |number: &Drawn| {
+                    let rules = number.rules.iter().map(|r| &rules[*r]);
+                    rules.fold(nominal, |value, rule| rule.apply(&number.name, value, key))
+                };
+                own.map_or(nominal, apply)
             });
             drone.refresh();
             check_body(&drone, d)?;
@@ -537,6 +544,15 @@ impl<N: Number> Sim<N> {
         state.quat = quat::normalize(quat::mul(state.quat, quat::exp(rotation)));
         if self.options.rotor_start == RotorStart::Hover {
             (state.rotor_vel, state.thrust) = hovers.unwrap_or_else(|| hover(self.drone(w, d)));
+            let odd = state.rotor_vel.iter().position(|speed| !speed.is_finite());
+            if let Some(i) = odd {
+                return Err(RolloutError::Parameter {
+                    drone: d,
+                    name: format!("rotors.{i}.thrust_curve.2"),
+                    expected: "a number above 0, since rotors start at the speed of hover".into(),
+                    got: self.drone(w, d).airframe.rotors[i].thrust_curve[2],
+                });
+            }
         }
         self.data.set_state(w, d, &state);
         let (memory, rotors) = (self.data.memory_columns.len(), self.data.n_rotors);
@@ -817,6 +833,43 @@ fn hover(drone: &Drone<f64>) -> ([f64; MAX_ROTORS], f64) {
     (drone.hover_rotor_vel(), drone.parts().response.map_or(0.0, |_| drone.hover_command()))
 }
 
+/// A number of a drone that rules draw.
+struct Drawn {
+    /// Its place among the numbers that [`Drone::map`] meets.
+    at: usize,
+    name: String,
+    /// Places of the rules that speak of it.
+    rules: Vec<usize>,
+}
+
+/// The numbers of a drone that rules draw, in the order of [`Drone::map`].
+fn drawn(drone: &Drone<f64>, rules: &[Rule]) -> Vec<Drawn> {
+    // A mark that `map` shows again: names do not stand for all numbers that it meets. No parameter is such a NaN.
+    const MARK: u64 = 0x7ff8_5a5a_0000_0000;
+    let (mut marked, mut found) = (drone.clone(), Vec::<Drawn>::new());
+    marked.visit(&mut |name, value| {
+        let of = rules.iter().enumerate().filter(|(_, rule)| rule.matches(name));
+        let own: Vec<usize> = of.map(|(i, _)| i).collect();
+        if !own.is_empty() {
+            *value = f64::from_bits(MARK | found.len() as u64);
+            found.push(Drawn { at: 0, name: name.into(), rules: own });
+        }
+    });
+    let mut at = 0;
+    marked.map(&mut |v| {
+        let bits = v.to_bits();
+        if bits & !u64::from(u32::MAX) == MARK
+            && let Some(number) = found.get_mut((bits & u64::from(u32::MAX)) as usize)
+        {
+            number.at = at;
+        }
+        at += 1;
+        v
+    });
+    found.sort_by_key(|number| number.at);
+    found
+}
+
 /// The list of drones per (world, drone), begun with the nominal ones.
 fn per_world<'a>(
     list: &'a mut Option<Vec<Drone<f64>>>,
@@ -1041,6 +1094,23 @@ mod tests {
         half.step(250).unwrap();
         assert_eq!(half.data.pos, one.pos[8 * 2 * 3..]);
         assert_eq!(half.data.rotor_vel, one.rotor_vel[8 * 2 * 4..]);
+    }
+
+    #[test]
+    fn rotors_that_never_lift_cannot_start_at_hover_and_may_stand_still() {
+        let mut sim = state_sim(2, 1);
+        sim.set_parameter(None, 0, "rotors.1.thrust_curve.2", 0.0).unwrap();
+        let error = sim.reset(None).unwrap_err().to_string();
+        assert!(
+            error.contains("rotors.1.thrust_curve.2 of drone 0: expected a number above 0, since"),
+            "{error}"
+        );
+        let options = SimOptions { rotor_start: RotorStart::Off, ..attitude() };
+        let mut sim = Sim::<f64>::new(options, vec![(quad(vec![]), RATES)]).unwrap();
+        sim.set_parameter(None, 0, "rotors.1.thrust_curve.2", 0.0).unwrap();
+        sim.reset(None).unwrap();
+        sim.step(10).unwrap();
+        assert_eq!(sim.n_quarantined(), 0);
     }
 
     #[test]

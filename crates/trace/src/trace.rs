@@ -411,6 +411,33 @@ impl Graph {
         self.outputs.iter().map(|o| values[*o as usize].number()).collect()
     }
 
+    /// What it takes to compute some of the outputs (by their places among them) again and again, where no other inputs change than those that
+    /// `varies` marks.
+    ///
+    /// # Panics
+    /// Where there are fewer inputs than [`Graph::n_inputs`].
+    pub fn again(&self, inputs: &[f64], varies: &[bool], outputs: &[u32]) -> Again {
+        assert!(inputs.len() >= self.n_inputs, "expected {} inputs, found {}", self.n_inputs, inputs.len());
+        let mut values: Vec<Value> = Vec::with_capacity(self.nodes.len());
+        let mut changes: Vec<bool> = Vec::with_capacity(self.nodes.len());
+        for node in &self.nodes {
+            values.push(compute(*node, |place, _| values[place as usize], inputs));
+            let own = matches!(node, Node::Input(k) if varies[*k as usize]);
+            changes.push(own || node.operands().any(|o| changes[o as usize]));
+        }
+        let outputs: Vec<NodeId> = outputs.iter().map(|o| self.outputs[*o as usize]).collect();
+        let mut needed = vec![false; self.nodes.len()];
+        outputs.iter().for_each(|o| needed[*o as usize] = true);
+        for i in (0..self.nodes.len()).rev().filter(|i| changes[*i]) {
+            if needed[i] {
+                self.nodes[i].operands().for_each(|o| needed[o as usize] = true);
+            }
+        }
+        let anew = (0..self.nodes.len()).filter(|i| needed[*i] && changes[*i]);
+        let nodes = anew.map(|i| (i as NodeId, self.nodes[i])).collect();
+        Again { values, nodes, outputs }
+    }
+
     /// Removes dead nodes; inputs keep their numbers.
     pub(super) fn needed(self) -> Self {
         let mut needed = vec![false; self.nodes.len()];
@@ -430,6 +457,25 @@ impl Graph {
         }
         let outputs = self.outputs.iter().map(|o| moved[*o as usize]).collect();
         Self { n_inputs: self.n_inputs, nodes, outputs }
+    }
+}
+
+/// Some outputs of a graph of which few inputs change: [`Graph::again`].
+#[derive(Clone, Debug, Default)]
+pub struct Again {
+    values: Vec<Value>,
+    /// Nodes that are computed anew, in order.
+    nodes: Vec<(NodeId, Node)>,
+    outputs: Vec<NodeId>,
+}
+
+impl Again {
+    /// The outputs for these inputs, as [`Graph::eval`] gives them.
+    pub fn eval(&mut self, inputs: &[f64]) -> impl Iterator<Item = f64> {
+        for (i, node) in &self.nodes {
+            self.values[*i as usize] = compute(*node, |place, _| self.values[place as usize], inputs);
+        }
+        self.outputs.iter().map(|o| self.values[*o as usize].number())
     }
 }
 
@@ -597,6 +643,22 @@ pub(crate) mod tests {
             let bits =
                 |v: &[f64]| v.iter().map(|v| if v.is_nan() { 0 } else { v.to_bits() }).collect::<Vec<_>>();
             assert_eq!(bits(&graph.eval(&[x])), bits(&direct), "{x}");
+        }
+    }
+
+    #[test]
+    fn what_is_computed_again_is_what_the_whole_gives() {
+        let graph = trace(4, |v| {
+            let far = (v[0] * v[0] + v[1] * v[1]).sqrt();
+            vec![far + v[2], v[3] * Sym::lit(2.0), Sym::select(v[2].lt(v[3]), far, v[2]), v[2].exp() * far]
+        });
+        let first = [3.0, 4.0, 1.0, 2.0];
+        let mut again = graph.again(&first, &[false, false, true, false], &[3, 0, 2]);
+        assert!(again.nodes.len() < graph.nodes.len());
+        for third in [1.0, -0.5, 7.0] {
+            let inputs = [3.0, 4.0, third, 2.0];
+            let whole = graph.eval(&inputs);
+            assert_eq!(again.eval(&inputs).collect::<Vec<_>>(), [whole[3], whole[0], whole[2]]);
         }
     }
 

@@ -267,7 +267,7 @@ pub struct Nature {
     pub torques_only: bool,
     /// It scales weight, or the thrust against it: two such effects hover as well as none.
     pub scales_hover: bool,
-    /// Its forces go with what it remembers ([`super::View::memory`]), which a comparison with logs does not follow.
+    /// Its forces go with what it remembers ([`super::View::memory`]) or is commanded, which a comparison with logs does not follow.
     pub moved_by_memory: bool,
     /// It goes with time as a charge that is drawn does: a measured voltage of the battery decides in its place.
     pub goes_with_charge: bool,

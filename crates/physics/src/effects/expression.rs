@@ -543,9 +543,14 @@ impl Formula {
         self.all_read(self.pushing())
     }
 
-    /// Whether forces go with what is remembered.
+    /// Whether forces go with what is remembered or commanded.
     fn pushes_by_memory(&self) -> bool {
-        !self.memory.is_empty() && self.read_by_forces().iter().any(|i| matches!(i, Input::Memory(_)))
+        let unseen = |input: &Input| match input {
+            Input::Memory(_) => true,
+            Input::Variable(i) => VARIABLES[*i].name.starts_with("command"),
+            _ => false,
+        };
+        self.read_by_forces().iter().any(unseen)
     }
 
     /// Whether any program reads the variable called `name`.

@@ -476,6 +476,10 @@ impl<C: Interpret> Pack<C> {
                         let step = first + (from + s) as u64;
                         *to = C::splat(C::Number::of(step as f64 / f64::from(shared.options.sim_hz)));
                     }
+                    // Lanes without a drone of their own need no draws, which cost most.
+                    _ if (place::NORMALS..place::EFFECTS).contains(p) => {
+                        fresh(&self.rows[..self.n], *p, from + s, to);
+                    }
                     _ => fresh(&self.rows, *p, from + s, to),
                 }
             }

@@ -18,6 +18,7 @@ use propwash_trace::bytecode::{Interpret, Program};
 use propwash_trace::kernel::{Compiled, Entries, Kernel, key};
 use propwash_trace::lanes::Number;
 use propwash_trace::schedule::{Input, Location, Schedule, Source};
+use propwash_trace::trace::Again;
 
 /// Drone slots that fly by one program.
 #[derive(Debug)]
@@ -113,6 +114,8 @@ pub(super) struct Plan<N> {
     /// Places of numbers that are others in every step.
     pub(super) fresh: Vec<u32>,
     pub(super) table: Vec<N>,
+    /// What computes the entries that differ between rows.
+    pub(super) again: Again,
     /// Entries of the table that differ between rows, and their numbers: (row, entry).
     pub(super) varying: Vec<u32>,
     pub(super) rows: Vec<N>,
@@ -259,6 +262,7 @@ impl<N: Number> Plan<N> {
             needs_epilogue: true,
             fresh,
             table: Vec::new(),
+            again: Again::default(),
             varying: Vec::new(),
             rows: Vec::new(),
         }
@@ -313,6 +317,7 @@ impl<N: Number> Plan<N> {
         }
         let entries = once.outputs.iter().enumerate().filter(|(_, o)| depends[**o as usize]);
         self.varying = entries.map(|(i, _)| i as u32).collect();
+        self.again = once.again(first, varies, &self.varying);
         self.rows = vec![N::zero(); n_rows * self.varying.len()];
     }
 
@@ -330,11 +335,10 @@ impl<N: Number> Plan<N> {
         }
         let width = self.varying.len();
         let mut fill = |world: usize, i: usize| {
-            let values = self.schedule.once.eval(&fixed(world * n_drones + slots[i]));
+            let own = fixed(world * n_drones + slots[i]);
+            let values = self.again.eval(&own);
             let row = (world * slots.len() + i) * width;
-            for (to, entry) in self.rows[row..row + width].iter_mut().zip(&self.varying) {
-                *to = N::of(values[*entry as usize]);
-            }
+            self.rows[row..row + width].iter_mut().zip(values).for_each(|(to, v)| *to = N::of(v));
         };
         match changed {
             None => (0..n_worlds).for_each(|w| (0..slots.len()).for_each(|i| fill(w, i))),

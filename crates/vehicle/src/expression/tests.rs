@@ -495,6 +495,12 @@ fn commands_pass_through_expressions_and_values_have_names() {
         memory.held = { start = 1, next = \"rotor_command1 / 100\" }";
     let drone = sample(&entry("governor", lines));
     assert!(!drone.controls_itself() && !drone.effects[0].nature().moved_by_memory);
+    // Forces by commands are what logs do not show, too.
+    let told = sample(&entry(
+        "told",
+        "let = [\"half = command1 / 2\"]\nforce_body_n = [\"0.01 * half\", \"0\", \"0\"]",
+    ));
+    assert!(told.effects[0].nature().moved_by_memory);
     let (memory, speeds) = remembered(&drone, 1, [500.0; MAX_ROTORS]);
     assert_eq!((&memory[..], &speeds[..5]), (&[5.0][..], &[250.0, 501.0, 500.0, 300.0, 500.0][..]));
     assert_eq!(remembered(&drone, 2, [500.0; MAX_ROTORS]).1[1], 505.0);
