@@ -360,9 +360,11 @@ def pw_dynamics_effect(n, **options):
 
 
 def pw_dynamics(n, **options):
-    sim = without_forces(ours_of(n, "rotor_vel", **options))
-    for k in range(4):
-        sim.set_parameter(f"rotors.{k}.thrust_curve.2", 0.0)
+    @propwash.effect
+    def no_lift(s):
+        s.thrust_factor *= 0
+
+    sim = without_forces(ours_of(n, "rotor_vel", no_lift.on(VEHICLE), **options))
 
     def own(data):
         turn, speed = rotation(data.quat), data.rotor_vel
