@@ -13,8 +13,8 @@ use common::peer::Peer;
 use common::report::{Report, count, figures, number, numbers, shown};
 use common::{Fallible, ended, machine, median};
 use propwash::env::crossing::{NEARNESS, Sight};
-use propwash::env::{Ending, Env, EnvConfig, train_crossing};
-use propwash::learn::goals::{Cross, Gates, Land, Reach, Recover, Track, cross};
+use propwash::env::{Ending, Env, EnvConfig, train_crossing, train_swapping};
+use propwash::learn::goals::{Cross, Gates, Land, Reach, Recover, Swap, Track, cross, swap};
 use propwash::learn::{Actions, Critic, Flown, Goal, Options, Policy, ppo, train};
 use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::rollout::pilot::{Commander, Pilot, Place};
@@ -41,8 +41,8 @@ struct Args {
     /// Longest time that Crazyflow may take to get ready, s; it compiles for every shape.
     #[arg(long, default_value_t = 300)]
     patience: u64,
-    /// What to measure: gradients, policies, forests.
-    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into(), "forests".into()])]
+    /// What to measure: gradients, policies, forests, rooms, swarm.
+    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into(), "forests".into(), "rooms".into(), "swarm".into()])]
     parts: Vec<String>,
     /// First seed of the trained policies, and number of seeds.
     #[arg(long, default_value_t = 200)]
@@ -186,6 +186,12 @@ fn run(args: &Args) -> Fallible<()> {
     }
     if args.parts.iter().any(|part| part == "forests") {
         forests(&mut report, args)?;
+    }
+    if args.parts.iter().any(|part| part == "rooms") {
+        rooms(&mut report, args)?;
+    }
+    if args.parts.iter().any(|part| part == "swarm") {
+        swarm(&mut report, args)?;
     }
     report.end()
 }
@@ -394,6 +400,9 @@ fn first(report: &mut Report, args: &Args) -> Fallible<()> {
     report.row(vec![shown(ms, figures(ms))])
 }
 
+/// How far cameras see, m.
+const FAR_M: f64 = 6.0;
+
 /// An environment of forests, of seeds from `seed` on, in which a drone acts by attitudes and sees 12 × 16 pixels.
 fn forest(worlds: usize, seed: u64, layouts: usize, first: u64) -> Fallible<EnvConfig> {
     let text = format!(
@@ -405,33 +414,45 @@ fn forest(worlds: usize, seed: u64, layouts: usize, first: u64) -> Fallible<EnvC
     Ok(EnvConfig::from_text(&text)?)
 }
 
-/// Part of the worlds whose first episode arrives.
-fn arrive(policy: &Policy, config: EnvConfig) -> Fallible<f64> {
-    let worlds = config.sim.options.n_worlds;
+/// What stands first in the input of policies that fly to a goal: the direction, which fades away within `least_m`, the distance, velocity, height and attitude. Behind
+/// position, attitude, velocity and angular velocity of a row stand the goal and the velocity along the heading.
+fn towards(row: &[f32], scales: [f64; 4], least_m: f64) -> Vec<f32> {
+    let [distance, speed, height, zero] = scales.map(|v| v as f32);
+    let (goal, along) = (&row[13..16], &row[16..19]);
+    let length = long(goal);
+    let mut input: Vec<f32> = goal.iter().map(|v| v / length.max(least_m as f32)).collect();
+    input.push(distance * length);
+    input.extend(along.iter().map(|v| speed * v));
+    input.push(height * (row[2] - zero));
+    input.extend(&row[3..7]);
+    input
+}
+
+fn long(v: &[f32]) -> f32 {
+    v.iter().map(|v| v * v).sum::<f32>().sqrt()
+}
+
+/// Nearness of a distance, from 0 at `far` to `factor` at `near` and nearer.
+fn nearness(distance: f32, [near, far, factor]: [f64; 3]) -> f32 {
+    let [near, low] = [near as f32, 1.0 / far as f32];
+    factor as f32 * ((1.0 / distance.max(near) - low) / (1.0 / near - low)).clamp(0.0, 1.0)
+}
+
+/// Part of the worlds whose first episode is done. `input` says what the policy makes of a drone's row and image.
+fn arrive(policy: &Policy, config: EnvConfig, input: impl Fn(&[f32], &[f32]) -> Vec<f32>) -> Fallible<f64> {
+    let (worlds, drones) = (config.sim.options.n_worlds, config.sim.n_drones());
     let mut env = Env::new(config)?;
     env.reset(None, None)?;
     let width: usize = env.channels().iter().filter(|c| c.name != "depth").map(|c| c.width).sum();
-    let far = 1.0 / env.depth_range_m()[1] as f32;
     let mut endings = vec![Ending::None as u8; worlds];
-    let [distance, speed, height, zero] = cross::SCALES.map(|v| v as f32);
     for _ in 0..321 {
         let (seen, depth) = (env.observation().to_vec(), env.depth().to_vec());
-        let act = |(row, image): (&[f32], &[f32])| -> Vec<f32> {
-            // Behind position, attitude, velocity and angular velocity stand the goal and the velocity along the heading.
-            let (goal, along) = (&row[13..16], &row[16..19]);
-            let length = goal.iter().map(|v| v * v).sum::<f32>().sqrt();
-            let mut input: Vec<f32> = goal.iter().map(|v| v / length.max(cross::LEAST_M as f32)).collect();
-            input.push(distance * length);
-            input.extend(along.iter().map(|v| speed * v));
-            input.push(height * (row[2] - zero));
-            input.extend(&row[3..7]);
-            let near = NEARNESS[0] as f32;
-            let nearness = |d: &f32| (1.0 / d.max(near) - far) / (1.0 / near - far);
-            input.extend(image.iter().map(|d| NEARNESS[1] as f32 * nearness(d).clamp(0.0, 1.0)));
+        let pixels = depth.len() / (worlds * drones);
+        let act = |(i, row): (usize, &[f32])| -> Vec<f32> {
+            let input = input(row, &depth[i * pixels..(i + 1) * pixels]);
             policy.actions.command(&policy.network.act(&input)).map(|v| v as f32).collect()
         };
-        let actions: Vec<f32> =
-            seen.chunks_exact(width).zip(depth.chunks_exact(depth.len() / worlds)).flat_map(act).collect();
+        let actions: Vec<f32> = seen.chunks_exact(width).enumerate().flat_map(act).collect();
         env.step(&actions)?;
         let now = env.ending();
         (endings.iter_mut().zip(now))
@@ -442,6 +463,13 @@ fn arrive(policy: &Policy, config: EnvConfig) -> Fallible<f64> {
         }
     }
     Ok(endings.iter().filter(|e| **e == Ending::Done as u8).count() as f64 / worlds as f64)
+}
+
+/// What a policy that sees makes of a row and an image.
+fn sees(row: &[f32], image: &[f32]) -> Vec<f32> {
+    let mut input = towards(row, cross::SCALES, cross::LEAST_M);
+    input.extend(image.iter().map(|d| nearness(*d, [NEARNESS[0], FAR_M, NEARNESS[1]])));
+    input
 }
 
 /// Policies that cross forests by depth, on all cores; the judge is the environment, with other forests.
@@ -466,12 +494,139 @@ fn forests(report: &mut Report, args: &Args) -> Fallible<()> {
         };
         let config = forest(1, seed, 24, 100)?;
         let crossed = train_crossing(config, &Cross::default(), Sight { block: [1, 1] }, &options)?;
-        let part = arrive(&crossed.trained.policy, forest(500, seed, 500, 2000)?)?;
+        let part = arrive(&crossed.trained.policy, forest(500, seed, 500, 2000)?, sees)?;
         let [prepared, seconds] = crossed.seconds;
         report.row(vec![
             count(seed as usize),
             count(machine::cores()),
             shown(prepared, figures(prepared)),
+            shown(seconds, figures(seconds)),
+            number(100.0 * part, 1),
+        ])?;
+    }
+    Ok(())
+}
+
+/// A kind of rooms: name, what is generated, starts and goals, the camera, what is paid for, scenes and commands of a training.
+type Kind = (&'static str, &'static str, &'static str, &'static str, Cross, (usize, usize));
+
+fn kinds() -> [Kind; 2] {
+    let hall = Cross { keep_m: 0.45, speed_m_s: 1.5, ..Cross::default() };
+    let row = Cross { keep_m: 0.4, speed_m_s: 1.2, episode_s: 16.0, detour_m: 0.45, ..hall };
+    [
+        (
+            "a hall of 8 m",
+            "columns = 1\nrows = 1\nroom_m = 8.0\nthings = 12",
+            "start_m = [[-3.3, -2.5, 0.9], [-2.7, 2.5, 1.5]]\ngoal_m = [[2.7, -2.5, 0.9], [3.3, 2.5, 1.5]]",
+            "width = 16\nfovy_deg = 70.0",
+            hall,
+            (24, 2_000_000),
+        ),
+        (
+            "three rooms, two doors",
+            "columns = 3\nrows = 1\nroom_m = 4.0\nthings = 6",
+            "start_m = [[-1.0, -1.0, 0.9], [1.0, 1.0, 1.5]]\ngoal_m = [[7.0, -1.2, 0.9], [9.2, 1.2, 1.5]]",
+            "width = 20\nfovy_deg = 80.0",
+            row,
+            (48, 4_000_000),
+        ),
+    ]
+}
+
+/// Policies that cross rooms by depth, on all cores; the judge is the environment, with other rooms.
+fn rooms(report: &mut Report, args: &Args) -> Fallible<()> {
+    let columns = [
+        common::report::words("rooms", "rooms"),
+        numbers("seed", "seed"),
+        numbers("cores", "cores"),
+        numbers("prepared_s", "scenes and fields, s"),
+        numbers("seconds", "in all, s"),
+        numbers("arrive", "% of 500 unseen rooms crossed"),
+    ];
+    let caption = "Rooms by depth, from nothing; unseen rooms are crossed in the environment, once each.";
+    report.table("rooms", caption, &columns)?;
+    for (name, scene, ends, camera, goal, (scenes, commands)) in kinds() {
+        let config = |worlds: usize, seed: u64, layouts: usize, first: u64| {
+            EnvConfig::from_text(&format!(
+                "n_worlds = {worlds}\nseed = {seed}\nlayouts = {layouts}\nstep_hz = 20\nmax_episode_s = 16.0\n\
+                 [[drones]]\nvehicle = \"{LEARNER}\"\n[task]\nkind = \"forest_depth\"\nceiling_m = 2.3\n{ends}\n\
+                 [action]\nkind = \"attitude\"\nnormalized = false\n\
+                 [camera]\n{camera}\nheight = 12\nrange_m = [0.02, {FAR_M}]\n\
+                 [scene.rooms]\n{scene}\nmoving = 0\nseed = {first}"
+            ))
+        };
+        for seed in args.first..args.first + args.seeds {
+            let options = Options {
+                worlds: 128,
+                horizon: 30,
+                commands,
+                rate: 0.003,
+                longest: 1.0,
+                ..Options::default()
+            };
+            let crossed =
+                train_crossing(config(1, seed, scenes, 100)?, &goal, Sight { block: [1, 1] }, &options)?;
+            let part = arrive(&crossed.trained.policy, config(500, seed, 500, 2000)?, sees)?;
+            let [prepared, seconds] = crossed.seconds;
+            report.row(vec![
+                common::report::word(name),
+                count(seed as usize),
+                count(machine::cores()),
+                shown(prepared, figures(prepared)),
+                shown(seconds, figures(seconds)),
+                number(100.0 * part, 1),
+            ])?;
+        }
+    }
+    Ok(())
+}
+
+/// What a policy of a swarm makes of a row, behind whose goal and velocity the others stand: way and motion of each.
+fn knows(row: &[f32], _: &[f32]) -> Vec<f32> {
+    let mut input = towards(row, swap::SCALES, swap::LEAST_M[0]);
+    let [away, speed, ..] = swap::SCALES.map(|v| v as f32);
+    for other in row[19..].chunks_exact(6) {
+        let (off, distance) = (&other[..3], long(&other[..3]));
+        input.extend(off.iter().map(|v| v / distance.max(swap::LEAST_M[1] as f32)));
+        input.push(nearness(distance, swap::NEARNESS));
+        input.push(away * distance);
+        input.extend(other[3..].iter().map(|v| speed * v));
+    }
+    input
+}
+
+/// Policies by which 16 drones change places, on all cores; the judge is the environment.
+fn swarm(report: &mut Report, args: &Args) -> Fallible<()> {
+    let columns = [
+        numbers("seed", "seed"),
+        numbers("cores", "cores"),
+        numbers("seconds", "in all, s"),
+        numbers("done", "% of 500 unseen exchanges done"),
+    ];
+    let caption = "16 drones change places across a circle of 3 m radius, from nothing: done where all are at their places and none has touched another.";
+    report.table("swarm", caption, &columns)?;
+    let config = |worlds: usize, seed: u64| {
+        EnvConfig::from_text(&format!(
+            "n_worlds = {worlds}\nseed = {seed}\nlayouts = 1\nstep_hz = 20\nmax_episode_s = 15.0\nwith_camera = false\nn_drones = 16\n\
+             [[drones]]\nvehicle = \"{LEARNER}\"\n[task]\nkind = \"swarm_cross\"\nradius_m = 3.0\nstart_off_m = 0.3\nheight_m = [1.0, 1.4]\n[action]\nkind = \"attitude\"\nnormalized = false\n\
+             [scene.boxes]\ncount = 0\nmoving = 0"
+        ))
+    };
+    for seed in args.first..args.first + args.seeds {
+        let options = Options {
+            worlds: 128,
+            horizon: 30,
+            commands: 2_000_000,
+            rate: 0.003,
+            longest: 1.0,
+            ..Options::default()
+        };
+        let crossed = train_swapping(config(1, seed)?, &Swap::default(), &options)?;
+        let part = arrive(&crossed.trained.policy, config(500, 1_000_000 + seed)?, knows)?;
+        let seconds = crossed.seconds[1];
+        report.row(vec![
+            count(seed as usize),
+            count(machine::cores()),
             shown(seconds, figures(seconds)),
             number(100.0 * part, 1),
         ])?;

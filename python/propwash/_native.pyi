@@ -35,6 +35,7 @@ __all__ = [
     "learn_bptt",
     "learn_cross",
     "learn_ppo",
+    "learn_swap",
     "lint",
     "load_plugin_library",
     "log_check",
@@ -136,6 +137,7 @@ class Crossed:
 def learn_cross(
     config: str, goal: dict[str, float], block: tuple[int, int], options: dict[str, Any], threads: int | None
 ) -> Crossed: ...
+def learn_swap(config: str, goal: dict[str, float], options: dict[str, Any], threads: int | None) -> Crossed: ...
 @final
 class Field:
     def __new__(

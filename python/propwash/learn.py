@@ -34,11 +34,13 @@ __all__ = [
     "Land",
     "Reach",
     "Recover",
+    "Swap",
     "Track",
     "Trained",
     "bptt",
     "cross",
     "ppo",
+    "swap",
 ]
 
 Action = Literal["attitude", "rotor_vel"]
@@ -167,7 +169,32 @@ class Cross:
     """The goal is reached within this distance, m."""
     touch: float = 0.1
     """A drone whose middle is nearer to things than this begins anew, m."""
+    detour: float = 0.0
+    """Flies the shortest way around things that keeps so far from them, m; 0: straight to the goal, off things as they come. Walls with doors need it. Only the
+    training knows that way; the policy finds it by what it sees."""
     time: float = 12.0
+    """Longest time of an episode in training, s."""
+
+
+@dataclass(frozen=True)
+class Swap:
+    """Change places with other drones, all at once, touching none: what a training by ``swap`` pays for."""
+
+    speed: float = 1.8
+    """Speed that is wanted, m/s."""
+    keep: float = 0.7
+    """Nearer to another drone than this costs more and more, m, from middle to middle: now, and where both come if they fly on."""
+    foresee: float = 1.5
+    """How far ahead meetings are foreseen, s."""
+    floor: float = 0.4
+    """Lower than this costs more and more, m."""
+    ceiling: float = 2.2
+    """Higher than this costs more and more, m."""
+    arrive: float = 0.3
+    """A place is reached within this distance, m."""
+    touch: float = 0.1
+    """Radius of a drone, m: where two come nearer than twice of it, their world begins anew."""
+    time: float = 10.0
     """Longest time of an episode in training, s."""
 
 
@@ -338,7 +365,7 @@ def _action(parts: dict[str, Any]) -> ActionSpec:
 class Crossed:
     """A policy that sees, and how it came to be."""
 
-    def __init__(self, native: _native.Crossed, goal: Cross, policy: Policy) -> None:
+    def __init__(self, native: _native.Crossed, goal: Cross | Swap, policy: Policy) -> None:
         self.goal = goal
         self.policy = policy
         """The policy, to be saved, exported, evaluated and flown as any other: it takes observations of the environment as they are."""
@@ -347,7 +374,7 @@ class Crossed:
         self.seconds: float = native.seconds[1]
         """Time that all of it took, s."""
         self.lost: int = native.lost
-        """Worlds that began anew since they touched something."""
+        """Drones that began anew since they touched something."""
         self.commands, self.cost = native.curve()
         """Commands flown so far at each update, and the mean cost of a command in it."""
 
@@ -392,6 +419,80 @@ def cross(
         ValueError: for another task or action, several drones, scenes in which something moves, and options that make no sense.
         TypeError: for what is no environment of ``propwash.envs``.
     """
+    seen, config, numbers = _asked(env, goal, seed)
+    options = _flown(worlds, horizon, commands, hidden, rate, longest)
+    block = (_whole("pool", pool[0], 1, 10**4), _whole("pool", pool[1], 1, 10**4))
+    native = _native.learn_cross(json.dumps(config), numbers, block, options, _several(threads))
+    parts = native.parts()
+    away, speed, height, zero, least, near, factor = parts["scales"]
+    inputs = (
+        Input("goal").direction(least),
+        Input("goal").length().scale(away),
+        Input("vel_heading").scale(speed),
+        Input("pos").take(2).scale(height, zero),
+        Input("quat"),
+        Input("depth").nearness(near, config["camera"]["range_m"][1]).pool(block[0], block[1], "max").scale(factor),
+    )
+    return Crossed(native, goal, _sighted(seen, inputs, parts, f"propwash.learn.cross of {goal}"))
+
+
+def swap(
+    env: Any,
+    goal: Swap = Swap(),
+    *,
+    worlds: int = 128,
+    horizon: int = 30,
+    commands: int = 2_000_000,
+    hidden: Sequence[int] = (64, 64),
+    rate: float = 0.003,
+    longest: float = 1.0,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Crossed:
+    """Trains one policy that flies every drone of a swarm to its place on the other side, by backpropagation through time.
+
+    Each drone knows its velocity and attitude, the way to its place, and where the nearest others are and how they move (``neighbours``). What others do is given from
+    outside: the slope of what it costs to come near them goes through a drone's own motion alone.
+
+    Args:
+        env: ``Propwash/SwarmCross-v0`` with ``action="attitude"`` and ``normalize_actions=False``, without wrappers, with 2, 4, 8 or 16 drones of one vehicle, in a scene with nothing but
+            ground: it says what flies, from where to where, how many others each knows of, how often the policy acts (``freq``) and how far actions reach. The training flies on its own, without
+            disturbances, noise, delays and randomisation, and no drone feels the air of others: an environment that has some is refused.
+        goal: What is paid for.
+        worlds: Drones that fly at once, in all worlds together; a multiple of those in a world.
+        horizon: Commands of a flight before its gradient is taken.
+        commands: Commands in all, over all drones.
+        hidden: Widths of the network's layers.
+        rate: Size of Adam's first steps; it falls to nothing along half a cosine.
+        longest: Gradients that are longer are shortened to this.
+        seed: Seed of weights, starts and goals.
+        threads: Number of threads; None: all. The policy is the same for any.
+
+    Raises:
+        ValueError: for another task or action, other numbers of drones, scenes in which something stands, and options that make no sense.
+        TypeError: for what is no environment of ``propwash.envs``.
+    """
+    seen, config, numbers = _asked(env, goal, seed)
+    options = _flown(worlds, horizon, commands, hidden, rate, longest)
+    native = _native.learn_swap(json.dumps(config), numbers, options, _several(threads))
+    parts = native.parts()
+    away, speed, height, zero, least, least_other, near, far, factor = parts["scales"]
+    inputs = [
+        Input("goal").direction(least),
+        Input("goal").length().scale(away),
+        Input("vel_heading").scale(speed),
+        Input("pos").take(2).scale(height, zero),
+        Input("quat"),
+    ]
+    for first in range(0, seen.shapes["neighbours"][0], 6):
+        off = Input("neighbours").take(*range(first, first + 3))
+        inputs += [off.direction(least_other), off.length().nearness(near, far).scale(factor), off.length().scale(away)]
+        inputs.append(Input("neighbours").take(*range(first + 3, first + 6)).scale(speed))
+    return Crossed(native, goal, _sighted(seen, tuple(inputs), parts, f"propwash.learn.swap of {goal}"))
+
+
+def _asked(env: Any, goal: Cross | Swap, seed: int) -> tuple[Any, dict[str, Any], dict[str, float]]:
+    """What an environment observes, its description with another seed, and the numbers of a goal."""
     from .policies._convert import Seen
 
     seen = Seen(env)
@@ -403,9 +504,14 @@ def cross(
         raise ValueError("env: expected normalize_actions=False, so that commands have their units; got True")
     numbers = asdict(goal)
     for name, value in numbers.items():
-        if not (np.isfinite(value) and value > 0.0):
-            raise ValueError(f"goal.{name}: expected a finite number above 0, got {value}")
-    options = {
+        if not (np.isfinite(value) and (value > 0.0 or name == "detour" and value == 0.0)):
+            expected = "a finite number of at least 0" if name == "detour" else "a finite number above 0"
+            raise ValueError(f"goal.{name}: expected {expected}, got {value}")
+    return seen, config, numbers
+
+
+def _flown(worlds: int, horizon: int, commands: int, hidden: Sequence[int], rate: float, longest: float) -> dict[str, Any]:
+    return {
         "worlds": _whole("worlds", worlds, 1, 10**6),
         "horizon": _whole("horizon", horizon, 1, 10**6),
         "commands": _whole("commands", commands, 1, 10**12),
@@ -413,22 +519,15 @@ def cross(
         "rate": float(rate),
         "longest": float(longest),
     }
-    block = (_whole("pool", pool[0], 1, 10**4), _whole("pool", pool[1], 1, 10**4))
-    several = None if threads is None else _whole("threads", threads, 1, 4096)
-    native = _native.learn_cross(json.dumps(config), numbers, block, options, several)
-    parts = native.parts()
-    away, speed, height, zero, least, near, factor = parts["scales"]
-    inputs = (
-        Input("goal").direction(least),
-        Input("goal").length().scale(away),
-        Input("vel_heading").scale(speed),
-        Input("pos").take(2).scale(height, zero),
-        Input("quat"),
-        Input("depth").nearness(near, config["camera"]["range_m"][1]).pool(block[0], block[1], "max").scale(factor),
-    )
+
+
+def _several(threads: int | None) -> int | None:
+    return None if threads is None else _whole("threads", threads, 1, 4096)
+
+
+def _sighted(seen: Any, inputs: tuple[Input, ...], parts: dict[str, Any], note: str) -> Policy:
     channels = tuple(Channel(name, seen.shapes[name], 1) for name in sorted({given.channel for given in inputs}))
-    policy = Policy(channels, (Branch(inputs),), _layers(parts), _action(parts), seen.trained(f"propwash.learn.cross of {goal}"))
-    return Crossed(native, goal, policy)
+    return Policy(channels, (Branch(inputs),), _layers(parts), _action(parts), seen.trained(note))
 
 
 def bptt(

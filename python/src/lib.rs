@@ -76,6 +76,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(learn::learn_ppo, m)?)?;
     m.add_class::<crossing::PyCrossed>()?;
     m.add_function(wrap_pyfunction!(crossing::learn_cross, m)?)?;
+    m.add_function(wrap_pyfunction!(crossing::learn_swap, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_compare, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_diagnose, m)?)?;
     m.add_function(wrap_pyfunction!(gap::gap_watch, m)?)?;

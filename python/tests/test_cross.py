@@ -27,21 +27,36 @@ def trained():
     return learn.cross(make(), commands=150_000, worlds=64, threads=2, seed=5)
 
 
-def test_it_learns_to_cross(trained):
-    assert trained.cost[-5:].mean() < 0.25 * trained.cost[:5].mean()
-    assert trained.commands[-1] >= 150_000 and trained.lost > 0 and 0 < trained.prepared < trained.seconds
-    envs = make(64, autoreset_mode="Disabled")
+def arrived(policy, worlds, **changed):
+    """Part of the flights that arrive."""
+    envs = make(worlds, autoreset_mode="Disabled", **changed)
     obs, _ = envs.reset(seed=2)
-    ending = np.zeros(64, int)
+    ending = np.zeros(worlds, int)
     for _ in range(240):
-        obs, _, terminated, truncated, info = envs.step(trained.policy(obs))
+        obs, _, terminated, truncated, info = envs.step(policy(obs))
         done = terminated | truncated
         if done.any():
             ending = np.where((ending == 0) & done, info["ending"], ending)
             if (ending != 0).all():
                 break
             obs, _ = envs.reset(options={"reset_mask": done})
-    assert (ending == propwash.envs.ENDINGS.index("done")).mean() > 0.5
+    return (ending == propwash.envs.ENDINGS.index("done")).mean()
+
+
+def test_it_learns_to_cross(trained):
+    assert trained.cost[-5:].mean() < 0.25 * trained.cost[:5].mean()
+    assert trained.commands[-1] >= 150_000 and trained.lost > 0 and 0 < trained.prepared < trained.seconds
+    assert arrived(trained.policy, 64) > 0.5
+
+
+def test_ways_lead_through_doors():
+    rooms = {"rooms": {"columns": 2, "rows": 1, "room_m": 4.0, "things": 0, "moving": 0, "seed": 3}}
+    ends = {"start_m": [[-1.0, -1.0, 1.0], [0.0, 1.0, 1.2]], "goal_m": [[4.5, -1.0, 1.0], [5.0, 1.0, 1.2]]}
+    done = {}
+    for detour in (0.0, 0.4):
+        trained = learn.cross(make(scene=rooms, task_options=ends, layouts=1), learn.Cross(detour=detour, keep=0.4), commands=150_000, worlds=64, seed=5)
+        done[detour] = arrived(trained.policy, 64, scene=rooms, task_options=ends, layouts=1)
+    assert done[0.4] > 0.5 and done[0.4] > done[0.0] + 0.2, done
 
 
 def test_threads_do_not_matter_and_seeds_do(trained):
@@ -75,6 +90,7 @@ def test_pixels_are_pooled():
         ({"normalize_actions": True}, {}, "normalize_actions=False"),
         ({}, {"pool": (5, 1)}, "block sides that divide"),
         ({}, {"goal": learn.Cross(speed=-1.0)}, "goal.speed"),
+        ({}, {"goal": learn.Cross(detour=-1.0)}, "goal.detour: expected a finite number of at least 0"),
         ({}, {"rate": 0.0}, "rate"),
         ({"scene": {"forest": {"moving": 2, "seed": 1}}}, {}, "nothing moves"),
         ({"levels": {"action_delay_s": 0.05}}, {}, "without disturbances, delays, noise"),

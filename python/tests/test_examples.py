@@ -25,6 +25,7 @@ TESTED = {
     "own_task.py",
     "raptor.py",
     "ray_dataset.py",
+    "swap_places.py",
     "swarm_exchange.py",
     "train_forest.py",
     "train_reach.py",
@@ -181,10 +182,20 @@ def test_stable_baselines_train(tmp_path):
     assert propwash.Policy.load(tmp_path / "land.npz").trained["environment"] == "Propwash/Landing-v0"
 
 
-def test_forests_are_crossed_by_gradients(tmp_path):
+@pytest.mark.parametrize("place", ["forest", "rooms"])
+def test_places_are_crossed_by_gradients(tmp_path, place):
     pytest.importorskip("matplotlib")
     save, picture = tmp_path / "cross.npz", tmp_path / "cross.png"
-    said = run("cross_forest.py", "--commands", 8000, "--flights", 6, "--save", save, "--picture", picture)
-    assert re.search(r"\d+ commands in", said) and re.search(r"% of 6 flights through unseen forests arrive", said), said
+    said = run("cross_forest.py", "--place", place, "--commands", 8000, "--flights", 6, "--save", save, "--picture", picture)
+    assert re.search(r"\d+ commands in", said) and re.search(r"% of 6 flights through unseen scenes arrive", said), said
+    assert picture.stat().st_size > 10_000
+    assert propwash.Policy.load(save).action.kind == "attitude"
+
+
+def test_places_are_changed_by_gradients(tmp_path):
+    pytest.importorskip("matplotlib")
+    save, picture = tmp_path / "swap.npz", tmp_path / "swap.png"
+    said = run("swap_places.py", "--commands", 8000, "--worlds", 4, "--drones", 6, "--save", save, "--picture", picture)
+    assert re.search(r"as trained: \S+ % of 4 exchanges done", said) and re.search(r"6 drones in one world: \d there", said), said
     assert picture.stat().st_size > 10_000
     assert propwash.Policy.load(save).action.kind == "attitude"

@@ -7,6 +7,8 @@ pub mod crossing;
 mod judging;
 mod rows;
 mod sensors;
+pub mod swapping;
+mod ways;
 mod world;
 
 use std::sync::Arc;

@@ -22,6 +22,7 @@ pub mod tasks;
 
 pub use action::{ActionConfig, ActionKind};
 pub use batch::crossing::{self, train_crossing};
+pub use batch::swapping::train_swapping;
 pub use batch::{Ending, Env, EnvSensorChannel};
 pub use batch_task::{Batch, BatchObstacles, BatchTask, Draw, FreePlace, episode_stream};
 pub use config::{Autoreset, EnvConfig};

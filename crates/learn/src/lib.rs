@@ -39,7 +39,7 @@ pub use bptt::{Critic, Curve, Options, Trained, train};
 pub use goal::{Actions, Goal, Outcome, Seen};
 pub use network::Network;
 pub use policy::{Flown, Policy};
-pub use sighted::{Near, SightedGoal, Surroundings, train_sighted};
+pub use sighted::{Around, Near, Other, SightedGoal, Surroundings, train_sighted};
 
 /// What is wrong with a training.
 #[derive(Debug, thiserror::Error)]

@@ -1,5 +1,8 @@
 //! Policies that see, trained by backpropagation through time in which what is seen has no slope.
 //!
+//! Several drones can fly together in one world, under one policy, and each see the nearest others ([`Other`]): then lanes are drones, and what one sees of others is given
+//! from outside, as things are. A slope goes through its own motion towards and away from them alone, not through what they make of it.
+//!
 //! A policy is given what a drone sees, most often a small depth image, as numbers from outside. What it costs to come near things goes through their exact distance
 //! and its slope, not through pixels, whose slopes are zero between silhouettes and unknown at them (Zhang et al., "Learning vision-based agile flight via differentiable physics",
 //! Nature Machine Intelligence, 2025, train so with points near to the drone).
@@ -26,6 +29,10 @@ use propwash_trace::lanes::{Cell, F32x16};
 use propwash_trace::trace::{Sym, trace};
 use propwash_vehicle::Vehicle;
 
+mod company;
+
+pub use company::Other;
+
 /// How near things are.
 #[derive(Clone, Copy, Debug)]
 pub struct Near<S> {
@@ -35,16 +42,32 @@ pub struct Near<S> {
     pub away: [S; 3],
 }
 
+/// What there is around a drone.
+#[derive(Clone, Copy, Debug)]
+pub struct Around<'a, S> {
+    /// How near things are.
+    pub near: Near<S>,
+    /// What is to be added to the straight direction to the target, of length 1, for that around things ([`Surroundings::detour`]). No slope goes through it.
+    pub detour: [S; 3],
+    /// The nearest drones of the same world, nearest first ([`SightedGoal::others`]).
+    pub others: &'a [Other<S>],
+}
+
 /// What a policy that sees shall do.
 pub trait SightedGoal: Sync {
     /// Numbers of an observation beside those that are seen.
     fn observations(&self) -> usize;
 
+    /// Of how many other drones of the same world a drone knows, the nearest ones.
+    fn others(&self) -> usize {
+        0
+    }
+
     /// Writes these, each of about size 1; `target_m` is where the episode leads to, world.
-    fn observe<S: Real>(&self, seen: &Seen<S>, target_m: [S; 3], out: &mut Vec<S>);
+    fn observe<S: Real>(&self, seen: &Seen<S>, others: &[Other<S>], target_m: [S; 3], out: &mut Vec<S>);
 
     /// What a step costs, seen at its end: the action of the step and the one before, each number of −1 to 1.
-    fn cost<S: Real>(&self, seen: &Seen<S>, near: &Near<S>, target_m: [S; 3], actions: [&[S]; 2]) -> S;
+    fn cost<S: Real>(&self, seen: &Seen<S>, around: &Around<S>, target_m: [S; 3], actions: [&[S]; 2]) -> S;
 
     /// Length of an episode, s.
     fn episode_s(&self) -> f64;
@@ -52,7 +75,7 @@ pub trait SightedGoal: Sync {
     /// An episode ends within this distance of its target, m.
     fn arrive_m(&self) -> f64;
 
-    /// A drone nearer to things than this has touched them, m: the episode ends.
+    /// A drone nearer to things than this has touched them, m: the episode ends. Two drones touch within twice of it.
     fn touch_m(&self) -> f64;
 }
 
@@ -61,7 +84,13 @@ pub trait Surroundings: Sync {
     /// Numbers of what is seen, each of about size 1.
     fn sights(&self) -> usize;
 
-    /// Begins an episode in a world: where the drone starts (its rotors are set to hover), and where it should go, m.
+    /// Drones that fly together in a world: 1, 2, 4, 8 or 16, whose episodes begin and end together. With more than one, `world` counts drones in all that
+    /// follows; those of a world follow each other.
+    fn drones(&self) -> usize {
+        1
+    }
+
+    /// Begins an episode in a world: where the drone starts (its rotors are set to hover), and where it should go, m. Drones of a world are asked for in their order.
     ///
     /// # Errors
     /// What is wrong, in words.
@@ -80,41 +109,52 @@ pub trait Surroundings: Sync {
 
     /// Distance from a position to the nearest thing, m, and its slopes.
     fn distance(&self, world: usize, pos_m: [f32; 3]) -> (f32, [f32; 3]);
+
+    /// What is to be added to the straight direction from a position to the target, of length 1, for that of the way around things. Only costs know it: a policy
+    /// learns by it where ways go that it must find by what it sees.
+    fn detour(&self, _world: usize, _pos_m: [f32; 3]) -> [f32; 3] {
+        [0.0; 3]
+    }
 }
 
 /// Formulas of a goal in lanes.
 struct Traced {
-    /// From state, time and target to the observation.
+    /// From state, time, target and other drones to the observation.
     observe: Formula,
     /// From these and what a loss gains by the observation to what it gains by the state.
     observe_back: Formula,
-    /// From state, time, target, nearness, action and action before to the cost, and to its gains by state, distance, action and action before.
+    /// From state, time, target, other drones, nearness, detour, action and action before to the cost, and to its gains by state, distance, action and action before.
     cost: Formula,
 }
 
 impl Traced {
     fn new<G: SightedGoal>(goal: &G, width: usize, actions: usize) -> Self {
+        let known = Other::<Sym>::WIDTH * goal.others();
+        let inputs = width + 4 + known;
         let observe = |x: &[Sym]| {
             let mut out = Vec::new();
-            goal.observe(&Seen::of(x, x[width], &[]), [x[width + 1], x[width + 2], x[width + 3]], &mut out);
+            let target = [x[width + 1], x[width + 2], x[width + 3]];
+            goal.observe(&Seen::of(x, x[width], &[]), &Other::all(&x[width + 4..inputs]), target, &mut out);
             out
         };
-        let inputs = width + 4;
         let graph = trace(inputs, observe);
         let observe_back = Formula::new(inputs + graph.outputs.len(), |x| {
             pull_back::<Sym>(&graph, &x[..inputs], &x[inputs..])[..width].to_vec()
         });
-        let first = width + 8;
+        let first = inputs + 7;
         let price = trace(first + 2 * actions, |x| {
             let (action, before) = x[first..].split_at(actions);
             let target = [x[width + 1], x[width + 2], x[width + 3]];
-            let near = Near { distance_m: x[width + 4], away: [x[width + 5], x[width + 6], x[width + 7]] };
-            vec![goal.cost(&Seen::of(x, x[width], &[]), &near, target, [action, before])]
+            let [distance_m, away @ ..] = [0, 1, 2, 3].map(|k| x[inputs + k]);
+            let detour = [4, 5, 6].map(|k| x[inputs + k]);
+            let others = Other::all(&x[width + 4..inputs]);
+            let around = Around { near: Near { distance_m, away }, detour, others: &others };
+            vec![goal.cost(&Seen::of(x, x[width], &[]), &around, target, [action, before])]
         });
         let cost = Formula::new(first + 2 * actions, |x| {
             let gains = pull_back::<Sym>(&price, x, &[Sym::one()]);
             let value = evaluate::<Sym>(&price, x)[0];
-            [&[value], &gains[..width], &[gains[width + 4]], &gains[first..]].concat()
+            [&[value], &gains[..width], &[gains[inputs]], &gains[first..]].concat()
         });
         Self { observe: Formula::new(inputs, observe), observe_back, cost }
     }
@@ -141,6 +181,8 @@ struct Block {
     gains: Vec<F32x16>,
     /// What one drone sees.
     sight: Vec<f32>,
+    /// The other drones of each, as formulas take them.
+    others: Vec<F32x16>,
     target_m: [F32x16; 3],
     /// Time of each world when the flight began, s.
     time_s: F32x16,
@@ -152,7 +194,12 @@ struct Block {
 }
 
 impl Block {
-    fn new(traced: &Traced, network: &Network, horizon: usize, width: usize, sights: usize) -> Self {
+    fn new(
+        traced: &Traced,
+        network: &Network,
+        (horizon, width): (usize, usize),
+        (sights, others): (usize, usize),
+    ) -> Self {
         let zero = F32x16::splat(0.0);
         let n = network.widths().last().copied().unwrap_or(0);
         Self {
@@ -168,6 +215,7 @@ impl Block {
             last_action: vec![zero; n],
             gains: Vec::new(),
             sight: vec![0.0; sights],
+            others: vec![zero; Other::<f32>::WIDTH * others],
             target_m: [zero; 3],
             time_s: zero,
             cost_sum: 0.0,
@@ -194,6 +242,8 @@ struct Learner<'a, W> {
     /// Numbers of the observation beside those that are seen.
     observed: usize,
     step_s: f32,
+    /// Drones of a world.
+    drones: usize,
     /// What each command of each world counts in the loss.
     share: f32,
     touch_m: f32,
@@ -233,18 +283,25 @@ impl<W: Surroundings> Learner<'_, W> {
         }
     }
 
-    /// Distances of the drones after a command, and what became of them.
-    fn near(&self, at: Place, block: &mut Block) -> [F32x16; 4] {
-        let mut near = [F32x16::splat(0.0); 4];
+    /// Distances of the drones after a command and their detours, and what became of them.
+    fn near(&self, at: Place, block: &mut Block) -> [F32x16; 7] {
+        let mut near = [F32x16::splat(0.0); 7];
         let after = &block.after[at.t * self.width..];
         for lane in 0..at.n_worlds {
             let pos = [0, 1, 2].map(|k| after[k].get(lane));
             let (distance, away) = self.around.distance(at.first_world + lane, pos);
             near[0].set(lane, distance);
+            let detour = self.around.detour(at.first_world + lane, pos);
             (0..3).for_each(|k| near[1 + k].set(lane, away[k]));
+            (0..3).for_each(|k| near[4 + k].set(lane, detour[k]));
             let off: f32 = (0..3).map(|k| (pos[k] - block.target_m[k].get(lane)).powi(2)).sum();
             block.touched[lane] |= distance < self.touch_m;
             block.arrived[lane] |= off.sqrt() < self.arrive_m;
+        }
+        if self.drones > 1 {
+            let before = &block.before[at.t * self.width..];
+            let gap_m = 2.0 * self.touch_m;
+            company::meetings((before, after), (self.drones, at.n_worlds), gap_m, &mut block.touched);
         }
         near
     }
@@ -259,7 +316,8 @@ impl<W: Surroundings> Commander<f32> for Learner<'_, W> {
             block.known = at.t + 1;
             block.before[at.t * width..(at.t + 1) * width].copy_from_slice(state);
             let given = self.given(block, at.t);
-            for (i, cell) in state.iter().chain(&given).enumerate() {
+            company::nearest(state, (self.drones, at.n_worlds), &mut block.others);
+            for (i, cell) in state.iter().chain(&given).chain(&block.others).enumerate() {
                 *block.observe.input(i) = *cell;
             }
             block.observe.run(&self.traced.observe);
@@ -294,7 +352,9 @@ impl<W: Surroundings> Pilot<f32> for Learner<'_, W> {
         let (given, near) = (self.given(block, at.t + 1), self.near(at, block));
         let action = |t: usize| &block.kept[(t + 1) * size - n..(t + 1) * size];
         let before = if at.t == 0 { &block.last_action[..] } else { action(at.t - 1) };
-        let inputs = block.after[at.t * width..(at.t + 1) * width].iter().chain(&given).chain(&near);
+        let after = &block.after[at.t * width..(at.t + 1) * width];
+        company::nearest(after, (self.drones, at.n_worlds), &mut block.others);
+        let inputs = after.iter().chain(&given).chain(&block.others).chain(&near);
         for (i, cell) in inputs.chain(action(at.t)).chain(before).enumerate() {
             *block.cost.input(i) = *cell;
         }
@@ -334,7 +394,9 @@ impl<W: Surroundings> Pilot<f32> for Learner<'_, W> {
         let by_sums = &mut block.by_sums[at.t * sums..(at.t + 1) * sums];
         self.network.backward_inputs(kept, &mut block.gains, by_sums, self.observed);
         let given = self.given(block, at.t);
-        let inputs = block.before[at.t * width..(at.t + 1) * width].iter().chain(&given);
+        let before = &block.before[at.t * width..(at.t + 1) * width];
+        company::nearest(before, (self.drones, at.n_worlds), &mut block.others);
+        let inputs = before.iter().chain(&given).chain(&block.others);
         for (i, cell) in inputs.chain(&block.gains).enumerate() {
             *block.observe_back.input(i) = *cell;
         }
@@ -404,6 +466,7 @@ impl<G: SightedGoal, W: Surroundings> Training<'_, G, W> {
             blocks: &self.blocks,
             width: self.width,
             observed: self.goal.observations(),
+            drones: self.around.drones(),
             step_s: self.step_s() as f32,
             share,
             touch_m: self.goal.touch_m() as f32,
@@ -436,15 +499,20 @@ impl<G: SightedGoal, W: Surroundings> Training<'_, G, W> {
 
     /// Moves time on, and begins episodes where they ended, by touching something or otherwise.
     fn go_on(&mut self) -> Result<(), LearnError> {
+        let (drones, worlds) = (self.around.drones(), self.options.worlds);
         let flown_s = self.options.horizon as f64 * self.step_s();
-        let mut anew = vec![false; self.options.worlds];
-        for (w, anew) in anew.iter_mut().enumerate() {
-            self.time_s[w] += flown_s;
-            let lane = w % F32x16::LANES;
-            let block = self.blocks[w / F32x16::LANES].get_mut().unwrap_or_else(PoisonError::into_inner);
-            let astray = block.lost || block.touched[lane];
-            self.lost += usize::from(astray);
-            *anew = astray || block.arrived[lane] || self.time_s[w] >= self.goal.episode_s();
+        let mut anew = vec![false; worlds];
+        for (k, anew) in anew.chunks_mut(drones).enumerate() {
+            let first = k * drones;
+            let block = self.blocks[first / F32x16::LANES].get_mut().unwrap_or_else(PoisonError::into_inner);
+            let lanes = first % F32x16::LANES..first % F32x16::LANES + drones;
+            let touched = block.touched[lanes.clone()].iter().filter(|t| **t).count();
+            let lost = if block.lost { drones } else { touched };
+            self.lost += lost;
+            self.time_s[first..first + drones].iter_mut().for_each(|time| *time += flown_s);
+            // All that fly together are there: each was, in this flight.
+            let arrived = block.arrived[lanes].iter().all(|a| *a);
+            anew.fill(lost > 0 || arrived || self.time_s[first] >= self.goal.episode_s());
         }
         if anew.contains(&true) { self.begin(&anew) } else { Ok(()) }
     }
@@ -463,6 +531,7 @@ pub fn train_sighted<G: SightedGoal, W: Surroundings>(
     options: &Options,
 ) -> Result<Trained, LearnError> {
     check(options)?;
+    company::check(goal.others(), around.drones(), options.worlds)?;
     let sim_options = SimOptions {
         n_worlds: options.worlds,
         seed: options.seed,
@@ -480,7 +549,8 @@ pub fn train_sighted<G: SightedGoal, W: Surroundings>(
     let mut network = Network::new(&widths, &mut stream(options.seed, 0, 0, "learn.weights"));
     let width = state_width(sim.data.n_rotors);
     let traced = Traced::new(goal, width, actions.len());
-    let block = || Mutex::new(Block::new(&traced, &network, options.horizon, width, around.sights()));
+    let (long, seen) = ((options.horizon, width), (around.sights(), goal.others()));
+    let block = || Mutex::new(Block::new(&traced, &network, long, seen));
     let blocks = (0..options.worlds.div_ceil(F32x16::LANES)).map(|_| block()).collect();
     let (time_s, episodes) = (vec![0.0; options.worlds], vec![0; options.worlds]);
     let actions = actions.clone();

@@ -7,9 +7,11 @@ use rayon::prelude::*;
 
 use super::Asked;
 use super::build::complete;
+use super::ways::Way;
+use crate::arena::Setup;
 use crate::env::EnvError;
 use crate::env::config::EnvConfig;
-use crate::env::layouts::Layout;
+use crate::env::layouts::{Course, Layout};
 use crate::env::randomize::Levels;
 use crate::env::task::{EpisodeStart, Start, Task};
 use crate::env::tasks::{ForestDepth, TaskConfig};
@@ -54,7 +56,12 @@ struct Scenes {
     layouts: Vec<Layout>,
     pools: Vec<WorkerPool>,
     fields: Vec<DistanceField>,
+    /// Boxes in which ways are looked for, and how far these keep from things, m; zero where there are none.
+    boxes: Vec<[[f64; 3]; 2]>,
+    detour_m: f64,
     layout: Vec<usize>,
+    /// The way of each world.
+    ways: Vec<Option<Way>>,
     block: [usize; 2],
     /// Of the camera: width, height, and 1 / greatest depth.
     size: [usize; 2],
@@ -63,7 +70,12 @@ struct Scenes {
 }
 
 impl Scenes {
-    fn new(task: ForestDepth, layouts: Vec<Layout>, sight: Sight, n_worlds: usize) -> Result<Self, EnvError> {
+    fn new(
+        task: ForestDepth,
+        layouts: Vec<Layout>,
+        (sight, detour_m): (Sight, f64),
+        n_worlds: usize,
+    ) -> Result<Self, EnvError> {
         let camera = layouts.first().and_then(|l| l.cameras.first()).ok_or_else(|| {
             EnvError::option("camera", "a depth camera on the drone, and a scene that it sees", "none")
         })?;
@@ -77,17 +89,22 @@ impl Scenes {
             let expected = format!("a greatest depth, more than {} m", NEARNESS[0]);
             return Err(EnvError::option("camera.range_m", expected, far));
         }
-        let field = |layout: &Layout| {
+        let around = |layout: &Layout| {
             let [low, high] = layout.course.extent_m.unwrap_or([[-5.0; 3], [5.0; 3]]);
             let low = [low[0] - BESIDE_M[0], low[1] - BESIDE_M[0], -0.2];
             let high = [high[0] + BESIDE_M[0], high[1] + BESIDE_M[0], task.ceiling_m + BESIDE_M[1]];
-            layout.scene.distance_field(RESOLUTION_M, Some([low, high]), FIELD_MOST_BYTES)
+            [low, high]
         };
-        let fields = layouts.par_iter().map(field).collect::<Result<_, _>>()?;
+        let boxes: Vec<[[f64; 3]; 2]> = layouts.iter().map(around).collect();
+        let field = |(layout, space): (&Layout, &[[f64; 3]; 2])| {
+            layout.scene.distance_field(RESOLUTION_M, Some(*space), FIELD_MOST_BYTES)
+        };
+        let fields = layouts.par_iter().zip(&boxes).map(field).collect::<Result<_, _>>()?;
         let pools = layouts.iter().map(|l| WorkerPool::new(&l.scene)).collect();
         let fault = Mutex::new(None);
-        let layout = vec![0; n_worlds];
-        Ok(Self { task, layouts, pools, fields, layout, block: sight.block, size, far: far as f32, fault })
+        let (layout, ways) = (vec![0; n_worlds], vec![None; n_worlds]);
+        let (block, far) = (sight.block, far as f32);
+        Ok(Self { task, layouts, pools, fields, boxes, detour_m, layout, ways, block, size, far, fault })
     }
 
     fn render(&self, layout: usize, pos: [f32; 3], q: [f32; 4], depth: &mut [f32]) -> Result<(), SenseError> {
@@ -137,7 +154,12 @@ impl Surroundings for Scenes {
         let [Start { pos_m, vel_m_s, yaw_rad }] = starts;
         let quat = quat::exp([0.0, 0.0, yaw_rad]);
         let state = State { pos: pos_m, vel: vel_m_s, quat, ..State::rest() };
-        Ok((state, [0, 1, 2].map(|k| f64::from(memory[k]))))
+        let target_m = [0, 1, 2].map(|k| f64::from(memory[k]));
+        if self.detour_m > 0.0 {
+            let way = Way::to(target_m, &self.fields[number], self.boxes[number], self.detour_m);
+            self.ways[world] = Some(way);
+        }
+        Ok((state, target_m))
     }
 
     fn see(&self, world: usize, pos_m: [f32; 3], quat_xyzw: [f32; 4], out: &mut [f32]) {
@@ -166,6 +188,10 @@ impl Surroundings for Scenes {
         let (distance, away) = self.fields[self.layout[world]].at(pos_m.map(f64::from));
         (distance as f32, away.map(|v| v as f32))
     }
+
+    fn detour(&self, world: usize, pos_m: [f32; 3]) -> [f32; 3] {
+        self.ways[world].as_ref().map_or([0.0; 3], |way| way.detour(pos_m.map(f64::from)).map(|v| v as f32))
+    }
 }
 
 /// Trains a policy that crosses the forests of an environment by its depth camera ([`TaskConfig::ForestDepth`], with attitude actions), by backpropagation through time
@@ -186,9 +212,25 @@ pub fn train_crossing(
     let TaskConfig::ForestDepth(task) = config.task else {
         return Err(EnvError::option("task", "forest_depth", config.task.name()));
     };
+    if !(goal.detour_m >= 0.0 && goal.detour_m.is_finite()) {
+        return Err(EnvError::option("goal.detour_m", "a finite number of at least 0", goal.detour_m));
+    }
+    let (setup, layouts) = ready(&mut config, &Asked::World(Arc::new(task)))?;
+    let (actions, options) = (actions_of(&config, &setup), options_of(&config, options));
+    let sees = (sight, goal.detour_m);
+    let mut scenes = Scenes::new(task, layouts, sees, options.worlds)?;
+    let prepared = began.elapsed().as_secs_f64();
+    let (vehicle, drone) = (setup.vehicles()[0].clone(), config.sim.drone(0));
+    let trained = train_sighted(goal, &mut scenes, (&vehicle, &drone.dynamics), &actions, &options)
+        .map_err(EnvError::from)?;
+    Ok(Crossed { trained, seconds: [prepared, began.elapsed().as_secs_f64()] })
+}
+
+/// The scenes of an environment that a policy can be trained in by gradients, or what stands in the way.
+pub(super) fn ready(config: &mut EnvConfig, asked: &Asked) -> Result<(Setup, Vec<Layout>), EnvError> {
     config.check()?;
     config.action.check()?;
-    task.check(&config)?;
+    asked.check(config)?;
     if config.action.kind.mode() != ControlMode::Attitude {
         let got = config.action.kind.mode().name();
         return Err(EnvError::option("action kind", "attitude, whose slopes have kernels", got));
@@ -197,35 +239,33 @@ pub fn train_crossing(
         let expected = "an environment without disturbances, delays, noise and randomisation, which this training does not fly with; fly the policy in another one that has them";
         return Err(EnvError::option("env", expected, "one with some"));
     }
-    complete(&mut config, &Asked::World(Arc::new(task)))?;
+    complete(config, asked)?;
     let setup = config.sim.load()?;
     let layouts = Layout::all(&setup)?;
     for layout in &layouts {
-        task.check_course(&layout.course, layout.scene.name())?;
+        asked.check_course(&layout.course, layout.scene.name())?;
         if !layout.scene.obstacles().is_empty() {
             let expected = "scenes in which nothing moves";
             return Err(EnvError::option("scene", expected, layout.scene.name()));
         }
     }
-    let mut scenes = Scenes::new(task, layouts, sight, options.worlds)?;
-    let prepared = began.elapsed().as_secs_f64();
-    let drone = config.sim.drone(0);
-    let vehicle = setup.vehicles()[0].clone();
-    let actions = {
-        let usual = Actions::attitude(&setup.drones()[0].0);
-        let [tilt, yaw] = [config.action.max_tilt_rad, config.action.max_yaw_rad];
-        Actions { reach: vec![tilt, tilt, yaw, usual.reach[3]], ..usual }
-    };
-    let sim = &config.sim.options;
-    let options = Options {
-        sim_hz: sim.sim_hz,
-        substeps: config.substeps() as usize,
-        seed: sim.seed,
-        ..options.clone()
-    };
-    let trained = train_sighted(goal, &mut scenes, (&vehicle, &drone.dynamics), &actions, &options)
-        .map_err(EnvError::from)?;
-    Ok(Crossed { trained, seconds: [prepared, began.elapsed().as_secs_f64()] })
+    if layouts.is_empty() {
+        asked.check_course(&Course::default(), "none")?;
+    }
+    Ok((setup, layouts))
+}
+
+/// What actions mean in an environment in which drones act by attitudes.
+pub(super) fn actions_of(config: &EnvConfig, setup: &Setup) -> Actions {
+    let usual = Actions::attitude(&setup.drones()[0].0);
+    let [tilt, yaw] = [config.action.max_tilt_rad, config.action.max_yaw_rad];
+    Actions { reach: vec![tilt, tilt, yaw, usual.reach[3]], ..usual }
+}
+
+/// Options of a training in an environment, which says its times and its seed.
+pub(super) fn options_of(config: &EnvConfig, options: &Options) -> Options {
+    let (sim_hz, seed) = (config.sim.options.sim_hz, config.sim.options.seed);
+    Options { sim_hz, substeps: config.substeps() as usize, seed, ..options.clone() }
 }
 
 impl From<LearnError> for EnvError {

@@ -1,7 +1,7 @@
 //! Cross a place full of things, seeing by a depth camera: to a target on its other side, touching nothing.
 
 use crate::goal::Seen;
-use crate::sighted::{Near, SightedGoal};
+use crate::sighted::{Around, Other, SightedGoal};
 use propwash_trace::Real;
 use propwash_trace::math::quat;
 
@@ -24,6 +24,9 @@ pub struct Cross {
     pub arrive_m: f64,
     /// How near the middle of the drone may come to things, m.
     pub touch_m: f64,
+    /// Flies the shortest way around things that keeps so far from them, m; zero: straight to the target, off things as they come. Walls with doors need it. Only
+    /// costs know that way, the policy finds it by what it sees.
+    pub detour_m: f64,
     /// Length of an episode, s.
     pub episode_s: f64,
 }
@@ -31,23 +34,31 @@ pub struct Cross {
 impl Default for Cross {
     /// 1.8 m/s, 0.6 m from things, below 2 m; 12 s.
     fn default() -> Self {
-        Self { speed_m_s: 1.8, keep_m: 0.6, ceiling_m: 2.0, arrive_m: 0.6, touch_m: 0.1, episode_s: 12.0 }
+        Self {
+            speed_m_s: 1.8,
+            keep_m: 0.6,
+            ceiling_m: 2.0,
+            arrive_m: 0.6,
+            touch_m: 0.1,
+            detour_m: 0.0,
+            episode_s: 12.0,
+        }
     }
 }
 
 /// Forward of the drone, level, and its length before it was made 1.
-fn heading<S: Real>(q: [S; 4]) -> [S; 2] {
+pub(super) fn heading<S: Real>(q: [S; 4]) -> [S; 2] {
     let x = quat::rotate(q, [S::one(), S::zero(), S::zero()]);
     let length = (x[0].square() + x[1].square() + S::lit(1e-12)).sqrt();
     [x[0] / length, x[1] / length]
 }
 
-fn along<S: Real>([cos, sin]: [S; 2], v: [S; 3]) -> [S; 3] {
+pub(super) fn along<S: Real>([cos, sin]: [S; 2], v: [S; 3]) -> [S; 3] {
     [cos * v[0] + sin * v[1], cos * v[1] - sin * v[0], v[2]]
 }
 
 /// The way to the target, and its length.
-fn way<S: Real>(seen: &Seen<S>, target_m: [S; 3]) -> ([S; 3], S) {
+pub(super) fn way<S: Real>(seen: &Seen<S>, target_m: [S; 3]) -> ([S; 3], S) {
     let way: [S; 3] = core::array::from_fn(|k| target_m[k] - seen.pos_m[k]);
     let square = way[0].square() + way[1].square() + way[2].square();
     (way, (square + S::lit(1e-12)).sqrt())
@@ -58,7 +69,7 @@ impl SightedGoal for Cross {
         12
     }
 
-    fn observe<S: Real>(&self, seen: &Seen<S>, target_m: [S; 3], out: &mut Vec<S>) {
+    fn observe<S: Real>(&self, seen: &Seen<S>, _: &[Other<S>], target_m: [S; 3], out: &mut Vec<S>) {
         let (way, length) = way(seen, target_m);
         let ahead = heading(seen.quat_xyzw);
         let near = length.max(S::lit(LEAST_M));
@@ -69,10 +80,12 @@ impl SightedGoal for Cross {
         out.extend(seen.quat_xyzw);
     }
 
-    fn cost<S: Real>(&self, seen: &Seen<S>, near: &Near<S>, target_m: [S; 3], actions: [&[S]; 2]) -> S {
+    fn cost<S: Real>(&self, seen: &Seen<S>, around: &Around<S>, target_m: [S; 3], actions: [&[S]; 2]) -> S {
+        let near = &around.near;
         let (way, length) = way(seen, target_m);
         let over = |v: S| v.max(S::zero());
-        // Towards the target, slower over the last metre.
+        // Towards the target, around things where that way is known, slower over the last metre.
+        let way: [S; 3] = core::array::from_fn(|k| way[k] + length * around.detour[k]);
         let scale = S::lit(self.speed_m_s) / length.max(S::one());
         let mut sum = S::zero();
         for k in 0..3 {

@@ -5,6 +5,7 @@ pub mod gates;
 pub mod land;
 pub mod reach;
 pub mod recover;
+pub mod swap;
 pub mod track;
 
 pub use cross::Cross;
@@ -12,4 +13,5 @@ pub use gates::{Gate, Gates};
 pub use land::Land;
 pub use reach::Reach;
 pub use recover::Recover;
+pub use swap::Swap;
 pub use track::Track;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::goals::Cross;
+use crate::goals::{Cross, Swap};
 use propwash_trace::math::vec3;
 
 /// A ball at (1, 0.2, 1) of radius 0.3, another in every second world, seen as the inverse distances in a few directions.
@@ -55,17 +55,18 @@ fn sim<N: propwash_trace::lanes::Number>(vehicle: &Vehicle, worlds: usize) -> Si
     Sim::storing(options, vec![(vehicle.drone("first_principles").unwrap(), vehicle.rates)]).unwrap()
 }
 
-fn training<'a>(
-    goal: &'a Cross,
-    around: &'a mut Balls,
+fn training<'a, G: SightedGoal, W: Surroundings>(
+    goal: &'a G,
+    around: &'a mut W,
     options: &'a Options,
     vehicle: &Vehicle,
     network: &Network,
-) -> Training<'a, Cross, Balls> {
+) -> Training<'a, G, W> {
     let sim = sim::<f32>(vehicle, options.worlds);
     let width = state_width(sim.data.n_rotors);
     let traced = Traced::new(goal, width, 4);
-    let block = || Mutex::new(Block::new(&traced, network, options.horizon, width, 2));
+    let seen = (around.sights(), goal.others());
+    let block = || Mutex::new(Block::new(&traced, network, (options.horizon, width), seen));
     let blocks = (0..options.worlds.div_ceil(F32x16::LANES)).map(|_| block()).collect();
     let actions = Actions::attitude(&vehicle.drone("first_principles").unwrap());
     let (time_s, episodes) = (vec![0.0; options.worlds], vec![0; options.worlds]);
@@ -109,7 +110,12 @@ fn cost_of(
             let near = Near { distance_m: length - ball, away: away[t * worlds + w] };
             let before = if t == 0 { vec![0.0; 4] } else { actions[(t - 1) * worlds + w].clone() };
             let now = &actions[t * worlds + w];
-            sum += goal.cost(&seen, &near, [3.0, 0.1 * w as f64, 1.2], [now, &before]);
+            sum += goal.cost(
+                &seen,
+                &Around { near, detour: [0.0; 3], others: &[] },
+                [3.0, 0.1 * w as f64, 1.2],
+                [now, &before],
+            );
         }
     }
     sum / (worlds * horizon) as f64
@@ -195,4 +201,142 @@ fn a_training_lowers_the_cost_and_begins_episodes_anew() {
     assert!(begun > 32 * 10, "{begun}");
     let (again, _) = run();
     assert_eq!(again.policy, trained.policy, "the same seed, the same policy");
+}
+
+/// Pairs of drones that change places, 1.4 m apart.
+struct Pairs {
+    drones: usize,
+}
+
+impl Pairs {
+    fn place(drone: usize) -> [f64; 3] {
+        let side = if drone.is_multiple_of(2) { 1.0 } else { -1.0 };
+        [0.7 * side, 0.05 * side, 1.2]
+    }
+}
+
+impl Surroundings for Pairs {
+    fn sights(&self) -> usize {
+        0
+    }
+
+    fn drones(&self) -> usize {
+        self.drones
+    }
+
+    fn begin(&mut self, drone: usize, _: u64, random: &mut Stream) -> Result<(State<f64>, [f64; 3]), String> {
+        let pos = vec3::add(Self::place(drone), [random.uniform(-0.1, 0.1), random.uniform(-0.1, 0.1), 0.0]);
+        let vel = [if drone.is_multiple_of(2) { -0.5 } else { 0.5 }, 0.0, 0.0];
+        Ok((State { pos, vel, ..State::rest() }, Self::place(drone + 1)))
+    }
+
+    fn see(&self, _: usize, _: [f32; 3], _: [f32; 4], _: &mut [f32]) {}
+
+    fn fault(&self) -> Option<String> {
+        None
+    }
+
+    fn distance(&self, _: usize, pos: [f32; 3]) -> (f32, [f32; 3]) {
+        (pos[2], [0.0, 0.0, 1.0])
+    }
+}
+
+/// Mean cost of flights of pairs under one action, in f64. Where others are is that of `others`, one for each cost, which is filled where it is empty: no slope goes through them.
+fn pair_cost(
+    goal: &Swap,
+    start: &Sim<f32>,
+    vehicle: &Vehicle,
+    (action, horizon): (&[f64], usize),
+    others: &mut Vec<Other<f64>>,
+) -> f64 {
+    let (worlds, fill) = (start.data.n_worlds, others.is_empty());
+    let mut sim = sim::<f64>(vehicle, worlds);
+    for w in 0..worlds {
+        sim.set_initial(w, 0, start.data.state(w, 0)).unwrap();
+    }
+    sim.reset(None).unwrap();
+    let means = Actions::attitude(&vehicle.drone("first_principles").unwrap());
+    let command: Vec<f64> =
+        means.middle.iter().zip(&means.reach).zip(action).map(|((m, r), a)| m + r * a).collect();
+    sim.set_command(&command.repeat(worlds)).unwrap();
+    let (mut sum, width) = (0.0, state_width(sim.data.n_rotors));
+    for t in 0..horizon {
+        sim.step(25).unwrap();
+        let mut states = vec![vec![0.0; width]; worlds];
+        states.iter_mut().enumerate().for_each(|(w, state)| sim.data.copy_state(w, state));
+        for w in 0..worlds {
+            let seen = Seen::of(&states[w], 0.0, &[]);
+            if fill {
+                let other = Seen::of(&states[w ^ 1], 0.0, &[]);
+                others.push(Other { pos_m: other.pos_m, vel_m_s: other.vel_m_s });
+            }
+            let near = Near { distance_m: seen.pos_m[2], away: [0.0, 0.0, 1.0] };
+            let others = &others[t * worlds + w..=t * worlds + w];
+            let before = if t == 0 { &[0.0; 4] } else { action };
+            let around = Around { near, detour: [0.0; 3], others };
+            sum += goal.cost(&seen, &around, Pairs::place(w + 1), [action, before]);
+        }
+    }
+    sum / (worlds * horizon) as f64
+}
+
+#[test]
+fn the_gradient_goes_through_the_distance_to_others() {
+    let vehicle = Vehicle::builtin("cf21B_500").unwrap();
+    let goal = Swap { neighbours: 1, ..Swap::default() };
+    let (lanes, horizon) = (18, 20);
+    let options = Options { worlds: lanes, horizon, substeps: 25, ..Options::default() };
+    let mut network = Network::new(&[goal.observations(), 5, 4], &mut stream(3, 0, 0, "learn.weights"));
+    let n = network.weights().len();
+    let biases = [0.05, -0.1, 0.2, 0.1];
+    network.weights_mut()[n - 24..n - 4].fill(0.0);
+    network.weights_mut()[n - 4..].copy_from_slice(&biases);
+    let mut around = Pairs { drones: 2 };
+    let mut training = training(&goal, &mut around, &options, &vehicle, &network);
+    training.begin(&[true; 18]).unwrap();
+    let start = sim_at(&training.sim, &vehicle);
+    let (gradient, cost) = training.fly(&network).unwrap();
+    let mut others = Vec::new();
+    let mut at = |biases: [f64; 4]| {
+        let action: Vec<f64> = biases.iter().map(|b| b.tanh()).collect();
+        pair_cost(&goal, &start, &vehicle, (&action, horizon), &mut others)
+    };
+    let wide = biases.map(f64::from);
+    let wanted = at(wide);
+    assert!((cost - wanted).abs() < 1e-3 * wanted, "{cost} {wanted}");
+    for k in 0..4 {
+        let mut moved = |by: f64| {
+            let mut biases = wide;
+            biases[k] += by;
+            at(biases)
+        };
+        let slope = (moved(1e-4) - moved(-1e-4)) / 2e-4;
+        let got = f64::from(gradient[n - 4 + k]);
+        assert!((slope - got).abs() < 0.01 * slope.abs() + 0.003, "{k}: {slope} {got}");
+    }
+}
+
+#[test]
+fn pairs_learn_to_change_places() {
+    let vehicle = Vehicle::builtin("cf21B_500").unwrap();
+    let actions = Actions::attitude(&vehicle.drone("first_principles").unwrap());
+    let goal = Swap { neighbours: 1, speed_m_s: 1.0, episode_s: 4.0, ..Swap::default() };
+    let options = Options {
+        worlds: 32,
+        horizon: 30,
+        substeps: 25,
+        commands: 100_000,
+        hidden: vec![32],
+        rate: 0.005,
+        longest: 1.0,
+        ..Options::default()
+    };
+    let of = (&vehicle, "first_principles");
+    let trained = train_sighted(&goal, &mut Pairs { drones: 2 }, of, &actions, &options).unwrap();
+    let cost = &trained.curve.cost;
+    let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+    assert!(mean(&cost[90..]) < 0.5 * mean(&cost[..10]), "{cost:?}");
+    let told =
+        train_sighted(&goal, &mut Pairs { drones: 1 }, of, &actions, &options).unwrap_err().to_string();
+    assert!(told.contains("neighbours") && told.contains("fewer than the 1"), "{told}");
 }
