@@ -444,7 +444,7 @@ def betaflight(
     """Rate control as Betaflight has it, for ``control="body_rate"``.
 
     P, I and D in the configurator's numbers, scaled as the firmware scales them for rates in °/s (Betaflight 4.5, pid.h: PTERM_SCALE 0.032029, ITERM_SCALE 0.244381, DTERM_SCALE 0.000529), the derivative of the gyroscope through a low-pass of
-    first order, each axis within 500 of 1000 and the integral within 400; motors with air mode, whose speed goes with their output from ``idle`` of the greatest (dshot_idle_value) on. Thrust is commanded in N: the throttle is the output at which hovering rotors lift it.
+    first order, roll and pitch within 500 of 1000, yaw and the integrals within 400; motors with air mode, whose speed goes with their output from ``idle`` of the greatest (dshot_idle_value) on. Thrust is commanded in N: the throttle is the output at which hovering rotors lift it.
     """
 
     def law(s: Any) -> None:
@@ -454,7 +454,8 @@ def betaflight(
             p, i, d = pid[axis]
             gains = (0.032029 * p * degrees, 0.244381 * i * degrees, 0.000529 * d * degrees)
             out = _pid(s, axis, s.command[axis] - s.ang_vel[axis], s.ang_vel[axis], gains, cutoff_hz, 400.0)
-            turn.append(np.clip(out, -500, 500) / 1000)
+            limit = 400 if axis == 2 else 500
+            turn.append(np.clip(out, -limit, limit) / 1000)
         top = float(s.vehicle.speed(s.vehicle.thrust_max))
         throttle = (s.vehicle.speed(np.maximum(s.command[3] / s.vehicle.rotors, s.vehicle.thrust_min)) / top - idle) / (1 - idle)
         for k, output in enumerate(_mixed(s, throttle, turn)):

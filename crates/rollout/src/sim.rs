@@ -544,15 +544,7 @@ impl<N: Number> Sim<N> {
         state.quat = quat::normalize(quat::mul(state.quat, quat::exp(rotation)));
         if self.options.rotor_start == RotorStart::Hover {
             (state.rotor_vel, state.thrust) = hovers.unwrap_or_else(|| hover(self.drone(w, d)));
-            let odd = state.rotor_vel.iter().position(|speed| !speed.is_finite());
-            if let Some(i) = odd {
-                return Err(RolloutError::Parameter {
-                    drone: d,
-                    name: format!("rotors.{i}.thrust_curve.2"),
-                    expected: "a number above 0, since rotors start at the speed of hover".into(),
-                    got: self.drone(w, d).airframe.rotors[i].thrust_curve[2],
-                });
-            }
+            check_hover(&state, self.drone(w, d), d)?;
         }
         self.data.set_state(w, d, &state);
         let (memory, rotors) = (self.data.memory_columns.len(), self.data.n_rotors);
@@ -831,6 +823,19 @@ impl<N: Number> Sim<N> {
 /// Rotor speeds (rad/s) at which a drone hovers, and the thrust state (N) at which the abstracted model does.
 fn hover(drone: &Drone<f64>) -> ([f64; MAX_ROTORS], f64) {
     (drone.hover_rotor_vel(), drone.parts().response.map_or(0.0, |_| drone.hover_command()))
+}
+
+/// Refuses rotors that lift nothing at any speed, where they shall start at that of hover.
+fn check_hover(state: &State<f64>, drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
+    match state.rotor_vel.iter().position(|speed| !speed.is_finite()) {
+        None => Ok(()),
+        Some(i) => Err(RolloutError::Parameter {
+            drone: slot,
+            name: format!("rotors.{i}.thrust_curve.2"),
+            expected: "a number above 0, since rotors start at the speed of hover".into(),
+            got: drone.airframe.rotors[i].thrust_curve[2],
+        }),
+    }
 }
 
 /// A number of a drone that rules draw.
