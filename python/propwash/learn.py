@@ -13,13 +13,14 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Sequence, Union
+from typing import Any, Iterator, Literal, Mapping, Sequence, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import __version__, _native
 from ._native import Vehicle
+from ._formula import Formula, Names, Numbers, naming, numbers, refuse
 from ._repr import shorten_all as _shorten_all
 from .policies import ActionSpec, Branch, Channel, Input, Layer, Policy
 from .sense import _whole
@@ -31,6 +32,7 @@ __all__ = [
     "Flights",
     "Gate",
     "Gates",
+    "Goal",
     "Land",
     "Reach",
     "Recover",
@@ -133,7 +135,166 @@ class Gates:
     """Time for all of it, s."""
 
 
-Goal = Union[Track, Recover, Reach, Land, Gates]
+Range = Union[float, tuple[float, float]]
+
+
+class _Sight:
+    """What the functions of a ``Goal`` see: names of numbers."""
+
+    _SEES = {
+        "pos": ("x", "y", "z"),
+        "quat": ("qx", "qy", "qz", "qw"),
+        "vel": ("vx", "vy", "vz"),
+        "ang_vel": ("wx", "wy", "wz"),
+        "t": ("t",),
+    }
+
+    def __init__(self, memory: Mapping[str, Sequence[str]], actions: int) -> None:
+        self._memory, self._actions = memory, actions
+
+    def __getattr__(self, name: str) -> Any:
+        found = self._SEES.get(name) or self._memory.get(name)
+        if found is not None:
+            texts = numbers(found)
+            return texts if len(found) > 1 else texts[0]
+        if name in ("action", "before") and self._actions:
+            return numbers([f"{name}{k + 1}" for k in range(self._actions)])
+        known = [*self._SEES, *self._memory, *(("action", "before") if self._actions else ())]
+        raise refuse(f"a goal sees {', '.join(known)} here, not {name}")
+
+
+class Goal:
+    """A goal of one's own: what is drawn at an episode's start stands in the class, and its functions say what the policy sees and what a step costs.
+
+    The functions run once, over names of numbers (``propwash.effect`` says what they may do), and never in training: what they say is computed in the lanes, with its slopes. They see ``s.pos``
+    (m), ``s.quat`` (x y z w), ``s.vel`` (m/s, world), ``s.ang_vel`` (rad/s, body), ``s.t`` (s), what the episode remembers by its name, and, in ``cost``, ``s.action`` and ``s.before``: the action of the
+    step and the one before it, numbers of -1 to 1.
+
+    A range is a number, or a pair between which it is drawn.
+
+    >>> class Circle(propwash.learn.Goal):
+    ...     pos, vel, begin = [(-1, 1), (-1, 1), (1, 2)], [(-0.5, 0.5)] * 3, (0, 6)
+    ...     def way(self, s): return np.array([np.cos(s.t), np.sin(s.t), 1.5]) - s.pos
+    ...     def observe(self, s): return [self.way(s), 0.5 * s.vel, s.quat, 0.3 * s.ang_vel, np.sin(s.t), np.cos(s.t)]
+    ...     def cost(self, s): return self.way(s) @ self.way(s) + 0.02 * (s.action - s.before) @ (s.action - s.before)
+    ...     def off(self, s): return np.sqrt(self.way(s) @ self.way(s))
+    >>> trained = propwash.learn.bptt(Circle())
+    """
+
+    pos: Sequence[Range] = (0.0, 0.0, 1.0)
+    """Where episodes begin, m."""
+    vel: Sequence[Range] = (0.0, 0.0, 0.0)
+    """Velocity there, m/s, world."""
+    ang_vel: Sequence[Range] = (0.0, 0.0, 0.0)
+    """Angular velocity there, rad/s, body."""
+    turn: Sequence[Range] = (0.0, 0.0, 0.0)
+    """Attitude there, as a rotation vector, rad."""
+    begin: Range = 0.0
+    """Time there, s."""
+    memory: Mapping[str, Range | Sequence[Range]] = {}
+    """What an episode remembers, by name: a number or a list of them, drawn at its start."""
+    time: float = 4.0
+    """Length of an episode, s."""
+    far: float = 10.0
+    """A flight farther off than this is lost, m."""
+    lost_cost: float = 100.0
+    """What being lost costs where a learner sees costs alone (``ppo``)."""
+
+    def observe(self, s: Any) -> Sequence[Any]:
+        """What the policy sees: numbers and arrays of about size 1."""
+        raise NotImplementedError("a goal says what the policy sees: def observe(self, s): return [s.pos, …]")
+
+    def cost(self, s: Any) -> Any:
+        """What a step costs, seen at its end."""
+        raise NotImplementedError("a goal says what a step costs: def cost(self, s): return …")
+
+    def off(self, s: Any) -> Any:
+        """How far off it is, m."""
+        raise NotImplementedError("a goal says how far off it is, in m: def off(self, s): return …")
+
+    def reached(self, s: Any) -> Any:
+        """Whether a flight that ends here has done what it should: where it is less than 0.1 m off, unless it says otherwise."""
+        return self.off(s) < 0.1
+
+    def done(self, s: Any) -> Any:
+        """Whether nothing is left to do: the episode ends, and nothing more is paid. None: never."""
+        return None
+
+    def lost(self, s: Any) -> Any:
+        """Whether it failed. None: only by being farther off than ``far``, or by numbers that are none."""
+        return None
+
+    def remember(self, s: Any) -> Mapping[str, Any]:
+        """What is remembered after a command, by name: what does not stand there stays."""
+        return {}
+
+    def _parts(self) -> dict[str, list[tuple[str, float, float]]]:
+        """Names and bounds of the numbers that are remembered, by the name of each."""
+        out: dict[str, list[tuple[str, float, float]]] = {}
+        for name, ranges in self.memory.items():
+            if not isinstance(name, str) or not name.isidentifier() or name in _Sight._SEES:
+                raise ValueError(f"memory: expected names of letters, digits and underscores that nothing else has, got {name!r}")
+            several = isinstance(ranges, (list, np.ndarray)) or (isinstance(ranges, tuple) and any(isinstance(r, (tuple, list)) for r in ranges))
+            given = list(ranges) if several else [ranges]  # type: ignore[arg-type]
+            names = [f"{name}_{k + 1}" if several else f"{name}_" for k in range(len(given))]
+            out[name] = [(own, *_range(f"memory {name}", one)) for own, one in zip(names, given)]
+        return out
+
+    def _numbers(self, actions: int) -> dict[str, Any]:
+        """As the compiled module takes it."""
+        parts = self._parts()
+        names = Names({own for group in parts.values() for own, *_ in group})
+        texts = {name: [own for own, *_ in group] for name, group in parts.items()}
+        sight, priced = _Sight(texts, 0), _Sight(texts, actions)
+        with naming(names):
+            observed = [Formula.of(one)._text for one in _flat(self.observe(sight))]
+            said: dict[str, str] = {"cost": Formula.of(self.cost(priced))._text}
+            for name in ("off", "reached", "done", "lost"):
+                value = getattr(self, name)(sight)
+                said[name] = "" if value is None else Formula.of(float(value) if isinstance(value, (bool, np.bool_)) else value)._text
+            after = {}
+            for name, value in self.remember(sight).items():
+                if name not in parts:
+                    raise ValueError(f"remember: expected names of memory ({', '.join(parts)}), got {name!r}")
+                values = list(_flat([value]))
+                if len(values) != len(parts[name]):
+                    raise ValueError(f"remember: {name}: expected {len(parts[name])} numbers, got {len(values)}")
+                after.update({own: Formula.of(one)._text for (own, *_), one in zip(parts[name], values)})
+        used = [*observed, *said.values(), *after.values()]
+        memory = [(own, (low, high), after.get(own, "")) for group in parts.values() for own, low, high in group]
+        starts = {name: [_range(name, one) for one in _three(name, getattr(self, name))] for name in ("pos", "vel", "ang_vel", "turn")}
+        sizes = {name: float(getattr(self, name)) for name in ("time", "far", "lost_cost")}
+        return {"lets": names.used_by(used), "observe": observed, **said, "memory": memory, **starts, "begin": _range("begin", self.begin), **sizes}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}, a propwash.learn.Goal>"
+
+
+def _flat(values: Any) -> Iterator[Any]:
+    """The numbers of a list of numbers and arrays."""
+    if isinstance(values, (list, tuple)) or isinstance(values, np.ndarray) and values.shape != ():
+        for one in values:
+            yield from _flat(one)
+    else:
+        yield values
+
+
+def _range(name: str, given: Any) -> tuple[float, float]:
+    pair = given if isinstance(given, (tuple, list, np.ndarray)) else (given, given)
+    try:
+        low, high = (float(v) for v in pair)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number or a pair (low, high), got {given!r}") from None
+    return low, high
+
+
+def _three(name: str, given: Any) -> Sequence[Any]:
+    if not isinstance(given, (tuple, list, np.ndarray)) or len(given) != 3:
+        raise TypeError(f"{name}: expected three numbers or pairs (low, high), got {given!r}")
+    return list(given)
+
+
+AnyGoal = Union[Track, Recover, Reach, Land, Gates, Goal]
 
 
 @dataclass(frozen=True)
@@ -223,7 +384,7 @@ class Flights:
 class Trained:
     """A policy and how it came to be."""
 
-    def __init__(self, native: _native.Learnt, goal: Goal, vehicle: Vehicle, by: str) -> None:
+    def __init__(self, native: _native.Learnt, goal: AnyGoal, vehicle: Vehicle, by: str) -> None:
         self._native = native
         self._by = by
         self._vehicle = vehicle
@@ -264,6 +425,9 @@ class Trained:
         first, second, third = (float(scale) for scale in parts["scales"])
         state = [Input("quat"), Input("vel").scale(second), Input("ang_vel").scale(third)]
         trained: dict[str, Any] = {"propwash": __version__, "note": self._note}
+        if isinstance(self.goal, Goal):
+            n = int(np.shape(parts["layers"][0][0])[1])
+            return Policy((Channel("observation", (n,)),), (Branch((Input("observation"),)),), _layers(parts), _action(parts), trained)
         if isinstance(self.goal, Gates):
             factor = ([first] * 3 + [1.0] * 3) * 2
             inputs = [Input("gates").scale(factor), state[1], state[0], state[2]]
@@ -308,10 +472,14 @@ class Trained:
         return Seen(env).trained(self._note)
 
 
-def _given(goal: Goal, vehicle: str | os.PathLike[str] | Vehicle) -> tuple[str, dict[str, Any], Vehicle]:
+def _given(goal: AnyGoal, vehicle: str | os.PathLike[str] | Vehicle, action: str) -> tuple[str, dict[str, Any], Vehicle]:
     """Name and numbers of a goal as the compiled module takes them, and the vehicle."""
+    if isinstance(goal, Goal):
+        own = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
+        rotors = sum(name.startswith("rotors.") and name.endswith(".spin") for name, _ in own.parameters())
+        return "written", goal._numbers(4 if action == "attitude" else rotors), own
     if not isinstance(goal, (Track, Recover, Reach, Land, Gates)):
-        raise TypeError(f"goal: expected propwash.learn.Track, Recover, Reach, Land or Gates, got {type(goal).__name__}")
+        raise TypeError(f"goal: expected propwash.learn.Track, Recover, Reach, Land, Gates or a Goal of your own, got {type(goal).__name__}")
     numbers = asdict(goal)
     if isinstance(goal, Gates):
         for k, gate in enumerate(goal.gates):
@@ -334,7 +502,7 @@ def _common(freq: int, substeps: int, worlds: int, horizon: int, commands: int, 
     }
 
 
-def _usual(goal: Goal, action: str) -> tuple[int, int, int, float]:
+def _usual(goal: AnyGoal, action: str) -> tuple[int, int, int, float]:
     """Steps under a command, commands of a flight, commands in all and rate of ``bptt``."""
     slow = action == "attitude"
     if isinstance(goal, Recover):
@@ -531,7 +699,7 @@ def _sighted(seen: Any, inputs: tuple[Input, ...], parts: dict[str, Any], note: 
 
 
 def bptt(
-    goal: Goal,
+    goal: AnyGoal,
     vehicle: str | os.PathLike[str] | Vehicle = "cf21B_500",
     *,
     dynamics: str = "first_principles",
@@ -570,7 +738,7 @@ def bptt(
     Raises:
         ValueError: for options that make no sense, vehicles without these dynamics, and models that have no rotors to command.
     """
-    name, numbers, of = _given(goal, vehicle)
+    name, given, of = _given(goal, vehicle, action)
     steps, flight, all_commands, first_rate = _usual(goal, action)
     if critic is None:
         critic = isinstance(goal, Land)
@@ -588,7 +756,7 @@ def bptt(
     )
     options |= {"rate": float(first_rate if rate is None else rate), "longest": float(longest)}
     options["critic"] = None if how is None else _taught(how)
-    return Trained(_native.learn_bptt(name, numbers, of, dynamics, action, options), goal, of, "bptt")
+    return Trained(_native.learn_bptt(name, given, of, dynamics, action, options), goal, of, "bptt")
 
 
 def _taught(critic: Critic) -> dict[str, Any]:
@@ -597,7 +765,7 @@ def _taught(critic: Critic) -> dict[str, Any]:
 
 
 def ppo(
-    goal: Goal,
+    goal: AnyGoal,
     vehicle: str | os.PathLike[str] | Vehicle = "cf21B_500",
     *,
     dynamics: str = "first_principles",
@@ -648,12 +816,12 @@ def ppo(
     Raises:
         ValueError: for options that make no sense, vehicles without these dynamics, and models that have no rotors to command.
     """
-    name, numbers, of = _given(goal, vehicle)
+    name, given, of = _given(goal, vehicle, action)
     options = _common(freq, _usual(goal, action)[0] if substeps is None else substeps, worlds, horizon, commands, hidden, seed)
     options |= {"rate": float(rate), "longest": float(longest), "discount": float(discount), "lam": float(lam), "clip": float(clip)}
     options |= {"epochs": _whole("epochs", epochs, 1, 10**6), "parts": _whole("parts", parts, 1, 10**6)}
     options |= {"noise": float(noise), "entropy": float(entropy)}
-    return Trained(_native.learn_ppo(name, numbers, of, dynamics, action, options), goal, of, "ppo")
+    return Trained(_native.learn_ppo(name, given, of, dynamics, action, options), goal, of, "ppo")
 
 
 _shorten_all(globals())

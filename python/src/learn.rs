@@ -3,7 +3,10 @@
 use std::time::Instant;
 
 use numpy::PyArrayDyn;
-use propwash::learn::goals::{Gate, Gates, Land, Reach, Recover, Track, gates, land, reach, recover, track};
+use propwash::learn::goals::written::{Remembered, Starts, Texts};
+use propwash::learn::goals::{
+    Gate, Gates, Land, Reach, Recover, Track, Written, gates, land, reach, recover, track,
+};
 use propwash::learn::{Actions, Critic, Curve, Flown, LearnError, Options, Policy, Trained, ppo, train};
 use propwash::physics::controllers::ControlMode;
 use propwash::vehicle::Vehicle;
@@ -22,6 +25,7 @@ enum AnyGoal {
     Reach(Reach),
     Land(Land),
     Gates(Gates),
+    Written(Written),
 }
 
 /// The same expression for every goal.
@@ -33,6 +37,7 @@ macro_rules! each {
             AnyGoal::Reach($of) => $body,
             AnyGoal::Land($of) => $body,
             AnyGoal::Gates($of) => $body,
+            AnyGoal::Written($of) => $body,
         }
     };
 }
@@ -121,11 +126,38 @@ fn goal_of(name: &str, numbers: &Bound<'_, PyDict>) -> PyResult<AnyGoal> {
             }))
         }
         "gates" => gates_of(&given),
+        "written" => written_of(&given),
         _ => {
             let expected = "`track`, `recover`, `reach`, `land` or `gates`";
             Err(PyValueError::new_err(format!("goal: expected {expected}, got {name:?}")))
         }
     }
+}
+
+/// A goal of expressions.
+fn written_of(given: &Numbers<'_, '_>) -> PyResult<AnyGoal> {
+    let memory: Vec<(String, [f64; 2], String)> = given.get("memory", Vec::new())?;
+    let remembered = |(name, between, next)| Remembered { name, between, next };
+    let texts = Texts {
+        lets: given.get("lets", Vec::new())?,
+        observe: given.get("observe", Vec::new())?,
+        cost: given.get("cost", String::new())?,
+        off_m: given.get("off", String::new())?,
+        reached: given.get("reached", String::new())?,
+        done: given.get("done", String::new())?,
+        lost: given.get("lost", String::new())?,
+        memory: memory.into_iter().map(remembered).collect(),
+    };
+    let usual = Starts::default();
+    let starts = Starts {
+        pos_m: given.get("pos", usual.pos_m)?,
+        vel_m_s: given.get("vel", usual.vel_m_s)?,
+        ang_vel_rad_s: given.get("ang_vel", usual.ang_vel_rad_s)?,
+        turn_rad: given.get("turn", usual.turn_rad)?,
+        time_s: given.get("begin", usual.time_s)?,
+    };
+    let sizes = (given.get("time", 4.0)?, given.get("far", 10.0)?, given.get("lost_cost", 100.0)?);
+    Written::new(&texts, starts, sizes).or_raise().map(AnyGoal::Written)
 }
 
 /// A race: its gates as (centre, normal, radius), those of the default where none are given.
@@ -346,6 +378,7 @@ impl PyLearnt {
             AnyGoal::Reach(_) => reach::SCALES,
             AnyGoal::Land(_) => land::SCALES,
             AnyGoal::Gates(_) => gates::SCALES,
+            AnyGoal::Written(_) => [1.0; 3],
         };
         parts_of(py, &self.trained.policy, &scales)
     }

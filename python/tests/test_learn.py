@@ -130,7 +130,7 @@ def test_gate_and_landing_policies_are_saved_and_give_in_numpy_what_they_are(tmp
 
 
 def test_wrong_input_is_refused_in_words():
-    with pytest.raises(TypeError, match="Track, Recover, Reach, Land or Gates"):
+    with pytest.raises(TypeError, match="Track, Recover, Reach, Land, Gates or a Goal of your own"):
         learn.bptt("track")
     with pytest.raises(TypeError, match="critic: expected"):
         learn.bptt(learn.Land(), critic=3)

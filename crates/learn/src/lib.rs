@@ -57,6 +57,12 @@ pub enum LearnError {
         /// Why.
         what: String,
     },
+    /// A goal that is written down makes no sense.
+    #[error("goal: {what}")]
+    Goal {
+        /// Why.
+        what: String,
+    },
     /// An option makes no sense.
     #[error("training option {name}: expected {expected}, got {got}")]
     Option {

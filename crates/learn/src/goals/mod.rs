@@ -7,6 +7,7 @@ pub mod reach;
 pub mod recover;
 pub mod swap;
 pub mod track;
+pub mod written;
 
 pub use cross::Cross;
 pub use gates::{Gate, Gates};
@@ -15,3 +16,4 @@ pub use reach::Reach;
 pub use recover::Recover;
 pub use swap::Swap;
 pub use track::Track;
+pub use written::Written;

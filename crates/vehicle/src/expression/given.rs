@@ -291,7 +291,7 @@ impl Check<'_> {
         };
         let [parameters, memory, lets] = [&own.parameters, &own.memory, &own.lets]
             .map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
-        let names = Names { parameters: &parameters, memory: &memory, lets: &lets };
+        let names = Names { parameters: &parameters, memory: &memory, lets: &lets, others: None };
         parse_with(text, names).map_err(|error| {
             self.wrong(
                 place,

@@ -5,7 +5,7 @@ mod parser;
 #[cfg(test)]
 mod tests;
 
-pub use parser::{ExpressionError, parse};
+pub use parser::{ExpressionError, parse, parse_names};
 
 use super::error::VehicleError;
 use super::file::{Check, join};

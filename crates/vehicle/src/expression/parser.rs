@@ -53,22 +53,38 @@ pub(super) struct Names<'a> {
     pub memory: &'a [&'a str],
     /// Values computed before.
     pub lets: &'a [&'a str],
+    /// Names of somebody else, in place of all of these and of the variables.
+    pub others: Option<&'a [&'a str]>,
 }
 
 impl<'a> Names<'a> {
     /// The input that a name stands for.
-    fn find(&self, name: &str) -> Option<Input> {
+    fn find(&self, name: &str) -> Option<u16> {
         let place = |list: &[&str]| list.iter().position(|own| *own == name);
+        if let Some(others) = self.others {
+            return place(others).map(|i| i as u16);
+        }
         let own =
             place(self.parameters).map(Input::Parameter).or_else(|| place(self.memory).map(Input::Memory));
         let own = own.or_else(|| place(self.lets).map(Input::Let));
-        own.or_else(|| VARIABLES.iter().position(|v| v.name == name).map(Input::Variable))
+        own.or_else(|| VARIABLES.iter().position(|v| v.name == name).map(Input::Variable)).map(Input::index)
     }
 
-    fn all(&self) -> impl Iterator<Item = &'a str> {
-        let variables = VARIABLES.iter().map(|v| v.name);
-        variables.chain([self.parameters, self.memory, self.lets].into_iter().flatten().copied())
+    fn all(&self) -> Vec<&'a str> {
+        let own = [self.parameters, self.memory, self.lets].into_iter().flatten().copied();
+        match self.others {
+            Some(others) => others.to_vec(),
+            None => VARIABLES.iter().map(|v| v.name).chain(own).collect(),
+        }
     }
+}
+
+/// The program of an expression of other numbers than those of effects: an input is a place among `names`.
+///
+/// # Errors
+/// [`ExpressionError`] where the text is no expression, or names what is neither among `names` nor a function.
+pub fn parse_names(text: &str, names: &[&str]) -> Result<Program, ExpressionError> {
+    parse_with(text, Names { others: Some(names), ..Names::default() })
 }
 
 /// The program of an expression whose parameters have these names, in this order.
@@ -286,12 +302,15 @@ impl Parser<'_> {
             return self.call(&name, start);
         }
         match self.names.find(&name) {
-            Some(input) => self.ops.push(Op::Input(input.index())),
+            Some(input) => self.ops.push(Op::Input(input)),
             None => {
                 let expected = if FUNCTIONS.iter().any(|(f, ..)| *f == name) {
                     format!("`(` after the function `{name}`")
                 } else {
-                    format!("a variable or a declared parameter{}", suggestion(&name, self.names.all()))
+                    format!(
+                        "a variable or a declared parameter{}",
+                        suggestion(&name, self.names.all().into_iter())
+                    )
                 };
                 return Err(self.fault(start, expected, format!("`{name}`")));
             }
