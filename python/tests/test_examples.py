@@ -21,6 +21,7 @@ TESTED = {
     "lqr.py",
     "mppi.py",
     "nmpc.py",
+    "own_controller.py",
     "own_dataset.py",
     "own_task.py",
     "raptor.py",
@@ -95,6 +96,16 @@ def test_places_landings_and_gates_are_learnt(tmp_path):
     eight, places, off, landings, alone, races = map(float, row.groups())
     assert eight < 15.9 and places >= 99.0 and off < 20 and landings >= 95.0 and alone < landings and races >= 90.0, said
     assert len(list(tmp_path.glob("learn_goals_*.npz"))) == 5
+
+
+def test_controllers_of_ones_own_follow_and_rise(tmp_path):
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "controllers.png"
+    said = run("own_controller.py", "--picture", picture)
+    still = {name: int(mm) for name, mm in re.findall(r"^  (.*?) +(\d+) mm +\d+ mm$", said, re.M)}
+    assert set(still) == {"a cascade", "lee", "indi", "on board"}
+    assert all(still[name] < 60 for name in ("a cascade", "lee", "indi")) and picture.stat().st_size > 10_000
+    assert re.search(r"px4 \d+ ms, ardupilot \d+ ms, on board \d+ ms", said) and re.search(r"betaflight \d+ ms", said)
 
 
 def test_gains_of_the_slopes_hold_a_hover(tmp_path):
