@@ -40,6 +40,10 @@ def refuse(what: str) -> TypeError:
     return TypeError(what + _where())
 
 
+class BeyondError(TypeError):
+    """A number of a vector is asked for that this vehicle does not have, and another one may."""
+
+
 class Names:
     """Values with names, in the order in which a function computed them."""
 
@@ -371,7 +375,9 @@ def numbers(texts: Any) -> Numbers:
 class Vector:
     """Numbers that a function adds to, or sets."""
 
-    def __init__(self, name: str, length: int = 3, start: list[str] | None = None) -> None:
+    def __init__(self, name: str, length: int = 3, start: list[str] | None = None, *, most: int = 0) -> None:
+        #: As many numbers as other vehicles may have.
+        self._most = most
         self._name = name
         self._values: list[Formula | None] = [None] * length
         self._start = start
@@ -424,8 +430,8 @@ class Vector:
     def _axis(self, axis: Any) -> int:
         last = len(self) - 1
         if isinstance(axis, bool) or not isinstance(axis, (int, np.integer)) or not 0 <= axis <= last:
-            expected = "0, 1 or 2" if last == 2 else f"0 to {last}"
-            raise refuse(f"{self._name}[{axis!r}]: expected {expected}")
+            error = refuse(f"{self._name}[{axis!r}]: expected {'0, 1 or 2' if last == 2 else f'0 to {last}'}")
+            raise BeyondError(str(error)) if isinstance(axis, int) and last < axis < self._most else error
         return int(axis)
 
     def texts(self) -> list[str] | None:

@@ -13,15 +13,14 @@ The function runs once for a vehicle, over names of numbers instead of numbers, 
 
 from __future__ import annotations
 
-import inspect
 import os
 from typing import Any, Callable, Sequence, overload
 
 import numpy as np
 
-from ._formula import Formula, Vector, refuse
+from ._formula import Formula, Vector
 from ._native import Vehicle
-from .effects import Effect, Memory, Surroundings
+from .effects import _MOST_ROTORS, Effect, Memory, Surroundings, n_rotors
 
 __all__ = ["Airframe", "Controller", "ardupilot", "betaflight", "controller", "indi", "lee", "px4"]
 
@@ -52,7 +51,7 @@ class Airframe:
 
     def __init__(self, vehicle: Vehicle) -> None:
         of = dict(vehicle.parameters())
-        n = self.rotors = sum(name.startswith("rotors.") and name.endswith(".spin") for name in of)
+        n = self.rotors = n_rotors(vehicle)
 
         def table(name: str, *shape: int) -> np.ndarray[Any, Any]:
             return np.array([of[".".join([name, *map(str, at)])] for at in np.ndindex(*shape)]).reshape(shape)
@@ -85,6 +84,10 @@ def _ends(values: list[Any]) -> tuple[Any, Any]:
     return low, high
 
 
+#: Frequency of yaw over that of roll and pitch: turning about z costs the rotors a multiple of what tilting does.
+_YAW = 0.4
+
+
 class Sight(Surroundings):
     """What a controller sees, and what it commands."""
 
@@ -94,7 +97,7 @@ class Sight(Surroundings):
     def __init__(self, airframe: Airframe, period: str) -> None:
         super().__init__(airframe.rotors)
         object.__setattr__(self, "vehicle", airframe)
-        object.__setattr__(self, "rotor_command", Vector("rotor_command", airframe.rotors))
+        object.__setattr__(self, "rotor_command", Vector("rotor_command", airframe.rotors, most=_MOST_ROTORS))
         # The period of the controller: a number that is not known before a simulation has its steps.
         object.__setattr__(self, "dt", Formula(period))
 
@@ -108,13 +111,14 @@ class Sight(Surroundings):
         ahead = 1.0 if lag is None else max(1.0, airframe.lag / lag)
         least, most = (float(airframe.speed(f)) for f in (airframe.thrust_min, airframe.thrust_max))
         x, y, z = torque
-        turns = [sum(float(share) * part for share, part in zip(airframe.shares[k, 1:], (x, y, z))) for k in range(airframe.rotors)]
-        low, high = _ends(turns)
+        shares = [[float(v) for v in airframe.shares[k]] for k in range(airframe.rotors)]
         room = airframe.thrust_max - airframe.thrust_min
+        turns = [share[1] * x + share[2] * y + share[3] * z for share in shares]
+        low, high = _ends(turns)
         shrink = room / np.maximum(room, high - low)
         lift = np.clip(thrust / airframe.rotors, airframe.thrust_min - low * shrink, airframe.thrust_max - high * shrink)
-        for k in range(airframe.rotors):
-            each = float(airframe.shares[k, 0]) * airframe.rotors * lift + turns[k] * shrink
+        for k, share in enumerate(shares):
+            each = share[0] * airframe.rotors * lift + turns[k] * shrink
             speed = airframe.speed(np.clip(each, airframe.thrust_min, airframe.thrust_max))
             now = self.rotor_vel[k]
             self.rotor_command[k] = speed if ahead == 1.0 else np.clip(now + ahead * (speed - now), least, most)
@@ -135,11 +139,9 @@ class Controller(Effect):
         if hz is not None and (isinstance(hz, bool) or not isinstance(hz, (int, float)) or not 0 < hz < np.inf):
             raise ValueError(f"hz: expected a rate above 0, got {hz!r}")
         self.hz = hz
-        self._airframe: Airframe | None = None
         super().__init__(function, name)
 
     def _default(self) -> Surroundings:
-        # Errors of the function are told where it is written, on any vehicle.
         return self._sight(Vehicle("cf2x_L250"))
 
     def _sight(self, vehicle: Vehicle) -> Sight:
@@ -250,26 +252,34 @@ def _within_reach(vehicle: Airframe, asked: Any) -> Any:
     return np.clip(asked, [-side, -side, -0.5 * g], [side, side, up])
 
 
+def _followed(s: Any, position: tuple[float, float], attitude: tuple[float, float]) -> tuple[Any, Any]:
+    """The thrust, N, and the angular acceleration, rad/s², by which a vehicle follows a command of `state`, by frequency (rad/s) and damping ratio of its translation and its
+    attitude (Lee et al., 2010, eqs. 10-16)."""
+    (w, damping), (turn, turn_damping) = position, attitude
+    off, late = s.pos - s.command[0:3], s.vel - s.command[3:6]
+    asked = _within_reach(s.vehicle, s.command[6:9] - w**2 * off - 2 * damping * w * late)
+    force = s.vehicle.mass * (asked + np.array([0.0, 0.0, s.vehicle.gravity]))
+    now, wanted = _matrix(s.quat), _facing(force, s.command[9:13])
+    apart = 0.5 * _vee(wanted.T @ now - now.T @ wanted)
+    spin = s.ang_vel - now.T @ (wanted @ s.command[13:16])
+    turns = turn * np.array([1.0, 1.0, _YAW])
+    return force @ now[:, 2], -(turns**2) * apart - 2 * turn_damping * turns * spin
+
+
 def lee(
     position: float = 4.0, damping: float = 1.0, attitude: float = 20.0, attitude_damping: float = 0.8, lag: float = 0.02, hz: float | None = None
 ) -> Controller:
     """Geometric tracking control on SE(3), for ``control="state"`` (T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010, eqs. 10-16).
 
-    Gains are natural frequencies (rad/s) and damping ratios of the translation and the attitude, so that they fit any vehicle: k_x = m ω², k_v = 2 ζ m ω, k_R = J ω², k_Ω = 2 ζ J ω; what they ask of the translation stays within what the rotors can give. The
+    Gains are natural frequencies (rad/s) and damping ratios of the translation and the attitude, so that they fit any vehicle: k_x = m ω², k_v = 2 ζ m ω, k_R = J ω², k_Ω = 2 ζ J ω; that of yaw is 0.4 of ``attitude``; what they ask of the translation stays within what the rotors can give. The
     acceleration and the body rates of the command are fed forward; its angular acceleration, which commands do not have, is taken as zero. The law assumes rotors that follow at once: ``lag`` is that of
     ``s.mix``.
     """
 
     def law(s: Any) -> None:
-        m, inertia = s.vehicle.mass, s.vehicle.inertia
-        off, late = s.pos - s.command[0:3], s.vel - s.command[3:6]
-        asked = _within_reach(s.vehicle, s.command[6:9] - position**2 * off - 2 * damping * position * late)
-        force = m * (asked + np.array([0.0, 0.0, s.vehicle.gravity]))
-        now, wanted = _matrix(s.quat), _facing(force, s.command[9:13])
-        apart = 0.5 * _vee(wanted.T @ now - now.T @ wanted)
-        spin = s.ang_vel - now.T @ (wanted @ s.command[13:16])
-        torque = inertia @ (-(attitude**2) * apart - 2 * attitude_damping * attitude * spin) + np.cross(s.ang_vel, inertia @ s.ang_vel)
-        s.mix(force @ now[:, 2], torque, lag)
+        inertia = s.vehicle.inertia
+        lift, turning = _followed(s, (position, damping), (attitude, attitude_damping))
+        s.mix(lift, inertia @ turning + np.cross(s.ang_vel, inertia @ s.ang_vel), lag)
 
     return Controller(law, "lee", hz)
 
@@ -294,21 +304,15 @@ def indi(
         return level.next, slope.next
 
     def law(s: Any) -> None:
-        m, inertia = s.vehicle.mass, s.vehicle.inertia
-        off, late = s.pos - s.command[0:3], s.vel - s.command[3:6]
-        asked = _within_reach(s.vehicle, s.command[6:9] - position**2 * off - 2 * damping * position * late)
-        force = m * (asked + np.array([0.0, 0.0, s.vehicle.gravity]))
-        now, wanted = _matrix(s.quat), _facing(force, s.command[9:13])
-        apart = 0.5 * _vee(wanted.T @ now - now.T @ wanted)
-        turned = -(attitude**2) * apart - 2 * attitude_damping * attitude * (s.ang_vel - now.T @ (wanted @ s.command[13:16]))
+        lift, turning = _followed(s, (position, damping), (attitude, attitude_damping))
         c0, c1, c2 = (float(c) for c in s.vehicle.thrust_curve)
         thrusts = [c0 + c1 * s.rotor_vel[k] + c2 * s.rotor_vel[k] ** 2 for k in range(s.vehicle.rotors)]
         torque = []
         for axis, name in enumerate("xyz"):
             _, gained = low_pass(s, f"rate_{name}", s.ang_vel[axis])
             given, _ = low_pass(s, f"torque_{name}", sum(float(s.vehicle.wrench[1 + axis, k]) * t for k, t in enumerate(thrusts)))
-            torque.append(given + float(inertia[axis, axis]) * (turned[axis] - gained))
-        s.mix(force @ now[:, 2], torque, lag)
+            torque.append(given + float(s.vehicle.inertia[axis, axis]) * (turning[axis] - gained))
+        s.mix(lift, torque, lag)
 
     return Controller(law, "indi", hz)
 
@@ -332,9 +336,12 @@ def _pid(s: Any, axis: int, error: Any, measured: Any, gains: Sequence[float], c
     return out
 
 
-def _hover(s: Any) -> float:
-    """Share of the rotors' greatest thrust in hover."""
-    return float(s.vehicle.mass * s.vehicle.gravity / (s.vehicle.rotors * s.vehicle.thrust_max))
+def _turn_left(s: Any) -> Any:
+    """The quaternion, body axes, from the attitude to that of a command of `attitude`: roll, pitch and yaw about the body's axes, yaw first."""
+    half = [s.command[k] * 0.5 for k in range(3)]
+    (cr, cp, cy), (sr, sp, sy) = [np.cos(h) for h in half], [np.sin(h) for h in half]
+    wanted = np.array([sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], dtype=object)
+    return _product(np.array([-s.quat[0], -s.quat[1], -s.quat[2], s.quat[3]], dtype=object), wanted)
 
 
 def _turns(s: Any) -> Any:
@@ -375,11 +382,7 @@ def px4(
     """
 
     def law(s: Any) -> None:
-        half = [s.command[k] * 0.5 for k in range(3)]
-        (cr, cp, cy), (sr, sp, sy) = [np.cos(h) for h in half], [np.sin(h) for h in half]
-        wanted = np.array([sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], dtype=object)
-        back = np.array([-s.quat[0], -s.quat[1], -s.quat[2], s.quat[3]], dtype=object)
-        full = _product(back, wanted)
+        full = _turn_left(s)
         # Body z is turned to where it shall point by the shortest way; what then is left turns about z, and counts less.
         up = _matrix(full)[:, 2]
         root = np.sqrt(np.maximum(2 * (1 + up[2]), 1e-9))
@@ -413,10 +416,7 @@ def ardupilot(
     """
 
     def law(s: Any) -> None:
-        half = [s.command[k] * 0.5 for k in range(3)]
-        (cr, cp, cy), (sr, sp, sy) = [np.cos(h) for h in half], [np.sin(h) for h in half]
-        wanted = np.array([sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy, cr * cp * cy + sr * sp * sy], dtype=object)
-        full = _product(np.array([-s.quat[0], -s.quat[1], -s.quat[2], s.quat[3]], dtype=object), wanted)
+        full = _turn_left(s)
         side = np.where(full[3] < 0, -1.0, 1.0)
         sine = np.sqrt(full[:3] @ full[:3] + 1e-16)
         error = full[:3] * (side * 2 * np.arctan2(sine, full[3] * side) / sine)

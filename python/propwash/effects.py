@@ -18,7 +18,7 @@ from typing import Any, Callable, Literal
 
 import numpy as np
 
-from ._formula import Formula, Names, Vector, naming, numbers, refuse
+from ._formula import BeyondError, Formula, Names, Vector, naming, numbers, refuse
 from ._native import Vehicle
 
 __all__ = ["Effect", "EffectParameter", "effect"]
@@ -46,6 +46,10 @@ class Memory:
     @next.setter
     def next(self, value: Any) -> None:
         self._next = Formula.of(value)
+
+
+#: Most rotors of a vehicle.
+_MOST_ROTORS = 8
 
 
 class Surroundings:
@@ -83,7 +87,7 @@ class Surroundings:
     def __init__(self, rotors: int = 4) -> None:
         made: dict[str, Any] = {name: Vector(name) for name in ("force", "force_body", "torque")}
         made["thrust_factor"] = None
-        made["rotor_command"] = Vector("rotor_command", rotors, [f"rotor_command{k + 1}" for k in range(rotors)])
+        made["rotor_command"] = Vector("rotor_command", rotors, [f"rotor_command{k + 1}" for k in range(rotors)], most=_MOST_ROTORS)
         made["attitude_command"] = Vector("attitude_command", 4, [f"{name}_command" for name in ("roll", "pitch", "yaw", "thrust")])
         made["_memories"] = {}
         for name, value in made.items():
@@ -194,14 +198,25 @@ class Effect:
             if not isinstance(value, EffectParameter):
                 raise TypeError(f"{self.name}: {own.name}: expected a number or a propwash.EffectParameter, got {value!r}")
             self._parameters[own.name] = value
-        self._toml = self._written(self._default())
+        self._toml: str | None = None
+        try:
+            # Errors of the function are told where it is written.
+            self._toml = self._written(self._default())
+        except BeyondError as error:
+            self._beyond = str(error)
 
     def _default(self) -> Surroundings:
         return Surroundings()
 
     @property
     def toml(self) -> str:
-        """What stands in a vehicle file, of a vehicle with four rotors: an ``[[effect]]`` of the kind ``expression``."""
+        """What stands in a vehicle file, of a vehicle with four rotors: an ``[[effect]]`` of the kind ``expression``.
+
+        Raises:
+            TypeError: where the function names further rotors: then ``on(vehicle).to_toml()`` has it.
+        """
+        if self._toml is None:
+            raise TypeError(f"{self._beyond}: this is of a vehicle with four rotors, and on(vehicle).to_toml() of one with more")
         return self._toml
 
     def _written(self, seen: Surroundings) -> str:
@@ -257,16 +272,16 @@ class Effect:
             ValueError: for what expressions cannot say, with its place in the text; for a second effect of this name.
         """
         own = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-        if "\nrotor_command" not in self._toml:
+        if self._toml is not None and "\nrotor_command" not in self._toml:
             return own.with_effects(self._toml)
-        return own.with_effects(self._written(Surroundings(_rotors(own))))
+        return own.with_effects(self._written(Surroundings(n_rotors(own))))
 
     def __repr__(self) -> str:
         return f"<propwash.Effect {self.name}>"
 
 
-def _rotors(vehicle: Vehicle) -> int:
-    """Number of rotors."""
+def n_rotors(vehicle: Vehicle) -> int:
+    """Number of rotors of a vehicle."""
     return sum(name.startswith("rotors.") and name.endswith(".spin") for name, _ in vehicle.parameters())
 
 

@@ -22,6 +22,7 @@ from . import __version__, _native
 from ._native import Vehicle
 from ._formula import Formula, Names, Numbers, naming, numbers, refuse
 from ._repr import shorten_all as _shorten_all
+from .effects import n_rotors
 from .policies import ActionSpec, Branch, Channel, Input, Layer, Policy
 from .sense import _whole
 
@@ -476,8 +477,7 @@ def _given(goal: AnyGoal, vehicle: str | os.PathLike[str] | Vehicle, action: str
     """Name and numbers of a goal as the compiled module takes them, and the vehicle."""
     if isinstance(goal, Goal):
         own = vehicle if isinstance(vehicle, Vehicle) else Vehicle(vehicle)
-        rotors = sum(name.startswith("rotors.") and name.endswith(".spin") for name, _ in own.parameters())
-        return "written", goal._numbers(4 if action == "attitude" else rotors), own
+        return "written", goal._numbers(4 if action == "attitude" else n_rotors(own)), own
     if not isinstance(goal, (Track, Recover, Reach, Land, Gates)):
         raise TypeError(f"goal: expected propwash.learn.Track, Recover, Reach, Land, Gates or a Goal of your own, got {type(goal).__name__}")
     numbers = asdict(goal)

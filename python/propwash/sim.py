@@ -18,6 +18,7 @@ from . import _native
 from ._mirror import Mirror, mirror, picture
 from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
+from .effects import Effect
 from .field import DistanceField
 from .scene import SceneInfo, scene_info
 from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _floats, _whole
@@ -211,7 +212,7 @@ class Pipeline:
             raise TypeError(f"name: expected a str, the name of the stage, and the stage after it, got {name!r} ({type(name).__name__})")
         if per not in ("step", "call"):
             raise ValueError(f"per: expected \"step\" or \"call\", got {per!r}")
-        if hasattr(stage, "on") and hasattr(stage, "toml"):
+        if isinstance(stage, Effect):
             raise TypeError(f"stage {name!r}: expected a function of Sim.data, got {stage!r}, which belongs to a vehicle: Sim(drone=NAME.on(...))")
         if name in self._before or name in self._after:
             raise ValueError(f"stage {name!r}: expected a name that no stage has: replace() or remove() that one first")

@@ -5,6 +5,7 @@ import pytest
 
 import propwash as pw
 from propwash import controllers, export
+from conftest import ROOT
 from test_export import close, outputs, reference, states
 
 
@@ -35,7 +36,7 @@ def upset(vehicle, control, seed=1, **options):
     return sim
 
 
-@pytest.mark.parametrize("drone", pw.vehicles())
+@pytest.mark.parametrize("drone", [*pw.vehicles(), str(ROOT / "examples/own_vehicle/hexa.toml")])
 @pytest.mark.parametrize("law", MODES)
 def test_every_law_holds_what_it_is_told_on_every_vehicle(law, drone):
     vehicle = getattr(controllers, law)().on(drone)
@@ -59,6 +60,15 @@ def test_every_law_holds_what_it_is_told_on_every_vehicle(law, drone):
         np.testing.assert_allclose(sim.data.ang_vel[:, 0], np.broadcast_to([0.2, -0.1, 0.3], (8, 3)), atol=0.02)
 
 
+def mixed(of, thrust, torque):
+    """Thrusts of the rotors, N: torques before thrust. (rotor,)"""
+    room = of.thrust_max - of.thrust_min
+    turns = of.shares[:, 1:] @ torque
+    shrink = min(1, room / np.ptp(turns))
+    lift = np.clip(thrust / of.rotors, of.thrust_min - turns.min() * shrink, of.thrust_max - turns.max() * shrink)
+    return np.clip(lift + turns * shrink, of.thrust_min, of.thrust_max)
+
+
 def by_hand(sim, position=4.0, attitude=20.0, damping=0.8, lag=None):
     """Rotor speeds by Lee's equations and the mixing, written with NumPy and rotation matrices, drone by drone."""
     of = controllers.Airframe(sim.drone if hasattr(sim, "drone") else pw.Vehicle("cf2x_L250"))
@@ -74,12 +84,10 @@ def by_hand(sim, position=4.0, attitude=20.0, damping=0.8, lag=None):
         wanted, now = np.column_stack([np.cross(b2, b3), b2, b3]), matrix(q)
         skew = 0.5 * (wanted.T @ now - now.T @ wanted)
         e_r, e_w = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]), w - now.T @ wanted @ c[13:16]
-        torque = of.inertia @ (-(attitude**2) * e_r - 2 * damping * attitude * e_w) + np.cross(w, of.inertia @ w)
-        turns = of.shares[:, 1:] @ torque
-        shrink = min(1, (of.thrust_max - of.thrust_min) / np.ptp(turns))
-        lift = np.clip(force @ now[:, 2] / 4, of.thrust_min - turns.min() * shrink, of.thrust_max - turns.max() * shrink)
+        rates = attitude * np.array([1, 1, 0.4])
+        torque = of.inertia @ (-(rates**2) * e_r - 2 * damping * rates * e_w) + np.cross(w, of.inertia @ w)
         c0, c1, c2 = of.thrust_curve
-        thrust = np.clip(lift + turns * shrink, of.thrust_min, of.thrust_max)
+        thrust = mixed(of, force @ now[:, 2], torque)
         out.append((np.sqrt(c1**2 - 4 * c2 * (c0 - thrust)) - c1) / (2 * c2))
     return np.array(out)
 
@@ -111,10 +119,7 @@ def test_a_controller_is_its_function():
     sim.data.command[..., 2] = 3.2
     of = controllers.Airframe(vehicle)
     lift = of.mass * (9.81 + 6 * (3.2 - sim.data.pos[:, 0, 2]) - 4 * sim.data.vel[:, 0, 2])
-    turns = -2e-3 * sim.data.ang_vel[:, 0] @ of.shares[:, 1:].T
-    shrink = np.minimum(1, (of.thrust_max - of.thrust_min) / np.ptp(turns, axis=1))[:, None]
-    low, high = of.thrust_min - turns.min(1)[:, None] * shrink, of.thrust_max - turns.max(1)[:, None] * shrink
-    wanted = of.speed(np.clip(np.clip(lift[:, None] / 4, low, high) + turns * shrink, of.thrust_min, of.thrust_max))
+    wanted = [of.speed(mixed(of, one, -2e-3 * spin)) for one, spin in zip(lift, sim.data.ang_vel[:, 0])]
     sim.step(1)
     np.testing.assert_allclose(sim.data.rotor_command[:, 0], wanted, rtol=1e-9)
     # Nothing of the on-board controller ran.

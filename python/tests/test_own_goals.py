@@ -34,8 +34,10 @@ def test_a_goal_of_ones_own_is_learnt_and_its_policy_flies_in_a_simulation():
     assert trained.cost[-1] < 0.2 * trained.cost[0]
     # The same seed gives the same policy.
     again = learn.bptt(Circle(), "cf21B_500", commands=200_000)
-    for a, b in zip(trained.policy.layers, again.policy.layers):
-        np.testing.assert_array_equal(a.weight, b.weight) if a.kind == "linear" else None
+    linear = [[layer.weight for layer in t.policy.layers if layer.kind == "linear"] for t in (trained, again)]
+    assert len(linear[0]) == 3
+    for a, b in zip(*linear):
+        np.testing.assert_array_equal(a, b)
     # Observed with NumPy, in a simulation of one's own.
     policy = trained.policy
     sim = pw.Sim(4, drone="cf21B_500", control="attitude")
