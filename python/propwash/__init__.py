@@ -24,6 +24,7 @@ from ._rerun import write_rerun  # noqa: E402
 from ._video import video  # noqa: E402
 from .command import Command  # noqa: E402
 from .controllers import Controller, controller  # noqa: E402
+from .costs import Cost, Priced, cost  # noqa: E402
 from .field import DistanceField  # noqa: E402
 from .gap import (  # noqa: E402
     AcceptedParameter,
@@ -98,6 +99,7 @@ __all__ = [
     "Comparison",
     "Contacts",
     "Controller",
+    "Cost",
     "Data",
     "DepthFrame",
     "Diagnosis",
@@ -138,6 +140,7 @@ __all__ = [
     "Pipeline",
     "PixelStatus",
     "Policy",
+    "Priced",
     "Quarantine",
     "QuarantineWarning",
     "Recorder",
@@ -163,6 +166,7 @@ __all__ = [
     "add",
     "compare",
     "controller",
+    "cost",
     "diagnose",
     "effect",
     "evaluate",

@@ -8,7 +8,7 @@ import linecache
 import os
 import re
 import sys
-from typing import Any, Callable, Iterator, Union
+from typing import Any, Callable, Iterator, Mapping, Sequence, Union
 
 import numpy as np
 
@@ -20,7 +20,7 @@ _COMPARE, _SUM, _PRODUCT, _MINUS, _POWER, _ATOM = range(6)
 #: Texts above this length get a name, so that no expression grows with the number of times that something is used.
 _LONG = 100
 
-_FILES = (__file__, os.path.join(os.path.dirname(__file__), "effects.py"), os.path.join(os.path.dirname(__file__), "controllers.py"))
+_FILES = (__file__, *(os.path.join(os.path.dirname(__file__), name) for name in ("effects.py", "controllers.py", "learn.py", "costs.py")))
 
 
 def _where() -> str:
@@ -370,6 +370,34 @@ def numbers(texts: Any) -> Numbers:
     out[:] = [Formula(text) for text in texts]
     out.flags.writeable = False  # it is seen, not changed
     return out.view(Numbers)
+
+
+class Sight:
+    """What a function that runs once sees: names of numbers, one or several under each attribute.
+
+    ``who`` sees it, in errors; ``elsewhere`` says of further names why they are not seen.
+    """
+
+    def __init__(self, who: str, sees: Mapping[str, Sequence[str]], elsewhere: Mapping[str, str] = {}) -> None:
+        self._who, self._sees, self._elsewhere = who, dict(sees), elsewhere
+
+    def __getattr__(self, name: str) -> Any:
+        found = self._sees.get(name)
+        if found is not None:
+            texts = numbers(found)
+            return texts if len(found) > 1 else texts[0]
+        why = f": {self._elsewhere[name]}" if name in self._elsewhere else ""
+        raise refuse(f"{self._who} sees {', '.join(self._sees)} here, not {name}{why}")
+
+
+def said(what: str, value: Any) -> Formula:
+    """A number that a function returned; ``what`` names the function in the error for anything else."""
+    if isinstance(value, (bool, np.bool_)):
+        value = float(value)
+    try:
+        return Formula.of(value)
+    except TypeError as e:
+        raise TypeError(f"{what}: {e}") from None
 
 
 class Vector:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from . import __version__, _native
 from ._native import Vehicle
-from ._formula import Formula, Names, Numbers, naming, numbers, refuse
+from ._formula import Formula, Names, Sight, naming, said
 from ._repr import shorten_all as _shorten_all
 from .effects import n_rotors
 from .policies import ActionSpec, Branch, Channel, Input, Layer, Policy
@@ -139,37 +139,34 @@ class Gates:
 Range = Union[float, tuple[float, float]]
 
 
-class _Sight:
-    """What the functions of a ``Goal`` see: names of numbers."""
-
-    _SEES = {
-        "pos": ("x", "y", "z"),
-        "quat": ("qx", "qy", "qz", "qw"),
-        "vel": ("vx", "vy", "vz"),
-        "ang_vel": ("wx", "wy", "wz"),
-        "t": ("t",),
-    }
-
-    def __init__(self, memory: Mapping[str, Sequence[str]], actions: int) -> None:
-        self._memory, self._actions = memory, actions
-
-    def __getattr__(self, name: str) -> Any:
-        found = self._SEES.get(name) or self._memory.get(name)
-        if found is not None:
-            texts = numbers(found)
-            return texts if len(found) > 1 else texts[0]
-        if name in ("action", "before") and self._actions:
-            return numbers([f"{name}{k + 1}" for k in range(self._actions)])
-        known = [*self._SEES, *self._memory, *(("action", "before") if self._actions else ())]
-        raise refuse(f"a goal sees {', '.join(known)} here, not {name}")
+#: What the functions of a ``Goal`` see of a drone: names of numbers.
+_SEES = {
+    "pos": ("x", "y", "z"),
+    "quat": ("qx", "qy", "qz", "qw"),
+    "vel": ("vx", "vy", "vz"),
+    "ang_vel": ("wx", "wy", "wz"),
+    "t": ("t",),
+}
+#: What they see in an environment beside.
+_SHOWN = {
+    "previous_pos": ("px", "py", "pz"),
+    "clearance": ("clearance",),
+    "crashed": ("crashed",),
+    "action_change": ("action_change",),
+    "step_time": ("step",),
+}
+_ALONE = dict.fromkeys(_SHOWN, "environments alone show it; bptt and ppo fly in free air, where nothing is near")
 
 
 class Goal:
     """A goal of one's own: what is drawn at an episode's start stands in the class, and its functions say what the policy sees and what a step costs.
 
-    The functions run once, over names of numbers (``propwash.effect`` says what they may do), and never in training: what they say is computed in the lanes, with its slopes. They see ``s.pos``
-    (m), ``s.quat`` (x y z w), ``s.vel`` (m/s, world), ``s.ang_vel`` (rad/s, body), ``s.t`` (s), what the episode remembers by its name, and, in ``cost``, ``s.action`` and ``s.before``: the action of the
-    step and the one before it, numbers of -1 to 1.
+    ``bptt`` and ``ppo`` learn it, and ``propwash.envs`` makes an environment of it: ``DroneVectorEnv(task=Circle)``.
+
+    The functions run once, over names of numbers (``propwash.effect`` says what they may do), and never in training or flight: what they say is computed in the lanes, with its slopes. They see
+    ``s.pos`` (m), ``s.quat`` (x y z w), ``s.vel`` (m/s, world), ``s.ang_vel`` (rad/s, body), ``s.t`` (s), what the episode remembers by its name, and, in ``cost`` and ``reward``, ``s.action`` and
+    ``s.before``: the action of the step and the one before it, numbers of -1 to 1 of the limits of whoever flies it. In environments they see ``s.crashed`` (1 where the drone touched something in the
+    step, else 0), ``s.clearance`` (m to the nearest thing), ``s.previous_pos`` (m, a step ago), ``s.action_change`` (0 to 1) and ``s.step_time`` (s), too.
 
     A range is a number, or a pair between which it is drawn.
 
@@ -193,21 +190,29 @@ class Goal:
     begin: Range = 0.0
     """Time there, s."""
     memory: Mapping[str, Range | Sequence[Range]] = {}
-    """What an episode remembers, by name: a number or a list of them, drawn at its start."""
+    """What an episode remembers, by name: a number or a list of them, drawn at its start. Three numbers named ``goal`` can be given at resets of an environment."""
     time: float = 4.0
     """Length of an episode, s."""
     far: float = 10.0
     """A flight farther off than this is lost, m."""
     lost_cost: float = 100.0
-    """What being lost costs where a learner sees costs alone (``ppo``)."""
+    """What being lost costs where a learner sees costs alone (``ppo``, environments)."""
+    crash_ends: bool = True
+    """Whether an episode ends in an environment where the drone touches something; the flight is lost then."""
 
-    def observe(self, s: Any) -> Sequence[Any]:
-        """What the policy sees: numbers and arrays of about size 1."""
+    def observe(self, s: Any) -> Sequence[Any] | Mapping[str, Any]:
+        """What the policy sees: numbers and arrays of about size 1; the channel ``observation``, or several by name."""
         raise NotImplementedError("a goal says what the policy sees: def observe(self, s): return [s.pos, …]")
 
     def cost(self, s: Any) -> Any:
-        """What a step costs, seen at its end."""
-        raise NotImplementedError("a goal says what a step costs: def cost(self, s): return …")
+        """What a step costs, seen at its end; that of ``reward`` with the other sign, unless it says otherwise."""
+        if type(self).reward is Goal.reward:
+            raise NotImplementedError("a goal says what a step costs: def cost(self, s): return … (or what it is worth: def reward)")
+        return -self.reward(s)
+
+    def reward(self, s: Any) -> Any:
+        """What a step is worth in an environment: minus ``cost``, and minus ``lost_cost`` where the flight is lost by it. A class that says otherwise says all of it."""
+        return -self.cost(s)
 
     def off(self, s: Any) -> Any:
         """How far off it is, m."""
@@ -233,7 +238,8 @@ class Goal:
         """Names and bounds of the numbers that are remembered, by the name of each."""
         out: dict[str, list[tuple[str, float, float]]] = {}
         for name, ranges in self.memory.items():
-            if not isinstance(name, str) or not name.isidentifier() or name in _Sight._SEES:
+            taken = name in _SEES or name in _SHOWN or name in ("action", "before")
+            if not isinstance(name, str) or not name.isidentifier() or taken:
                 raise ValueError(f"memory: expected names of letters, digits and underscores that nothing else has, got {name!r}")
             several = isinstance(ranges, (list, np.ndarray)) or (isinstance(ranges, tuple) and any(isinstance(r, (tuple, list)) for r in ranges))
             given = list(ranges) if several else [ranges]  # type: ignore[arg-type]
@@ -241,31 +247,101 @@ class Goal:
             out[name] = [(own, *_range(f"memory {name}", one)) for own, one in zip(names, given)]
         return out
 
-    def _numbers(self, actions: int) -> dict[str, Any]:
-        """As the compiled module takes it."""
+    def _sight(self, actions: int, shown: bool) -> Sight:
+        """What the functions see: with actions of so many numbers, and with what environments show or without."""
+        kept = {name: [own for own, *_ in group] for name, group in self._parts().items()}
+        acted = {name: [f"{name}{k + 1}" for k in range(actions)] for name in (("action", "before") if actions else ())}
+        return Sight("a goal", {**_SEES, **kept, **acted, **(_SHOWN if shown else {})}, {} if shown else _ALONE)
+
+    def _said(self, name: str, value: Any) -> Formula:
+        return said(f"{type(self).__name__}.{name}", value)
+
+    def _maybe(self, name: str, sight: Sight) -> Formula | None:
+        """What ``done`` or ``lost`` says, None: never."""
+        value = getattr(self, name)(sight)
+        return None if value is None else self._said(name, value)
+
+    def _observed(self, sight: Sight) -> dict[str, list[str]]:
+        """What the policy sees: the numbers of each channel, as texts."""
+        seen = self.observe(sight)
+        channels = {str(name): list(_flat([one])) for name, one in seen.items()} if isinstance(seen, Mapping) else {"observation": list(_flat(seen))}
+        taken = set(channels) & {"pos", "quat", "vel", "ang_vel", "depth"}
+        if taken:
+            raise ValueError(f"observe: expected names of channels other than pos, quat, vel, ang_vel and depth, which environments observe by themselves, got {sorted(taken)[0]!r}")
+        if not any(channels.values()) or not all(channels.values()):
+            raise ValueError(f"observe: expected at least one number in each channel, got {({name: len(each) for name, each in channels.items()})}")
+        return {name: [self._said("observe", one)._text for one in each] for name, each in channels.items()}
+
+    def _channels(self) -> dict[str, int]:
+        """Numbers of each channel."""
+        with naming(Names(set())):
+            return {name: len(each) for name, each in self._observed(self._sight(0, True)).items()}
+
+    def _kept(self, sight: Sight) -> list[tuple[str, tuple[float, float], str]]:
+        """What is remembered: names of its numbers, bounds, and what each is after a command; an empty text where it stays."""
         parts = self._parts()
-        names = Names({own for group in parts.values() for own, *_ in group})
-        texts = {name: [own for own, *_ in group] for name, group in parts.items()}
-        sight, priced = _Sight(texts, 0), _Sight(texts, actions)
-        with naming(names):
-            observed = [Formula.of(one)._text for one in _flat(self.observe(sight))]
-            said: dict[str, str] = {"cost": Formula.of(self.cost(priced))._text}
-            for name in ("off", "reached", "done", "lost"):
-                value = getattr(self, name)(sight)
-                said[name] = "" if value is None else Formula.of(float(value) if isinstance(value, (bool, np.bool_)) else value)._text
-            after = {}
-            for name, value in self.remember(sight).items():
-                if name not in parts:
-                    raise ValueError(f"remember: expected names of memory ({', '.join(parts)}), got {name!r}")
-                values = list(_flat([value]))
-                if len(values) != len(parts[name]):
-                    raise ValueError(f"remember: {name}: expected {len(parts[name])} numbers, got {len(values)}")
-                after.update({own: Formula.of(one)._text for (own, *_), one in zip(parts[name], values)})
-        used = [*observed, *said.values(), *after.values()]
-        memory = [(own, (low, high), after.get(own, "")) for group in parts.values() for own, low, high in group]
+        after = {}
+        for name, value in self.remember(sight).items():
+            if name not in parts:
+                raise ValueError(f"remember: expected names of memory ({', '.join(parts)}), got {name!r}")
+            values = list(_flat([value]))
+            if len(values) != len(parts[name]):
+                raise ValueError(f"remember: {name}: expected {len(parts[name])} numbers, got {len(values)}")
+            after.update({own: self._said("remember", one)._text for (own, *_), one in zip(parts[name], values)})
+        return [(own, (low, high), after.get(own, "")) for group in parts.values() for own, low, high in group]
+
+    def _begins(self) -> dict[str, Any]:
+        """Where episodes begin."""
         starts = {name: [_range(name, one) for one in _three(name, getattr(self, name))] for name in ("pos", "vel", "ang_vel", "turn")}
+        return {**starts, "begin": _range("begin", self.begin)}
+
+    def _names(self) -> Names:
+        return Names({own for group in self._parts().values() for own, *_ in group})
+
+    def _numbers(self, actions: int) -> dict[str, Any]:
+        """As learners take it."""
+        names, sight = self._names(), self._sight(0, False)
+        with naming(names):
+            observed = [text for each in self._observed(sight).values() for text in each]
+            told = {"cost": self._said("cost", self.cost(self._sight(actions, False)))._text}
+            told |= {name: self._said(name, getattr(self, name)(sight))._text for name in ("off", "reached")}
+            told |= {name: "" if (value := self._maybe(name, sight)) is None else value._text for name in ("done", "lost")}
+            memory = self._kept(sight)
+        lets = names.used_by([*observed, *told.values(), *(text for *_, text in memory)])
         sizes = {name: float(getattr(self, name)) for name in ("time", "far", "lost_cost")}
-        return {"lets": names.used_by(used), "observe": observed, **said, "memory": memory, **starts, "begin": _range("begin", self.begin), **sizes}
+        return {"lets": lets, "observe": observed, **told, "memory": memory, **self._begins(), **sizes}
+
+    def _task(self, actions: int) -> dict[str, Any]:
+        """As an environment takes it, whose actions have so many numbers."""
+        names, sight, priced = self._names(), self._sight(0, True), self._sight(actions, True)
+        with naming(names):
+            observed = self._observed(sight)
+            lost, done = self._maybe("lost", sight), self._maybe("done", sight)
+            if type(self).off is not Goal.off:
+                far = self._said("off", self.off(sight)) > float(self.far)
+                lost = far if lost is None else lost | far
+            reward = self._said("reward", self.reward(priced))
+            if type(self).reward is Goal.reward:
+                over = sight.crashed if self.crash_ends else None
+                if lost is not None:
+                    over = lost if over is None else lost | over
+                if over is not None:
+                    reward = np.where(over, reward - float(self.lost_cost), reward)
+            told = {"reward": reward._text, "lost": "" if lost is None else lost._text, "done": "" if done is None else done._text}
+            memory = self._kept(sight)
+        used = [*(text for each in observed.values() for text in each), *told.values(), *(text for *_, text in memory)]
+        places = [own for own, *_ in memory]
+        goal = places.index("goal_1") if "goal_3" in places and "goal_4" not in places else None
+        return {
+            "name": type(self).__name__,
+            "lets": names.used_by(used),
+            "observe": list(observed.items()),
+            **told,
+            "memory": memory,
+            "goal": goal,
+            "crash_ends": bool(self.crash_ends),
+            **self._begins(),
+        }
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}, a propwash.learn.Goal>"
@@ -427,25 +503,26 @@ class Trained:
         state = [Input("quat"), Input("vel").scale(second), Input("ang_vel").scale(third)]
         trained: dict[str, Any] = {"propwash": __version__, "note": self._note}
         if isinstance(self.goal, Goal):
-            n = int(np.shape(parts["layers"][0][0])[1])
-            return Policy((Channel("observation", (n,)),), (Branch((Input("observation"),)),), _layers(parts), _action(parts), trained)
+            widths = self.goal._channels()
+            channels = tuple(Channel(name, (widths[name],)) for name in sorted(widths))
+            return Policy(channels, (Branch(tuple(Input(name) for name in widths)),), _layers(parts), _action(parts), trained)
         if isinstance(self.goal, Gates):
             factor = ([first] * 3 + [1.0] * 3) * 2
             inputs = [Input("gates").scale(factor), state[1], state[0], state[2]]
-            channels = [Channel("ang_vel", (3,)), Channel("gates", (12,)), Channel("quat", (4,)), Channel("vel", (3,))]
+            listed = [Channel("ang_vel", (3,)), Channel("gates", (12,)), Channel("quat", (4,)), Channel("vel", (3,))]
         elif isinstance(self.goal, (Reach, Land)):
             inputs = [Input("difference_to_goal").scale(first), state[1], state[0], state[2]]
-            channels = [Channel("ang_vel", (3,)), Channel("difference_to_goal", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
+            listed = [Channel("ang_vel", (3,)), Channel("difference_to_goal", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
             if isinstance(self.goal, Reach):
                 trained.update(self._where(parts, "Propwash/ReachPos-v0", {}))
         elif isinstance(self.goal, Track):
             inputs = [Input("local_samples").scale(first), state[1], state[0], state[2]]
-            channels = [Channel("ang_vel", (3,)), Channel("local_samples", (30,)), Channel("quat", (4,)), Channel("vel", (3,))]
+            listed = [Channel("ang_vel", (3,)), Channel("local_samples", (30,)), Channel("quat", (4,)), Channel("vel", (3,))]
             trained.update(self._where(parts, "Propwash/Trajectory-v0", {"period_s": self.goal.period}))
         else:
             inputs = [Input("pos").scale(first), *state]
-            channels = [Channel("ang_vel", (3,)), Channel("pos", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
-        return Policy(tuple(channels), (Branch(tuple(inputs)),), _layers(parts), _action(parts), trained)
+            listed = [Channel("ang_vel", (3,)), Channel("pos", (3,)), Channel("quat", (4,)), Channel("vel", (3,))]
+        return Policy(tuple(listed), (Branch(tuple(inputs)),), _layers(parts), _action(parts), trained)
 
     @property
     def _note(self) -> str:

@@ -18,6 +18,7 @@ from . import _native
 from ._mirror import Mirror, mirror, picture
 from ._native import RestOnGround, State, Vehicle, scenes
 from ._repr import shortened
+from .costs import Cost, Priced
 from .effects import Effect
 from .field import DistanceField
 from .scene import SceneInfo, scene_info
@@ -559,10 +560,29 @@ class Sim:
     def rollout(self, commands: ArrayLike, substeps: int = 1, *, field: None = None, radius: float = 0.0, states: bool = True) -> States: ...
     @overload
     def rollout(self, commands: ArrayLike, substeps: int = 1, *, field: DistanceField, radius: float = 0.0, states: bool = False) -> Approach: ...
+    @overload
     def rollout(
-        self, commands: ArrayLike, substeps: int = 1, *, field: DistanceField | None = None, radius: float = 0.0, states: bool | None = None
-    ) -> States | Approach:
-        """Flies a sequence of commands in one call and gives the states after each, or how near the drones came to things.
+        self,
+        commands: ArrayLike,
+        substeps: int = 1,
+        *,
+        cost: Cost | Callable[[Any], Any],
+        given: Mapping[str, ArrayLike] | None = None,
+        field: DistanceField | None = None,
+        states: bool = False,
+    ) -> Priced: ...
+    def rollout(
+        self,
+        commands: ArrayLike,
+        substeps: int = 1,
+        *,
+        field: DistanceField | None = None,
+        radius: float = 0.0,
+        states: bool | None = None,
+        cost: Cost | Callable[[Any], Any] | None = None,
+        given: Mapping[str, ArrayLike] | None = None,
+    ) -> States | Approach | Priced:
+        """Flies a sequence of commands in one call and gives the states after each, or how near the drones came to things, or what the flights cost.
 
         Args:
             commands: In the units of the control mode; the last stays in force. (n_worlds, n_times, n_drones, command_width)
@@ -570,25 +590,38 @@ class Sim:
             field: Distances to what stands still (``distance_field``): then an ``Approach`` is returned, which is found while the numbers sit in cache. Drones are asked
                 where they are after each command; with one step under each that is after every step.
             radius: How near a drone's place may come to things, m.
-            states: Whether to give the states with a field, too; without they are never stored.
+            states: Whether to give the states with a field or a cost, too; without they are never stored.
+            cost: What a drone costs after each command: a function that runs once, made by ``propwash.cost`` (then it is kept for further rollouts) or plain. It is added up
+                while the numbers sit in cache, in f64; with a field it sees distances.
+            given: Numbers that the cost declares, by name: once, (count,), or for each command, (n_times, count).
 
         Returns:
             States of shape (n_worlds, n_times, n_drones, …). A world that is quarantined stands still from the command on under which it
-            was, and a ``QuarantineWarning`` says so. With a field an ``Approach``.
+            was, and a ``QuarantineWarning`` says so. With a cost a ``Priced``, else with a field an ``Approach``.
 
         It does what setting one command after the other and stepping does, faster: all commands are flown while a few worlds sit in cache.
         To try many commands from one state, ``fork`` it first.
 
         Raises:
-            ValueError: for commands of another shape or that are not finite, and for a ``Sim`` with stages that are functions of Python.
+            ValueError: for commands of another shape or that are not finite, for a ``Sim`` with stages that are functions of Python, and for costs that are no numbers.
+            TypeError: for a cost that cannot be an expression, with the line where.
         """
         array, steps = np.asarray(commands), _whole("substeps", substeps, 1, 2**31)
+        if cost is not None:
+            own = cost if isinstance(cost, Cost) else Cost(cost, {})
+            numbers = own._numbers(given, array.shape[1] if array.ndim == 4 else 1)
+            made = own._for(self.data.rotor_vel.shape[-1], self.data.command.shape[-1])
+            prices, kept, more = self._native.rollout_priced(array, steps, made, numbers, (None if field is None else field._native, bool(states)))
+            self._tell_quarantine(more)
+            return Priced(prices, None if kept is None else States(kept))
+        if given is not None:
+            raise ValueError("given: expected None without a cost")
         if field is None:
             if states is False:
                 raise ValueError("states: expected True without a field, since nothing else is returned")
-            numbers, more = self._native.rollout(array, steps)
+            flown, more = self._native.rollout(array, steps)
             self._tell_quarantine(more)
-            return States(numbers)
+            return States(flown)
         kept, distance, first, more = self._native.rollout_near(array, steps, field._native, (float(radius), bool(states)))
         self._tell_quarantine(more)
         return Approach(distance, first, None if kept is None else States(kept))
@@ -635,12 +668,74 @@ class Sim:
         self._tell_quarantine(more)
         return Tape(tape)
 
-    def linearize(self, substeps: int = 1) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Slopes of ``substeps`` steps about where the drones are, under the commands that are set: ``A`` and ``B`` of x' = A x + B u, as
-        ``Tape.linearize`` gives them. The ``Sim`` stays where it is.
+    def f(self, x: ArrayLike | States, u: ArrayLike, *, world: int = 0, drone: int = 0) -> NDArray[np.float64]:
+        """The time derivative of states under commands, x' = f(x, u), in f64: a plain function that changes nothing.
+
+        ``x`` holds the numbers of ``States.numbers``: position (m, world), attitude x y z w (body to world), velocity (m/s, world), angular velocity (rad/s, body), rotor speeds (rad/s), thrust (N, of
+        fitted models): 14 + n_rotors of them, SI. ``u`` is a command of the control mode (``command_width`` numbers: rotor speeds; roll, pitch, yaw, thrust; …). The derivative has the
+        shape of ``x``; that of numbers that a model does not use is 0.
+
+        It is the derivative at this instant: on-board controllers tick once, from what they remember now; parameters, effects, wind, disturbances, other drones, time and random
+        numbers are those of the world now. With ``control="rotor_vel"``, and for fitted models with ``"attitude"``, it is ``propwash.export``'s ``rate``. What acts between steps (delays of commands,
+        batteries that empty) is part of ``F`` alone.
+
+        Args:
+            x: States. (…, 14 + n_rotors)
+            u: Commands; leading axes broadcast with those of ``x``. (…, command_width)
+            world: Whose parameters, memories and surroundings.
+            drone: Which drone.
+
+        Raises:
+            ValueError: for other shapes, for numbers that are not finite, for a ``Sim`` with stages that are functions of Python, and in scenes where the ground or the ceiling is
+                measured before every step, as some effects ask.
+        """
+        return self._function(x, u, world, drone, None)
+
+    def F(self, x: ArrayLike | States, u: ArrayLike, substeps: int = 1, *, world: int = 0, drone: int = 0) -> NDArray[np.float64]:
+        """The states after ``substeps`` steps, x⁺ = F(x, u), in f64: a plain function that changes nothing, as ``f``.
+
+        It is what ``linearize`` takes slopes of: the steps that the world would fly now, with its integrator, its controllers' ticks and memories, and all effects. Other drones of the
+        world fly on under their own commands. A row whose numbers stop being numbers is NaN.
+
+        Args:
+            x, u, world, drone: As for ``f``.
+            substeps: How many steps.
+
+        Raises:
+            ValueError: as ``f``.
+        """
+        return self._function(x, u, world, drone, _whole("substeps", substeps, 1, 2**31))
+
+    def _function(self, x: ArrayLike | States, u: ArrayLike, world: int, drone: int, n_steps: int | None) -> NDArray[np.float64]:
+        wide, narrow = self.data.rotor_vel.shape[-1] + 14, self.data.command.shape[-1]
+        parts = []
+        for name, value, axis, width in (("x", x, "14 + n_rotors", wide), ("u", u, "command_width", narrow)):
+            array = np.asarray(value.numbers if isinstance(value, States) else value)
+            if array.dtype.kind not in "fiu" or array.shape[-1:] != (width,):
+                raise ValueError(f"{name}: expected real numbers of shape (…, {width}) = (…, {axis}), got {array.dtype} of shape {array.shape}")
+            parts.append(array)
+        try:
+            head = np.broadcast_shapes(parts[0].shape[:-1], parts[1].shape[:-1])
+        except ValueError:
+            raise ValueError(f"x, u: expected leading axes that broadcast to each other, got {parts[0].shape[:-1]} and {parts[1].shape[:-1]}") from None
+        rows = [np.ascontiguousarray(np.broadcast_to(part, (*head, part.shape[-1])), np.float64).reshape(-1, part.shape[-1]) for part in parts]
+        at = _whole("world", world, 0, self.n_worlds - 1), _whole("drone", drone, 0, self.n_drones - 1)
+        return self._native.function(*at, *rows, n_steps).reshape(*head, wide)
+
+    def linearize(self, substeps: int = 1, *, x: ArrayLike | States | None = None, u: ArrayLike | None = None) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Slopes of ``substeps`` steps, those of ``F``: ``A`` and ``B`` of x' = A x + B u, as ``Tape.linearize`` gives them. The ``Sim`` stays where it is.
+
+        Args:
+            substeps: How many steps.
+            x: States about which; None: where the drones are. (n_worlds, n_drones, …), or (n_drones, …) of one world for all
+            u: Commands about which; None: those that are set. What broadcasts to (n_worlds, n_drones, command_width)
         """
         kept = self.save()
         try:
+            if x is not None:
+                self.states = x if isinstance(x, States) else States(np.asarray(x))
+            if u is not None:
+                self.data.command[...] = _broadcast("u", u, self.data.command.shape)
             return self.record(np.array(self.data.command)[:, None], substeps).linearize()
         finally:
             self.restore(kept)

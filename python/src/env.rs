@@ -14,6 +14,7 @@ use rayon::ThreadPool;
 
 use crate::arrays;
 use crate::camera::CameraSpec;
+use crate::learn::written_task;
 use crate::errors::{Error, OrRaise};
 use crate::sense::{Described, describe as describe_channel};
 use crate::sim::describe;
@@ -154,15 +155,16 @@ enum Seeds {
 #[pymethods]
 impl PyEnv {
     /// `config`: a description in JSON. `task`: that of a task written in Python, also in JSON, what calls its methods, and its random
-    /// numbers.
+    /// numbers. `written`: a task of expressions, by name.
     #[new]
-    #[pyo3(signature = (config, vehicles, threads = None, task = None))]
+    #[pyo3(signature = (config, vehicles, threads = None, task = None, written = None))]
     fn new(
         py: Python<'_>,
         config: &str,
         vehicles: Vec<Py<PyVehicle>>,
         threads: Option<usize>,
         task: Option<(String, Py<PyAny>, Py<TaskDraws>)>,
+        written: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let mut config = EnvConfig::from_text(config).or_raise()?;
         describe(&mut config.sim, &vehicles);
@@ -171,9 +173,11 @@ impl PyEnv {
             None => None,
             Some((described, calls, draws)) => Some(PyTask::new(&described, calls.bind(py), draws.get())?),
         };
-        let make = || match task {
-            None => Env::new(config),
-            Some(task) => Env::with_batch_task(config, Box::new(task)),
+        let written = written.map(written_task).transpose()?;
+        let make = || match (task, written) {
+            (Some(task), _) => Env::with_batch_task(config, Box::new(task)),
+            (None, Some(task)) => Env::with_task(config, Arc::new(task)),
+            (None, None) => Env::new(config),
         };
         let env = py.detach(|| pool.install(make)).or_raise()?;
         let action = [env.config().sim.options.n_worlds, env.config().sim.n_drones(), env.action_width()];

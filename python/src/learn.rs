@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use numpy::PyArrayDyn;
+use propwash::env::{TaskTexts, WrittenTask};
 use propwash::learn::goals::written::{Remembered, Starts, Texts};
 use propwash::learn::goals::{
     Gate, Gates, Land, Reach, Recover, Track, Written, gates, land, reach, recover, track,
@@ -83,6 +84,24 @@ impl Numbers<'_, '_> {
     fn above(&self, key: &str, usual: f64) -> PyResult<f64> {
         self.size(key, usual, false)
     }
+
+    /// What episodes of a goal of expressions remember.
+    fn memory(&self) -> PyResult<Vec<Remembered>> {
+        let listed: Vec<(String, [f64; 2], String)> = self.get("memory", Vec::new())?;
+        Ok(listed.into_iter().map(|(name, between, next)| Remembered { name, between, next }).collect())
+    }
+
+    /// Where they begin.
+    fn starts(&self) -> PyResult<Starts> {
+        let usual = Starts::default();
+        Ok(Starts {
+            pos_m: self.get("pos", usual.pos_m)?,
+            vel_m_s: self.get("vel", usual.vel_m_s)?,
+            ang_vel_rad_s: self.get("ang_vel", usual.ang_vel_rad_s)?,
+            turn_rad: self.get("turn", usual.turn_rad)?,
+            time_s: self.get("begin", usual.time_s)?,
+        })
+    }
 }
 
 /// A goal by name, with its numbers.
@@ -136,8 +155,6 @@ fn goal_of(name: &str, numbers: &Bound<'_, PyDict>) -> PyResult<AnyGoal> {
 
 /// A goal of expressions.
 fn written_of(given: &Numbers<'_, '_>) -> PyResult<AnyGoal> {
-    let memory: Vec<(String, [f64; 2], String)> = given.get("memory", Vec::new())?;
-    let remembered = |(name, between, next)| Remembered { name, between, next };
     let texts = Texts {
         lets: given.get("lets", Vec::new())?,
         observe: given.get("observe", Vec::new())?,
@@ -146,18 +163,27 @@ fn written_of(given: &Numbers<'_, '_>) -> PyResult<AnyGoal> {
         reached: given.get("reached", String::new())?,
         done: given.get("done", String::new())?,
         lost: given.get("lost", String::new())?,
-        memory: memory.into_iter().map(remembered).collect(),
-    };
-    let usual = Starts::default();
-    let starts = Starts {
-        pos_m: given.get("pos", usual.pos_m)?,
-        vel_m_s: given.get("vel", usual.vel_m_s)?,
-        ang_vel_rad_s: given.get("ang_vel", usual.ang_vel_rad_s)?,
-        turn_rad: given.get("turn", usual.turn_rad)?,
-        time_s: given.get("begin", usual.time_s)?,
+        memory: given.memory()?,
     };
     let sizes = (given.get("time", 4.0)?, given.get("far", 10.0)?, given.get("lost_cost", 100.0)?);
-    Written::new(&texts, starts, sizes).or_raise().map(AnyGoal::Written)
+    Written::new(&texts, given.starts()?, sizes).or_raise().map(AnyGoal::Written)
+}
+
+/// A goal of expressions as the task of an environment.
+pub fn written_task(numbers: &Bound<'_, PyDict>) -> PyResult<WrittenTask> {
+    let given = Numbers(numbers);
+    let texts = TaskTexts {
+        name: given.get("name", String::new())?,
+        lets: given.get("lets", Vec::new())?,
+        observe: given.get("observe", Vec::new())?,
+        reward: given.get("reward", String::new())?,
+        left: given.get("lost", String::new())?,
+        done: given.get("done", String::new())?,
+        crash_ends: given.get("crash_ends", true)?,
+        memory: given.memory()?,
+        goal: given.get("goal", None)?,
+    };
+    WrittenTask::new(texts, given.starts()?).or_raise()
 }
 
 /// A race: its gates as (centre, normal, radius), those of the default where none are given.

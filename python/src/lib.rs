@@ -13,6 +13,7 @@ mod function;
 mod gap;
 mod lab;
 mod learn;
+mod plain;
 mod program;
 mod recorder;
 mod sense;
@@ -57,6 +58,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<state::PyState>()?;
     m.add_class::<tape::PyTape>()?;
     m.add_class::<field::PyField>()?;
+    m.add_class::<plain::PyCost>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<recorder::PyRecorder>()?;
     m.add_class::<env::PyEnv>()?;

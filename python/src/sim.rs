@@ -146,7 +146,7 @@ impl PySim {
     }
 
     /// Whether Python wrote a stage.
-    fn has_stages(&self) -> bool {
+    pub fn has_stages(&self) -> bool {
         !lock(&self.slots).is_empty()
     }
 

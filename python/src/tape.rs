@@ -52,7 +52,7 @@ macro_rules! each {
 }
 
 /// Commands of shape (n_worlds, n_times, n_drones, command_width), in the number of a simulation.
-fn sequence<N: Number>(arena: &Arena<N>, commands: &Bound<'_, PyAny>) -> PyResult<(usize, Vec<N>)> {
+pub fn sequence<N: Number>(arena: &Arena<N>, commands: &Bound<'_, PyAny>) -> PyResult<(usize, Vec<N>)> {
     let data = &arena.sim().data;
     let (worlds, drones, width) = (data.n_worlds, data.n_drones, data.command_width);
     let times = commands.getattr("shape").ok().and_then(|shape| shape.get_item(1).ok()?.extract().ok());
@@ -69,7 +69,7 @@ fn sequence<N: Number>(arena: &Arena<N>, commands: &Bound<'_, PyAny>) -> PyResul
 }
 
 /// Runs `work` in the pool where it pays.
-fn within<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
+pub fn within<T: Send>(pool: &ThreadPool, work: impl FnOnce() -> T + Send) -> T {
     if pool.current_num_threads() == 1 { propwash::rollout::pool::alone(work) } else { pool.install(work) }
 }
 

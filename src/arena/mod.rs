@@ -24,6 +24,7 @@ mod motion;
 mod nearest;
 mod pattern;
 mod places;
+mod priced;
 mod scenes;
 mod senses;
 mod sensor_config;
@@ -46,6 +47,7 @@ pub use motion::{MotionKind, ObstacleMotion};
 pub use nearest::Nearest;
 pub use pattern::FlightPattern;
 pub use places::Look;
+pub use priced::{Cost, Priced};
 pub use scenes::SceneConfig;
 pub use senses::Way;
 pub use sensor_config::{
@@ -424,6 +426,39 @@ impl<N: Number> Arena<N> {
             }
         }
         Ok(if keep { states } else { Vec::new() })
+    }
+
+    /// Time derivatives of states under commands, as [`Sim::rate_at`].
+    ///
+    /// # Errors
+    /// As there, and [`ArenaError::Option`] where ground or ceiling are measured in a scene: they would be those of another place.
+    pub fn rate_at(&self, at: (usize, usize), x: &[f64], u: &[f64]) -> Result<Vec<f64>, ArenaError> {
+        self.check_unmeasured()?;
+        Ok(self.sim.rate_at(at, x, u)?)
+    }
+
+    /// States after steps from states under commands, as [`Sim::steps_from`].
+    ///
+    /// # Errors
+    /// As [`Arena::rate_at`].
+    pub fn steps_from(
+        &self,
+        at: (usize, usize),
+        x: &[f64],
+        u: &[f64],
+        n_steps: usize,
+    ) -> Result<Vec<f64>, ArenaError> {
+        self.check_unmeasured()?;
+        Ok(self.sim.steps_from(at, x, u, n_steps)?)
+    }
+
+    /// Refuses scenes in which ground or ceiling are measured before every step.
+    fn check_unmeasured(&self) -> Result<(), ArenaError> {
+        if !self.measures() {
+            return Ok(());
+        }
+        let expected = "none in which effects of a drone read the ground or the ceiling, which are measured where drones are: without the scene the ground is level (ground_z of the arrays)";
+        Err(ArenaError::option("scene", expected, "one in which they are measured before every step"))
     }
 
     /// As [`Arena::rollout`], and remembers the flight for gradients, as [`Sim::record`].

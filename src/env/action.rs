@@ -174,6 +174,16 @@ impl Limits {
         value([self.low[i], self.neutral[i], self.high[i]], normalized, action)
     }
 
+    /// Entry `i` of an action as a number from −1 to 1, held within the limits.
+    pub fn unit(&self, normalized: bool, i: usize, action: f64) -> f64 {
+        if normalized {
+            return action.clamp(-1.0, 1.0);
+        }
+        let off = action.clamp(self.low[i], self.high[i]) - self.neutral[i];
+        let range = if off < 0.0 { self.neutral[i] - self.low[i] } else { self.high[i] - self.neutral[i] };
+        if range > 0.0 { off / range } else { 0.0 }
+    }
+
     /// Writes an action, whose numbers are those of a command, in the units of its kind. Returns whether an entry was held within the
     /// limits.
     #[inline]

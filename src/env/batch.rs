@@ -20,7 +20,7 @@ use self::judging::Formulas;
 use self::rows::Rows;
 pub use self::sensors::EnvSensorChannel;
 use self::sensors::Sensors;
-use self::world::{FREE_PLACES, Out, Plan, World};
+use self::world::{Acted, FREE_PLACES, Out, Plan, World};
 use super::EnvError;
 use super::action::{Limits, SetPoint};
 use super::batch_task::{BEGIN, BatchObstacles};
@@ -686,7 +686,8 @@ impl Env {
                 let (mut s, start) = (data.state(w, d), world.starts[d]);
                 s.pos = vec3::add(start.pos_m, s.pos);
                 s.vel = vec3::add(start.vel_m_s, s.vel);
-                s.quat = quat::normalize(quat::mul(quat::exp([0.0, 0.0, start.yaw_rad]), s.quat));
+                s.ang_vel = vec3::add(start.ang_vel_rad_s, s.ang_vel);
+                s.quat = quat::normalize(quat::mul(start.quat_xyzw(), s.quat));
                 data.set_state(w, d, &s);
                 world.set_points[d] = SetPoint { pos_m: s.pos, vel_m_s: s.vel, yaw_rad: yaw(s.quat) };
                 if disturbed {
@@ -727,7 +728,12 @@ impl Env {
         let (plan, layouts, look) = (&self.plan, &self.layouts, self.arena.look());
         let d = plan.config.sim.n_drones();
         let (row, image) = (d * plan.width, (d * plan.pixels).max(1));
-        let Rows { step, ended, memory, memory_len, memory_stride, .. } = &mut self.rows;
+        let Rows { step, ended, memory, memory_len, memory_stride, acted, .. } = &mut self.rows;
+        let n = self.worlds.len();
+        let acted = |w: usize| Acted {
+            change: &self.action_change[w * d..(w + 1) * d],
+            actions: Rows::acted_in(acted, w, n),
+        };
         let one = |w: usize, world: &mut World, out: Out| {
             if mask.is_some_and(|m| !m[w]) {
                 return Ok(());
@@ -740,13 +746,12 @@ impl Env {
                 .zip(self.observation.par_chunks_mut(row).zip(self.depth.par_chunks_mut(image)))
                 .zip(self.terminated.par_iter_mut().zip(&mut self.truncated).zip(&mut self.ending))
                 .zip(self.clearance.par_chunks_mut(d).zip(self.crashed.par_chunks_mut(d)))
-                .zip(self.action_change.par_chunks(d).zip(self.reward.par_chunks_mut(d)))
+                .zip(self.reward.par_chunks_mut(d))
                 .zip(step.par_iter().zip(ended).zip(memory.par_chunks_mut(*memory_stride)))
                 .enumerate()
-                .map(|(w, (((((world, seen), endings), touched), change), kept))| {
+                .map(|(w, (((((world, seen), endings), touched), reward), kept))| {
                     let ((observation, depth), ((terminated, truncated), ending)) = (seen, endings);
-                    let ((clearance, crashed), (action_change, reward)) = (touched, change);
-                    let ((step, ended), memory) = kept;
+                    let ((clearance, crashed), ((step, ended), memory)) = (touched, kept);
                     let out = Out {
                         step: *step,
                         memory: &mut memory[..*memory_len],
@@ -759,7 +764,7 @@ impl Env {
                         ending,
                         clearance,
                         crashed,
-                        action_change,
+                        acted: acted(w),
                     };
                     one(w, world, out)
                 })
@@ -780,7 +785,7 @@ impl Env {
                 ending: &mut self.ending[w],
                 clearance: &mut self.clearance[w * d..(w + 1) * d],
                 crashed: &mut self.crashed[w * d..(w + 1) * d],
-                action_change: &self.action_change[w * d..(w + 1) * d],
+                acted: acted(w),
             };
             one(w, world, out)?;
         }

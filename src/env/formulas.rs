@@ -6,6 +6,9 @@ use crate::scalar::Real;
 use crate::scalar::formula::Formula;
 use crate::scalar::trace::Sym;
 
+/// Most numbers of an action.
+pub const MAX_ACTIONS: usize = 8;
+
 /// One drone after a step, as formulas see it.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<S> {
@@ -25,6 +28,10 @@ pub struct Seen<S> {
     pub crashed: S,
     /// How much the action changed since the step before, 0 to 1: see [`WorldView::action_change`].
     pub action_change: S,
+    /// The action of the step, each number from −1 to 1, where 0 hovers, whatever units it was given in; zeros behind its numbers.
+    pub action: [S; MAX_ACTIONS],
+    /// That of the step before; zeros in the first step of an episode.
+    pub action_before: [S; MAX_ACTIONS],
     /// Seconds since the episode began.
     pub time_s: S,
     /// Seconds of a step of the environment.
@@ -60,7 +67,7 @@ impl<S: Real> Verdict<S> {
 }
 
 /// Reward, ending and observation of a task as formulas: for tasks of worlds with one drone that look at its state and at what they
-/// remember of the episode, which a step does not change.
+/// remember of the episode.
 ///
 /// A type that implements it has [`Task::judge`], [`Task::observe`] and [`Task::formulas`] by [`judge`], [`observe`] and
 /// [`TracedTask::of`]; the built-in `reach_pos` shows how.
@@ -70,6 +77,15 @@ pub trait Formulas {
 
     /// Writes the channels side by side. `seen` may be noisy.
     fn observation<S: Real>(&self, seen: &Seen<S>, memory: &[S], out: &mut [S]);
+
+    /// Whether steps change what is remembered.
+    fn remembers(&self) -> bool {
+        false
+    }
+
+    /// Changes what is remembered after a step, where it [remembers](Formulas::remembers): the verdict on the step goes by what was remembered before it, the observation by
+    /// what is after.
+    fn remember<S: Real>(&self, _seen: &Seen<S>, _memory: &mut [S]) {}
 }
 
 /// What formulas see of the first drone of a world.
@@ -84,6 +100,8 @@ fn seen(view: &WorldView, drone: usize) -> Seen<f64> {
         clearance_m: of.clearance_m,
         crashed: f64::from(u8::from(of.crashed)),
         action_change: f64::from(view.action_change[drone]),
+        action: view.action(drone),
+        action_before: view.action_before(drone),
         time_s: view.time_s,
         step_s: view.step_s,
     }
@@ -94,9 +112,14 @@ fn wide(memory: &[f32]) -> Vec<f64> {
 }
 
 /// [`Task::judge`] by the formulas of a task.
-pub fn judge(task: &impl Formulas, view: &WorldView, memory: &[f32], reward: &mut [f32]) -> Outcome {
-    let verdict = task.verdict(&seen(view, 0), &wide(memory));
+pub fn judge(task: &impl Formulas, view: &WorldView, memory: &mut [f32], reward: &mut [f32]) -> Outcome {
+    let (seen, mut numbers) = (seen(view, 0), wide(memory));
+    let verdict = task.verdict(&seen, &numbers);
     reward[0] = verdict.reward as f32;
+    if task.remembers() {
+        task.remember(&seen, &mut numbers);
+        super::task::store(memory, &numbers);
+    }
     match verdict {
         Verdict { crashed: true, .. } => Outcome::Crashed,
         Verdict { left: true, .. } => Outcome::Left,
@@ -115,20 +138,25 @@ pub fn observe(task: &impl Formulas, view: &WorldView, memory: &[f32], drone: us
 /// Where the inputs of a traced task begin: what it sees in the order of the fields of [`Seen`], the state again as observed, and what it
 /// remembers.
 pub(super) mod input {
-    use super::STATE_WIDTH;
+    use super::{MAX_ACTIONS, STATE_WIDTH};
 
     pub const STATE: usize = 0;
     pub const PREVIOUS: usize = STATE + STATE_WIDTH;
     pub const CLEARANCE: usize = PREVIOUS + 3;
     pub const CRASHED: usize = CLEARANCE + 1;
     pub const ACTION_CHANGE: usize = CRASHED + 1;
-    pub const TIME: usize = ACTION_CHANGE + 1;
+    pub const ACTION: usize = ACTION_CHANGE + 1;
+    pub const ACTION_BEFORE: usize = ACTION + MAX_ACTIONS;
+    pub const TIME: usize = ACTION_BEFORE + MAX_ACTIONS;
     pub const STEP: usize = TIME + 1;
-    pub const OBSERVED: usize = STEP + 1;
+    /// 1 where a step is judged that was flown, else 0.
+    pub const FLOWN: usize = STEP + 1;
+    pub const OBSERVED: usize = FLOWN + 1;
     pub const MEMORY: usize = OBSERVED + STATE_WIDTH;
 }
 
-/// Results of a traced task: the reward, the number of its ending, and behind them the channels.
+/// Results of a traced task: the reward, the number of its ending, and behind them the channels and, where steps change it, what is
+/// remembered.
 pub(super) mod result {
     pub const REWARD: usize = 0;
     pub const ENDING: usize = 1;
@@ -142,6 +170,8 @@ pub struct TracedTask {
     pub(super) exact: Formula,
     /// Where it has noise.
     pub(super) noisy: Formula,
+    /// Where what is remembered stands among the results; none where steps do not change it.
+    pub(super) remembered: Option<usize>,
 }
 
 impl TracedTask {
@@ -150,14 +180,25 @@ impl TracedTask {
         let (memory_len, width) = (task.memory_len(1), task.channels().iter().map(|c| c.width).sum());
         let traced = |observed: usize| {
             Formula::new(input::MEMORY + memory_len, |v| {
-                let memory = &v[input::MEMORY..];
-                let verdict = task.verdict(&seen_in(v, input::STATE), memory);
+                let (memory, seen) = (&v[input::MEMORY..], seen_in(v, input::STATE));
+                let verdict = task.verdict(&seen, memory);
+                let mut after = memory.to_vec();
+                if task.remembers() {
+                    task.remember(&seen, &mut after);
+                    // A world that has just begun remembers what it began with.
+                    let flown = v[input::FLOWN].gt(Sym::lit(0.5));
+                    for (after, before) in after.iter_mut().zip(memory) {
+                        *after = Sym::select(flown, *after, *before);
+                    }
+                }
                 let mut channels = vec![Sym::zero(); width];
-                task.observation(&seen_in(v, observed), memory, &mut channels);
-                [vec![verdict.reward, verdict.ending()], channels].concat()
+                task.observation(&seen_in(v, observed), &after, &mut channels);
+                let kept = if task.remembers() { after } else { Vec::new() };
+                [vec![verdict.reward, verdict.ending()], channels, kept].concat()
             })
         };
-        Self { exact: traced(input::STATE), noisy: traced(input::OBSERVED) }
+        let remembered = task.remembers().then_some(result::CHANNELS + width);
+        Self { exact: traced(input::STATE), noisy: traced(input::OBSERVED), remembered }
     }
 }
 
@@ -173,6 +214,8 @@ fn seen_in(v: &[Sym], state: usize) -> Seen<Sym> {
         clearance_m: v[input::CLEARANCE],
         crashed: v[input::CRASHED],
         action_change: v[input::ACTION_CHANGE],
+        action: core::array::from_fn(|k| v[input::ACTION + k]),
+        action_before: core::array::from_fn(|k| v[input::ACTION_BEFORE + k]),
         time_s: v[input::TIME],
         step_s: v[input::STEP],
     }

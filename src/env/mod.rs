@@ -19,6 +19,7 @@ mod randomize;
 mod sensing;
 mod task;
 pub mod tasks;
+mod written;
 
 pub use action::{ActionConfig, ActionKind};
 pub use batch::crossing::{self, train_crossing};
@@ -27,10 +28,11 @@ pub use batch::{Ending, Env, EnvSensorChannel};
 pub use batch_task::{Batch, BatchObstacles, BatchTask, Draw, FreePlace, episode_stream};
 pub use config::{Autoreset, EnvConfig};
 pub use error::EnvError;
-pub use formulas::{Formulas, Seen, TracedTask, Verdict};
+pub use formulas::{Formulas, MAX_ACTIONS, Seen, TracedTask, Verdict};
 pub use layouts::{Course, Gate};
 pub use randomize::{LEVELS, Levels};
 pub use task::{
     Channel, DroneView, EpisodeStart, Images, Obstacles, Outcome, Start, Task, TaskDefaults, WorldView,
 };
 pub use tasks::TaskConfig;
+pub use written::{SEEN_NAMES, TaskTexts, WrittenTask};

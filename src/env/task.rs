@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::EnvError;
 use super::action::ActionKind;
 use super::config::EnvConfig;
-use super::formulas::TracedTask;
+use super::formulas::{MAX_ACTIONS, TracedTask};
 use super::layouts::Course;
 use crate::arena::{CameraConfig, Look, SceneConfig};
 use crate::math::quat;
@@ -57,21 +57,33 @@ pub enum Outcome {
     Done,
 }
 
-/// Where a drone starts, level.
+/// Where a drone starts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
     /// Position, m, world frame.
     pub pos_m: [f64; 3],
     /// Velocity, m/s, world frame.
     pub vel_m_s: [f64; 3],
-    /// Heading of the body's x axis, rad, from the world's x axis to its y axis.
-    pub yaw_rad: f64,
+    /// Angular velocity, rad/s, body frame.
+    pub ang_vel_rad_s: [f64; 3],
+    /// Attitude, as the rotation vector from level with the body's x axis along the world's, rad, body to world.
+    pub turn_rad: [f64; 3],
 }
 
 impl Start {
     /// At rest at a place (m, world frame), heading along x.
     pub fn at(pos_m: [f64; 3]) -> Self {
-        Self { pos_m, vel_m_s: [0.0; 3], yaw_rad: 0.0 }
+        Self { pos_m, vel_m_s: [0.0; 3], ang_vel_rad_s: [0.0; 3], turn_rad: [0.0; 3] }
+    }
+
+    /// The same, level, with this heading of the body's x axis, rad, from the world's x axis to its y axis.
+    pub fn facing(self, yaw_rad: f64) -> Self {
+        Self { turn_rad: [0.0, 0.0, yaw_rad], ..self }
+    }
+
+    /// Its attitude x y z w, body to world.
+    pub fn quat_xyzw(&self) -> [f64; 4] {
+        quat::exp(self.turn_rad)
     }
 }
 
@@ -104,7 +116,7 @@ impl EpisodeStart<'_> {
     pub fn start_within(&mut self, space: [[f64; 3]; 2], speed_m_s: f64) {
         let pos_m = self.within(space);
         let vel_m_s = self.within([[-speed_m_s; 3], [speed_m_s; 3]]);
-        self.starts[0] = Start { pos_m, vel_m_s, yaw_rad: 0.0 };
+        self.starts[0] = Start { vel_m_s, ..Start::at(pos_m) };
     }
 
     /// The goal of a drone that the caller of the reset asks for.
@@ -245,12 +257,30 @@ pub struct WorldView<'a> {
     /// How much the action changed since the step before, 0 to 1: the mean over its entries of their change relative to their range,
     /// each at most 1. (drone)
     pub action_change: &'a [f32],
+    /// Actions of this step and of the one before, −1 to 1, (drone, action); empty where nobody asks for them.
+    pub(super) acted: [&'a [f32]; 2],
     /// Number of the world in its batch.
     pub(super) world: usize,
     pub(super) look: Look<'a, f32>,
 }
 
 impl WorldView<'_> {
+    /// The action of a drone in this step, each number from −1 to 1, where 0 hovers, whatever units it was given in; zeros behind its numbers.
+    pub fn action(&self, drone: usize) -> [f64; MAX_ACTIONS] {
+        self.acted_by(self.acted[0], drone)
+    }
+
+    /// That of the step before; zeros in the first step of an episode.
+    pub fn action_before(&self, drone: usize) -> [f64; MAX_ACTIONS] {
+        self.acted_by(self.acted[1], drone)
+    }
+
+    fn acted_by(&self, list: &[f32], drone: usize) -> [f64; MAX_ACTIONS] {
+        let width = list.len() / self.drones.len().max(1);
+        let own = &list[drone * width..(drone + 1) * width];
+        core::array::from_fn(|k| own.get(k).map_or(0.0, |v| f64::from(*v)))
+    }
+
     /// What a sensor of the description sampled last, (drone, shape of the channel); none for a sensor or a channel that there is not.
     pub fn samples(&self, sensor: &str, channel: &str) -> Option<&[f32]> {
         self.look.samples(self.world, sensor, channel)

@@ -255,15 +255,20 @@ impl Block {
 
     /// The on-board controllers, as far as they tick in this step.
     fn control(&mut self, plan: &Plan, drones: &[&Drone<f64>]) {
-        let dt = 1.0 / f64::from(plan.sim_hz);
         for d in 0..self.slots.len() {
-            let due = plan.rates[d].due(plan.mode, self.step, plan.sim_hz);
             // Nobody moves before all have been controlled, so that it does not matter in which order.
-            self.fill_neighbours(plan, drones, d);
-            let (time_s, normals) = (self.time_s(plan), self.normals(plan, d));
-            let around = (time_s, normals, &self.neighbours[..]);
-            self.slots[d].control(drones[d], (plan.mode, due, &plan.periods[d]), (dt, dt), around);
+            let due = plan.rates[d].due(plan.mode, self.step, plan.sim_hz);
+            self.control_one(plan, drones, d, due);
         }
+    }
+
+    /// Those of slot `d`, of which these stages tick.
+    pub fn control_one(&mut self, plan: &Plan, drones: &[&Drone<f64>], d: usize, due: Due) {
+        let dt = 1.0 / f64::from(plan.sim_hz);
+        self.fill_neighbours(plan, drones, d);
+        let (time_s, normals) = (self.time_s(plan), self.normals(plan, d));
+        let around = (time_s, normals, &self.neighbours[..]);
+        self.slots[d].control(drones[d], (plan.mode, due, &plan.periods[d]), (dt, dt), around);
     }
 
     /// The other drones of slot `d`, where some effect reads them.

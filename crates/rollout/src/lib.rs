@@ -15,6 +15,7 @@ pub mod function;
 mod lanes;
 pub mod pilot;
 pub mod pipeline;
+mod plain;
 pub mod pool;
 pub mod quarantine;
 pub mod random;

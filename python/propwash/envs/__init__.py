@@ -18,6 +18,7 @@ try:
 except ImportError as _missing:
     raise ImportError("propwash.envs needs gymnasium: pip install 'propwash[envs]'") from _missing
 
+from ..learn import Goal
 from .single import DroneEnv
 from .task import ENDINGS, REGISTERED, Task, Worlds
 from .vector import BUILT_IN, TASKS, DroneVectorEnv
@@ -60,7 +61,7 @@ def register() -> None:
             )
 
 
-def register_task(name: str, task: Callable[..., Task], **kwargs: object) -> str:
+def register_task(name: str, task: Callable[..., Task | Goal], **kwargs: object) -> str:
     """Gives a task of your own a name, by which ``gymnasium.make_vec``, ``gymnasium.make`` and ``DroneVectorEnv(task=…)`` find it.
 
     Args:
@@ -76,9 +77,9 @@ def register_task(name: str, task: Callable[..., Task], **kwargs: object) -> str
     if name in TASKS or name == "own":
         raise ValueError(f"name: expected another than those of the built-in tasks ({', '.join(TASKS)}), got {name!r}")
     if not callable(task):
-        raise TypeError(f"task: expected a class derived from propwash.envs.Task, got {type(task).__name__}")
-    if isinstance(task, type) and not issubclass(task, Task):
-        raise TypeError(f"task: expected a class derived from propwash.envs.Task, got {task.__name__}")
+        raise TypeError(f"task: expected a class derived from propwash.learn.Goal or propwash.envs.Task, got {type(task).__name__}")
+    if isinstance(task, type) and not issubclass(task, (Task, Goal)):
+        raise TypeError(f"task: expected a class derived from propwash.learn.Goal or propwash.envs.Task, got {task.__name__}")
     REGISTERED[name] = task
     known = f"Propwash/{''.join(part.capitalize() for part in name.split('_'))}-v0"
     IDS[known] = {"task": name, **kwargs}

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _native
+from ..learn import Goal
 from .._size import radius
 from ..scene import SceneInfo, scene_info
 from ..sense import Camera, DepthFrame
 from ..sim import Sim
+from .task import Task
 
 Array = NDArray[Any]
 
@@ -230,7 +232,9 @@ class Display:
             self.columns[name] = slice(start, start + width)
             start += width
         self.numbers: Array = self.native.array("observation")
-        self.own = env.task is not None
+        #: A task in Python, over arrays; one of expressions has none.
+        self.own = isinstance(env.task, Task)
+        self.written = isinstance(env.task, Goal)
         self.pos = self.native.array("pos") if self.own else self.numbers[..., self.columns["pos"]]
         self.quat = self.native.array("quat") if self.own else self.numbers[..., self.columns["quat"]]
         # The trail: some 50 places a second, in a ring.
@@ -297,9 +301,11 @@ class Display:
         if self.own:
             return np.array(self.native.array("goal_pos"), np.float64) if self.native.has_goal() else None
         pos, yaw = self.pos.astype(np.float64), _yaw(self.quat)
-        for name in ("difference_to_goal", "local_samples"):
+        for name in ("difference_to_goal",) if self.written else ("difference_to_goal", "local_samples"):
             if name in self.columns:
                 return np.asarray(pos + self.numbers[..., self.columns[name]][..., :3])
+        if self.written:
+            return None
         if "difference_to_target_vel" in self.columns:
             vel = self.numbers[..., self.columns["vel"]] + self.numbers[..., self.columns["difference_to_target_vel"]]
             return np.asarray(pos + vel)
@@ -386,7 +392,7 @@ class Display:
             odd = (np.floor(x / square) + np.floor(y / square)).astype(np.int32) & 1
             fade = (np.float32(0.13) * np.exp(near * np.float32(-1.0 / 15.0))) * grounds[ids[floor]]
             light[floor] *= 1.0 + np.where(odd, fade, -fade)
-            if "near_map" in self.columns and not self.own:
+            if self.task["kind"] == "room_explore":
                 on = grounds[ids[floor]]
                 self._seen_floor(world, floor[on], x[on], y[on], colors)
             for pos in np.asarray(self.pos[world], np.float32):
@@ -443,10 +449,10 @@ class Display:
             color = GOAL if first else _drone_color(drone)
             (at,), (z,) = p.project(goal[None])
             radius = max(0.6 * self.radius, (0.010 if first else 0.006) * float(z))
-            if "difference_to_target_vel" in self.columns:
+            if self.task["kind"] == "reach_vel":
                 self._arrow(p, pos[drone], goal, color, 4.0 * scale)
                 continue
-            if "next_gate" in self.columns:
+            if self.task["kind"] == "gate_race":
                 axis = _level(_yaw(self.quat[world, drone]), self.numbers[world, drone, self.columns["next_gate"]][3:6])
                 p.line(_circle(goal, 0.25, axis), color, 4.0 * scale, 1.0, 0.4)
                 self._arrow(p, goal - 0.4 * axis, goal + 0.4 * axis, color, 4.0 * scale)

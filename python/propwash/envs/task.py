@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
+from ..learn import Goal
 from ..sim import _plain, _scene
 
 #: What actions are.
@@ -338,12 +339,12 @@ class TaskCalls:
 
 
 #: Tasks that ``register_task`` has named.
-REGISTERED: dict[str, Callable[..., Task]] = {}
+REGISTERED: dict[str, Callable[..., Task | Goal]] = {}
 
 
-def own_task(task: Any, options: Mapping[str, Any] | None, built_in: Sequence[str]) -> Task | None:
+def own_task(task: Any, options: Mapping[str, Any] | None, built_in: Sequence[str]) -> Task | Goal | None:
     """The object of a task that is not built in; None for the name of one that is."""
-    if isinstance(task, Task):
+    if isinstance(task, (Task, Goal)):
         if options:
             raise ValueError("task_options: expected none beside an object of a task, which has its options already")
         return task
@@ -352,12 +353,12 @@ def own_task(task: Any, options: Mapping[str, Any] | None, built_in: Sequence[st
         if task in built_in:
             return None
         known = ", ".join([*built_in, *REGISTERED])
-        raise ValueError(f"task: expected one of {known}, or a propwash.envs.Task, got {task!r}")
+        raise ValueError(f"task: expected one of {known}, a propwash.learn.Goal or a propwash.envs.Task, got {task!r}")
     if not callable(made):
-        raise TypeError(f"task: expected a name or a propwash.envs.Task, got {type(task).__name__}")
+        raise TypeError(f"task: expected a name, a propwash.learn.Goal or a propwash.envs.Task, got {type(task).__name__}")
     out = made(**(options or {}))
-    if not isinstance(out, Task):
+    if not isinstance(out, (Task, Goal)):
         shown = task if isinstance(task, str) else getattr(task, "__name__", repr(task))
-        raise TypeError(f"task: expected {shown} to make a propwash.envs.Task, got {type(out).__name__}")
+        raise TypeError(f"task: expected {shown} to make a propwash.learn.Goal or a propwash.envs.Task, got {type(out).__name__}")
     return out
 

@@ -15,6 +15,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _native
+from ..effects import n_rotors
+from ..learn import Goal
 from ..sense import Camera, _pair, _whole
 from ..sim import DroneLike, Dynamics, SceneLike, _each, _plain, _rules, _scene, _sensors, _vehicle
 from ._render import Display
@@ -62,8 +64,8 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
 
     Args:
         num_envs: Number of worlds.
-        task: Name of a built-in task (``propwash.envs.TASKS``) or of one by ``register_task``, or a ``propwash.envs.Task``, the class
-            or an object.
+        task: Name of a built-in task (``propwash.envs.TASKS``) or of one by ``register_task``, or a ``propwash.learn.Goal`` or a
+            ``propwash.envs.Task``, the class or an object.
         task_options: Options of the task, by name; of a class, the arguments that make an object.
         n_drones: Drones in each world. None, here and below: one; a ``propwash.envs.Task`` may say otherwise.
         drone: As in ``propwash.Sim``: a name, a path or a ``Vehicle``, or a list of them, one for each drone.
@@ -114,7 +116,7 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
         self,
         num_envs: int = 1,
         *,
-        task: str | Task | Callable[..., Task] = "reach_pos",
+        task: str | Task | Goal | Callable[..., Task | Goal] = "reach_pos",
         task_options: Mapping[str, Any] | None = None,
         n_drones: int | None = None,
         drone: DroneLike | Sequence[DroneLike] = "cf2x_L250",
@@ -146,13 +148,14 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
     ) -> None:
         self.num_envs = _whole("num_envs", num_envs, 1, 2**24)
         own = own_task(task, task_options, TASKS)
-        self.task: Task | None = own
+        self.task: Task | Goal | None = own
         """The task, where it is not built in."""
-        by = Task if own is None else own
+        by = own if isinstance(own, Task) else Task
         n_drones = by.n_drones if n_drones is None else n_drones
         action = by.action if action is None else action
         freq = by.freq if freq is None else freq
-        max_episode_time = by.max_episode_time if max_episode_time is None else max_episode_time
+        usual_time = own.time if isinstance(own, Goal) else by.max_episode_time
+        max_episode_time = usual_time if max_episode_time is None else max_episode_time
         self.n_drones = _whole("n_drones", n_drones, 1, 4096)
         if max_episode_steps is not None:
             raise TypeError(
@@ -199,10 +202,11 @@ class DroneVectorEnv(VectorEnv[Obs, NDArray[np.float32], NDArray[Any]]):
             "randomization": _rules(randomization),
         }
         threads = None if threads is None else _whole("threads", threads, 1, 1024)
-        calls = None if own is None else TaskCalls(own)
+        calls = TaskCalls(own) if isinstance(own, Task) else None
         self._calls = calls
         given = None if calls is None else (calls.described(layouts), calls, calls.draws)
-        self._native = _native.Env(json.dumps(_plain("", wanted)), vehicles, threads, given)
+        written = own._task(n_rotors(vehicles[0]) if action == "rotor_vel" else 4) if isinstance(own, Goal) else None
+        self._native = _native.Env(json.dumps(_plain("", wanted)), vehicles, threads, given, written)
         if calls is not None:
             calls.attach(self._native, wanted)
         self._seeded = seed is not None

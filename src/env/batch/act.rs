@@ -29,6 +29,9 @@ impl Env {
     pub(super) fn act(&mut self, actions: &[f32]) {
         let plan = &self.plan;
         let d = plan.config.sim.n_drones();
+        if plan.reads_actions {
+            plan.keep_actions(actions, &mut self.rows.acted);
+        }
         let SimData { command, pos, quat, .. } = self.arena.data_mut();
         let (rows, at) = (&mut self.rows, (&pos[..], &quat[..]));
         if self.worlds.len() < SERIAL[0] || threads() == 1 {
@@ -150,6 +153,19 @@ impl Plan {
             change[d] = if is_first { 0.0 } else { (sum / width as f64) as f32 };
         }
         last.copy_from_slice(action);
+    }
+
+    /// Keeps the actions as numbers from −1 to 1, and those before.
+    fn keep_actions(&self, actions: &[f32], kept: &mut [Vec<f32>; 2]) {
+        kept.swap(0, 1);
+        let (d, width) = (self.config.sim.n_drones(), self.action_width);
+        let rows = actions.chunks_exact(width).zip(kept[0].chunks_exact_mut(width));
+        for (row, (action, to)) in rows.enumerate() {
+            let limits = &self.limits[row % d];
+            for (i, (a, to)) in action.iter().zip(to).enumerate() {
+                *to = limits.unit(self.config.action.normalized, i, f64::from(*a)) as f32;
+            }
+        }
     }
 
     /// Whether commands may be flown later than they are given.

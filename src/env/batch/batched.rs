@@ -236,12 +236,11 @@ fn start_of(batch: &Batch, world: usize, drone: usize) -> Result<Start, EnvError
     let row = world * batch.n_drones + drone;
     let three = |list: &[f32]| core::array::from_fn(|k| f64::from(list[3 * row + k]));
     let start = Start {
-        pos_m: three(&batch.start_pos),
         vel_m_s: three(&batch.start_vel),
-        yaw_rad: f64::from(batch.start_yaw[row]),
+        ..Start::at(three(&batch.start_pos)).facing(f64::from(batch.start_yaw[row]))
     };
     for (name, numbers) in
-        [("start_pos", &start.pos_m[..]), ("start_vel", &start.vel_m_s), ("start_yaw", &[start.yaw_rad])]
+        [("start_pos", &start.pos_m[..]), ("start_vel", &start.vel_m_s), ("start_yaw", &start.turn_rad[2..])]
     {
         // Beyond this f32 has no fractions of a metre left.
         if !numbers.iter().all(|v| v.abs() < 1e6) {

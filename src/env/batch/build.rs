@@ -91,6 +91,7 @@ impl Env {
         if let Some(formulas) = &formulas {
             plan.compares_actions = formulas.reads_action_change();
             plan.reads_previous = formulas.reads_previous();
+            plan.reads_actions = formulas.reads_actions();
         }
         if let Asked::Batch(batched) = &mut asked {
             batched.batch = Batch::new(&plan.config, plan.batch_size(&batched.places));
@@ -253,6 +254,7 @@ impl Plan {
             is_noisy: rules_may_blur(&rules, &config.levels),
             compares_actions: true,
             reads_previous: false,
+            reads_actions: asked.of_worlds().is_some(),
             most_steps: steps_of(config.max_episode_s, step_s),
             rules,
             config,

@@ -18,7 +18,6 @@ use crate::env::tasks::{ForestDepth, TaskConfig};
 use crate::geometry::DistanceField;
 use crate::learn::goals::Cross;
 use crate::learn::{Actions, LearnError, Options, Surroundings, Trained, train_sighted};
-use crate::math::quat;
 use crate::physics::controllers::ControlMode;
 use crate::physics::rigid_body::State;
 use crate::random::{Key, Stream, purpose};
@@ -151,9 +150,9 @@ impl Surroundings for Scenes {
             memory: &mut memory,
         };
         self.task.begin(&mut start).map_err(|e| e.to_string())?;
-        let [Start { pos_m, vel_m_s, yaw_rad }] = starts;
-        let quat = quat::exp([0.0, 0.0, yaw_rad]);
-        let state = State { pos: pos_m, vel: vel_m_s, quat, ..State::rest() };
+        let [start] = starts;
+        let state =
+            State { pos: start.pos_m, vel: start.vel_m_s, quat: start.quat_xyzw(), ..State::rest() };
         let target_m = [0, 1, 2].map(|k| f64::from(memory[k]));
         if self.detour_m > 0.0 {
             let way = Way::to(target_m, &self.fields[number], self.boxes[number], self.detour_m);

@@ -25,6 +25,8 @@ pub(super) struct Formulas {
     formula: Formula,
     /// Inputs that it reads.
     reads: Vec<usize>,
+    /// Where what is remembered stands among the results, where steps change it.
+    remembered: Option<usize>,
     /// Registers that no thread works with now.
     narrow: Mutex<Vec<Registers<Narrow>>>,
     wide: Mutex<Vec<Registers<Wide>>>,
@@ -35,12 +37,18 @@ impl Formulas {
     pub fn new(task: &TracedTask, is_noisy: bool) -> Self {
         let formula = if is_noisy { &task.noisy } else { &task.exact }.clone();
         let reads = formula.reads();
-        Self { formula, reads, narrow: Mutex::default(), wide: Mutex::default() }
+        let remembered = task.remembered;
+        Self { formula, reads, remembered, narrow: Mutex::default(), wide: Mutex::default() }
     }
 
     /// Whether they look at how much the action changed.
     pub fn reads_action_change(&self) -> bool {
         self.reads.contains(&input::ACTION_CHANGE)
+    }
+
+    /// Whether they look at the actions.
+    pub fn reads_actions(&self) -> bool {
+        self.reads.iter().any(|i| (input::ACTION..input::TIME).contains(i))
     }
 
     /// Whether they look at where the drone was before.
@@ -63,7 +71,8 @@ struct Shared<'a> {
     action_change: &'a [f32],
     clearance: &'a [f32],
     step: &'a [u64],
-    memory: &'a [f32],
+    acted: &'a [Vec<f32>; 2],
+    memory_len: usize,
     memory_stride: usize,
     worlds: &'a [World],
 }
@@ -81,6 +90,7 @@ struct Part<'a> {
     ended: &'a mut [bool],
     last_pos: &'a mut [f32],
     previous_pos: &'a mut [f32],
+    memory: &'a mut [f32],
 }
 
 impl<'a> Part<'a> {
@@ -104,6 +114,7 @@ impl<'a> Part<'a> {
         let (ended, more_ended) = cut(self.ended, n, all);
         let (last_pos, more_last) = cut(self.last_pos, n, all);
         let (previous_pos, more_previous) = cut(self.previous_pos, n, all);
+        let (memory, more_memory) = cut(self.memory, n, all);
         let low = Self {
             first: self.first,
             observation,
@@ -115,6 +126,7 @@ impl<'a> Part<'a> {
             ended,
             last_pos,
             previous_pos,
+            memory,
         };
         let high = Self {
             first: self.first + n,
@@ -127,6 +139,7 @@ impl<'a> Part<'a> {
             ended: more_ended,
             last_pos: more_last,
             previous_pos: more_previous,
+            memory: more_memory,
         };
         (low, high)
     }
@@ -155,7 +168,8 @@ impl Env {
             action_change: &self.action_change,
             clearance: &self.clearance,
             step: &self.rows.step,
-            memory: &self.rows.memory,
+            acted: &self.rows.acted,
+            memory_len: self.rows.memory_len,
             memory_stride: self.rows.memory_stride,
             worlds: &self.worlds,
         };
@@ -170,6 +184,7 @@ impl Env {
             ended: &mut self.rows.ended,
             last_pos: &mut self.rows.last_pos,
             previous_pos: &mut self.rows.previous_pos,
+            memory: &mut self.rows.memory,
         };
         shared.spread(part)
     }
@@ -271,6 +286,9 @@ impl Shared<'_> {
             self.write_channels(formulas, part, from..to, &registers);
             if self.judge {
                 outcome = outcome.and(self.conclude(formulas, part, from..to, &registers));
+                if let Some(first) = formulas.remembered {
+                    outcome = outcome.and(self.remember((formulas, first), part, from..to, &registers));
+                }
             }
         }
         free.lock().unwrap_or_else(PoisonError::into_inner).push(registers);
@@ -300,7 +318,23 @@ impl Shared<'_> {
                 k @ 10..STATE_WIDTH => from(&data.ang_vel, 3, k - 10),
                 input::CLEARANCE => from(self.clearance, 1, 0),
                 input::ACTION_CHANGE => from(self.action_change, 1, 0),
-                k @ input::MEMORY.. => from(self.memory, self.memory_stride, k - input::MEMORY),
+                k @ input::ACTION..input::TIME => {
+                    let (list, k) = match k < input::ACTION_BEFORE {
+                        true => (&self.acted[0], k - input::ACTION),
+                        false => (&self.acted[1], k - input::ACTION_BEFORE),
+                    };
+                    match self.plan.action_width {
+                        width if k < width => from(list, width, k),
+                        _ => *cell = C::splat(0.0),
+                    }
+                }
+                k @ input::MEMORY.. => {
+                    let own_memory = &part.memory[own.start * self.memory_stride..];
+                    column(cell, own_memory, self.memory_stride, k - input::MEMORY, n);
+                }
+                input::FLOWN => {
+                    cell.fill(0, |lane| f64::from(u8::from(self.judge && self.has_flown(first + of(lane)))));
+                }
                 input::CRASHED => {
                     cell.fill(0, |lane| f64::from(u8::from(part.crashed[own.start + of(lane)])));
                 }
@@ -347,6 +381,32 @@ impl Shared<'_> {
                 row[STATE_WIDTH + k] = cell.get(lane) as f32;
             }
         }
+    }
+
+    /// Whether a world has flown in this step, and its state is one.
+    fn has_flown(&self, world: usize) -> bool {
+        self.data.steps[world] != 0 && self.data.quarantine[world].is_none()
+    }
+
+    /// Writes what the task remembers of worlds that have flown.
+    fn remember<C: Interpret<Number = f64>>(
+        &self,
+        (formulas, results): (&Formulas, usize),
+        part: &mut Part,
+        own: std::ops::Range<usize>,
+        registers: &Registers<C>,
+    ) -> Result<(), EnvError> {
+        for (lane, i) in own.enumerate().filter(|(_, i)| self.has_flown(part.first + i)) {
+            let row = &mut part.memory[i * self.memory_stride..][..self.memory_len];
+            for (k, to) in row.iter_mut().enumerate() {
+                *to = registers.output(&formulas.formula, results + k).get(lane) as f32;
+            }
+            if let Some(got) = row.iter().find(|v| !v.is_finite()) {
+                let (world, what) = (part.first + i, "what is remembered".into());
+                return Err(EnvError::NotFinite { what, world, drone: 0, got: *got });
+            }
+        }
+        Ok(())
     }
 
     /// Writes rewards, and ends the episodes of worlds or lets them go on.

@@ -17,6 +17,8 @@ pub(super) struct Rows {
     pub clipped: Vec<bool>,
     /// (world, drone, action)
     pub last_action: Vec<f32>,
+    /// Actions of the last step and of the one before, −1 to 1, where something may look at them; else empty. (world, drone, action)
+    pub acted: [Vec<f32>; 2],
     /// What the task remembers. (world, `memory_stride`)
     pub memory: Vec<f32>,
     /// Numbers that the task remembers of each world.
@@ -38,6 +40,7 @@ impl Rows {
             ended: vec![false; n],
             clipped: vec![false; n],
             last_action: vec![0.0; n * d * plan.action_width],
+            acted: if plan.reads_actions { [0, 1].map(|_| vec![0.0; n * d * plan.action_width]) } else { Default::default() },
             memory: vec![0.0; n * memory_len.max(1)],
             memory_len,
             memory_stride: memory_len.max(1),
@@ -64,5 +67,17 @@ impl Rows {
         self.memory_of_mut(world).fill(0.0);
         let each = self.last_action.len() / self.step.len();
         self.last_action[world * each..(world + 1) * each].fill(0.0);
+        for kept in &mut self.acted {
+            let each = kept.len() / self.step.len();
+            kept[world * each..(world + 1) * each].fill(0.0);
+        }
+    }
+
+    /// The actions of a world, of this step and of the one before.
+    pub fn acted_in(acted: &[Vec<f32>; 2], world: usize, n_worlds: usize) -> [&[f32]; 2] {
+        [0, 1].map(|k| {
+            let each = acted[k].len() / n_worlds;
+            &acted[k][world * each..(world + 1) * each]
+        })
     }
 }

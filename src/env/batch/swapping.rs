@@ -12,7 +12,6 @@ use crate::env::task::{EpisodeStart, Start, Task};
 use crate::env::tasks::{SwarmCross, TaskConfig};
 use crate::learn::goals::Swap;
 use crate::learn::{Options, Surroundings, train_sighted};
-use crate::math::quat;
 use crate::physics::rigid_body::State;
 use crate::random::{Key, Stream, purpose};
 use crate::scene::WorkerPool;
@@ -45,7 +44,7 @@ impl Open {
         };
         self.task.begin(&mut start)?;
         let of = |(start, memory): (&Start, &[f32])| {
-            let quat = quat::exp([0.0, 0.0, start.yaw_rad]);
+            let quat = start.quat_xyzw();
             let state = State { pos: start.pos_m, vel: start.vel_m_s, quat, ..State::rest() };
             (state, [0, 1, 2].map(|k| f64::from(memory[k])))
         };

@@ -102,8 +102,16 @@ pub(super) struct Out<'a> {
     pub ending: &'a mut u8,
     pub clearance: &'a mut [f32],
     pub crashed: &'a mut [bool],
-    /// What the action of this step changed.
-    pub action_change: &'a [f32],
+    pub acted: Acted<'a>,
+}
+
+/// What the drones of a world were told.
+#[derive(Clone, Copy)]
+pub(super) struct Acted<'a> {
+    /// How much the action of this step changed. (drone)
+    pub change: &'a [f32],
+    /// Actions of this step and of the one before, −1 to 1; see [`WorldView`]. (drone, action)
+    pub actions: [&'a [f32]; 2],
 }
 
 /// What is the same for all worlds.
@@ -135,6 +143,8 @@ pub(super) struct Plan {
     pub compares_actions: bool,
     /// Formulas of the task look at where drones were before.
     pub reads_previous: bool,
+    /// Something may look at the actions.
+    pub reads_actions: bool,
     /// Steps after which the time of an episode is over.
     pub most_steps: u64,
 }
@@ -221,13 +231,13 @@ impl Plan {
                 (true, _) => Ending::Quarantined,
                 (_, true) => Ending::None,
                 _ => {
-                    let told = (&mut *out.memory, out.action_change, out.reward);
+                    let told = (&mut *out.memory, out.acted, out.reward);
                     self.judge(task, (w, out.step, &*world), (layout, at), out.depth, told)?
                 }
             };
             *out.ended = self.conclude(out.step, ending, (out.terminated, out.truncated, out.ending));
         }
-        let told = (&*out.memory, out.action_change, out.observation);
+        let told = (&*out.memory, out.acted, out.observation);
         self.observe(task, (w, out.step, world), (layout, at), told);
         Ok(())
     }
@@ -304,7 +314,7 @@ impl Plan {
         &self,
         (w, step): (usize, u64),
         look: Look<'a, f32>,
-        (drones, action_change): (&'a [DroneView], &'a [f32]),
+        (drones, acted): (&'a [DroneView], Acted<'a>),
         images: Option<Images<'a>>,
         course: &'a Course,
     ) -> WorldView<'a> {
@@ -314,7 +324,8 @@ impl Plan {
             drones,
             images,
             course,
-            action_change,
+            action_change: acted.change,
+            acted: acted.actions,
             world: w,
             look,
         }
@@ -327,7 +338,7 @@ impl Plan {
         (w, step, world): (usize, u64, &World),
         (layout, look): (Option<&Layout>, Look<f32>),
         depth: &[f32],
-        (memory, action_change, reward): (&mut [f32], &[f32], &mut [f32]),
+        (memory, acted, reward): (&mut [f32], Acted, &mut [f32]),
     ) -> Result<Ending, EnvError> {
         let course = layout.map_or(&self.no_course, |l| &l.course);
         let images = layout.filter(|_| self.pixels > 0).map(|layout| Images {
@@ -335,7 +346,7 @@ impl Plan {
             cameras: &layout.cameras,
             poses: &world.camera_poses,
         });
-        let view = self.view((w, step), look, (&world.seen, action_change), images, course);
+        let view = self.view((w, step), look, (&world.seen, acted), images, course);
         let outcome = task.judge(&view, memory, reward);
         check_rewards(w, reward)?;
         Ok(outcome.into())
@@ -358,7 +369,7 @@ impl Plan {
         task: Option<&dyn Task>,
         (w, step, world): (usize, u64, &mut World),
         (layout, look): (Option<&Layout>, Look<f32>),
-        (memory, action_change, out): (&[f32], &[f32], &mut [f32]),
+        (memory, acted, out): (&[f32], Acted, &mut [f32]),
     ) {
         let noisy = world.levels.is_noisy();
         if noisy {
@@ -370,7 +381,7 @@ impl Plan {
         }
         let drones = if noisy { &world.observed } else { &world.seen };
         let course = layout.map_or(&self.no_course, |l| &l.course);
-        let view = self.view((w, step), look, (drones, action_change), None, course);
+        let view = self.view((w, step), look, (drones, acted), None, course);
         for (d, (row, s)) in out.chunks_exact_mut(self.width).zip(drones).enumerate() {
             store(&mut row[0..], &s.pos_m);
             store(&mut row[3..], &s.quat_xyzw);

@@ -150,7 +150,7 @@ impl Task for ForestDepth {
         };
         let pos = b.free_place(0, "start", start, self.free_m)?;
         let way = vec3::sub(goal, pos);
-        b.starts[0] = Start { yaw_rad: way[1].atan2(way[0]), ..Start::at(pos) };
+        b.starts[0] = Start::at(pos).facing(way[1].atan2(way[0]));
         store(b.memory, &[goal[0], goal[1], goal[2], vec3::norm(way)]);
         Ok(())
     }

@@ -120,7 +120,7 @@ impl Task for GateRace {
         b.scatter()?;
         let pos =
             b.free_place(0, "start before the gate", [vec3::sub(middle, off), vec3::add(middle, off)], 0.15)?;
-        b.starts[0] = Start { yaw_rad: axis[1].atan2(axis[0]), ..Start::at(pos) };
+        b.starts[0] = Start::at(pos).facing(axis[1].atan2(axis[0]));
         b.memory[NEXT] = first as f32;
         b.memory[LEFT] = distance(pos, gate.pos_m) as f32;
         Ok(())

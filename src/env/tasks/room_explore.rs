@@ -205,7 +205,7 @@ impl Task for RoomExplore {
         b.scatter()?;
         let pos = b.free_place(0, "start", start, self.free_m)?;
         let yaw_rad = b.draw.uniform(-std::f64::consts::PI, std::f64::consts::PI);
-        b.starts[0] = Start { yaw_rad, ..Start::at(pos) };
+        b.starts[0] = Start::at(pos).facing(yaw_rad);
         Ok(())
     }
 

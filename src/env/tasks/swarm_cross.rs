@@ -148,7 +148,7 @@ impl Task for SwarmCross {
                 self.free_m,
             )?;
             let way = vec3::sub(goals[d], pos);
-            b.starts[d] = Start { yaw_rad: way[1].atan2(way[0]), ..Start::at(pos) };
+            b.starts[d] = Start::at(pos).facing(way[1].atan2(way[0]));
             let [x, y, z] = goals[d];
             store(&mut b.memory[EACH * d..], &[x, y, z, vec3::norm(way), 0.0]);
         }

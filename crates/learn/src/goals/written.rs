@@ -7,7 +7,7 @@ use propwash_rollout::random::Stream;
 use propwash_trace::Real;
 use propwash_trace::math::quat;
 use propwash_trace::program::Program;
-use propwash_vehicle::expression::parse_names;
+use propwash_vehicle::expression::{ExpressionError, Sheet};
 
 /// Names of the numbers of a state and of the time, in the order in which expressions may read them.
 pub const STATE: [&str; 14] =
@@ -72,10 +72,39 @@ impl Default for Starts {
     }
 }
 
+impl Starts {
+    /// Refuses bounds that are not finite or not in order.
+    ///
+    /// # Errors
+    /// [`LearnError::Goal`].
+    pub fn check(&self) -> Result<(), LearnError> {
+        let Self { pos_m, vel_m_s, ang_vel_rad_s, turn_rad, time_s } = self;
+        let drawn = [pos_m, vel_m_s, ang_vel_rad_s, turn_rad].into_iter().flatten().chain([time_s]);
+        drawn.copied().try_for_each(check_bounds)
+    }
+}
+
+/// Refuses bounds of what is drawn that are not finite or not in order.
+///
+/// # Errors
+/// [`LearnError::Goal`].
+pub fn check_bounds([low, high]: [f64; 2]) -> Result<(), LearnError> {
+    if low.is_finite() && high.is_finite() && low <= high {
+        return Ok(());
+    }
+    let what = format!("expected finite bounds in order of what is drawn, got {low} to {high}");
+    Err(LearnError::Goal { what })
+}
+
+/// What is wrong with an expression of a goal, by name.
+fn wrong(what: &str) -> impl Fn(ExpressionError) -> LearnError {
+    move |e| LearnError::Goal { what: format!("{what}: {e}") }
+}
+
 /// A goal of expressions.
 #[derive(Clone, Debug)]
 pub struct Written {
-    lets: Vec<Program>,
+    sheet: Sheet,
     observe: Vec<Program>,
     cost: Program,
     off_m: Program,
@@ -100,43 +129,29 @@ impl Written {
         starts: Starts,
         (episode_s, far_off_m, lost_cost): (f64, f64, f64),
     ) -> Result<Self, LearnError> {
-        let wrong = |what: String| Err(LearnError::Goal { what });
+        let refused = |what: String| Err(LearnError::Goal { what });
         let mut names: Vec<String> = STATE.iter().map(ToString::to_string).collect();
         names.extend(texts.memory.iter().map(|m| m.name.clone()));
         for of in ["action", "before"] {
             names.extend((1..=MAX_ACTIONS).map(|k| format!("{of}{k}")));
         }
-        let program = |what: &str, text: &str, names: &[String]| -> Result<Program, LearnError> {
-            let known: Vec<&str> = names.iter().map(String::as_str).collect();
-            parse_names(text, &known).map_err(|e| LearnError::Goal { what: format!("{what}: {e}") })
-        };
-        let mut lets = Vec::new();
-        for (name, text) in &texts.lets {
-            lets.push(program(name, text, &names)?);
-            names.push(name.clone());
-        }
-        let one = |what: &str, text: &str| program(what, text, &names);
+        let mut sheet = Sheet::over(names);
+        texts.lets.iter().try_for_each(|(name, text)| sheet.add(name, text).map_err(wrong(name)))?;
+        let one = |what: &str, text: &str| sheet.program(text).map_err(wrong(what));
         let maybe =
             |what: &str, text: &str| if text.is_empty() { Ok(None) } else { one(what, text).map(Some) };
         if texts.observe.is_empty() {
-            return wrong("observe: expected at least one number, got none".into());
+            return refused("observe: expected at least one number, got none".into());
         }
         for (name, value, zero) in
             [("time", episode_s, false), ("far", far_off_m, false), ("lost_cost", lost_cost, true)]
         {
             if !(value.is_finite() && (value > 0.0 || zero && value == 0.0)) {
-                return wrong(format!("{name}: expected a finite number above 0, got {value}"));
+                return refused(format!("{name}: expected a finite number above 0, got {value}"));
             }
         }
-        let Starts { pos_m, vel_m_s, ang_vel_rad_s, turn_rad, time_s } = &starts;
-        let drawn = [pos_m, vel_m_s, ang_vel_rad_s, turn_rad].into_iter().flatten().chain([time_s]);
-        for [low, high] in drawn.chain(texts.memory.iter().map(|m| &m.between)) {
-            if !(low.is_finite() && high.is_finite() && low <= high) {
-                return wrong(format!(
-                    "expected finite bounds in order of what is drawn, got {low} to {high}"
-                ));
-            }
-        }
+        starts.check()?;
+        texts.memory.iter().try_for_each(|m| check_bounds(m.between))?;
         Ok(Self {
             observe: texts.observe.iter().map(|text| one("observe", text)).collect::<Result<_, _>>()?,
             cost: one("cost", &texts.cost)?,
@@ -146,7 +161,7 @@ impl Written {
             lost: maybe("lost", &texts.lost)?,
             next: texts.memory.iter().map(|m| maybe(&m.name, &m.next)).collect::<Result<_, _>>()?,
             between: texts.memory.iter().map(|m| m.between).collect(),
-            lets,
+            sheet,
             starts,
             episode_s,
             far_off_m,
@@ -157,20 +172,16 @@ impl Written {
     /// All numbers that expressions may read.
     fn numbers<S: Real>(&self, seen: &Seen<S>, action: &[S], before: &[S]) -> Vec<S> {
         let Seen { pos_m, quat_xyzw, vel_m_s, ang_vel_rad_s, time_s, memory } = seen;
+        let memory = &memory[..self.between.len()];
         let mut out = [&pos_m[..], quat_xyzw, vel_m_s, ang_vel_rad_s, &[*time_s], memory].concat();
         for list in [action, before] {
             out.extend((0..MAX_ACTIONS).map(|k| list.get(k).copied().unwrap_or(S::zero())));
         }
-        for program in &self.lets {
-            let value = program.eval(|i| out[usize::from(i)]);
-            out.push(value);
-        }
-        out
+        self.sheet.numbers(out)
     }
 
     fn value<S: Real>(&self, program: &Program, seen: &Seen<S>) -> S {
-        let numbers = self.numbers(seen, &[], &[]);
-        program.eval(|i| numbers[usize::from(i)])
+        Sheet::value(program, &self.numbers(seen, &[], &[]))
     }
 
     fn says(&self, program: Option<&Program>, seen: &Seen<f64>) -> bool {
@@ -185,12 +196,11 @@ impl Goal for Written {
 
     fn observe<S: Real>(&self, seen: &Seen<S>, out: &mut Vec<S>) {
         let numbers = self.numbers(seen, &[], &[]);
-        out.extend(self.observe.iter().map(|program| program.eval(|i| numbers[usize::from(i)])));
+        out.extend(self.observe.iter().map(|program| Sheet::value(program, &numbers)));
     }
 
     fn cost<S: Real>(&self, seen: &Seen<S>, action: &[S], before: &[S]) -> S {
-        let numbers = self.numbers(seen, action, before);
-        self.cost.eval(|i| numbers[usize::from(i)])
+        Sheet::value(&self.cost, &self.numbers(seen, action, before))
     }
 
     fn start(&self, random: &mut Stream, memory: &mut [f64]) -> (State<f64>, f64) {
@@ -223,7 +233,8 @@ impl Goal for Written {
     }
 
     fn memory(&self) -> usize {
-        self.between.len()
+        // Episodes that remember nothing are not judged: one number more has those judged that may end before their time.
+        self.between.len().max(usize::from(self.lost.is_some() || self.done.is_some()))
     }
 
     fn judge(&self, _: &Seen<f64>, after: &Seen<f64>, memory: &mut [f64]) -> Outcome {
@@ -350,6 +361,26 @@ mod tests {
         assert_eq!(judged(2.0, 1.0, [1.0]), (Outcome::On, 2.0));
         assert_eq!(judged(0.0, 1.0, [3.0]), (Outcome::Done, 3.0));
         assert_eq!(judged(2.0, -1.0, [3.0]), (Outcome::Lost, 4.0));
+    }
+
+    #[test]
+    fn goals_that_remember_nothing_end_episodes_too() {
+        let texts = Texts {
+            observe: vec!["z".into()],
+            cost: "x^2".into(),
+            off_m: "abs(x)".into(),
+            reached: "0".into(),
+            lost: "z < 0.95".into(),
+            ..Texts::default()
+        };
+        let goal = Written::new(&texts, Starts::default(), (4.0, 10.0, 100.0)).unwrap();
+        let vehicle = Vehicle::builtin("cf21B_500").unwrap();
+        let of = (&vehicle, "first_principles");
+        let actions = Actions::attitude(&vehicle.drone(of.1).unwrap());
+        let options = Options { commands: 2_000, ..Options::default() };
+        // Every flight begins at height 0: it is lost with its first command.
+        let trained = train(&goal, of, &actions, &options).unwrap();
+        assert!(trained.lost >= options.worlds, "{}", trained.lost);
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 mod given;
 mod parser;
+mod sheet;
 #[cfg(test)]
 mod tests;
 
 pub use parser::{ExpressionError, parse, parse_names};
+pub use sheet::Sheet;
 
 use super::error::VehicleError;
 use super::file::{Check, join};

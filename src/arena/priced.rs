@@ -1,0 +1,237 @@
+//! What flights cost: an expression of states and commands, summed up while they are flown.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use super::{Arena, ArenaError};
+use crate::geometry::DistanceField;
+use crate::rollout::watch::{Watched, Watcher};
+use crate::scalar::formula::{Formula, Registers};
+use crate::scalar::lanes::{Cell, F32x16, Number};
+use crate::vehicle::expression::Sheet;
+
+/// Lanes in which costs are computed, in f64: sixteen, as a field has.
+type Lanes = <f64 as Number>::Two;
+
+/// What a cost reads of a drone after a command, one number each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Read {
+    /// A number of the state.
+    State(usize),
+    /// Time since the flight began, s.
+    Time,
+    /// 1 after the last command, else 0.
+    Last,
+    /// Distance to what a field holds, m.
+    Distance,
+    /// A number of the command, and of the one before.
+    Command(usize),
+    Before(usize),
+    /// A number that the caller gives.
+    Given(usize),
+}
+
+/// A cost of one drone after each command of a flight, traced once.
+///
+/// Its expression reads `x y z qx qy qz qw vx vy vz wx wy wz rotor1 … thrust` (a state, SI), `t` (s since the flight began), `last` (1 after the last command, else 0),
+/// `distance` (m, with a field), `command1 …`, `before1 …` (the command before; first the one in force when the flight began), and what is given, by name.
+#[derive(Debug)]
+pub struct Cost {
+    formula: Formula,
+    reads: Vec<(usize, Read)>,
+    n_rotors: usize,
+    command_width: usize,
+    n_given: usize,
+    /// Memory to compute in that no thread uses now.
+    free: Mutex<Vec<Registers<Lanes>>>,
+}
+
+impl Cost {
+    /// From expressions: values with names, in order, and the cost. `given` names further numbers.
+    ///
+    /// # Errors
+    /// [`ArenaError::Option`] for what is no expression.
+    pub fn new(
+        (lets, cost): (&[(String, String)], &str),
+        given: &[String],
+        (n_rotors, command_width): (usize, usize),
+    ) -> Result<Self, ArenaError> {
+        let state = ["x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"];
+        let mut names: Vec<String> = state.iter().map(ToString::to_string).collect();
+        names.extend((1..=n_rotors).map(|k| format!("rotor{k}")));
+        names.push("thrust".into());
+        let mut all: Vec<Read> = (0..names.len()).map(Read::State).collect();
+        names.extend(["t", "last", "distance"].map(String::from));
+        all.extend([Read::Time, Read::Last, Read::Distance]);
+        names.extend((1..=command_width).map(|k| format!("command{k}")));
+        all.extend((0..command_width).map(Read::Command));
+        names.extend((1..=command_width).map(|k| format!("before{k}")));
+        all.extend((0..command_width).map(Read::Before));
+        names.extend(given.iter().cloned());
+        all.extend((0..given.len()).map(Read::Given));
+        let wrong = |what: &str, e: &dyn std::fmt::Display| ArenaError::option("cost", "an expression", format!("{what}: {e}"));
+        let mut sheet = Sheet::over(names);
+        for (name, text) in lets {
+            sheet.add(name, text).map_err(|e| wrong(name, &e))?;
+        }
+        let program = sheet.program(cost).map_err(|e| wrong("cost", &e))?;
+        let formula = Formula::new(all.len(), |v| vec![Sheet::value(&program, &sheet.numbers(v.to_vec()))]);
+        let reads = formula.reads().into_iter().map(|i| (i, all[i])).collect();
+        Ok(Self { formula, reads, n_rotors, command_width, n_given: given.len(), free: Mutex::default() })
+    }
+
+    /// Whether it reads distances, and so needs a field.
+    pub fn reads_distance(&self) -> bool {
+        self.reads.iter().any(|(_, read)| *read == Read::Distance)
+    }
+}
+
+/// What a flight is priced by.
+#[derive(Clone, Copy, Debug)]
+pub struct Priced<'a> {
+    /// The cost of a drone after each command.
+    pub cost: &'a Cost,
+    /// Numbers that are given: those of every command, (time, number), or the same for all, (number).
+    pub given: &'a [f64],
+    /// Where distances come from.
+    pub field: Option<&'a DistanceField>,
+}
+
+/// Adds up what the drones of a flight cost. Worlds are seen by one thread at a time, each command in order.
+struct Pricing<'a, N> {
+    asked: Priced<'a>,
+    commands: &'a [N],
+    /// The command in force when the flight began.
+    first: Vec<N>,
+    times: usize,
+    drones: usize,
+    /// Time of a command, s.
+    step_s: f64,
+    /// Bits of a number each. (world, drone)
+    sums: Vec<AtomicU64>,
+}
+
+impl<N: Number> Pricing<'_, N> {
+    /// A number of the command of a row at a time.
+    fn command(&self, row: usize, t: usize, k: usize) -> f64 {
+        let width = self.asked.cost.command_width;
+        let (w, d) = (row / self.drones, row % self.drones);
+        self.commands[((w * self.times + t) * self.drones + d) * width + k].wide()
+    }
+
+    /// Writes what the cost reads of rows from `from` on into lanes; those behind the last repeat it.
+    fn fill(&self, seen: &Watched<N>, from: usize, registers: &mut Registers<Lanes>) {
+        let (rows, width) = (seen.n_worlds * self.drones, self.asked.cost.command_width);
+        let first = seen.first_world * self.drones;
+        let own = |lane: usize| (from + lane).min(rows - 1);
+        let state = |lane: usize, k: usize| {
+            let states = seen.world(own(lane) / self.drones);
+            states[own(lane) % self.drones * (states.len() / self.drones) + k].wide()
+        };
+        for (input, read) in &self.asked.cost.reads {
+            let cell = registers.input(*input);
+            match *read {
+                Read::State(k) => cell.fill(0, |lane| state(lane, k)),
+                Read::Time => *cell = Lanes::splat((seen.t + 1) as f64 * self.step_s),
+                Read::Last => *cell = Lanes::splat(f64::from(u8::from(seen.t + 1 == self.times))),
+                Read::Distance => {
+                    let mut pos = [F32x16::splat(0.0); 3];
+                    for (k, axis) in pos.iter_mut().enumerate() {
+                        axis.fill(0, |lane| state(lane, k) as f32);
+                    }
+                    let field = self.asked.field.map(|field| field.at_lanes(&pos).0);
+                    cell.fill(0, |lane| field.map_or(f64::INFINITY, |d| f64::from(d.get(lane))));
+                }
+                Read::Command(k) => cell.fill(0, |lane| self.command(first + own(lane), seen.t, k)),
+                Read::Before(k) => cell.fill(0, |lane| match seen.t {
+                    0 => self.first[(first + own(lane)) * width + k].wide(),
+                    t => self.command(first + own(lane), t - 1, k),
+                }),
+                Read::Given(k) => {
+                    let n = self.asked.cost.n_given;
+                    let of = if self.asked.given.len() == n { 0 } else { seen.t };
+                    *cell = Lanes::splat(self.asked.given[of * n + k]);
+                }
+            }
+        }
+    }
+}
+
+impl<N: Number> Watcher<N> for Pricing<'_, N> {
+    fn look(&self, seen: Watched<N>) {
+        let Cost { formula, free, .. } = self.asked.cost;
+        let lent = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let mut registers = lent.unwrap_or_else(|| Registers::new(formula));
+        let rows = seen.n_worlds * self.drones;
+        for from in (0..rows).step_by(Lanes::LANES) {
+            self.fill(&seen, from, &mut registers);
+            registers.run(formula);
+            let cost = registers.output(formula, 0);
+            for lane in 0..Lanes::LANES.min(rows - from) {
+                let sum = &self.sums[seen.first_world * self.drones + from + lane];
+                // A flight that is flown once more begins its sum anew.
+                let before = if seen.t == 0 { 0.0 } else { f64::from_bits(sum.load(Ordering::Relaxed)) };
+                sum.store((before + cost.get(lane)).to_bits(), Ordering::Relaxed);
+            }
+        }
+        free.lock().unwrap_or_else(PoisonError::into_inner).push(registers);
+    }
+}
+
+impl<N: Number> Arena<N> {
+    /// Flies a sequence of commands as [`Arena::rollout`], and adds up what each drone costs after each command: (world, drone). Worlds that are quarantined cost infinity. The states
+    /// are returned only where `keep` says so; else the list is empty, and they are never stored.
+    ///
+    /// # Errors
+    /// As there, and [`ArenaError::Option`] for a cost of another vehicle or command, for given numbers of another length, for a cost that reads distances without a field, and for
+    /// costs that are no numbers.
+    pub fn rollout_priced(
+        &mut self,
+        commands: &[N],
+        substeps: usize,
+        asked: Priced,
+        keep: bool,
+    ) -> Result<(Vec<N>, Vec<f64>), ArenaError> {
+        let times = self.sim().times_of(commands, substeps)?;
+        let data = &self.sim().data;
+        let (drones, rows) = (data.n_drones, data.n_worlds * data.n_drones);
+        let cost = asked.cost;
+        let sizes = (data.n_rotors, data.command_width);
+        if (cost.n_rotors, cost.command_width) != sizes {
+            let (expected, got) = (format!("one for {sizes:?} rotors and numbers of a command"), (cost.n_rotors, cost.command_width));
+            return Err(ArenaError::option("cost", expected, format!("{got:?}")));
+        }
+        let n = cost.n_given;
+        if asked.given.len() != n && asked.given.len() != n * times {
+            let expected = format!("{n} numbers, or {n} for each of {times} commands");
+            return Err(ArenaError::option("given", expected, asked.given.len()));
+        }
+        if let Some(i) = asked.given.iter().position(|v| !v.is_finite()) {
+            return Err(ArenaError::option("given", "finite numbers", asked.given[i]));
+        }
+        if cost.reads_distance() && asked.field.is_none() {
+            return Err(ArenaError::option("field", "a distance field, since the cost reads distances", "none"));
+        }
+        let pricing = Pricing {
+            asked,
+            commands,
+            first: data.command.clone(),
+            times,
+            drones,
+            step_s: substeps as f64 / f64::from(self.sim().options().sim_hz),
+            sums: (0..rows).map(|_| AtomicU64::new(0.0f64.to_bits())).collect(),
+        };
+        let states = self.rollout_watched(commands, substeps, &pricing, keep)?;
+        let mut sums: Vec<f64> = pricing.sums.into_iter().map(|v| f64::from_bits(v.into_inner())).collect();
+        let quarantine = &self.sim().data.quarantine;
+        for (row, sum) in sums.iter_mut().enumerate() {
+            if quarantine[row / drones].is_some() {
+                *sum = f64::INFINITY;
+            } else if sum.is_nan() {
+                let got = format!("{sum} in world {}, drone {}", row / drones, row % drones);
+                return Err(ArenaError::option("cost", "numbers: look for roots and quotients of what may be below or at 0", got));
+            }
+        }
+        Ok((states, sums))
+    }
+}
