@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use propwash::env::tasks::{Landing, ReachPos, ReachVel, Trajectory};
 use propwash::env::{
-    Channel, Ending, Env, EnvConfig, EnvError, EpisodeStart, Formulas, Outcome, Seen, Start, Task,
-    TracedTask, Verdict, WorldView, formulas,
+    Channel, Ending, Env, EnvConfig, EnvError, EpisodeStart, Formulas, MAX_ACTIONS, Outcome, Seen, Start,
+    Task, TaskTexts, TracedTask, Verdict, WorldView, WrittenTask, formulas,
 };
+use propwash::learn::goals::written::{Remembered, Starts};
 use propwash::scalar::Real;
 use propwash::scalar::bytecode::Interpret;
 use propwash::scalar::dual::Dual;
@@ -15,7 +16,7 @@ use propwash::scalar::formula::{Formula, Registers};
 use propwash::scalar::lanes::{F32x16, F64x8, Number};
 
 /// Numbers that a drone is seen by, before those that the task remembers.
-const SEEN: usize = 21;
+const SEEN: usize = 21 + 2 * MAX_ACTIONS;
 
 /// What a task says of a drone that is seen by these numbers: reward, what ends it, channels.
 fn said<S: Real, T: Task + Formulas>(task: &T, v: &[S]) -> Vec<S> {
@@ -29,6 +30,8 @@ fn said<S: Real, T: Task + Formulas>(task: &T, v: &[S]) -> Vec<S> {
         clearance_m: v[16],
         crashed: v[17],
         action_change: v[18],
+        action: core::array::from_fn(|k| v[21 + k]),
+        action_before: core::array::from_fn(|k| v[21 + MAX_ACTIONS + k]),
         time_s: v[19],
         step_s: v[20],
     };
@@ -217,7 +220,8 @@ struct Everything;
 impl Formulas for Everything {
     fn verdict<S: Real>(&self, seen: &Seen<S>, memory: &[S]) -> Verdict<S> {
         let moved = seen.pos_m[0] - seen.previous_pos_m[0];
-        let reward = moved / seen.step_s + seen.action_change + seen.clearance_m * memory[1];
+        let jump = seen.action[3] - seen.action_before[3];
+        let reward = moved / seen.step_s + seen.action_change + jump * jump + seen.clearance_m * memory[1];
         Verdict {
             crashed: seen.crashed.gt(S::lit(0.5)),
             left: seen.pos_m[2].gt(S::lit(3.0)),
@@ -257,4 +261,129 @@ impl Task for Everything {
 fn a_users_formulas_see_everything_that_a_task_sees_of_a_drone() {
     // Clearances are f32 in arrays.
     same_in_all_cases(Everything, 1e-6);
+}
+
+/// What [`ReachPos`] says, written down; with `count`, beside, the steps that were near the goal are counted.
+fn written(count: bool) -> WrittenTask {
+    let off = "sqrt((gx - x)^2 + (gy - y)^2 + (gz - z)^2)";
+    let near =
+        |(name, between): (&str, [f64; 2])| Remembered { name: name.into(), between, next: String::new() };
+    let mut memory: Vec<Remembered> =
+        [("gx", [-1.0, 1.0]), ("gy", [-1.0, 1.0]), ("gz", [0.5, 1.5])].map(near).to_vec();
+    let mut observe =
+        vec![("difference_to_goal".to_string(), ["gx - x", "gy - y", "gz - z"].map(String::from).to_vec())];
+    let mut texts = TaskTexts {
+        name: "written".into(),
+        lets: vec![("off".into(), off.into())],
+        reward: "where(crashed, -1, exp(-2 * off))".into(),
+        crash_ends: true,
+        goal: Some(0),
+        ..TaskTexts::default()
+    };
+    if count {
+        let next = "where(off < 1.2, count + 1, count)".into();
+        memory.push(Remembered { name: "count".into(), between: [0.0, 0.5], next });
+        observe.push(("counted".into(), vec!["count".into(), "t".into()]));
+        texts.reward = "0.1 * count + 0.01 * (action1 - before1)^2 - clearance + (x - px) / step".into();
+        texts.done = "count > 8".into();
+        texts.left = "z > 2.6".into();
+    }
+    let starts = Starts {
+        pos_m: [[-1.0, 1.0], [-1.0, 1.0], [1.0, 2.0]],
+        vel_m_s: [[-1.0, 1.0]; 3],
+        time_s: if count { [1.0, 3.0] } else { [0.0; 2] },
+        ..Starts::default()
+    };
+    WrittenTask::new(TaskTexts { observe, memory, ..texts }, starts).unwrap()
+}
+
+#[test]
+fn a_task_that_is_written_down_gives_the_bits_of_the_one_in_rust() {
+    for case in CASES {
+        let mut built_in = Env::with_task(config(case), Arc::new(ReachPos::default())).unwrap();
+        let mut own = Env::with_task(config(case), Arc::new(written(false))).unwrap();
+        assert!(own.has_goal());
+        assert_eq!(flown(&mut own, 60), flown(&mut built_in, 60), "{case}");
+    }
+    derivatives_agree(&written(false));
+}
+
+#[test]
+fn what_a_task_remembers_changes_with_steps_alike_in_lanes_and_one_world_at_a_time() {
+    // In lanes a channel shows what is remembered before it is rounded to f32.
+    same_in_all_cases(written(true), 1e-5);
+}
+
+#[test]
+fn starts_of_tasks_turn_and_spin() {
+    let texts = TaskTexts {
+        reward: "0".into(),
+        observe: vec![("t".into(), vec!["t".into()])],
+        ..TaskTexts::default()
+    };
+    let starts = Starts {
+        turn_rad: [[0.3, 0.4], [0.0; 2], [0.0; 2]],
+        ang_vel_rad_s: [[1.0, 2.0], [0.0; 2], [-3.0, -2.5]],
+        time_s: [2.0, 2.0],
+        ..Starts::default()
+    };
+    let mut env =
+        Env::with_task(config(CASES[2]), Arc::new(WrittenTask::new(texts, starts).unwrap())).unwrap();
+    env.reset(Some(1), None).unwrap();
+    let each = env.observation().len() / 301;
+    for row in env.observation().chunks_exact(each) {
+        assert!(
+            (0.149..0.2).contains(&row[3])
+                && (1.0..2.0).contains(&row[10])
+                && (-3.0..-2.5).contains(&row[12]),
+            "{row:?}"
+        );
+        assert_eq!(row[13], 2.0);
+    }
+}
+
+#[test]
+fn tasks_that_make_no_sense_are_refused() {
+    let of = |change: &dyn Fn(&mut TaskTexts)| {
+        let mut texts = TaskTexts {
+            name: "own".into(),
+            reward: "x".into(),
+            observe: vec![("o".into(), vec!["z".into()])],
+            ..TaskTexts::default()
+        };
+        change(&mut texts);
+        WrittenTask::new(texts, Starts::default()).unwrap_err().to_string()
+    };
+    for (said, words) in [
+        (of(&|t| t.reward = "x +".into()), "reward: column"),
+        (of(&|t| t.observe[0].1[0] = "height".into()), "o: column 1"),
+        (of(&|t| t.goal = Some(0)), "expected three numbers that are remembered"),
+        (
+            of(&|t| t.memory.push(Remembered { name: "a".into(), between: [2.0, 1.0], next: String::new() })),
+            "finite bounds in order",
+        ),
+    ] {
+        assert!(said.contains(words), "{said} lacks {words}");
+    }
+    let texts = TaskTexts {
+        reward: "0".into(),
+        observe: vec![("a".into(), vec!["a".into()])],
+        memory: vec![Remembered {
+            name: "a".into(),
+            between: [1.0; 2],
+            next: "a * 1000000000000000000000".into(),
+        }],
+        ..TaskTexts::default()
+    };
+    let mut env = Env::with_task(
+        config(CASES[0]),
+        Arc::new(WrittenTask::new(texts, Starts { pos_m: [[1.0; 2]; 3], ..Starts::default() }).unwrap()),
+    )
+    .unwrap();
+    env.reset(Some(1), None).unwrap();
+    let outcomes: Vec<_> = (0..3).map(|_| env.step(&[0.0; 12]).map_err(|e| e.to_string())).collect();
+    assert!(
+        outcomes[0].is_ok() && outcomes[1].as_ref().is_err_and(|e| e.contains("what is remembered")),
+        "{outcomes:?}"
+    );
 }

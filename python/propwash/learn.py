@@ -165,8 +165,8 @@ class Goal:
 
     The functions run once, over names of numbers (``propwash.effect`` says what they may do), and never in training or flight: what they say is computed in the lanes, with its slopes. They see
     ``s.pos`` (m), ``s.quat`` (x y z w), ``s.vel`` (m/s, world), ``s.ang_vel`` (rad/s, body), ``s.t`` (s), what the episode remembers by its name, and, in ``cost`` and ``reward``, ``s.action`` and
-    ``s.before``: the action of the step and the one before it, numbers of -1 to 1 of the limits of whoever flies it. In environments they see ``s.crashed`` (1 where the drone touched something in the
-    step, else 0), ``s.clearance`` (m to the nearest thing), ``s.previous_pos`` (m, a step ago), ``s.action_change`` (0 to 1) and ``s.step_time`` (s), too.
+    ``s.before``: the action of the step and the one before it, numbers of -1 to 1 of the limits of whoever flies it. In environments ``remember`` sees actions, and all see ``s.crashed`` (1 where the drone touched something in the
+    step, else 0), ``s.clearance`` (m to the nearest thing), ``s.previous_pos`` (m, a step ago), ``s.action_change`` (0 to 1) and ``s.step_time`` (s).
 
     A range is a number, or a pair between which it is drawn.
 
@@ -328,7 +328,7 @@ class Goal:
                 if over is not None:
                     reward = np.where(over, reward - float(self.lost_cost), reward)
             told = {"reward": reward._text, "lost": "" if lost is None else lost._text, "done": "" if done is None else done._text}
-            memory = self._kept(sight)
+            memory = self._kept(priced)
         used = [*(text for each in observed.values() for text in each), *told.values(), *(text for *_, text in memory)]
         places = [own for own, *_ in memory]
         goal = places.index("goal_1") if "goal_3" in places and "goal_4" not in places else None

@@ -14,8 +14,8 @@ use rayon::ThreadPool;
 
 use crate::arrays;
 use crate::camera::CameraSpec;
-use crate::learn::written_task;
 use crate::errors::{Error, OrRaise};
+use crate::learn::written_task;
 use crate::sense::{Described, describe as describe_channel};
 use crate::sim::describe;
 use crate::task::{PyTask, TaskDraws};

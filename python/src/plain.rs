@@ -2,8 +2,8 @@
 
 use numpy::{PyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use propwash::arena::{Cost, Priced};
-use propwash::rollout::tape::state_width;
 use propwash::rollout::pool::alone;
+use propwash::rollout::tape::state_width;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 

@@ -373,9 +373,9 @@ def test_tasks_that_make_no_sense_are_refused_by_name():
         with pytest.raises(error, match=match):
             envs.DroneVectorEnv(2, task=task, **kwargs)
 
-    refused(ValueError, "task: expected one of reach_pos, .*, or a propwash.envs.Task, got 'none_such'", "none_such")
-    refused(TypeError, "task: expected a name or a propwash.envs.Task, got float", 3.5)
-    refused(TypeError, "expected dict to make a propwash.envs.Task, got dict", dict)
+    refused(ValueError, "task: expected one of reach_pos, .*, a propwash.learn.Goal or a propwash.envs.Task, got 'none_such'", "none_such")
+    refused(TypeError, "task: expected a name, a propwash.learn.Goal or a propwash.envs.Task, got float", 3.5)
+    refused(TypeError, "expected dict to make a propwash.learn.Goal or a propwash.envs.Task, got dict", dict)
     refused(ValueError, "task_options: expected none", ReachPos(), task_options={"steepness": 1})
     refused(TypeError, "unexpected keyword argument 'steep'", ReachPos, task_options={"steep": 1})
     for channels in ({"x": 0}, {"x": 1.5}, ["x"], {3: 1}):
@@ -389,7 +389,7 @@ def test_tasks_that_make_no_sense_are_refused_by_name():
         envs.register_task("MyTask", Hover)
     with pytest.raises(ValueError, match="another than those of the built-in"):
         envs.register_task("reach_pos", Hover)
-    with pytest.raises(TypeError, match="derived from propwash.envs.Task"):
+    with pytest.raises(TypeError, match="derived from propwash.learn.Goal or propwash.envs.Task"):
         envs.register_task("mine", dict)
 
 

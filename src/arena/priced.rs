@@ -69,7 +69,9 @@ impl Cost {
         all.extend((0..command_width).map(Read::Before));
         names.extend(given.iter().cloned());
         all.extend((0..given.len()).map(Read::Given));
-        let wrong = |what: &str, e: &dyn std::fmt::Display| ArenaError::option("cost", "an expression", format!("{what}: {e}"));
+        let wrong = |what: &str, e: &dyn std::fmt::Display| {
+            ArenaError::option("cost", "an expression", format!("{what}: {e}"))
+        };
         let mut sheet = Sheet::over(names);
         for (name, text) in lets {
             sheet.add(name, text).map_err(|e| wrong(name, &e))?;
@@ -198,7 +200,10 @@ impl<N: Number> Arena<N> {
         let cost = asked.cost;
         let sizes = (data.n_rotors, data.command_width);
         if (cost.n_rotors, cost.command_width) != sizes {
-            let (expected, got) = (format!("one for {sizes:?} rotors and numbers of a command"), (cost.n_rotors, cost.command_width));
+            let (expected, got) = (
+                format!("one for {sizes:?} rotors and numbers of a command"),
+                (cost.n_rotors, cost.command_width),
+            );
             return Err(ArenaError::option("cost", expected, format!("{got:?}")));
         }
         let n = cost.n_given;
@@ -210,7 +215,11 @@ impl<N: Number> Arena<N> {
             return Err(ArenaError::option("given", "finite numbers", asked.given[i]));
         }
         if cost.reads_distance() && asked.field.is_none() {
-            return Err(ArenaError::option("field", "a distance field, since the cost reads distances", "none"));
+            return Err(ArenaError::option(
+                "field",
+                "a distance field, since the cost reads distances",
+                "none",
+            ));
         }
         let pricing = Pricing {
             asked,
@@ -229,7 +238,11 @@ impl<N: Number> Arena<N> {
                 *sum = f64::INFINITY;
             } else if sum.is_nan() {
                 let got = format!("{sum} in world {}, drone {}", row / drones, row % drones);
-                return Err(ArenaError::option("cost", "numbers: look for roots and quotients of what may be below or at 0", got));
+                return Err(ArenaError::option(
+                    "cost",
+                    "numbers: look for roots and quotients of what may be below or at 0",
+                    got,
+                ));
             }
         }
         Ok((states, sums))

@@ -78,8 +78,7 @@ impl WrittenTask {
         let one = |what: &str, text: &str| sheet.program(text).map_err(|e| odd(what, e));
         let maybe =
             |what: &str, text: &str| if text.is_empty() { Ok(None) } else { one(what, text).map(Some) };
-        let observe =
-            texts.observe.iter().flat_map(|(name, list)| list.iter().map(move |text| (name, text)));
+        let observe = texts.observe.iter().flat_map(|(name, list)| list.iter().map(move |text| (name, text)));
         let observe = observe.map(|(name, text)| one(name, text)).collect::<Result<_, _>>()?;
         let next = texts.memory.iter().map(|m| maybe(&m.name, &m.next)).collect::<Result<_, _>>()?;
         let (left, done) = (maybe("lost", &texts.left)?, maybe("done", &texts.done)?);
@@ -96,11 +95,8 @@ impl WrittenTask {
     fn numbers<S: Real>(&self, seen: &Seen<S>, memory: &[S]) -> Vec<S> {
         let (own, rest) = memory.split_at(self.texts.memory.len());
         let begin = rest.first().copied().unwrap_or(S::lit(self.starts.time_s[0]));
-        let time = if self.draws_time() || self.starts.time_s[0] != 0.0 {
-            begin + seen.time_s
-        } else {
-            seen.time_s
-        };
+        let time =
+            if self.draws_time() || self.starts.time_s[0] != 0.0 { begin + seen.time_s } else { seen.time_s };
         let mut out =
             [&seen.pos_m[..], &seen.quat_xyzw, &seen.vel_m_s, &seen.ang_vel_rad_s, &[time], own].concat();
         out.extend(seen.action.iter().chain(&seen.action_before));

@@ -133,12 +133,7 @@ impl<N: Number> Sim<N> {
         out
     }
 
-    fn asked(
-        &self,
-        (world, drone): (usize, usize),
-        x: &[f64],
-        u: &[f64],
-    ) -> Result<Asked<'_>, RolloutError> {
+    fn asked(&self, (world, drone): (usize, usize), x: &[f64], u: &[f64]) -> Result<Asked<'_>, RolloutError> {
         let data = &self.data;
         for (name, got, many) in [("world", world, data.n_worlds), ("drone", drone, data.n_drones)] {
             if got >= many {
@@ -189,10 +184,8 @@ mod tests {
 
     fn sim(control: ControlMode, dynamics: &str) -> Sim<f64> {
         let vehicle = Vehicle::builtin("cf21B_500").unwrap();
-        let options =
-            SimOptions { n_worlds: 2, control, engine: Engine::Reference, ..SimOptions::default() };
-        let mut sim =
-            Sim::storing(options, vec![(vehicle.drone(dynamics).unwrap(), vehicle.rates)]).unwrap();
+        let options = SimOptions { n_worlds: 2, control, engine: Engine::Reference, ..SimOptions::default() };
+        let mut sim = Sim::storing(options, vec![(vehicle.drone(dynamics).unwrap(), vehicle.rates)]).unwrap();
         let hover = sim.drone(0, 0).hover_command();
         let command = match control {
             ControlMode::RotorVel => sim.drone(0, 0).hover_rotor_vel()[..4].to_vec(),
@@ -232,8 +225,7 @@ mod tests {
         let sim = sim(ControlMode::RotorVel, "first_principles");
         let (mut x, u) = (state(&sim, 0), sim.data.command[..4].to_vec());
         (x[7], x[11], x[14]) = (1.3, 2.0, x[14] + 40.0);
-        let (rate, next) =
-            (sim.rate_at((0, 0), &x, &u).unwrap(), sim.steps_from((0, 0), &x, &u, 1).unwrap());
+        let (rate, next) = (sim.rate_at((0, 0), &x, &u).unwrap(), sim.steps_from((0, 0), &x, &u, 1).unwrap());
         for k in (0..x.len()).filter(|k| !(3..7).contains(k)) {
             // Euler's step is exactly this, but for the attitude, which is turned.
             let slope = (next[k] - x[k]) * 500.0;

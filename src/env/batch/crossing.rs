@@ -151,8 +151,7 @@ impl Surroundings for Scenes {
         };
         self.task.begin(&mut start).map_err(|e| e.to_string())?;
         let [start] = starts;
-        let state =
-            State { pos: start.pos_m, vel: start.vel_m_s, quat: start.quat_xyzw(), ..State::rest() };
+        let state = State { pos: start.pos_m, vel: start.vel_m_s, quat: start.quat_xyzw(), ..State::rest() };
         let target_m = [0, 1, 2].map(|k| f64::from(memory[k]));
         if self.detour_m > 0.0 {
             let way = Way::to(target_m, &self.fields[number], self.boxes[number], self.detour_m);

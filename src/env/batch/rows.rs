@@ -40,7 +40,11 @@ impl Rows {
             ended: vec![false; n],
             clipped: vec![false; n],
             last_action: vec![0.0; n * d * plan.action_width],
-            acted: if plan.reads_actions { [0, 1].map(|_| vec![0.0; n * d * plan.action_width]) } else { Default::default() },
+            acted: if plan.reads_actions {
+                [0, 1].map(|_| vec![0.0; n * d * plan.action_width])
+            } else {
+                Default::default()
+            },
             memory: vec![0.0; n * memory_len.max(1)],
             memory_len,
             memory_stride: memory_len.max(1),
