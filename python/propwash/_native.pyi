@@ -8,6 +8,7 @@ from .sim import Control, Dynamics
 
 __all__ = [
     "Cameras",
+    "Cost",
     "Crossed",
     "Env",
     "Function",

@@ -320,7 +320,7 @@ class Goal:
             if type(self).off is not Goal.off:
                 far = self._said("off", self.off(sight)) > float(self.far)
                 lost = far if lost is None else lost | far
-            reward = self._said("reward", self.reward(priced))
+            reward: Any = self._said("reward", self.reward(priced))
             if type(self).reward is Goal.reward:
                 over = sight.crashed if self.crash_ends else None
                 if lost is not None:

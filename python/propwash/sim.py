@@ -718,9 +718,10 @@ class Sim:
             head = np.broadcast_shapes(parts[0].shape[:-1], parts[1].shape[:-1])
         except ValueError:
             raise ValueError(f"x, u: expected leading axes that broadcast to each other, got {parts[0].shape[:-1]} and {parts[1].shape[:-1]}") from None
-        rows = [np.ascontiguousarray(np.broadcast_to(part, (*head, part.shape[-1])), np.float64).reshape(-1, part.shape[-1]) for part in parts]
-        at = _whole("world", world, 0, self.n_worlds - 1), _whole("drone", drone, 0, self.n_drones - 1)
-        return self._native.function(*at, *rows, n_steps).reshape(*head, wide)
+        many = int(np.prod(head))
+        states, commands = (np.ascontiguousarray(np.broadcast_to(part, (*head, part.shape[-1])), np.float64).reshape(many, part.shape[-1]) for part in parts)
+        world, drone = _whole("world", world, 0, self.n_worlds - 1), _whole("drone", drone, 0, self.n_drones - 1)
+        return self._native.function(world, drone, states, commands, n_steps).reshape(*head, wide)
 
     def linearize(self, substeps: int = 1, *, x: ArrayLike | States | None = None, u: ArrayLike | None = None) -> tuple[NDArray[Any], NDArray[Any]]:
         """Slopes of ``substeps`` steps, those of ``F``: ``A`` and ``B`` of x' = A x + B u, as ``Tape.linearize`` gives them. The ``Sim`` stays where it is.

@@ -23,6 +23,7 @@ TESTED = {
     "nmpc.py",
     "own_controller.py",
     "own_dataset.py",
+    "own_goal.py",
     "own_task.py",
     "raptor.py",
     "ray_dataset.py",
@@ -59,6 +60,15 @@ def test_a_task_of_ones_own_is_flown(tmp_path):
     hits = dict(re.findall(r"(.+): hit in (\d+) %", said))
     assert int(hits["holds its place"]) > 90 and int(hits["gives way"]) < 10, said
     assert "Propwash/Dodge-v0, 64 episodes" in said and (tmp_path / "own_task.png").stat().st_size > 20_000
+
+
+def test_a_goal_is_learnt_and_flown_in_its_environment(tmp_path):
+    pytest.importorskip("matplotlib")
+    said = run("own_goal.py", "--picture", tmp_path / "own_goal.png")
+    assert int(re.search(r"(\d+) of 100 flights reach eight places", said).group(1)) >= 60, said
+    rows = re.findall(r"^(.+): ([\d.]+) places in 12 s, ([\d.]+)% of the episodes broken off", said, re.M)
+    assert len(rows) == 5 and all(float(places) > 7.0 and float(broken) < 10.0 for _, places, broken in rows), said
+    assert (tmp_path / "own_goal.png").stat().st_size > 10_000
 
 
 def test_a_vehicle_of_ones_own_flies_and_learns():

@@ -113,45 +113,65 @@ struct Pricing<'a, N> {
     sums: Vec<AtomicU64>,
 }
 
+/// Where the numbers of some rows stand, one for each lane; lanes behind the last row repeat it.
+struct Block<'a, N> {
+    states: [&'a [N]; Lanes::LANES],
+    commands: [&'a [N]; Lanes::LANES],
+    before: [&'a [N]; Lanes::LANES],
+}
+
 impl<N: Number> Pricing<'_, N> {
-    /// A number of the command of a row at a time.
-    fn command(&self, row: usize, t: usize, k: usize) -> f64 {
-        let width = self.asked.cost.command_width;
-        let (w, d) = (row / self.drones, row % self.drones);
-        self.commands[((w * self.times + t) * self.drones + d) * width + k].wide()
+    /// The rows from `from` on of those that are seen.
+    fn block<'a>(&'a self, seen: &Watched<'a, N>, from: usize) -> Block<'a, N> {
+        let (rows, width) = (seen.n_worlds * self.drones, self.asked.cost.command_width);
+        let own = |lane: usize| {
+            let row = (from + lane).min(rows - 1);
+            (row / self.drones, row % self.drones)
+        };
+        let command = |lane: usize, t: usize| {
+            let (w, d) = own(lane);
+            &self.commands[(((seen.first_world + w) * self.times + t) * self.drones + d) * width..][..width]
+        };
+        Block {
+            states: core::array::from_fn(|lane| {
+                let (w, d) = own(lane);
+                let states = seen.world(w);
+                let each = states.len() / self.drones;
+                &states[d * each..(d + 1) * each]
+            }),
+            commands: core::array::from_fn(|lane| command(lane, seen.t)),
+            before: core::array::from_fn(|lane| match seen.t {
+                0 => {
+                    let (w, d) = own(lane);
+                    &self.first[((seen.first_world + w) * self.drones + d) * width..][..width]
+                }
+                t => command(lane, t - 1),
+            }),
+        }
     }
 
-    /// Writes what the cost reads of rows from `from` on into lanes; those behind the last repeat it.
-    fn fill(&self, seen: &Watched<N>, from: usize, registers: &mut Registers<Lanes>) {
-        let (rows, width) = (seen.n_worlds * self.drones, self.asked.cost.command_width);
-        let first = seen.first_world * self.drones;
-        let own = |lane: usize| (from + lane).min(rows - 1);
-        let state = |lane: usize, k: usize| {
-            let states = seen.world(own(lane) / self.drones);
-            states[own(lane) % self.drones * (states.len() / self.drones) + k].wide()
-        };
+    /// Writes what the cost reads of a block into lanes.
+    fn fill(&self, t: usize, block: &Block<N>, registers: &mut Registers<Lanes>) {
         for (input, read) in &self.asked.cost.reads {
             let cell = registers.input(*input);
+            let mut from = |rows: &[&[N]; Lanes::LANES], k: usize| cell.fill(0, |lane| rows[lane][k].wide());
             match *read {
-                Read::State(k) => cell.fill(0, |lane| state(lane, k)),
-                Read::Time => *cell = Lanes::splat((seen.t + 1) as f64 * self.step_s),
-                Read::Last => *cell = Lanes::splat(f64::from(u8::from(seen.t + 1 == self.times))),
+                Read::State(k) => from(&block.states, k),
+                Read::Command(k) => from(&block.commands, k),
+                Read::Before(k) => from(&block.before, k),
+                Read::Time => *cell = Lanes::splat((t + 1) as f64 * self.step_s),
+                Read::Last => *cell = Lanes::splat(f64::from(u8::from(t + 1 == self.times))),
                 Read::Distance => {
                     let mut pos = [F32x16::splat(0.0); 3];
                     for (k, axis) in pos.iter_mut().enumerate() {
-                        axis.fill(0, |lane| state(lane, k) as f32);
+                        axis.fill(0, |lane| block.states[lane][k].wide() as f32);
                     }
                     let field = self.asked.field.map(|field| field.at_lanes(&pos).0);
                     cell.fill(0, |lane| field.map_or(f64::INFINITY, |d| f64::from(d.get(lane))));
                 }
-                Read::Command(k) => cell.fill(0, |lane| self.command(first + own(lane), seen.t, k)),
-                Read::Before(k) => cell.fill(0, |lane| match seen.t {
-                    0 => self.first[(first + own(lane)) * width + k].wide(),
-                    t => self.command(first + own(lane), t - 1, k),
-                }),
                 Read::Given(k) => {
                     let n = self.asked.cost.n_given;
-                    let of = if self.asked.given.len() == n { 0 } else { seen.t };
+                    let of = if self.asked.given.len() == n { 0 } else { t };
                     *cell = Lanes::splat(self.asked.given[of * n + k]);
                 }
             }
@@ -166,7 +186,7 @@ impl<N: Number> Watcher<N> for Pricing<'_, N> {
         let mut registers = lent.unwrap_or_else(|| Registers::new(formula));
         let rows = seen.n_worlds * self.drones;
         for from in (0..rows).step_by(Lanes::LANES) {
-            self.fill(&seen, from, &mut registers);
+            self.fill(seen.t, &self.block(&seen, from), &mut registers);
             registers.run(formula);
             let cost = registers.output(formula, 0);
             for lane in 0..Lanes::LANES.min(rows - from) {

@@ -191,7 +191,7 @@ mod tests {
             ControlMode::RotorVel => sim.drone(0, 0).hover_rotor_vel()[..4].to_vec(),
             _ => vec![0.1, -0.05, 0.2, 1.02 * hover],
         };
-        sim.set_command(control, &command.repeat(2)).unwrap();
+        sim.set_command(&command.repeat(2)).unwrap();
         // Controllers remember something then.
         sim.step(7).unwrap();
         sim
