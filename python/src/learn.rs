@@ -26,7 +26,7 @@ enum AnyGoal {
     Reach(Reach),
     Land(Land),
     Gates(Gates),
-    Written(Written),
+    Written(Box<Written>),
 }
 
 /// The same expression for every goal.
@@ -38,7 +38,10 @@ macro_rules! each {
             AnyGoal::Reach($of) => $body,
             AnyGoal::Land($of) => $body,
             AnyGoal::Gates($of) => $body,
-            AnyGoal::Written($of) => $body,
+            AnyGoal::Written(boxed) => {
+                let $of = &**boxed;
+                $body
+            }
         }
     };
 }
@@ -166,7 +169,7 @@ fn written_of(given: &Numbers<'_, '_>) -> PyResult<AnyGoal> {
         memory: given.memory()?,
     };
     let sizes = (given.get("time", 4.0)?, given.get("far", 10.0)?, given.get("lost_cost", 100.0)?);
-    Written::new(&texts, given.starts()?, sizes).or_raise().map(AnyGoal::Written)
+    Written::new(&texts, given.starts()?, sizes).or_raise().map(|goal| AnyGoal::Written(Box::new(goal)))
 }
 
 /// A goal of expressions as the task of an environment.
