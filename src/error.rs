@@ -60,6 +60,9 @@ pub enum Error {
     /// Learning environments.
     #[error(transparent)]
     Env(Box<crate::env::EnvError>),
+    /// Flight stacks in the loop.
+    #[error(transparent)]
+    Sitl(Box<crate::sitl::SitlError>),
     /// A data set could not be written or read.
     #[error(transparent)]
     Dataset(#[from] crate::dataset::DatasetError),
@@ -68,6 +71,17 @@ pub enum Error {
 impl From<crate::env::EnvError> for Error {
     fn from(error: crate::env::EnvError) -> Self {
         Self::Env(Box::new(error))
+    }
+}
+
+impl From<crate::sitl::SitlError> for Error {
+    fn from(error: crate::sitl::SitlError) -> Self {
+        use crate::sitl::SitlError;
+        match error {
+            SitlError::Arena(e) => (*e).into(),
+            SitlError::Record { path, source } => Self::Io { path, source },
+            e => Self::Sitl(Box::new(e)),
+        }
     }
 }
 

@@ -29,6 +29,7 @@
 //! | record data sets | [`dataset::recorder`] for patterns, [`dataset::Recorder`] for a loop of your own |
 //! | read data sets | [`dataset::Dataset`] |
 //! | find what a model lacks | [`flight::FlightLog`], [`mod@gap::compare`], [`mod@gap::diagnose`], [`gap::accept`] |
+//! | let PX4, ArduPilot or Betaflight fly | [`sitl::Server`] |
 //! | describe a vehicle | [`vehicle::Vehicle`] |
 //! | add an effect, a sensor or a task | [`physics::effects::register`], [`sense::Sensor`], [`env::Task`] |
 //!
@@ -74,6 +75,10 @@ pub use propwash_gap as gap;
 
 pub mod dataset;
 pub mod env;
+
+// Flight stacks in the loop: what they and a simulation tell each other, and the servers.
+pub use propwash_autopilot as autopilot;
+pub mod sitl;
 
 // Pages that show flights in a browser.
 pub use propwash_page as page;

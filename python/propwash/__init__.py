@@ -81,6 +81,7 @@ from .references import MinimumSnap  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
 from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
+from .sitl import Sitl, SitlTouch, SitlTraffic  # noqa: E402
 from .tape import Approach, Gradient, States, Tape  # noqa: E402
 from .view import View  # noqa: E402
 from .viewer import Viewer  # noqa: E402
@@ -153,6 +154,9 @@ __all__ = [
     "Section",
     "SensorChannel",
     "Sim",
+    "Sitl",
+    "SitlTouch",
+    "SitlTraffic",
     "State",
     "States",
     "Swept",

@@ -18,6 +18,7 @@ mod program;
 mod recorder;
 mod sense;
 mod sim;
+mod sitl;
 mod stages;
 mod state;
 mod tape;
@@ -61,6 +62,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<plain::PyCost>()?;
     m.add_class::<camera::PyCameras>()?;
     m.add_class::<recorder::PyRecorder>()?;
+    m.add_class::<sitl::PySitl>()?;
     m.add_class::<env::PyEnv>()?;
     m.add_class::<task::TaskDraws>()?;
     m.add_function(wrap_pyfunction!(task::built_in_tasks, m)?)?;

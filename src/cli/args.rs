@@ -8,6 +8,7 @@ use super::gap_args::{
 use super::gap_logs::DriveArg;
 use super::lab_args::LAB_EXAMPLES;
 pub use super::lab_args::LabArgs;
+use super::sitl_args::{SITL_EXAMPLES, SitlArgs};
 use super::view_args::VIEW_EXAMPLES;
 pub use super::view_args::ViewArgs;
 use super::watch_args::{WATCH_EXAMPLES, WatchArgs};
@@ -42,6 +43,7 @@ Examples:
                --seconds 4 --camera fpv --size 64x64 --out data/forest
   propwash view data/forest --open                   the flight in three dimensions, in the browser
   propwash lab                                       from a flight log to a better vehicle, in the browser
+  propwash sitl hb_x500 --stack px4                  PX4 flies a vehicle; ArduPilot and Betaflight do, too
   propwash log check flight.csv                      what is wrong with a flight log, in words
   propwash vehicle diff cf2x_L250 mine.toml          what differs between two vehicles
   propwash identify flight.csv --model attitude --vehicle cf2x_L250 --out better.toml
@@ -136,6 +138,9 @@ pub enum Command {
     /// From a flight log to a better vehicle in the browser: see the flight, find what is missing, switch it on, save.
     #[command(after_help = LAB_EXAMPLES)]
     Lab(LabArgs),
+    /// Let PX4, ArduPilot or Betaflight fly a vehicle: their controllers, simulated physics and sensors, in lockstep.
+    #[command(after_help = SITL_EXAMPLES, allow_negative_numbers = true)]
+    Sitl(Box<SitlArgs>),
     /// List the vehicles, or show one with all its values and sources.
     #[command(after_help = DRONES_EXAMPLES, allow_negative_numbers = true)]
     Drones(DronesArgs),
@@ -315,7 +320,7 @@ pub fn triple(text: &str) -> Result<[f64; 3], String> {
 }
 
 /// `1,2,3,4` → numbers, finite.
-fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let list: Option<Vec<f64>> = text.split(',').map(|v| v.trim().parse().ok()).collect();
     let list = list.filter(|list| list.iter().all(|v| v.is_finite()));
     let found = list.and_then(|list| <[f64; N]>::try_from(list).ok());
@@ -345,7 +350,7 @@ fn obstacle_motion(text: &str) -> Result<Box<ObstacleMotion>, String> {
 }
 
 /// `KIND` or `KIND:KEY=VALUE,…` → what has these fields; values are those of TOML, and words without quotes are text.
-fn described<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+pub fn described<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     let (kind, rest) = text.split_once(':').unwrap_or((text, ""));
     let mut table = toml::Table::from_iter([("kind".to_string(), toml::Value::from(kind.trim()))]);
     // Commas within brackets and quotes belong to a value.
@@ -379,6 +384,11 @@ fn described<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
 /// A whole number of at least zero.
 pub fn whole<T: std::str::FromStr>(text: &str) -> Result<T, String> {
     text.parse().map_err(|_| format!("expected a whole number of at least 0, got {text:?}"))
+}
+
+/// Whole numbers of at least zero with commas between them.
+pub fn list<T: std::str::FromStr>(text: &str) -> Result<Vec<T>, String> {
+    text.split(',').map(|one| whole(one.trim())).collect()
 }
 
 /// A MuJoCo geom group.

@@ -10,6 +10,7 @@ mod interrupt;
 mod lab_args;
 mod output;
 mod progress;
+mod sitl_args;
 mod view_args;
 mod watch_args;
 
@@ -88,6 +89,7 @@ fn parse_and_run(line: &[OsString], again: &[OsString]) -> u8 {
         args::Command::Fly(a) => cmd::fly::run(&a),
         args::Command::View(a) => cmd::view::run(&a),
         args::Command::Lab(a) => cmd::lab::run(&a),
+        args::Command::Sitl(a) => cmd::sitl::run(&a),
         args::Command::Depth(a) => cmd::depth::run(&a),
         args::Command::Drones(a) => cmd::drones::run(&a),
         args::Command::Export(a) => cmd::export::run(&a),

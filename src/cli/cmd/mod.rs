@@ -16,6 +16,7 @@ pub mod lab;
 pub mod log;
 pub mod remove;
 pub mod scene;
+pub mod sitl;
 pub mod urdf;
 pub mod vehicle;
 mod vehicle_new;
