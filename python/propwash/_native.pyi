@@ -16,6 +16,7 @@ __all__ = [
     "Field",
     "LabSession",
     "Learnt",
+    "Planner",
     "Recorder",
     "RestOnGround",
     "Sim",
@@ -119,6 +120,24 @@ class Learnt:
     def fly(
         self, vehicle: Vehicle | None, flights: int, settle_s: float, seed: int
     ) -> tuple[float, float, int, int, NDArray[np.float64], NDArray[np.float64]]: ...
+
+@final
+class Planner:
+    def __new__(
+        cls,
+        vehicle: Vehicle,
+        dynamics: str,
+        control: str,
+        cost: Cost,
+        options: dict[str, Any],
+        threads: int | None,
+    ) -> Self: ...
+    def begin(self) -> None: ...
+    def update(
+        self, motion: Sequence[float], time: float, given: Sequence[float], field: Field | None
+    ) -> tuple[list[float], int, float, float]: ...
+    def means(self) -> NDArray[np.float32]: ...
+    def costs(self) -> NDArray[np.float32]: ...
 
 def learn_bptt(
     goal: str, numbers: dict[str, Any], vehicle: Vehicle, dynamics: str, action: str, options: dict[str, Any]

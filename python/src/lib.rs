@@ -16,6 +16,7 @@ mod learn;
 mod plain;
 mod program;
 mod recorder;
+mod sampling;
 mod sense;
 mod sim;
 mod sitl;
@@ -76,6 +77,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(vehicle::network_files, m)?)?;
     m.add_class::<lab::PyLab>()?;
     m.add_class::<learn::PyLearnt>()?;
+    m.add_class::<sampling::PyPlanner>()?;
     m.add_function(wrap_pyfunction!(learn::learn_bptt, m)?)?;
     m.add_function(wrap_pyfunction!(learn::learn_ppo, m)?)?;
     m.add_class::<crossing::PyCrossed>()?;

@@ -19,7 +19,7 @@ const HERE: usize = 200;
 /// What a flight costs after each command, traced once.
 #[pyclass(frozen, name = "Cost", module = "propwash._native")]
 pub struct PyCost {
-    cost: Cost,
+    pub cost: Cost,
 }
 
 #[pymethods]
@@ -33,7 +33,8 @@ impl PyCost {
         n_rotors: usize,
         command_width: usize,
     ) -> PyResult<Self> {
-        Ok(Self { cost: Cost::new((&lets, cost), &given, (n_rotors, command_width)).or_raise()? })
+        let made = Cost::new((&lets, cost), &given, (n_rotors, command_width));
+        Ok(Self { cost: made.map_err(|e| PyValueError::new_err(format!("cost: {e}")))? })
     }
 }
 

@@ -39,7 +39,7 @@ impl<N: Number> Watcher<N> for Near<'_> {
                 let at = row % self.drones * (states.len() / self.drones);
                 (0..3).for_each(|k| pos[k].set(lane, states[at + k].wide() as f32));
             }
-            let (distance, _) = self.field.at_lanes(&pos);
+            let distance = self.field.distance_lanes(&pos);
             for lane in 0..LANES.min(rows - from) {
                 let row = seen.first_world * self.drones + from + lane;
                 let d = distance.get(lane);

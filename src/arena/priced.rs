@@ -6,87 +6,13 @@ use std::sync::{Mutex, PoisonError};
 use super::{Arena, ArenaError};
 use crate::geometry::DistanceField;
 use crate::rollout::watch::{Watched, Watcher};
-use crate::scalar::formula::{Formula, Registers};
+use crate::scalar::formula::Registers;
 use crate::scalar::lanes::{Cell, F32x16, Number};
-use crate::vehicle::expression::Sheet;
+pub use crate::vehicle::expression::Cost;
+use crate::vehicle::expression::Read;
 
 /// Lanes in which costs are computed, in f64: sixteen, as a field has.
 type Lanes = <f64 as Number>::Two;
-
-/// What a cost reads of a drone after a command, one number each.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Read {
-    /// A number of the state.
-    State(usize),
-    /// Time since the flight began, s.
-    Time,
-    /// 1 after the last command, else 0.
-    Last,
-    /// Distance to what a field holds, m.
-    Distance,
-    /// A number of the command, and of the one before.
-    Command(usize),
-    Before(usize),
-    /// A number that the caller gives.
-    Given(usize),
-}
-
-/// A cost of one drone after each command of a flight, traced once.
-///
-/// Its expression reads `x y z qx qy qz qw vx vy vz wx wy wz rotor1 … thrust` (a state, SI), `t` (s since the flight began), `last` (1 after the last command, else 0),
-/// `distance` (m, with a field), `command1 …`, `before1 …` (the command before; first the one in force when the flight began), and what is given, by name.
-#[derive(Debug)]
-pub struct Cost {
-    formula: Formula,
-    reads: Vec<(usize, Read)>,
-    n_rotors: usize,
-    command_width: usize,
-    n_given: usize,
-    /// Memory to compute in that no thread uses now.
-    free: Mutex<Vec<Registers<Lanes>>>,
-}
-
-impl Cost {
-    /// From expressions: values with names, in order, and the cost. `given` names further numbers.
-    ///
-    /// # Errors
-    /// [`ArenaError::Option`] for what is no expression.
-    pub fn new(
-        (lets, cost): (&[(String, String)], &str),
-        given: &[String],
-        (n_rotors, command_width): (usize, usize),
-    ) -> Result<Self, ArenaError> {
-        let state = ["x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"];
-        let mut names: Vec<String> = state.iter().map(ToString::to_string).collect();
-        names.extend((1..=n_rotors).map(|k| format!("rotor{k}")));
-        names.push("thrust".into());
-        let mut all: Vec<Read> = (0..names.len()).map(Read::State).collect();
-        names.extend(["t", "last", "distance"].map(String::from));
-        all.extend([Read::Time, Read::Last, Read::Distance]);
-        names.extend((1..=command_width).map(|k| format!("command{k}")));
-        all.extend((0..command_width).map(Read::Command));
-        names.extend((1..=command_width).map(|k| format!("before{k}")));
-        all.extend((0..command_width).map(Read::Before));
-        names.extend(given.iter().cloned());
-        all.extend((0..given.len()).map(Read::Given));
-        let wrong = |what: &str, e: &dyn std::fmt::Display| {
-            ArenaError::option("cost", "an expression", format!("{what}: {e}"))
-        };
-        let mut sheet = Sheet::over(names);
-        for (name, text) in lets {
-            sheet.add(name, text).map_err(|e| wrong(name, &e))?;
-        }
-        let program = sheet.program(cost).map_err(|e| wrong("cost", &e))?;
-        let formula = Formula::new(all.len(), |v| vec![Sheet::value(&program, &sheet.numbers(v.to_vec()))]);
-        let reads = formula.reads().into_iter().map(|i| (i, all[i])).collect();
-        Ok(Self { formula, reads, n_rotors, command_width, n_given: given.len(), free: Mutex::default() })
-    }
-
-    /// Whether it reads distances, and so needs a field.
-    pub fn reads_distance(&self) -> bool {
-        self.reads.iter().any(|(_, read)| *read == Read::Distance)
-    }
-}
 
 /// What a flight is priced by.
 #[derive(Clone, Copy, Debug)]
@@ -111,6 +37,8 @@ struct Pricing<'a, N> {
     step_s: f64,
     /// Bits of a number each. (world, drone)
     sums: Vec<AtomicU64>,
+    /// Memory to compute in that no thread uses now.
+    free: Mutex<Vec<Registers<Lanes>>>,
 }
 
 /// Where the numbers of some rows stand, one for each lane; lanes behind the last row repeat it.
@@ -123,7 +51,7 @@ struct Block<'a, N> {
 impl<N: Number> Pricing<'_, N> {
     /// The rows from `from` on of those that are seen.
     fn block<'a>(&'a self, seen: &Watched<'a, N>, from: usize) -> Block<'a, N> {
-        let (rows, width) = (seen.n_worlds * self.drones, self.asked.cost.command_width);
+        let (rows, width) = (seen.n_worlds * self.drones, self.asked.cost.sizes().1);
         let own = |lane: usize| {
             let row = (from + lane).min(rows - 1);
             (row / self.drones, row % self.drones)
@@ -152,7 +80,7 @@ impl<N: Number> Pricing<'_, N> {
 
     /// Writes what the cost reads of a block into lanes.
     fn fill(&self, t: usize, block: &Block<N>, registers: &mut Registers<Lanes>) {
-        for (input, read) in &self.asked.cost.reads {
+        for (input, read) in self.asked.cost.reads() {
             let cell = registers.input(*input);
             let mut from = |rows: &[&[N]; Lanes::LANES], k: usize| cell.fill(0, |lane| rows[lane][k].wide());
             match *read {
@@ -166,11 +94,11 @@ impl<N: Number> Pricing<'_, N> {
                     for (k, axis) in pos.iter_mut().enumerate() {
                         axis.fill(0, |lane| block.states[lane][k].wide() as f32);
                     }
-                    let field = self.asked.field.map(|field| field.at_lanes(&pos).0);
+                    let field = self.asked.field.map(|field| field.distance_lanes(&pos));
                     cell.fill(0, |lane| field.map_or(f64::INFINITY, |d| f64::from(d.get(lane))));
                 }
                 Read::Given(k) => {
-                    let n = self.asked.cost.n_given;
+                    let n = self.asked.cost.n_given();
                     let of = if self.asked.given.len() == n { 0 } else { t };
                     *cell = Lanes::splat(self.asked.given[of * n + k]);
                 }
@@ -181,8 +109,8 @@ impl<N: Number> Pricing<'_, N> {
 
 impl<N: Number> Watcher<N> for Pricing<'_, N> {
     fn look(&self, seen: Watched<N>) {
-        let Cost { formula, free, .. } = self.asked.cost;
-        let lent = free.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        let formula = self.asked.cost.formula();
+        let lent = self.free.lock().unwrap_or_else(PoisonError::into_inner).pop();
         let mut registers = lent.unwrap_or_else(|| Registers::new(formula));
         let rows = seen.n_worlds * self.drones;
         for from in (0..rows).step_by(Lanes::LANES) {
@@ -196,7 +124,7 @@ impl<N: Number> Watcher<N> for Pricing<'_, N> {
                 sum.store((before + cost.get(lane)).to_bits(), Ordering::Relaxed);
             }
         }
-        free.lock().unwrap_or_else(PoisonError::into_inner).push(registers);
+        self.free.lock().unwrap_or_else(PoisonError::into_inner).push(registers);
     }
 }
 
@@ -219,14 +147,12 @@ impl<N: Number> Arena<N> {
         let (drones, rows) = (data.n_drones, data.n_worlds * data.n_drones);
         let cost = asked.cost;
         let sizes = (data.n_rotors, data.command_width);
-        if (cost.n_rotors, cost.command_width) != sizes {
-            let (expected, got) = (
-                format!("one for {sizes:?} rotors and numbers of a command"),
-                (cost.n_rotors, cost.command_width),
-            );
+        if cost.sizes() != sizes {
+            let (expected, got) =
+                (format!("one for {sizes:?} rotors and numbers of a command"), cost.sizes());
             return Err(ArenaError::option("cost", expected, format!("{got:?}")));
         }
-        let n = cost.n_given;
+        let n = cost.n_given();
         if asked.given.len() != n && asked.given.len() != n * times {
             let expected = format!("{n} numbers, or {n} for each of {times} commands");
             return Err(ArenaError::option("given", expected, asked.given.len()));
@@ -249,6 +175,7 @@ impl<N: Number> Arena<N> {
             drones,
             step_s: substeps as f64 / f64::from(self.sim().options().sim_hz),
             sums: (0..rows).map(|_| AtomicU64::new(0.0f64.to_bits())).collect(),
+            free: Mutex::default(),
         };
         let states = self.rollout_watched(commands, substeps, &pricing, keep)?;
         let mut sums: Vec<f64> = pricing.sums.into_iter().map(|v| f64::from_bits(v.into_inner())).collect();

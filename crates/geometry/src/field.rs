@@ -216,6 +216,19 @@ impl DistanceField {
         dispatch!(level(), simd => self.lanes_at(simd, pos_m))
     }
 
+    /// The distances alone.
+    pub fn distance_lanes(&self, pos_m: &[F32x16; 3]) -> F32x16 {
+        dispatch!(level(), simd => self.distance_at(simd, pos_m))
+    }
+
+    #[inline(always)]
+    fn distance_at<S: Simd>(&self, simd: S, pos_m: &[F32x16; 3]) -> F32x16 {
+        simd.vectorize(
+            #[inline(always)]
+            || self.lanes(pos_m).0,
+        )
+    }
+
     #[inline(always)]
     fn lanes_at<S: Simd>(&self, simd: S, pos_m: &[F32x16; 3]) -> (F32x16, [F32x16; 3]) {
         simd.vectorize(
@@ -266,13 +279,16 @@ impl DistanceField {
                 (corners[2 * pair][lane], corners[2 * pair + 1][lane]) = (two[0], two[1]);
             }
         }
-        for lane in 0..N {
-            let (d, g) = trilinear(
-                [0, 1, 2, 3, 4, 5, 6, 7].map(|c: usize| corners[c][lane]),
-                [0, 1, 2].map(|k| t[k][lane]),
-            );
-            value.0[lane] = d;
-            (0..3).for_each(|k| slopes[k].0[lane] = g[k] * inverse);
+        // Spelled out: what a closure returns is not computed in lanes.
+        let [c0, c1, c2, c3, c4, c5, c6, c7] = &corners;
+        let [tx, ty, tz] = &t;
+        for i in 0..N {
+            let all = [c0[i], c1[i], c2[i], c3[i], c4[i], c5[i], c6[i], c7[i]];
+            let (d, g) = trilinear(all, [tx[i], ty[i], tz[i]]);
+            value.0[i] = d;
+            slopes[0].0[i] = g[0] * inverse;
+            slopes[1].0[i] = g[1] * inverse;
+            slopes[2].0[i] = g[2] * inverse;
         }
         (value, slopes)
     }
@@ -330,6 +346,7 @@ mod tests {
                 }
             }
             let (value, slopes) = field.at_lanes(&pos);
+            assert_eq!(value.0, field.distance_lanes(&pos).0);
             for lane in 0..F32x16::LANES {
                 let (d, g) = field.at([0, 1, 2].map(|k| f64::from(pos[k].get(lane))));
                 assert!((f64::from(value.get(lane)) - d).abs() < 1e-5, "{d} {value:?}");

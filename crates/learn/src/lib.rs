@@ -31,6 +31,7 @@ pub mod goals;
 mod network;
 mod policy;
 pub mod ppo;
+pub mod sampling;
 mod sighted;
 mod traced;
 mod value;

@@ -1,11 +1,15 @@
 //! Counter-based random numbers: every draw is a pure function of (seed, world, drone, step, purpose), so any run can be
 //! repeated bit for bit at any thread count, batch size and order.
 
+mod lanes;
+
 use std::convert::Infallible;
 
 use rand::{Rng, RngExt, SeedableRng, TryRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+
+pub use lanes::{lasting_normals, normals};
 
 /// Names one stream of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,6 +82,10 @@ impl Stream {
     }
 }
 
+/// What Philox4x32 multiplies two words by in each round, and adds to its two keys after it.
+const ROUND_PRODUCTS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
+const ROUND_KEYS: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
+
 /// Random bits by Philox4x32-10: four words for a counter of four and a key of two, in ten rounds (Salmon, Moraes, Dror, Shaw, "Parallel random
 /// numbers: as easy as 1, 2, 3", SC 2011). It names a number for each step of each drone as [`Key`] does, at a tenth of the cost: a stream of ChaCha8
 /// begins with four blocks of it, of which a step needs eight bytes.
@@ -101,9 +109,10 @@ impl Philox {
             ((product >> 32) as u32, product as u32)
         };
         for _ in 0..10 {
-            let ((high_0, low_0), (high_1, low_1)) = (wide(0xD251_1F53, c[0]), wide(0xCD9E_8D57, c[2]));
+            let ((high_0, low_0), (high_1, low_1)) =
+                (wide(ROUND_PRODUCTS[0], c[0]), wide(ROUND_PRODUCTS[1], c[2]));
             c = [high_1 ^ c[1] ^ k0, low_1, high_0 ^ c[3] ^ k1, low_0];
-            (k0, k1) = (k0.wrapping_add(0x9E37_79B9), k1.wrapping_add(0xBB67_AE85));
+            (k0, k1) = (k0.wrapping_add(ROUND_KEYS[0]), k1.wrapping_add(ROUND_KEYS[1]));
         }
         c
     }

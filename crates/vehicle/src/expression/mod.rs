@@ -1,11 +1,13 @@
 //! `[[effect]]` entries of kind `expression`: a user's own effect, from text to a program; `docs/effects/expression.md`.
 
+mod cost;
 mod given;
 mod parser;
 mod sheet;
 #[cfg(test)]
 mod tests;
 
+pub use cost::{Cost, Read};
 pub use parser::{ExpressionError, parse, parse_names};
 pub use sheet::Sheet;
 

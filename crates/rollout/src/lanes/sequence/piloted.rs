@@ -10,9 +10,10 @@ use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
 use propwash_trace::lanes::{Cell, Number};
 
-/// Numbers of a state, one cell each, from the cells of a home that begin with them.
-fn state_cells<C: Copy>(file: &[C], from: usize, width: usize) -> impl Iterator<Item = C> + '_ {
-    file[from..from + width - 1].iter().chain([&file[from + place::THRUST as usize]]).copied()
+/// Appends the numbers of a state, one cell each, of the cells of a home that begin with them.
+fn add_state<C: Copy>(buffer: &mut Vec<C>, file: &[C], from: usize, width: usize) {
+    buffer.extend_from_slice(&file[from..from + width - 1]);
+    buffer.push(file[from + place::THRUST as usize]);
 }
 
 impl<N: Number> Shared<'_, N> {
@@ -142,7 +143,7 @@ impl<C: Interpret> Pack<C> {
         C::Number: Number<Cell = C>,
     {
         buffer.clear();
-        buffer.extend(state_cells(&self.file, place::STATE as usize, width));
+        add_state(buffer, &self.file, place::STATE as usize, width);
         buffer.resize(width + command, C::splat(C::Number::zero()));
         let (state, to) = buffer.split_at_mut(width);
         commander.command(Place::of(self, view, t), state, to);
@@ -170,7 +171,7 @@ impl<C: Interpret> Pool<C> {
     {
         for pack in &self.packs[..self.used] {
             buffer.clear();
-            buffer.extend(state_cells(&pack.file, place::STATE as usize, width));
+            add_state(buffer, &pack.file, place::STATE as usize, width);
             commander.look(Place::of(pack, view, t), buffer);
         }
     }
@@ -190,7 +191,7 @@ impl<C: Interpret> Pool<C> {
             let pack = &mut undo.pack;
             let first = back.layout.by(place::STATE) as usize;
             buffer.clear();
-            buffer.extend(state_cells(&pack.file, first, width));
+            add_state(buffer, &pack.file, first, width);
             pilot.seed(Place::of(pack, view, t), buffer);
             pack.file[first..first + width - 1].copy_from_slice(&buffer[..width - 1]);
             pack.file[first + place::THRUST as usize] = buffer[width - 1];
@@ -213,7 +214,7 @@ impl<C: Interpret> Pool<C> {
             let (first, commands) =
                 (back.layout.by(place::STATE) as usize, back.layout.by(place::COMMAND) as usize);
             buffer.clear();
-            buffer.extend(state_cells(&pack.file, first, width));
+            add_state(buffer, &pack.file, first, width);
             buffer.extend_from_slice(&pack.file[commands..commands + command]);
             let (state, by_command) = buffer.split_at_mut(width);
             pilot.pull_back(Place::of(pack, view, t), by_command, state);
