@@ -108,7 +108,7 @@ def draw(picture: Path, flights: list[dict]) -> None:
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--flights", type=int, default=6, help="number of flights, each through another field")
-    arguments.add_argument("--samples", type=int, default=8192, help="sequences of an update")
+    arguments.add_argument("--samples", type=int, default=4096, help="sequences of an update")
     arguments.add_argument("--threads", type=int, default=1, help="threads of the planner")
     arguments.add_argument("--seed", type=int, default=0, help="seed of the first field")
     arguments.add_argument("--picture", type=Path, help="where the picture goes")
