@@ -114,7 +114,7 @@ class Planner:
         made = cost if isinstance(cost, Cost) else Cost(cost, {})
         rotors = n_rotors(own)
         written = made._for(rotors, {"state": 16, "rotor_vel": rotors}.get(control, 4))
-        options = {
+        options: dict[str, Any] = {
             "samples": _whole("samples", samples, 1, 2**31),
             "horizon": _whole("horizon", horizon, 1, 10**6),
             "step": float(step),
