@@ -1309,7 +1309,7 @@ mod tests {
     fn help_names_the_scenes_that_there_are() {
         let found = scenes_of(&Args::command());
         let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
-        assert_eq!(names, ["fly scene", "depth scene", "lint file", "bench scene"]);
+        assert_eq!(names, ["fly scene", "depth scene", "sitl scene", "lint file", "bench scene"]);
         let known = format!("({})", SCENES.join(", "));
         for (name, help) in &found {
             assert!(help.contains(&known), "{name}: expected {known} in {help:?}");

@@ -72,7 +72,8 @@ pub struct SitlArgs {
     /// The flight stack that flies it.
     #[arg(long, value_enum)]
     pub stack: StackArg,
-    /// Scene: the name of one that comes with Propwash, or an MJCF file. Default: level ground.
+    /// Scene: the name of one that comes with Propwash (corridor, forest, meshes, room, terrain, zoo), or an MJCF file.
+    /// Default: level ground
     #[arg(long, value_name = "NAME|FILE")]
     pub scene: Option<PathBuf>,
     /// The vehicle starts on what is below this point, m, world. Default: 0,0,1
