@@ -20,6 +20,7 @@ __all__ = [
     "Recorder",
     "RestOnGround",
     "Sim",
+    "Sitl",
     "State",
     "Tape",
     "TaskDraws",
