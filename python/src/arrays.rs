@@ -5,6 +5,7 @@ use numpy::{
     Element, IntoPyArray, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArray,
     PyUntypedArrayMethods,
 };
+use propwash::scalar::lanes::Number;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -85,6 +86,32 @@ pub fn numbers(
     let wide = array.call_method1(pyo3::intern!(py, "astype"), (pyo3::intern!(py, "float64"),))?;
     extend(&wide.cast::<PyArrayDyn<f64>>()?.try_readonly()?, out, |v| v);
     Ok(())
+}
+
+/// [`numbers`] as numbers of one type: those of an array of that type are copied as they are.
+///
+/// # Errors
+/// As there.
+pub fn numbers_as<N: Number + Element>(
+    name: &str,
+    axes: &str,
+    value: &Bound<'_, PyAny>,
+    shape: &[usize],
+) -> PyResult<Vec<N>> {
+    if let Ok(array) = value.cast::<PyArrayDyn<N>>()
+        && array.shape() == shape
+    {
+        let array = array.try_readonly()?;
+        // A slice of an array in Fortran's order has another order.
+        if array.is_c_contiguous()
+            && let Ok(own) = array.as_slice()
+        {
+            return Ok(own.to_vec());
+        }
+    }
+    let mut wide = Vec::new();
+    numbers(name, axes, value, shape, &mut wide)?;
+    Ok(wide.into_iter().map(N::of).collect())
 }
 
 /// Whatever NumPy makes of `value`, if it holds integers or floating-point numbers.

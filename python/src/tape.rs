@@ -52,7 +52,10 @@ macro_rules! each {
 }
 
 /// Commands of shape (n_worlds, n_times, n_drones, command_width), in the number of a simulation.
-pub fn sequence<N: Number>(arena: &Arena<N>, commands: &Bound<'_, PyAny>) -> PyResult<(usize, Vec<N>)> {
+pub fn sequence<N: Number + Element>(
+    arena: &Arena<N>,
+    commands: &Bound<'_, PyAny>,
+) -> PyResult<(usize, Vec<N>)> {
     let data = &arena.sim().data;
     let (worlds, drones, width) = (data.n_worlds, data.n_drones, data.command_width);
     let times = commands.getattr("shape").ok().and_then(|shape| shape.get_item(1).ok()?.extract().ok());
@@ -62,10 +65,8 @@ pub fn sequence<N: Number>(arena: &Arena<N>, commands: &Bound<'_, PyAny>) -> PyR
              {width}) with at least one time"
         )));
     };
-    let mut numbers = Vec::new();
     let axes = "(n_worlds, n_times, n_drones, command_width)";
-    arrays::numbers("commands", axes, commands, &[worlds, times, drones, width], &mut numbers)?;
-    Ok((times, numbers.into_iter().map(N::of).collect()))
+    Ok((times, arrays::numbers_as("commands", axes, commands, &[worlds, times, drones, width])?))
 }
 
 /// Runs `work` in the pool where it pays.
@@ -240,13 +241,11 @@ impl PyTape {
         seeds: &Bound<'py, PyAny>,
         parameters: Vec<String>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let mut numbers = Vec::new();
         let axes = "(n_worlds, n_times, n_drones, state_width)";
-        arrays::numbers("seeds", axes, seeds, &self.states_shape(), &mut numbers)?;
         let names: Vec<&str> = parameters.iter().map(String::as_str).collect();
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         each!(&mut *kept, tape => {
-            let seeds = narrow(&numbers);
+            let seeds = arrays::numbers_as("seeds", axes, seeds, &self.states_shape())?;
             let gains = py.detach(|| within(&self.pool, || tape.pull_back(&seeds, &names))).or_raise()?;
             self.dictionary(py, gains)
         })
@@ -335,15 +334,13 @@ impl PyTape {
     }
 }
 
-fn narrow<N: Number>(numbers: &[f64]) -> Vec<N> {
-    numbers.iter().map(|v| N::of(*v)).collect()
-}
-
 /// Numbers of an array of this shape into a list.
-fn fill<N: Number>(name: &str, value: &Bound<'_, PyAny>, shape: &[usize], list: &mut Vec<N>) -> PyResult<()> {
-    let mut numbers = Vec::new();
-    let axes = arrays::tuple(shape);
-    arrays::numbers(&format!("direction of {name}"), &axes, value, shape, &mut numbers)?;
-    *list = narrow(&numbers);
+fn fill<N: Number + Element>(
+    name: &str,
+    value: &Bound<'_, PyAny>,
+    shape: &[usize],
+    list: &mut Vec<N>,
+) -> PyResult<()> {
+    *list = arrays::numbers_as(&format!("direction of {name}"), &arrays::tuple(shape), value, shape)?;
     Ok(())
 }

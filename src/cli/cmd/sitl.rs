@@ -130,7 +130,8 @@ fn report(args: &SitlArgs, server: &Server) -> Result<()> {
         server.time_s(),
         server.rate_hz(),
         traffic.commands,
-        -y
+        // Not −y: nothing flown is no minus zero.
+        0.0 - y
     ))?;
     if traffic.malformed + traffic.lost + traffic.stale + traffic.restarts > 0 {
         print(format_args!(
