@@ -1,9 +1,10 @@
 //! All tests, with the peers that they compare with.
 
 use std::fs;
-use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::io::{self, BufRead, BufReader, IsTerminal, Write};
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
+use std::thread;
 
 use crate::run::{self, Result};
 use crate::{python, setup, web};
@@ -50,7 +51,7 @@ pub fn run(args: &[String]) -> Result {
             command.env("JAX_PLATFORMS", "cpu");
         }
     };
-    let colour = run::coloured(std::io::stdout().is_terminal());
+    let colour = run::coloured(io::stdout().is_terminal());
 
     // Tests of pages say so where they are skipped.
     if args.is_empty()
@@ -64,23 +65,33 @@ pub fn run(args: &[String]) -> Result {
     rust.args(["test", "--workspace", "--no-fail-fast"]).args(ours).arg("--");
     rust.args(["--color", if colour { "always" } else { "never" }]).args(theirs);
     prepare(&mut rust);
-    let mut counts = Counts::default();
-    let mut ok = watched(&mut rust, |line| counts.add(cargo_counts(line)))?;
-    // Without a single result the tests did not build, and Python tests of an old program would mislead.
-    let built = ok || counts != Counts::default();
-
-    let folder = run::root().join("python/tests");
-    if folder.is_dir() && args.is_empty() && built {
-        let package = python::package(&target)?;
+    // Python tests of an old program would mislead: they start when all is built, and run beside those of Rust, many of
+    // which wait for a browser or for one slow test.
+    let mut of_python = None;
+    if args.is_empty() && run::root().join("python/tests").is_dir() {
+        run::check(run::cargo().args(["test", "--workspace", "--no-run"]))?;
         let mut tests = Command::new(&python);
         tests.args(["-m", "pytest", "python/tests", "-q", "-rfEs"]).current_dir(run::root());
         tests.arg(if colour { "--color=yes" } else { "--color=no" });
         prepare(&mut tests);
-        tests.env("PYTHONPATH", package);
-        let mut last = Counts::default();
-        ok &= watched(&mut tests, |line| last = pytest_counts(line).unwrap_or(last))?;
-        counts.add(Some(last));
+        tests.env("PYTHONPATH", python::package(&target)?);
+        of_python = Some(thread::spawn(move || {
+            let (mut out, mut last) = (Vec::new(), Counts::default());
+            let ok = watched(&mut tests, &mut out, |line| last = pytest_counts(line).unwrap_or(last));
+            (ok, out, last)
+        }));
     }
+    let mut counts = Counts::default();
+    let ours = watched(&mut rust, &mut io::stdout(), |line| counts.add(cargo_counts(line)));
+    let mut ok = true;
+    if let Some(tests) = of_python {
+        let (theirs, out, last) = tests.join().map_err(|_| "the Python tests could not be watched")?;
+        // A closed output of ours must not end the tests.
+        let _ = io::stdout().write_all(&out);
+        counts.add(Some(last));
+        ok = theirs?;
+    }
+    ok &= ours?;
 
     report(&python, &notes)?;
     let skipped = if counts.skipped > 0 { format!(", {} skipped", counts.skipped) } else { String::new() };
@@ -114,14 +125,13 @@ fn report(python: &PathBuf, notes: &PathBuf) -> Result {
     Ok(())
 }
 
-/// Runs `command`, echoes its standard output and shows every line, without colours, to `see`.
-fn watched(command: &mut Command, mut see: impl FnMut(&str)) -> Result<bool> {
+/// Runs `command`, copies its standard output to `to` and shows every line, without colours, to `see`.
+fn watched(command: &mut Command, to: &mut impl Write, mut see: impl FnMut(&str)) -> Result<bool> {
     eprintln!("$ {}", run::shown(command));
     let mut child = command.stdout(Stdio::piped()).spawn().map_err(|e| run::not_started(command, &e))?;
     let out = child.stdout.take().ok_or("standard output of a child was not captured")?;
     let mut reader = BufReader::new(out);
     let mut line = Vec::new();
-    let mut ours = std::io::stdout();
     loop {
         line.clear();
         let n = reader.read_until(b'\n', &mut line).map_err(|e| format!("reading test output: {e}"))?;
@@ -129,7 +139,7 @@ fn watched(command: &mut Command, mut see: impl FnMut(&str)) -> Result<bool> {
             break;
         }
         // A closed output of ours must not end the tests.
-        let _ = ours.write_all(&line).and_then(|()| ours.flush());
+        let _ = to.write_all(&line).and_then(|()| to.flush());
         see(&plain(&String::from_utf8_lossy(&line)));
     }
     let status = child.wait().map_err(|e| format!("waiting for tests: {e}"))?;
