@@ -9,8 +9,12 @@ use super::formula::{self, Proposed};
 use super::model::Model;
 use super::moments::moments;
 use super::opinion;
-use super::policy::{BESIDE_WEATHER, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, NAMED_SIGMAS, WEAK_NATS};
+use super::policy::{
+    BESIDE_WEATHER, EXCHANGE_NATS, LEAST_SHARE, LEAST_SHARE_ALONE, LOST_NATS, MOST_EXCHANGES, NAMED_SIGMAS,
+    WEAK_NATS,
+};
 use super::replay::drone_for;
+use super::search::Evidence;
 use super::solve::{Solution, left_out, polished, solve, solve_from, with_scatter};
 use super::speak::{advice, speak};
 use super::starts::beside_formulas;
@@ -122,6 +126,7 @@ pub(crate) fn diagnose_from(
     let cables = polish(&mut logs, &mut model, &mut solution, watch)?;
     if given.is_none() {
         solution = less.without_lost(&logs, &mut model, solution)?;
+        solution = less.exchanged(&logs, &mut model, solution)?;
     }
     let mut solution = with_scatter(&model, solution)?;
     if given.is_none() {
@@ -266,6 +271,42 @@ impl LeftOut<'_> {
             self.why.push(Why::new(&model.candidates[lost].id, Rule::EvidenceLost, text));
             solution = rest;
         }
+    }
+
+    /// Exchanges effects for others that fit better in the last fit: the search settles where it first converges, and a
+    /// payload with a place of its own was found, and then refused for its torque, where the vehicle was heavier.
+    fn exchanged(
+        &mut self,
+        logs: &[Prepared],
+        model: &mut Model,
+        mut solution: Solution,
+    ) -> Result<Solution, GapError> {
+        for _ in 0..MOST_EXCHANGES {
+            let evidence = solution.evidence(model)?;
+            let instead = |c: usize, evidence: &Evidence, set: &[usize]| -> Option<(usize, f64)> {
+                let alone = |(ids, worse): (Vec<usize>, f64)| (ids.len() == 1).then(|| (ids[0], -worse));
+                let mut all = evidence.in_place_of(set, c, 0.0).into_iter().filter_map(alone);
+                all.find(|(other, _)| model.may[*other])
+            };
+            let of = |c: &usize| instead(*c, &evidence, &solution.set).map(|(other, nats)| (*c, other, nats));
+            let best = solution.set.iter().filter_map(of).max_by(|a, b| a.2.total_cmp(&b.2));
+            let Some((old, new, nats)) = best.filter(|(.., nats)| *nats > EXCHANGE_NATS) else { break };
+            drop(evidence);
+            let set: Vec<usize> = solution.set.iter().map(|c| if *c == old { new } else { *c }).collect();
+            let before = solution.set.clone();
+            let other = solve(logs, model, Some(&set), self.watch)?;
+            // Seen from where the other was fitted the first may fit better: the two views count alike.
+            let back = other.evidence(model)?;
+            if !other.near_by(model) || back.of(&before) - back.of(&other.set) > nats {
+                break;
+            }
+            drop(back);
+            let (id, by) = (&model.candidates[old].id, &model.candidates[new].id);
+            let text = format!("exchanged for {by}, which fits better by {nats:.1} nats in its place");
+            self.why.push(Why::new(id, Rule::LookAlikes, text));
+            solution = other;
+        }
+        Ok(solution)
     }
 
     /// Leaves out effects that may be zero, since the parts of the log disagree about them.

@@ -47,6 +47,16 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
     }
 }
 
+/// A headline after what changed in mid-flight, `changed`, in `n` moments: of both as much as there is room for.
+pub(crate) fn since(n: usize, changed: &str, then: &str) -> String {
+    let first = then.split("; ").next().unwrap_or(then);
+    let (many, none) = (format!("{n} changes in mid-flight"), "nothing is missing");
+    let short = first.find(none).map_or(first, |at| &first[..at + none.len()]);
+    let lines = [(changed, then), (changed, first), (changed, short), (&many, first), (&many, short)];
+    let lines = lines.map(|(changed, then)| format!("{changed}; {then}"));
+    shortened(lines.iter().find(|l| l.chars().count() <= HEADLINE_CHARS).unwrap_or(&lines[4]))
+}
+
 /// At most [`HEADLINE_CHARS`] characters, with an ellipsis where words are cut.
 pub(crate) fn shortened(line: &str) -> String {
     if line.chars().count() <= HEADLINE_CHARS {
@@ -248,6 +258,28 @@ mod tests {
             "nothing is missing that these logs could show; 12 effects of usual size could hide in them";
         assert_eq!(headline(hidden, &[], false), "nothing is missing that these logs could show");
         assert_eq!(headline("nothing is missing", &[], false), "nothing is missing");
+    }
+
+    #[test]
+    fn after_a_change_the_verdict_is_said_as_far_as_there_is_room() {
+        let one = "wrong_mass changed at 25.0 s";
+        let nothing = "since then: nothing is missing that these logs could show";
+        assert_eq!(since(1, one, nothing), format!("{one}; {nothing}"));
+        let two = "quadratic_drag changed at 1.95 s; wrong_inertia.x changed at 3.23 s";
+        assert_eq!(
+            since(
+                2,
+                two,
+                "since then: missing: rotor_drag; in doubt: a_long_name; something unexplained is left"
+            ),
+            "2 changes in mid-flight; since then: missing: rotor_drag"
+        );
+        assert_eq!(
+            since(1, one, "since then: missing: payload"),
+            format!("{one}; since then: missing: payload")
+        );
+        let long = "since then: nothing is missing that these logs could show".repeat(3);
+        assert!(since(3, two, &long).chars().count() <= HEADLINE_CHARS);
     }
 
     #[test]

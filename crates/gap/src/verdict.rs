@@ -2,7 +2,7 @@
 
 use super::decide::rules::{Rule, Why};
 use super::formula::Formula;
-use super::headline::shortened;
+use super::headline::since;
 use super::moments::{Moment, words};
 use super::network::NetworkVerdict;
 use super::opinion;
@@ -488,7 +488,7 @@ impl Diagnosis {
     pub(crate) fn beside_moments(&self, headline: &str) -> String {
         match self.moments.is_empty() {
             true => headline.to_string(),
-            false => shortened(&format!("{}; {headline}", words::list(&self.moments, words::short))),
+            false => since(self.moments.len(), &words::list(&self.moments, words::short), headline),
         }
     }
 

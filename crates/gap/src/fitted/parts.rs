@@ -1,4 +1,5 @@
-//! Where something stays unexplained, what is written must help clearly in every part of the held-out flight.
+//! Where something stays unexplained, what is written must help clearly in every part of the held-out flight, and findings must
+//! not make up for each other.
 //!
 //! A fit without the right effect gives part of what is missing to the effects that it has, as far as both go together in
 //! this flight. Over the whole flight such a finding may lower the errors; where it does not in a part of it, it follows the
@@ -9,11 +10,12 @@ use super::partners::{doubt, least_missed};
 use crate::error::Result;
 use crate::headline::pair;
 use crate::judge::{Judge, Risen, Seen};
-use crate::policy::{RISES, WELL_BELOW};
+use crate::policy::{MAKES_UP, RISES, WELL_BELOW};
 use crate::report::significant;
-use crate::verdict::{Calibration, Finding};
+use crate::verdict::{Calibration, Finding, HeldOut};
+use rayon::prelude::*;
 
-/// Drops findings, the one without which the vehicle is best first, until in every part of the flight no error rises and all
+/// Drops findings that make up for each other, then those, the one without which the vehicle is best first, until in every part of the flight no error rises and all
 /// errors together fall to [`WELL_BELOW`]; what was to be written together with them goes with the first. Returns the findings
 /// that stay.
 ///
@@ -26,6 +28,11 @@ pub(super) fn judged(
     mut kept: Vec<usize>,
     adjusted: &mut [Calibration],
 ) -> Result<Vec<usize>> {
+    let before = kept.len();
+    kept = without_balancing(writer, judge, findings, kept)?;
+    if kept.len() < before {
+        adjusted.iter_mut().for_each(|c| c.partner = false);
+    }
     // Nothing can rise above a nominal vehicle that never stays finite.
     let Ok(filed) = judge.in_parts(writer.filed.vehicle) else { return Ok(kept) };
     while !kept.is_empty() {
@@ -44,6 +51,45 @@ pub(super) fn judged(
         adjusted.iter_mut().for_each(|c| c.partner = false);
     }
     Ok(kept)
+}
+
+/// Drops findings that make up for each other: without any of them alone, the error of the channel on which it acts is
+/// [`MAKES_UP`] times that of the file. Large terms whose sum is small fit what no listed effect describes, and neither is real.
+fn without_balancing(
+    writer: &Writer,
+    judge: &Judge,
+    findings: &mut [Finding],
+    kept: Vec<usize>,
+) -> Result<Vec<usize>> {
+    let looks = (judge.look(writer.filed.vehicle), judge.look(&writer.with(findings, &kept)?));
+    // What diverges was dealt with before.
+    let (Ok(filed), Ok(whole)) = looks else { return Ok(kept) };
+    let alone = |index: &usize| -> Result<Option<(usize, f64, HeldOut)>> {
+        let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
+        let Ok(without) = judge.look(&writer.with(findings, &rest)?) else { return Ok(None) };
+        let (part, change) = whole.against(&without);
+        Ok(Some((*index, without.part_over(&filed, part), change)))
+    };
+    let all: Vec<Option<(usize, f64, HeldOut)>> = kept.par_iter().map(alone).collect::<Result<_>>()?;
+    let balancing: Vec<(usize, f64, HeldOut)> =
+        all.into_iter().flatten().filter(|(_, times, _)| *times > MAKES_UP).collect();
+    if balancing.len() < 2 {
+        return Ok(kept);
+    }
+    for (index, times, change) in &balancing {
+        let others = balancing.iter().filter(|(other, ..)| other != index);
+        let others: Vec<&str> = others.map(|(other, ..)| findings[*other].id.as_str()).collect();
+        let words = format!(
+            "something is unexplained, and it and {} make up for each other: without it alone the {} error on {} is {} \
+             times that of the file: not written",
+            others.join(", "),
+            change.channel,
+            judge.title(),
+            significant(*times, 3)
+        );
+        doubt(&mut findings[*index], words);
+    }
+    Ok(kept.into_iter().filter(|k| balancing.iter().all(|(index, ..)| index != k)).collect())
 }
 
 /// What is wrong with a vehicle in a part of a flight; `None` where it helps clearly in all of them.

@@ -7,7 +7,7 @@ use crate::decide::rules::{Rule, Why};
 use crate::decide::sentence;
 use crate::diagnose::{Diagnosed, Moments, Settings};
 use crate::error::{Error, GapError, Result};
-use crate::headline::{headline, shortened};
+use crate::headline::{headline, since};
 use crate::ladder::{Flights, together};
 use crate::moments::{Moment, words};
 use crate::track::{SHORTEST_S, Track};
@@ -156,7 +156,8 @@ fn say(verdict: &mut Diagnosis, moments: Vec<Moment>, sections: Vec<Section>, na
     };
     verdict.verdict = format!("{}; {}", words::list(&moments, words::sentence), each(|s| &s.verdict));
     let changed = words::list(&moments, words::short);
-    verdict.headline = shortened(&format!("{changed}; {}: {}", names[now], verdict.headline));
+    let now = if now + 1 == names.len() { "since then" } else { names[now] };
+    verdict.headline = since(moments.len(), &changed, &format!("{now}: {}", verdict.headline));
     (verdict.moments, verdict.sections) = (moments, sections);
 }
 

@@ -44,6 +44,9 @@ const SPEED: Powers = [1, 0, -1];
 const RATE: Powers = [0, 0, -1];
 const FORCE: Powers = [1, 1, -2];
 
+/// Name of the size of a motion along its own axis.
+const OWN_SIZE: &str = "own size";
+
 /// Airspeed; the added square keeps the slope at rest finite.
 const AIRSPEED: &str = "sqrt(vx_body^2 + vy_body^2 + vz_body^2 + 1e-4)";
 const LATERAL: &str = "sqrt(vx_body^2 + vy_body^2 + 1e-4)";
@@ -238,6 +241,19 @@ fn along_own_axis(out: &mut Vec<Shape>, torque: bool) {
                     cost: if factor.text.is_empty() { 1.0 } else { 2.0 },
                 });
             }
+            // The square along each axis alone: the drag of most simulators (MuJoCo's boxes, PyFlyt).
+            out.push(Shape {
+                torque,
+                axes,
+                texts: axes.iter().map(|k| format!("{0} * abs({0})", names[*k])).collect(),
+                scaled: None,
+                scale_words: "",
+                tells_scale: false,
+                unit: add(unit, unit),
+                words: format!("{words} · |{words} along the axis|"),
+                like: like(torque, words, OWN_SIZE),
+                cost: 2.0,
+            });
             for bend in BENDS.iter().filter(|b| b.odd) {
                 out.push(Shape {
                     torque,
@@ -400,6 +416,7 @@ fn like(torque: bool, motion: &str, factor: &str) -> &'static str {
     match (torque, motion, factor) {
         (false, "v", "") => "a drag that grows with the speed",
         (false, "v", "|v|") => "a drag that grows with the square of the speed",
+        (false, "v", OWN_SIZE) => "a drag that grows with the square of the speed along each axis",
         (false, "v", "|v|²") => "a drag that grows with the cube of the speed",
         (false, "v", "ΣΩ" | "T") => "a drag of the rotors",
         (true, "ω", _) => "a damping of the rotation",
