@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use propwash::gap::session::{Axis, Flight, Session, Use};
 use propwash::gap::watch::Watch;
@@ -32,8 +32,10 @@ pub struct PyLab {
 type Job<T> = Result<T, propwash::gap::Error>;
 
 impl PyLab {
-    fn with<T>(&self, work: impl FnOnce(&mut Session) -> T) -> T {
-        work(&mut self.session.lock().unwrap_or_else(PoisonError::into_inner))
+    /// The session, locked. Lock it before entering a pool: a thread of the pool that waits for a part of its own work takes up other
+    /// work meanwhile, and would wait for ever for a lock that it holds itself.
+    fn locked(&self) -> MutexGuard<'_, Session> {
+        self.session.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Does something short without holding Python's lock.
@@ -43,7 +45,11 @@ impl PyLab {
         work: impl FnOnce(&mut Session) -> Job<T> + Send,
     ) -> PyResult<T> {
         let pool = crate::threads::pool(None)?;
-        py.detach(|| pool.install(|| self.with(work))).or_raise()
+        py.detach(|| {
+            let session = &mut *self.locked();
+            pool.install(|| work(session))
+        })
+        .or_raise()
     }
 
     /// Does something long, which Ctrl-C ends; what `progress` raises ends it too.
@@ -66,8 +72,9 @@ impl PyLab {
                 });
             };
             let watch = Watch { progress: Some(&told), early: None, cancel: Some(stop) };
-            let done =
-                pool.install(|| work(&mut session.lock().unwrap_or_else(PoisonError::into_inner), &watch));
+            // Locked before entering the pool, as in `locked`.
+            let session = &mut *session.lock().unwrap_or_else(PoisonError::into_inner);
+            let done = pool.install(|| work(session, &watch));
             match raised.into_inner().unwrap_or_else(PoisonError::into_inner) {
                 Some(e) => Err(e),
                 None => done.or_raise(),
