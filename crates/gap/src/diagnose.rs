@@ -14,7 +14,6 @@ use super::policy::{
     WEAK_NATS,
 };
 use super::replay::drone_for;
-use super::search::Evidence;
 use super::solve::{Solution, left_out, polished, solve, solve_from, with_scatter};
 use super::speak::{advice, speak};
 use super::starts::beside_formulas;
@@ -283,13 +282,14 @@ impl LeftOut<'_> {
     ) -> Result<Solution, GapError> {
         for _ in 0..MOST_EXCHANGES {
             let evidence = solution.evidence(model)?;
-            let instead = |c: usize, evidence: &Evidence, set: &[usize]| -> Option<(usize, f64)> {
-                let alone = |(ids, worse): (Vec<usize>, f64)| (ids.len() == 1).then(|| (ids[0], -worse));
-                let mut all = evidence.in_place_of(set, c, 0.0).into_iter().filter_map(alone);
-                all.find(|(other, _)| model.may[*other])
+            // A formula has to bring more than the list does, which is asked elsewhere.
+            let may = |c: usize| model.may[c] && model.candidates[c].kind != "expression";
+            let instead = |c: &usize| {
+                let alone = |(ids, worse): (Vec<usize>, f64)| (ids.len() == 1).then(|| (*c, ids[0], -worse));
+                let mut all = evidence.in_place_of(&solution.set, *c, 0.0).into_iter().filter_map(alone);
+                all.find(|(_, other, _)| may(*other))
             };
-            let of = |c: &usize| instead(*c, &evidence, &solution.set).map(|(other, nats)| (*c, other, nats));
-            let best = solution.set.iter().filter_map(of).max_by(|a, b| a.2.total_cmp(&b.2));
+            let best = solution.set.iter().filter_map(instead).max_by(|a, b| a.2.total_cmp(&b.2));
             let Some((old, new, nats)) = best.filter(|(.., nats)| *nats > EXCHANGE_NATS) else { break };
             drop(evidence);
             let set: Vec<usize> = solution.set.iter().map(|c| if *c == old { new } else { *c }).collect();

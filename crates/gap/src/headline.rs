@@ -47,10 +47,11 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
     }
 }
 
-/// A headline after what changed in mid-flight, `changed`, in `n` moments: of both as much as there is room for.
+/// A headline after what changed at `n` moments, `changed`: of both as much as there is room for.
 pub(crate) fn since(n: usize, changed: &str, then: &str) -> String {
     let first = then.split("; ").next().unwrap_or(then);
-    let (many, none) = (format!("{n} changes in mid-flight"), "nothing is missing");
+    let (many, none) =
+        (if n == 1 { "1 change".into() } else { format!("{n} changes") }, "nothing is missing");
     let short = first.find(none).map_or(first, |at| &first[..at + none.len()]);
     let lines = [(changed, then), (changed, first), (changed, short), (&many, first), (&many, short)];
     let lines = lines.map(|(changed, then)| format!("{changed}; {then}"));
@@ -272,7 +273,7 @@ mod tests {
                 two,
                 "since then: missing: rotor_drag; in doubt: a_long_name; something unexplained is left"
             ),
-            "2 changes in mid-flight; since then: missing: rotor_drag"
+            "2 changes; since then: missing: rotor_drag"
         );
         assert_eq!(
             since(1, one, "since then: missing: payload"),

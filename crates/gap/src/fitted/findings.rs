@@ -20,11 +20,11 @@ use crate::verdict::{Finding, HeldOut};
 use rayon::prelude::*;
 
 /// A finding judged beside all others.
-struct Tried {
-    index: usize,
-    without: Seen,
-    part: Part,
-    held_out: HeldOut,
+pub(super) struct Tried {
+    pub index: usize,
+    pub without: Seen,
+    pub part: Part,
+    pub held_out: HeldOut,
 }
 
 impl Tried {
@@ -83,7 +83,7 @@ pub(super) fn judged(
 }
 
 /// The vehicle with the findings `kept`, and with each of them left out; `None` where the vehicle diverges.
-fn try_all(
+pub(super) fn try_all(
     writer: &Writer,
     judge: &Judge,
     findings: &[Finding],

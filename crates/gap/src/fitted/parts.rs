@@ -6,18 +6,18 @@
 //! manoeuvre and not the vehicle, and the next flight is another manoeuvre.
 
 use super::Writer;
+use super::findings::{Tried, try_all};
 use super::partners::{doubt, least_missed};
 use crate::error::Result;
 use crate::headline::pair;
 use crate::judge::{Judge, Risen, Seen};
 use crate::policy::{MAKES_UP, RISES, WELL_BELOW};
 use crate::report::significant;
-use crate::verdict::{Calibration, Finding, HeldOut};
-use rayon::prelude::*;
+use crate::verdict::{Calibration, Finding};
 
-/// Drops findings that make up for each other, then those, the one without which the vehicle is best first, until in every part of the flight no error rises and all
-/// errors together fall to [`WELL_BELOW`]; what was to be written together with them goes with the first. Returns the findings
-/// that stay.
+/// Drops findings that make up for each other; then more, the one without which the vehicle is best first, until in every part of the
+/// flight no error rises and all errors together fall to [`WELL_BELOW`]. What was to be written together with them goes with the
+/// first. Returns the findings that stay.
 ///
 /// # Errors
 /// If the text is not a valid vehicle file.
@@ -61,29 +61,23 @@ fn without_balancing(
     findings: &mut [Finding],
     kept: Vec<usize>,
 ) -> Result<Vec<usize>> {
-    let looks = (judge.look(writer.filed.vehicle), judge.look(&writer.with(findings, &kept)?));
     // What diverges was dealt with before.
-    let (Ok(filed), Ok(whole)) = looks else { return Ok(kept) };
-    let alone = |index: &usize| -> Result<Option<(usize, f64, HeldOut)>> {
-        let rest: Vec<usize> = kept.iter().copied().filter(|k| k != index).collect();
-        let Ok(without) = judge.look(&writer.with(findings, &rest)?) else { return Ok(None) };
-        let (part, change) = whole.against(&without);
-        Ok(Some((*index, without.part_over(&filed, part), change)))
-    };
-    let all: Vec<Option<(usize, f64, HeldOut)>> = kept.par_iter().map(alone).collect::<Result<_>>()?;
-    let balancing: Vec<(usize, f64, HeldOut)> =
-        all.into_iter().flatten().filter(|(_, times, _)| *times > MAKES_UP).collect();
+    let Ok(filed) = judge.look(writer.filed.vehicle) else { return Ok(kept) };
+    let Some((_, tried)) = try_all(writer, judge, findings, &kept, &filed)? else { return Ok(kept) };
+    let times = |t: Tried| (t.index, t.without.part_over(&filed, t.part), t.held_out.channel);
+    let balancing: Vec<(usize, f64, String)> =
+        tried.into_iter().map(times).filter(|(_, times, _)| *times > MAKES_UP).collect();
     if balancing.len() < 2 {
         return Ok(kept);
     }
-    for (index, times, change) in &balancing {
+    for (index, times, channel) in &balancing {
         let others = balancing.iter().filter(|(other, ..)| other != index);
         let others: Vec<&str> = others.map(|(other, ..)| findings[*other].id.as_str()).collect();
         let words = format!(
             "something is unexplained, and it and {} make up for each other: without it alone the {} error on {} is {} \
              times that of the file: not written",
             others.join(", "),
-            change.channel,
+            channel,
             judge.title(),
             significant(*times, 3)
         );
