@@ -127,9 +127,13 @@ def commands(ref, pos, vel, quat, ang_vel, sums):
     return np.sqrt(np.clip(thrusts, 0.15, 4.2) / THRUST_N_S2)
 
 
-def flown(folder, seed, **hidden):
-    """A flight with something hidden, as a log with noise of a motion capture and of a small inertial unit."""
+def flown(folder, seed, friction_n=0.0, **hidden):
+    """A flight with something hidden, as a log with noise of a motion capture and of a small inertial unit.
+
+    `friction_n` is dry friction along each axis of the world.
+    """
     model = mujoco.MjModel.from_xml_string(scene(**hidden))
+    model.dof_frictionloss[:3] = friction_n
     data = mujoco.MjData(model)
     path, noise = Path4(seed), np.random.default_rng(seed + 1000)
     data.qpos[:3] = path(0.0)[:3, 0]
@@ -210,6 +214,17 @@ def test_a_drag_along_each_axis_is_found_as_such(tmp_path):
         (c,) = f.parameters
         (known,) = [v for axes, v in truth.items() if f.title.startswith(f"force along body {axes} =")]
         assert abs(c.value - known) < 2.5 * c.sigma < 0.12 * abs(known), (f, known)
+
+
+def test_dry_friction_along_axes_of_the_world_is_named_as_such(tmp_path):
+    d = diagnosed(tmp_path, 17, friction_n=0.18)
+    assert not d.unexplained and d.headline.startswith("missing: force along world x, y and z = "), d.text
+    (found,) = [f for f in d.findings if f.doubt is None]
+    assert "sign(v)" in found.title and found.certain, d.text
+    (c,) = found.parameters
+    assert abs(c.value + 0.18) < 2.5 * c.sigma < 0.03, c
+    h = found.held_out
+    assert h["with"] < 0.3 * h["without"], h
 
 
 def test_a_load_that_nobody_tracked_makes_nothing_up(tmp_path):

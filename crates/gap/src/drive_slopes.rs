@@ -11,7 +11,7 @@ use std::borrow::Cow;
 
 /// Drive parameters per pass of duals.
 const N_DRIVE: usize = 4;
-const _: () = assert!(N_DRIVE <= propwash_physics::effects::custom::MAX_PARTIALS);
+const _: () = assert!(propwash_physics::effects::custom::differentiates(N_DRIVE));
 type DriveDual = Dual<f64, N_DRIVE>;
 
 /// Inputs with their derivatives by the drive parameters at every node of a log.

@@ -35,7 +35,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Directions per pass of duals.
 pub(super) const N: usize = 12;
-const _: () = assert!(N <= propwash_physics::effects::custom::MAX_PARTIALS);
+const _: () = assert!(propwash_physics::effects::custom::differentiates(N));
 pub(super) type Wide = Dual<f64, N>;
 
 /// Nuisance parameters of a window's initial state; six disturbances for every [`PUSH_STEPS`] follow.

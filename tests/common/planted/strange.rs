@@ -7,7 +7,7 @@ use propwash::random::Stream;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Ids of these effects.
+/// Ids of these effects; the last two act along axes of the world.
 pub const STRANGE: &[&str] = &[
     "dry_friction",
     "root_drag",
@@ -23,6 +23,8 @@ pub const STRANGE: &[&str] = &[
     "spin_loss",
     "saturating_lift",
     "low_lift",
+    "guide_friction",
+    "bungee",
 ];
 
 /// Ids of effects that no formula of few quantities describes: ripples, humps and mixtures, as turbulent flow makes them.
@@ -62,6 +64,8 @@ impl Strange {
             "nose_up" => (j * s.uniform(1e-3, 2e-3), 0.0),
             "cross_flow" => (m * s.uniform(0.08, 0.16), 0.0),
             "magnus_force" => (m * s.uniform(0.06, 0.12), 0.0),
+            "guide_friction" => (m * s.uniform(0.25, 0.5), s.uniform(0.05, 0.15)),
+            "bungee" => (m * s.uniform(0.5, 1.0), s.uniform(0.3, 0.6)),
             "bank_lift" => (s.uniform(0.3, 0.6), 0.0),
             "spin_loss" => (s.uniform(0.02, 0.04), 0.0),
             "saturating_lift" => (m * s.uniform(0.3, 0.6), s.uniform(1.0, 2.0)),
@@ -107,9 +111,21 @@ impl Strange {
             "rate_ripple" => torque[0] = c * (TAU * w[0] / self.scale).sin(),
             "descent_wake" => force[2] = -c * thrust * (-((u[2] + self.scale) / 0.3).powi(2)).exp(),
             "height_ripple" => force[2] = c * (TAU * z / self.scale).sin(),
+            // Along axes of the world: see `pull`.
+            "guide_friction" | "bungee" => {}
             _ => force[2] = c * (-z / self.scale).exp(),
         }
         (force, torque)
+    }
+
+    /// Force along axes of the world at place `p` with velocity `v`.
+    pub fn pull(&self, p: V, v: V) -> V {
+        let (c, s) = (self.strength, self.scale);
+        match self.id {
+            "guide_friction" => [-c * (v[0] / s).tanh(), -c * (v[1] / s).tanh(), 0.0],
+            "bungee" => [-c * (p[0] - p[0].clamp(-s, s)), 0.0, 0.0],
+            _ => [0.0; 3],
+        }
     }
 
     /// One of [`RUGGED`] as an effect of a vehicle file.

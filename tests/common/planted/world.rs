@@ -386,6 +386,7 @@ impl World {
             let all = (0..self.rotors.len()).map(|i| curve(self.rotors[i].thrust, x[ROTORS + i])).sum();
             let roll = r[2][1].atan2(r[2][2]);
             let (push, turn) = strange.wrench(u, w, all, roll, p[2]);
+            let push = add(push, mat_t_vec(r, strange.pull(p, v)));
             (force, torque) = (add(force, push), add(torque, turn));
         }
         torque[0] += d.swing_n_m[0] * u[0] * w[2];

@@ -23,7 +23,7 @@ pub(super) const BIAS: usize = 10;
 pub(super) const OWN: usize = 9;
 /// Directions of the duals: gains and delay, nuisance parameters.
 const N: usize = 10 + OWN;
-const _: () = assert!(N <= propwash_physics::effects::custom::MAX_PARTIALS);
+const _: () = assert!(propwash_physics::effects::custom::differentiates(N));
 type D = Dual<f64, N>;
 
 /// First channel of the attitude (rotation vector, rad), then of the gyro (rad/s).

@@ -29,7 +29,7 @@ pub(super) const BIAS: usize = 7;
 pub(super) const OWN: usize = 9;
 /// Directions of the duals: seven shared ones, velocity and force; an initial position only shifts all positions.
 const N: usize = 13;
-const _: () = assert!(N <= propwash_physics::effects::custom::MAX_PARTIALS);
+const _: () = assert!(propwash_physics::effects::custom::differentiates(N));
 type D = Dual<f64, N>;
 
 /// First channel of position, velocity and accelerometer.

@@ -83,7 +83,7 @@ pub(super) fn judged(
             with.calibrate(&list)?;
             rest += parameters(&list);
         }
-        let label = format!("+ the other {rest} within tolerance");
+        let label = format!("+ the other {rest}, no help");
         out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: false });
     }
     Ok(out)

@@ -1,5 +1,5 @@
-//! The formulas that are tried: along some axes of the body, a coefficient times products of at most two quantities of flight,
-//! with at most one inner scale.
+//! The formulas that are tried: along some axes of the body or of the world, a coefficient times products of at most two
+//! quantities of flight, with at most one inner scale.
 //!
 //! Every quantity has a unit, so that coefficient and scale get theirs, and functions see ratios only.
 
@@ -15,12 +15,22 @@ pub(super) struct Quantity {
     pub unit: Powers,
 }
 
+/// What a formula is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Acts {
+    /// A force along axes of the body.
+    ForceBody,
+    /// A force along axes of the world.
+    ForceWorld,
+    /// A torque about axes of the body.
+    Torque,
+}
+
 /// A formula without values: `c` is its coefficient, `s` its inner scale.
 #[derive(Clone, Debug)]
 pub(super) struct Shape {
-    /// Whether it is a torque.
-    pub torque: bool,
-    /// Body axes on which it acts, `xy`.
+    pub acts: Acts,
+    /// Axes on which it acts, `xy`.
     pub axes: &'static [usize],
     /// Expressions of those axes, without the coefficient.
     pub texts: Vec<String>,
@@ -53,6 +63,8 @@ const LATERAL: &str = "sqrt(vx_body^2 + vy_body^2 + 1e-4)";
 const TURNING: &str = "sqrt(wx^2 + wy^2 + wz^2 + 1e-4)";
 
 const VEL: [&str; 3] = ["vx_body", "vy_body", "vz_body"];
+/// Over ground.
+const VEL_WORLD: [&str; 3] = ["vx", "vy", "vz"];
 const RATES: [&str; 3] = ["wx", "wy", "wz"];
 
 fn quantity(text: &str, words: &'static str, unit: Powers) -> Quantity {
@@ -212,24 +224,26 @@ const ALONE: [&[usize]; 3] = [&[0], &[1], &[2]];
 /// All shapes.
 pub(super) fn shapes() -> Vec<Shape> {
     let mut out = Vec::new();
-    for torque in [false, true] {
-        along_own_axis(&mut out, torque);
-        across(&mut out, torque);
-        if !torque {
+    for acts in [Acts::ForceBody, Acts::Torque] {
+        along_own_axis(&mut out, acts);
+        across(&mut out, acts);
+        if acts == Acts::ForceBody {
             along_velocity(&mut out);
         }
-        free_of_axes(&mut out, torque);
+        free_of_axes(&mut out, acts);
     }
+    along_world_axes(&mut out);
+    by_place(&mut out);
     out
 }
 
 /// What acts against, or along, the motion of its own axis: drags and dampings.
-fn along_own_axis(out: &mut Vec<Shape>, torque: bool) {
+fn along_own_axis(out: &mut Vec<Shape>, acts: Acts) {
     for (names, words, unit) in [(VEL, "v", SPEED), (RATES, "ω", RATE)] {
         for axes in TOGETHER {
             for factor in factors() {
                 out.push(Shape {
-                    torque,
+                    acts,
                     axes,
                     texts: axes.iter().map(|k| times(names[*k], &factor)).collect(),
                     scaled: None,
@@ -237,13 +251,13 @@ fn along_own_axis(out: &mut Vec<Shape>, torque: bool) {
                     tells_scale: false,
                     unit: add(unit, factor.unit),
                     words: words_times(words, &factor),
-                    like: like(torque, words, factor.words),
+                    like: like(acts, words, factor.words),
                     cost: if factor.text.is_empty() { 1.0 } else { 2.0 },
                 });
             }
             // The square along each axis alone: the drag of most simulators (MuJoCo's boxes, PyFlyt).
-            out.push(Shape {
-                torque,
+            let square = Shape {
+                acts,
                 axes,
                 texts: axes.iter().map(|k| format!("{0} * abs({0})", names[*k])).collect(),
                 scaled: None,
@@ -251,12 +265,20 @@ fn along_own_axis(out: &mut Vec<Shape>, torque: bool) {
                 tells_scale: false,
                 unit: add(unit, unit),
                 words: format!("{words} · |{words} along the axis|"),
-                like: like(torque, words, OWN_SIZE),
+                like: like(acts, words, OWN_SIZE),
                 cost: 2.0,
+            };
+            out.push(Shape {
+                texts: axes.iter().map(|k| step(names[*k])).collect(),
+                unit: RATIO,
+                words: format!("sign({words})"),
+                like: DRY_FRICTION,
+                ..square.clone()
             });
+            out.push(square);
             for bend in BENDS.iter().filter(|b| b.odd) {
                 out.push(Shape {
-                    torque,
+                    acts,
                     axes,
                     texts: axes.iter().map(|k| with_quantity(bend.text, names[*k])).collect(),
                     scaled: Some(axes.iter().map(|k| names[*k].to_string()).collect()),
@@ -284,7 +306,7 @@ fn along_velocity(out: &mut Vec<Shape>) {
         for axes in &TOGETHER[..2] {
             let factor = text.replace('V', AIRSPEED);
             out.push(Shape {
-                torque: false,
+                acts: Acts::ForceBody,
                 axes,
                 texts: axes.iter().map(|k| format!("{} * {factor}", VEL[*k])).collect(),
                 scaled: Some(vec![AIRSPEED.into()]),
@@ -300,11 +322,11 @@ fn along_velocity(out: &mut Vec<Shape>) {
 }
 
 /// What acts across the motion in the plane of the rotors: a push along y pushes or turns about x.
-fn across(out: &mut Vec<Shape>, torque: bool) {
+fn across(out: &mut Vec<Shape>, acts: Acts) {
     let [vx, vy, vz] = VEL;
     let product = |a: &str, p: &str, b: &str, q: &str| format!("({a} * {p} - {b} * {q})");
     out.push(Shape {
-        torque,
+        acts,
         axes: TOGETHER[0],
         texts: vec![product("wy", vz, "wz", vy), product("wz", vx, "wx", vz), product("wx", vy, "wy", vx)],
         scaled: None,
@@ -312,14 +334,14 @@ fn across(out: &mut Vec<Shape>, torque: bool) {
         tells_scale: false,
         unit: [1, 0, -2],
         words: "ω × v".into(),
-        like: if torque { "" } else { "added mass, or a Magnus force" },
+        like: if acts == Acts::Torque { "" } else { "added mass, or a Magnus force" },
         cost: 2.0,
     });
     const PLANE: &[usize] = &[0, 1];
     for (names, words, unit) in [(VEL, "e_z × v", SPEED), (RATES, "e_z × ω", RATE)] {
         for factor in factors() {
             out.push(Shape {
-                torque,
+                acts,
                 axes: PLANE,
                 texts: vec![times(&format!("-{}", names[1]), &factor), times(names[0], &factor)],
                 scaled: None,
@@ -327,7 +349,7 @@ fn across(out: &mut Vec<Shape>, torque: bool) {
                 tells_scale: false,
                 unit: add(unit, factor.unit),
                 words: words_times(words, &factor),
-                like: if torque && words == "e_z × v" {
+                like: if acts == Acts::Torque && words == "e_z × v" {
                     "blade flapping, or a force above the centre of mass"
                 } else {
                     ""
@@ -339,14 +361,14 @@ fn across(out: &mut Vec<Shape>, torque: bool) {
 }
 
 /// What goes with a quantity that has no axis, or with that of another axis.
-fn free_of_axes(out: &mut Vec<Shape>, torque: bool) {
+fn free_of_axes(out: &mut Vec<Shape>, acts: Acts) {
     let gains =
         [quantity("", "", RATIO), quantity("thrust_n", "T", FORCE), quantity("rotor_sum", "ΣΩ", RATE)];
     for axes in ALONE {
         for q in scalars() {
             for gain in &gains {
                 let shape = Shape {
-                    torque,
+                    acts,
                     axes,
                     texts: vec![times(&format!("({})", q.text), gain)],
                     scaled: None,
@@ -354,7 +376,7 @@ fn free_of_axes(out: &mut Vec<Shape>, torque: bool) {
                     tells_scale: false,
                     unit: add(q.unit, gain.unit),
                     words: words_times(q.words, gain),
-                    like: if !torque && axes == [2] && gain.words == "T" {
+                    like: if acts == Acts::ForceBody && axes == [2] && gain.words == "T" {
                         "a thrust that changes in flight"
                     } else {
                         ""
@@ -369,7 +391,7 @@ fn free_of_axes(out: &mut Vec<Shape>, torque: bool) {
                 for gain in &gains[..2] {
                     let text = with_quantity(bend.text, &q.text);
                     out.push(Shape {
-                        torque,
+                        acts,
                         axes,
                         texts: vec![times(&text, gain)],
                         scaled: Some(vec![q.text.clone()]),
@@ -384,6 +406,130 @@ fn free_of_axes(out: &mut Vec<Shape>, torque: bool) {
             }
         }
     }
+}
+
+/// What a formula along axes of the world costs more: one of the body that says as much comes first.
+const OF_WORLD: f64 = 0.5;
+
+/// What acts against, or along, the motion over ground along axes of the world: rails, cables, guides. A linear force that is
+/// alike along all three is one along the body's.
+fn along_world_axes(out: &mut Vec<Shape>) {
+    for axes in TOGETHER {
+        let texts = || axes.iter().map(|k| VEL_WORLD[*k].to_string()).collect::<Vec<_>>();
+        let shape = Shape {
+            acts: Acts::ForceWorld,
+            axes,
+            texts: texts(),
+            scaled: None,
+            scale_words: "",
+            tells_scale: false,
+            unit: SPEED,
+            words: "v".into(),
+            like: "a drag that grows with the speed",
+            cost: 1.0 + OF_WORLD,
+        };
+        if axes.len() < 3 {
+            out.push(shape.clone());
+        }
+        out.push(Shape {
+            texts: axes.iter().map(|k| step(VEL_WORLD[*k])).collect(),
+            unit: RATIO,
+            words: "sign(v)".into(),
+            like: DRY_FRICTION,
+            cost: 2.0 + OF_WORLD,
+            ..shape.clone()
+        });
+        out.push(Shape {
+            texts: axes.iter().map(|k| format!("{0} * abs({0})", VEL_WORLD[*k])).collect(),
+            unit: add(SPEED, SPEED),
+            words: "v · |v along the axis|".into(),
+            like: like(Acts::ForceWorld, "v", OWN_SIZE),
+            cost: 2.0 + OF_WORLD,
+            ..shape.clone()
+        });
+        for bend in BENDS.iter().filter(|b| b.odd) {
+            out.push(Shape {
+                texts: axes.iter().map(|k| with_quantity(bend.text, VEL_WORLD[*k])).collect(),
+                scaled: Some(texts()),
+                scale_words: shown(SPEED),
+                tells_scale: bend.tells_scale,
+                unit: if bend.keeps_unit { SPEED } else { RATIO },
+                words: bent_words(bend, "v"),
+                like: bend.like,
+                cost: 3.0 + OF_WORLD,
+                ..shape.clone()
+            });
+        }
+    }
+}
+
+/// Forces along axes of the world by place, by time and by how near others are: springs, tethers, fields, outflows.
+fn by_place(out: &mut Vec<Shape>) {
+    let straight = [
+        quantity("x", "x", [1, 0, 0]),
+        quantity("y", "y", [1, 0, 0]),
+        quantity("z", "z", [1, 0, 0]),
+        quantity("t", "t", [0, 0, 1]),
+        quantity(AIRSPEED, "|v|", SPEED),
+        quantity("(vx_body^2 + vy_body^2 + vz_body^2)", "|v|²", [2, 0, -2]),
+    ];
+    let bent = [
+        quantity("x", "x", [1, 0, 0]),
+        quantity("y", "y", [1, 0, 0]),
+        quantity("z", "z", [1, 0, 0]),
+        quantity("t", "t", [0, 0, 1]),
+        quantity(AIRSPEED, "|v|", SPEED),
+        // Where nobody else flies it is a million metres: no size to take the scale from.
+        quantity("min(others_m, 10)", "distance to others", [1, 0, 0]),
+    ];
+    for axes in ALONE {
+        let shape = |q: &Quantity| Shape {
+            acts: Acts::ForceWorld,
+            axes,
+            texts: vec![q.text.clone()],
+            scaled: None,
+            scale_words: "",
+            tells_scale: false,
+            unit: q.unit,
+            words: q.words.into(),
+            like: "",
+            cost: 1.5 + OF_WORLD,
+        };
+        out.extend(straight.iter().map(shape));
+        for q in &bent {
+            for bend in &BENDS {
+                out.push(Shape {
+                    texts: vec![with_quantity(bend.text, &q.text)],
+                    scaled: Some(vec![q.text.clone()]),
+                    scale_words: shown(q.unit),
+                    tells_scale: bend.tells_scale,
+                    unit: if bend.keeps_unit { q.unit } else { RATIO },
+                    words: bent_words(bend, q.words),
+                    like: bend.like,
+                    cost: 3.5 + OF_WORLD,
+                    ..shape(q)
+                });
+            }
+        }
+    }
+}
+
+const DRY_FRICTION: &str = "dry friction";
+
+/// Square of the width within which a sign is smooth, so that its slope stays finite, while formulas are tried: there windows start at
+/// measured velocities, and a steeper step would be crossed at another time.
+const SMOOTH_TRIED: &str = "4e-4";
+/// And where it is written, fitted and flown: half as wide, and half as much too large a coefficient.
+const SMOOTH_WRITTEN: &str = "1e-4";
+
+/// The sign of a quantity: a saturation whose scale is too small for the logs to tell.
+fn step(q: &str) -> String {
+    format!("{q} / sqrt({q}^2 + {SMOOTH_TRIED})")
+}
+
+/// An expression of a shape as a vehicle file has it.
+pub(super) fn written(text: &str) -> String {
+    text.replace(SMOOTH_TRIED, SMOOTH_WRITTEN)
 }
 
 /// A function's expression with the quantity put in for the lone letter `q`.
@@ -412,8 +558,8 @@ fn bent_words(bend: &Bend, quantity: &str) -> String {
     bend.words.replace('q', quantity).replace("||", "|")
 }
 
-fn like(torque: bool, motion: &str, factor: &str) -> &'static str {
-    match (torque, motion, factor) {
+fn like(acts: Acts, motion: &str, factor: &str) -> &'static str {
+    match (acts == Acts::Torque, motion, factor) {
         (false, "v", "") => "a drag that grows with the speed",
         (false, "v", "|v|") => "a drag that grows with the square of the speed",
         (false, "v", OWN_SIZE) => "a drag that grows with the square of the speed along each axis",
@@ -442,9 +588,10 @@ mod tests {
                     // A scale is a parameter with a unit of its own, which the check of units does not know.
                     continue;
                 }
-                let on = if shape.torque { "N·m" } else { "N" };
+                let torque = shape.acts == Acts::Torque;
+                let on = if torque { "N·m" } else { "N" };
                 let program = parse(&format!("k * ({text})"), &["k"]).unwrap();
-                let own = [[1, 1, -2], [2, 1, -2]][usize::from(shape.torque)];
+                let own = [[1, 1, -2], [2, 1, -2]][usize::from(torque)];
                 let missing = core::array::from_fn(|k| own[k] - shape.unit[k]);
                 // Numbers under a root stand for a square of what they are added to.
                 assert_eq!(unit_of_coefficient(&program, on).unwrap(), words(missing), "{text}");

@@ -15,16 +15,19 @@ use crate::disturbance::Disturbance;
 use crate::fit::{Prepared, forces_only};
 use crate::model::Model;
 use crate::policy::{FORMULA_NATS, FORMULA_SHORTER};
+use crate::replay::STEP;
 use crate::report::{interval, quantity};
 use crate::search::THRESHOLD;
 use crate::solve::{Solution, refitted};
 use crate::track::Measured;
 use crate::verdict::{Finding, Said};
 use crate::watch::Watch;
-use grammar::Shape;
+use grammar::{Acts, Shape, written};
 use propwash_physics::airframe;
 use propwash_physics::effects::candidate::{Bounds, Freedom};
-use propwash_physics::effects::expression::{Declared, Formula as Programs, Params, SEEN, VARIABLES};
+use propwash_physics::effects::expression::{
+    Declared, Formula as Programs, NO_NEIGHBOUR_M, Params, SEEN, VARIABLES,
+};
 use propwash_physics::effects::{AnyEffect, Area, Candidate};
 use propwash_trace::math::{euler, quat};
 use propwash_vehicle::Vehicle;
@@ -58,6 +61,8 @@ pub(crate) struct Proposed {
 
 /// Formulas tried by the evidence of roll-outs.
 const TRIED: usize = 6;
+/// And along axes of the world, which are few.
+const TRIED_OF_WORLD: usize = 3;
 /// Most formulas of one verdict.
 const MOST: usize = 2;
 /// Times per window at which the variables are read.
@@ -87,15 +92,18 @@ pub(crate) fn proposed(
         lacks(logs, model, solution, &solution.deltas_without(model, open))
     };
     let filed = without(&kept);
-    let mut tried = rank::rank(&filed, TRIED);
+    let mut tried = rank::rank(&filed, TRIED, false);
     if let Some(first) = tried.first() {
-        tried.extend(rank::rank(&rank::beside(&filed, first), MOST));
+        tried.extend(rank::rank(&rank::beside(&filed, first), MOST, false));
     }
+    tried.extend(rank::rank(&filed, TRIED_OF_WORLD, true));
     if firm.len() < kept.len() {
-        tried.extend(rank::rank(&without(&firm), TRIED));
+        let firm = without(&firm);
+        tried.extend(rank::rank(&firm, TRIED, false));
+        tried.extend(rank::rank(&firm, TRIED_OF_WORLD, true));
     }
-    tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST));
-    tried.retain(|r| !forces_only(logs) || !r.shape.torque);
+    tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST, false));
+    tried.retain(|r| !forces_only(logs) || r.shape.acts != Acts::Torque);
     if tried.is_empty() {
         return Ok(Proposed::default());
     }
@@ -153,7 +161,7 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
         place(["x", "y", "z"]),
         place(["roll", "pitch", "yaw"]),
     );
-    let (time, sum, thrust) = (at("t"), at("rotor_sum"), at("thrust_n"));
+    let (time, sum, thrust, others) = (at("t"), at("rotor_sum"), at("thrust_n"), at("others_m"));
     let ticks = rotor_ticks(logs, model, solution);
     let body = &model.drone.body;
     let values = |log: usize, (tick, here): (usize, Measured)| {
@@ -166,7 +174,11 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
             now[pos[k]] = here.pos[k];
             now[rpy[k]] = angles[k];
         }
-        now[time] = logs[log].around.time_s(tick);
+        let around = &logs[log].around;
+        now[time] = around.time_s(tick);
+        let near = around.neighbours.get(tick / STEP).into_iter().flatten();
+        let apart = near.map(|n| (0..3).map(|k| (n.pos[k] - here.pos[k]).powi(2)).sum::<f64>().sqrt());
+        now[others] = apart.fold(NO_NEIGHBOUR_M, f64::min);
         if let Some(tick) = ticks[log].get(tick) {
             now[sum] = tick.rotor_vel.iter().sum();
             now[thrust] = match now[sum] > 0.0 {
@@ -183,7 +195,8 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
             wrench[k] = body.mass_kg * w.push[k];
             wrench[3 + k] = (0..3).map(|j| body.inertia_kg_m2[k][j] * w.push[3 + j]).sum();
         }
-        Lack { log: w.log, wrench, at: w.at.into_iter().map(|at| values(w.log, at)).collect() }
+        let quat = w.at[w.at.len() / 2].1.quat;
+        Lack { log: w.log, wrench, quat, at: w.at.into_iter().map(|at| values(w.log, at)).collect() }
     })
     .collect()
 }
@@ -266,13 +279,14 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
         })?);
     }
     let programs = programs.try_into().ok();
-    let (force, torque) = if ranked.shape.torque { (None, programs) } else { (programs, None) };
+    let of = |acts: Acts| programs.clone().filter(|_| ranked.shape.acts == acts);
     let bounds = Bounds::from(f64::NEG_INFINITY);
     let fixed = Freedom::any("s", "1", 0.0, 0.0);
     let formula = Programs {
         name: name.into(),
-        force_body_n: force,
-        torque_body_n_m: torque,
+        force_body_n: of(Acts::ForceBody),
+        force_world_n: of(Acts::ForceWorld),
+        torque_body_n_m: of(Acts::Torque),
         parameters: vec![Declared { freedom: freedom.clone(), bounds }, Declared { freedom: fixed, bounds }],
         ..Programs::default()
     };
@@ -286,7 +300,7 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
 
 /// A formula as an effect of a vehicle file.
 fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
-    let Shape { torque, axes, texts, .. } = &ranked.shape;
+    let Shape { acts, axes, texts, .. } = &ranked.shape;
     // Also a name of an expression without anything to fit, which is no candidate.
     let taken = |name: &str| {
         let label = format!("expression.{name}");
@@ -296,11 +310,15 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     let id = (number..).map(|n| format!("found_{n}")).find(|name| !taken(name)).unwrap_or_default();
     let mut three = ["\"0\"".to_string(), "\"0\"".into(), "\"0\"".into()];
     for (axis, text) in axes.iter().zip(texts) {
-        three[*axis] = format!("\"c * {}\"", bracketed(text));
+        three[*axis] = format!("\"c * {}\"", bracketed(&written(text)));
     }
-    let own = [[1, 1, -2], [2, 1, -2]][usize::from(*torque)];
+    let own = [[1, 1, -2], [2, 1, -2]][usize::from(*acts == Acts::Torque)];
     let unit = units::words(core::array::from_fn(|k| own[k] - ranked.shape.unit[k]));
-    let key = if *torque { "torque_body_n_m" } else { "force_body_n" };
+    let (key, along) = match acts {
+        Acts::ForceBody => ("force_body_n", "force along body"),
+        Acts::ForceWorld => ("force_world_n", "force along world"),
+        Acts::Torque => ("torque_body_n_m", "torque about body"),
+    };
     let size = rounded(ranked.coefficient.abs());
     let mut table = format!(
         "\n[[effect]]\nkind = \"expression\"\nname = \"{id}\"\n{key} = [{}]\n\n[effect.parameter.c]\nvalue = 0.0\n\
@@ -316,15 +334,9 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     }
     let names = ["x", "y", "z"];
     let axes: Vec<&str> = axes.iter().map(|k| names[*k]).collect();
-    let on = match (torque, axes.as_slice()) {
-        (false, [rest @ .., last]) if !rest.is_empty() => {
-            format!("force along body {} and {last}", rest.join(", "))
-        }
-        (true, [rest @ .., last]) if !rest.is_empty() => {
-            format!("torque about body {} and {last}", rest.join(", "))
-        }
-        (false, _) => format!("force along body {}", axes.join("")),
-        (true, _) => format!("torque about body {}", axes.join("")),
+    let on = match axes.as_slice() {
+        [rest @ .., last] if !rest.is_empty() => format!("{along} {} and {last}", rest.join(", ")),
+        _ => format!("{along} {}", axes.join("")),
     };
     let fixed = ranked.scale.filter(|_| !ranked.shape.tells_scale);
     let mut words = format!("{on} = c · {}", ranked.shape.words);

@@ -1,8 +1,9 @@
 //! Ranks formulas by how well they describe the disturbances of the windows on blocks of time that their fit has not seen.
 
-use super::grammar::{Shape, shapes};
+use super::grammar::{Acts, Shape, shapes};
 use crate::policy::{FORMULA_SAME, FORMULA_SHARE};
 use propwash_physics::effects::expression::{Program, SEEN};
+use propwash_trace::math::quat;
 use propwash_vehicle::expression::parse;
 use rayon::prelude::*;
 
@@ -12,8 +13,22 @@ pub(super) struct Lack {
     pub log: usize,
     /// Force along body axes, N, then torque, N·m.
     pub wrench: [f64; 6],
+    /// Attitude in its middle.
+    pub quat: [f64; 4],
     /// Values of the variables of expressions at each time.
     pub at: Vec<[f64; SEEN]>,
+}
+
+impl Lack {
+    /// The part that a formula could be: three numbers along its axes.
+    fn part(&self, acts: Acts) -> [f64; 3] {
+        let [fx, fy, fz, tx, ty, tz] = self.wrench;
+        match acts {
+            Acts::ForceBody => [fx, fy, fz],
+            Acts::ForceWorld => quat::rotate(self.quat, [fx, fy, fz]),
+            Acts::Torque => [tx, ty, tz],
+        }
+    }
 }
 
 /// A formula with values.
@@ -37,12 +52,15 @@ const SCALES: [f64; 5] = [0.07, 0.2, 0.5, 1.1, 2.5];
 /// Price of a quantity, a function or a scale, nats: the logarithm of the number of choices.
 const PRICE: f64 = 5.0;
 
-/// The best formulas for what is lacking, unlike each other; best first, at most `most`.
-pub(super) fn rank(lacks: &[Lack], most: usize) -> Vec<Ranked> {
+/// The best formulas for what is lacking, unlike each other; best first, at most `most`: along axes of the body, or of the world. These
+/// are ranked apart. In a flight that hardly turns they are the same but for what the means of windows make of them, and only
+/// roll-outs tell them apart.
+pub(super) fn rank(lacks: &[Lack], most: usize, world: bool) -> Vec<Ranked> {
     if lacks.len() < FEWEST {
         return Vec::new();
     }
-    let all = shapes();
+    let mut all = shapes();
+    all.retain(|shape| (shape.acts == Acts::ForceWorld) == world);
     let mut ranked: Vec<Ranked> = all.par_iter().filter_map(|shape| fitted(shape, lacks)).collect();
     ranked.sort_by(|a, b| b.nats.total_cmp(&a.nats));
     let mut out: Vec<Ranked> = Vec::new();
@@ -59,25 +77,37 @@ pub(super) fn rank(lacks: &[Lack], most: usize) -> Vec<Ranked> {
 
 /// What is lacking beside a formula.
 pub(super) fn beside(lacks: &[Lack], found: &Ranked) -> Vec<Lack> {
-    let n = lacks.len();
     let mut out = lacks.to_vec();
-    for (i, axis) in found.shape.axes.iter().enumerate() {
-        let on = axis + if found.shape.torque { 3 } else { 0 };
-        for (w, lack) in out.iter_mut().enumerate() {
-            lack.wrench[on] -= found.coefficient * found.column[i * n + w];
-        }
+    let first = if found.shape.acts == Acts::Torque { 3 } else { 0 };
+    for (w, lack) in out.iter_mut().enumerate() {
+        let said = found.along_body(lacks, w);
+        (0..3).for_each(|k| lack.wrench[first + k] -= found.coefficient * said[k]);
     }
     out
 }
 
 /// Whether two formulas push alike.
 fn alike(a: &Ranked, b: &Ranked) -> bool {
-    if a.shape.torque != b.shape.torque || a.shape.axes != b.shape.axes {
+    if a.shape.acts != b.shape.acts || a.shape.axes != b.shape.axes {
         return false;
     }
     let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(p, q)| p * q).sum::<f64>();
     let (aa, bb) = (dot(&a.column, &a.column), dot(&b.column, &b.column));
     dot(&a.column, &b.column).powi(2) > FORMULA_SAME * aa * bb
+}
+
+impl Ranked {
+    /// What it says of a window without its coefficient; of a force, along axes of the body.
+    fn along_body(&self, lacks: &[Lack], window: usize) -> [f64; 3] {
+        let mut said = [0.0; 3];
+        for (i, axis) in self.shape.axes.iter().enumerate() {
+            said[*axis] = self.column[i * lacks.len() + window];
+        }
+        match self.shape.acts {
+            Acts::ForceWorld => quat::rotate_inverse(lacks[window].quat, said),
+            Acts::ForceBody | Acts::Torque => said,
+        }
+    }
 }
 
 /// A shape fitted, with the best scale; `None` where it describes too little.
@@ -131,9 +161,8 @@ fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
 
 /// What is lacking along the axes of a shape, (axis, window), without the mean of each log.
 fn target(shape: &Shape, lacks: &[Lack]) -> Vec<f64> {
-    let offset = if shape.torque { 3 } else { 0 };
-    let mut out: Vec<f64> =
-        shape.axes.iter().flat_map(|k| lacks.iter().map(move |l| l.wrench[offset + k])).collect();
+    let parts: Vec<[f64; 3]> = lacks.iter().map(|l| l.part(shape.acts)).collect();
+    let mut out: Vec<f64> = shape.axes.iter().flat_map(|k| parts.iter().map(move |p| p[*k])).collect();
     without_means(&mut out, lacks);
     out
 }
@@ -241,7 +270,7 @@ mod tests {
                 now[variable("t")] = 0.25 * i as f64;
                 now[variable("rotor_sum")] = 4000.0 + 300.0 * (0.6 * i as f64).sin();
                 now[variable("thrust_n")] = 0.3 + 0.05 * (0.6 * i as f64).sin();
-                Lack { log: 0, wrench: wrench(&now, i), at: vec![now] }
+                Lack { log: 0, wrench: wrench(&now, i), quat: [0.0, 0.0, 0.0, 1.0], at: vec![now] }
             })
             .collect()
     }
@@ -255,6 +284,7 @@ mod tests {
                 [push(0), push(1), 0.001 * jumble(i), 0.0, 0.0, 0.0]
             }),
             6,
+            false,
         );
         let first = &found[0];
         assert_eq!((first.shape.axes, first.shape.words.as_str()), (&[0usize, 1][..], "tanh(v / {s})"));
@@ -263,8 +293,34 @@ mod tests {
     }
 
     #[test]
+    fn a_force_along_axes_of_the_world_is_found_as_such_and_taken_off() {
+        let v = ["vx", "vy", "vz"].map(variable);
+        // A vehicle that yaws sees it along both of its axes in turn.
+        let mut lacks = flight(|_, i| core::array::from_fn(|k| 0.002 * jumble(7 * i + k)));
+        for (i, lack) in lacks.iter_mut().enumerate() {
+            lack.quat = quat::exp([0.1 * (0.9 * i as f64).sin(), 0.0, 0.31 * i as f64]);
+            let vel =
+                [(0.21, 1.4), (0.37, 1.2), (0.53, 0.9)].map(|(rate, most)| most * (rate * i as f64).sin());
+            (0..3).for_each(|k| lack.at[0][v[k]] = vel[k]);
+            let friction = vel.map(|v| 0.02 * (v / 0.3).tanh());
+            let along = quat::rotate_inverse(lack.quat, [friction[0], friction[1], 0.0]);
+            (0..3).for_each(|k| lack.wrench[k] -= along[k]);
+        }
+        let first = rank(&lacks, 6, true).remove(0);
+        assert_eq!(
+            (first.shape.acts, first.shape.axes, first.shape.words.as_str()),
+            (Acts::ForceWorld, &[0usize, 1][..], "tanh(v / {s})")
+        );
+        assert!((first.coefficient + 0.02).abs() < 5e-4, "{}", first.coefficient);
+        assert!((first.scale.unwrap() - 0.3).abs() < 0.05, "{:?}", first.scale);
+        let left = rank(&beside(&lacks, &first), 6, true);
+        assert!(left.is_empty(), "{:?}", left.iter().map(|f| &f.shape.words).collect::<Vec<_>>());
+    }
+
+    #[test]
     fn where_nothing_is_regular_no_formula_is_found() {
-        let found = rank(&flight(|_, i| core::array::from_fn(|k| jumble(13 * i + 101 * k))), 6);
+        let lacks = flight(|_, i| core::array::from_fn(|k| jumble(13 * i + 101 * k)));
+        let found = [rank(&lacks, 6, false), rank(&lacks, 6, true)].concat();
         assert!(found.is_empty(), "{:?}", found.iter().map(|f| &f.shape.words).collect::<Vec<_>>());
     }
 
@@ -282,8 +338,8 @@ mod tests {
                 0.0,
             ]
         });
-        let first = rank(&lacks, 1).remove(0);
-        let second = rank(&beside(&lacks, &first), 1).remove(0);
+        let first = rank(&lacks, 1, false).remove(0);
+        let second = rank(&beside(&lacks, &first), 1, false).remove(0);
         let mut axes = [first.shape.axes[0], second.shape.axes[0]];
         axes.sort_unstable();
         assert_eq!(axes, [0, 2], "{} {}", first.shape.words, second.shape.words);

@@ -30,8 +30,14 @@ pub(super) fn ladder_channels(ladder: &[Rung]) -> &'static [LadderChannel] {
     if turns(ladder) { &LADDER_CHANNELS } else { &LADDER_CHANNELS[..2] }
 }
 
+/// A difference in evidence that nobody would bet on, nats.
+const AS_WELL_NATS: f64 = 0.5;
+
 /// How well a look-alike fits, in words.
 pub(super) fn compared(l: &LookAlike) -> String {
+    if l.worse_by_nats.abs() < AS_WELL_NATS {
+        return "fits as well".into();
+    }
     let nats = significant(l.worse_by_nats.abs(), 2);
     if l.worse_by_nats < 0.0 {
         format!("fits better by {nats}\u{a0}nats, less plausible")

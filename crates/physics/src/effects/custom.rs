@@ -18,9 +18,6 @@ use propwash_trace::trace::Sym;
 /// Most numbers among the parameters of a custom effect.
 pub const MAX_PARAMETERS: usize = 12;
 
-/// Most derivatives that this library takes of an effect at once.
-pub const MAX_PARTIALS: usize = 24;
-
 /// Why an effect cannot be registered.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RegisterError {
@@ -117,12 +114,17 @@ pub(super) fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
 
 macro_rules! register {
     ($($n:literal)*) => {
+        /// Whether effects are made over a [`Dual`] of `n` derivatives.
+        pub const fn differentiates(n: usize) -> bool {
+            matches!(n, $($n)|*)
+        }
+
         /// Makes an effect known under the name `kind`, as vehicle files spell it, for the whole program and for good. `P` is the struct of
         /// its parameters ([`parameters!`](crate::parameters)), over f64, with the defaults at which the effect does nothing;
         /// `candidates` says what of it may be missing in a model, by the same `kind`, or gives nothing.
         ///
-        /// It acts on numbers of the types f32 and f64, on traces, and on duals of f64 with at most [`MAX_PARTIALS`] derivatives. Registering the
-        /// same `P` under the same name again changes nothing.
+        /// It acts on numbers of the types f32 and f64, on traces, and on duals of f64 with as many derivatives as [`differentiates`] says.
+        /// Registering the same `P` under the same name again changes nothing.
         ///
         /// # Errors
         /// [`RegisterError`].
@@ -150,7 +152,8 @@ macro_rules! register {
     };
 }
 
-register! { 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 }
+// An effect is compiled once for each, 24 of them in a minute: some small ones, and those of `crates/gap`.
+register! { 1 2 3 4 5 6 12 13 19 }
 
 fn checked<P: Parameters<f64> + Default + 'static>(
     kind: &'static str,
@@ -231,7 +234,7 @@ impl<S: Real> Params<S> {
 }
 
 /// The effect over a number type that [`register`] does not make, of which the library has none: where it takes derivatives it
-/// asserts that they are at most [`MAX_PARTIALS`]. Forces that are no numbers show it; none at all would hide it.
+/// asserts that it [`differentiates`]. Forces that are no numbers show it; none at all would hide it.
 struct Unknown;
 
 impl<S: Real> Effect<S> for Unknown {

@@ -15,7 +15,7 @@ use propwash_trace::math::{euler, vec3};
 pub use propwash_trace::program::{MAX_DEPTH, Op, Program, ProgramError};
 
 /// Distance that stands for "no other vehicle", m.
-const NO_NEIGHBOUR_M: f64 = 1e6;
+pub const NO_NEIGHBOUR_M: f64 = 1e6;
 
 /// Most parameters of one expression effect.
 pub const MAX_PARAMETERS: usize = 8;
