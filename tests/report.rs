@@ -910,4 +910,7 @@ fn a_number_far_outside_its_tolerance_is_not_called_within_it() {
     d.findings[1].look_alikes[0].worse_by_nats = -4.9;
     let words = text(&d);
     assert!(unwrapped(&words).contains("fits better by 4.9 nats, less plausible"), "{words}");
+    d.findings[1].look_alikes[0].worse_by_nats = 0.04;
+    let words = unwrapped(&text(&d));
+    assert!(words.contains("fits as well") && !words.contains("by 0.04"), "{words}");
 }

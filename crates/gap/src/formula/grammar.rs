@@ -232,62 +232,72 @@ pub(super) fn shapes() -> Vec<Shape> {
         }
         free_of_axes(&mut out, acts);
     }
-    along_world_axes(&mut out);
+    along_own_axis(&mut out, Acts::ForceWorld);
     by_place(&mut out);
     out
 }
 
-/// What acts against, or along, the motion of its own axis: drags and dampings.
+/// What acts against, or along, the motion of its own axis: drags, dampings, friction; along axes of the world, that of rails, cables and
+/// guides.
 fn along_own_axis(out: &mut Vec<Shape>, acts: Acts) {
-    for (names, words, unit) in [(VEL, "v", SPEED), (RATES, "ω", RATE)] {
+    let world = acts == Acts::ForceWorld;
+    let motions = [(VEL, "v", SPEED), (RATES, "ω", RATE)];
+    let (motions, more) =
+        if world { (&[(VEL_WORLD, "v", SPEED)][..], OF_WORLD) } else { (&motions[..], 0.0) };
+    for (names, words, unit) in motions.iter().copied() {
         for axes in TOGETHER {
-            for factor in factors() {
-                out.push(Shape {
-                    acts,
-                    axes,
-                    texts: axes.iter().map(|k| times(names[*k], &factor)).collect(),
-                    scaled: None,
-                    scale_words: "",
-                    tells_scale: false,
-                    unit: add(unit, factor.unit),
-                    words: words_times(words, &factor),
-                    like: like(acts, words, factor.words),
-                    cost: if factor.text.is_empty() { 1.0 } else { 2.0 },
-                });
-            }
-            // The square along each axis alone: the drag of most simulators (MuJoCo's boxes, PyFlyt).
-            let square = Shape {
+            let straight = Shape {
                 acts,
                 axes,
-                texts: axes.iter().map(|k| format!("{0} * abs({0})", names[*k])).collect(),
+                texts: axes.iter().map(|k| names[*k].to_string()).collect(),
                 scaled: None,
                 scale_words: "",
                 tells_scale: false,
-                unit: add(unit, unit),
-                words: format!("{words} · |{words} along the axis|"),
-                like: like(acts, words, OWN_SIZE),
-                cost: 2.0,
+                unit,
+                words: words.into(),
+                like: like(acts, words, ""),
+                cost: 1.0 + more,
             };
+            // What is alike along all axes, with a size that has none, is the same along the world's and the body's: of such sizes
+            // the body's have enough.
+            for factor in factors().iter().filter(|f| !world || f.text.is_empty() && axes.len() < 3) {
+                out.push(Shape {
+                    texts: axes.iter().map(|k| times(names[*k], factor)).collect(),
+                    unit: add(unit, factor.unit),
+                    words: words_times(words, factor),
+                    like: like(acts, words, factor.words),
+                    cost: if factor.text.is_empty() { 1.0 } else { 2.0 } + more,
+                    ..straight.clone()
+                });
+            }
             out.push(Shape {
                 texts: axes.iter().map(|k| step(names[*k])).collect(),
                 unit: RATIO,
                 words: format!("sign({words})"),
                 like: DRY_FRICTION,
-                ..square.clone()
+                cost: 2.0 + more,
+                ..straight.clone()
             });
-            out.push(square);
+            // The square along each axis alone: the drag of most simulators (MuJoCo's boxes, PyFlyt).
+            out.push(Shape {
+                texts: axes.iter().map(|k| format!("{0} * abs({0})", names[*k])).collect(),
+                unit: add(unit, unit),
+                words: format!("{words} · |{words} along the axis|"),
+                like: like(acts, words, OWN_SIZE),
+                cost: 2.0 + more,
+                ..straight.clone()
+            });
             for bend in BENDS.iter().filter(|b| b.odd) {
                 out.push(Shape {
-                    acts,
-                    axes,
                     texts: axes.iter().map(|k| with_quantity(bend.text, names[*k])).collect(),
-                    scaled: Some(axes.iter().map(|k| names[*k].to_string()).collect()),
+                    scaled: Some(straight.texts.clone()),
                     scale_words: shown(unit),
                     tells_scale: bend.tells_scale,
                     unit: if bend.keeps_unit { unit } else { RATIO },
                     words: bent_words(bend, words),
                     like: bend.like,
-                    cost: 3.0,
+                    cost: 3.0 + more,
+                    ..straight.clone()
                 });
             }
         }
@@ -411,77 +421,18 @@ fn free_of_axes(out: &mut Vec<Shape>, acts: Acts) {
 /// What a formula along axes of the world costs more: one of the body that says as much comes first.
 const OF_WORLD: f64 = 0.5;
 
-/// What acts against, or along, the motion over ground along axes of the world: rails, cables, guides. A linear force that is
-/// alike along all three is one along the body's.
-fn along_world_axes(out: &mut Vec<Shape>) {
-    for axes in TOGETHER {
-        let texts = || axes.iter().map(|k| VEL_WORLD[*k].to_string()).collect::<Vec<_>>();
-        let shape = Shape {
-            acts: Acts::ForceWorld,
-            axes,
-            texts: texts(),
-            scaled: None,
-            scale_words: "",
-            tells_scale: false,
-            unit: SPEED,
-            words: "v".into(),
-            like: "a drag that grows with the speed",
-            cost: 1.0 + OF_WORLD,
-        };
-        if axes.len() < 3 {
-            out.push(shape.clone());
-        }
-        out.push(Shape {
-            texts: axes.iter().map(|k| step(VEL_WORLD[*k])).collect(),
-            unit: RATIO,
-            words: "sign(v)".into(),
-            like: DRY_FRICTION,
-            cost: 2.0 + OF_WORLD,
-            ..shape.clone()
-        });
-        out.push(Shape {
-            texts: axes.iter().map(|k| format!("{0} * abs({0})", VEL_WORLD[*k])).collect(),
-            unit: add(SPEED, SPEED),
-            words: "v · |v along the axis|".into(),
-            like: like(Acts::ForceWorld, "v", OWN_SIZE),
-            cost: 2.0 + OF_WORLD,
-            ..shape.clone()
-        });
-        for bend in BENDS.iter().filter(|b| b.odd) {
-            out.push(Shape {
-                texts: axes.iter().map(|k| with_quantity(bend.text, VEL_WORLD[*k])).collect(),
-                scaled: Some(texts()),
-                scale_words: shown(SPEED),
-                tells_scale: bend.tells_scale,
-                unit: if bend.keeps_unit { SPEED } else { RATIO },
-                words: bent_words(bend, "v"),
-                like: bend.like,
-                cost: 3.0 + OF_WORLD,
-                ..shape.clone()
-            });
-        }
-    }
-}
-
 /// Forces along axes of the world by place, by time and by how near others are: springs, tethers, fields, outflows.
 fn by_place(out: &mut Vec<Shape>) {
-    let straight = [
+    let both = [
         quantity("x", "x", [1, 0, 0]),
         quantity("y", "y", [1, 0, 0]),
         quantity("z", "z", [1, 0, 0]),
         quantity("t", "t", [0, 0, 1]),
         quantity(AIRSPEED, "|v|", SPEED),
-        quantity("(vx_body^2 + vy_body^2 + vz_body^2)", "|v|²", [2, 0, -2]),
     ];
-    let bent = [
-        quantity("x", "x", [1, 0, 0]),
-        quantity("y", "y", [1, 0, 0]),
-        quantity("z", "z", [1, 0, 0]),
-        quantity("t", "t", [0, 0, 1]),
-        quantity(AIRSPEED, "|v|", SPEED),
-        // Where nobody else flies it is a million metres: no size to take the scale from.
-        quantity("min(others_m, 10)", "distance to others", [1, 0, 0]),
-    ];
+    let square = quantity("(vx_body^2 + vy_body^2 + vz_body^2)", "|v|²", [2, 0, -2]);
+    // Where nobody else flies it is a million metres: no size to take the scale from.
+    let others = quantity("min(others_m, 10)", "distance to others", [1, 0, 0]);
     for axes in ALONE {
         let shape = |q: &Quantity| Shape {
             acts: Acts::ForceWorld,
@@ -495,8 +446,8 @@ fn by_place(out: &mut Vec<Shape>) {
             like: "",
             cost: 1.5 + OF_WORLD,
         };
-        out.extend(straight.iter().map(shape));
-        for q in &bent {
+        out.extend(both.iter().chain([&square]).map(shape));
+        for q in both.iter().chain([&others]) {
             for bend in &BENDS {
                 out.push(Shape {
                     texts: vec![with_quantity(bend.text, &q.text)],

@@ -26,7 +26,7 @@ use grammar::{Acts, Shape, written};
 use propwash_physics::airframe;
 use propwash_physics::effects::candidate::{Bounds, Freedom};
 use propwash_physics::effects::expression::{
-    Declared, Formula as Programs, NO_NEIGHBOUR_M, Params, SEEN, VARIABLES,
+    Declared, Formula as Programs, Params, SEEN, VARIABLES, nearest_m,
 };
 use propwash_physics::effects::{AnyEffect, Area, Candidate};
 use propwash_trace::math::{euler, quat};
@@ -176,9 +176,8 @@ fn lacks(logs: &[Prepared], model: &Model, solution: &Solution, deltas: &[Vec<f6
         }
         let around = &logs[log].around;
         now[time] = around.time_s(tick);
-        let near = around.neighbours.get(tick / STEP).into_iter().flatten();
-        let apart = near.map(|n| (0..3).map(|k| (n.pos[k] - here.pos[k]).powi(2)).sum::<f64>().sqrt());
-        now[others] = apart.fold(NO_NEIGHBOUR_M, f64::min);
+        let others_there = around.neighbours.get(tick / STEP).map_or(&[][..], Vec::as_slice);
+        now[others] = nearest_m(others_there, here.pos);
         if let Some(tick) = ticks[log].get(tick) {
             now[sum] = tick.rotor_vel.iter().sum();
             now[thrust] = match now[sum] > 0.0 {

@@ -9,13 +9,13 @@ use crate::drone::Drone;
 use crate::effects::candidate::{Area, Bounds, Candidate, Freedom, Needs};
 use crate::params::Parameters;
 use crate::rigid_body::Wrench;
-use crate::surroundings::Reads;
+use crate::surroundings::{Neighbour, Reads};
 use propwash_trace::Real;
 use propwash_trace::math::{euler, vec3};
 pub use propwash_trace::program::{MAX_DEPTH, Op, Program, ProgramError};
 
 /// Distance that stands for "no other vehicle", m.
-pub const NO_NEIGHBOUR_M: f64 = 1e6;
+const NO_NEIGHBOUR_M: f64 = 1e6;
 
 /// Most parameters of one expression effect.
 pub const MAX_PARAMETERS: usize = 8;
@@ -243,11 +243,14 @@ fn sum_of_speeds<S: Real>(view: &View<S>) -> S {
     sum
 }
 
-/// Distance to the nearest other vehicle, m.
 fn nearest<S: Real>(view: &View<S>) -> S {
-    let far = S::lit(NO_NEIGHBOUR_M);
-    view.surroundings.neighbours.iter().fold(far, |least, other| {
-        let apart = vec3::sub(other.pos, view.state.pos);
+    nearest_m(view.surroundings.neighbours, view.state.pos)
+}
+
+/// Distance from `pos` (m, world) to the nearest other vehicle, m; 10⁶ where there is none.
+pub fn nearest_m<S: Real>(neighbours: &[Neighbour<S>], pos: [S; 3]) -> S {
+    neighbours.iter().fold(S::lit(NO_NEIGHBOUR_M), |least, other| {
+        let apart = vec3::sub(other.pos, pos);
         // The added square keeps the slope finite where two places are one.
         least.min((vec3::dot(apart, apart) + S::lit(1e-8)).sqrt())
     })
