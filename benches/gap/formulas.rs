@@ -23,6 +23,8 @@ pub struct Tried {
     pub formula: Option<String>,
     /// Whether an effect of the list was named, and certain.
     pub wrong: bool,
+    /// What was said.
+    pub headline: String,
     /// Why formulas that were tried are not named.
     pub why_not: Vec<String>,
     /// Names of the list that are certain.
@@ -88,7 +90,11 @@ pub fn run(
                         },
                     ]
                     .concat(),
-                    tried.formula.clone().unwrap_or_else(|| format!("none; {}", tried.why_not.join("; ")))
+                    tried.formula.clone().unwrap_or_else(|| format!(
+                        "none: {}; {}",
+                        tried.headline,
+                        tried.why_not.join("; ")
+                    ))
                 );
             }
             Ok(tried)
@@ -125,6 +131,7 @@ fn tried(case: &Case, vehicle: &Vehicle, text: &str) -> Result<Tried, Failure> {
     let channel = if raised(0) > raised(1) { 0 } else { 1 };
     Ok(Tried {
         formula: formula.map(|f| f.title.clone()),
+        headline: verdict.headline.clone(),
         why_not: verdict.why.iter().filter(|w| w.rule == Rule::Formula).map(|w| w.text.clone()).collect(),
         wrong: !named.is_empty(),
         named,

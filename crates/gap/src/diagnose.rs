@@ -75,8 +75,8 @@ pub struct Diagnosed {
     pub verdict: Diagnosis,
     pub(crate) solution: Solution,
     pub(crate) model: Model,
-    /// Formulas that would explain what is unexplained, none of them in the verdict: see [`crate::fitted::fit`].
-    pub(crate) proposed: Proposed,
+    /// Formulas that would explain what is unexplained, likeliest first, none of them in the verdict: see [`crate::fitted::fit`].
+    pub(crate) proposed: Vec<Proposed>,
 }
 
 /// Diagnoses flights of one vehicle. `held_out` logs are not used in the fit.
@@ -131,7 +131,7 @@ pub(crate) fn diagnose_from(
     if given.is_none() {
         solution = less.without_nothing(&logs, &mut model, solution)?;
     }
-    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, less.why)?;
+    let mut verdict = speak(tracks, vehicle, &model, &logs, &solution, less.why, without.is_some())?;
     if !settings.no_advice {
         verdict.advice = advice(tracks, vehicle, &model, &solution, &verdict)?;
     }
@@ -152,7 +152,7 @@ pub(crate) fn diagnose_from(
         && given.is_none()
         && !settings.no_formulas
         && verdict.moments.is_empty();
-    let mut proposed = Proposed::default();
+    let mut proposed = Vec::new();
     if wanted {
         // A verdict that was reached is given, whatever becomes of the search for formulas.
         match formula::proposed(&logs, &model, &solution, &verdict.findings, watch) {

@@ -170,23 +170,19 @@ pub(crate) fn fit_from(
     }
     let mut why = Vec::new();
     let proposed = diagnosed.proposed.clone();
-    let formulas = !proposed.formulas.is_empty();
+    let formulas = !proposed.is_empty();
     let work = Work { filed: &filed, flights, settings, by, calibrate, judge: Judge::new(flights), formulas };
     let plain = completed(&work, &filed, diagnosed)?;
+    let mut found: Option<Fitted> = None;
+    let explained = |f: &Fitted| !f.diagnosed.verdict.remainder.unexplained;
     // One formula, unless it leaves something unexplained: a second is easily the error of the first.
-    let mut found = None;
-    for n in 1..=proposed.formulas.len() {
-        let before = found.as_ref().unwrap_or(&plain);
-        let mut some = proposed.clone();
-        some.formulas.truncate(n);
-        match with_formulas(&work, &some, &plain, before) {
-            Ok(Ok(fitted)) => {
-                let explained = !fitted.diagnosed.verdict.remainder.unexplained;
-                found = Some(fitted);
-                if explained {
-                    break;
-                }
-            }
+    let tries = proposed.iter().flat_map(|p| (1..=p.formulas.len()).map(move |n| p.first(n)));
+    for some in tries {
+        if found.as_ref().is_some_and(explained) {
+            break;
+        }
+        match with_formulas(&work, &some, &plain, found.as_ref().unwrap_or(&plain)) {
+            Ok(Ok(fitted)) => found = Some(fitted),
             Ok(Err(reasons)) => why.extend(reasons),
             Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
             // A verdict that was reached is given, whatever becomes of a formula.

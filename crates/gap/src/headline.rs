@@ -112,10 +112,20 @@ fn corrections(d: &Diagnosis) -> Option<String> {
     let (horizon_s, before) = position_m(d.ladder.first()?)?;
     let (_, after) = position_m(d.ladder.last()?)?;
     let small = d.remainder.unexplained || after > WORTH_CORRECTING * before;
-    (!small).then(|| {
-        let numbers = pair(before, after, "m");
-        format!("small corrections, all within tolerance, do the rest: position after {horizon_s} s {numbers} (add --calibrate)")
-    })
+    if small {
+        return None;
+    }
+    let numbers = pair(before, after, "m");
+    let helped: Vec<&str> = d.ladder[1..].iter().filter_map(|r| r.label.strip_prefix("+ ")).collect();
+    let helped: Vec<&str> = helped.into_iter().filter(|label| !label.contains("no help")).collect();
+    let which = if helped.is_empty() { String::new() } else { format!(" ({})", helped.join(", ")) };
+    let mut far: Vec<&str> = d.calibration.iter().filter(|c| c.far()).map(|c| c.id.as_str()).collect();
+    far.dedup();
+    let (size, but) = match far.is_empty() {
+        true => ("small corrections within tolerance", String::new()),
+        false => ("corrections", format!("; outside tolerance, on too little evidence: {}", far.join(", "))),
+    };
+    Some(format!("{size}{which} do the rest: position after {horizon_s} s {numbers} (add --calibrate){but}"))
 }
 
 /// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; `None` where it was not measured.

@@ -10,9 +10,11 @@ use super::limits;
 use super::model::Model;
 use super::opinion;
 use super::per_log::differences;
+use super::policy::{LATE_S, LATE_SIGMAS};
+use super::report::interval;
 use super::search::{Evidence, THRESHOLD};
 use super::solve::Solution;
-use super::track::Track;
+use super::track::{Drive, Track};
 use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, ParameterFit};
 use super::witness::Witness;
@@ -21,7 +23,8 @@ use propwash_vehicle::Vehicle;
 /// Most look-alikes reported per finding.
 const MOST_ALIKE: usize = 8;
 
-/// The diagnosis of a solution, without [`advice`]. `why` holds what was left out before.
+/// The diagnosis of a solution, without [`advice`]. `why` holds what was left out before; `by_formula` says whether formulas of a search
+/// are among the candidates.
 pub(super) fn speak(
     tracks: &[Track],
     vehicle: &Vehicle,
@@ -29,6 +32,7 @@ pub(super) fn speak(
     logs: &[Prepared],
     solution: &Solution,
     why: Vec<Why>,
+    by_formula: bool,
 ) -> Result<Diagnosis, GapError> {
     let evidence = solution.evidence(model)?;
     let witness = Witness::beside(model, logs, solution);
@@ -50,7 +54,7 @@ pub(super) fn speak(
     let mut decision = Decision::new(model, logs, solution, &left, found, poor);
     // Shapes first: the joint rule reads a remainder as turbulence only if no shape was withdrawn.
     decision.judge_shapes(&evidence, &left);
-    decision.judge_together(removed_share(model, solution, &apart, &solution.set)?);
+    decision.judge_together(removed_share(model, solution, &apart, &solution.set)?, by_formula);
     decision.say_why_not(&evidence, &singles);
     let hidden = if poor { limits.iter().filter(|l| !l.visible).count() } else { 0 };
     let verdict = decision.sentence(hidden);
@@ -96,7 +100,37 @@ pub(super) fn speak(
             .iter()
             .flat_map(|t| t.warnings.iter().map(move |w| name(t, w)))
             .chain(model.say_held(&solution.posterior.mean))
+            .chain(late_drive(tracks, model, solution))
             .collect(),
+    })
+}
+
+/// That what drives the model comes late, or early, against all sensors alike. Where it was smoothed that counts as tolerance, which
+/// may be wide, but nobody should fly with it unknowingly.
+fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<String> {
+    let drive =
+        tracks.first().map(|t| t.drive).filter(|d| matches!(d, Drive::RotorSpeeds | Drive::Thrust))?;
+    let clocks = model.timing();
+    if clocks.iter().any(|c| solution.set.contains(c)) {
+        return None;
+    }
+    let off: Vec<(f64, f64)> = clocks
+        .iter()
+        .flat_map(|c| model.of(*c))
+        .map(|k| (solution.posterior.mean[k] - model.parameters[k].filed, solution.posterior.sigma[k]))
+        .collect();
+    let clear = |(value, sigma): &(f64, f64)| value.abs() > LATE_SIGMAS * sigma;
+    let mean_s = off.iter().map(|o| o.0).sum::<f64>() / off.len().max(1) as f64;
+    let alike = off.iter().all(|o| clear(o) && o.0.signum() == mean_s.signum());
+    (off.len() > 1 && alike && mean_s.abs() > LATE_S).then(|| {
+        let sigma_s = off.iter().map(|o| o.1).fold(0.0, f64::max);
+        format!(
+            "the {} come {} {} than all sensors say: within what smoothing their noise leaves open, so nothing is missing by it; shift \
+             their time, or write the clocks (add --calibrate)",
+            drive.title(),
+            interval(mean_s.abs(), sigma_s, "s"),
+            if mean_s < 0.0 { "later" } else { "earlier" },
+        )
     })
 }
 

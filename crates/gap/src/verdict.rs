@@ -6,6 +6,7 @@ use super::headline::since;
 use super::moments::{Moment, words};
 use super::network::NetworkVerdict;
 use super::opinion;
+use super::policy::FAR_TOLERANCES;
 use super::track::Noise;
 use propwash_physics::effects::Area;
 use serde::{Deserialize, Serialize};
@@ -156,6 +157,11 @@ impl Calibration {
     pub fn times_tolerance(&self) -> f64 {
         let off = (self.parameter.value - self.parameter.filed).abs();
         if self.tolerance > 0.0 { off / self.tolerance } else { 0.0 }
+    }
+
+    /// Whether it is no longer called within tolerance.
+    pub fn far(&self) -> bool {
+        self.times_tolerance() > FAR_TOLERANCES
     }
 }
 

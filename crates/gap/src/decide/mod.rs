@@ -136,7 +136,8 @@ impl<'a> Decision<'a> {
 
     /// Withdraws findings that only lean on what is really missing: together they remove too little of the held-out error
     /// (`together`), or of the disturbances. A remainder without a pattern is turbulence.
-    pub fn judge_together(&mut self, together: f64) {
+    /// Where a formula stands among the candidates (`by_formula`), what only one estimator sees is in doubt as it is beside a remainder.
+    pub fn judge_together(&mut self, together: f64, by_formula: bool) {
         let doubtful_shape = !self.nearest.is_empty();
         let left = &self.remainder;
         let part = |after: f64, before: f64| 1.0 - (after / before).powi(2);
@@ -175,12 +176,18 @@ impl<'a> Decision<'a> {
         if !wholly_driven && unexplained && explained < 0.0 {
             self.doubt(Rule::ForcesGrow, "more force is left with the findings than without", |_| true);
         }
-        // Beside an unexplained remainder, what the second estimator cannot confirm is in doubt.
-        for f in
-            self.findings.iter_mut().filter(|f| f.second.said == Said::Silent && f.certain && unexplained)
-        {
-            f.certain = false;
-            self.why.push(Why::new(&f.id, Rule::BesideUnexplained, "in doubt: something is unexplained"));
+        // Beside an unexplained remainder, what the second estimator cannot confirm is in doubt. A formula is the nearest of a list to
+        // the law that it stands for, and what it misses looks like sensors.
+        let text = match (unexplained, by_formula) {
+            (true, _) => Some("in doubt: something is unexplained"),
+            (false, true) => Some("in doubt: a formula stands for the law of what is missing"),
+            (false, false) => None,
+        };
+        for f in self.findings.iter_mut().filter(|f| f.second.said == Said::Silent && f.certain) {
+            if let Some(text) = text {
+                f.certain = false;
+                self.why.push(Why::new(&f.id, Rule::BesideUnexplained, text));
+            }
         }
         if let Some(f) = &found {
             let text = format!("{:.3} m/s² without a pattern", self.remainder.force_seen_m_s2());

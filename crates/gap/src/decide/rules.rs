@@ -142,7 +142,7 @@ impl Rule {
                 "by thrust, findings with which more force is left than without them are taken back".into()
             }
             Self::BesideUnexplained => {
-                "beside something unexplained, what only one estimator sees is in doubt".into()
+                "beside something unexplained, or a formula of the search, what only one estimator sees is in doubt".into()
             }
             Self::NeverWorse => format!(
                 "nothing is written with which an error on unseen flight rises, by more than {:.0} %, or which makes all \
@@ -209,7 +209,9 @@ impl Rule {
             }
             Self::Weather => "planted turbulence beside a weak rotor, a fading thrust and a slung load",
             Self::ForcesGrow => "20 planted flights by thrust with filtered sensors, 14 of them right before",
-            Self::BesideUnexplained => "no flight of its own: what `two estimators` asks, where more is open",
+            Self::BesideUnexplained => {
+                "flights of MuJoCo with dry friction, which leads the velocity there: beside its formula stood an accelerometer's clock"
+            }
             Self::Formula => "planted flights with effects that are in no list, and with none",
             Self::Network => "planted flights with effects that no formula describes, and with none",
             Self::Drift => {

@@ -162,7 +162,7 @@ struct Bend {
     like: &'static str,
 }
 
-const BENDS: [Bend; 5] = [
+const BENDS: [Bend; 6] = [
     Bend {
         text: "tanh((q) / s)",
         words: "tanh(q / {s})",
@@ -202,6 +202,15 @@ const BENDS: [Bend; 5] = [
         odd: false,
         tells_scale: true,
         like: "what fades",
+    },
+    // Nothing at rest, so that no constant force has to make up for it, as the one above would need.
+    Bend {
+        text: "(1 - exp(-((q) / s)^2))",
+        words: "(1 − exp(−(q / {s})²))",
+        keeps_unit: false,
+        odd: false,
+        tells_scale: true,
+        like: "what saturates",
     },
 ];
 
@@ -471,7 +480,7 @@ const DRY_FRICTION: &str = "dry friction";
 /// measured velocities, and a steeper step would be crossed at another time.
 const SMOOTH_TRIED: &str = "4e-4";
 /// And where it is written, fitted and flown: half as wide, and half as much too large a coefficient.
-const SMOOTH_WRITTEN: &str = "1e-4";
+const SMOOTH_WRITTEN: &str = "1e-5";
 
 /// The sign of a quantity: a saturation whose scale is too small for the logs to tell.
 fn step(q: &str) -> String {

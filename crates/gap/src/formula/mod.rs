@@ -18,7 +18,7 @@ use crate::policy::{FORMULA_NATS, FORMULA_SHORTER};
 use crate::replay::STEP;
 use crate::report::{interval, quantity};
 use crate::search::THRESHOLD;
-use crate::solve::{Solution, refitted};
+use crate::solve::{Solution, fitted_with, refitted};
 use crate::track::Measured;
 use crate::verdict::{Finding, Said};
 use crate::watch::Watch;
@@ -68,7 +68,7 @@ const MOST: usize = 2;
 /// Times per window at which the variables are read.
 const PLACES: usize = 3;
 
-/// The formulas that explain what `solution` leaves; none where none does.
+/// Formulas that explain what `solution` leaves, by the fit in which they were found, likeliest first; none where none does.
 ///
 /// # Errors
 /// [`GapError`] where a fit fails.
@@ -78,10 +78,37 @@ pub(crate) fn proposed(
     solution: &Solution,
     findings: &[Finding],
     watch: &Watch,
-) -> Result<Proposed, GapError> {
+) -> Result<Vec<Proposed>, GapError> {
     let sure =
         |c: usize| findings.iter().any(|f| f.id == model.candidates[c].id && f.second.said == Said::Agrees);
     let kept: Vec<usize> = solution.set.iter().copied().filter(|c| sure(*c)).collect();
+    let mut out = Vec::new();
+    // Physics that only leans on what is missing bends the model about it: a wind of some m/s that is not there changes every force of
+    // the air. What is missing is therefore looked for in a fit without it first.
+    let stays = |c: &usize| sure(*c) || model.candidates[*c].area == Area::Measurement;
+    let without: Vec<usize> = solution.set.iter().copied().filter(stays).collect();
+    if without.len() < solution.set.len() {
+        let mut own = model.clone();
+        if let Some(fitted) = fitted_with(logs, &mut own, solution, &without, watch)? {
+            out.extend(found_in(logs, &own, &fitted, &kept, watch)?);
+        }
+    }
+    if let Some(found) = found_in(logs, model, solution, &kept, watch)?
+        && !out.iter().any(|o: &Proposed| o.alike(&found))
+    {
+        out.push(found);
+    }
+    Ok(out)
+}
+
+/// The formulas that explain what one fit leaves; `kept` are the effects that two estimators see.
+fn found_in(
+    logs: &[Prepared],
+    model: &Model,
+    solution: &Solution,
+    kept: &[usize],
+    watch: &Watch,
+) -> Result<Option<Proposed>, GapError> {
     // What the vehicle as filed lacks, beside what is sure: tolerances, and effects that only lean on what is missing, would
     // hide a part of it. The same without any effect of the air, since even one that two estimators see may be a part of the missing
     // one. And what is left with all of them, for what is missing beside another effect.
@@ -91,7 +118,7 @@ pub(crate) fn proposed(
         let open = |c: usize| model.candidates[c].area != Area::Measurement && !kept.contains(&c);
         lacks(logs, model, solution, &solution.deltas_without(model, open))
     };
-    let filed = without(&kept);
+    let filed = without(kept);
     let mut tried = rank::rank(&filed, TRIED, false);
     if let Some(first) = tried.first() {
         tried.extend(rank::rank(&rank::beside(&filed, first), MOST, false));
@@ -105,14 +132,31 @@ pub(crate) fn proposed(
     tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST, false));
     tried.retain(|r| !forces_only(logs) || r.shape.acts != Acts::Torque);
     if tried.is_empty() {
-        return Ok(Proposed::default());
+        return Ok(None);
     }
-    let (chosen, beside) = by_evidence(logs, model, solution, [&kept, &firm], &tried, watch)?;
-    Ok(Proposed {
+    let (chosen, beside) = by_evidence(logs, model, solution, [kept, &firm], &tried, watch)?;
+    if chosen.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(Proposed {
         formulas: chosen.iter().enumerate().map(|(i, k)| formula(model, i + 1, &tried[*k])).collect(),
         factors: chosen.iter().map(|k| tried[*k].coefficient).collect(),
         beside: beside.iter().map(|c| model.candidates[*c].id.clone()).collect(),
-    })
+    }))
+}
+
+impl Proposed {
+    /// Its first `n` formulas.
+    pub fn first(&self, n: usize) -> Self {
+        let formulas = self.formulas.iter().take(n).cloned().collect();
+        Self { formulas, ..self.clone() }
+    }
+
+    /// Whether a search with it would be the same but for where values begin.
+    fn alike(&self, other: &Self) -> bool {
+        let words = |of: &Self| of.formulas.iter().map(|f| f.words.clone()).collect::<Vec<_>>();
+        words(self) == words(other) && self.beside == other.beside
+    }
 }
 
 /// The vehicle file's text with formulas, at no effect.

@@ -11,7 +11,6 @@ use super::text::{
 use super::{Against, Overlay, Report, ResidualSeries};
 use crate::headline::{evidence, pair, parted};
 use crate::live::Live;
-use crate::policy::FAR_TOLERANCES;
 use crate::verdict::{Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Rung};
 pub(super) use propwash_page::escape as esc;
 use propwash_page::{Page as Skeleton, Part};
@@ -514,7 +513,7 @@ impl Page {
         };
         let others: Vec<&Calibration> = d.adjusted.iter().filter(|c| !known(c)).collect();
         let (far, calibration): (Vec<&Calibration>, Vec<&Calibration>) =
-            d.calibration.iter().partition(|c| c.times_tolerance() > FAR_TOLERANCES);
+            d.calibration.iter().partition(|c| c.far());
         if found.is_empty() && d.calibration.is_empty() && others.is_empty() {
             return;
         }

@@ -3,7 +3,6 @@
 use super::quantity::{HALF_95, Scale, interval, percent, quantity, significant};
 use super::rungs::{measures, turns};
 use crate::headline::{before_after, evidence};
-use crate::policy::FAR_TOLERANCES;
 use crate::verdict::{Calibration, Diagnosis, Finding, HorizonError, LogSummary, LookAlike, OfOneLog, Rung};
 use propwash_physics::effects::Area;
 use std::fmt::Write as _;
@@ -275,8 +274,7 @@ impl Out {
         if calibration.is_empty() {
             return;
         }
-        let (far, within): (Vec<_>, Vec<_>) =
-            calibration.iter().partition(|c| c.times_tolerance() > FAR_TOLERANCES);
+        let (far, within): (Vec<_>, Vec<_>) = calibration.iter().partition(|c| c.far());
         for (title, list) in [
             ("Small corrections (within manufacturing tolerance)", within),
             ("Outside tolerance, but not enough evidence for a finding", far),
@@ -436,13 +434,16 @@ impl Out {
 /// A line about a parameter of the calibration.
 fn calibration_row(c: &Calibration) -> Vec<String> {
     let p = &c.parameter;
-    let far = c.times_tolerance();
     vec![
         c.id.clone(),
         p.name.clone(),
         interval(p.value, p.sigma, &p.unit),
         format!("filed {}", quantity(p.filed, &p.unit, 4)),
-        if far > FAR_TOLERANCES { format!("{} tolerances off", significant(far, 2)) } else { String::new() },
+        if c.far() {
+            format!("{} tolerances off", significant(c.times_tolerance(), 2))
+        } else {
+            String::new()
+        },
     ]
 }
 

@@ -19,7 +19,6 @@ use crate::error::Result;
 use crate::excite::{FlightPlan, Request, Sensors, plan};
 use crate::fit::{Prepared, forces_only};
 use crate::fitted::{self, Calibrate, Filed};
-use crate::formula::Proposed;
 use crate::ladder::Flights;
 use crate::live::{self, Live, Role};
 use crate::model::Model;
@@ -262,7 +261,7 @@ impl Session {
                 let solution = again(fit, &mut model)?.ok_or_else(solve::no_window)?;
                 let verdict = fit.diagnosed.verdict.clone();
                 Fitted::new(
-                    Diagnosed { verdict, solution, model: model.clone(), proposed: Proposed::default() },
+                    Diagnosed { verdict, solution, model: model.clone(), proposed: Vec::new() },
                     fit.searched,
                 )?
             }
