@@ -262,6 +262,7 @@ mod tests {
             vel: [0.0; 3],
             gyro: [0.3; 3],
             accel: [0.0; 3],
+            ang_acc: [0.0; 3],
         };
         let mut memory = vec![0.0; sensor.memory_len()];
         let sample = |step: u64| {

@@ -283,9 +283,16 @@ fn with_formulas(
             verdict.verdict = verdict.verdict.replacen(&f.id, &format!("{} ({})", f.id, finding.title), 1);
             // The name of a formula says nothing; what it is does, where there is room.
             let short = finding.title.split(';').next().unwrap_or_default();
-            let line = verdict.headline.replacen(&f.id, short, 1);
-            if line.chars().count() <= HEADLINE_CHARS {
-                verdict.headline = line;
+            let law = match (short.split_once(" = "), short.split_once(" · ")) {
+                (Some((on, _)), Some((_, law))) => format!("{on} ∝ {law}"),
+                _ => short.to_string(),
+            };
+            for words in [short, law.as_str()] {
+                let line = verdict.headline.replacen(&f.id, words, 1);
+                if line.chars().count() <= HEADLINE_CHARS {
+                    verdict.headline = line;
+                    break;
+                }
             }
         }
     }

@@ -47,6 +47,8 @@ pub(super) struct Smoothed {
 /// How measured inputs were smoothed, and the remaining uncertainty.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Smoothing {
+    /// Smoothing time (root mean square width of the kernel, the widest of all directions), s.
+    pub reach_s: f64,
     directions: Vec<Direction>,
 }
 
@@ -60,24 +62,9 @@ struct Direction {
     changes: [f64; 2],
     /// Effective number of independent noise values.
     values: f64,
-    /// Root mean square width of the kernel, s.
-    reach_s: f64,
 }
 
 impl Smoothing {
-    /// Smoothing time, s: root mean square over the directions, each as it moves. What hardly moves is smoothed for long, and tells no
-    /// sensor the time.
-    pub fn reach_s(&self) -> f64 {
-        let (mut squares, mut all) = (0.0, 0.0);
-        for direction in &self.directions {
-            let [power, noise] = direction.all;
-            let motion = (power - noise).max(0.0);
-            squares += motion * direction.reach_s.powi(2);
-            all += motion;
-        }
-        if all > 0.0 { (squares / all).sqrt() } else { 0.0 }
-    }
-
     /// Relative uncertainty of the vehicle's response to a sum of the inputs (`weights`), over all records: smoothed inputs
     /// are unbiased only as far as the power of their noise is known, and where noise is much larger than motion, chance
     /// alone leaves as much as the motion. `changes`: the response to the rate of change of the sum.
@@ -99,7 +86,7 @@ impl Smoothing {
 
 impl Direction {
     /// What is left of motion and of white noise with the mean square `white` in a direction, smoothed by a filter.
-    fn of(of: Vec<f64>, smoothed: &[f64], kernel: &[f64], shares: &[f64], white: f64, period_s: f64) -> Self {
+    fn of(of: Vec<f64>, smoothed: &[f64], kernel: &[f64], shares: &[f64], white: f64) -> Self {
         // In a direction indistinguishable from noise, at least one line's worth of noise remains.
         let line = 1.0 / kernel.len() as f64;
         let slow = (core::f64::consts::PI * line).powi(2);
@@ -111,7 +98,6 @@ impl Direction {
             all: [power, all],
             changes: [change, changes],
             values: (bandwidth(shares) * smoothed.len() as f64).max(1.0),
-            reach_s: period_s * reach(kernel),
         }
     }
 }
@@ -149,10 +135,11 @@ pub(super) fn without_noise(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let directions: Vec<Direction> = (0..modes.len())
         .map(|m| {
             let of = basis.column(m).iter().copied().collect();
-            Direction::of(of, &smoothed[m], &kernels[m], &shares[m], white, period_s)
+            Direction::of(of, &smoothed[m], &kernels[m], &shares[m], white)
         })
         .collect();
-    let smoothing = Smoothing { directions };
+    let smoothing =
+        Smoothing { reach_s: period_s * kernels.iter().map(|k| reach(k)).fold(0.0, f64::max), directions };
     // Back from directions to inputs.
     let mut removed = 0.0;
     let inputs = (0..inputs.len())
@@ -178,6 +165,7 @@ fn each_alone(inputs: &[Channel<1>]) -> Option<Smoothed> {
     let noise = (each.iter().map(|s| s.noise * s.noise).sum::<f64>() / each.len() as f64).sqrt();
     let mut smoothing = Smoothing::default();
     for (i, one) in each.iter().enumerate() {
+        smoothing.reach_s = smoothing.reach_s.max(one.smoothing.reach_s);
         let mut of = vec![0.0; each.len()];
         of[i] = 1.0;
         let own = one.smoothing.directions.iter();

@@ -452,7 +452,7 @@ fn adapted(
     }
     // Clocks behind smoothed inputs are uncertain by a share of the smoothing time.
     if candidate.area == Area::Measurement && nature(candidate.kind).relative == Some(Relative::Time) {
-        let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s()).fold(0.0, f64::max);
+        let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
         for f in &mut candidate.freedoms {
             f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
         }

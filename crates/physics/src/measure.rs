@@ -17,6 +17,8 @@ pub struct Reading<S> {
     pub gyro: [S; 3],
     /// Accelerometer (specific force), m/s², body.
     pub accel: [S; 3],
+    /// Angular acceleration, rad/s², body: no sensor reads it, but it moves an accelerometer beside the centre of mass.
+    pub ang_acc: [S; 3],
 }
 
 impl<S: Real> Reading<S> {
@@ -29,6 +31,7 @@ impl<S: Real> Reading<S> {
             vel: state.vel,
             gyro: gyroscope(state),
             accel: accelerometer(state, rate, gravity_m_s2),
+            ang_acc: rate.ang_acc,
         }
     }
 }

@@ -167,6 +167,7 @@ mod tests {
             vel: [0.0; 3],
             gyro: [0.125, -0.25, 0.5],
             accel: [0.0, 0.0, 9.75],
+            ang_acc: [0.0; 3],
         };
         let mut memory = vec![0.0; sensor.memory_len()];
         let sample = |step: u64| {

@@ -1,7 +1,7 @@
 //! Ranks formulas by how well they describe the disturbances of the windows on blocks of time that their fit has not seen.
 
 use super::grammar::{Acts, Shape, shapes};
-use crate::policy::{FORMULA_SAME, FORMULA_SHARE};
+use crate::policy::{FORMULA_SAME, FORMULA_SHARE, FORMULA_SHORTER};
 use propwash_physics::effects::expression::{Program, SEEN};
 use propwash_trace::math::quat;
 use propwash_vehicle::expression::parse;
@@ -39,6 +39,8 @@ pub(super) struct Ranked {
     pub scale: Option<f64>,
     /// Evidence of the regression minus its cost, nats.
     pub nats: f64,
+    /// Constant that it leaves to others, N or N·m: root of the sum of squares over axes and logs.
+    constant: f64,
     /// Its values on all axes and windows.
     column: Vec<f64>,
 }
@@ -65,11 +67,14 @@ pub(super) fn rank(lacks: &[Lack], most: usize, world: bool) -> Vec<Ranked> {
     ranked.sort_by(|a, b| b.nats.total_cmp(&a.nats));
     let mut out: Vec<Ranked> = Vec::new();
     for r in ranked {
-        if out.len() == most {
-            break;
-        }
-        if !out.iter().any(|o| alike(o, &r)) {
-            out.push(r);
+        // But for a constant two may say the same, and the one that needs less of it beside it is the likelier: the lift of a ground that
+        // fades with the height, where −tanh(height) needs as much lift again at every height.
+        match out.iter().position(|o| alike(o, &r)) {
+            Some(i) if 2.0 * r.constant < out[i].constant && out[i].nats - r.nats < FORMULA_SHORTER => {
+                out[i] = r
+            }
+            None if out.len() < most => out.push(r),
+            _ => {}
         }
     }
     out
@@ -113,11 +118,11 @@ impl Ranked {
 /// A shape fitted, with the best scale; `None` where it describes too little.
 fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
     let programs: Vec<Program> = shape.texts.iter().map(|t| parse(t, &["s"]).ok()).collect::<Option<_>>()?;
-    let target = target(shape, lacks);
+    let (target, lacking) = target(shape, lacks);
     let at = |scale: Option<f64>| {
-        let column = column(&programs, lacks, scale.unwrap_or(1.0))?;
+        let (column, means) = column(&programs, lacks, scale.unwrap_or(1.0))?;
         let (share, coefficient) = unseen_share(&column, &target, lacks)?;
-        Some((share, coefficient, scale, column))
+        Some((share, coefficient, scale, column, means))
     };
     let best = match &shape.scaled {
         None => at(None)?,
@@ -147,28 +152,31 @@ fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
             best
         }
     };
-    let (share, coefficient, scale, column) = best;
+    let (share, coefficient, scale, column, means) = best;
     let n = target.len() as f64;
+    let left = lacking.iter().zip(&means).map(|(all, said)| (all - coefficient * said).powi(2));
+    let constant = left.sum::<f64>().sqrt();
     let nats = -0.5 * n * (1.0 - share).max(1e-12).ln() - PRICE * shape.cost;
     (share > FORMULA_SHARE && nats > 0.0).then(|| Ranked {
         shape: shape.clone(),
         coefficient,
         scale,
         nats,
+        constant,
         column,
     })
 }
 
-/// What is lacking along the axes of a shape, (axis, window), without the mean of each log.
-fn target(shape: &Shape, lacks: &[Lack]) -> Vec<f64> {
+/// What is lacking along the axes of a shape, (axis, window), without the mean of each log, and the means, (axis, log).
+fn target(shape: &Shape, lacks: &[Lack]) -> (Vec<f64>, Vec<f64>) {
     let parts: Vec<[f64; 3]> = lacks.iter().map(|l| l.part(shape.acts)).collect();
     let mut out: Vec<f64> = shape.axes.iter().flat_map(|k| parts.iter().map(move |p| p[*k])).collect();
-    without_means(&mut out, lacks);
-    out
+    let means = without_means(&mut out, lacks);
+    (out, means)
 }
 
-/// Values of a formula, (axis, window), without the mean of each log; `None` where one is not finite.
-fn column(programs: &[Program], lacks: &[Lack], scale: f64) -> Option<Vec<f64>> {
+/// Values of a formula, (axis, window), without the mean of each log, and the means, (axis, log); `None` where one is not finite.
+fn column(programs: &[Program], lacks: &[Lack], scale: f64) -> Option<(Vec<f64>, Vec<f64>)> {
     let mut out = Vec::with_capacity(programs.len() * lacks.len());
     for program in programs {
         for lack in lacks {
@@ -183,21 +191,25 @@ fn column(programs: &[Program], lacks: &[Lack], scale: f64) -> Option<Vec<f64>> 
     if !out.iter().all(|v| v.is_finite()) {
         return None;
     }
-    without_means(&mut out, lacks);
-    Some(out)
+    let means = without_means(&mut out, lacks);
+    Some((out, means))
 }
 
-/// A constant in a log is an offset of its own, and no formula.
-fn without_means(list: &mut [f64], lacks: &[Lack]) {
+/// Takes off the mean of each log, (axis, log), which it returns: a constant in a log is an offset of its own, and no formula.
+fn without_means(list: &mut [f64], lacks: &[Lack]) -> Vec<f64> {
     let logs = lacks.iter().map(|l| l.log + 1).max().unwrap_or(0);
+    let mut means = Vec::new();
     for axis in list.chunks_mut(lacks.len()) {
         for log in 0..logs {
             let of = || lacks.iter().enumerate().filter(move |(_, l)| l.log == log).map(|(i, _)| i);
             let (mut sum, mut n) = (0.0, 0);
             of().for_each(|i| (sum, n) = (sum + axis[i], n + 1));
-            of().for_each(|i| axis[i] -= sum / f64::from(n.max(1)));
+            let mean = sum / f64::from(n.max(1));
+            of().for_each(|i| axis[i] -= mean);
+            means.push(mean);
         }
     }
+    means
 }
 
 /// Root mean square of what a scale divides.
@@ -322,6 +334,21 @@ mod tests {
         let lacks = flight(|_, i| core::array::from_fn(|k| jumble(13 * i + 101 * k)));
         let found = [rank(&lacks, 6, false), rank(&lacks, 6, true)].concat();
         assert!(found.is_empty(), "{:?}", found.iter().map(|f| &f.shape.words).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn of_formulas_that_differ_by_a_constant_the_one_without_it_is_found() {
+        let z = variable("z");
+        // Heights of 2 to 5 m: there −tanh(z / 3 m) falls as exp(−z / 1.9 m) does, but for a constant.
+        let mut lacks = flight(|_, i| core::array::from_fn(|k| 0.002 * jumble(5 * i + k)));
+        for (i, lack) in lacks.iter_mut().enumerate() {
+            let height = 3.5 + lack.at[0][z];
+            lack.at[0][z] = height;
+            lack.wrench[2] += 2.0 * (-height / 1.9).exp() + 0.002 * jumble(3 * i);
+        }
+        let first = rank(&lacks, 6, false).remove(0);
+        assert_eq!(first.shape.words, "exp(−|z| / {s})");
+        assert!((first.coefficient - 2.0).abs() < 0.3, "{} {:?}", first.coefficient, first.scale);
     }
 
     #[test]

@@ -1,6 +1,8 @@
-//! A tracked point beside the centre of mass: p = x + R c, and its velocity v + R (ω × c).
+//! Sensors beside the centre of mass: a tracked point p = x + R c with the velocity v + R (ω × c), and an accelerometer at r, which
+//! reads α × r + ω × (ω × r) more.
 //!
-//! Source: kinematics of a rigid body, e.g. Goldstein, Poole & Safko, "Classical mechanics", § 4.9.
+//! Source: kinematics of a rigid body, e.g. Goldstein, Poole & Safko, "Classical mechanics", § 4.9; of an accelerometer, e.g.
+//! Titterton & Weston, "Strapdown inertial navigation technology", 2nd ed., 2004, § 12 ("size effect").
 
 use super::Effect;
 use crate::drone::Drone;
@@ -15,12 +17,14 @@ parameters! {
     pub struct Params {
         /// The tracked point c from the centre of mass, m, body.
         position_m: [S; 3],
+        /// The accelerometer r from the centre of mass, m, body.
+        imu_position_m: [S; 3],
     }
 }
 
 impl Default for Params<f64> {
     fn default() -> Self {
-        Self { position_m: [0.0; 3] }
+        Self { position_m: [0.0; 3], imu_position_m: [0.0; 3] }
     }
 }
 
@@ -34,10 +38,13 @@ impl<S: Real> Effect<S> for Params<S> {
         let spin = vec3::cross(reading.gyro, self.position_m);
         reading.pos = vec3::add(reading.pos, quat::rotate(reading.quat, self.position_m));
         reading.vel = vec3::add(reading.vel, quat::rotate(reading.quat, spin));
+        let r = self.imu_position_m;
+        let inward = vec3::cross(reading.gyro, vec3::cross(reading.gyro, r));
+        reading.accel = vec3::add(reading.accel, vec3::add(vec3::cross(reading.ang_acc, r), inward));
     }
 }
 
-/// What a search for missing physics may free; see [`Candidate`].
+/// What a search for missing physics may free; see [`Candidate`]. The place of the accelerometer is not among it yet: it is as filed.
 pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
     vec![Candidate::new(
         "sensor_offset",
@@ -56,6 +63,8 @@ mod tests {
     use crate::sample::quad;
     use propwash_trace::math::{euler, quat, vec3};
 
+    const ANG_ACC: [f64; 3] = [4.0, -7.0, 2.0];
+
     /// (what the sensors of the moving sample vehicle read with the effect, without it)
     fn read(effect: Params<f64>) -> (Reading<f64>, Reading<f64>) {
         let state = State {
@@ -65,14 +74,14 @@ mod tests {
             ang_vel: [0.5, -0.4, 3.0],
             ..State::rest()
         };
-        let rate = Rate { acc: [0.3, -0.2, 1.0], ..Rate::zero() };
+        let rate = Rate { acc: [0.3, -0.2, 1.0], ang_acc: ANG_ACC, ..Rate::zero() };
         (quad(vec![AnyEffect::SensorOffset(effect)]).read(&state, &rate), quad(vec![]).read(&state, &rate))
     }
 
     #[test]
     fn the_point_moves_with_the_body_and_its_velocity_is_the_derivative_of_its_place() {
         let position_m = [0.02, -0.01, 0.03];
-        let (with, without) = read(Params { position_m });
+        let (with, without) = read(Params { position_m, ..Params::default() });
         let place = |quat: [f64; 4]| vec3::add(without.pos, quat::rotate(quat, position_m));
         let (now, step) = (place(without.quat), 1e-6);
         let turned = |dt: f64| place(quat::mul(without.quat, quat::exp(vec3::scale(without.gyro, dt))));
@@ -84,5 +93,29 @@ mod tests {
             assert!((with.vel[i] - without.vel[i]).abs() > 1e-3);
         }
         assert_eq!((with.quat, with.gyro, with.accel), (without.quat, without.gyro, without.accel));
+    }
+
+    #[test]
+    fn an_accelerometer_beside_the_centre_of_mass_reads_the_acceleration_of_its_place() {
+        let r = [0.02, -0.01, 0.03];
+        let (with, without) = read(Params { imu_position_m: r, ..Params::default() });
+        // The place of the sensor from the centre of mass in the world, while the vehicle turns faster and faster: its second derivative,
+        // seen from the body.
+        let (gyro, step) = (without.gyro, 1e-4);
+        let place = |dt: f64| {
+            let mid: [f64; 3] = core::array::from_fn(|k| dt * gyro[k] + 0.5 * dt * dt * ANG_ACC[k]);
+            quat::rotate(quat::exp(mid), r)
+        };
+        let (before, now, after) = (place(-step), place(0.0), place(step));
+        for i in 0..3 {
+            let bend = (after[i] - 2.0 * now[i] + before[i]) / (step * step);
+            let more = with.accel[i] - without.accel[i];
+            assert!((more - bend).abs() < 1e-5, "{more} {bend}");
+            assert!(more.abs() > 0.01);
+        }
+        assert_eq!(
+            (with.pos, with.vel, with.quat, with.gyro),
+            (without.pos, without.vel, without.quat, without.gyro)
+        );
     }
 }
