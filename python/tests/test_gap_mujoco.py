@@ -241,7 +241,7 @@ def test_an_accelerometer_beside_the_centre_of_mass_that_is_filed_leaves_nothing
 
 
 def test_rotor_speeds_that_are_late_are_said_to_be(tmp_path):
-    d = diagnosed(tmp_path, 23, drive="rotor-speeds", late_rows=15)
+    d = diagnosed(tmp_path, 23, drive="rotor_speeds", late_rows=15)
     (said,) = [w for w in d.warnings if "later than all sensors" in w]
     late_ms = float(said.split("come ")[1].split()[0])
     assert abs(late_ms - 30.0) < 3.0, said

@@ -18,7 +18,7 @@ use super::network;
 use super::policy::{HEADLINE_CHARS, WORSE};
 use super::report::significant;
 use super::track::{Noise, Options, Track};
-use super::verdict::{Calibration, Diagnosis, Finding, Rung};
+use super::verdict::{Calibration, Diagnosis, Finding, Rung, Said};
 use crate::error::{Error, GapError, Result};
 use propwash_flight::{CheckReport, Fault, FlightLog, Severity};
 use propwash_vehicle::Vehicle;
@@ -243,6 +243,17 @@ fn with_formulas(
     let missed: Vec<&Formula> = proposed.iter().filter(|f| !named(f)).collect();
     if !missed.is_empty() {
         return Ok(Err(missed.into_iter().map(|f| not_named(f, "the search did not choose it")).collect()));
+    }
+    // What one estimator denies and leaves something unexplained only stands in for it: of a load on a cable that was not tracked a part of
+    // the thrust that goes with the tilt, with nine tenths of the mass.
+    let denied = |f: &&Formula| {
+        let second = |x: &Finding| x.id == f.id && x.second.said == Said::Differs;
+        diagnosed.verdict.remainder.unexplained && diagnosed.verdict.findings.iter().any(second)
+    };
+    let denied: Vec<&Formula> = proposed.iter().filter(denied).collect();
+    if !denied.is_empty() {
+        let reason = "the second estimator differs, and something is still unexplained";
+        return Ok(Err(denied.into_iter().map(|f| not_named(f, reason)).collect()));
     }
     let own = Filed { label: filed.label, vehicle: &vehicle, text };
     let mut fitted = completed(work, &own, diagnosed)?;
