@@ -63,6 +63,25 @@ fn dry_friction_is_found_with_its_size_and_flies() {
 }
 
 #[test]
+fn a_wind_that_is_not_there_does_not_bend_the_search_for_a_lift_near_the_ground() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("flight.csv");
+    let truth = flown(&vehicle, &["low_lift"], 1, &log);
+    let verdict = fitted(&vehicle, &log).unwrap().diagnosed.verdict;
+    let [formula] = verdict.formulas.as_slice() else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "force along body z = c · exp(−|z| / {s})", "{}", verdict.verdict);
+    let finding = verdict.findings.iter().find(|f| f.id == formula.id).unwrap();
+    let near = |name: &str, of: &str| {
+        let (p, known) =
+            (finding.parameters.iter().find(|p| p.name == name).unwrap(), truth.hidden[0].parameters[of]);
+        assert!((p.value - known).abs() < 0.15 * known, "{p:?} {known}");
+    };
+    near("c", "strength");
+    near("s", "scale");
+}
+
+#[test]
 fn where_nothing_is_hidden_no_formula_is_made_up() {
     let vehicle = Vehicle::load(QUAD).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -116,16 +116,28 @@ fn corrections(d: &Diagnosis) -> Option<String> {
         return None;
     }
     let numbers = pair(before, after, "m");
-    let helped: Vec<&str> = d.ladder[1..].iter().filter_map(|r| r.label.strip_prefix("+ ")).collect();
-    let helped: Vec<&str> = helped.into_iter().filter(|label| !label.contains("no help")).collect();
-    let which = if helped.is_empty() { String::new() } else { format!(" ({})", helped.join(", ")) };
+    let labels = d.ladder[1..].iter().map(|r| r.label.as_str());
     let mut far: Vec<&str> = d.calibration.iter().filter(|c| c.far()).map(|c| c.id.as_str()).collect();
     far.dedup();
-    let (size, but) = match far.is_empty() {
-        true => ("small corrections within tolerance", String::new()),
-        false => ("corrections", format!("; outside tolerance, on too little evidence: {}", far.join(", "))),
-    };
-    Some(format!("{size}{which} do the rest: position after {horizon_s} s {numbers} (add --calibrate){but}"))
+    let (which, but) = corrected(labels, &far);
+    Some(format!("{which} do the rest: position after {horizon_s} s {numbers} (add --calibrate){but}"))
+}
+
+/// What ends the label of the step of a ladder with corrections that lower no error.
+pub(crate) const NO_HELP: &str = "no help";
+
+/// Which corrections help, by the labels of a ladder, and which of them are outside tolerance.
+fn corrected<'a>(labels: impl Iterator<Item = &'a str>, far: &[&str]) -> (String, String) {
+    let helped = labels.filter(|label| !label.ends_with(NO_HELP)).map(|label| label.trim_start_matches("+ "));
+    let helped: Vec<&str> = helped.collect();
+    let which = if helped.is_empty() { String::new() } else { format!(" ({})", helped.join(", ")) };
+    match far.is_empty() {
+        true => (format!("small corrections within tolerance{which}"), String::new()),
+        false => {
+            let but = format!("; outside tolerance, on too little evidence: {}", far.join(", "));
+            (format!("corrections{which}"), but)
+        }
+    }
 }
 
 /// `force across the rotors 395 → 45 mN, 8.7 → 1.2 times noise`; `None` where it was not measured.
@@ -162,6 +174,19 @@ mod tests {
 
     use crate::verdict::{HeldOut, LookAlike, Said};
     use propwash_physics::effects::Area;
+
+    #[test]
+    fn corrections_outside_tolerance_are_not_called_small() {
+        let labels = ["+ inertia", "+ clocks", "+ the other 6, no help"];
+        let (which, but) = corrected(labels.into_iter(), &[]);
+        assert_eq!(
+            (which.as_str(), but.as_str()),
+            ("small corrections within tolerance (inertia, clocks)", "")
+        );
+        let (which, but) = corrected(labels.into_iter(), &["wrong_inertia.x"]);
+        assert_eq!(which, "corrections (inertia, clocks)");
+        assert!(but.ends_with("evidence: wrong_inertia.x"), "{but}");
+    }
 
     fn finding(id: &str, alike: usize, doubt: bool) -> Finding {
         let look = LookAlike {

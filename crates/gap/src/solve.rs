@@ -170,14 +170,10 @@ pub(crate) fn solve_from(
     {
         best = other;
     }
-    // An effect far beyond its plausible size may mark a local optimum: start again from single candidates, one by one. So may many
-    // effects: four rotors and a centre of mass on the wrong side turned a hexacopter as the right centre alone does, and no single
-    // exchange leads from one to the other.
-    let starts = match best.set.iter().any(|c| implausible(model, &best, *c)) {
-        true => 4,
-        false if best.set.len() >= MANY => 2,
-        false => return pruned(logs, model, best, watch),
-    };
+    // An effect far beyond its plausible size may mark a local optimum: start again from single candidates, one by one.
+    if !best.set.iter().any(|c| implausible(model, &best, *c)) {
+        return pruned(logs, model, best, watch);
+    }
     let evidence = best.evidence(model)?;
     let mut alone: Vec<(f64, usize)> = (0..model.candidates.len())
         .filter(|c| model.may[*c])
@@ -186,7 +182,7 @@ pub(crate) fn solve_from(
         .collect();
     drop(evidence);
     alone.sort_by(|a, b| b.0.total_cmp(&a.0));
-    for (_, c) in alone.into_iter().take(starts) {
+    for (_, c) in alone.into_iter().take(4) {
         let unknown = Disturbance::unknown();
         let set = vec![c];
         if best.set == set {
@@ -446,9 +442,6 @@ pub(super) fn larger_than(model: &Model, found: &Solution, candidate: usize, tim
         p.name != "frequency_hz" && (found.posterior.mean[k] - p.filed).abs() > times * p.slab
     })
 }
-
-/// Number of effects from which a search starts again from single ones: few vehicles lack so many.
-const MANY: usize = 4;
 
 /// Multiple of the plausible size above which an effect is implausible.
 const HUGE: f64 = 4.0;

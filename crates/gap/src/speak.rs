@@ -126,7 +126,7 @@ fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<St
         let sigma_s = off.iter().map(|o| o.1).fold(0.0, f64::max);
         format!(
             "the {} come {} {} than all sensors say: within what smoothing their noise leaves open, so nothing is missing by it; shift \
-             their time, or write the clocks (add --calibrate)",
+             their time (shift_s of a mapping), or write the clocks (add --calibrate)",
             drive.title(),
             interval(mean_s.abs(), sigma_s, "s"),
             if mean_s < 0.0 { "later" } else { "earlier" },

@@ -3,6 +3,7 @@
 use super::Writer;
 use crate::complete::{Completion, calibration, group};
 use crate::error::Result;
+use crate::headline::NO_HELP;
 use crate::judge::Judge;
 use crate::policy::{GROUPS_SHOWN, WORSE};
 use crate::verdict::Calibration;
@@ -83,7 +84,7 @@ pub(super) fn judged(
             with.calibrate(&list)?;
             rest += parameters(&list);
         }
-        let label = format!("+ the other {rest}, no help");
+        let label = format!("+ the other {rest}, {NO_HELP}");
         out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: false });
     }
     Ok(out)

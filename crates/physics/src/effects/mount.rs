@@ -37,6 +37,7 @@ impl<S: Real> Effect<S> for Params<S> {
         let imu = quat::mul(turn, quat::exp(self.imu_rotation_rad));
         reading.gyro = quat::rotate_inverse(imu, reading.gyro);
         reading.accel = quat::rotate_inverse(imu, reading.accel);
+        reading.ang_acc = quat::rotate_inverse(imu, reading.ang_acc);
     }
 }
 
