@@ -94,6 +94,18 @@ fn value<'a>(f: &'a Finding, name: &str) -> &'a ParameterFit {
     f.parameters.iter().find(|p| p.name == name).unwrap()
 }
 
+/// Drag across in hover, N·s/m, by whichever of its laws: 12.5 and 12.2 mN·s/m, says the README of the data. `rotors`: the sum of their
+/// speeds, rad/s.
+fn drag_across(d: &Diagnosis, rotors: f64) -> (&Finding, f64) {
+    match d.findings.iter().find(|f| f.id == "rotor_drag") {
+        Some(f) => (f, value(f, "drag_n_s2_per_rad_m").value * rotors),
+        None => {
+            let f = finding(d, "linear_drag");
+            (f, value(f, "drag_n_s_per_m.0.0").value)
+        }
+    }
+}
+
 #[test]
 fn the_drag_of_a_fast_flight_is_found_and_holds_on_its_last_half_minute() {
     let Some(folder) = real("blackbird") else { return };
@@ -224,7 +236,7 @@ fn drag_and_flapping_of_a_brushless_crazyflie_are_found_by_either_input() {
         assert!((found / known - 1.0).abs() < 0.2, "{found} N·m·s/m, known {known}");
     }
     let mut both = d.clone();
-    both.findings.retain(|f| ["blade_flapping", "rotor_drag"].contains(&f.id.as_str()));
+    both.findings.retain(|f| ["blade_flapping", "rotor_drag", "linear_drag"].contains(&f.id.as_str()));
     let errors = [&v, &completed(&v, &both)].map(|v| {
         let unseen = ["02", "19", "27"].map(|i| driven(&path(i), v, Drive::RotorSpeeds));
         compare(&unseen, v).unwrap().pooled.unwrap().horizons[3].position_m
@@ -235,9 +247,8 @@ fn drag_and_flapping_of_a_brushless_crazyflie_are_found_by_either_input() {
     ));
     // By hand: 0.79 m (README of the data).
     assert!(errors[1] < 0.79, "{errors:?}");
-    let drag = finding(&d, "rotor_drag");
+    let (drag, per_speed) = drag_across(&d, rotors);
     assert!(!drag.certain && drag.second.said == Said::Agrees, "{}", drag.second.text);
-    let per_speed = value(drag, "drag_n_s2_per_rad_m").value * rotors;
     assert!((per_speed / 12.35e-3 - 1.0).abs() < 0.25, "{per_speed} N·s/m in hover");
 }
 
@@ -269,12 +280,8 @@ fn motors_by_throttle_and_voltage_explain_unseen_flights_of_a_brushless_crazyfli
     describe("brushless, by motor commands", &d);
     let flapping = finding(&d, "blade_flapping");
     assert!(flapping.certain && flapping.second.said == Said::Agrees, "{}", flapping.second.text);
-    // Drag across, by whichever of its laws: 12.5 and 12.2 mN·s/m.
     let hover: f64 = v.drone("first_principles").unwrap().hover_rotor_vel()[..4].iter().sum();
-    let drag = match d.findings.iter().find(|f| f.id == "rotor_drag") {
-        Some(f) => value(f, "drag_n_s2_per_rad_m").value * hover,
-        None => value(finding(&d, "linear_drag"), "drag_n_s_per_m.0.0").value,
-    };
+    let drag = drag_across(&d, hover).1;
     notes::tell(&format!("brushless, by motor commands: {:.2} mN·s/m of drag across", 1e3 * drag));
     assert!((drag / 12.35e-3 - 1.0).abs() < 0.3, "{drag}");
     let mut both = d.clone();

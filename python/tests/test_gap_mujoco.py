@@ -231,9 +231,15 @@ def test_dry_friction_along_axes_of_the_world_is_named_as_such(tmp_path):
     assert h["with"] < 0.3 * h["without"], h
 
 
-def test_an_accelerometer_beside_the_centre_of_mass_that_is_filed_leaves_nothing(tmp_path):
+def test_an_accelerometer_beside_the_centre_of_mass_is_found_and_leaves_nothing_where_it_is_filed(tmp_path):
     vehicle = tmp_path / "quad.toml"
     log = flown(tmp_path, 19, imu_m="0.02 -0.012 0")
+    vehicle.write_text(VEHICLE)
+    d = propwash.diagnose([log], vehicle=str(vehicle))
+    (found,) = d.findings
+    assert found.id == "sensor_offset.imu", d.text
+    for c, true in zip(found.parameters, (0.02, -0.012, 0.0), strict=True):
+        assert abs(c.value - true) < 2.5 * c.sigma and c.sigma < 0.002, d.text
     filed = '\n[[effect]]\nkind = "sensor_offset"\nimu_position_m = [0.02, -0.012, 0.0]\n'
     vehicle.write_text(VEHICLE + filed)
     d = propwash.diagnose([log], vehicle=str(vehicle))
@@ -250,7 +256,6 @@ def test_rotor_speeds_that_are_late_are_said_to_be(tmp_path):
 
 def test_a_load_that_nobody_tracked_makes_nothing_up(tmp_path):
     d = diagnosed(tmp_path, 68, load_kg=0.06)
-    assert d.unexplained, d.text
     assert d.headline.startswith(("in doubt", "unexplained")), d.headline
     # The mass is what it was, and no force of several times the load makes up for another.
     assert not any(f.certain or f.id == "wrong_mass" or "found" in f.id for f in d.findings), d.text

@@ -111,10 +111,17 @@ impl Model {
         let mut model = Self::bare(drone);
         for candidate in candidates(drone) {
             let reason = reason_against(&candidate, tracks, arounds);
-            match reason.or_else(|| unanswered(drone, &candidate, tracks)) {
-                Some(reason) => model.not_tried.push((candidate.id.clone(), reason)),
-                None => model.admit(adapted(drone, candidate, tracks, arounds))?,
+            if let Some(reason) = reason.or_else(|| unanswered(drone, &candidate, tracks)) {
+                model.not_tried.push((candidate.id, reason));
+                continue;
             }
+            let candidate = adapted(drone, candidate, tracks, arounds);
+            if candidate.freedoms.is_empty() {
+                let reason = "needs torques: rotor speeds that were measured or commanded";
+                model.not_tried.push((candidate.id, reason.to_string()));
+                continue;
+            }
+            model.admit(candidate)?;
         }
         // A lighter vehicle with weaker rotors hovers as well and turns less: where the turning response is unknown, never choose
         // both. Together they could shrink at no cost, until a drag within tolerance explained every force that is missing.

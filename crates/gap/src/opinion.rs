@@ -14,8 +14,8 @@ pub(super) fn of(model: &Model, witness: &Witness, solution: &Solution, c: usize
         // For example wind beside a vehicle without nominal drag.
         let area = model.candidates[c].area;
         if larger_than(model, solution, c, model.candidates[c].most_slabs) {
-            let text = "says nothing of sensors, and no data sheet has an error of this size: filtered measurements can look \
-                        the same";
+            let text = "says nothing of sensors, and few are off by so much: filtered measurements, or a load nobody \
+                        tracked, can look the same";
             return Opinion { said: Said::TooLarge, ..silent(text) };
         }
         return silent(if area == Area::Airframe {

@@ -185,15 +185,19 @@ impl<S: Real> Drone<S> {
     /// Angular acceleration, rad/s², that the weight would give the body at the rotors' mean arm, about the mean of body x and y: how
     /// quickly a vehicle of this size turns: 116 rad/s² for an octocopter of 5 kg, 852 rad/s² for a quadrotor of 35 g.
     pub fn agility_rad_s2(&self) -> S {
+        let inertia = self.body.inertia_kg_m2;
+        self.hover_thrust() * self.mean_arm_m() * S::lit(2.0) / (inertia[0][0] + inertia[1][1])
+    }
+
+    /// Mean distance of the rotors from the body's z axis, m; zero where the file places none.
+    pub fn mean_arm_m(&self) -> S {
         let rotors = self.airframe.n_rotors;
         let mut arms = S::zero();
         for i in 0..rotors {
             let [x, y, _] = self.airframe.rotors[i].position_m;
             arms = arms + (x.square() + y.square()).sqrt();
         }
-        let inertia = self.body.inertia_kg_m2;
-        let two = S::lit(2.0);
-        self.hover_thrust() * arms * two / (S::lit(rotors.max(1) as f64) * (inertia[0][0] + inertia[1][1]))
+        arms / S::lit(rotors.max(1) as f64)
     }
 
     /// Radius of the disc that has the area of all rotors, m.

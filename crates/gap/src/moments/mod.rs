@@ -12,7 +12,7 @@ pub(crate) mod words;
 
 use crate::GapError;
 use crate::disturbance::{Disturbance, Reduced};
-use crate::drift::changes::{ChangedParameter, Part, Space};
+use crate::drift::changes::{Change, ChangedParameter, Part, Space};
 use crate::drift::sight::{Sight, effect, parameter};
 use crate::fit::Prepared;
 use crate::model::Model;
@@ -151,8 +151,8 @@ pub(crate) fn moments(
 /// Effects of the vehicle that differ between logs: steps from one log to the next, each log by itself being what it says at the solution's
 /// linearisation, as precisely as its parts agree. Clocks, sensors, wind and battery may differ anyway.
 ///
-/// Beside something unexplained, which is easily taken for another size of an effect, only what comes or goes is told: values as filed on
-/// one side.
+/// Beside something unexplained, which is easily taken for another size of an effect, only what comes or goes is told, values as filed on
+/// one side, and takes most of what one vehicle for all logs leaves.
 fn between(
     tracks: &[Track],
     model: &Model,
@@ -183,7 +183,9 @@ fn between(
         let change = space.told(&proposed, (&before, &parts), &names)?;
         let track = &tracks[proposed.part.from];
         taken.push(proposed.part.from);
-        if unexplained && !comes_or_goes(&change.parameters) {
+        let little =
+            || left_by(model, solution, &change, proposed.part.from).iter().all(|l| *l > 1.0 - MOMENT_SHARE);
+        if unexplained && (!comes_or_goes(&change.parameters) || little()) {
             continue;
         }
         out.push(Moment {
@@ -201,6 +203,35 @@ fn between(
         });
     }
     Ok(out)
+}
+
+/// Shares of the force and the torque that one vehicle for all logs leaves (their variances without what sensor noise makes of them) that
+/// are left where an effect changes before log `from`.
+fn left_by(model: &Model, solution: &Solution, change: &Change, from: usize) -> [f64; 2] {
+    let size = |deltas: &[Vec<f64>]| {
+        let mut sum = [0.0; 2];
+        for w in &solution.linear.windows {
+            let Some((push, variance)) = w.push_estimate(&Disturbance::unknown(), &deltas[w.log]) else {
+                continue;
+            };
+            for k in 0..6 {
+                sum[k / 3] += push[k] * push[k] - variance[k];
+            }
+        }
+        sum.map(|s| s.max(0.0))
+    };
+    let mut changed = solution.deltas.clone();
+    for (log, deltas) in changed.iter_mut().enumerate() {
+        let at = solution.linear.values_of(log);
+        for (k, p) in model.parameters.iter().enumerate() {
+            let of = change.parameters.iter().find(|c| c.name == p.name);
+            if let Some(c) = of.filter(|_| model.candidates[p.candidate].id == change.id) {
+                deltas[k] = if log < from { c.before } else { c.after } - at[k];
+            }
+        }
+    }
+    let (one, apart) = (size(&solution.deltas), size(&changed));
+    [0, 1].map(|k| if one[k] > 0.0 { apart[k] / one[k] } else { 1.0 })
 }
 
 /// Whether the parameter that changed most is as filed on one side, or nearer to it than [`NEARLY`] of the change.

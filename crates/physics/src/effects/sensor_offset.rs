@@ -6,7 +6,7 @@
 
 use super::Effect;
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Candidate, Nature, along};
+use crate::effects::candidate::{Area, Candidate, Freedom, Nature, along};
 use crate::measure::Reading;
 use crate::params::parameters;
 use propwash_trace::Real;
@@ -44,16 +44,30 @@ impl<S: Real> Effect<S> for Params<S> {
     }
 }
 
-/// What a search for missing physics may free; see [`Candidate`]. The place of the accelerometer is not among it yet: it is as filed.
-pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
-    vec![Candidate::new(
-        "sensor_offset",
-        "tracked point that is not at the centre of mass",
-        Area::Measurement,
-        along("position_m", 0..3, "m", (0.001, 0.015)),
-        "roll, pitch and yaw quickly in place, about every axis",
-    )]
+/// What a search for missing physics may free; see [`Candidate`].
+pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
+    let manoeuvre = "roll, pitch and yaw quickly in place, about every axis";
+    let candidate =
+        |title, freedoms| Candidate::new("sensor_offset", title, Area::Measurement, freedoms, manoeuvre);
+    // Angular accelerations are known where torques are. Boards sit some millimetres from a centre of mass that few have measured.
+    let imu =
+        along("imu_position_m", 0..3, "m", (0.002, IMU_M)).into_iter().map(Freedom::in_torques).collect();
+    let marker = along("position_m", 0..3, "m", (0.001, MARKER_M));
+    // Larger vehicles carry both farther out.
+    let most = |slab: f64| MOST_SLABS.max(MOST_ARM * drone.mean_arm_m() / slab);
+    vec![
+        candidate("tracked point that is not at the centre of mass", marker).at_most(most(MARKER_M)),
+        candidate("accelerometer that is not at the centre of mass", imu).part("imu").at_most(most(IMU_M)),
+    ]
 }
+
+/// Plausible distance of a tracked point and of an accelerometer, m.
+const MARKER_M: f64 = 0.015;
+const IMU_M: f64 = 0.02;
+/// Largest believable distance: plausible sizes, or this share of the rotors' mean arm. A load on a cable that nobody tracked looked like
+/// a marker and an accelerometer an arm above the centre of mass.
+const MOST_SLABS: f64 = 3.0;
+const MOST_ARM: f64 = 0.4;
 
 #[cfg(test)]
 mod tests {
