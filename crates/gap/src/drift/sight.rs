@@ -167,20 +167,14 @@ impl Sight {
     /// # Errors
     /// [`GapError::Numbers`] where its information is not finite.
     pub(crate) fn of_log(model: &Model, solution: &Solution, index: usize) -> Result<Self, GapError> {
-        let n = model.parameters.len();
+        let (evidence, at) = alone(model, solution, index)?;
         let windows: Vec<&Reduced> = solution.reduced.iter().filter(|r| r.log == index).collect();
-        let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
-        for r in &windows {
-            h += &r.h;
-            g += &r.g;
-        }
-        let at = solution.linear.values_of(index);
-        let evidence = Evidence::new(model, &h, &g, &at, solution.dispersion, solution.tolerance)?;
         let posterior = evidence.posterior(&solution.set)?;
         // Its parts disagree about its own estimates, not about those of all logs.
         let mut deltas = vec![Vec::new(); index + 1];
         deltas[index] = difference(&posterior, &at);
-        let sum = |part: &[&Reduced]| part.iter().fold(DVector::zeros(n), |sum, r| sum + score(r, &deltas));
+        let sum =
+            |part: &[&Reduced]| part.iter().fold(DVector::zeros(at.len()), |sum, r| sum + score(r, &deltas));
         let scores: Vec<DVector<f64>> = windows.chunks(PART).map(sum).collect();
         let scatter = if scores.len() >= 2 { evidence.by_scatter(&solution.set, &scores) } else { None };
         let raw = posterior.sigma;
@@ -290,6 +284,26 @@ pub(crate) fn parameter(model: &Model, k: usize, effect: usize) -> FollowedParam
         absent: p.filed - p.back * p.slab * if p.sign == Sign::Down { -1.0 } else { 1.0 },
         of,
     }
+}
+
+/// What one log of a solution says by itself, number `index`, and the parameters at which it is linearised.
+///
+/// # Errors
+/// [`GapError::Numbers`] where its information is not finite.
+pub(crate) fn alone<'m>(
+    model: &'m Model,
+    solution: &Solution,
+    index: usize,
+) -> Result<(Evidence<'m>, Vec<f64>), GapError> {
+    let n = model.parameters.len();
+    let (mut h, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+    for r in solution.reduced.iter().filter(|r| r.log == index) {
+        h += &r.h;
+        g += &r.g;
+    }
+    let at = solution.linear.values_of(index);
+    let evidence = Evidence::new(model, &h, &g, &at, solution.dispersion, solution.tolerance)?;
+    Ok((evidence, at))
 }
 
 /// What is left of the information `a`, `b` about `own` once `rest`, with these prior variances, is eliminated (Schur complement).

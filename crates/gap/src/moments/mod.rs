@@ -12,14 +12,14 @@ pub(crate) mod words;
 
 use crate::GapError;
 use crate::disturbance::{Disturbance, Reduced};
-use crate::drift::changes::{Change, ChangedParameter, Part, Space};
-use crate::drift::sight::{Sight, effect, parameter};
+use crate::drift::changes::{ChangedParameter, Part, Space};
+use crate::drift::sight::{Sight, alone, effect, parameter};
 use crate::fit::Prepared;
 use crate::model::Model;
 use crate::policy::{MOMENT_NATS, MOMENT_SHARE, MOMENT_WIDEST_S, MOMENTS_PER_LOG, NAMED_SIGMAS};
 use crate::report::quantity::HALF_95;
 use crate::search::THRESHOLD;
-use crate::solve::Solution;
+use crate::solve::{Solution, difference};
 use crate::track::{SHORTEST_S, Track};
 use crate::watch::Watch;
 use propwash_physics::drone::Drone;
@@ -183,10 +183,13 @@ fn between(
         let change = space.told(&proposed, (&before, &parts), &names)?;
         let track = &tracks[proposed.part.from];
         taken.push(proposed.part.from);
-        let little =
-            || left_by(model, solution, &change, proposed.part.from).iter().all(|l| *l > 1.0 - MOMENT_SHARE);
-        if unexplained && (!comes_or_goes(&change.parameters) || little()) {
-            continue;
+        if unexplained {
+            let effect = model.candidates.iter().position(|c| c.id == change.id);
+            let left = effect.map(|e| left_apart(model, solution, e)).transpose()?;
+            let most = left.is_some_and(|l| l.into_iter().any(|share| share <= 1.0 - MOMENT_SHARE));
+            if !most || !comes_or_goes(&change.parameters) {
+                continue;
+            }
         }
         out.push(Moment {
             log: track.name.clone(),
@@ -206,32 +209,33 @@ fn between(
 }
 
 /// Shares of the force and the torque that one vehicle for all logs leaves (their variances without what sensor noise makes of them) that
-/// are left where an effect changes before log `from`.
-fn left_by(model: &Model, solution: &Solution, change: &Change, from: usize) -> [f64; 2] {
+/// are left where every log has a vehicle of its own, candidate `effect` with what was found: a change between logs can take no more.
+///
+/// The change alone, beside what all logs have in common, says nothing of it: a load that came with the second log has made the
+/// vehicle of both logs heavier by half of it.
+fn left_apart(model: &Model, solution: &Solution, effect: usize) -> Result<[f64; 2], GapError> {
     let size = |deltas: &[Vec<f64>]| {
         let mut sum = [0.0; 2];
         for w in &solution.linear.windows {
-            let Some((push, variance)) = w.push_estimate(&Disturbance::unknown(), &deltas[w.log]) else {
-                continue;
-            };
+            let estimate = w.push_estimate(&Disturbance::unknown(), &deltas[w.log]);
+            let Some((push, variance)) = estimate else { continue };
             for k in 0..6 {
                 sum[k / 3] += push[k] * push[k] - variance[k];
             }
         }
         sum.map(|s| s.max(0.0))
     };
-    let mut changed = solution.deltas.clone();
-    for (log, deltas) in changed.iter_mut().enumerate() {
-        let at = solution.linear.values_of(log);
-        for (k, p) in model.parameters.iter().enumerate() {
-            let of = change.parameters.iter().find(|c| c.name == p.name);
-            if let Some(c) = of.filter(|_| model.candidates[p.candidate].id == change.id) {
-                deltas[k] = if log < from { c.before } else { c.after } - at[k];
-            }
-        }
+    let mut set = solution.set.clone();
+    if !set.contains(&effect) {
+        set.push(effect);
     }
-    let (one, apart) = (size(&solution.deltas), size(&changed));
-    [0, 1].map(|k| if one[k] > 0.0 { apart[k] / one[k] } else { 1.0 })
+    let own = (0..solution.deltas.len()).map(|log| {
+        let (evidence, at) = alone(model, solution, log)?;
+        Ok(difference(&evidence.posterior(&set)?, &at))
+    });
+    let own = own.collect::<Result<Vec<_>, GapError>>()?;
+    let (one, apart) = (size(&solution.deltas), size(&own));
+    Ok([0, 1].map(|k| if one[k] > 0.0 { apart[k] / one[k] } else { 1.0 }))
 }
 
 /// Whether the parameter that changed most is as filed on one side, or nearer to it than [`NEARLY`] of the change.
