@@ -278,6 +278,8 @@ fn motors_by_throttle_and_voltage_explain_unseen_flights_of_a_brushless_crazyfli
         |v: &Vehicle, logs: &[FlightLog; 3]| logs.clone().map(|log| Track::new(log, v, &options).unwrap());
     let d = diagnose(&tracks(&v, &three), &v, &Settings::default()).unwrap().verdict;
     describe("brushless, by motor commands", &d);
+    // A lag that comes or goes between logs would leave 95 % of what one vehicle leaves.
+    assert!(d.moments.is_empty(), "{:?}", d.moments);
     let flapping = finding(&d, "blade_flapping");
     assert!(flapping.certain && flapping.second.said == Said::Agrees, "{}", flapping.second.text);
     let hover: f64 = v.drone("first_principles").unwrap().hover_rotor_vel()[..4].iter().sum();

@@ -184,10 +184,12 @@ fn between(
         let track = &tracks[proposed.part.from];
         taken.push(proposed.part.from);
         if unexplained {
+            if !comes_or_goes(&change.parameters) {
+                continue;
+            }
             let effect = model.candidates.iter().position(|c| c.id == change.id);
             let left = effect.map(|e| left_apart(model, solution, e)).transpose()?;
-            let most = left.is_some_and(|l| l.into_iter().any(|share| share <= 1.0 - MOMENT_SHARE));
-            if !most || !comes_or_goes(&change.parameters) {
+            if !left.is_some_and(|l| l.into_iter().any(|share| share <= 1.0 - MOMENT_SHARE)) {
                 continue;
             }
         }

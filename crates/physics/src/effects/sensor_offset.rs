@@ -6,7 +6,7 @@
 
 use super::Effect;
 use crate::drone::Drone;
-use crate::effects::candidate::{Area, Candidate, Freedom, Nature, along};
+use crate::effects::candidate::{Area, Candidate, Freedom, Nature, Needs, along};
 use crate::measure::Reading;
 use crate::params::parameters;
 use propwash_trace::Real;
@@ -57,7 +57,10 @@ pub fn candidates(drone: &Drone<f64>) -> Vec<Candidate> {
     let most = |slab: f64| MOST_SLABS.max(MOST_ARM * drone.mean_arm_m() / slab);
     vec![
         candidate("tracked point that is not at the centre of mass", marker).at_most(most(MARKER_M)),
-        candidate("accelerometer that is not at the centre of mass", imu).part("imu").at_most(most(IMU_M)),
+        candidate("accelerometer that is not at the centre of mass", imu)
+            .part("imu")
+            .needing(Needs::Accelerometer)
+            .at_most(most(IMU_M)),
     ]
 }
 
