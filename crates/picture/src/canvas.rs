@@ -205,13 +205,13 @@ impl Canvas {
         }
     }
 
-    /// Words broken into at most `most` lines of a width; an ellipsis where text is cut.
-    pub fn lines(&self, words: &str, size: f32, wide: f32, most: usize) -> Vec<String> {
+    /// Words broken into at most `most` lines of a width, as [`Self::text`] draws them; an ellipsis where text is cut.
+    pub fn lines(&self, words: &str, size: f32, bold: bool, wide: f32, most: usize) -> Vec<String> {
         let mut lines: Vec<String> = Vec::new();
         let mut words = words.split_whitespace().peekable();
         while let Some(word) = words.next() {
             let longer = lines.last().map(|l| format!("{l} {word}"));
-            match longer.filter(|l| self.text_width(l, size, false) <= wide) {
+            match longer.filter(|l| self.text_width(l, size, bold) <= wide) {
                 Some(longer) => {
                     lines.pop();
                     lines.push(longer);
@@ -224,7 +224,7 @@ impl Canvas {
                 }
             }
         }
-        lines.iter().map(|l| self.shortened(l, size, false, wide)).collect()
+        lines.iter().map(|l| self.shortened(l, size, bold, wide)).collect()
     }
 
     fn fill(&mut self, path: &Path, ink: Ink) {
@@ -291,7 +291,14 @@ mod tests {
         let long = "a name that goes on and on and does not end";
         let short = canvas.shortened(long, 18.0, true, 120.0);
         assert!(short.ends_with('…') && canvas.text_width(&short, 18.0, true) <= 120.0, "{short}");
-        assert_eq!(canvas.lines(long, 18.0, 150.0, 2).len(), 2);
+        assert_eq!(canvas.lines(long, 18.0, false, 150.0, 2).len(), 2);
+        // A line of regular letters that just fits is two of bold ones, which are wider.
+        let (words, size) = ("torque that the model lacks", 20.0);
+        let wide = canvas.text_width(words, size, false) + 1.0;
+        assert_eq!([false, true].map(|bold| canvas.lines(words, size, bold, wide, 2).len()), [1, 2]);
+        assert!(
+            canvas.lines(words, size, true, wide, 2).iter().all(|l| canvas.text_width(l, size, true) <= wide)
+        );
         // What the font lacks is seen, not left out.
         assert_eq!(canvas.text_width("漢", 18.0, false), canvas.text_width("?", 18.0, false));
     }

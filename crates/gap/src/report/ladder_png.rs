@@ -49,7 +49,7 @@ pub fn ladder_png(diagnosis: &Diagnosis) -> Result<Vec<u8>, GapError> {
     let widest = labels.iter().map(|l| page.0.text_width(l, 21.0, false)).fold(0.0, f32::max);
     let names = widest.min(NAMES);
     for (k, label) in labels.iter().enumerate() {
-        let lines = page.0.lines(label, 21.0, names, 2);
+        let lines = page.0.lines(label, 21.0, false, names, 2);
         let first = page.row(k) + if lines.len() == 1 { 7.0 } else { -5.0 };
         for (i, line) in lines.iter().enumerate() {
             page.0.text([MARGIN, first + 25.0 * i as f32], 21.0, false, INK, Anchor::Start, line);
@@ -80,7 +80,7 @@ impl Page {
         let size = (31.0 * wide / self.0.text_width(verdict, 31.0, true)).clamp(24.0, 31.0);
         let verdict = self.0.shortened(verdict, size, true, wide);
         self.0.text([MARGIN, 100.0], size, true, INK, Anchor::Start, &verdict);
-        for (k, line) in self.0.lines(evidence, 20.0, wide, 2).iter().enumerate() {
+        for (k, line) in self.0.lines(evidence, 20.0, false, wide, 2).iter().enumerate() {
             self.0.text([MARGIN, 138.0 + 27.0 * k as f32], 20.0, false, SOFT, Anchor::Start, line);
         }
     }
@@ -92,7 +92,7 @@ impl Page {
 
     /// A column: name of the measure, and a bar per step with its value and its per cent of the first.
     fn bars(&mut self, left: f32, width: f32, measure: &Measure) {
-        let lines = self.0.lines(&measure.name, 20.0, width, 2);
+        let lines = self.0.lines(&measure.name, 20.0, true, width, 2);
         for (i, line) in lines.iter().enumerate() {
             let y = HEAD - 16.0 - 25.0 * (lines.len() - 1 - i) as f32;
             self.0.text([left, y], 20.0, true, INK, Anchor::Start, line);
