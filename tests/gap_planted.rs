@@ -385,13 +385,60 @@ fn clocks_of_each_flight_are_told_and_two_flights_say_more_than_one() {
     let (one, two) = (drag(&alone), drag(&both));
     assert!(two.parameters[0].sigma < one.parameters[0].sigma, "{:?} {:?}", one.parameters, two.parameters);
     assert!(two.evidence_nats > one.evidence_nats, "{} {}", one.evidence_nats, two.evidence_nats);
-    assert!(both.per_log.iter().any(|d| d.id == "clock_offset.gyro"), "{:?}", both.per_log);
-    for d in both.per_log.iter().filter(|d| d.id.starts_with("clock_offset")) {
-        let late = |f: usize| flights[f].1.truth.all[d.id.as_str()]["late_s"];
-        let own = late(usize::from(d.log == "flight1.csv")) - 0.5 * (late(0) + late(1));
-        let off = d.value - d.shared - own;
-        assert!(off.abs() < 3.0 * d.sigma && d.sigma < 2e-3, "{d:?}, true difference {own}");
+    // A delay that all sensors share is one of the rotor speeds, which all are compared with.
+    let differs = |log: &str, id: &str| both.per_log.iter().find(|d| d.log == log && d.id == id);
+    for (f, log) in ["flight0.csv", "flight1.csv"].into_iter().enumerate() {
+        let all = differs(log, "clock_offset.inputs").unwrap_or_else(|| panic!("{:?}", both.per_log));
+        for id in ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"] {
+            let late = |f: usize| flights[f].1.truth.all[id]["late_s"];
+            let truth = late(f) - 0.5 * (late(0) + late(1));
+            let own = differs(log, id).map_or(0.0, |d| d.value - d.shared) - (all.value - all.shared);
+            assert!(
+                (own - truth).abs() < 3.0 * all.sigma && all.sigma < 2e-3,
+                "{id} {own} s, true {truth} s"
+            );
+        }
     }
+}
+
+/// Wind in one flight and none in the next: the mean of both is the wind of no flight. It is not written, and the ladder ends with what
+/// each flight has itself.
+#[test]
+fn winds_of_two_days_are_told_apart_and_their_mean_is_not_written() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let day = |flight: u64, size: f64| {
+        let plan = Plan { flight, size, ..Plan::exciting(&vehicle, &["constant_wind"], SECONDS, 11) };
+        let file = folder.path().join(format!("day{flight}.csv"));
+        let flown = planted::fly(&plan).unwrap();
+        flown.write(&file).unwrap();
+        let log = FlightLog::load(&file, None).unwrap();
+        (Track::new(log, &vehicle, &Options::default()).unwrap(), flown)
+    };
+    let both = [day(0, 1.0), day(1, 0.0)];
+    let tracks = both.iter().map(|(track, _)| track.clone()).collect();
+    let filed = Filed { label: "quad", vehicle: &vehicle, text: text.clone() };
+    let flights = Flights::new(tracks, Vec::new(), 0.2);
+    let fitted = fit(filed, &flights, &Settings::default(), "test", Calibrate::Show).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    assert_eq!(names(verdict), ["constant_wind"], "{}", verdict.verdict);
+    let wind = &verdict.findings[0];
+    assert!(wind.doubt().is_none() && wind.certain, "{:?}", wind.second);
+    let reason = wind.unwritten().unwrap();
+    assert!(reason.contains("no value in common") && reason.contains("in day1.csv"), "{reason}");
+    for d in verdict.per_log.iter().filter(|d| d.id == "constant_wind") {
+        let axis = usize::from(d.name.as_bytes()[d.name.len() - 1] - b'0');
+        let truth = both[usize::from(d.log == "day1.csv")].1.truth.deviations.wind_m_s[axis];
+        assert!((d.value - truth).abs() < 0.1, "{d:?}, true {truth} m/s");
+    }
+    assert!(fitted.after().is_none() && fitted.text == text, "a mean of two winds is written");
+    let at_1_s =
+        |r: &propwash::gap::verdict::Rung| r.held_out.iter().find(|e| e.horizon_s == 1.0).unwrap().position_m;
+    let (first, last) = (&verdict.ladder[0], verdict.ladder.last().unwrap());
+    assert_eq!(last.label, "+ each log's own constant_wind");
+    assert!(at_1_s(last) < 0.5 * at_1_s(first), "{} m, {} m", at_1_s(first), at_1_s(last));
 }
 
 /// A weak rotor and stronger others are one fit: the rotor alone made the force on another flight worse by half.

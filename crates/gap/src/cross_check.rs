@@ -8,7 +8,7 @@
 
 use super::fit::Prepared;
 use super::model::Model;
-use super::replay::{STEP, STEP_S, Tick};
+use super::replay::{STEP, STEP_S, Tick, clock};
 use super::residual::Replay;
 use super::sensor_regression::{half_stretch, hat, turned_more};
 use super::solve::Solution;
@@ -69,7 +69,7 @@ fn pairs(replay: &Replay) -> (Vec<Pair>, Vec<Pair>) {
     let apart = half_stretch();
     let n = replay.n_steps();
     let plant = replay.plant();
-    let late = drone.clock().accel_s;
+    let late = clock(track, drone).accel_s;
     let at: Vec<f64> = (0..n).map(|i| replay.time_s(i) + late).collect();
     let accel: Vec<Option<[f64; 3]>> = at.par_chunks(512).flat_map_iter(|at| track.felt(at)).collect();
     let instants: Vec<Option<Instant>> = (0..n)

@@ -46,7 +46,10 @@ impl DriveInputs {
 pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize]) -> DriveInputs {
     let plain = model.plain_at(values, chosen);
     let free: Vec<usize> = (0..values.len())
-        .filter(|k| matches!(model.parameters[*k].enters, Enters::Drive | Enters::Clock(0)))
+        .filter(|k| match model.parameters[*k].enters {
+            Enters::Clock([pose, ..]) => pose != 0,
+            enters => enters == Enters::Drive,
+        })
         .collect();
     if !matches!(log.track.drive, Drive::RotorCommands | Drive::AttitudeCommands) {
         let ticks = drive_by_pose(log.track, &log.around, &log.raw, &plain);

@@ -167,8 +167,9 @@ pub(super) struct Pass {
 /// Passes over all parameters that enter the dynamics, the drive or the readings.
 pub(super) fn passes(model: &Model, values: &[f64], chosen: &[usize]) -> Vec<Pass> {
     let constant = model.effects_of(chosen);
-    let mut free: Vec<usize> =
-        (0..values.len()).filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock(1 | 2))).collect();
+    let mut free: Vec<usize> = (0..values.len())
+        .filter(|k| !matches!(model.parameters[*k].enters, Enters::Clock([0, ..])))
+        .collect();
     // Grouped by effect, so that a pass has few effects.
     free.sort_by_key(|k| model.parameters[*k].effect);
     let (readings, dynamics): (Vec<usize>, Vec<usize>) =
@@ -405,7 +406,7 @@ impl Job<'_> {
                     for (c, slope) in s.row_mut(6 + k).iter_mut().enumerate().skip(own) {
                         *slope = match self.model.parameters[c - own].enters {
                             Enters::Reading => -node.cp[c - own][3 + k],
-                            Enters::Clock(0) => turn[k],
+                            Enters::Clock([pose, ..]) => f64::from(pose) * turn[k],
                             _ => 0.0,
                         };
                     }

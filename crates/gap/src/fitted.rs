@@ -2,6 +2,7 @@
 
 mod calibration;
 mod findings;
+mod own;
 mod partners;
 mod parts;
 mod sections;
@@ -20,6 +21,7 @@ use super::report::significant;
 use super::track::{Noise, Options, Track};
 use super::verdict::{Calibration, Diagnosis, Finding, Rung, Said};
 use crate::error::{Error, GapError, Result};
+use own::Own;
 use propwash_flight::{CheckReport, Fault, FlightLog, Severity};
 use propwash_vehicle::Vehicle;
 use rayon::prelude::*;
@@ -330,11 +332,12 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
     for (id, error) in &unwritable {
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
+    let own = if given { Own::default() } else { Own::of(verdict, flights) };
+    let writable = writable.into_iter().filter(|i| !own.indices.contains(i)).collect();
     let mut kept = partners::judged(&writer, judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
     if verdict.remainder.unexplained {
         kept = parts::judged(&writer, judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
     }
-    say_doubts(verdict);
 
     let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];
     let mut completion = writer.begin();
@@ -349,6 +352,8 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
         *label = format!("{label} with {words}");
         *last = completion.vehicle(filed.vehicle)?;
     }
+    own.judged((judge, filed.vehicle), &completion, verdict, flights)?;
+    say_doubts(verdict);
     let found = rungs.len();
     let mut after = (rungs.len() > 1).then(|| rungs[rungs.len() - 1].1.clone());
     let mut calibrated = 0;
@@ -383,6 +388,7 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
             Ok(ladder) => verdict.ladder = unparted(ladder, found),
             Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
         }
+        verdict.ladder.extend(own.rung((&completion, filed.vehicle), verdict, flights)?);
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);

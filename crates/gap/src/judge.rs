@@ -445,14 +445,22 @@ impl Judge {
         if let Some(seen) = known {
             return Ok(seen);
         }
+        let seen = self.look_each(&|_| vehicle)?;
+        self.looks.lock().unwrap_or_else(PoisonError::into_inner).insert(key, seen.clone());
+        Ok(seen)
+    }
+
+    /// Residuals of a vehicle for each flight.
+    ///
+    /// # Errors
+    /// Those of [`Seen::of`].
+    pub fn look_each<'v>(&self, of: &(dyn Fn(&Track) -> &'v Vehicle + Sync)) -> Result<Seen, GapError> {
         let parts: Vec<Seen> = self
             .tracks
             .par_iter()
-            .map(|(t, from_s)| Ok(Seen::of(t, vehicle, &[[*from_s, t.span_s[1]]])?.remove(0)))
+            .map(|(t, from_s)| Ok(Seen::of(t, of(t), &[[*from_s, t.span_s[1]]])?.remove(0)))
             .collect::<Result<_, GapError>>()?;
-        let seen = Seen::together(parts);
-        self.looks.lock().unwrap_or_else(PoisonError::into_inner).insert(key, seen.clone());
-        Ok(seen)
+        Ok(Seen::together(parts))
     }
 
     /// Residuals of a vehicle in each part of its flights: [`PARTS_JUDGED`] of equal length per flight.

@@ -93,17 +93,17 @@ impl Flights {
     /// # Errors
     /// [`GapError::Log`] where the vehicle lacks the dynamics, [`GapError::Numbers`] where a roll-out does not stay finite.
     pub fn errors(&self, vehicle: &Vehicle) -> Result<(Vec<HorizonError>, Vec<HorizonError>), GapError> {
-        let [training, unseen] = self.look(vehicle)?;
+        let [training, unseen] = self.look(&|_| vehicle)?;
         Ok((training.horizons, unseen.horizons))
     }
 
-    /// Residuals of a vehicle on the flight of the fit, and on held-out flight.
-    fn look(&self, vehicle: &Vehicle) -> Result<[Seen; 2], GapError> {
+    /// Residuals of a vehicle for each flight, on the flight of the fit and on held-out flight.
+    fn look<'v>(&self, of: &(dyn Fn(&Track) -> &'v Vehicle + Sync)) -> Result<[Seen; 2], GapError> {
         let one = |(track, cut): (&Track, &Option<f64>)| -> Result<[Seen; 2], GapError> {
             let [from, to] = track.span_s;
             let mut parts = match cut {
-                Some(cut) => Seen::of(track, vehicle, &[[from, *cut], [*cut, to]])?,
-                None => Seen::of(track, vehicle, &[[from, to]])?,
+                Some(cut) => Seen::of(track, of(track), &[[from, *cut], [*cut, to]])?,
+                None => Seen::of(track, of(track), &[[from, to]])?,
             };
             parts.resize_with(2, Seen::default);
             let unseen = parts.remove(1);
@@ -112,7 +112,7 @@ impl Flights {
         let mut parts: Vec<[Seen; 2]> =
             self.whole.par_iter().zip(&self.cut_s).map(one).collect::<Result<_, _>>()?;
         let held_out = |t: &Track| -> Result<[Seen; 2], GapError> {
-            Ok([Seen::default(), Seen::of(t, vehicle, &[t.span_s])?.remove(0)])
+            Ok([Seen::default(), Seen::of(t, of(t), &[t.span_s])?.remove(0)])
         };
         parts.extend(self.held_out.par_iter().map(held_out).collect::<Result<Vec<_>, _>>()?);
         let (training, unseen) = parts.into_iter().map(|[a, b]| (a, b)).unzip();
@@ -124,19 +124,26 @@ impl Flights {
     /// # Errors
     /// Those of [`Flights::errors`].
     pub fn ladder(&self, rungs: &[(String, Vehicle)]) -> Result<Vec<Rung>, GapError> {
-        rungs
-            .par_iter()
-            .map(|(label, vehicle)| {
-                let [training, unseen] = self.look(vehicle)?;
-                Ok(Rung {
-                    label: label.clone(),
-                    training_lack: training.lack(),
-                    held_out_lack: unseen.lack(),
-                    training: training.horizons,
-                    held_out: unseen.horizons,
-                })
-            })
-            .collect()
+        rungs.par_iter().map(|(label, vehicle)| self.rung_of_each(label.clone(), &|_| vehicle)).collect()
+    }
+
+    /// One step with a vehicle for each flight.
+    ///
+    /// # Errors
+    /// Those of [`Flights::errors`].
+    pub(crate) fn rung_of_each<'v>(
+        &self,
+        label: String,
+        of: &(dyn Fn(&Track) -> &'v Vehicle + Sync),
+    ) -> Result<Rung, GapError> {
+        let [training, unseen] = self.look(of)?;
+        Ok(Rung {
+            label,
+            training_lack: training.lack(),
+            held_out_lack: unseen.lack(),
+            training: training.horizons,
+            held_out: unseen.horizons,
+        })
     }
 }
 

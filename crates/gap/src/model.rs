@@ -4,7 +4,7 @@
 use super::GapError;
 use super::battery;
 use super::inputs::Smoothing;
-use super::policy::{SMOOTHED_TIMING, UNKNOWN_ANSWER};
+use super::policy::{SMOOTHED_TIMING, SMOOTHED_TIMING_APART, UNKNOWN_ANSWER};
 use super::replay::Around;
 use super::stated::Held;
 use super::track::{Drive, Track};
@@ -27,8 +27,8 @@ pub(crate) enum Enters {
     Drive,
     /// Sensor outputs.
     Reading,
-    /// In a sensor's clock: 0 pose, 1 gyroscope, 2 accelerometer.
-    Clock(usize),
+    /// In clocks: change of the delays of pose, gyroscope and accelerometer with the parameter.
+    Clock([i8; 3]),
 }
 
 /// One free parameter.
@@ -167,7 +167,7 @@ impl Model {
                 .position(|(name, _)| *name == freedom.name)
                 .ok_or_else(|| unknown(&format!("{}.{}", candidate.kind, freedom.name)))?;
             let enters = match (candidate.area, clock_of(&self.drone.effects[effect], ordinal)) {
-                (_, Some(sensor)) => Enters::Clock(sensor),
+                (_, Some(delays)) => Enters::Clock(delays),
                 (Area::Measurement, _) => Enters::Reading,
                 _ if matches!(candidate.needs, Needs::Commands | Needs::Voltage) => Enters::Drive,
                 _ => Enters::Dynamics,
@@ -322,6 +322,15 @@ impl Model {
             .collect()
     }
 
+    /// Whether two candidates are the clocks of gyroscope and accelerometer, which are mostly one instrument.
+    pub fn of_one_clock(&self, a: usize, b: usize) -> bool {
+        let needs = [a, b].map(|c| self.candidates[c].needs);
+        let timing = |c: usize| nature(self.candidates[c].kind).relative == Some(Relative::Time);
+        let inertial =
+            matches!(needs, [Needs::Gyro, Needs::Accelerometer] | [Needs::Accelerometer, Needs::Gyro]);
+        inertial && timing(a) && timing(b)
+    }
+
     /// The candidate with a parameter that a log gives in this way, and the parameter.
     pub fn given(&self, value: FromLog) -> Option<(usize, &'static str)> {
         self.candidates.iter().enumerate().find_map(|(c, of)| Some((c, of.given(value)?)))
@@ -457,11 +466,13 @@ fn adapted(
             candidate.preset = of.into_iter().flatten().collect();
         }
     }
-    // Clocks behind smoothed inputs are uncertain by a share of the smoothing time.
+    // The time of smoothed inputs is uncertain by a share of the smoothing time, that of one sensor beside the others far less.
     if candidate.area == Area::Measurement && nature(candidate.kind).relative == Some(Relative::Time) {
         let smoothed_s = tracks.iter().map(|t| t.smoothing.reach_s).fold(0.0, f64::max);
+        let share =
+            if candidate.needs == Needs::MeasuredInputs { SMOOTHED_TIMING } else { SMOOTHED_TIMING_APART };
         for f in &mut candidate.freedoms {
-            f.spike = f.spike.max(SMOOTHED_TIMING * smoothed_s);
+            f.spike = f.spike.max(share * smoothed_s);
         }
     }
     // The response is known only as well as the smoothed inputs.
@@ -506,10 +517,10 @@ fn fastest_command(tracks: &[&Track]) -> Option<(f64, f64)> {
     clean::quantile(&all, 0.75).filter(|u| *u < most).map(|usual| (most, usual))
 }
 
-/// The sensor whose clock a parameter of an effect shifts: 0 pose, 1 gyroscope, 2 accelerometer.
-fn clock_of(effect: &AnyEffect<f64>, ordinal: usize) -> Option<usize> {
+/// How a parameter of an effect shifts the clocks of pose, gyroscope and accelerometer, if it does.
+fn clock_of(effect: &AnyEffect<f64>, ordinal: usize) -> Option<[i8; 3]> {
     let late = |effect: &AnyEffect<f64>| {
-        let clock = effect.clock();
+        let clock = effect.clock().from_inputs();
         [clock.pose_s, clock.gyro_s, clock.accel_s]
     };
     let (before, mut moved, mut at) = (late(effect), *effect, 0);
@@ -519,7 +530,9 @@ fn clock_of(effect: &AnyEffect<f64>, ordinal: usize) -> Option<usize> {
         }
         at += 1;
     });
-    (0..3).find(|sensor| late(&moved)[*sensor] != before[*sensor])
+    let after = late(&moved);
+    let shifts: [i8; 3] = core::array::from_fn(|k| (after[k] - before[k]).round() as i8);
+    (shifts != [0; 3]).then_some(shifts)
 }
 
 /// Whether an effect of a drone is the one that a candidate frees.
@@ -539,6 +552,9 @@ fn reason_against(candidate: &Candidate, tracks: &[&Track], arounds: &[&Around])
     let nature = nature(candidate.kind);
     let reason = match candidate.needs {
         Needs::Commands | Needs::Voltage if !drives(&commanded) => "needs motor commands to drive the model",
+        Needs::MeasuredInputs if !drives(&[Drive::RotorSpeeds, Drive::Thrust]) => {
+            "needs rotor speeds or thrust that were measured, not commanded"
+        }
         Needs::Ground if !any(&|t| t.ground_z_m.is_some()) => "needs the height of the ground",
         Needs::Ceiling if !any(&|t| t.ceiling_z_m.is_some()) => "needs the height of the ceiling",
         Needs::Neighbour if !any(&|t| !t.neighbours.is_empty()) => "needs another tracked vehicle",

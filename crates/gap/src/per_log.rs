@@ -8,8 +8,8 @@
 use super::GapError;
 use super::disturbance::Reduced;
 use super::fit::{Linear, Prepared};
-use super::model::{Model, Parameter};
-use super::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS};
+use super::model::{Enters, Model, Parameter};
+use super::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS, SMOOTHED_TIMING_APART};
 use super::solve::Solution;
 use super::verdict::OfOneLog;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -72,6 +72,9 @@ pub(super) fn differences(
         let values = solution.values_of(log);
         for (i, k) in all.differing.iter().enumerate() {
             let parameter = &model.parameters[*k];
+            // A clock is known to a share of the time over which what it is compared with is smoothed.
+            let clock = matches!(parameter.enters, Enters::Clock(_));
+            let blurred_s = if clock { SMOOTHED_TIMING_APART * p.track.smoothing.reach_s } else { 0.0 };
             let one = OfOneLog {
                 log: p.track.name.clone(),
                 id: model.candidates[parameter.candidate].id.clone(),
@@ -79,7 +82,7 @@ pub(super) fn differences(
                 unit: parameter.unit.into(),
                 value: values[*k],
                 shared: solution.posterior.mean[*k],
-                sigma: sigmas[log][i].hypot(DIFFERS_KNOWN * parameter.spike),
+                sigma: sigmas[log][i].hypot(DIFFERS_KNOWN * parameter.spike).hypot(blurred_s),
             };
             if (one.value - one.shared).abs() > DIFFERS_SIGMAS * one.sigma {
                 out.push(one);

@@ -10,10 +10,12 @@
 /// that interpolate have less noise there (a Crazyflie's deck at 500 Hz: 2.4 rad/s up to 200 Hz, 0.7 at 250 Hz).
 pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
 
-/// Share of the smoothing time of an input by which sensors may appear delayed relative to it. A simulated flight with
-/// correct clocks, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to have inertial sensors 3 and 7 ms
-/// early.
+/// Share of the smoothing time of an input by which all sensors may appear delayed relative to it, and the share by which one sensor
+/// may beside the others. A simulated flight with correct clocks, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to
+/// have inertial sensors 3 and 7 ms early. With the first share for each sensor, one sensor that was 15 to 30 ms late in flights of
+/// MuJoCo (15 of 15) was taken for a tolerance.
 pub(crate) const SMOOTHED_TIMING: f64 = 0.5;
+pub(crate) const SMOOTHED_TIMING_APART: f64 = 0.05;
 
 /// Time by which all sensors must agree that a smoothed input is late, or early, for it to be said, and the standard deviations of each:
 /// with correct clocks it seemed 7 ms late at most (above); in a flight of MuJoCo in which it was 30 ms late it was found 29.6 ± 2 ms
@@ -210,6 +212,11 @@ pub(crate) const DIFFERS_SIGMAS: f64 = 3.0;
 /// rotor speeds were found to 0.5 to 0.6 ms with a tolerance of 7.7 ms, which is that of smoothed inputs, where the fit
 /// alone claimed 0.01 to 0.07 ms; by commands to 0.01 to 0.13 ms of 0.5 ms.
 pub(crate) const DIFFERS_KNOWN: f64 = 0.1;
+
+/// Share of the way from the file to the mean of all logs by which a log's own value must be off that mean for the mean to be no value
+/// of any flight. Winds of 1.2 and 0 m/s are 1 of it apart, 1.0 and -0.9 m/s are 19; biases of two flights of one gyroscope, 0.05 and
+/// 0.02 rad/s, 0.4.
+pub(crate) const NO_COMMON_VALUE: f64 = 0.5;
 
 /// Standard deviations from which an attitude is reported to lean with the acceleration.
 pub(crate) const LEAN_SIGMAS: f64 = 3.0;

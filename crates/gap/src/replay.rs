@@ -13,7 +13,7 @@ use propwash_flight::{Channel, resample};
 use propwash_physics::drone::{self, Drone, Dynamics};
 use propwash_physics::effects::{Command, Parts};
 use propwash_physics::integrate::Integrator;
-use propwash_physics::measure::Reading;
+use propwash_physics::measure::{Clock, Reading};
 use propwash_physics::rigid_body::{MAX_ROTORS, Rate, State};
 use propwash_physics::surroundings::{Load, Neighbour, Surroundings};
 use propwash_trace::Real;
@@ -339,9 +339,18 @@ pub(crate) fn by_pose(drive: Drive) -> bool {
     matches!(drive, Drive::RotorCommands | Drive::AttitudeCommands)
 }
 
+/// Delays of the sensors of a log against what drives the model: commands have the log's time, measured inputs a clock of their own.
+pub(crate) fn clock<S: Real>(track: &Track, drone: &Drone<S>) -> Clock<S> {
+    let clock = drone.clock();
+    match track.drive {
+        Drive::RotorSpeeds | Drive::Thrust => clock.from_inputs(),
+        Drive::RotorCommands | Drive::AttitudeCommands => clock,
+    }
+}
+
 /// Delays of pose, gyroscope and accelerometer on the time axis of [`drive_by_pose`].
 pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
-    let clock = drone.clock();
+    let clock = clock(track, drone);
     let all = [clock.pose_s, clock.gyro_s, clock.accel_s].map(S::plain);
     let zero = if by_pose(track.drive) { all[0] } else { 0.0 };
     all.map(|delay| delay - zero)

@@ -68,7 +68,7 @@ pub(crate) fn believed(track: &Track, around: &Around, drone: &Drone<f64>) -> Ve
     if drone.effects.is_empty() {
         return around.measured.clone();
     }
-    let clock = drone.clock();
+    let clock = replay::clock(track, drone);
     let rate_s = if track.gyro.is_empty() { clock.pose_s } else { clock.gyro_s };
     let later = |by_s: f64| {
         (by_s != 0.0).then(|| {

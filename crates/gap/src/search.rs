@@ -362,7 +362,7 @@ impl<'a> Evidence<'a> {
     }
 
     /// Alternatives to candidate `of` in `set` that fit almost as well, within `margin` nats: single candidates and pairs,
-    /// each with its evidence deficit.
+    /// each with its evidence deficit. A late gyroscope with a late accelerometer is one late inertial unit, and one effect.
     pub fn in_place_of(&self, set: &[usize], of: usize, margin: f64) -> Vec<(Vec<usize>, f64)> {
         let n = self.members.len();
         let rest: Vec<usize> = set.iter().copied().filter(|c| *c != of).collect();
@@ -375,7 +375,10 @@ impl<'a> Evidence<'a> {
                 out.push((vec![*a], worse));
             }
             for b in &free[i + 1..] {
-                let worse = own - self.scored([rest.clone(), vec![*a, *b]].concat()).score();
+                let mut worse = own - self.scored([rest.clone(), vec![*a, *b]].concat()).score();
+                if self.model.of_one_clock(*a, *b) {
+                    worse -= THRESHOLD;
+                }
                 if worse < margin {
                     out.push((vec![*a, *b], worse));
                 }

@@ -110,26 +110,18 @@ pub(super) fn speak(
 fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<String> {
     let drive =
         tracks.first().map(|t| t.drive).filter(|d| matches!(d, Drive::RotorSpeeds | Drive::Thrust))?;
-    let clocks = model.timing();
-    if clocks.iter().any(|c| solution.set.contains(c)) {
-        return None;
-    }
-    let off: Vec<(f64, f64)> = clocks
-        .iter()
-        .flat_map(|c| model.of(*c))
-        .map(|k| (solution.posterior.mean[k] - model.parameters[k].filed, solution.posterior.sigma[k]))
-        .collect();
-    let clear = |(value, sigma): &(f64, f64)| value.abs() > LATE_SIGMAS * sigma;
-    let mean_s = off.iter().map(|o| o.0).sum::<f64>() / off.len().max(1) as f64;
-    let alike = off.iter().all(|o| clear(o) && o.0.signum() == mean_s.signum());
-    (off.len() > 1 && alike && mean_s.abs() > LATE_S).then(|| {
-        let sigma_s = off.iter().map(|o| o.1).fold(0.0, f64::max);
+    let own = |c: &usize| model.candidates[*c].needs == propwash_physics::effects::Needs::MeasuredInputs;
+    let clock = model.timing().into_iter().find(own).filter(|c| !solution.set.contains(c))?;
+    let k = model.of(clock).next()?;
+    let late_s = solution.posterior.mean[k] - model.parameters[k].filed;
+    let sigma_s = solution.posterior.sigma[k];
+    (late_s.abs() > LATE_S.max(LATE_SIGMAS * sigma_s)).then(|| {
         format!(
             "the {} come {} {} than all sensors say: within what smoothing their noise leaves open, so nothing is missing by it; shift \
              their time (shift_s of a mapping), or write the clocks (add --calibrate)",
             drive.title(),
-            interval(mean_s.abs(), sigma_s, "s"),
-            if mean_s < 0.0 { "later" } else { "earlier" },
+            interval(late_s.abs(), sigma_s, "s"),
+            if late_s > 0.0 { "later" } else { "earlier" },
         )
     })
 }

@@ -45,12 +45,14 @@ pub struct Clock<S> {
     pub gyro_s: S,
     /// Accelerometer.
     pub accel_s: S,
+    /// What drives the model where that was measured: rotor speeds, thrust.
+    pub inputs_s: S,
 }
 
 impl<S: Real> Clock<S> {
     /// All in step.
     pub fn zero() -> Self {
-        Self { pose_s: S::zero(), gyro_s: S::zero(), accel_s: S::zero() }
+        Self { pose_s: S::zero(), gyro_s: S::zero(), accel_s: S::zero(), inputs_s: S::zero() }
     }
 
     /// Both delays one after the other.
@@ -60,6 +62,19 @@ impl<S: Real> Clock<S> {
             pose_s: self.pose_s + other.pose_s,
             gyro_s: self.gyro_s + other.gyro_s,
             accel_s: self.accel_s + other.accel_s,
+            inputs_s: self.inputs_s + other.inputs_s,
+        }
+    }
+
+    /// The sensors' delays counted from the stamps of measured inputs, which then have none.
+    #[inline(always)]
+    pub fn from_inputs(self) -> Self {
+        let late = self.inputs_s;
+        Self {
+            pose_s: self.pose_s - late,
+            gyro_s: self.gyro_s - late,
+            accel_s: self.accel_s - late,
+            inputs_s: S::zero(),
         }
     }
 }

@@ -246,12 +246,12 @@ impl Recorder {
             channel.push(t, [commands[i]]);
         }
         for (i, channel) in self.log.rotor_speed_rad_s.iter_mut().enumerate() {
-            channel.push(t, [state.rotor_vel[i]]);
+            channel.push(t + clock.inputs_s, [state.rotor_vel[i]]);
         }
         let sent = &sim.data.attitude_command[row * 4..row * 4 + 4];
         self.log.cmd_attitude_rad.push(t, [sent[0], sent[1], sent[2]]);
         self.log.cmd_thrust_n.push(t, [sent[3]]);
-        self.log.thrust_n.push(t, [sim.thrust_n(w, 0)]);
+        self.log.thrust_n.push(t + clock.inputs_s, [sim.thrust_n(w, 0)]);
         self.log.duration_s = t;
         self.log.n_rows += 1;
         self.steps += 1;

@@ -76,13 +76,14 @@ impl Job<'_> {
             _ => None,
         };
         let all = self.model.parameters.iter().map(|p| p.enters).enumerate();
-        let clocks: Vec<(usize, usize)> = all.filter_map(clock).collect();
+        let clocks: Vec<(usize, [i8; 3])> = all.filter_map(clock).collect();
         // Outputs by the clock of their sensor: pose, pose, gyroscope, accelerometer.
-        [0, 0, 1, 2].map(|channel| {
-            let factor = |of: usize| {
-                if by_pose && of == 0 { f64::from(channel != 0) } else { -f64::from(of == channel) }
+        [0, 0, 1, 2].map(|channel: usize| {
+            let factor = |late: &[i8; 3]| {
+                let zero = if by_pose { late[0] } else { 0 };
+                f64::from(zero - late[channel])
             };
-            clocks.iter().map(|(c, of)| (*c, factor(*of))).filter(|(_, f)| *f != 0.0).collect()
+            clocks.iter().map(|(c, late)| (*c, factor(late))).filter(|(_, f)| *f != 0.0).collect()
         })
     }
 }

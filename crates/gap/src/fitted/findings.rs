@@ -196,7 +196,7 @@ fn by(ratio: f64) -> String {
 }
 
 /// Judgement of a finding with which the vehicle diverges.
-fn runs_away(judge: &Judge) -> HeldOut {
+pub(super) fn runs_away(judge: &Judge) -> HeldOut {
     HeldOut {
         channel: "position after 0.5 s".into(),
         unit: "m".into(),

@@ -206,7 +206,7 @@ impl Page {
         for f in &d.findings {
             let (class, word) = match (f.doubt(), f.certain) {
                 (Some(_), _) => ("doubt", "in doubt, not written"),
-                (None, true) if f.unwritten().is_some() => ("sure", "certain, small, not written"),
+                (None, true) if f.unwritten().is_some() => ("sure", "certain, not written"),
                 (None, true) => ("sure", "certain"),
                 (None, false) if f.one_of_several() => ("doubt", "one of several"),
                 (None, false) => ("doubt", "not certain"),
@@ -820,7 +820,7 @@ impl Page {
     fn differences(&mut self, all: &[OfOneLog]) {
         self.body.push_str(
             "<h3>In what the logs differ</h3><p class=\"small\">Clocks, biases, wind and battery may be others in every log; \
-             they are not written.</p>\n<table class=\"stack\"><thead><tr><th>log</th><th>number</th>\
+             these differences are not written.</p>\n<table class=\"stack\"><thead><tr><th>log</th><th>number</th>\
              <th class=\"n\">in this log</th><th class=\"n\">in all</th><th class=\"n\">difference</th></tr></thead><tbody>",
         );
         for d in all {

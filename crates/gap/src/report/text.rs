@@ -138,7 +138,7 @@ impl Out {
     fn finding(&mut self, number: usize, f: &Finding, judged_on: &str) {
         let certain = match (f.doubt(), f.certain) {
             (Some(_), _) => ", in doubt, not written",
-            (None, true) if f.unwritten().is_some() => ", small, not written",
+            (None, true) if f.unwritten().is_some() => ", not written",
             (None, true) => "",
             (None, false) if f.one_of_several() => ", one of several",
             (None, false) => ", not certain",
@@ -355,7 +355,7 @@ impl Out {
         self.heading("In what the logs differ");
         self.paragraph(
             2,
-            "clocks, biases, wind and battery may be others in every log; they are not written",
+            "clocks, biases, wind and battery may be others in every log; these differences are not written",
         );
         let header = ["", "", "in this log", "in all", "difference"].map(String::from);
         let rows: Vec<Vec<String>> = all

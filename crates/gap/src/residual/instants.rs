@@ -1,7 +1,7 @@
 //! Force and torque that a model lacks at every instant of a log.
 
 use super::{Replay, Residuals, Sample, StateNoise, gains, input_noise, state_of, true_state};
-use crate::replay::{Plant, STEP, STEP_S, Tick};
+use crate::replay::{Plant, STEP, STEP_S, Tick, clock};
 use crate::track::{Drive, Measured};
 use propwash_flight::{Channel, resample};
 use propwash_physics::drone::Drone;
@@ -154,7 +154,7 @@ impl Linear {
         let sigma = track.noise.accel_m_s2 * gains(&track.accel.t_s, half_s, track.span_s)[0];
         let memory_s = (p * (track.noise.accel_m_s2 / sigma).powi(2)).max(p);
         let weights = kernel(half_s, |u| 3.0 - 5.0 * u * u);
-        let late_s = replay.drone.clock().accel_s;
+        let late_s = clock(track, replay.drone).accel_s;
         let readings = &replay.around.readings;
         let fit = || resample::local_parabola(&track.accel, &times(replay, late_s), half_s);
         let read = readings.accel.at(late_s, fit);
@@ -177,7 +177,7 @@ impl Linear {
             .max(4.2 * period_s(&track.position.t_s));
         let sigma = track.noise.position_m * gains(&track.position.t_s, half_s, track.span_s)[2];
         let weights = kernel(half_s, |u| (1.0 - u * u).powi(2));
-        let late_s = replay.drone.clock().pose_s;
+        let late_s = clock(track, replay.drone).pose_s;
         let readings = &replay.around.readings;
         let fit = || resample::local_parabola(&track.position, &times(replay, late_s), half_s);
         let read = readings.position.at(late_s, fit);
@@ -212,7 +212,7 @@ impl Angular {
         let sigma = track.noise.gyro_rad_s * gains(&track.gyro.t_s, half_s, track.span_s)[1];
         // A sample represents its surroundings too.
         let weights = kernel(half_s + 0.5 * p, |u| 1.0 - u * u);
-        let late_s = drone.clock().gyro_s;
+        let late_s = clock(track, drone).gyro_s;
         let fit = || resample::local_parabola(&track.gyro, &times(replay, late_s), half_s);
         let slopes = replay.around.readings.gyro.at(late_s, fit);
         let measured = slopes
@@ -233,7 +233,7 @@ impl Angular {
         let half_s = (0.05 * (track.noise.attitude_rad / 3e-4).powf(0.3)).clamp(0.05, 0.1).max(4.2 * p);
         let sigma = track.noise.attitude_rad * gains(&track.attitude.t_s, half_s, track.span_s)[2];
         let weights = kernel(half_s, |u| (1.0 - u * u).powi(2));
-        let late_s = replay.drone.clock().pose_s;
+        let late_s = clock(track, replay.drone).pose_s;
         let bend = |at: &f64| bend_of_attitude(&track.attitude, *at, half_s);
         let bends = || times(replay, late_s).par_iter().with_min_len(256).map(bend).collect();
         let measured = replay.around.readings.bends.at(late_s, bends).to_vec();

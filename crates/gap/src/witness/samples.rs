@@ -4,7 +4,7 @@
 use super::super::drive_slopes::{DriveInputs, drive_inputs};
 use super::super::fit::{Prepared, Wide, passes};
 use super::super::model::Model;
-use super::super::replay::{Plant, STEP, STEP_S, Tick};
+use super::super::replay::{Plant, STEP, STEP_S, Tick, clock};
 use super::super::residual::Replay;
 use super::super::track::{Drive, Measured};
 use super::CHANNELS;
@@ -171,7 +171,7 @@ fn residuals(replay: &Replay) -> Vec<Option<[f64; CHANNELS]>> {
     let torque: Vec<Option<[f64; 3]>> = modelled.iter().map(|m| m.map(|m| m.1)).collect();
     let accel: Option<Vec<Option<[f64; 3]>>> = (!track.accel.is_empty()).then(|| {
         let period = track.accel.period_s().unwrap_or(0.01);
-        let late = drone.clock().accel_s;
+        let late = clock(track, drone).accel_s;
         let at: Vec<f64> = (0..n).map(|i| replay.time_s(i) + late).collect();
         at.par_chunks(512)
             .flat_map_iter(|at| {

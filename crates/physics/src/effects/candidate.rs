@@ -171,6 +171,8 @@ pub enum Needs {
     Nothing,
     /// Commands to the motors (not only measured rotor speeds).
     Commands,
+    /// Rotor speeds or thrust that were measured, not commanded.
+    MeasuredInputs,
     /// A ground of known height.
     Ground,
     /// A ceiling of known height.

@@ -18,12 +18,14 @@ parameters! {
         gyro_s: S,
         /// Delay of the accelerometer, s.
         accel_s: S,
+        /// Delay of what drives the model where that was measured (rotor speeds, thrust; not commands), s.
+        inputs_s: S,
     }
 }
 
 impl Default for Params<f64> {
     fn default() -> Self {
-        Self { pose_s: 0.0, gyro_s: 0.0, accel_s: 0.0 }
+        Self { pose_s: 0.0, gyro_s: 0.0, accel_s: 0.0, inputs_s: 0.0 }
     }
 }
 
@@ -39,7 +41,7 @@ impl<S: Real> Effect<S> for Params<S> {
 
     #[inline(always)]
     fn clock(&self) -> Clock<S> {
-        Clock { pose_s: self.pose_s, gyro_s: self.gyro_s, accel_s: self.accel_s }
+        Clock { pose_s: self.pose_s, gyro_s: self.gyro_s, accel_s: self.accel_s, inputs_s: self.inputs_s }
     }
 }
 
@@ -49,6 +51,7 @@ pub fn candidates(_: &Drone<f64>) -> Vec<Candidate> {
         ("pose", "pose_s", "motion capture whose clock is off", Needs::Nothing),
         ("gyro", "gyro_s", "gyroscope whose clock is off", Needs::Gyro),
         ("accel", "accel_s", "accelerometer whose clock is off", Needs::Accelerometer),
+        ("inputs", "inputs_s", "rotor speeds or thrust whose clock is off", Needs::MeasuredInputs),
     ];
     let candidate = |(sensor, name, title, needs)| {
         let freedom = Freedom::any(name, "s", 0.0005, 0.012);
@@ -68,11 +71,16 @@ mod tests {
 
     #[test]
     fn delays_reach_the_clocks_of_the_vehicle_and_add_up() {
-        let first = AnyEffect::ClockOffset(Params { pose_s: 0.004, gyro_s: -0.002, accel_s: 0.001 });
-        let second = AnyEffect::ClockOffset(Params { pose_s: 0.001, gyro_s: 0.0, accel_s: 0.002 });
-        let clock = quad(vec![first, second]).clock();
-        for (got, expected) in [(clock.pose_s, 0.005), (clock.gyro_s, -0.002), (clock.accel_s, 0.003)] {
-            assert!((got - expected).abs() < 1e-15);
+        let first = Params { pose_s: 0.004, gyro_s: -0.002, accel_s: 0.001, inputs_s: 0.0 };
+        let second = Params { pose_s: 0.001, gyro_s: 0.0, accel_s: 0.002, inputs_s: 0.001 };
+        let clock = quad([first, second].map(AnyEffect::ClockOffset).to_vec()).clock();
+        for (clock, expected) in
+            [(clock, [0.005, -0.002, 0.003, 0.001]), (clock.from_inputs(), [0.004, -0.003, 0.002, 0.0])]
+        {
+            let got = [clock.pose_s, clock.gyro_s, clock.accel_s, clock.inputs_s];
+            for (got, expected) in got.into_iter().zip(expected) {
+                assert!((got - expected).abs() < 1e-15);
+            }
         }
         assert_eq!(quad(vec![]).clock(), Clock::zero());
     }

@@ -735,7 +735,7 @@ mod tests {
             &reading.vel,
             &reading.gyro,
             &reading.accel,
-            &[clock.pose_s, clock.gyro_s, clock.accel_s],
+            &[clock.pose_s, clock.gyro_s, clock.accel_s, clock.inputs_s],
         ]
         .concat()
     }
