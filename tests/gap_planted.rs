@@ -401,10 +401,16 @@ fn clocks_of_each_flight_are_told_and_two_flights_say_more_than_one() {
     }
 }
 
-/// Wind in one flight and none in the next: the mean of both is the wind of no flight. It is not written, and the ladder ends with what
-/// each flight has itself.
+/// Wind in one flight and none in the next, or the opposite one: the mean of both is the wind of no flight. It is not written, and the
+/// ladder ends with what each flight has itself.
 #[test]
 fn winds_of_two_days_are_told_apart_and_their_mean_is_not_written() {
+    for next_day in [0.0, -1.0] {
+        winds_of_two_days(next_day);
+    }
+}
+
+fn winds_of_two_days(next_day: f64) {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
     let vehicle = Vehicle::load(path).unwrap();
     let text = std::fs::read_to_string(path).unwrap();
@@ -417,7 +423,7 @@ fn winds_of_two_days_are_told_apart_and_their_mean_is_not_written() {
         let log = FlightLog::load(&file, None).unwrap();
         (Track::new(log, &vehicle, &Options::default()).unwrap(), flown)
     };
-    let both = [day(0, 1.0), day(1, 0.0)];
+    let both = [day(0, 1.0), day(1, next_day)];
     let tracks = both.iter().map(|(track, _)| track.clone()).collect();
     let filed = Filed { label: "quad", vehicle: &vehicle, text: text.clone() };
     let flights = Flights::new(tracks, Vec::new(), 0.2);
@@ -425,6 +431,8 @@ fn winds_of_two_days_are_told_apart_and_their_mean_is_not_written() {
     let verdict = &fitted.diagnosed.verdict;
     assert_eq!(names(verdict), ["constant_wind"], "{}", verdict.verdict);
     let wind = &verdict.findings[0];
+    // Opposite winds have nothing in common to be found.
+    assert_eq!(wind.each_log, next_day < 0.0);
     assert!(wind.doubt().is_none() && wind.certain, "{:?}", wind.second);
     let reason = wind.unwritten().unwrap();
     assert!(reason.contains("no value in common") && reason.contains("in day1.csv"), "{reason}");

@@ -129,6 +129,7 @@ fn rotor_drag() -> Finding {
             doubt: None,
             little: false,
         }),
+        each_log: false,
     }
 }
 
@@ -153,6 +154,7 @@ fn weak_rotor() -> Finding {
         }],
         stands_for: vec!["weak_rotor.1".into()],
         held_out: None,
+        each_log: false,
     }
 }
 

@@ -159,7 +159,11 @@ class Finding:
     held_out: Mapping[str, Any] | None
     """What it does on flight that the fit has not seen: ``channel`` and ``unit``, error ``without`` and ``with`` it, ``written``."""
     doubt: str | None
-    """Why it is not in ``completed``: with it the error on unseen flight rises, or falls by less than flights differ."""
+    """Why it is not in ``completed``: with it the error on unseen flight rises, or falls by less than flights differ; or the logs
+    have no value in common (the wind of two days), and each has its own in ``details["per_log"]``."""
+    each_log: bool = False
+    """Whether only the values that logs have each for itself are off the file, and what they have in common is not:
+    ``evidence_nats`` is that of one log, ``removed_share`` is not known."""
 
 
 @dataclass(frozen=True)
@@ -669,7 +673,7 @@ def _fit(
 
 def _finding(f: Mapping[str, Any]) -> Finding:
     return Finding(
-        **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain")},
+        **{k: f[k] for k in ("id", "kind", "title", "evidence_nats", "removed_share", "certain", "each_log")},
         parameters=tuple(Parameter(**p) for p in f["parameters"]),
         look_alikes=tuple(tuple(a["ids"]) for a in f["look_alikes"]),
         stands_for=tuple(f["stands_for"]),

@@ -7,14 +7,19 @@ use super::verdict::{Diagnosis, Finding, Rung};
 /// Short form of the verdict: what is missing and what is in doubt, most important first. `verdict` is the whole sentence,
 /// used where nothing was found.
 pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> String {
-    let name = |f: &Finding| match f.look_alikes.len() {
+    let name = |f: &Finding, short: bool| match f.look_alikes.len() {
         _ if f.certain => f.id.clone(),
+        1 if short => format!("{} (or another)", f.id),
         1 => format!("{} (or {})", f.id, f.look_alikes[0].ids.join(" + ")),
         n => format!("{} (or {n} others)", f.id),
     };
     // In doubt unless the finding or one of its look-alikes is missing for certain.
     let open = |f: &&Finding| f.doubt().is_some() || !(f.certain || f.one_of_several());
-    let sure: Vec<String> = findings.iter().filter(|f| !open(f)).map(name).collect();
+    let named = |short: bool| -> Vec<String> {
+        findings.iter().filter(|f| !open(f)).map(|f| name(f, short)).collect()
+    };
+    let mut sure = named(false);
+    let mut shortest = false;
     let doubtful: Vec<String> = findings.iter().filter(open).map(|f| f.id.clone()).collect();
     if findings.is_empty() {
         // What follows these marks is left to the full sentence.
@@ -28,7 +33,7 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
         more if shown == 0 => format!("{more} effects"),
         more => format!("{} and {more} more", names[..shown].join("; ")),
     };
-    // The last names are dropped first, those in doubt before the others.
+    // The names of look-alikes are dropped first, then the last names, those in doubt before the others.
     let mut shown = [sure.len(), doubtful.len()];
     loop {
         let mut parts = Vec::new();
@@ -41,6 +46,10 @@ pub fn headline(verdict: &str, findings: &[Finding], unexplained: bool) -> Strin
         let line = format!("{}{rest}", parts.join("; "));
         if line.chars().count() <= HEADLINE_CHARS || shown == [0, 0] {
             return shortened(&line);
+        }
+        if !shortest {
+            (sure, shortest) = (named(true), true);
+            continue;
         }
         let from = if shown[1] > 0 { 1 } else { 0 };
         shown[from] -= 1;
@@ -219,6 +228,7 @@ mod tests {
                 doubt: doubt.then(|| "it harms".to_string()),
                 little: false,
             }),
+            each_log: false,
         }
     }
 
@@ -241,7 +251,16 @@ mod tests {
         unsure.second.said = Said::Answer;
         assert_eq!(of(std::slice::from_ref(&unsure), false), "in doubt: thrust_curve");
         unsure.second.said = Said::Agrees;
-        assert_eq!(of(&[unsure], false), "missing: thrust_curve (or com_offset + torque_scale)");
+        assert_eq!(
+            of(std::slice::from_ref(&unsure), false),
+            "missing: thrust_curve (or com_offset + torque_scale)"
+        );
+        // What it looks like gives way to the name of another finding.
+        let long = "an_effect_in_doubt_that_has_a_long_name";
+        assert_eq!(
+            of(&[unsure, finding(long, 0, true)], false),
+            format!("missing: thrust_curve (or another); in doubt: {long}")
+        );
         let doubted = Finding { certain: false, ..finding("wrong_mass", 0, false) };
         assert_eq!(of(std::slice::from_ref(&doubted), false), "in doubt: wrong_mass");
         assert_eq!(

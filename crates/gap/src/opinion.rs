@@ -82,6 +82,11 @@ pub(super) fn weather() -> Opinion {
     silent("weather has no pattern that a regression could find")
 }
 
+/// For what logs have each for itself.
+pub(super) fn each_log() -> Opinion {
+    silent("regresses on what the logs have in common, and they have nothing of it in common")
+}
+
 /// The second estimator's own selection.
 pub(super) fn selection(model: &Model, witness: &Witness) -> Vec<SecondStep> {
     let step = |s: super::witness::Step| SecondStep {

@@ -9,7 +9,7 @@ use super::GapError;
 use super::disturbance::Reduced;
 use super::fit::{Linear, Prepared};
 use super::model::{Enters, Model, Parameter};
-use super::policy::{DIFFERS_KNOWN, DIFFERS_SIGMAS, SMOOTHED_TIMING_APART};
+use super::policy::{CERTAIN_ALONE_NATS, DIFFERS_KNOWN, DIFFERS_SIGMAS, SMOOTHED_TIMING_APART};
 use super::solve::Solution;
 use super::verdict::OfOneLog;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -90,6 +90,29 @@ pub(super) fn differences(
         }
     }
     Ok(out)
+}
+
+/// Candidates outside the set of a solution of which a log has a value beyond tolerance, with the evidence of that log alone, nats: winds
+/// of two days that are opposite have nothing in common for the search to find. The evidence is that of the wide against the narrow prior
+/// for the log's value, parameter by parameter.
+pub(super) fn beyond_tolerance_in_a_log(
+    model: &Model,
+    solution: &Solution,
+    differ: &[OfOneLog],
+) -> Vec<(usize, f64)> {
+    let nats = |c: usize, log: &str| -> f64 {
+        let own = differ.iter().filter(|d| d.log == log && d.id == model.candidates[c].id);
+        own.filter_map(|d| {
+            let p = model.of(c).map(|k| &model.parameters[k]).find(|p| p.name == d.name)?;
+            let [narrow, wide] = [p.spike, p.slab].map(|s| s * s + d.sigma * d.sigma);
+            let off = (d.value - p.filed).powi(2);
+            (wide > narrow).then(|| 0.5 * (off / narrow - off / wide) - 0.5 * (wide / narrow).ln())
+        })
+        .sum()
+    };
+    let most = |c: usize| differ.iter().map(|d| nats(c, &d.log)).fold(0.0, f64::max);
+    let outside = model.named().filter(|c| !solution.set.contains(c));
+    outside.map(|c| (c, most(c))).filter(|(_, nats)| *nats > CERTAIN_ALONE_NATS).collect()
 }
 
 /// Prior standard deviation of a log's deviation: the geometric mean of tolerance and plausible size. At the plausible

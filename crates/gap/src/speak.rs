@@ -9,14 +9,16 @@ use super::headline::headline;
 use super::limits;
 use super::model::Model;
 use super::opinion;
-use super::per_log::differences;
+use super::per_log::{beyond_tolerance_in_a_log, differences};
 use super::policy::{LATE_S, LATE_SIGMAS};
 use super::report::interval;
 use super::search::{Evidence, THRESHOLD};
 use super::solve::Solution;
 use super::track::{Drive, Track};
 use super::unseen::{each_for_itself, removed_share};
-use super::verdict::{Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, ParameterFit};
+use super::verdict::{
+    Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, OfOneLog, ParameterFit,
+};
 use super::witness::Witness;
 use propwash_vehicle::Vehicle;
 
@@ -56,10 +58,13 @@ pub(super) fn speak(
     decision.judge_shapes(&evidence, &left);
     decision.judge_together(removed_share(model, solution, &apart, &solution.set)?, by_formula);
     decision.say_why_not(&evidence, &singles);
+    let per_log = differences(logs, model, solution)?;
+    decision.findings.extend(of_each_log(model, solution, &per_log));
     let hidden = if poor { limits.iter().filter(|l| !l.visible).count() } else { 0 };
     let verdict = decision.sentence(hidden);
     let Decision { findings, remainder, why: decided, .. } = decision;
-    let adjusted = adjusted(model, solution);
+    let mut adjusted = adjusted(model, solution);
+    adjusted.retain(|a| findings.iter().all(|f| f.id != a.id));
     let name = |t: &Track, w: &String| if tracks.len() > 1 { format!("{}: {w}", t.name) } else { w.clone() };
     Ok(Diagnosis {
         vehicle: vehicle.name.clone(),
@@ -93,7 +98,7 @@ pub(super) fn speak(
         singles,
         second: opinion::selection(model, &witness),
         dispersion: solution.dispersion,
-        per_log: differences(logs, model, solution)?,
+        per_log,
         moments: Vec::new(),
         sections: Vec::new(),
         warnings: tracks
@@ -126,6 +131,30 @@ fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<St
     })
 }
 
+/// What the logs have each for itself and not in common, beyond tolerance.
+fn of_each_log(model: &Model, solution: &Solution, per_log: &[OfOneLog]) -> Vec<Finding> {
+    let one = |(c, nats): (usize, f64)| {
+        let candidate = &model.candidates[c];
+        Finding {
+            id: candidate.id.clone(),
+            kind: candidate.kind.into(),
+            title: candidate.title.clone(),
+            area: candidate.area,
+            parameters: model.of(c).map(|k| parameter_fit(model, solution, k)).collect(),
+            set: model.preset_values(c),
+            evidence_nats: nats,
+            removed_share: 0.0,
+            certain: true,
+            second: opinion::each_log(),
+            look_alikes: Vec::new(),
+            stands_for: Vec::new(),
+            held_out: None,
+            each_log: true,
+        }
+    };
+    beyond_tolerance_in_a_log(model, solution, per_log).into_iter().map(one).collect()
+}
+
 /// The finding for one candidate of a solution's set; its share of the held-out error is filled in later.
 fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Witness, c: usize) -> Finding {
     let second = opinion::of(model, witness, solution, c);
@@ -150,6 +179,7 @@ fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Wi
         look_alikes,
         stands_for,
         held_out: None,
+        each_log: false,
     }
 }
 

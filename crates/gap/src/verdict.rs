@@ -125,6 +125,10 @@ pub struct Finding {
     pub stands_for: Vec<String>,
     /// Its effect on the held-out errors; null where that was not measured.
     pub held_out: Option<HeldOut>,
+    /// Whether only the values that the logs have each for itself are off the file, and what they have in common is not: winds
+    /// of two days that were opposite. The evidence is that of one log, and the share of the excess error is not known.
+    #[serde(default)]
+    pub each_log: bool,
 }
 
 /// Effect of a finding on a vehicle's held-out errors: the vehicle with everything written, and the same without this

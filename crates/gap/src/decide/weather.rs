@@ -81,5 +81,6 @@ pub(super) fn turbulence(
         look_alikes: if patterned { vec![unlisted()] } else { Vec::new() },
         stands_for: Vec::new(),
         held_out: None,
+        each_log: false,
     })
 }

@@ -164,14 +164,13 @@ impl Out {
             self.paragraph(4, reason);
         }
         let verb = if f.removed_share < 0.0 { "adds" } else { "removes" };
-        self.paragraph(
-            4,
-            &format!(
-                "evidence {}\u{a0}nats (6 are required); {verb} {} of the excess error on held-out windows of the fit",
-                significant(f.evidence_nats, 3),
-                percent(f.removed_share.abs())
-            ),
-        );
+        let share = percent(f.removed_share.abs());
+        let rest = match f.each_log {
+            true => " in one of the logs".to_string(),
+            false => format!("; {verb} {share} of the excess error on held-out windows of the fit"),
+        };
+        let nats = significant(f.evidence_nats, 3);
+        self.paragraph(4, &format!("evidence {nats}\u{a0}nats (6 are required){rest}"));
         self.paragraph(4, &format!("second estimator: {}", f.second.text));
         for l in &f.look_alikes {
             let apart = match l.manoeuvre.is_empty() {
