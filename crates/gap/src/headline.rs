@@ -2,6 +2,7 @@
 
 use super::policy::{HEADLINE_CHARS, WORTH_CORRECTING};
 use super::report::{Scale, significant};
+use super::search::THRESHOLD;
 use super::verdict::{Diagnosis, Finding, Rung};
 
 /// Short form of the verdict: what is missing and what is in doubt, most important first. `verdict` is the whole sentence,
@@ -108,11 +109,16 @@ pub fn evidence(d: &Diagnosis) -> String {
     if let Some(doubt) = f.doubt() {
         return format!("{}: {doubt}", f.id);
     }
-    let nats = significant(f.evidence_nats, 3);
     match before_after(f) {
         Some(words) => format!("without and with {} on {}: {words}", f.id, d.judged_on()),
-        None => format!("{}: evidence {nats} nats (6 are required)", f.id),
+        None => format!("{}: evidence {}", f.id, nats(f.evidence_nats)),
     }
+}
+
+/// Evidence with what is required of it. The last fit, at all estimates, may take back a little of what a finding was named by.
+pub(crate) fn nats(evidence: f64) -> String {
+    let required = if evidence < THRESHOLD { "were required, before the last fit" } else { "are required" };
+    format!("{}\u{a0}nats ({THRESHOLD} {required})", significant(evidence, 3))
 }
 
 /// How much calibration improves a model in which nothing is missing; `None` if little, or if something is unexplained.
@@ -335,6 +341,12 @@ mod tests {
         );
         let long = "since then: nothing is missing that these logs could show".repeat(3);
         assert!(since(3, two, &long).chars().count() <= HEADLINE_CHARS);
+    }
+
+    #[test]
+    fn evidence_below_what_is_required_says_that_it_was_there() {
+        assert_eq!(nats(45.34), "45.3\u{a0}nats (6 are required)");
+        assert_eq!(nats(5.678), "5.68\u{a0}nats (6 were required, before the last fit)");
     }
 
     #[test]

@@ -235,12 +235,21 @@ impl Seen {
     pub fn against(&self, without: &Self) -> (Part, HeldOut) {
         let [force, torque] = self.acts(without);
         let part = match (force, torque) {
-            (None, None) if self.turning().is_some() => Part::Attitude,
-            (None, None) => Part::Position,
+            (None, None) => self.rolls_into(without),
             (Some((part, size)), Some((_, other))) if size >= other => part,
             (Some((part, _)), None) | (_, Some((part, _))) => part,
         };
         (part, self.change_of(part, without))
+    }
+
+    /// What a change that is no force and no torque does to roll-outs, in proportion: a turned sensor changes attitudes, a marker
+    /// elsewhere on the vehicle positions alone.
+    fn rolls_into(&self, without: &Self) -> Part {
+        let change = |part| self.part_over(without, part).ln().abs();
+        match self.turning() {
+            Some(_) if change(Part::Attitude) >= change(Part::Position) => Part::Attitude,
+            _ => Part::Position,
+        }
     }
 
     /// As [`Seen::against`], in the channel whose error falls most in proportion: what a reader should look at. A drag that halves the
@@ -528,6 +537,10 @@ pub(crate) mod tests {
         let sensor = seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.02);
         assert_eq!(sensor.against(&filed).1.channel, "attitude after 0.5 s");
         assert_eq!(sensor.clearest(&filed).channel, "attitude after 0.5 s");
+        // A marker elsewhere on the vehicle: attitudes stay as they are but for rounding.
+        let marker = seen([0.4, 0.3, 0.01], [0.002; 3], 0.06, 0.05 + 1e-9);
+        let told = marker.against(&filed).1;
+        assert!(told.channel == "position after 0.5 s" && told.with < told.without, "{told:?}");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use super::text::{
     area, at, bounds, compared, horizons, ladder_channels, ladder_scale, noise, sorted_singles, stands_for,
 };
 use super::{Against, Overlay, Report, ResidualSeries};
-use crate::headline::{evidence, pair, parted};
+use crate::headline::{evidence, nats, pair, parted};
 use crate::live::Live;
 use crate::verdict::{Calibration, Diagnosis, Finding, HorizonError, Limit, OfOneLog, ParameterFit, Rung};
 pub(super) use propwash_page::escape as esc;
@@ -220,7 +220,7 @@ impl Page {
                 area(f.area)
             );
             self.before_after(f);
-            put!(self, "<dt>evidence</dt><dd>{} nats (6 are required)</dd>", significant(f.evidence_nats, 3));
+            put!(self, "<dt>evidence</dt><dd>{}</dd>", nats(f.evidence_nats));
             for p in &f.parameters {
                 put!(self, "<dt>{}</dt><dd>{}</dd>", esc(&p.name), esc(&interval(p.value, p.sigma, &p.unit)));
             }

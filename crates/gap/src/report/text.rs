@@ -2,7 +2,7 @@
 
 use super::quantity::{HALF_95, Scale, interval, percent, quantity, significant};
 use super::rungs::{measures, turns};
-use crate::headline::{before_after, evidence};
+use crate::headline::{before_after, evidence, nats};
 use crate::verdict::{Calibration, Diagnosis, Finding, HorizonError, LogSummary, LookAlike, OfOneLog, Rung};
 use propwash_physics::effects::Area;
 use std::fmt::Write as _;
@@ -169,8 +169,7 @@ impl Out {
             true => " in one of the logs".to_string(),
             false => format!("; {verb} {share} of the excess error on held-out windows of the fit"),
         };
-        let nats = significant(f.evidence_nats, 3);
-        self.paragraph(4, &format!("evidence {nats}\u{a0}nats (6 are required){rest}"));
+        self.paragraph(4, &format!("evidence {}{rest}", nats(f.evidence_nats)));
         self.paragraph(4, &format!("second estimator: {}", f.second.text));
         for l in &f.look_alikes {
             let apart = match l.manoeuvre.is_empty() {
