@@ -187,7 +187,7 @@ pub fn run(args: &Args) -> Result<(), Box<dyn std::error::Error>> {
         };
         for level in &levels {
             for part in PARTS {
-                // Formulas have a table of their own.
+                // Formulas and moments have tables of their own.
                 if matches!(part, "time" | "formulas" | "moments" | "steady")
                     || !(args.parts.is_empty() || args.parts.iter().any(|p| p == part))
                 {

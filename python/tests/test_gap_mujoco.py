@@ -127,10 +127,14 @@ def commands(ref, pos, vel, quat, ang_vel, sums):
     return np.sqrt(np.clip(thrusts, 0.15, 4.2) / THRUST_N_S2)
 
 
-def flown(folder, seed, friction_n=0.0, late_rows=0, **hidden):
+COLUMNS = {"gyro": slice(8, 11), "accel": slice(11, 14), "rotor": slice(14, 18)}
+
+
+def flown(folder, seed, friction_n=0.0, late_rows=None, **hidden):
     """A flight with something hidden, as a log with noise of a motion capture and of a small inertial unit.
 
-    `friction_n` is dry friction along each axis of the world; measured rotor speeds are written `late_rows` rows of 2 ms late.
+    `friction_n` is dry friction along each axis of the world; `late_rows` says by how many rows of 2 ms late
+    the channels of `COLUMNS` are written.
     """
     model = mujoco.MjModel.from_xml_string(scene(**hidden))
     model.dof_frictionloss[:3] = friction_n
@@ -166,8 +170,8 @@ def flown(folder, seed, friction_n=0.0, late_rows=0, **hidden):
         mujoco.mj_step(model, data)
         speed = sent + (speed - sent) * whole
     table = np.array(rows)
-    if late_rows:
-        table[late_rows:, 14:18] = table[:-late_rows, 14:18].copy()
+    for channel, late in (late_rows or {}).items():
+        table[late:, COLUMNS[channel]] = table[:-late, COLUMNS[channel]].copy()
     file = Path(folder) / "flight.csv"
     names = "t px py pz qx qy qz qw wx wy wz ax ay az rotor1 rotor2 rotor3 rotor4".split()
     names += [f"cmd_rotor{i}" for i in range(1, 5)]
@@ -246,12 +250,33 @@ def test_an_accelerometer_beside_the_centre_of_mass_is_found_and_leaves_nothing_
     assert not d.findings and d.verdict.startswith("nothing is missing"), d.text
 
 
-def test_rotor_speeds_that_are_late_are_said_to_be(tmp_path):
-    d = diagnosed(tmp_path, 23, drive="rotor_speeds", late_rows=15)
+def test_rotor_speeds_that_are_late_are_said_to_be_and_can_be_filed(tmp_path):
+    d = diagnosed(tmp_path, 23, drive="rotor_speeds", late_rows={"rotor": 15})
     (said,) = [w for w in d.warnings if "later than all sensors" in w]
     late_ms = float(said.split("come ")[1].split()[0])
     assert abs(late_ms - 30.0) < 3.0, said
     assert not d.findings, d.text
+    # Commands keep the log's time whatever the clock of the rotor speeds.
+    vehicle = tmp_path / "quad.toml"
+    vehicle.write_text(VEHICLE + '\n[[effect]]\nkind = "clock_offset"\ninputs_s = 0.03\n')
+    for drive in ("rotor_speeds", "rotor_commands"):
+        d = propwash.diagnose([tmp_path / "flight.csv"], vehicle=str(vehicle), drive=drive)
+        assert not d.findings and not any("than all sensors" in w for w in d.warnings), d.text
+        assert propwash.compare([tmp_path / "flight.csv"], vehicle=str(vehicle), drive=drive).agrees, drive
+
+
+def test_one_sensor_that_is_late_beside_the_others_is_no_tolerance_of_the_rotor_speeds(tmp_path):
+    d = diagnosed(tmp_path, 29, drive="rotor_speeds", late_rows={"gyro": 12})
+    (found,) = d.findings
+    (late,) = found.parameters
+    assert found.id == "clock_offset.gyro" and abs(late.value - 0.024) < 0.004, d.text
+
+
+def test_a_late_inertial_unit_is_named_beside_early_poses(tmp_path):
+    d = diagnosed(tmp_path, 31, drive="rotor_speeds", late_rows={"gyro": 6, "accel": 6})
+    ids = {f.id for f in d.findings}
+    pair = ("clock_offset.gyro", "clock_offset.accel")
+    assert ids == set(pair) or (ids == {"clock_offset.pose"} and pair in d.findings[0].look_alikes), d.text
 
 
 def test_a_load_that_nobody_tracked_makes_nothing_up(tmp_path):

@@ -388,7 +388,12 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
             Ok(ladder) => verdict.ladder = unparted(ladder, found),
             Err(error) => verdict.warnings.push(format!("no error ladder: {error}")),
         }
-        verdict.ladder.extend(own.rung((&completion, filed.vehicle), verdict, flights)?);
+        match own.rung((&completion, filed.vehicle), verdict, flights) {
+            Ok(rung) => verdict.ladder.extend(rung),
+            Err(error) => {
+                verdict.warnings.push(format!("the ladder is without each log's own values: {error}"))
+            }
+        }
     }
     completion.remarks.dedup();
     verdict.warnings.append(&mut completion.remarks);

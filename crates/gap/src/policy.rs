@@ -12,8 +12,8 @@ pub(crate) const NOISE_BAND: [f64; 2] = [0.4, 0.8];
 
 /// Share of the smoothing time of an input by which all sensors may appear delayed relative to it, and the share by which one sensor
 /// may beside the others. A simulated flight with correct clocks, with 8 rad/s of noise on rotor speeds or 2 % on thrust, seemed to
-/// have inertial sensors 3 and 7 ms early. With the first share for each sensor, one sensor that was 15 to 30 ms late in flights of
-/// MuJoCo (15 of 15) was taken for a tolerance.
+/// have inertial sensors 3 and 7 ms early. With the first share for each sensor, one sensor that was 12 to 30 ms late in flights of
+/// MuJoCo (7 of 7) was taken for a tolerance.
 pub(crate) const SMOOTHED_TIMING: f64 = 0.5;
 pub(crate) const SMOOTHED_TIMING_APART: f64 = 0.05;
 
@@ -214,7 +214,7 @@ pub(crate) const DIFFERS_SIGMAS: f64 = 3.0;
 pub(crate) const DIFFERS_KNOWN: f64 = 0.1;
 
 /// Share of the way from the file to the mean of all logs by which a log's own value must be off that mean for the mean to be no value
-/// of any flight. Winds of 1.2 and 0 m/s are 1 of it apart, 1.0 and -0.9 m/s are 19; biases of two flights of one gyroscope, 0.05 and
+/// of any flight. Winds of 1.2 and 0 m/s are 1 of it apart, 1.0 and -0.94 m/s, with 0.03 between them, 32; biases of two flights of one gyroscope, 0.05 and
 /// 0.02 rad/s, 0.4.
 pub(crate) const NO_COMMON_VALUE: f64 = 0.5;
 

@@ -17,9 +17,10 @@ use super::solve::Solution;
 use super::track::{Drive, Track};
 use super::unseen::{each_for_itself, removed_share};
 use super::verdict::{
-    Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, OfOneLog, ParameterFit,
+    Advice, Calibration, Diagnosis, Finding, LogSummary, LookAlike, OfOneLog, Opinion, ParameterFit,
 };
 use super::witness::Witness;
+use propwash_physics::effects::Needs;
 use propwash_vehicle::Vehicle;
 
 /// Most look-alikes reported per finding.
@@ -115,7 +116,7 @@ pub(super) fn speak(
 fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<String> {
     let drive =
         tracks.first().map(|t| t.drive).filter(|d| matches!(d, Drive::RotorSpeeds | Drive::Thrust))?;
-    let own = |c: &usize| model.candidates[*c].needs == propwash_physics::effects::Needs::MeasuredInputs;
+    let own = |c: &usize| model.candidates[*c].needs == Needs::MeasuredInputs;
     let clock = model.timing().into_iter().find(own).filter(|c| !solution.set.contains(c))?;
     let k = model.of(clock).next()?;
     let late_s = solution.posterior.mean[k] - model.parameters[k].filed;
@@ -133,38 +134,34 @@ fn late_drive(tracks: &[Track], model: &Model, solution: &Solution) -> Option<St
 
 /// What the logs have each for itself and not in common, beyond tolerance.
 fn of_each_log(model: &Model, solution: &Solution, per_log: &[OfOneLog]) -> Vec<Finding> {
-    let one = |(c, nats): (usize, f64)| {
-        let candidate = &model.candidates[c];
-        Finding {
-            id: candidate.id.clone(),
-            kind: candidate.kind.into(),
-            title: candidate.title.clone(),
-            area: candidate.area,
-            parameters: model.of(c).map(|k| parameter_fit(model, solution, k)).collect(),
-            set: model.preset_values(c),
-            evidence_nats: nats,
-            removed_share: 0.0,
-            certain: true,
-            second: opinion::each_log(),
-            look_alikes: Vec::new(),
-            stands_for: Vec::new(),
-            held_out: None,
-            each_log: true,
-        }
+    let beyond = beyond_tolerance_in_a_log(model, solution, per_log);
+    let one = |(c, nats)| Finding {
+        each_log: true,
+        certain: true,
+        ..estimated(model, solution, c, nats, opinion::each_log())
     };
-    beyond_tolerance_in_a_log(model, solution, per_log).into_iter().map(one).collect()
+    beyond.into_iter().map(one).collect()
 }
 
 /// The finding for one candidate of a solution's set; its share of the held-out error is filled in later.
 fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Witness, c: usize) -> Finding {
     let second = opinion::of(model, witness, solution, c);
-    let candidate = &model.candidates[c];
     let rest: Vec<usize> = solution.set.iter().copied().filter(|x| *x != c).collect();
     let nats = evidence.of(&solution.set) - evidence.of(&rest);
     let look_alikes = alike(model, evidence, &solution.set, c);
-    let mut names = vec![candidate.id.as_str()];
+    let mut names = vec![model.candidates[c].id.as_str()];
     names.extend(look_alikes.iter().flat_map(|l| &l.ids).map(String::as_str));
-    let stands_for = model.hidden_behind(&names);
+    Finding {
+        stands_for: model.hidden_behind(&names),
+        certain: look_alikes.is_empty() && opinion::certain(second.said, nats),
+        look_alikes,
+        ..estimated(model, solution, c, nats, second)
+    }
+}
+
+/// A candidate with the estimates of a solution, as a finding of which nothing else is known yet.
+fn estimated(model: &Model, solution: &Solution, c: usize, nats: f64, second: Opinion) -> Finding {
+    let candidate = &model.candidates[c];
     Finding {
         id: candidate.id.clone(),
         kind: candidate.kind.into(),
@@ -174,10 +171,10 @@ fn finding(model: &Model, solution: &Solution, evidence: &Evidence, witness: &Wi
         set: model.preset_values(c),
         evidence_nats: nats,
         removed_share: 0.0,
-        certain: look_alikes.is_empty() && opinion::certain(second.said, nats),
+        certain: false,
         second,
-        look_alikes,
-        stands_for,
+        look_alikes: Vec::new(),
+        stands_for: Vec::new(),
         held_out: None,
         each_log: false,
     }

@@ -67,10 +67,11 @@ impl Own {
         flights.whole.iter().map(of_log).collect()
     }
 
-    /// Judges these findings: the errors of what is written, and with each log's own values of all of them.
+    /// Judges these findings: the errors of what is written, and with each log's own values of all of them. Where those make no vehicle
+    /// that flies, a warning says so and the findings stand.
     ///
     /// # Errors
-    /// Where a value does not go into a vehicle file.
+    /// Where the text is no vehicle file.
     pub fn judged(
         &self,
         (judge, like): (&Judge, &Vehicle),
@@ -81,17 +82,21 @@ impl Own {
         if self.indices.is_empty() {
             return Ok(());
         }
-        let vehicles = self.vehicles(completion, like, (&verdict.findings, flights))?;
         let bare = completion.vehicle(like)?;
-        let seen = (judge.look_each(&|track| of(&vehicles, &bare, track)), judge.look(&bare));
+        let own = self.vehicles(completion, like, (&verdict.findings, flights));
+        let with = own.and_then(|own| Ok(judge.look_each(&|track| of(&own, &bare, track))?));
+        let told = match (with, judge.look(&bare)) {
+            (Ok(with), Ok(without)) => with.clearest(&without),
+            (Err(error), Ok(without)) => {
+                verdict.warnings.push(format!("the values of each log were not judged: {error}"));
+                without.clearest(&without)
+            }
+            (_, Err(_)) => runs_away(judge),
+        };
         for index in &self.indices {
-            let words = self.words(&verdict.findings[*index]);
-            let told = match &seen {
-                (Ok(with), Ok(without)) => with.clearest(without),
-                _ => runs_away(judge),
-            };
-            verdict.findings[*index].held_out =
-                Some(HeldOut { written: false, little: true, doubt: Some(words), ..told });
+            let f = &mut verdict.findings[*index];
+            let doubt = Some(self.words(f));
+            f.held_out = Some(HeldOut { written: false, little: true, doubt, ..told.clone() });
         }
         Ok(())
     }
@@ -112,11 +117,11 @@ impl Own {
         let mut completion = completion.clone();
         let helping: Vec<Calibration> = verdict.adjusted.iter().filter(|c| c.helps).cloned().collect();
         completion.calibrate(&helping)?;
-        let vehicles = self.vehicles(&completion, like, (&verdict.findings, flights))?;
+        let own = self.vehicles(&completion, like, (&verdict.findings, flights))?;
         let bare = completion.vehicle(like)?;
         let ids: Vec<&str> = self.indices.iter().map(|i| verdict.findings[*i].id.as_str()).collect();
         let label = format!("+ each log's own {}", ids.join(", "));
-        Ok(Some(flights.rung_of_each(label, &|track| of(&vehicles, &bare, track))?))
+        Ok(Some(flights.rung_of_each(label, &|track| of(&own, &bare, track))?))
     }
 
     /// Why the mean is not written, with the values of each log.

@@ -220,7 +220,8 @@ impl Page {
                 area(f.area)
             );
             self.before_after(f);
-            put!(self, "<dt>evidence</dt><dd>{}</dd>", nats(f.evidence_nats));
+            let of = if f.each_log { " in one of the logs" } else { "" };
+            put!(self, "<dt>evidence</dt><dd>{}{of}</dd>", nats(f.evidence_nats));
             for p in &f.parameters {
                 put!(self, "<dt>{}</dt><dd>{}</dd>", esc(&p.name), esc(&interval(p.value, p.sigma, &p.unit)));
             }
