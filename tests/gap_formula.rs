@@ -3,7 +3,7 @@
 #[path = "common/planted/mod.rs"]
 mod planted;
 
-use planted::{Plan, fly};
+use planted::{NoiseLevel, Plan, fly};
 use propwash::Result;
 use propwash::flight::FlightLog;
 use propwash::gap::diagnose::Settings;
@@ -21,7 +21,11 @@ const HOLD_OUT: f64 = 0.2;
 
 /// A flight with hidden effects, written as a log.
 fn flown(vehicle: &Vehicle, hidden: &[&'static str], seed: u64, path: &Path) -> planted::Truth {
-    let flight = fly(&Plan::exciting(vehicle, hidden, 30.0, seed)).unwrap();
+    written(&Plan::exciting(vehicle, hidden, 30.0, seed), path)
+}
+
+fn written(plan: &Plan, path: &Path) -> planted::Truth {
+    let flight = fly(plan).unwrap();
     flight.write(path).unwrap();
     flight.truth
 }
@@ -77,6 +81,42 @@ fn an_effect_that_only_leans_does_not_bend_the_search_for_a_lift_that_saturates(
     let c = finding.parameters.iter().find(|p| p.name == "c").unwrap();
     let strength = truth.hidden[0].parameters["strength"];
     assert!((c.value - strength).abs() < 0.15 * strength, "{c:?} {strength}");
+}
+
+#[test]
+fn a_drag_from_a_threshold_on_is_not_taken_for_one_with_the_square_of_the_speed() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("flight.csv");
+    let plan = Plan { noise: NoiseLevel::Rough, ..Plan::exciting(&vehicle, &["threshold_drag"], 50.0, 10) };
+    let truth = written(&plan, &log);
+    let verdict = fitted(&vehicle, &log).unwrap().diagnosed.verdict;
+    let [formula] = verdict.formulas.as_slice() else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "force along body x, y and z = c · v beyond |v| = {s}", "{}", verdict.verdict);
+    let finding = verdict.findings.iter().find(|f| f.id == formula.id).unwrap();
+    for (name, known, within) in
+        [("c", -truth.hidden[0].parameters["strength"], 0.1), ("s", truth.hidden[0].parameters["scale"], 0.1)]
+    {
+        let p = finding.parameters.iter().find(|p| p.name == name).unwrap();
+        assert!((p.value - known).abs() < within * known.abs(), "{p:?} {known}");
+    }
+    assert!(verdict.findings.iter().all(|f| f.id == formula.id), "{}", verdict.verdict);
+}
+
+#[test]
+fn a_drag_in_one_direction_is_no_change_in_mid_flight() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("flight.csv");
+    let truth = written(&Plan::exciting(&vehicle, &["forward_drag"], 50.0, 11), &log);
+    let verdict = fitted(&vehicle, &log).unwrap().diagnosed.verdict;
+    let [formula] = verdict.formulas.as_slice() else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "force along body x = c · v_x ahead only", "{}", verdict.verdict);
+    let finding = verdict.findings.iter().find(|f| f.id == formula.id).unwrap();
+    let c = finding.parameters.iter().find(|p| p.name == "c").unwrap();
+    let strength = truth.hidden[0].parameters["strength"];
+    assert!((c.value + strength).abs() < 0.1 * strength, "{c:?} {strength}");
+    assert!(verdict.moments.is_empty() && verdict.sections.is_empty(), "{}", verdict.verdict);
 }
 
 #[test]

@@ -229,6 +229,8 @@ class Section:
     """The verdict on it; where it could not be diagnosed, why."""
     verdict: str
     findings: tuple[Finding, ...]
+    unexplained: bool
+    """Whether something is left there that nothing explains."""
     fitted: bool
     """Whether it was diagnosed."""
 
@@ -655,7 +657,12 @@ def _fit(
         ),
         sections=tuple(
             Section(
-                tuple(s["logs"]), s["headline"], s["verdict"], tuple(_finding(f) for f in s["findings"]), s["fitted"]
+                tuple(s["logs"]),
+                s["headline"],
+                s["verdict"],
+                tuple(_finding(f) for f in s["findings"]),
+                s["unexplained"],
+                s["fitted"],
             )
             for s in of["sections"]
         ),

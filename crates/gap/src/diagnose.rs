@@ -14,6 +14,7 @@ use super::policy::{
     WEAK_NATS,
 };
 use super::replay::drone_for;
+use super::shapes::usual_speed_m_s;
 use super::solve::{Solution, left_out, polished, solve, solve_from, with_scatter};
 use super::speak::{advice, speak};
 use super::starts::beside_formulas;
@@ -185,7 +186,8 @@ fn polish(
     }
     // Shapes to test findings against are only needed from here on.
     let of_the_air = solution.set.iter().any(|c| model.candidates[*c].area == Area::Airframe);
-    let mut shaped = if of_the_air { model.clone().with_shapes()? } else { model.clone() };
+    let mut shaped =
+        if of_the_air { model.clone().with_shapes(usual_speed_m_s(logs))? } else { model.clone() };
     if let Some(polished) = polished(logs, &mut shaped, solution, watch)? {
         (*model, *solution) = (shaped, polished);
     } else if rehung {

@@ -168,7 +168,10 @@ pub(crate) fn fit_from(
     diagnosed: Diagnosed,
 ) -> Result<Fitted> {
     if settings.moments == Moments::Apart && !diagnosed.verdict.moments.is_empty() {
-        return sections::fit_each(&filed, flights, settings, (by, calibrate), diagnosed);
+        let apart = sections::fit_each(&filed, flights, settings, (by, calibrate), diagnosed)?;
+        let told = &apart.diagnosed.verdict;
+        let steady = sections::by_formula(&filed, flights, settings, (by, calibrate), told)?;
+        return Ok(steady.unwrap_or(apart));
     }
     let mut why = Vec::new();
     let proposed = diagnosed.proposed.clone();

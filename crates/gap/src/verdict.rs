@@ -408,6 +408,8 @@ pub struct Section {
     pub verdict: String,
     /// What is missing from the file there.
     pub findings: Vec<Finding>,
+    /// Whether something is left there that nothing explains.
+    pub unexplained: bool,
     /// Whether it was diagnosed.
     pub fitted: bool,
 }

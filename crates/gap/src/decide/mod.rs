@@ -108,7 +108,7 @@ impl<'a> Decision<'a> {
         let (model, solution) = (self.model, self.solution);
         for c in solution.set.iter().filter(|c| model.candidates[**c].area == Area::Airframe) {
             let id = &model.candidates[*c].id;
-            let better = shapes::better(model, evidence, &solution.set, *c)
+            let better = shapes::instead(model, evidence, &solution.set, *c)
                 .map(|(words, nats)| format!("{words} fits better than {id} by {nats:.0} nats"));
             // A shape left beside an effect may be a second missing effect: what the regression sees as well, and nothing
             // in the list replaces, is only in doubt. A shape that fits in its place is not judged by the regression, which

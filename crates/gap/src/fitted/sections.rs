@@ -7,9 +7,11 @@ use crate::decide::rules::{Rule, Why};
 use crate::decide::sentence;
 use crate::diagnose::{Diagnosed, Moments, Settings};
 use crate::error::{Error, GapError, Result};
+use crate::formula::{Formula, vehicle_with, with_formulas};
 use crate::headline::{headline, since};
 use crate::ladder::{Flights, together};
-use crate::moments::{Moment, words};
+use crate::moments::{Moment, moments, words};
+use crate::replay::drone_for;
 use crate::track::{SHORTEST_S, Track};
 use crate::verdict::{Diagnosis, Finding, Rung, Section};
 
@@ -87,6 +89,54 @@ pub(super) fn fit_each(
     Ok(out)
 }
 
+/// The flight as one, where a formula explains what seemed to change in it: a force that acts in one direction only, or near the ground,
+/// comes and goes with the path, and what the list has for it differs from one part of the flight to the next. `None` where none does,
+/// or where one change leaves nothing unexplained: `changed` is the flight by parts.
+///
+/// # Errors
+/// [`GapError::Cancelled`] at the watcher's wish.
+pub(super) fn by_formula(
+    filed: &Filed,
+    flights: &Flights,
+    settings: &Settings,
+    (by, calibrate): (&str, Calibrate),
+    changed: &Diagnosis,
+) -> Result<Option<Fitted>> {
+    let open = changed.sections.iter().any(|s| s.unexplained) || !changed.formulas.is_empty();
+    let doubtful = changed.moments.len() > 1 || open;
+    if settings.no_formulas || !doubtful || changed.moments.iter().any(|m| m.between_logs) {
+        return Ok(None);
+    }
+    let one = Settings { moments: Moments::No, ..settings.copied() };
+    let own = Filed { label: filed.label, vehicle: filed.vehicle, text: filed.text.clone() };
+    let mut fitted = match fit(own, flights, &one, by, calibrate) {
+        Ok(fitted) => fitted,
+        Err(Error::Gap(GapError::Cancelled)) => return Err(GapError::Cancelled.into()),
+        // What changed is still told.
+        Err(_) => return Ok(None),
+    };
+    let Diagnosed { verdict, solution, model, .. } = &mut fitted.diagnosed;
+    // A formula that goes with time is a change itself, and a change has a name.
+    let steady = !verdict.formulas.is_empty() && !verdict.formulas.iter().any(Formula::goes_with_time);
+    if !steady {
+        return Ok(None);
+    }
+    let vehicle = vehicle_with(filed.vehicle, &with_formulas(&filed.text, &verdict.formulas))?;
+    let Some(first) = flights.fit.first() else { return Ok(None) };
+    let drone = drone_for(first, &vehicle)?;
+    let unexplained = verdict.remainder.unexplained;
+    let left = moments(&flights.whole, &drone, (model, solution), unexplained, &settings.watch)?;
+    if !left.is_empty() {
+        return Ok(None);
+    }
+    for m in &changed.moments {
+        let text =
+            format!("not told: {}; with {} nothing changes", words::sentence(m), verdict.formulas[0].id);
+        verdict.why.push(Why::new(&m.id, Rule::Moment, text));
+    }
+    Ok(Some(fitted))
+}
+
 /// A stretch of flight as a flight of its own.
 fn alone(
     filed: &Filed,
@@ -105,13 +155,21 @@ fn alone(
 
 impl Section {
     fn of(logs: Vec<String>, verdict: &Diagnosis) -> Self {
+        let unexplained = verdict.remainder.unexplained;
         let Diagnosis { headline, verdict, findings, .. } = verdict.clone();
-        Self { logs, headline, verdict, findings, fitted: true }
+        Self { logs, headline, verdict, findings, unexplained, fitted: true }
     }
 
     fn left_out(logs: Vec<String>, error: &Error) -> Self {
         let words = format!("not diagnosed: {error}");
-        Self { logs, headline: words.clone(), verdict: words, findings: Vec::new(), fitted: false }
+        Self {
+            logs,
+            headline: words.clone(),
+            verdict: words,
+            findings: Vec::new(),
+            unexplained: true,
+            fitted: false,
+        }
     }
 }
 

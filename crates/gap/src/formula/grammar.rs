@@ -369,7 +369,7 @@ fn across(out: &mut Vec<Shape>, acts: Acts) {
                 unit: add(unit, factor.unit),
                 words: words_times(words, &factor),
                 like: if acts == Acts::Torque && words == "e_z × v" {
-                    "blade flapping, or a force above the centre of mass"
+                    "a force above or below the centre of mass"
                 } else {
                     ""
                 },

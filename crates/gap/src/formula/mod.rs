@@ -177,6 +177,11 @@ pub(crate) fn vehicle_with(vehicle: &Vehicle, text: &str) -> crate::Result<Vehic
 }
 
 impl Formula {
+    /// Whether it reads the time.
+    pub(crate) fn goes_with_time(&self) -> bool {
+        self.table.split(|c: char| !c.is_alphanumeric() && c != '_').any(|word| word == "t")
+    }
+
     /// What it says with the values of a finding.
     pub(crate) fn said(&self, finding: &Finding) -> String {
         let of = |name: &str| finding.parameters.iter().find(|p| p.name == name);
