@@ -62,6 +62,12 @@ pub(crate) const WORSE: f64 = 1.0;
 /// flights of one vehicle differ by a tenth of that hundredth.
 pub(crate) const RISES: f64 = 1.01;
 
+/// The same in a third of a held-out flight, which has room for three roll-outs of 1 s that do not overlap: by chance such a third differs
+/// from the next. With a thrust that goes with the roll, found with its true value, the position after 1 s rose by 4 to 9 % in one of
+/// them, or the torque by 1 to 3 % (five flights by the generator of the tests, seeds 10, 11 and 13); of 19 flights by other programs that
+/// leave something unexplained, no verdict differs with 15 %.
+pub(crate) const RISES_IN_PART: f64 = 1.1;
+
 /// Ratio of errors, of a finding's own channel and of all together, above which the gain of a searched finding is too small
 /// to write it: ratios on another flight of the same vehicle were up to 5 % larger, so a small gain here may be a loss
 /// there. A true flapping that took 2 % off the torque and 3 % off positions raised positions on the next flight by 1 to 3

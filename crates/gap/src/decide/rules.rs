@@ -2,7 +2,8 @@
 
 use crate::policy::{
     CERTAIN_ALONE_NATS, EVENTFUL, FORMULA_NATS, FORMULA_SHARE, LEANING, LEAST_SHARE, LEAST_SHARE_ALONE,
-    LITTLE_GAIN, LOST_NATS, MOMENT_NATS, MOMENT_SHARE, NAMED_SIGMAS, NETWORK_SIGMAS, RISES, WELL_BELOW,
+    LITTLE_GAIN, LOST_NATS, MOMENT_NATS, MOMENT_SHARE, NAMED_SIGMAS, NETWORK_SIGMAS, RISES, RISES_IN_PART,
+    WELL_BELOW,
 };
 use crate::search::THRESHOLD;
 use serde::Serialize;
@@ -147,9 +148,10 @@ impl Rule {
             Self::NeverWorse => format!(
                 "nothing is written with which an error on unseen flight rises, by more than {:.0} %, or which makes all \
                  errors together worse; where something is unexplained, all errors together must fall to {} in every \
-                 third of that flight",
+                 third of that flight, and none may rise by more than {:.0} % in any",
                 100.0 * (RISES - 1.0),
-                percent(WELL_BELOW)
+                percent(WELL_BELOW),
+                100.0 * (RISES_IN_PART - 1.0)
             ),
             Self::Formula | Self::Network | Self::Drift | Self::Moment => self.statement_beyond(),
         }

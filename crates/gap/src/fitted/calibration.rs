@@ -4,8 +4,8 @@ use super::Writer;
 use crate::complete::{Completion, calibration, group};
 use crate::error::Result;
 use crate::headline::NO_HELP;
-use crate::judge::Judge;
-use crate::policy::{GROUPS_SHOWN, WORSE};
+use crate::judge::{Judge, Seen};
+use crate::policy::{GROUPS_SHOWN, LITTLE_GAIN, WORSE};
 use crate::verdict::Calibration;
 use propwash_physics::effects::Group;
 use propwash_vehicle::Vehicle;
@@ -51,43 +51,90 @@ pub(super) fn judged(
     let mut order: Vec<(f64, Group)> = tried.into_iter().flatten().collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
 
-    let (mut with, mut seen) = (found.clone(), base);
-    let (mut out, mut left): (Vec<Shown>, Vec<Group>) = (Vec::new(), Vec::new());
-    let (mut small, mut small_entries) = (false, 0);
+    let mut steps = Steps { writer, judge, with: found.clone(), seen: base, out: Vec::new(), small: None };
+    let mut left: Vec<Group> = Vec::new();
     for (_, tried) in order {
-        let mut next = with.clone();
-        let list = of(adjusted, tried);
-        next.calibrate(&list)?;
-        let vehicle = next.vehicle(writer.filed.vehicle)?;
-        match judge.look(&vehicle) {
-            Ok(then) if then.over(&seen) < WORSE => {
-                (with, seen) = (next, then);
+        match steps.tried(&of(adjusted, tried))? {
+            Some((ratio, next)) if ratio < WORSE => {
+                let entries = parameters(&of(adjusted, tried));
+                steps.take(next, (tried.name().to_string(), entries));
                 adjusted.iter_mut().filter(|c| group(&c.kind, c.area) == tried).for_each(|c| c.helps = true);
-                if out.len() < GROUPS_SHOWN {
-                    out.push(Shown { label: format!("+ {}", tried.name()), vehicle, helps: true });
-                } else {
-                    small = true;
-                    small_entries += parameters(&list);
-                }
             }
             _ => left.push(tried),
         }
     }
-    if small {
-        let label = format!("+ the other {small_entries} that help");
-        out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: true });
-    }
-    if !left.is_empty() {
-        let mut rest = 0;
-        for one in left {
-            let list = of(adjusted, one);
-            with.calibrate(&list)?;
-            rest += parameters(&list);
+    // What was fitted together may help together only: unequal rotors and a centre of mass make up for each other.
+    loop {
+        let pairs = (0..left.len()).flat_map(|i| (i + 1..left.len()).map(move |j| vec![i, j]));
+        let mut sets: Vec<Vec<usize>> = pairs.collect();
+        if left.len() > 2 {
+            sets.push((0..left.len()).collect());
         }
-        let label = format!("+ the other {rest}, {NO_HELP}");
-        out.push(Shown { label, vehicle: with.vehicle(writer.filed.vehicle)?, helps: false });
+        let list = |set: &[usize]| set.iter().flat_map(|i| of(adjusted, left[*i])).collect::<Vec<_>>();
+        let tried: Vec<_> = sets.par_iter().map(|set| steps.tried(&list(set))).collect::<Result<_>>()?;
+        let better = |t: Option<(f64, Next)>| t.filter(|(ratio, _)| *ratio < LITTLE_GAIN);
+        let tried = tried.into_iter().zip(&sets).filter_map(|(t, set)| Some((better(t)?, set)));
+        let Some(((_, next), set)) = tried.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) else { break };
+        let names: Vec<&str> = set.iter().map(|i| left[*i].name()).collect();
+        let entries = parameters(&list(set));
+        steps.take(next, (names.join(" with "), entries));
+        let taken: Vec<Group> = set.iter().map(|i| left[*i]).collect();
+        left.retain(|g| !taken.contains(g));
+        adjusted.iter_mut().filter(|c| taken.contains(&group(&c.kind, c.area))).for_each(|c| c.helps = true);
     }
-    Ok(out)
+    let lists = left.into_iter().map(|one| of(adjusted, one));
+    steps.rest(&lists.collect::<Vec<_>>())
+}
+
+/// A vehicle with one more step: its completion, itself, and what it looks like on the flight used for judging.
+type Next = (Completion, Vehicle, Seen);
+
+/// The steps so far.
+struct Steps<'a> {
+    writer: &'a Writer<'a>,
+    judge: &'a Judge,
+    with: Completion,
+    seen: Seen,
+    out: Vec<Shown>,
+    /// Steps beyond those that are shown, as one: the last of them, and the number of their parameters.
+    small: Option<(Vehicle, usize)>,
+}
+
+impl Steps<'_> {
+    /// The vehicle with `list`, too, and its errors over those before; `None` where it cannot be simulated.
+    fn tried(&self, list: &[Calibration]) -> Result<Option<(f64, Next)>> {
+        let mut next = self.with.clone();
+        next.calibrate(list)?;
+        let vehicle = next.vehicle(self.writer.filed.vehicle)?;
+        Ok(self.judge.look(&vehicle).ok().map(|then| (then.over(&self.seen), (next, vehicle, then))))
+    }
+
+    /// Takes a step of so many parameters.
+    fn take(&mut self, (with, vehicle, seen): Next, (name, parameters): (String, usize)) {
+        (self.with, self.seen) = (with, seen);
+        if self.out.len() < GROUPS_SHOWN {
+            self.out.push(Shown { label: format!("+ {name}"), vehicle, helps: true });
+        } else {
+            let before = self.small.take().map_or(0, |(_, n)| n);
+            self.small = Some((vehicle, before + parameters));
+        }
+    }
+
+    /// All steps, with what does not help as the last.
+    fn rest(mut self, left: &[Vec<Calibration>]) -> Result<Vec<Shown>> {
+        if let Some((vehicle, n)) = self.small {
+            self.out.push(Shown { label: format!("+ the other {n} that help"), vehicle, helps: true });
+        }
+        if !left.is_empty() {
+            for list in left {
+                self.with.calibrate(list)?;
+            }
+            let n: usize = left.iter().map(|list| parameters(list)).sum();
+            let vehicle = self.with.vehicle(self.writer.filed.vehicle)?;
+            self.out.push(Shown { label: format!("+ the other {n}, {NO_HELP}"), vehicle, helps: false });
+        }
+        Ok(self.out)
+    }
 }
 
 /// Number of parameters written from a list.

@@ -11,7 +11,7 @@ use super::partners::{doubt, least_missed};
 use crate::error::Result;
 use crate::headline::pair;
 use crate::judge::{Judge, Risen, Seen};
-use crate::policy::{MAKES_UP, RISES, WELL_BELOW};
+use crate::policy::{MAKES_UP, RISES_IN_PART, WELL_BELOW};
 use crate::report::significant;
 use crate::verdict::{Calibration, Finding};
 
@@ -93,7 +93,7 @@ fn wrong(parts: &[Seen], filed: &[Seen]) -> Option<Wrong> {
     // Without a part that is long enough nothing can be said against the vehicle.
     let most = risen.max_by(|a, b| a.ratio.total_cmp(&b.ratio))?;
     let together = judged().map(|(now, filed)| now.over(filed)).fold(0.0, f64::max);
-    (most.ratio > RISES || together > WELL_BELOW).then_some(Wrong { most, together })
+    (most.ratio > RISES_IN_PART || together > WELL_BELOW).then_some(Wrong { most, together })
 }
 
 /// The worst over the parts of a flight.
@@ -111,7 +111,7 @@ impl Wrong {
 
     fn words(&self, judge: &Judge) -> String {
         let Self { most, together } = self;
-        let what = if most.ratio > RISES {
+        let what = if most.ratio > RISES_IN_PART {
             format!(
                 "the {} error is {} times that of the file with it ({})",
                 most.channel,
@@ -134,12 +134,18 @@ mod tests {
     fn a_vehicle_must_help_in_every_part_that_can_be_judged() {
         let filed = || seen([0.4, 0.3, 0.01], [0.002; 3], 0.1, 0.05);
         let helps = || seen([0.2, 0.15, 0.01], [0.002; 3], 0.06, 0.04);
-        let raises = seen([0.2, 0.15, 0.01], [0.002; 3], 0.102, 0.04);
+        let raises = seen([0.2, 0.15, 0.01], [0.002; 3], 0.112, 0.04);
+        let by_chance = seen([0.2, 0.15, 0.01], [0.002; 3], 0.108, 0.04);
+        let pushes = seen([0.47, 0.3, 0.01], [0.002; 3], 0.01, 0.01);
         let little = seen([0.39, 0.29, 0.01], [0.002; 3], 0.1, 0.05);
         let both = [filed(), filed()];
         assert!(wrong(&[helps(), helps()], &both).is_none());
         let risen = wrong(&[helps(), raises], &both).unwrap();
-        assert!((risen.most.ratio - 1.02).abs() < 1e-12 && risen.most.channel.starts_with("position"));
+        assert!((risen.most.ratio - 1.12).abs() < 1e-12 && risen.most.channel.starts_with("position"));
+        // A part has few roll-outs: a little is chance.
+        assert!(wrong(&[helps(), by_chance], &both).is_none());
+        let risen = wrong(&[helps(), pushes], &both).unwrap();
+        assert!(risen.most.channel == "force" && risen.together < WELL_BELOW, "{:?}", risen.most);
         assert!(wrong(&[helps(), little], &both).unwrap().together > 0.98);
         // Parts that are too short for instants and roll-outs say nothing.
         assert!(wrong(&[helps(), Seen::default()], &[filed(), Seen::default()]).is_none());
