@@ -64,7 +64,7 @@ pub(crate) const RISES: f64 = 1.01;
 
 /// The same in a third of a held-out flight, which has room for three roll-outs of 1 s that do not overlap: by chance such a third differs
 /// from the next. With a thrust that goes with the roll, found with its true value, the position after 1 s rose by 4 to 9 % in one of
-/// them, or the torque by 1 to 3 % (five flights by the generator of the tests, seeds 10, 11 and 13); of 19 flights by other programs that
+/// them, or the torque by 1 to 3 % (six flights by the generator of the tests, seeds 10, 11 and 13); of 19 flights by other programs that
 /// leave something unexplained, no verdict differs with 15 %.
 pub(crate) const RISES_IN_PART: f64 = 1.1;
 
