@@ -233,9 +233,9 @@ pub(crate) const OWN_SHARE: f64 = 0.25;
 /// Evidence with which a term must describe the residual of an effect, nats.
 pub(crate) const SHAPE_NATS: f64 = 25.0;
 
-/// Evidence by which a shape outside the list must beat the effect in whose place it stands, nats. Nine flights (by
-/// another program a drag above the centre of mass, where flapping blades were named; by the generator a drag from a threshold on, where
-/// that with the square of the speed was) have 68 to 496; of 22 with an effect of the list none has more than −1.
+/// Evidence by which a shape outside the list must beat the effect in whose place it stands, nats. In nine flights (seven by another
+/// program with a drag above or below the centre of mass, where flapping blades were in the set; two by the generator with a drag from
+/// a threshold on, where that with the square of the speed was) it has 68 to 496; in 21 with effects of the list never more than −1.
 pub(crate) const IN_PLACE_NATS: f64 = 10.0;
 
 /// Size above which a described term matters. Of 288 flights of the develop half in which everything was known, one left a

@@ -130,8 +130,8 @@ pub(super) fn by_formula(
         return Ok(None);
     }
     for m in &changed.moments {
-        let text =
-            format!("not told: {}; with {} nothing changes", words::sentence(m), verdict.formulas[0].id);
+        // Without what else it could be: a part of the flight may have had a formula of its own, which is none here.
+        let text = format!("not told: {}; with {} nothing changes", words::short(m), verdict.formulas[0].id);
         verdict.why.push(Why::new(&m.id, Rule::Moment, text));
     }
     Ok(Some(fitted))
