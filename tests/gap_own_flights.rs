@@ -49,6 +49,50 @@ fn a_vehicle_agrees_with_its_own_flight() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Dry friction of the air, as an effect of one's own.
+const FRICTION: &str = r#"
+[[effect]]
+kind = "expression"
+name = "friction"
+force_body_n = ["-0.02 * tanh(vx_body / 0.6)", "-0.02 * tanh(vy_body / 0.6)", "0"]
+"#;
+
+#[test]
+fn commands_logged_at_a_fifth_of_their_rate_are_not_replayed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
+    let plain = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
+    std::fs::write(folder.join("friction.toml"), format!("{}{FRICTION}", plain.to_toml())).unwrap();
+    let verdict = |log: &str, vehicle: &str| {
+        let line = format!("diagnose {log}.csv --vehicle {vehicle} --json");
+        let (_, said) = run(folder, &line);
+        serde_json::from_str::<serde_json::Value>(&said).unwrap_or_else(|_| panic!("{said}"))
+    };
+    let mut wrong = Vec::new();
+    for (flown, log) in [("cf2x_L250", "plain"), ("hb_x500", "big"), ("friction.toml", "friction")] {
+        // Logged as `fly` does where nothing else is asked for, 100 times a second.
+        let fly = format!(
+            "fly --scene empty.xml --drone {flown} --trajectory lissajous --seconds 30 --fps 1 --out {log}"
+        );
+        assert_eq!(run(folder, &fly).0, 0, "{}", run(folder, &fly).1);
+        let (code, said) =
+            run(folder, &format!("log from-dataset {log} --world 0 --drone 0 --out {log}.csv"));
+        assert_eq!(code, 0, "{said}");
+        let said = verdict(log, if log == "big" { "hb_x500" } else { "cf2x_L250" });
+        let (text, drive) = (said["verdict"].as_str().unwrap(), said["logs"][0]["drive"].as_str().unwrap());
+        let expected =
+            if log == "friction" { "force along body x and y = −20." } else { "nothing is missing" };
+        let torque = text.contains("torque about");
+        if drive != "measured rotor speeds" || !text.contains(expected) || torque {
+            wrong.push(format!("{log} by {drive}: {text}"));
+        }
+        let warned = said["warnings"].to_string();
+        assert!(warned.contains("logged 100 times a second and sent 500 times"), "{warned}");
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
 fn a_log_keeps_how_it_was_simulated() {
     let folder = tempfile::tempdir().unwrap();

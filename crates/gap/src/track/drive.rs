@@ -95,6 +95,29 @@ impl Has<'_> {
         }
     }
 
+    /// Measured rotor speeds in place of the rotor commands of a simulated flight that are logged so seldom that the controller sends
+    /// others in between: rows in step with its slower stages always meet the same phase of what it does, and motors replayed from
+    /// them turn wrongly all the time. Other logs do not say whether what their vehicle file calls the controller's rate sent them.
+    fn or_speeds(&self, drive: Drive, warnings: &mut Vec<String>) -> Drive {
+        let Self { log, vehicle, options, .. } = self;
+        let chosen = drive == Drive::RotorCommands && options.drive.is_none() && log.simulated.is_some();
+        if !chosen || !self.drive(Drive::RotorSpeeds) {
+            return drive;
+        }
+        let rates = &vehicle.rates;
+        let sent_hz = f64::from(rates.body_rate_hz.min(rates.force_torque_hz));
+        let Some(period_s) = log.cmd_rotor_rad_s.first().and_then(Channel::period_s) else { return drive };
+        if period_s * sent_hz <= SELDOM {
+            return drive;
+        }
+        warnings.push(format!(
+            "rotor commands are logged {:.0} times a second and sent {sent_hz:.0} times: measured rotor speeds drive the model in their \
+             place, and nothing is seen of the motors; log at {sent_hz:.0} Hz for that",
+            1.0 / period_s
+        ));
+        Drive::RotorSpeeds
+    }
+
     /// Why a log has not what was expected.
     fn fault(&self, name: &str, expected: String) -> GapError {
         let available: Vec<&str> = Drive::ALL.iter().filter(|d| self.drive(**d)).map(|d| d.title()).collect();
@@ -199,6 +222,7 @@ pub(super) fn choose_drive(
             has.fault(name, all.into())
         })?,
     };
+    let drive = has.or_speeds(drive, warnings);
     let inputs = has.inputs(drive, warnings);
     Ok((drive, drive.dynamics(vehicle), inputs))
 }
@@ -225,6 +249,9 @@ fn not_held(inputs: &[Channel<1>], name: &str, warnings: &mut Vec<String>) -> Ve
     };
     inputs.iter().map(at).collect()
 }
+
+/// Commands sent for each one logged beyond which they are logged too seldom to replay the motors.
+const SELDOM: f64 = 2.5;
 
 /// Time beyond which a repeating input counts as constant, s.
 const HELD_S: f64 = 0.1;
