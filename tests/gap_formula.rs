@@ -9,6 +9,7 @@ use propwash::flight::FlightLog;
 use propwash::gap::diagnose::Settings;
 use propwash::gap::fitted::{Calibrate, Filed, Fitted, fit};
 use propwash::gap::ladder::Flights;
+use propwash::gap::verdict::Lack;
 use propwash::gap::{Options, Track};
 use propwash::vehicle::Vehicle;
 use std::path::Path;
@@ -81,6 +82,26 @@ fn an_effect_that_only_leans_does_not_bend_the_search_for_a_lift_that_saturates(
     let c = finding.parameters.iter().find(|p| p.name == "c").unwrap();
     let strength = truth.hidden[0].parameters["strength"];
     assert!((c.value - strength).abs() < 0.15 * strength, "{c:?} {strength}");
+}
+
+/// All rotors' thrust goes with the roll, by which the vehicle steers, too: a force along z alone makes positions worse.
+#[test]
+fn a_thrust_that_changes_in_flight_is_no_force_beside_it() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("roll.csv");
+    written(&Plan::exciting(&vehicle, &["roll_dependent_thrust"], 50.0, 14), &log);
+    let fitted = fitted(&vehicle, &log).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    let [formula] = &verdict.formulas[..] else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "relative change of the thrust = c · sin(roll)", "{}", verdict.verdict);
+    assert!(fitted.text.contains("thrust_factor = \"1 + c * (sin(roll))\""), "{}", fitted.text);
+    assert!(verdict.headline.contains("relative change of the thrust ∝ sin(roll)"), "{}", verdict.headline);
+    // It goes with the sine of twice the roll, which that of the roll comes near to.
+    let [before, after] = [0, 1].map(|rung| verdict.ladder[rung].held_out_lack.unwrap());
+    let torque = |lack: &Lack| lack.torque_n_m.unwrap();
+    assert!(after.force_n < 0.2 * before.force_n, "{before:?} {after:?}");
+    assert!(torque(&after) < 0.7 * torque(&before), "{before:?} {after:?}");
 }
 
 #[test]

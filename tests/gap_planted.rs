@@ -209,6 +209,29 @@ fn a_regular_torque_on_a_heavy_vehicle_is_said_to_be_unexplained() {
     assert!(!nothing.remainder.unexplained && nothing.findings.is_empty(), "{}", nothing.verdict);
 }
 
+/// Rough sensors see less in every window than such a torque has; all windows together see it.
+#[test]
+fn a_regular_torque_below_the_noise_of_every_window_is_said_to_be_unexplained() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_hexa.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let verdict = |hidden: &[&'static str]| {
+        let mut plan = Plan::exciting(&vehicle, hidden, 50.0, 21807);
+        plan.noise = NoiseLevel::Rough;
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("flight.csv");
+        planted::fly(&plan).unwrap().write(&file).unwrap();
+        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+        diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict
+    };
+    let swing = verdict(&["swing_torque"]);
+    let remainder = &swing.remainder;
+    assert!(remainder.unexplained && remainder.torque_rad_s2 < 0.03, "{}", remainder.text);
+    assert!(remainder.text.contains("in all windows together torque about body"), "{}", remainder.text);
+    assert!(remainder.text.contains("goes with v_x ω_z"), "{}", remainder.text);
+    let nothing = verdict(&[]);
+    assert!(!nothing.remainder.unexplained && nothing.findings.is_empty(), "{}", nothing.verdict);
+}
+
 #[test]
 fn a_cube_of_the_speed_is_not_blamed_on_its_square() {
     let (d, _) = verdict(&["cubic_drag"], 2);

@@ -5,6 +5,7 @@
 //! Proctor & Kutz, "Discovering governing equations from data by sparse identification of nonlinear dynamical systems",
 //! PNAS 113(15), 2016, with cross-validation instead of a fixed threshold).
 
+use super::policy::FAINT_NATS;
 use super::verdict::FreeTerm;
 
 /// One window: its disturbance and the state of flight.
@@ -143,6 +144,44 @@ pub(crate) fn describe(samples: &[Sample]) -> Vec<FreeTerm> {
     }
     out.sort_by(|a, b| b.explained_share.total_cmp(&a.explained_share));
     out
+}
+
+/// The term on which all windows together agree best, with its size (m/s² or rad/s²): of one variable along one of the
+/// `components` or several, each of at least the size `least`, with [`FAINT_NATS`] of evidence. `samples` hold estimates that no
+/// expectation draws to zero.
+pub(crate) fn in_all_windows(
+    samples: &[Sample],
+    components: core::ops::Range<usize>,
+    least: f64,
+) -> Option<(FreeTerm, f64)> {
+    if samples.len() < 5 * BLOCKS {
+        return None;
+    }
+    let library: Vec<Vec<(String, f64)>> = samples.iter().map(variables).collect();
+    let n = samples.len() as f64;
+    // Of each component the variable that describes it best: variable, nats, size, term.
+    let of = |component: usize| {
+        let y: Vec<f64> = samples.iter().map(|s| s.push[component]).collect();
+        let shares = (0..library[0].len()).map(|v| (unseen_share(&library, &[v], &y), v));
+        let (share, v) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (coefficients, sigmas) = fit(&library, &[v], &y, |_| true);
+        let spread = (library.iter().map(|l| l[v].1 * l[v].1).sum::<f64>() / n).sqrt();
+        let term = FreeTerm {
+            on: ON[component].into(),
+            variable: library[0][v].0.clone(),
+            coefficient: coefficients[0],
+            sigma: sigmas[0],
+            explained_share: share,
+        };
+        let nats = -0.5 * n * (1.0 - share).max(1e-12).ln();
+        let size = coefficients[0].abs() * spread;
+        (nats > 0.0 && size >= least).then_some((v, nats, size, term))
+    };
+    let found: Vec<_> = components.filter_map(of).collect();
+    let together = |v: usize| found.iter().filter(|f| f.0 == v).map(|f| f.1).sum::<f64>();
+    let best =
+        found.iter().max_by(|a, b| together(a.0).total_cmp(&together(b.0)).then(a.1.total_cmp(&b.1)))?;
+    (together(best.0) > FAINT_NATS).then(|| (best.3.clone(), best.2))
 }
 
 /// Tests the shape of an effect. `samples` hold what the effect explains plus its residual `left`; it acts along the axes
@@ -286,6 +325,25 @@ mod tests {
         assert!(drag.variable == "|v|² v_x" && (drag.coefficient + 0.05).abs() < 0.002, "{drag:?}");
         let turn = found.iter().find(|t| t.on == ON[5]).unwrap();
         assert!(turn.variable == "v_x ω_z" && (turn.coefficient - 0.4).abs() < 1e-6, "{turn:?}");
+    }
+
+    #[test]
+    fn a_term_below_the_noise_of_each_window_shows_in_all_together() {
+        // A ninth of the scatter, about two axes: 0.04 rad/s² under noise of 0.09.
+        let swing = |of: f64| {
+            samples(|s, i| {
+                let push = of * s.vel[0] * s.ang_vel[2];
+                let noise = |k: usize| 0.16 * jumble(i * 6 + k * 31);
+                [0.0, 0.0, 0.0, push + noise(1), push + noise(2), noise(3)]
+            })
+        };
+        let (term, size) = in_all_windows(&swing(0.027), 3..6, 0.03).unwrap();
+        assert!(term.on.starts_with("torque about body") && term.variable == "v_x ω_z", "{term:?}");
+        assert!((size - 0.04).abs() < 0.01 && (term.coefficient - 0.027).abs() < 0.007, "{size} {term:?}");
+        // Nothing where it is not, and nothing of a size that does not matter.
+        assert!(in_all_windows(&swing(0.0), 3..6, 0.0).is_none());
+        assert!(in_all_windows(&swing(0.027), 3..6, 0.08).is_none());
+        assert!(in_all_windows(&swing(0.027), 0..3, 0.01).is_none());
     }
 
     #[test]

@@ -175,8 +175,22 @@ pub(crate) fn remainder(
     let regular = remainder.terms.iter().any(|t| t.explained_share >= REGULAR_SHARE && matters.of(t) >= 1.0);
     let large = force > LARGE_FORCE_M_S2 || torque > scale * LARGE_TORQUE_RAD_S2;
     let event = concentrated(samples).filter(|(_, times)| large && *times > EVENT);
-    remainder.unexplained = regular || large;
-    (remainder.told(event.map(|e| e.0)), event.is_some())
+    let mut faint = None;
+    if !(regular || large) {
+        // The windows' estimates are drawn to zero where their noise is larger than what is missing; a term that they all agree on is
+        // looked for in estimates that are not.
+        let plain = self::samples(logs, model, solution, &Disturbance::unknown(), &solution.deltas);
+        let kinds = [
+            (0..3, REGULAR_FORCE_M_S2, cross.force),
+            (3..if forces_only(logs) { 3 } else { 6 }, scale * REGULAR_TORQUE_RAD_S2, cross.torque),
+        ];
+        faint = kinds.into_iter().find_map(|(components, least, agreed)| {
+            let enough = agreed.is_none_or(|agreed| agreed >= least);
+            enough.then(|| free_form::in_all_windows(&plain, components, least))?
+        });
+    }
+    remainder.unexplained = regular || large || faint.is_some();
+    (remainder.told(event.map(|e| e.0), faint), event.is_some())
 }
 
 /// What is left, over the size from which on a term that describes it matters.
@@ -220,8 +234,8 @@ impl Remainder {
         self.torque_agreed_rad_s2.map_or(self.torque_rad_s2, |agreed| agreed.min(self.torque_rad_s2))
     }
 
-    /// Describes the remainder in words.
-    fn told(mut self, event_at: Option<f64>) -> Self {
+    /// Describes the remainder in words; `faint` is a term that shows in all windows together only.
+    fn told(mut self, event_at: Option<f64>, faint: Option<(FreeTerm, f64)>) -> Self {
         let part = |name, unit, size: f64, before: f64, agreed: Option<f64>, decimals: usize| {
             let only = match agreed.filter(|agreed| *agreed < size) {
                 Some(agreed) => format!(", but poses and inertial data agree on {agreed:.decimals$} only"),
@@ -245,8 +259,18 @@ impl Remainder {
                 t.variable,
                 100.0 * t.explained_share
             ),
-            _ => size,
+            _ => match &faint {
+                Some((t, of_it)) => {
+                    let unit = if t.on.starts_with("force") { "m/s²" } else { "rad/s²" };
+                    let (on, with) = (&t.on, &t.variable);
+                    format!("{size}; in all windows together {on} goes with {with}, {of_it:.2} {unit} of it")
+                }
+                None => size,
+            },
         };
+        let named = |t: &FreeTerm| self.terms.iter().any(|o| o.on == t.on && o.variable == t.variable);
+        let faint = faint.map(|(term, _)| term).filter(|term| !named(term));
+        self.terms.extend(faint);
         self
     }
 }

@@ -24,6 +24,8 @@ pub(super) enum Acts {
     ForceWorld,
     /// A torque about axes of the body.
     Torque,
+    /// A change of the thrust of all rotors, as a share of it: a force along their axes, and the torque by which they steer.
+    Thrust,
 }
 
 /// A formula without values: `c` is its coefficient, `s` its inner scale.
@@ -66,6 +68,33 @@ const VEL: [&str; 3] = ["vx_body", "vy_body", "vz_body"];
 /// Over ground.
 const VEL_WORLD: [&str; 3] = ["vx", "vy", "vz"];
 const RATES: [&str; 3] = ["wx", "wy", "wz"];
+
+impl Shape {
+    /// What a force along the axes of the rotors is as a change of their thrust, and whether it is told by the thrust itself; else the
+    /// coefficient is to be divided by the usual one. `None` for anything else.
+    pub fn as_thrust(&self) -> Option<(Self, bool)> {
+        let [text] = &self.texts[..] else { return None };
+        if self.acts != Acts::ForceBody || self.axes != [2] {
+            return None;
+        }
+        let by_thrust = text.strip_suffix(" * thrust_n").zip(self.words.strip_suffix(" · T"));
+        let (text, words) = by_thrust.unwrap_or((text, &self.words));
+        if text.contains("thrust_n") || words.is_empty() {
+            return None;
+        }
+        let force = if by_thrust.is_some() { FORCE } else { RATIO };
+        let shape = Self {
+            acts: Acts::Thrust,
+            texts: vec![text.to_string()],
+            unit: core::array::from_fn(|k| self.unit[k] - force[k]),
+            words: words.to_string(),
+            like: "a thrust that changes in flight",
+            cost: if by_thrust.is_some() { self.cost - 0.5 } else { self.cost + 0.5 },
+            ..self.clone()
+        };
+        Some((shape, by_thrust.is_some()))
+    }
+}
 
 fn quantity(text: &str, words: &'static str, unit: Powers) -> Quantity {
     Quantity { text: text.into(), words, unit }
@@ -557,6 +586,26 @@ mod tests {
                 assert_eq!(unit_of_coefficient(&program, on).unwrap(), words(missing), "{text}");
             }
         }
+    }
+
+    #[test]
+    fn a_force_along_the_rotors_is_a_change_of_their_thrust() {
+        let all = shapes();
+        let of = |words: &str, acts: Acts, axes: &[usize]| {
+            all.iter().find(|s| s.words == words && s.acts == acts && s.axes == axes).unwrap().as_thrust()
+        };
+        let (by_thrust, told) = of("sin(roll) · T", Acts::ForceBody, &[2]).unwrap();
+        assert!(
+            told && by_thrust.words == "sin(roll)" && by_thrust.texts == ["(sin(roll))"],
+            "{by_thrust:?}"
+        );
+        assert_eq!(by_thrust.unit, RATIO);
+        let (plain, told) = of("v_x²", Acts::ForceBody, &[2]).unwrap();
+        assert!(!told && plain.words == "v_x²" && plain.cost > by_thrust.cost - 0.5, "{plain:?}");
+        // Neither what acts elsewhere nor the thrust itself.
+        assert!(of("sin(roll) · T", Acts::ForceBody, &[0]).is_none());
+        assert!(of("v_x²", Acts::Torque, &[2]).is_none());
+        assert!(of("T²", Acts::ForceBody, &[2]).is_none() && of("v", Acts::ForceBody, &[0, 1, 2]).is_none());
     }
 
     #[test]

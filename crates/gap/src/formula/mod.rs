@@ -63,6 +63,8 @@ pub(crate) struct Proposed {
 const TRIED: usize = 6;
 /// And along axes of the world, which are few.
 const TRIED_OF_WORLD: usize = 3;
+/// And of forces along the axes of the rotors as changes of their thrust.
+const TRIED_OF_THRUST: usize = 3;
 /// Most formulas of one verdict.
 const MOST: usize = 2;
 /// Times per window at which the variables are read.
@@ -130,7 +132,16 @@ fn found_in(
         tried.extend(rank::rank(&firm, TRIED_OF_WORLD, true));
     }
     tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST, false));
-    tried.retain(|r| !forces_only(logs) || r.shape.acts != Acts::Torque);
+    match forces_only(logs) {
+        true => tried.retain(|r| r.shape.acts != Acts::Torque),
+        // What changes the thrust of every rotor changes what the vehicle steers by, too, which its force does not say.
+        false => {
+            let usual_n = model.drone.hover_thrust();
+            let thrusts = tried.iter().filter_map(|r| r.as_thrust(usual_n)).take(TRIED_OF_THRUST);
+            let thrusts: Vec<Ranked> = thrusts.collect();
+            tried.extend(thrusts);
+        }
+    }
     if tried.is_empty() {
         return Ok(None);
     }
@@ -316,8 +327,9 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
     let freedom = Freedom::any("c", "1", 0.0, ranked.coefficient.abs());
     let scale = ranked.scale.unwrap_or(1.0);
     let mut three = ["0".to_string(), "0".into(), "0".into()];
+    let rest = if ranked.shape.acts == Acts::Thrust { "1 + " } else { "" };
     for (axis, text) in ranked.shape.axes.iter().zip(&ranked.shape.texts) {
-        three[*axis] = format!("c * ({text})");
+        three[*axis] = format!("{rest}c * ({text})");
     }
     let mut programs = Vec::new();
     for text in &three {
@@ -326,6 +338,7 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
             reason: format!("{text:?} is no expression"),
         })?);
     }
+    let along_z = programs.last().cloned();
     let programs = programs.try_into().ok();
     let of = |acts: Acts| programs.clone().filter(|_| ranked.shape.acts == acts);
     let bounds = Bounds::from(f64::NEG_INFINITY);
@@ -335,6 +348,7 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
         force_body_n: of(Acts::ForceBody),
         force_world_n: of(Acts::ForceWorld),
         torque_body_n_m: of(Acts::Torque),
+        thrust_factor: along_z.filter(|_| ranked.shape.acts == Acts::Thrust),
         parameters: vec![Declared { freedom: freedom.clone(), bounds }, Declared { freedom: fixed, bounds }],
         ..Programs::default()
     };
@@ -360,18 +374,21 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     for (axis, text) in axes.iter().zip(texts) {
         three[*axis] = format!("\"c * {}\"", bracketed(&written(text)));
     }
-    let own = [[1, 1, -2], [2, 1, -2]][usize::from(*acts == Acts::Torque)];
+    let (key, along, own) = match acts {
+        Acts::ForceBody => ("force_body_n", "force along body", [1, 1, -2]),
+        Acts::ForceWorld => ("force_world_n", "force along world", [1, 1, -2]),
+        Acts::Torque => ("torque_body_n_m", "torque about body", [2, 1, -2]),
+        Acts::Thrust => ("thrust_factor", "relative change of the thrust", units::RATIO),
+    };
     let unit = units::words(core::array::from_fn(|k| own[k] - ranked.shape.unit[k]));
-    let (key, along) = match acts {
-        Acts::ForceBody => ("force_body_n", "force along body"),
-        Acts::ForceWorld => ("force_world_n", "force along world"),
-        Acts::Torque => ("torque_body_n_m", "torque about body"),
+    let says = match acts {
+        Acts::Thrust => three[2].replacen('"', "\"1 + ", 1),
+        _ => format!("[{}]", three.join(", ")),
     };
     let size = rounded(ranked.coefficient.abs());
     let mut table = format!(
-        "\n[[effect]]\nkind = \"expression\"\nname = \"{id}\"\n{key} = [{}]\n\n[effect.parameter.c]\nvalue = 0.0\n\
+        "\n[[effect]]\nkind = \"expression\"\nname = \"{id}\"\n{key} = {says}\n\n[effect.parameter.c]\nvalue = 0.0\n\
          unit = \"{unit}\"\nslab = {size:?}\n",
-        three.join(", ")
     );
     if let Some(scale) = ranked.scale {
         let unit = ranked.shape.scale_words;
@@ -383,6 +400,7 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     let names = ["x", "y", "z"];
     let axes: Vec<&str> = axes.iter().map(|k| names[*k]).collect();
     let on = match axes.as_slice() {
+        _ if *acts == Acts::Thrust => along.to_string(),
         [rest @ .., last] if !rest.is_empty() => format!("{along} {} and {last}", rest.join(", ")),
         _ => format!("{along} {}", axes.join("")),
     };

@@ -24,7 +24,7 @@ impl Lack {
     fn part(&self, acts: Acts) -> [f64; 3] {
         let [fx, fy, fz, tx, ty, tz] = self.wrench;
         match acts {
-            Acts::ForceBody => [fx, fy, fz],
+            Acts::ForceBody | Acts::Thrust => [fx, fy, fz],
             Acts::ForceWorld => quat::rotate(self.quat, [fx, fy, fz]),
             Acts::Torque => [tx, ty, tz],
         }
@@ -102,6 +102,13 @@ fn alike(a: &Ranked, b: &Ranked) -> bool {
 }
 
 impl Ranked {
+    /// A force along the axes of the rotors as a change of their thrust, of which `usual_n` is usual.
+    pub fn as_thrust(&self, usual_n: f64) -> Option<Self> {
+        let (shape, by_thrust) = self.shape.as_thrust()?;
+        let coefficient = if by_thrust { self.coefficient } else { self.coefficient / usual_n };
+        Some(Self { shape, coefficient, ..self.clone() })
+    }
+
     /// What it says of a window without its coefficient; of a force, along axes of the body.
     fn along_body(&self, lacks: &[Lack], window: usize) -> [f64; 3] {
         let mut said = [0.0; 3];
@@ -110,7 +117,7 @@ impl Ranked {
         }
         match self.shape.acts {
             Acts::ForceWorld => quat::rotate_inverse(lacks[window].quat, said),
-            Acts::ForceBody | Acts::Torque => said,
+            Acts::ForceBody | Acts::Thrust | Acts::Torque => said,
         }
     }
 }
