@@ -84,6 +84,31 @@ fn an_effect_that_only_leans_does_not_bend_the_search_for_a_lift_that_saturates(
     assert!((c.value - strength).abs() < 0.15 * strength, "{c:?} {strength}");
 }
 
+/// Beside tolerances ten times as large: what it takes off is judged beside their calibration.
+#[test]
+fn a_torque_about_some_direction_is_one_formula_with_two_coefficients() {
+    let vehicle = Vehicle::load(QUAD).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("swing.csv");
+    let truth = written(&Plan::exciting(&vehicle, &["swing_torque"], 50.0, 10), &log);
+    let fitted = fitted(&vehicle, &log).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    let [formula] = &verdict.formulas[..] else { panic!("{}", verdict.verdict) };
+    assert_eq!(formula.words, "torque about body x and y = (c, d) · v_x ω_z", "{}", verdict.verdict);
+    let finding = verdict.findings.iter().find(|f| f.id == formula.id).unwrap();
+    for (name, axis) in [("c", 0), ("d", 1)] {
+        let p = finding.parameters.iter().find(|p| p.name == name).unwrap();
+        let known = truth.hidden[0].parameters[&format!("torque_n_m_s2_per_m_rad.{axis}")];
+        assert!((p.value - known).abs() < 3.0 * p.sigma && p.sigma < 0.15 * known.abs(), "{p:?} {known}");
+    }
+    assert!(verdict.verdict.contains("N·s²) · v_x ω_z"), "{}", verdict.verdict);
+    // Written and flown.
+    let after = Vehicle::from_toml("after", &fitted.text).unwrap();
+    assert!(
+        after.drone("first_principles").unwrap().effects.iter().any(|e| e.label() == "expression.found_1")
+    );
+}
+
 /// All rotors' thrust goes with the roll, by which the vehicle steers, too: a force along z alone makes positions worse.
 #[test]
 fn a_thrust_that_changes_in_flight_is_no_force_beside_it() {

@@ -177,7 +177,7 @@ pub(crate) fn fit_from(
     let proposed = diagnosed.proposed.clone();
     let formulas = !proposed.is_empty();
     let work = Work { filed: &filed, flights, settings, by, calibrate, judge: Judge::new(flights), formulas };
-    let plain = completed(&work, &filed, diagnosed)?;
+    let plain = completed(&work, &filed, diagnosed, &[])?;
     let mut found: Option<Fitted> = None;
     let explained = |f: &Fitted| !f.diagnosed.verdict.remainder.unexplained;
     // One formula, unless it leaves something unexplained: a second is easily the error of the first.
@@ -261,7 +261,7 @@ fn with_formulas(
         return Ok(Err(denied.into_iter().map(|f| not_named(f, reason)).collect()));
     }
     let own = Filed { label: filed.label, vehicle: &vehicle, text };
-    let mut fitted = completed(work, &own, diagnosed)?;
+    let mut fitted = completed(work, &own, diagnosed, proposed)?;
     let findings = &fitted.diagnosed.verdict.findings;
     let reason = |f: &Formula| {
         let of_file = fitted.unwritable.iter().find(|(id, _)| *id == f.id);
@@ -316,8 +316,8 @@ fn with_formulas(
     Ok(Ok(fitted))
 }
 
-/// The vehicle completed by what a diagnosis found.
-fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fitted> {
+/// The vehicle completed by what a diagnosis found, with the formulas that were proposed to it.
+fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed, proposed: &[Formula]) -> Result<Fitted> {
     let Work { flights, settings, by, calibrate, judge, .. } = work;
     let verdict = &mut diagnosed.verdict;
     // Simulate with the noise estimated by the fit.
@@ -329,7 +329,8 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed) -> Result<Fit
     verdict.warnings.extend(flights.warnings.iter().cloned());
     let (source, dynamics) = (source(flights, by), verdict.dynamics.clone());
     let given = settings.given.is_some();
-    let writer = Writer { source, dynamics, filed, partners: Vec::new(), given };
+    let formulas = proposed.iter().map(|f| f.id.clone()).collect();
+    let writer = Writer { source, dynamics, filed, partners: Vec::new(), given, formulas };
     warn_of_judge(judge, filed.vehicle, verdict);
     let (writable, unwritable) = writer.writable(&verdict.findings)?;
     for (id, error) in &unwritable {
@@ -499,6 +500,9 @@ struct Writer<'a> {
     partners: Vec<Calibration>,
     /// The user requested these effects; nothing was searched.
     given: bool,
+    /// Ids of formulas, whose gain is judged beside calibration, once everything is written: without it the tolerances of a vehicle can be
+    /// many times what is missing.
+    formulas: Vec<String>,
 }
 
 impl Writer<'_> {

@@ -99,7 +99,8 @@ pub(super) fn beside_formulas(
             start.set.push(c);
         }
         match (formula, same(model, k)) {
-            (Some(i), _) if name == "c" => start.values[k] = proposed.factors[i],
+            (Some(i), _) if name == "c" => start.values[k] = proposed.factors[i][0],
+            (Some(i), _) if name == "d" => start.values[k] = proposed.factors[i][1],
             (None, Some(j)) if kept || timing.contains(&c) => start.values[k] = found.posterior.mean[j],
             _ => {}
         }

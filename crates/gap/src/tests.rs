@@ -491,7 +491,7 @@ fn a_formula_that_fails_leaves_the_verdict_as_it_is() {
         like: String::new(),
         table: "[[effect]]\nkind = \"expresion\"\n".into(),
     }];
-    diagnosed.proposed = vec![Proposed { formulas, factors: vec![0.1], beside: Vec::new() }];
+    diagnosed.proposed = vec![Proposed { formulas, factors: vec![[0.1, 0.0]], beside: Vec::new() }];
     let text = include_str!("../../../tests/data/planted_quad.toml").to_string();
     let filed = Filed { label: "quad", vehicle: &vehicle, text };
     let fitted = fit_from(filed, &flights, &Settings::default(), "a test", Calibrate::No, diagnosed).unwrap();

@@ -8,7 +8,7 @@
 //! 2. The vehicle with all remaining findings may not be worse than the nominal one, over all channels together and in the
 //!    own channel of any finding. Otherwise the finding without which it is best is dropped.
 //! 3. Where effects were searched for, a finding that lowers neither its own channel nor all errors together to
-//!    [`LITTLE_GAIN`] is dropped.
+//!    [`LITTLE_GAIN`] is dropped. Formulas have a judgement of their own, beside calibration.
 
 use super::Writer;
 use crate::error::Result;
@@ -64,7 +64,8 @@ pub(super) fn judged(
         };
         let harmful = worst(judge, &tried, &whole, &filed);
         let little = harmful.is_none() && !writer.given;
-        let out = harmful.or_else(|| little.then(|| least_gain(judge, &tried, &whole)).flatten());
+        let formula = |t: &Tried| writer.formulas.contains(&findings[t.index].id);
+        let out = harmful.or_else(|| little.then(|| least_gain(judge, &tried, &whole, formula)).flatten());
         let Some((at, words)) = out else {
             for t in tried {
                 findings[t.index].held_out = Some(whole.clearest(&t.without));
@@ -170,13 +171,18 @@ fn worst(judge: &Judge, tried: &[Tried], whole: &Seen, filed: &Seen) -> Option<(
     Some((least, words))
 }
 
-/// The finding that lowers the error least, and why it is dropped; `None` where each lowers it enough.
-fn least_gain(judge: &Judge, tried: &[Tried], whole: &Seen) -> Option<(usize, String)> {
+/// The finding that lowers the error least, and why it is dropped; `None` where each lowers it enough, or is a `formula`.
+fn least_gain(
+    judge: &Judge,
+    tried: &[Tried],
+    whole: &Seen,
+    formula: impl Fn(&Tried) -> bool,
+) -> Option<(usize, String)> {
     let left = |t: &Tried| (t.held_out.with / t.held_out.without).min(whole.over(&t.without));
     let (at, t) = tried
         .iter()
         .enumerate()
-        .filter(|(_, t)| left(t) > LITTLE_GAIN)
+        .filter(|(_, t)| left(t) > LITTLE_GAIN && !formula(t))
         .max_by(|a, b| left(a.1).total_cmp(&left(b.1)))?;
     let words = format!(
         "it takes too little off the errors on {} ({}), less than flights of one vehicle differ by: not written",

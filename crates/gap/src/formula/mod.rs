@@ -20,7 +20,7 @@ use crate::report::{interval, quantity};
 use crate::search::THRESHOLD;
 use crate::solve::{Solution, fitted_with, refitted};
 use crate::track::Measured;
-use crate::verdict::{Finding, Said};
+use crate::verdict::{Finding, ParameterFit, Said};
 use crate::watch::Watch;
 use grammar::{Acts, Shape, written};
 use propwash_physics::airframe;
@@ -53,8 +53,8 @@ pub struct Formula {
 pub(crate) struct Proposed {
     /// Best first.
     pub formulas: Vec<Formula>,
-    /// The factor of each as it was ranked.
-    pub factors: Vec<f64>,
+    /// The factors of each as they were ranked: `c`, and `d` where each of two axes has its own.
+    pub factors: Vec<[f64; 2]>,
     /// Effects of the list that the evidence keeps beside them, by id.
     pub beside: Vec<String>,
 }
@@ -122,6 +122,7 @@ fn found_in(
     };
     let filed = without(kept);
     let mut tried = rank::rank(&filed, TRIED, false);
+    let plane = rank::in_the_plane(&tried, &filed);
     if let Some(first) = tried.first() {
         tried.extend(rank::rank(&rank::beside(&filed, first), MOST, false));
     }
@@ -131,7 +132,9 @@ fn found_in(
         tried.extend(rank::rank(&firm, TRIED, false));
         tried.extend(rank::rank(&firm, TRIED_OF_WORLD, true));
     }
-    tried.extend(rank::rank(&lacks(logs, model, solution, &solution.deltas), MOST, false));
+    let left = lacks(logs, model, solution, &solution.deltas);
+    let last = rank::rank(&left, MOST, false);
+    tried.extend(plane.into_iter().chain(rank::in_the_plane(&last, &left)).chain(last));
     match forces_only(logs) {
         true => tried.retain(|r| r.shape.acts != Acts::Torque),
         // What changes the thrust of every rotor changes what the vehicle steers by, too, which its force does not say.
@@ -151,7 +154,7 @@ fn found_in(
     }
     Ok(Some(Proposed {
         formulas: chosen.iter().enumerate().map(|(i, k)| formula(model, i + 1, &tried[*k])).collect(),
-        factors: chosen.iter().map(|k| tried[*k].coefficient).collect(),
+        factors: chosen.iter().map(|k| [tried[*k].coefficient, tried[*k].second.unwrap_or(0.0)]).collect(),
         beside: beside.iter().map(|c| model.candidates[*c].id.clone()).collect(),
     }))
 }
@@ -198,7 +201,11 @@ impl Formula {
         let of = |name: &str| finding.parameters.iter().find(|p| p.name == name);
         let mut words = self.words.clone();
         if let Some(c) = of("c") {
-            words = words.replace("= c · ", &format!("= {} · ", interval(c.value, c.sigma, &c.unit)));
+            let said = |p: &ParameterFit| interval(p.value, p.sigma, &p.unit);
+            words = words.replace("= c · ", &format!("= {} · ", said(c)));
+            if let Some(d) = of("d") {
+                words = words.replace("= (c, d) · ", &format!("= ({}, {}) · ", said(c), said(d)));
+            }
         }
         if let Some(s) = of("s") {
             words = words.replace("{s}", &quantity(s.value, &s.unit, 3));
@@ -328,12 +335,12 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
     let scale = ranked.scale.unwrap_or(1.0);
     let mut three = ["0".to_string(), "0".into(), "0".into()];
     let rest = if ranked.shape.acts == Acts::Thrust { "1 + " } else { "" };
-    for (axis, text) in ranked.shape.axes.iter().zip(&ranked.shape.texts) {
-        three[*axis] = format!("{rest}c * ({text})");
+    for ((axis, text), of) in ranked.shape.axes.iter().zip(&ranked.shape.texts).zip(ranked.names()) {
+        three[*axis] = format!("{rest}{of} * ({text})");
     }
     let mut programs = Vec::new();
     for text in &three {
-        programs.push(parse(text, &["c", "s"]).map_err(|_| GapError::Numbers {
+        programs.push(parse(text, &["c", "s", "d"]).map_err(|_| GapError::Numbers {
             what: "a formula",
             reason: format!("{text:?} is no expression"),
         })?);
@@ -343,20 +350,23 @@ fn admit(model: &mut Model, name: &str, ranked: &Ranked) -> Result<(), GapError>
     let of = |acts: Acts| programs.clone().filter(|_| ranked.shape.acts == acts);
     let bounds = Bounds::from(f64::NEG_INFINITY);
     let fixed = Freedom::any("s", "1", 0.0, 0.0);
+    let second = ranked.second.map(|d| Freedom::any("d", "1", 0.0, d.abs()));
+    let free: Vec<Freedom> = [freedom.clone()].into_iter().chain(second.clone()).collect();
+    let declared = [Some(freedom), Some(fixed), second].into_iter().flatten();
     let formula = Programs {
         name: name.into(),
         force_body_n: of(Acts::ForceBody),
         force_world_n: of(Acts::ForceWorld),
         torque_body_n_m: of(Acts::Torque),
         thrust_factor: along_z.filter(|_| ranked.shape.acts == Acts::Thrust),
-        parameters: vec![Declared { freedom: freedom.clone(), bounds }, Declared { freedom: fixed, bounds }],
+        parameters: declared.map(|freedom| Declared { freedom, bounds }).collect(),
         ..Programs::default()
     };
     let mut params = Params { formula: intern(formula), ..Params::default() };
     params.value[1] = scale;
     model.drone.effects.push(AnyEffect::Expression(params));
     model.listed.push(false);
-    let candidate = Candidate::new("expression", name, Area::Airframe, vec![freedom], "fly at many speeds");
+    let candidate = Candidate::new("expression", name, Area::Airframe, free, "fly at many speeds");
     model.admit(candidate.called(name))
 }
 
@@ -371,8 +381,8 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
     };
     let id = (number..).map(|n| format!("found_{n}")).find(|name| !taken(name)).unwrap_or_default();
     let mut three = ["\"0\"".to_string(), "\"0\"".into(), "\"0\"".into()];
-    for (axis, text) in axes.iter().zip(texts) {
-        three[*axis] = format!("\"c * {}\"", bracketed(&written(text)));
+    for ((axis, text), of) in axes.iter().zip(texts).zip(ranked.names()) {
+        three[*axis] = format!("\"{of} * {}\"", bracketed(&written(text)));
     }
     let (key, along, own) = match acts {
         Acts::ForceBody => ("force_body_n", "force along body", [1, 1, -2]),
@@ -390,6 +400,10 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
         "\n[[effect]]\nkind = \"expression\"\nname = \"{id}\"\n{key} = {says}\n\n[effect.parameter.c]\nvalue = 0.0\n\
          unit = \"{unit}\"\nslab = {size:?}\n",
     );
+    if let Some(d) = ranked.second {
+        let size = rounded(d.abs());
+        table += &format!("\n[effect.parameter.d]\nvalue = 0.0\nunit = \"{unit}\"\nslab = {size:?}\n");
+    }
     if let Some(scale) = ranked.scale {
         let unit = ranked.shape.scale_words;
         table += &format!("\n[effect.parameter.s]\nvalue = {:?}\nunit = \"{unit}\"\n", rounded(scale));
@@ -405,7 +419,8 @@ fn formula(model: &Model, number: usize, ranked: &Ranked) -> Formula {
         _ => format!("{along} {}", axes.join("")),
     };
     let fixed = ranked.scale.filter(|_| !ranked.shape.tells_scale);
-    let mut words = format!("{on} = c · {}", ranked.shape.words);
+    let factor = if ranked.second.is_some() { "(c, d)" } else { "c" };
+    let mut words = format!("{on} = {factor} · {}", ranked.shape.words);
     if let Some(scale) = fixed {
         words = words.replace("{s}", &quantity(scale, ranked.shape.scale_words, 3));
     }

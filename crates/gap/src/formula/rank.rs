@@ -36,6 +36,8 @@ impl Lack {
 pub(super) struct Ranked {
     pub shape: Shape,
     pub coefficient: f64,
+    /// Of the second axis, where each has its own.
+    pub second: Option<f64>,
     pub scale: Option<f64>,
     /// Evidence of the regression minus its cost, nats.
     pub nats: f64,
@@ -80,6 +82,37 @@ pub(super) fn rank(lacks: &[Lack], most: usize, world: bool) -> Vec<Ranked> {
     out
 }
 
+/// Formulas along one axis in the plane of the rotors as formulas along any direction in it, where something is lacking along the other
+/// axis as well: a direction is one thing more to say, not another formula.
+pub(super) fn in_the_plane(ranked: &[Ranked], lacks: &[Lack]) -> Vec<Ranked> {
+    let mut out: Vec<Ranked> = Vec::new();
+    for r in ranked {
+        let other: &'static [usize] = match r.shape.axes {
+            [0] => &[1],
+            [1] => &[0],
+            _ => continue,
+        };
+        let known = |o: &Ranked| o.shape.acts == r.shape.acts && o.shape.words == r.shape.words;
+        if r.scale.is_some() || r.shape.acts == Acts::ForceWorld || out.iter().any(known) {
+            continue;
+        }
+        let Some(more) = fitted(&Shape { axes: other, ..r.shape.clone() }, lacks) else { continue };
+        let (x, y) = if other == [1] { (r, &more) } else { (&more, r) };
+        let texts = [&x.shape.texts[..], &y.shape.texts].concat();
+        let turned = y.column.iter().map(|v| v * y.coefficient / x.coefficient);
+        out.push(Ranked {
+            shape: Shape { axes: &[0, 1], texts, cost: r.shape.cost + 1.0, ..r.shape.clone() },
+            coefficient: x.coefficient,
+            second: Some(y.coefficient),
+            scale: None,
+            nats: x.nats + y.nats,
+            constant: x.constant.hypot(y.constant),
+            column: x.column.iter().copied().chain(turned).collect(),
+        });
+    }
+    out
+}
+
 /// What is lacking beside a formula.
 pub(super) fn beside(lacks: &[Lack], found: &Ranked) -> Vec<Lack> {
     let mut out = lacks.to_vec();
@@ -102,6 +135,11 @@ fn alike(a: &Ranked, b: &Ranked) -> bool {
 }
 
 impl Ranked {
+    /// Names of the coefficients of its axes.
+    pub fn names(&self) -> [&'static str; 3] {
+        if self.second.is_some() { ["c", "d", "d"] } else { ["c"; 3] }
+    }
+
     /// A force along the axes of the rotors as a change of their thrust, of which `usual_n` is usual.
     pub fn as_thrust(&self, usual_n: f64) -> Option<Self> {
         let (shape, by_thrust) = self.shape.as_thrust()?;
@@ -167,6 +205,7 @@ fn fitted(shape: &Shape, lacks: &[Lack]) -> Option<Ranked> {
     (share > FORMULA_SHARE && nats > 0.0).then(|| Ranked {
         shape: shape.clone(),
         coefficient,
+        second: None,
         scale,
         nats,
         constant,
@@ -309,6 +348,30 @@ mod tests {
         assert_eq!((first.shape.axes, first.shape.words.as_str()), (&[0usize, 1][..], "tanh(v / {s})"));
         assert!((first.coefficient + 0.02).abs() < 5e-4, "{}", first.coefficient);
         assert!((first.scale.unwrap() - 0.6).abs() < 0.06, "{:?}", first.scale);
+    }
+
+    #[test]
+    fn a_direction_in_the_plane_is_one_formula_with_two_coefficients() {
+        let [v, w] = ["vx_body", "wz"].map(variable);
+        let lacks = flight(|now, i| {
+            let push = |of: f64, k: usize| of * now[v] * now[w] + 2e-4 * jumble(7 * i + k);
+            [0.0, 0.0, 0.0, push(3e-4, 0), push(-8e-4, 1), 2e-4 * jumble(i)]
+        });
+        let found = rank(&lacks, 6, false);
+        let plane = in_the_plane(&found, &lacks);
+        let both = plane.iter().find(|r| r.shape.words == "v_x ω_z").unwrap();
+        assert_eq!(
+            (both.shape.acts, both.shape.axes, both.names()),
+            (Acts::Torque, &[0, 1][..], ["c", "d", "d"])
+        );
+        let second = both.second.unwrap();
+        assert!((both.coefficient - 3e-4).abs() < 2e-5 && (second + 8e-4).abs() < 2e-5, "{both:?}");
+        // What it says of a window is what both axes lack.
+        let said = both.along_body(&lacks, 3).map(|s| both.coefficient * s);
+        assert!((0..2).all(|k| (said[k] - lacks[3].wrench[3 + k]).abs() < 4e-4), "{said:?}");
+        // About one axis alone there is no direction.
+        let one = flight(|now, i| [0.0, 0.0, 0.0, 3e-4 * now[v] * now[w] + 1e-4 * jumble(i), 0.0, 0.0]);
+        assert!(in_the_plane(&rank(&one, 6, false), &one).is_empty());
     }
 
     #[test]
