@@ -167,6 +167,7 @@ fn remainder() -> Remainder {
         force_agreed_m_s2: None,
         torque_agreed_rad_s2: None,
         torque_before_rad_s2: 6.38,
+        faint: false,
         unexplained: true,
         terms: vec![
             FreeTerm {

@@ -253,7 +253,7 @@ fn with_formulas(
     // the thrust that goes with the tilt, with nine tenths of the mass.
     let denied = |f: &&Formula| {
         let second = |x: &Finding| x.id == f.id && x.second.said == Said::Differs;
-        diagnosed.verdict.remainder.unexplained && diagnosed.verdict.findings.iter().any(second)
+        diagnosed.verdict.remainder.plainly_unexplained() && diagnosed.verdict.findings.iter().any(second)
     };
     let denied: Vec<&Formula> = proposed.iter().filter(denied).collect();
     if !denied.is_empty() {
@@ -339,7 +339,7 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed, proposed: &[F
     let own = if given { Own::default() } else { Own::of(verdict, flights) };
     let writable = writable.into_iter().filter(|i| !own.indices.contains(i)).collect();
     let mut kept = partners::judged(&writer, judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
-    if verdict.remainder.unexplained {
+    if verdict.remainder.plainly_unexplained() {
         kept = parts::judged(&writer, judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
     }
 

@@ -245,6 +245,8 @@ pub struct Remainder {
     pub torque_agreed_rad_s2: Option<f64>,
     /// Whether more is left than for a well-known vehicle: something is missing that is not in the list.
     pub unexplained: bool,
+    /// Whether that shows in all windows together only, being below the noise of each of them.
+    pub faint: bool,
     /// Terms that describe it, best first.
     pub terms: Vec<FreeTerm>,
     /// In words.
@@ -334,6 +336,13 @@ pub struct Rung {
     pub training_lack: Option<Lack>,
     /// The same on held-out flight.
     pub held_out_lack: Option<Lack>,
+}
+
+impl Remainder {
+    /// Whether something is unexplained that single windows show.
+    pub(crate) fn plainly_unexplained(&self) -> bool {
+        self.unexplained && !self.faint
+    }
 }
 
 impl Rung {

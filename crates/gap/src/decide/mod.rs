@@ -124,7 +124,7 @@ impl<'a> Decision<'a> {
                 Some(format!("{id} leaves a shape that goes with {term}"))
             });
             if let Some(words) = other {
-                self.remainder.unexplained = true;
+                (self.remainder.unexplained, self.remainder.faint) = (true, false);
                 self.remainder.text = format!("{}; {words}", self.remainder.text);
                 // Findings beside it with less evidence were found beside the wrong shape.
                 let own = self.findings.iter().find(|f| f.id == *id).map_or(0.0, |f| f.evidence_nats);

@@ -162,6 +162,7 @@ pub(crate) fn remainder(
         force_agreed_m_s2: cross.force,
         torque_agreed_rad_s2: cross.torque,
         unexplained: false,
+        faint: false,
         terms: free_form::describe(samples),
         text: String::new(),
     };
@@ -189,7 +190,8 @@ pub(crate) fn remainder(
             enough.then(|| free_form::in_all_windows(&plain, components, least))?
         });
     }
-    remainder.unexplained = regular || large || faint.is_some();
+    remainder.faint = faint.is_some();
+    remainder.unexplained = regular || large || remainder.faint;
     (remainder.told(event.map(|e| e.0), faint), event.is_some())
 }
 
