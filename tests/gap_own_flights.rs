@@ -17,22 +17,26 @@ fn run(folder: &Path, line: &str) -> (i32, String) {
     (out.status.code().unwrap(), said)
 }
 
+/// Flies in an empty scene, and writes the flight as `NAME.csv`.
+fn logged(folder: &Path, fly: &str, name: &str) {
+    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
+    let fly = format!("fly --scene empty.xml {fly} --fps 1 --out set_{name}");
+    for line in [fly, format!("log from-dataset set_{name} --world 0 --drone 0 --out {name}.csv")] {
+        let (code, said) = run(folder, &line);
+        assert_eq!(code, 0, "{line}: {said}");
+    }
+}
+
 #[test]
 fn a_vehicle_agrees_with_its_own_flight() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
     let mut wrong = Vec::new();
     for vehicle in propwash::vehicle::BUILTIN {
         for integrator in ["euler", "semi-implicit-euler", "rk4"] {
             let to = format!("{vehicle}_{integrator}");
-            let fly = format!(
-                "fly --scene empty.xml --drone {vehicle} --integrator {integrator} --seconds 5 --log-hz 500 --fps 1 --out {to}"
-            );
-            assert_eq!(run(folder, &fly).0, 0, "{}", run(folder, &fly).1);
-            let (code, said) =
-                run(folder, &format!("log from-dataset {to} --world 0 --drone 0 --out {to}.csv"));
-            assert_eq!(code, 0, "{said}");
+            let fly = format!("--drone {vehicle} --integrator {integrator} --seconds 5 --log-hz 500");
+            logged(folder, &fly, &to);
             for drive in ["rotor-commands", "rotor-speeds", "thrust"] {
                 let line = format!("compare {to}.csv --vehicle {vehicle} --drive {drive} --json");
                 let said: serde_json::Value = serde_json::from_str(&run(folder, &line).1).unwrap();
@@ -61,7 +65,6 @@ force_body_n = ["-0.02 * tanh(vx_body / 0.6)", "-0.02 * tanh(vy_body / 0.6)", "0
 fn commands_logged_at_a_fifth_of_their_rate_are_not_replayed() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
     let plain = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
     std::fs::write(folder.join("friction.toml"), format!("{}{FRICTION}", plain.to_toml())).unwrap();
     let verdict = |log: &str, vehicle: &str| {
@@ -72,13 +75,7 @@ fn commands_logged_at_a_fifth_of_their_rate_are_not_replayed() {
     let mut wrong = Vec::new();
     for (flown, log) in [("cf2x_L250", "plain"), ("hb_x500", "big"), ("friction.toml", "friction")] {
         // Logged as `fly` does where nothing else is asked for, 100 times a second.
-        let fly = format!(
-            "fly --scene empty.xml --drone {flown} --trajectory lissajous --seconds 30 --fps 1 --out {log}"
-        );
-        assert_eq!(run(folder, &fly).0, 0, "{}", run(folder, &fly).1);
-        let (code, said) =
-            run(folder, &format!("log from-dataset {log} --world 0 --drone 0 --out {log}.csv"));
-        assert_eq!(code, 0, "{said}");
+        logged(folder, &format!("--drone {flown} --trajectory lissajous --seconds 30"), log);
         let said = verdict(log, if log == "big" { "hb_x500" } else { "cf2x_L250" });
         let (text, drive) = (said["verdict"].as_str().unwrap(), said["logs"][0]["drive"].as_str().unwrap());
         let expected =
@@ -140,14 +137,9 @@ next = "held + dt * z"
 fn a_comparison_leaves_a_controller_of_ones_own_out() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    std::fs::write(folder.join("empty.xml"), EMPTY).unwrap();
     let plain = propwash::vehicle::Vehicle::builtin("cf2x_L250").unwrap();
     std::fs::write(folder.join("own.toml"), format!("{}{OWN}", plain.to_toml())).unwrap();
-    let fly = "fly --scene empty.xml --drone own.toml --seconds 5 --log-hz 500 --fps 1 --out set";
-    let (code, said) = run(folder, fly);
-    assert_eq!(code, 0, "{said}");
-    let (code, said) = run(folder, "log from-dataset set --world 0 --drone 0 --out own.csv");
-    assert_eq!(code, 0, "{said}");
+    logged(folder, "--drone own.toml --seconds 5 --log-hz 500", "own");
     let mut off = Vec::new();
     for vehicle in ["own.toml", "cf2x_L250"] {
         for drive in ["rotor-commands", "rotor-speeds"] {

@@ -31,8 +31,18 @@ fn verdict(hidden: &[&'static str], seed: u64) -> (Diagnosis, Flight) {
 
 /// The verdict about a flight whose plan is changed first.
 fn flown(hidden: &[&'static str], seed: u64, change: impl FnOnce(&mut Plan)) -> (Diagnosis, Flight) {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_quad.toml");
-    let vehicle = Vehicle::load(path).unwrap();
+    flown_by("quad", hidden, seed, change)
+}
+
+/// The same of one of the vehicles `tests/data/planted_*.toml`.
+fn flown_by(
+    vehicle: &str,
+    hidden: &[&'static str],
+    seed: u64,
+    change: impl FnOnce(&mut Plan),
+) -> (Diagnosis, Flight) {
+    let data = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data");
+    let vehicle = Vehicle::load(format!("{data}/planted_{vehicle}.toml")).unwrap();
     let mut plan = Plan::exciting(&vehicle, hidden, SECONDS, seed);
     change(&mut plan);
     let flight = planted::fly(&plan).unwrap();
@@ -191,16 +201,9 @@ fn an_effect_that_is_not_in_the_list_is_said_to_be_unexplained() {
 /// A torque that is regular and a tenth of what a small quadrotor would have to leave: 5 kg turn less quickly.
 #[test]
 fn a_regular_torque_on_a_heavy_vehicle_is_said_to_be_unexplained() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_octo.toml");
-    let vehicle = Vehicle::load(path).unwrap();
     let verdict = |hidden: &[&'static str]| {
-        let mut plan = Plan::exciting(&vehicle, hidden, 50.0, 2);
-        plan.size = 2.0;
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("flight.csv");
-        planted::fly(&plan).unwrap().write(&file).unwrap();
-        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
-        diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict
+        let larger = |plan: &mut Plan| (plan.seconds, plan.size) = (50.0, 2.0);
+        flown_by("octo", hidden, 2, larger).0
     };
     let swing = verdict(&["swing_torque"]);
     assert!(swing.remainder.unexplained, "{}", swing.remainder.text);
@@ -212,16 +215,9 @@ fn a_regular_torque_on_a_heavy_vehicle_is_said_to_be_unexplained() {
 /// Rough sensors see less in every window than such a torque has; all windows together see it.
 #[test]
 fn a_regular_torque_below_the_noise_of_every_window_is_said_to_be_unexplained() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_hexa.toml");
-    let vehicle = Vehicle::load(path).unwrap();
     let verdict = |hidden: &[&'static str]| {
-        let mut plan = Plan::exciting(&vehicle, hidden, 50.0, 21807);
-        plan.noise = NoiseLevel::Rough;
-        let folder = tempfile::tempdir().unwrap();
-        let file = folder.path().join("flight.csv");
-        planted::fly(&plan).unwrap().write(&file).unwrap();
-        let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
-        diagnose(&[track], &vehicle, &one_vehicle()).unwrap().verdict
+        let rough = |plan: &mut Plan| (plan.seconds, plan.noise) = (50.0, NoiseLevel::Rough);
+        flown_by("hexa", hidden, 21807, rough).0
     };
     let swing = verdict(&["swing_torque"]);
     let remainder = &swing.remainder;

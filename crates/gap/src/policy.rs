@@ -248,8 +248,9 @@ pub(crate) const REGULAR_TORQUE_RAD_S2: f64 = 0.03;
 /// vehicles of 1 and 2 kg, 94 % of what was left, went unnoticed.
 pub(crate) const USUAL_AGILITY_RAD_S2: f64 = 333.0;
 
-/// Evidence, in nats, of a term that all windows agree on though none shows it: of 69 flights of the develop half in which everything was known, by
-/// rotor commands and speeds, none had more than 7.0 with a term of the sizes above (27 with nothing hidden: 5.6); of torques that go with speed and yaw rate it is 7 to 300 about one axis.
+/// Evidence, in nats, of a term that all windows agree on though none shows it. In 72 flights of the develop half in which everything was
+/// known, by rotor commands and speeds, terms of the sizes above never had more than 8.4 (36 with nothing hidden: 5.6); torques that go with
+/// speed and yaw rate have 7 to 300 about one axis.
 pub(crate) const FAINT_NATS: f64 = 10.0;
 
 /// Share of the scatter above which a term indicates a regular missing effect.

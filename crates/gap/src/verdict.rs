@@ -338,13 +338,6 @@ pub struct Rung {
     pub held_out_lack: Option<Lack>,
 }
 
-impl Remainder {
-    /// Whether something is unexplained that single windows show.
-    pub(crate) fn plainly_unexplained(&self) -> bool {
-        self.unexplained && !self.faint
-    }
-}
-
 impl Rung {
     /// Roll-out errors and missing force and torque on the flight used for judging: held-out flight if there is any.
     pub fn judged(&self) -> (&[HorizonError], Option<Lack>) {

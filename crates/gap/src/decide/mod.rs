@@ -196,6 +196,7 @@ impl<'a> Decision<'a> {
         self.findings.extend(found);
         let explained = self.findings.iter().any(|f| f.kind == "turbulence" && f.certain);
         self.remainder.unexplained &= !explained;
+        self.remainder.faint &= !explained;
     }
 
     /// Says why effects that are evident alone are not named.

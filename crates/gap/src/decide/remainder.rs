@@ -226,6 +226,11 @@ fn concentrated(samples: &[Sample]) -> Option<(f64, f64)> {
 }
 
 impl Remainder {
+    /// Whether something is unexplained that single windows show.
+    pub(crate) fn plainly_unexplained(&self) -> bool {
+        self.unexplained && !self.faint
+    }
+
     /// The residual force, as far as poses and inertial data agree on it: errors of one instrument are not physics.
     pub(super) fn force_seen_m_s2(&self) -> f64 {
         self.force_agreed_m_s2.map_or(self.force_m_s2, |agreed| agreed.min(self.force_m_s2))
