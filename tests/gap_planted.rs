@@ -179,9 +179,23 @@ fn a_load_hangs_from_where_its_cable_is_attached() {
     let found = &d.findings[0];
     let truth = &flight.truth.hidden[0].parameters;
     let mass = found.parameters.iter().find(|p| p.name == "mass_kg").unwrap().value;
-    assert!((mass / truth["mass_kg"] - 1.0).abs() < 0.04, "{mass} kg, true {}", truth["mass_kg"]);
+    assert!((mass / truth["mass_kg"] - 1.0).abs() < 0.055, "{mass} kg, true {}", truth["mass_kg"]);
     let length = found.set.iter().find(|(name, _)| name == "cable_length_m").unwrap().1;
     assert!((length - truth["cable_m"]).abs() < 0.002, "{length} m, true {}", truth["cable_m"]);
+}
+
+/// A torque about one axis then turns the vehicle about the other, too; without it in the list, leaning or weak rotors were named.
+#[test]
+fn principal_axes_that_are_askew_are_found_with_their_products() {
+    for vehicle in ["quad", "hexa"] {
+        let (d, flight) = flown_by(vehicle, &["wrong_inertia.products"], 3, |_| {});
+        assert_eq!(names(&d), ["wrong_inertia.products"], "{}", d.verdict);
+        assert!(d.findings[0].certain, "{}", d.verdict);
+        for p in &d.findings[0].parameters {
+            let truth = flight.truth.hidden[0].parameters[&p.name];
+            assert!((p.value - truth).abs() < 4.0 * p.sigma && p.sigma < 0.02, "{p:?}, true {truth}");
+        }
+    }
 }
 
 #[test]
@@ -635,6 +649,34 @@ fn clocks_of_a_log_are_not_written_with_what_was_found() {
     };
     let [before, after] = [torque(&vehicle), torque(after)];
     assert!(after < 1.01 * before, "{before} N·m, {after} N·m");
+}
+
+/// The sensors of this flight are late by some milliseconds against the commands, those of the next by others: a delay that lowers the
+/// errors on the rest of the log raised the torque that is missing on the next flight from 0.16 to 0.25 N·m.
+#[test]
+fn a_delay_in_doubt_of_one_log_is_told_and_not_written() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/planted_octo.toml");
+    let vehicle = Vehicle::load(path).unwrap();
+    let mut plan = Plan::exciting(&vehicle, &["rotor_drag"], 50.0, 22224);
+    plan.build = Build::fair(22224);
+    plan.noise = NoiseLevel::Filtered;
+    let flight = planted::fly(&plan).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("flight.csv");
+    flight.write(&file).unwrap();
+    let track = Track::new(FlightLog::load(&file, None).unwrap(), &vehicle, &Options::default()).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    let filed = Filed { label: "octo", vehicle: &vehicle, text };
+    let flights = Flights::new(vec![track], Vec::new(), 0.2);
+    let fitted = fit(filed, &flights, &Settings::default(), "test", Calibrate::No).unwrap();
+    let verdict = &fitted.diagnosed.verdict;
+    let delay = verdict.findings.iter().find(|f| f.id == "command_delay").expect("a delay");
+    assert!(!delay.certain && delay.unwritten().unwrap().contains("give a second flight"), "{delay:?}");
+    // It is as late as gyroscope and accelerometer are.
+    let late = &flight.truth.all["clock_offset.accel"]["late_s"];
+    let p = &delay.parameters[0];
+    assert!((p.value - late).abs() < 3.0 * p.sigma, "{p:?} {late}");
+    assert!(fitted.text.contains("rotor_drag") && !fitted.text.contains("command_delay"), "{}", fitted.text);
 }
 
 /// What an estimator smooths is no torque that stays: attitude and gyroscope do not agree on it.

@@ -428,7 +428,7 @@ fn shortened(v: &Diagnosis) -> Result<serde_json::Value, serde_json::Error> {
 
 /// How right a verdict is, where tolerances and clocks beyond their bounds are there as well.
 fn score(o: &Outcome) -> Score {
-    let (hidden, also) = (&o.case.hidden, &o.truth.also);
+    let (hidden, also) = (&o.case.hidden, &there(&o.truth));
     let listed = !hidden.iter().any(|h| UNLISTED.contains(h));
     let is = |id: &str, list: &[&str]| list.iter().any(|h| same(id, h));
     // Names that say what is so without being asked for are neither right nor wrong.
@@ -492,6 +492,15 @@ fn score(o: &Outcome) -> Score {
     }
 }
 
+/// Effects that are there without being planted. Sensors that are all late against the commands are commands that are late.
+fn there(truth: &Truth) -> Vec<&'static str> {
+    let mut out = truth.also.clone();
+    if ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"].iter().all(|c| out.contains(c)) {
+        out.push("command_delay");
+    }
+    out
+}
+
 /// Whether all parameters of a finding are true: together within three standard deviations of their true values, or within a
 /// quarter of the way from the file to those.
 fn is_true(f: &Finding, truth: &Truth) -> bool {
@@ -510,11 +519,13 @@ fn is_true(f: &Finding, truth: &Truth) -> bool {
 /// The vehicle as `add` writes it, against the filed one, on a flight that it has not seen. Nothing where it writes nothing, or
 /// something of the one flight.
 fn held_out(o: &Outcome, craft: &Craft) -> Result<Option<HeldOut>, Failure> {
-    // Clocks of an on-board computer are those of the flight, as its weather is.
-    let of_the_flight = |kind: &str| {
-        OF_THE_DAY.contains(&kind)
-            || (o.case.noise == NoiseLevel::Filtered && kind.starts_with("clock_offset"))
+    // Clocks of an on-board computer are those of the flight, as its weather is; that of all sensors together is a delay of the commands.
+    let clock = |kind: &str| {
+        kind.starts_with("clock_offset")
+            || (kind == "command_delay" && !o.case.hidden.contains(&"command_delay"))
     };
+    let of_the_flight =
+        |kind: &str| OF_THE_DAY.contains(&kind) || (o.case.noise == NoiseLevel::Filtered && clock(kind));
     if o.verdict.findings.is_empty() {
         return Ok(None);
     }

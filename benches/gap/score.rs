@@ -202,6 +202,7 @@ pub fn true_value(truth: &Truth, id: &str, name: &str) -> Option<f64> {
             name.trim_start_matches("pose_").trim_start_matches("imu_").to_string()
         }
         _ if id.starts_with("clock_offset") => "late_s".to_string(),
+        ("wrong_inertia.products", _) => name.to_string(),
         _ if id.starts_with("weak_rotor") || id.starts_with("wrong_inertia") => "factor".to_string(),
         _ => name.to_string(),
     };

@@ -337,11 +337,16 @@ fn completed(work: &Work, filed: &Filed, mut diagnosed: Diagnosed, proposed: &[F
         verdict.warnings.push(format!("the ladder is without {id}: {error}"));
     }
     let own = if given { Own::default() } else { Own::of(verdict, flights) };
-    let writable = writable.into_iter().filter(|i| !own.indices.contains(i)).collect();
+    let one_log = !given && flights.whole.len() == 1 && flights.held_out.is_empty();
+    let clock = |i: &usize| one_log && findings::is_clock_in_doubt(&verdict.findings[*i]);
+    let writable = writable.into_iter().filter(|i| !own.indices.contains(i));
+    let (clocks, writable): (Vec<usize>, Vec<usize>) = writable.partition(clock);
     let mut kept = partners::judged(&writer, judge, &mut verdict.findings, writable, &mut verdict.adjusted)?;
     if verdict.remainder.plainly_unexplained() {
         kept = parts::judged(&writer, judge, &mut verdict.findings, kept, &mut verdict.adjusted)?;
     }
+
+    findings::leave_clocks(&writer, judge, &mut verdict.findings, &kept, &clocks)?;
 
     let mut rungs = vec![("as filed".to_string(), filed.vehicle.clone())];
     let mut completion = writer.begin();

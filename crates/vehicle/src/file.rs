@@ -18,6 +18,9 @@ const UNIT_TOLERANCE: f64 = 1e-6;
 /// Relative difference of mirrored inertia entries that still counts as symmetric.
 const SYMMETRY_TOLERANCE: f64 = 1e-9;
 
+/// Least principal moment of inertia over the largest entry of the matrix.
+const LEAST_MOMENT: f64 = 1e-12;
+
 /// Everything that a vehicle file says, checked and in SI.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Contents {
@@ -67,6 +70,19 @@ fn text_error(file: &str, text: &str, error: &toml::de::Error) -> VehicleError {
         excerpt: text.lines().nth(line).unwrap_or("").trim().to_string(),
         remedy: remedy.into(),
     }
+}
+
+/// Largest size of an entry.
+fn largest(m: [[f64; 3]; 3]) -> f64 {
+    m.iter().flatten().fold(0.0, |a, b| a.max(b.abs()))
+}
+
+/// Principal moments of an inertia in kg·m², least first.
+fn principal_moments(m: [[f64; 3]; 3]) -> Vec<f64> {
+    let matrix = Matrix3::from_fn(|i, j| m[i][j]);
+    let mut moments: Vec<f64> = matrix.symmetric_eigenvalues().iter().copied().collect();
+    moments.sort_by(f64::total_cmp);
+    moments
 }
 
 fn compare_lengths(
@@ -203,6 +219,7 @@ pub(super) fn contents(file: &str, v: &VehicleFile) -> Result<Contents, VehicleE
     check.throttle(v)?;
     let effects = check.effects(&v.effect)?;
     let base = Drone { body, airframe, dynamics: Dynamics::Rotors, controller, effects: Vec::new() };
+    check.built_inertia(&base, &effects)?;
     check.hover(&base, &mut warnings);
     Ok(Contents { base, responses, effects, full_rank, warnings })
 }
@@ -412,6 +429,34 @@ impl Check<'_> {
         }
     }
 
+    /// Effects change the inertia of the body; within its own range each number can still give a matrix that no body has, since
+    /// the file's products of inertia come on top.
+    fn built_inertia(&self, base: &Drone<f64>, effects: &[ListedEffect]) -> Result<(), VehicleError> {
+        for model in DYNAMICS {
+            let mut drone = base.clone();
+            for (i, listed) in effects.iter().enumerate() {
+                if listed.models.as_ref().is_some_and(|m| m.iter().all(|name| name != model)) {
+                    continue;
+                }
+                drone.effects.push(listed.effect);
+                let m = drone.parts().body.inertia_kg_m2;
+                let moments = principal_moments(m);
+                if moments[0] <= largest(m) * LEAST_MOMENT {
+                    return Err(self.wrong(
+                        format!("effect.{i}"),
+                        "an inertia that stays positive definite",
+                        format!(
+                            "principal moments {moments:?} kg·m² with {} for {model}",
+                            listed.effect.label()
+                        ),
+                        "make the effect's change of the inertia smaller, or correct `body.inertia_kg_m2`",
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
     fn body(
         &self,
         v: &VehicleFile,
@@ -420,7 +465,7 @@ impl Check<'_> {
         let body = &v.body;
         self.positive("body.mass_kg", body.mass_kg, "a mass above 0 kg")?;
         let m = body.inertia_kg_m2;
-        let size = m.iter().flatten().fold(0.0_f64, |a, b| a.max(b.abs()));
+        let size = largest(m);
         for (i, j) in [(0, 1), (0, 2), (1, 2)] {
             if (m[i][j] - m[j][i]).abs() > SYMMETRY_TOLERANCE * size {
                 return Err(self.wrong(
@@ -431,10 +476,8 @@ impl Check<'_> {
                 ));
             }
         }
-        let matrix = Matrix3::from_fn(|i, j| m[i][j]);
-        let mut moments: Vec<f64> = matrix.symmetric_eigenvalues().iter().copied().collect();
-        moments.sort_by(f64::total_cmp);
-        if moments[0] <= size * 1e-12 {
+        let moments = principal_moments(m);
+        if moments[0] <= size * LEAST_MOMENT {
             return Err(self.wrong(
                 "body.inertia_kg_m2",
                 "a positive definite matrix",

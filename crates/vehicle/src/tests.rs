@@ -411,10 +411,28 @@ const REFUSED: &[(&str, &str, &[&str])] = &[
     ("    [0.0, 0.0, 0.013900090000325344],\n", "", &["`effect.0.drag_n_s_per_m`", "9 numbers (3 × 3)", "6 numbers (2 × 3)", "as many numbers"]),
     ("[0.0, 0.0, 0.013900090000325344]", "[0.0, 0.0, \"x\"]", &["`effect.0.drag_n_s_per_m.2.2`", "a string", "without quotes"]),
     ("[[effect]]", "[[effect]]\nkind = \"command_delay\"\ndelay_s = 0.7\n[[effect]]", &["`effect.0.delay_s`", "from 0 to 0.5", "0.7", "range"]),
+    ("[[effect]]", "[[effect]]\nkind = \"wrong_inertia\"\nproduct = [0.5, 0, 0]\n[[effect]]", &["`effect.0.product.0`", "from -0.49 to 0.49", "found 0.5"]),
     ("[[effect]]", "[[effect]]\nkind = \"linear_drag\"\n[[effect]]", &["`effect.1.kind`", "once for first_principles", "merge"]),
     ("shell = \"cf2x\"", "shell = \"\"", &["`shell`", "name of a shell", "write"]),
     ("[body]", "[bodi]", &["unknown field `bodi`", "`body`", "correct or remove"]),
 ];
+
+#[test]
+fn an_effect_that_leaves_no_inertia_is_refused() {
+    let askew = "[[effect]]\nkind = \"wrong_inertia\"\nproduct = [0.45, 0, 0]\n[[effect]]";
+    let with = BASE.replacen("[[effect]]", askew, 1);
+    Vehicle::from_toml("askew", &with).unwrap();
+    // Two thirds of the geometric mean in the file and 0.45 more: no body.
+    let filed = with.replacen("[16.8e-6, 0.0, 0.0]", "[16.8e-6, 11e-6, 0.0]", 1).replacen(
+        "[0.0, 16.8e-6, 0.0]",
+        "[11e-6, 16.8e-6, 0.0]",
+        1,
+    );
+    let message = Vehicle::from_toml("askew", &filed).unwrap_err().to_string();
+    for part in ["`effect.0`", "positive definite", "wrong_inertia", "smaller"] {
+        assert!(message.contains(part), "{part}: {message}");
+    }
+}
 
 #[test]
 fn wrong_files_are_refused_with_key_and_remedy() {

@@ -33,6 +33,7 @@ pub const HIDDEN: &[&str] = &[
     "wrong_inertia.x",
     "wrong_inertia.y",
     "wrong_inertia.z",
+    "wrong_inertia.products",
     "rotor_inertia",
     "thrust_scale",
     "thrust_curve",
@@ -179,6 +180,8 @@ pub struct Deviations {
     pub mass_factor: f64,
     /// True inertia over the filed one, x, y, z.
     pub inertia_factor: V,
+    /// Entries xy, xz, yz of the inertia beyond the filed ones, over the geometric mean of the two moments.
+    pub inertia_products: V,
     /// True rotor inertia over the filed one.
     pub rotor_inertia_factor: f64,
     /// From the filed to the true centre of mass, m, body.
@@ -285,6 +288,7 @@ impl Deviations {
         Self {
             mass_factor: 1.0,
             inertia_factor: [1.0; 3],
+            inertia_products: [0.0; 3],
             rotor_inertia_factor: 1.0,
             com_offset_m: [0.0; 3],
             payload_kg: 0.0,
@@ -366,6 +370,7 @@ impl Deviations {
         Self {
             mass_factor: 1.0 + one("mass", 0.005),
             inertia_factor: factors(three("inertia", 0.03)),
+            inertia_products: three("inertia products", 0.01),
             rotor_inertia_factor: 1.0 + one("rotor inertia", 0.05),
             com_offset_m: [0.2e-3 * small * com[0], 0.2e-3 * small * com[1], 0.8e-3 * small * com[2]],
             thrust_factor: 1.0 + one("thrust", 0.012),
@@ -460,6 +465,10 @@ impl Deviations {
             }
             "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
                 self.inertia_factor[axis_of(id)] *= towards(size, 1.0 + d.sign() * d.s.uniform(0.15, 0.3));
+            }
+            "wrong_inertia.products" => {
+                let which = d.s.below(3) as usize;
+                self.inertia_products[which] += size * d.sign() * d.s.uniform(0.07, 0.15);
             }
             _ => return false,
         }
@@ -632,6 +641,7 @@ impl Deviations {
             "wrong_inertia.x" | "wrong_inertia.y" | "wrong_inertia.z" => {
                 named([("factor", self.inertia_factor[axis_of(id)])])
             }
+            "wrong_inertia.products" => list("product", &self.inertia_products),
             _ => Values::new(),
         }
     }
@@ -733,6 +743,8 @@ impl Deviations {
                 [norm(self.com_offset_m) / (3e-3 * scale.arm), far]
             }
             "constant_wind" => all(self.wind_m_s, 0.8, 0.02),
+            // As a factor on the filed drag it is never planted, only off.
+            "linear_drag" => [0.0, each(&self.linear_drag_factor.map(|f| f - 1.0), 1.0, 0.1)[1]],
             "mount" => {
                 let most = norm(self.mount_rad).max(norm(self.imu_mount_rad)) / DEG;
                 let each_axis = [self.mount_rad, self.imu_mount_rad].concat();
@@ -746,6 +758,7 @@ impl Deviations {
             "gyro_bias" => all(self.gyro_bias_rad_s, 0.03, 0.002),
             "gyro_scale" => each(&self.gyro_scale, 0.03, 0.002),
             "accel_bias" => all(self.accel_bias_m_s2, 0.3, 0.03),
+            "wrong_inertia.products" => each(&self.inertia_products, 0.07, 0.01),
             _ if id.starts_with("wrong_inertia") => {
                 each(&[self.inertia_factor[axis_of(id)] - 1.0], 0.15, 0.03)
             }

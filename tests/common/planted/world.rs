@@ -266,6 +266,11 @@ impl World {
                 inertia[i][j] *= (dev.inertia_factor[i] * dev.inertia_factor[j]).sqrt();
             }
         }
+        for (i, j, product) in [(0, 1, 0), (0, 2, 1), (1, 2, 2)] {
+            let more = dev.inertia_products[product] * (inertia[i][i] * inertia[j][j]).sqrt();
+            inertia[i][j] += more;
+            inertia[j][i] += more;
+        }
         let mut com = dev.com_offset_m;
         if dev.payload_kg > 0.0 {
             // The payload's place counts from the centre of mass of the vehicle without it.
