@@ -2,7 +2,7 @@
 
 use super::fit::{N, NODE, Prepared, Wide};
 use super::model::{Enters, Model};
-use super::replay::{STEP, Tick, drive_by_pose};
+use super::replay::{STEP, Tick, commanded_by_pose, drive_by_pose};
 use super::track::Drive;
 use propwash_trace::Real;
 use propwash_trace::dual::Dual;
@@ -75,8 +75,8 @@ pub(super) fn drive_inputs(log: &Prepared, model: &Model, values: &[f64], chosen
             Some(slot) => DriveDual::input(v, slot),
             None => DriveDual::lit(v),
         });
-        let all = drive_by_pose(log.track, &log.around, &log.raw, &drone);
-        let slope = |slot: usize| around_nodes(all.len(), |i| all[i].map(|d| d.partials[slot]));
+        let all = commanded_by_pose(log.track, &log.around, &log.raw, &drone);
+        let slope = |slot: usize| around_nodes(all.n_ticks(), |i| all.tick(i, |d| d.partials[slot]));
         group.iter().enumerate().map(|(slot, k)| (*k, slope(slot))).collect()
     };
     // A log is one serial chain of motor states, so the passes run in parallel instead.

@@ -7,6 +7,7 @@ mod readings;
 use super::GapError;
 use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track, throttle};
+pub(crate) use commanded::Driven;
 use commanded::commanded;
 pub(crate) use context::{Context, Contexts};
 use propwash_flight::{Channel, resample};
@@ -367,6 +368,16 @@ pub(crate) fn drive_by_pose<S: Plain>(
     driven(track, around, raw, drone, late)
 }
 
+/// What [`drive_by_pose`] gives by commands, without a whole [`Tick`] for each instant.
+pub(crate) fn commanded_by_pose<S: Plain>(
+    track: &Track,
+    around: &Around,
+    raw: &Raw,
+    drone: &Drone<S>,
+) -> Driven<S> {
+    commanded(around, raw, drone, (track.drive, drone.clock().pose_s))
+}
+
 /// The model's inputs along a log: delays, motors and other effects on commands, for the whole log at once.
 pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>) -> Vec<Tick<S>> {
     driven(track, around, raw, drone, S::zero())
@@ -374,24 +385,24 @@ pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: 
 
 fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>, late: S) -> Vec<Tick<S>> {
     let n = around.n_ticks;
-    let mut out = vec![Tick::zero(); n];
+    let measured = |k: usize| {
+        let mut tick = Tick::zero();
+        match track.drive {
+            Drive::RotorSpeeds => {
+                tick.rotor_vel = raw.rotors[k].map(S::lit);
+                tick.rotor_acc = raw.rotor_acc[k].map(S::lit);
+            }
+            _ => tick.thrust = S::lit(raw.thrust[k]),
+        }
+        tick
+    };
     match track.drive {
-        Drive::RotorSpeeds => {
-            for k in 0..n {
-                out[k].rotor_vel = raw.rotors[k].map(S::lit);
-                out[k].rotor_acc = raw.rotor_acc[k].map(S::lit);
-            }
-        }
-        Drive::Thrust => {
-            for k in 0..n {
-                out[k].thrust = S::lit(raw.thrust[k]);
-            }
-        }
+        Drive::RotorSpeeds | Drive::Thrust => (0..n).map(measured).collect(),
         Drive::RotorCommands | Drive::AttitudeCommands => {
-            commanded(around, raw, drone, (track.drive, late), &mut out)
+            let driven = commanded(around, raw, drone, (track.drive, late));
+            (0..n).map(|k| driven.tick(k, |x| x)).collect()
         }
     }
-    out
 }
 
 /// A model with its inputs and context along a log.

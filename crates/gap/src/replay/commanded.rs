@@ -10,7 +10,43 @@ use propwash_physics::rotor;
 use propwash_physics::surroundings::Surroundings;
 use propwash_trace::Real;
 
-/// Ticks of a vehicle under commands: motors and thrust are integrated from one command arrival to the next, so that sample
+/// Rotor speeds, or thrust and commands, of a vehicle under the commands of a log, tick by tick. With derivatives a [`Tick`] is a kilobyte,
+/// and most of it zero: only what the dynamics have is kept.
+pub(crate) struct Driven<S> {
+    n_ticks: usize,
+    n_rotors: usize,
+    /// Rotor speeds, rad/s, shape (tick, rotor); empty by attitude commands.
+    rotor_vel: Vec<S>,
+    /// Thrust, N, and mean command of every tick; empty by rotor commands.
+    abstracted: Vec<(S, [S; 4])>,
+}
+
+impl<S: Plain> Driven<S> {
+    pub fn n_ticks(&self) -> usize {
+        self.n_ticks
+    }
+
+    /// One tick, with `f` applied to every number. Rotor accelerations come from rotor speeds: a rate that jumps with every command would
+    /// alias, so it is taken from the change over two ticks, which sums to the change of speed over a flight.
+    pub fn tick<T: Plain>(&self, k: usize, f: impl Fn(S) -> T) -> Tick<T> {
+        let mut out = Tick::zero();
+        if let Some((thrust, command)) = self.abstracted.get(k) {
+            (out.thrust, out.command) = (f(*thrust), command.map(f));
+            return out;
+        }
+        let (a, b) = (k.saturating_sub(1), (k + 1).min(self.n_ticks - 1));
+        let per_s = S::lit(1.0 / (TICK_S * (b - a).max(1) as f64));
+        let speeds = |k: usize| &self.rotor_vel[k * self.n_rotors..(k + 1) * self.n_rotors];
+        let (before, now, after) = (speeds(a), speeds(k), speeds(b));
+        for i in 0..self.n_rotors {
+            out.rotor_vel[i] = f(now[i]);
+            out.rotor_acc[i] = f((after[i] - before[i]) * per_s);
+        }
+        out
+    }
+}
+
+/// A vehicle under commands: motors and thrust are integrated from one command arrival to the next, so that sample
 /// times of the log need not coincide with ticks, and a delay moves the arrivals (its derivative is that of the intervals).
 /// A tick holds the mean under a hat function that is zero at the neighbouring ticks: commands that jump every 2 ms,
 /// sampled every 2.5 ms, would alias.
@@ -19,39 +55,32 @@ pub(super) fn commanded<S: Plain>(
     raw: &Raw,
     drone: &Drone<S>,
     (kind, late): (Drive, S),
-    out: &mut [Tick<S>],
-) {
+) -> Driven<S> {
     let mut drive = Commanded::new(around, raw, drone, (kind, late));
-    let n_rotors = drive.parts.airframe.n_rotors;
+    let (n_ticks, n_rotors) = (around.n_ticks, drive.parts.airframe.n_rotors);
+    let by_rotors = kind == Drive::RotorCommands;
+    let mut out = Driven {
+        n_ticks,
+        n_rotors,
+        rotor_vel: Vec::with_capacity(if by_rotors { n_ticks * n_rotors } else { 0 }),
+        abstracted: Vec::with_capacity(if by_rotors { 0 } else { n_ticks }),
+    };
     // Rising half of the hat, from the previous tick.
     let mut rising = Hat::<S>::empty();
-    for k in 0..around.n_ticks {
+    for k in 0..n_ticks {
         drive.surroundings.battery_v = S::lit(drive.battery_v.get(k).copied().unwrap_or(0.0));
         let passed = drive.pass(around.time_s(k), k == 0);
-        let tick = &mut out[k];
-        tick.command = passed.command;
         // The first tick has only the falling half.
         let times = S::lit(if k == 0 { 2.0 } else { 1.0 });
-        tick.thrust = (rising.thrust + passed.falling.thrust) * times;
-        for i in 0..n_rotors {
-            tick.rotor_vel[i] = (rising.rotor_vel[i] + passed.falling.rotor_vel[i]) * times;
+        if by_rotors {
+            let both = rising.rotor_vel.iter().zip(&passed.falling.rotor_vel);
+            out.rotor_vel.extend(both.take(n_rotors).map(|(up, down)| (*up + *down) * times));
+        } else {
+            out.abstracted.push(((rising.thrust + passed.falling.thrust) * times, passed.command));
         }
         rising = passed.rising;
     }
-    rotor_rates(out, n_rotors);
-}
-
-/// Rotor accelerations from rotor speeds. A rate that jumps with every command would alias: it is taken from the change
-/// over two ticks, which sums to the change of speed over a flight.
-fn rotor_rates<S: Plain>(out: &mut [Tick<S>], n_rotors: usize) {
-    let last = out.len() - 1;
-    for k in 0..out.len() {
-        let (a, b) = (k.saturating_sub(1), (k + 1).min(last));
-        let per_s = S::lit(1.0 / (TICK_S * (b - a).max(1) as f64));
-        for i in 0..n_rotors {
-            out[k].rotor_acc[i] = (out[b].rotor_vel[i] - out[a].rotor_vel[i]) * per_s;
-        }
-    }
+    out
 }
 
 /// Integrates a vehicle's motors and thrust under the commands of a log.
