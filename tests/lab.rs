@@ -334,9 +334,14 @@ fn two_hundred_toggles_do_not_grow_memory() {
     };
     // The list of steps is full from here on.
     toggle(&mut s, 220);
-    let before = resident();
-    toggle(&mut s, 200);
-    let after = resident();
-    assert!(after < 1.05 * before, "{before} to {after} bytes");
+    // Other tests of this process take memory meanwhile; what leaks grows in each of these rounds.
+    let growth: Vec<f64> = (0..4)
+        .map(|_| {
+            let before = resident();
+            toggle(&mut s, 200);
+            resident() / before
+        })
+        .collect();
+    assert!(growth.iter().any(|g| *g < 1.02), "{growth:?}");
     assert!(s.state().history.len() <= 200);
 }

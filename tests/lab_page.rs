@@ -378,7 +378,7 @@ fn two_hidden_effects_are_both_found_and_lower_the_error_together() {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
-    hidden(folder.path(), "rotor_drag,payload", "4");
+    hidden(folder.path(), "rotor_drag,payload", "10");
     let lab = Lab::start_in(folder, &["flight.csv", "--vehicle", "quad.toml"]);
     let mut steps = Vec::from(to_the_flight());
     steps.extend([
