@@ -8,7 +8,7 @@
 //! 2. The vehicle with all remaining findings may not be worse than the nominal one, over all channels together and in the
 //!    own channel of any finding. Otherwise the finding without which it is best is dropped.
 //! 3. Where effects were searched for, a finding that lowers neither its own channel nor all errors together to
-//!    [`LITTLE_GAIN`] is dropped. Formulas have a judgement of their own, beside calibration.
+//!    [`LITTLE_GAIN`] is dropped. Formulas have a judgement of their own, beside calibration, unless the second estimator denies them.
 
 use super::Writer;
 use crate::complete::group;
@@ -17,7 +17,7 @@ use crate::headline::pair;
 use crate::judge::{Judge, Part, Seen};
 use crate::policy::{LITTLE_GAIN, WORSE};
 use crate::report::significant;
-use crate::verdict::{Finding, HeldOut};
+use crate::verdict::{Finding, HeldOut, Said};
 use propwash_physics::effects::Group;
 use rayon::prelude::*;
 
@@ -66,7 +66,11 @@ pub(super) fn judged(
         };
         let harmful = worst(judge, &tried, &whole, &filed);
         let little = harmful.is_none() && !writer.given;
-        let formula = |t: &Tried| writer.formulas.contains(&findings[t.index].id);
+        // A formula that the second estimator denies has to show its gain by itself: of a load that nobody tracked one took 0.2 % off.
+        let formula = |t: &Tried| {
+            let f = &findings[t.index];
+            writer.formulas.contains(&f.id) && f.second.said != Said::Differs
+        };
         let out = harmful.or_else(|| little.then(|| least_gain(judge, &tried, &whole, formula)).flatten());
         let Some((at, words)) = out else {
             for t in tried {
