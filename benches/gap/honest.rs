@@ -495,7 +495,9 @@ fn score(o: &Outcome) -> Score {
 /// Effects that are there without being planted. Sensors that are all late against the commands are commands that are late.
 fn there(truth: &Truth) -> Vec<&'static str> {
     let mut out = truth.also.clone();
-    if ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"].iter().all(|c| out.contains(c)) {
+    let late = |id: &str| truth.all.get(id).is_some_and(|p| p.get("late_s").is_some_and(|s| *s > 0.0));
+    let clocks = ["clock_offset.pose", "clock_offset.gyro", "clock_offset.accel"];
+    if clocks.iter().all(|c| out.contains(c) && late(c)) {
         out.push("command_delay");
     }
     out
@@ -519,10 +521,12 @@ fn is_true(f: &Finding, truth: &Truth) -> bool {
 /// The vehicle as `add` writes it, against the filed one, on a flight that it has not seen. Nothing where it writes nothing, or
 /// something of the one flight.
 fn held_out(o: &Outcome, craft: &Craft) -> Result<Option<HeldOut>, Failure> {
-    // Clocks of an on-board computer are those of the flight, as its weather is; that of all sensors together is a delay of the commands.
+    // Clocks of an on-board computer are those of the flight, as its weather is; where all sensors are late, so is their delay.
     let clock = |kind: &str| {
         kind.starts_with("clock_offset")
-            || (kind == "command_delay" && !o.case.hidden.contains(&"command_delay"))
+            || (kind == "command_delay"
+                && !o.case.hidden.contains(&"command_delay")
+                && there(&o.truth).contains(&"command_delay"))
     };
     let of_the_flight =
         |kind: &str| OF_THE_DAY.contains(&kind) || (o.case.noise == NoiseLevel::Filtered && clock(kind));

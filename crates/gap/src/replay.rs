@@ -7,8 +7,7 @@ mod readings;
 use super::GapError;
 use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track, throttle};
-pub(crate) use commanded::Driven;
-use commanded::commanded;
+use commanded::{Driven, commanded};
 pub(crate) use context::{Context, Contexts};
 use propwash_flight::{Channel, resample};
 use propwash_physics::drone::{self, Drone, Dynamics};
@@ -385,19 +384,15 @@ pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: 
 
 fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>, late: S) -> Vec<Tick<S>> {
     let n = around.n_ticks;
-    let measured = |k: usize| {
-        let mut tick = Tick::zero();
-        match track.drive {
-            Drive::RotorSpeeds => {
-                tick.rotor_vel = raw.rotors[k].map(S::lit);
-                tick.rotor_acc = raw.rotor_acc[k].map(S::lit);
-            }
-            _ => tick.thrust = S::lit(raw.thrust[k]),
-        }
-        tick
-    };
     match track.drive {
-        Drive::RotorSpeeds | Drive::Thrust => (0..n).map(measured).collect(),
+        Drive::RotorSpeeds => (0..n)
+            .map(|k| Tick {
+                rotor_vel: raw.rotors[k].map(S::lit),
+                rotor_acc: raw.rotor_acc[k].map(S::lit),
+                ..Tick::zero()
+            })
+            .collect(),
+        Drive::Thrust => (0..n).map(|k| Tick { thrust: S::lit(raw.thrust[k]), ..Tick::zero() }).collect(),
         Drive::RotorCommands | Drive::AttitudeCommands => {
             let driven = commanded(around, raw, drone, (track.drive, late));
             (0..n).map(|k| driven.tick(k, |x| x)).collect()

@@ -15,7 +15,7 @@ use crate::complete::group;
 use crate::error::Result;
 use crate::headline::pair;
 use crate::judge::{Judge, Part, Seen};
-use crate::policy::{LITTLE_GAIN, WORSE};
+use crate::policy::{CLOCKS_OFF_S, LITTLE_GAIN, WORSE};
 use crate::report::significant;
 use crate::verdict::{Finding, HeldOut, Said};
 use propwash_physics::effects::Group;
@@ -89,15 +89,14 @@ pub(super) fn judged(
     }
 }
 
-/// Whether a finding is a delay that is not certain. Where nothing but one log shows it, it may be that log's clocks, which the next flight
-/// does not share.
+/// Whether a finding is a delay that is not certain and no longer than clocks of sensors are off ([`CLOCKS_OFF_S`]). Where nothing but one
+/// log shows it, it may be that log's clocks, which the next flight does not share.
 pub(super) fn is_clock_in_doubt(f: &Finding) -> bool {
-    !f.certain && group(&f.kind, f.area) == Group::Clocks
+    let short = f.parameters.iter().all(|p| (p.value - p.filed).abs() <= CLOCKS_OFF_S);
+    !f.certain && short && group(&f.kind, f.area) == Group::Clocks
 }
 
-/// Says of the delays `clocks` that they are not written, with what they would do beside the findings `kept`. On planted flights with
-/// filtered sensors, whose clocks differ by some ms from flight to flight, delays of 5 ms that lowered the errors on the rest of the log
-/// raised the missing torque on the next flight by up to a half; delays of the vehicle itself (12 to 24 ms) were certain on all.
+/// Says of the delays `clocks` that they are not written, with what they would do beside the findings `kept`.
 ///
 /// # Errors
 /// If the text is not a valid vehicle file.
