@@ -151,7 +151,7 @@ pub struct HeldOut {
     pub written: bool,
     /// Why it is not written, with the numbers; null where it is.
     pub doubt: Option<String>,
-    /// It is not written since it lowers the errors too little; that is no evidence against its existence.
+    /// Why it is not written (it lowers the errors too little, or may be the clocks of the one log) is no evidence against its existence.
     #[serde(default)]
     pub little: bool,
 }
