@@ -2,6 +2,7 @@
 
 use super::channel::Channel;
 use propwash_trace::math::{quat, vec3};
+use rayon::prelude::*;
 
 /// Times from `from_s` to `to_s` (both s, the last included where it falls on the grid), `period_s` apart.
 pub fn grid(from_s: f64, to_s: f64, period_s: f64) -> Vec<f64> {
@@ -158,8 +159,21 @@ pub fn local_parabola<const N: usize>(
     at_s: &[f64],
     half_s: f64,
 ) -> Vec<Option<Local<N>>> {
-    let mut cursors = [Cursor::default(); 2];
-    at_s.iter().map(|at| fit(channel, *at, half_s, &mut cursors)).collect()
+    in_parts(at_s, |part| {
+        let mut cursors = [Cursor::default(); 2];
+        part.iter().map(|at| fit(channel, *at, half_s, &mut cursors)).collect()
+    })
+}
+
+/// Times that one thread takes at once.
+const PART: usize = 1024;
+
+/// What `of` gives at all times, computed in parallel, part by part.
+fn in_parts<T: Send>(at_s: &[f64], of: impl Fn(&[f64]) -> Vec<T> + Send + Sync) -> Vec<T> {
+    if at_s.len() <= PART {
+        return of(at_s);
+    }
+    at_s.par_chunks(PART).flat_map_iter(of).collect()
 }
 
 /// The fit at one time; `cursors` are where its samples begin and end.
@@ -212,9 +226,13 @@ fn fit<const N: usize>(
 /// Body rates (rad/s, body) from attitudes: the rotation between samples is fitted with a parabola within `half_s` of
 /// each time of `at_s` (s), in the tangent space at the middle.
 pub fn body_rates(channel: &Channel<4>, at_s: &[f64], half_s: f64) -> Vec<Option<[f64; 3]>> {
-    let t = &channel.t_s;
-    let mut cursors = [Cursor::default(); 3];
     let unit: Vec<[f64; 4]> = channel.values.iter().map(|q| quat::normalize(*q)).collect();
+    in_parts(at_s, |part| rates_at((&channel.t_s, &unit), part, half_s))
+}
+
+/// The same at some of the times, from times of samples and unit quaternions.
+fn rates_at((t, unit): (&[f64], &[[f64; 4]]), at_s: &[f64], half_s: f64) -> Vec<Option<[f64; 3]>> {
+    let mut cursors = [Cursor::default(); 3];
     let mut near = Channel::<3>::default();
     at_s.iter()
         .map(|at| {

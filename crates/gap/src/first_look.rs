@@ -37,16 +37,18 @@ pub(super) fn within_tolerance(
     let arounds: Vec<_> = logs.iter().map(|l| &*l.around).collect();
     let mut model = Model::new(drone, &tracks.iter().collect::<Vec<_>>(), &arounds)?.held_to(vehicle);
     let long = tracks.iter().map(Track::duration_s).sum::<f64>() > CLEAR_FROM_S;
-    if long && clearly_missing(&logs, &mut model)? {
-        return Ok(Some(false));
+    for most in CLEAR_WINDOWS.into_iter().filter(|_| long) {
+        if clearly_missing(&logs, &mut model, most)? {
+            return Ok(Some(false));
+        }
     }
     let Some(solution) = glance(&logs, &mut model, GLANCE_WINDOWS)? else { return Ok(None) };
     Ok(Some(solution.set.is_empty() && !left(&logs, &model, &solution).unexplained))
 }
 
-/// Whether so much is missing that a third of the windows shows it: an effect, or forces that no effect explains.
-fn clearly_missing(logs: &[Prepared], model: &mut Model) -> Result<bool, GapError> {
-    let Some(few) = glance(logs, model, CLEAR_WINDOWS)? else { return Ok(false) };
+/// Whether so much is missing that a few of the windows show it: an effect, or forces that no effect explains.
+fn clearly_missing(logs: &[Prepared], model: &mut Model, windows: usize) -> Result<bool, GapError> {
+    let Some(few) = glance(logs, model, windows)? else { return Ok(false) };
     if !few.set.is_empty() && few.evidence(model)?.of(&few.set) > CLEAR_NATS {
         return Ok(true);
     }

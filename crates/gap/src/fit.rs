@@ -30,6 +30,7 @@ use propwash_trace::math::quat;
 use rayon::prelude::*;
 use rows::Measurements;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -232,7 +233,7 @@ pub(crate) fn linearise(
     values: &Values,
     chosen: &[usize],
     cut: Cut,
-    starts: &Starts,
+    known: &Starts,
     noise: &[Noise],
 ) -> Linear {
     let steps = ((cut.length_s / STEP_S / NODE as f64).round() as usize).max(2) * NODE;
@@ -242,7 +243,11 @@ pub(crate) fn linearise(
     for (index, p) in logs.iter().enumerate() {
         let values = &values.of(index);
         let plain = model.plain_at(values, chosen);
-        let inputs = drive_inputs(p, model, values, chosen);
+        let starts: Vec<usize> = (0..)
+            .map(|w| w * every * steps * STEP)
+            .take_while(|from| from + steps * STEP < p.around.n_ticks)
+            .collect();
+        let inputs = drive_inputs(p, model, values, chosen, &ticks_of(&starts, steps, p.around.n_ticks));
         // An input attitude is the one for which the model's sensors read the measured one.
         let believed = (p.track.drive == Drive::Thrust)
             .then(|| Around { measured: believed(p.track, &p.around, &plain), ..(*p.around).clone() });
@@ -260,13 +265,9 @@ pub(crate) fn linearise(
             delays: delays(p.track, &plain),
             steps,
             index,
-            known: starts,
+            known,
             noise: &noise[index],
         };
-        let starts: Vec<usize> = (0..)
-            .map(|w| w * every * steps * STEP)
-            .take_while(|from| from + steps * STEP < p.around.n_ticks)
-            .collect();
         let kept = starts.len().div_ceil(NOISE_WINDOWS).max(1);
         let [begin, end] = cut.begin_s;
         let asked = |from: usize| (begin..end).contains(&p.around.time_s(from));
@@ -278,6 +279,20 @@ pub(crate) fn linearise(
     windows.sort_by_key(|w| (w.log, w.from));
     let Values { shared: at, apart } = values.clone();
     Linear { windows, at, apart, horizon_s: steps as f64 * STEP_S, noise: noise.to_vec() }
+}
+
+/// Ticks of windows of so many steps that begin at `starts`, with those around their first and last node, over which derivatives are averaged.
+fn ticks_of(starts: &[usize], steps: usize, n_ticks: usize) -> Vec<Range<usize>> {
+    let beside = STEP * NODE;
+    let mut out: Vec<Range<usize>> = Vec::new();
+    for from in starts {
+        let (from, to) = (from.saturating_sub(beside), (from + steps * STEP + beside + 1).min(n_ticks));
+        match out.last_mut() {
+            Some(last) if from <= last.end => last.end = to,
+            _ => out.push(from..to),
+        }
+    }
+    out
 }
 
 struct Job<'a> {

@@ -164,9 +164,9 @@ pub(crate) const SHORT_WINDOWS: usize = 240;
 pub(crate) const GLANCE_WINDOWS: usize = 120;
 pub(crate) const GLANCE_ROUNDS: usize = 2;
 
-/// Windows in which `compare` looks first, and the evidence in them, in nats, that needs no more windows: ten times what a
-/// set of effects must bring.
-pub(crate) const CLEAR_WINDOWS: usize = 40;
+/// Windows in which `compare` looks first, one number after the other, and the evidence in them, in nats, that needs no more
+/// windows: ten times what a set of effects must bring.
+pub(crate) const CLEAR_WINDOWS: [usize; 2] = [12, 40];
 pub(crate) const CLEAR_NATS: f64 = 10.0 * super::search::THRESHOLD;
 /// Factor by which what is left must be large ([`LARGE_FORCE_M_S2`], [`LARGE_TORQUE_RAD_S2`]) to need no more windows: its
 /// size is known to a tenth from so few.

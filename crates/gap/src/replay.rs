@@ -7,7 +7,8 @@ mod readings;
 use super::GapError;
 use super::cable::{Cable, Pulled};
 use super::track::{Drive, Measured, SETTLE_S, Track, throttle};
-use commanded::{Driven, commanded};
+pub(crate) use commanded::Driven;
+use commanded::commanded;
 pub(crate) use context::{Context, Contexts};
 use propwash_flight::{Channel, resample};
 use propwash_physics::drone::{self, Drone, Dynamics};
@@ -21,6 +22,7 @@ use propwash_trace::dual::Dual;
 use propwash_trace::math::quat;
 use propwash_vehicle::schema::ThrottleOf;
 use readings::Readings;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Interval between the instants at which inputs are known, s.
@@ -348,7 +350,7 @@ pub(crate) fn clock<S: Real>(track: &Track, drone: &Drone<S>) -> Clock<S> {
     }
 }
 
-/// Delays of pose, gyroscope and accelerometer on the time axis of [`drive_by_pose`].
+/// Delays of pose, gyroscope and accelerometer on the time axis of [`commanded_by_pose`].
 pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
     let clock = clock(track, drone);
     let all = [clock.pose_s, clock.gyro_s, clock.accel_s].map(S::plain);
@@ -356,33 +358,20 @@ pub(crate) fn delays<S: Plain>(track: &Track, drone: &Drone<S>) -> [f64; 3] {
     all.map(|delay| delay - zero)
 }
 
-/// As [`drive`], on the time axis of the pose stamps where [`by_pose`] says so.
-pub(crate) fn drive_by_pose<S: Plain>(
-    track: &Track,
-    around: &Around,
-    raw: &Raw,
-    drone: &Drone<S>,
-) -> Vec<Tick<S>> {
-    let late = if by_pose(track.drive) { drone.clock().pose_s } else { S::zero() };
-    driven(track, around, raw, drone, late)
-}
-
-/// What [`drive_by_pose`] gives by commands, without a whole [`Tick`] for each instant.
+/// As [`drive`] by commands, on the time axis of the pose stamps where [`by_pose`] says so, at the ticks of `asked` alone, and without a whole
+/// [`Tick`] for each instant.
 pub(crate) fn commanded_by_pose<S: Plain>(
     track: &Track,
     around: &Around,
     raw: &Raw,
     drone: &Drone<S>,
+    asked: &[Range<usize>],
 ) -> Driven<S> {
-    commanded(around, raw, drone, (track.drive, drone.clock().pose_s))
+    commanded(around, raw, drone, (track.drive, drone.clock().pose_s), asked)
 }
 
 /// The model's inputs along a log: delays, motors and other effects on commands, for the whole log at once.
 pub(crate) fn drive<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>) -> Vec<Tick<S>> {
-    driven(track, around, raw, drone, S::zero())
-}
-
-fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>, late: S) -> Vec<Tick<S>> {
     let n = around.n_ticks;
     match track.drive {
         Drive::RotorSpeeds => (0..n)
@@ -394,7 +383,8 @@ fn driven<S: Plain>(track: &Track, around: &Around, raw: &Raw, drone: &Drone<S>,
             .collect(),
         Drive::Thrust => (0..n).map(|k| Tick { thrust: S::lit(raw.thrust[k]), ..Tick::zero() }).collect(),
         Drive::RotorCommands | Drive::AttitudeCommands => {
-            let driven = commanded(around, raw, drone, (track.drive, late));
+            let driven =
+                commanded(around, raw, drone, (track.drive, S::zero()), std::slice::from_ref(&(0..n)));
             (0..n).map(|k| driven.tick(k, |x| x)).collect()
         }
     }

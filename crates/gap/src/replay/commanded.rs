@@ -1,6 +1,7 @@
 //! Response of motors and thrust to the commands of a log.
 
 use super::{Around, Plain, Raw, TICK_S, Tick};
+use crate::policy::SETTLING_S;
 use crate::track::Drive;
 use propwash_physics::attitude_response;
 use propwash_physics::drone::Drone;
@@ -9,6 +10,11 @@ use propwash_physics::rigid_body::{MAX_ROTORS, State};
 use propwash_physics::rotor;
 use propwash_physics::surroundings::Surroundings;
 use propwash_trace::Real;
+use std::ops::Range;
+
+/// Ticks by which motors are followed before what is asked for: [`SETTLING_S`], after which their unknown speeds at the beginning matter
+/// no more.
+const RUN_IN: usize = (SETTLING_S / TICK_S) as usize;
 
 /// Rotor speeds, or thrust and commands, of a vehicle under the commands of a log, tick by tick. With derivatives a [`Tick`] is a kilobyte,
 /// and most of it zero: only what the dynamics have is kept.
@@ -50,35 +56,63 @@ impl<S: Plain> Driven<S> {
 /// times of the log need not coincide with ticks, and a delay moves the arrivals (its derivative is that of the intervals).
 /// A tick holds the mean under a hat function that is zero at the neighbouring ticks: commands that jump every 2 ms,
 /// sampled every 2.5 ms, would alias.
+///
+/// Only the ticks in `asked` (ranges in rising order) are known afterwards, and motors are only followed from [`RUN_IN`] before each on, unless
+/// something on the way from command to rotor remembers for longer.
 pub(super) fn commanded<S: Plain>(
     around: &Around,
     raw: &Raw,
     drone: &Drone<S>,
     (kind, late): (Drive, S),
+    asked: &[Range<usize>],
 ) -> Driven<S> {
-    let mut drive = Commanded::new(around, raw, drone, (kind, late));
-    let (n_ticks, n_rotors) = (around.n_ticks, drive.parts.airframe.n_rotors);
+    let (n_ticks, n_rotors) = (around.n_ticks, drone.airframe.n_rotors);
     let by_rotors = kind == Drive::RotorCommands;
     let mut out = Driven {
         n_ticks,
         n_rotors,
-        rotor_vel: Vec::with_capacity(if by_rotors { n_ticks * n_rotors } else { 0 }),
-        abstracted: Vec::with_capacity(if by_rotors { 0 } else { n_ticks }),
+        rotor_vel: vec![S::zero(); if by_rotors { n_ticks * n_rotors } else { 0 }],
+        abstracted: vec![(S::zero(), [S::zero(); 4]); if by_rotors { 0 } else { n_ticks }],
     };
-    // Rising half of the hat, from the previous tick.
-    let mut rising = Hat::<S>::empty();
-    for k in 0..n_ticks {
-        drive.surroundings.battery_v = S::lit(drive.battery_v.get(k).copied().unwrap_or(0.0));
-        let passed = drive.pass(around.time_s(k), k == 0);
-        // The first tick has only the falling half.
-        let times = S::lit(if k == 0 { 2.0 } else { 1.0 });
-        if by_rotors {
-            let both = rising.rotor_vel.iter().zip(&passed.falling.rotor_vel);
-            out.rotor_vel.extend(both.take(n_rotors).map(|(up, down)| (*up + *down) * times));
-        } else {
-            out.abstracted.push(((rising.thrust + passed.falling.thrust) * times, passed.command));
+    let at = |first: usize| Commanded::new(around, raw, drone, (kind, late), first);
+    let mut drive = at(0);
+    let all = 0..n_ticks;
+    let remembers = !drive.memory.is_empty();
+    for stretch in if remembers { vec![all] } else { with_run_in(asked, n_ticks) } {
+        if stretch.start > 0 {
+            drive = at(stretch.start);
         }
-        rising = passed.rising;
+        // Rising half of the hat, from the previous tick.
+        let mut rising = Hat::<S>::empty();
+        for k in stretch.clone() {
+            drive.surroundings.battery_v = S::lit(drive.battery_v.get(k).copied().unwrap_or(0.0));
+            let first = k == stretch.start;
+            let passed = drive.pass(around.time_s(k), first);
+            // The first tick has only the falling half.
+            let times = S::lit(if first { 2.0 } else { 1.0 });
+            if by_rotors {
+                let both = rising.rotor_vel.iter().zip(&passed.falling.rotor_vel);
+                let speeds = &mut out.rotor_vel[k * n_rotors..(k + 1) * n_rotors];
+                speeds.iter_mut().zip(both).for_each(|(speed, (up, down))| *speed = (*up + *down) * times);
+            } else {
+                out.abstracted[k] = ((rising.thrust + passed.falling.thrust) * times, passed.command);
+            }
+            rising = passed.rising;
+        }
+    }
+    out
+}
+
+/// Ranges that begin [`RUN_IN`] earlier and end one tick later (a tick's acceleration is that of its neighbours), as far as there are ticks; those that
+/// meet are one.
+fn with_run_in(asked: &[Range<usize>], n_ticks: usize) -> Vec<Range<usize>> {
+    let mut out: Vec<Range<usize>> = Vec::new();
+    for range in asked.iter().filter(|r| !r.is_empty()) {
+        let (from, to) = (range.start.saturating_sub(RUN_IN), (range.end + 1).min(n_ticks));
+        match out.last_mut() {
+            Some(last) if from <= last.end => last.end = last.end.max(to),
+            _ => out.push(from..to),
+        }
     }
     out
 }
@@ -125,7 +159,14 @@ struct Stretch<S> {
 }
 
 impl<'a, S: Plain> Commanded<'a, S> {
-    fn new(around: &Around, raw: &'a Raw, drone: &Drone<S>, (kind, mut late): (Drive, S)) -> Self {
+    /// At tick `first`.
+    fn new(
+        around: &Around,
+        raw: &'a Raw,
+        drone: &Drone<S>,
+        (kind, mut late): (Drive, S),
+        first: usize,
+    ) -> Self {
         let mut drone = drone.clone();
         drone.effects.retain(|e| match e.delay_s() {
             Some(delay_s) => {
@@ -139,7 +180,7 @@ impl<'a, S: Plain> Commanded<'a, S> {
         // Taken out of throttles once, a battery would slow the motors again.
         drone.effects.retain(|e| !(raw.battery_in_commands && e.nature().is_battery));
         let parts = drone.parts();
-        let sent_before = around.from_s - late.plain();
+        let sent_before = around.time_s(first) - late.plain();
         let now = raw.sent.partition_point(|(t, _)| *t <= sent_before).saturating_sub(1);
         let memory = vec![S::zero(); drone.memory_len(TICK_S)];
         let mut out = Self {

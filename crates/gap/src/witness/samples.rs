@@ -54,8 +54,10 @@ impl Samples {
     pub fn new(log: &Prepared, model: &Model, values: &[f64], chosen: &[usize], by: &[usize]) -> Self {
         let drone = model.plain_at(values, chosen);
         let replay = Replay::new(log.track, &log.around, &log.raw, &drone);
-        let (residual, inputs) =
-            rayon::join(|| residuals(&replay), || drive_inputs(log, model, values, chosen));
+        let (residual, inputs) = rayon::join(
+            || residuals(&replay),
+            || drive_inputs(log, model, values, chosen, std::slice::from_ref(&(0..log.around.n_ticks))),
+        );
         let slopes = slopes(log, &replay, model, &inputs, (values, chosen), by);
         let torques = log.track.drive != Drive::Thrust;
         let channels = if torques { CHANNELS } else { 3 };
