@@ -14,13 +14,16 @@ use common::report::{Report, count, figures, number, numbers, shown};
 use common::{Fallible, ended, machine, median};
 use propwash::env::crossing::{NEARNESS, Sight};
 use propwash::env::{Ending, Env, EnvConfig, train_crossing, train_swapping};
+use propwash::geometry::DistanceField;
 use propwash::learn::goals::{Cross, Gates, Land, Reach, Recover, Swap, Track, cross, swap};
+use propwash::learn::sampling::{self, Cost, Planner};
 use propwash::learn::{Actions, Critic, Flown, Goal, Options, Policy, ppo, train};
 use propwash::physics::controllers::{ControlMode, Rates};
 use propwash::rollout::pilot::{Commander, Pilot, Place};
 use propwash::rollout::pool::alone;
 use propwash::rollout::{Sim, SimOptions};
 use propwash::scalar::lanes::{Cell, F32x16};
+use propwash::scene::{FIELD_MOST_BYTES, Scene, SceneSource};
 use propwash::vehicle::Vehicle;
 use std::sync::{Mutex, PoisonError};
 
@@ -41,8 +44,8 @@ struct Args {
     /// Longest time that Crazyflow may take to get ready, s; it compiles for every shape.
     #[arg(long, default_value_t = 300)]
     patience: u64,
-    /// What to measure: gradients, policies, forests, rooms, swarm.
-    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "policies".into(), "forests".into(), "rooms".into(), "swarm".into()])]
+    /// What to measure: gradients, planning, policies, forests, rooms, swarm.
+    #[arg(long, value_delimiter = ',', default_values_t = ["gradients".to_string(), "planning".into(), "policies".into(), "forests".into(), "rooms".into(), "swarm".into()])]
     parts: Vec<String>,
     /// First seed of the trained policies, and number of seeds.
     #[arg(long, default_value_t = 200)]
@@ -181,6 +184,9 @@ fn run(args: &Args) -> Fallible<()> {
         first(&mut report, args)?;
         gradients(&mut report, args)?;
     }
+    if args.parts.iter().any(|part| part == "planning") {
+        planning(&mut report, args)?;
+    }
     if args.parts.iter().any(|part| part == "policies") {
         policies(&mut report, args)?;
     }
@@ -262,6 +268,70 @@ fn gradients(report: &mut Report, args: &Args) -> Fallible<()> {
     if !versions.is_empty() {
         report.text(&format!("Peer: {versions}; one core."))?;
     }
+    Ok(())
+}
+
+/// Poles along x and y through which sequences are planned, their distance, m, and how often a second plans are made anew.
+const POLES: [usize; 2] = [6, 5];
+const PITCH_M: f64 = 0.8;
+const UPDATES_HZ: f64 = 50.0;
+
+/// The field of poles of `examples/mppi.py`, but not moved off their grid.
+fn poles() -> Fallible<DistanceField> {
+    let [nx, ny] = POLES;
+    let geoms: String = (0..nx * ny)
+        .map(|i| {
+            let (x, y) = (1.0 + (i % nx) as f64 * PITCH_M, ((i / nx) as f64 - 2.0) * PITCH_M);
+            format!("<geom type=\"cylinder\" size=\".05 1\" pos=\"{x} {y} 1\"/>")
+        })
+        .collect();
+    let text =
+        format!("<mujoco><worldbody><geom type=\"plane\" size=\"0 0 .05\"/>{geoms}</worldbody></mujoco>");
+    let scene = Scene::build(&SceneSource::text("poles", &text), &[])?;
+    Ok(scene.distance_field(0.05, Some([[-2.0, -4.0, 0.0], [8.0, 4.0, 2.0]]), FIELD_MOST_BYTES)?)
+}
+
+/// Command sequences that are drawn, flown and judged in the time between two updates of a plan, on one core.
+fn planning(report: &mut Report, args: &Args) -> Fallible<()> {
+    let columns = [
+        numbers("sequences", "sequences of an update"),
+        numbers("updates", "updates a second"),
+        numbers("between", "sequences between two updates"),
+    ];
+    let caption = "Planning by sampling: sequences of 25 commands of 40 ms by so_rpy_rotor_drag among 30 poles, drawn, flown and judged on one core, and how many are done in 20 ms.";
+    report.table("planning", caption, &columns)?;
+    let all = machine::allowed()?;
+    machine::pin(&machine::last_core()?)?;
+    let vehicle = Vehicle::builtin(LEARNER)?;
+    let field = poles()?;
+    let near = |pos: &[F32x16; 3]| field.distance_lanes(pos);
+    let hover = vehicle.drone("so_rpy_rotor_drag")?.hover_command();
+    // That of the example.
+    let cost = "50 * ((x - min(1.2 * t, 6))^2 + y^2 + (z - 1)^2) + vx^2 + vy^2 + vz^2 + 5 * (command1^2 + command2^2) \
+                + 5 * (command4 - hover)^2 + where(distance < 0.15, 1000, 0)";
+    for samples in [4096usize, 65536] {
+        let cost = Cost::new((&[], cost), &["hover".into()], (4, 4))?;
+        let options = sampling::Options {
+            samples,
+            ..sampling::Options::attitude(&vehicle.drone("so_rpy_rotor_drag")?)
+        };
+        let mut planner = Planner::new((&vehicle, "so_rpy_rotor_drag"), cost, options)?;
+        let mut state = planner.at_rest();
+        state.pos = [0.0, 0.0, 1.0];
+        let mut times = Vec::new();
+        for _ in 0..args.rounds {
+            let begin = Instant::now();
+            while begin.elapsed() < Duration::from_millis(300) {
+                let began = Instant::now();
+                alone(|| planner.update(&state, 0.0, &[hover], Some(&near)))?;
+                times.push(began.elapsed().as_secs_f64());
+            }
+        }
+        let seconds = median(&mut times);
+        let rate = samples as f64 / seconds / UPDATES_HZ;
+        report.row(vec![count(samples), number(1.0 / seconds, 1), shown(rate, figures(rate))])?;
+    }
+    machine::pin(&all)?;
     Ok(())
 }
 

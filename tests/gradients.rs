@@ -399,6 +399,69 @@ fn rollouts_are_steps_under_one_command_after_the_other() {
     }
 }
 
+/// The same where every stage ticks in every step, so that what no later step reads is computed once, at the end: all models in all modes, and every effect.
+#[test]
+fn rollouts_compute_once_what_only_their_end_shows() {
+    fn of<N: Number>(what: &str, drones: &[(Drone<f64>, Rates)], mode: ControlMode, substeps: usize) {
+        let options = SimOptions { n_worlds: 19, control: mode, ..SimOptions::default() };
+        let hz = options.sim_hz;
+        let rates = Rates { state_hz: hz, attitude_hz: hz, body_rate_hz: hz, force_torque_hz: hz };
+        let drones: Vec<_> = drones.iter().map(|(drone, _)| (drone.clone(), rates)).collect();
+        let (mut sim, commands) = upset::<N>(&options, &drones, 9);
+        let before = sim.save();
+        let states = sim.rollout(&commands, substeps).unwrap();
+        let after = sim.save();
+        sim.restore(&before).unwrap();
+        let each = drones.len() * sim.data.command_width;
+        let width = states.len() / (19 * TIMES * drones.len());
+        for t in 0..TIMES {
+            for w in 0..19 {
+                let from = (w * TIMES + t) * each;
+                sim.data.command[w * each..(w + 1) * each].copy_from_slice(&commands[from..from + each]);
+            }
+            sim.step(substeps).unwrap();
+            for row in 0..19 * drones.len() {
+                let (w, d) = (row / drones.len(), row % drones.len());
+                let got = &states[((w * TIMES + t) * drones.len() + d) * width..][..width];
+                let (data, n) = (&sim.data, width - 14);
+                let parts = [
+                    (&data.pos, 3),
+                    (&data.quat, 4),
+                    (&data.vel, 3),
+                    (&data.ang_vel, 3),
+                    (&data.rotor_vel, n),
+                ];
+                let wanted = parts.iter().flat_map(|(list, n)| &list[n * row..n * (row + 1)]);
+                let wanted: Vec<N> = wanted.chain([&data.thrust[row]]).copied().collect();
+                assert_eq!(
+                    got, wanted,
+                    "{what} {mode:?}, {substeps} steps under command {t}: world {w}, drone {d}"
+                );
+            }
+        }
+        assert_eq!(sim.save().data(), after.data(), "{what} {mode:?} at the end");
+    }
+    let mut flown = 0;
+    for substeps in [1, 3] {
+        let vehicle = Vehicle::builtin("cf21B_500").unwrap();
+        for dynamics in vehicle.available_dynamics() {
+            for mode in vehicle.modes(dynamics).unwrap() {
+                let drones = [(vehicle.drone(dynamics).unwrap(), vehicle.rates)];
+                of::<f64>(dynamics, &drones, mode, substeps);
+                of::<f32>(dynamics, &drones, mode, substeps);
+                flown += 1;
+            }
+        }
+        for kind in KINDS {
+            let vehicle = effects::vehicle(&effects::entry(kind));
+            let drone = vehicle.drone("first_principles").unwrap();
+            let n = if drone.reads().neighbours { 3 } else { 1 };
+            of::<f32>(kind, &vec![(drone, vehicle.rates); n], ControlMode::Attitude, substeps);
+        }
+    }
+    assert!(flown > 20, "{flown}");
+}
+
 /// Hover, no thrust at all, on its side, upside down, and anywhere between: never a number that is none.
 #[test]
 fn gradients_are_finite_wherever_a_drone_is() {

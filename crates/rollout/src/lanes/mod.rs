@@ -17,7 +17,7 @@ use std::time::{Duration, Instant};
 use fearless_simd::Level;
 
 use arrays::{Arrays, View};
-use pack::Pool;
+use pack::{Pool, Steps};
 use plan::{Kind, Means, Plan, kinds};
 use sequence::{Job, Sequence};
 
@@ -501,7 +501,7 @@ impl<N: Number> Shared<'_, N> {
     /// All steps of a few worlds.
     fn advance(&self, mut view: View<N>, scratch: &mut Scratch<N>) {
         self.load(&view, scratch, false);
-        self.steps(&view, scratch, 0, self.options.n_steps);
+        self.steps(&view, scratch, Steps::whole(0, self.options.n_steps));
         if self.options.phase == Phase::Controllers || scratch.finite(self.level) {
             return self.put_back(&mut view, scratch, self.options.n_steps);
         }
@@ -546,8 +546,9 @@ impl<N: Number> Shared<'_, N> {
         }
     }
 
-    /// Takes `n` steps, the first of them `from` steps after the start of the call.
-    fn steps(&self, view: &View<N>, scratch: &mut Scratch<N>, from: usize, n: usize) {
+    /// Takes steps.
+    fn steps(&self, view: &View<N>, scratch: &mut Scratch<N>, steps: Steps) {
+        let Steps { from, n, begin, end, told } = steps;
         let near = self.kinds.iter().any(|k| k.neighbours > 0);
         let at_once = if near { 1 } else { n };
         let mut done = 0;
@@ -555,10 +556,17 @@ impl<N: Number> Shared<'_, N> {
             if near {
                 scratch.look_around(view.n_worlds * view.n_drones);
             }
+            let now = Steps {
+                from: from + done,
+                n: at_once,
+                begin: begin && done == 0,
+                end: end && done + at_once == n,
+                told: told && done == 0,
+            };
             let Scratch { one, two, four, around, .. } = scratch;
-            one.run(self, view, around, from + done, at_once);
-            two.run(self, view, around, from + done, at_once);
-            four.run(self, view, around, from + done, at_once);
+            one.run(self, view, around, now);
+            two.run(self, view, around, now);
+            four.run(self, view, around, now);
             done += at_once;
         }
     }
@@ -571,7 +579,7 @@ impl<N: Number> Shared<'_, N> {
             scratch.one.keep();
             scratch.two.keep();
             scratch.four.keep();
-            self.steps(view, scratch, s, 1);
+            self.steps(view, scratch, Steps::whole(s, 1));
             // The first drone of every world that has a number that is none.
             for w in 0..view.n_worlds {
                 if scratch.done[w] || view.quarantine[w].is_some() {

@@ -25,6 +25,33 @@ pub(super) struct Span {
     /// Whether the plan has not run yet with these drones, and whether nothing comes after.
     pub(super) first: bool,
     pub(super) last: bool,
+    /// Whether another command was set since it ran.
+    pub(super) told: bool,
+}
+
+/// Steps of a call that are taken in one go.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Steps {
+    /// Steps since the start of the call, and number of steps.
+    pub(super) from: usize,
+    pub(super) n: usize,
+    /// Whether nothing was flown before them since the drones were loaded, and whether nothing is flown after them.
+    pub(super) begin: bool,
+    pub(super) end: bool,
+    /// Whether another command was set since the steps before.
+    pub(super) told: bool,
+}
+
+impl Steps {
+    /// Steps before and after which drones are complete.
+    pub(super) fn whole(from: usize, n: usize) -> Self {
+        Self { from, n, begin: true, end: true, told: false }
+    }
+
+    /// Those under command `t` of so many.
+    pub(super) fn under(t: usize, times: usize, n: usize) -> Self {
+        Self { from: t * n, n, begin: t == 0, end: t + 1 == times, told: true }
+    }
 }
 
 #[derive(Debug)]
@@ -102,11 +129,10 @@ impl<C: Interpret> Pool<C> {
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
         around: &[C::Number],
-        from: usize,
-        n: usize,
+        steps: Steps,
     ) {
         for pack in &mut self.packs[..self.used] {
-            pack.run(shared, view, around, from, n);
+            pack.run(shared, view, around, steps);
         }
     }
 
@@ -325,21 +351,22 @@ impl<C: Interpret> Pack<C> {
         view.steps[self.rows[lane] as usize / view.n_drones] + done as u64
     }
 
-    /// Takes `n` steps, the first of them `from` steps after the start of the call.
+    /// Takes steps. What later steps and the states do not need is only computed at the end.
     pub(super) fn run(
         &mut self,
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
         around: &[C::Number],
-        from: usize,
-        n: usize,
+        Steps { from, n, begin, end, told }: Steps,
     ) {
         let kind = &shared.kinds[self.kind];
         let fresh = |rows: &[u32], p, done, cell: &mut C| {
             fresh(shared, view, kind, (rows, around), p, done, cell);
         };
         if kind.dues.len() == 1 {
-            let span = Span { plan: kind.plan(shared.options.phase, 0), from, n, first: true, last: true };
+            let plan = kind.plan(shared.options.phase, 0);
+            let last = end || kind.plans[plan].ends_state;
+            let span = Span { plan, from, n, first: begin, last, told };
             return self.segment(shared, view, (kind, &kind.plans), fresh, span);
         }
         self.run_kept(shared, view, around, (from, n), None);
@@ -376,7 +403,7 @@ impl<C: Interpret> Pack<C> {
                 }
                 let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
                 let (first, last) = (ran & bit == 0, done + length == n);
-                let span = Span { plan, from: from + done, n: length, first, last };
+                let span = Span { plan, from: from + done, n: length, first, last, told: false };
                 ran |= bit;
                 self.segment(shared, view, (kind, &kind.plans), fresh, span);
             } else {
@@ -419,7 +446,7 @@ impl<C: Interpret> Pack<C> {
                 continue;
             }
             self.file[..self.n_home].copy_from_slice(&before);
-            let span = Span { plan, from, n: 1, first: true, last: true };
+            let span = Span { plan, from, n: 1, first: true, last: true, told: false };
             self.segment(shared, view, (kind, plans), &fresh, span);
             for (to, new) in merged.iter_mut().zip(&self.file) {
                 for lane in (0..C::LANES).filter(|lane| lanes >> lane & 1 == 1) {
@@ -458,9 +485,12 @@ impl<C: Interpret> Pack<C> {
             }
         }
         let (runner, level) = (plan.runner::<C>(shared.level), shared.level);
-        if span.first || !plan.enter.often.is_empty() {
+        if span.first || span.told || !plan.enter.often.is_empty() {
             for pairs in plan.enter.all_or_often(span.first) {
                 copy_cells(level, &mut self.file, pairs);
+            }
+            if span.told && !span.first {
+                copy_cells(level, &mut self.file, &plan.commands);
             }
             runner.call(level, plan, &mut self.file);
         }

@@ -17,7 +17,7 @@ use propwash_physics::drone::Drone;
 use propwash_trace::bytecode::{Interpret, Program};
 use propwash_trace::kernel::{Compiled, Entries, Kernel, key};
 use propwash_trace::lanes::Number;
-use propwash_trace::schedule::{Input, Location, Schedule, Source};
+use propwash_trace::schedule::{Input, Location, Output, Schedule, Source};
 use propwash_trace::trace::Again;
 
 /// Drone slots that fly by one program.
@@ -104,6 +104,8 @@ pub(super) struct Plan<N> {
     pub(super) writes: Vec<u32>,
     /// (place, cell of the file) before the call: what is given. Often: what some plan writes.
     pub(super) enter: Parted<(u32, u32)>,
+    /// Those of them that are commands.
+    pub(super) commands: Vec<(u32, u32)>,
     /// (cell of the file, place) after the last step: results that stand elsewhere, and what stays as it came. Often: what a plan
     /// may read later in the call.
     pub(super) leave: Parted<(u32, u32)>,
@@ -111,6 +113,8 @@ pub(super) struct Plan<N> {
     pub(super) constants: Parted<(N, u32)>,
     /// Whether a plan may read later in the call what is computed after the last step.
     pub(super) needs_epilogue: bool,
+    /// Whether some of a drone's state is only in place after the last step.
+    pub(super) ends_state: bool,
     /// Places of numbers that are others in every step.
     pub(super) fresh: Vec<u32>,
     pub(super) table: Vec<N>,
@@ -229,7 +233,16 @@ impl<N: Number> Plan<N> {
             Location::Scratch(k) => scratch as u32 + k,
         };
         let given = schedule.given.iter().zip(schedule.given_at());
-        let enter = given.filter_map(|(input, at)| Some((input.place()?, cell(at)))).collect();
+        let enter: Vec<(u32, u32)> =
+            given.filter_map(|(input, at)| Some((input.place()?, cell(at)))).collect();
+        let is_command = |(p, _): &&(u32, u32)| (place::COMMAND..place::FORCE).contains(p);
+        let commands = enter.iter().filter(is_command).copied().collect();
+        // What stays as it came is in place already.
+        let moves = |(output, source): &&(Output, Source)| !matches!(source, Source::Input(input) if input.place() == Some(output.place()));
+        let finished =
+            schedule.epilogue.stores.iter().filter_map(|(_, slot)| schedule.state[*slot as usize].output);
+        let mut moved = finished.chain(schedule.finals.iter().filter(moves).map(|(output, _)| *output));
+        let ends_state = moved.any(|output| output.place() < place::MEMORY);
         for (output, source) in &schedule.finals {
             let to = output.place();
             writes.push(to);
@@ -256,10 +269,12 @@ impl<N: Number> Plan<N> {
             scratch,
             reads,
             writes,
+            commands,
             enter: Parted::new(enter),
             leave: Parted::new(leave),
             constants: Parted::new(constants),
             needs_epilogue: true,
+            ends_state,
             fresh,
             table: Vec::new(),
             again: Again::default(),

@@ -7,7 +7,7 @@
 mod piloted;
 
 use super::arrays::View;
-use super::pack::{Kept, Pack, Pool, Span};
+use super::pack::{Kept, Pack, Pool, Span, Steps};
 use super::plan::{Back, Kind};
 use super::{Commands, Looks, Scratch, Shared};
 use crate::pilot::{Commander, Pilot};
@@ -452,7 +452,7 @@ impl<C: Interpret> Pack<C> {
             if alike {
                 let plan = back.plan(kind.due(first + s as u64));
                 let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
-                let span = Span { plan, from: s, n: 1, first: ran & bit == 0, last: s == from };
+                let span = Span { plan, from: s, n: 1, first: ran & bit == 0, last: s == from, told: false };
                 ran |= bit;
                 self.segment(shared, view, (kind, &back.plans), fresh, span);
             } else {
@@ -543,7 +543,7 @@ impl<N: Number> Shared<'_, N> {
         self.load(&view, scratch, true);
         for t in 0..seq.times {
             scratch.command(self, &view, seq, t);
-            self.steps(&view, scratch, t * seq.substeps, seq.substeps);
+            self.steps(&view, scratch, Steps::under(t, seq.times, seq.substeps));
             if !scratch.finite(self.level) {
                 return self.record_one_by_one(view, scratch, (seq, looks));
             }
@@ -562,7 +562,7 @@ impl<N: Number> Shared<'_, N> {
         for t in 0..seq.times {
             self.load(&view, scratch, true);
             scratch.command(self, &view, seq, t);
-            self.steps(&view, scratch, 0, seq.substeps);
+            self.steps(&view, scratch, Steps::whole(0, seq.substeps));
             if scratch.finite(self.level) {
                 self.put_back(&mut view, scratch, seq.substeps);
             } else {
@@ -589,7 +589,7 @@ impl<N: Number> Shared<'_, N> {
         }
         let steps = (seq.step_of(piece), piece.n);
         if !kept {
-            return self.steps(view, scratch, steps.0, steps.1);
+            return self.steps(view, scratch, Steps::whole(steps.0, steps.1));
         }
         if self.kinds.iter().any(|k| k.neighbours > 0) {
             scratch.look_around(view.n_worlds * view.n_drones);

@@ -1,7 +1,7 @@
 //! Flights that a pilot commands, and the same backwards.
 
 use super::super::arrays::View;
-use super::super::pack::{Pack, Pool};
+use super::super::pack::{Pack, Pool, Steps};
 use super::super::{Scratch, Shared};
 use super::{Piece, Sequence};
 use crate::pilot::{Commander, Pilot, Place};
@@ -75,7 +75,7 @@ impl<N: Number> Shared<'_, N> {
             for pack in &mut scratch.one.packs[..scratch.one.used] {
                 pack.ask(&view, (commander, t), (width, seq.width), &mut buffer);
             }
-            self.steps(&view, scratch, t * seq.substeps, seq.substeps);
+            self.steps(&view, scratch, Steps::under(t, seq.times, seq.substeps));
             scratch.one.show_states(&view, (commander, t), width, &mut buffer);
         }
         self.keep_finite(&mut view, scratch, seq, commander);
