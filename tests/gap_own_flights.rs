@@ -90,6 +90,35 @@ fn commands_logged_at_a_fifth_of_their_rate_are_not_replayed() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// A vehicle with drag of its rotors, which the file does not know: that is found, and no step that is said to help raises an error.
+#[test]
+fn no_step_of_a_ladder_is_worse_than_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = propwash::vehicle::Vehicle::builtin_file("cf2x_L250").unwrap();
+    let drag = "\n[[effect]]\nkind = \"rotor_drag\"\ndrag_n_s2_per_rad_m = 1e-6\n";
+    std::fs::write(folder.join("hidden.toml"), format!("{text}{drag}")).unwrap();
+    logged(folder, "--drone hidden.toml --worlds 1 --trajectory lissajous --seconds 30 --log-hz 500", "own");
+    let (_, said) = run(folder, "diagnose own.csv --vehicle cf2x_L250 --json");
+    let verdict: serde_json::Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(verdict["findings"][0]["id"], "rotor_drag", "{}", verdict["verdict"]);
+    let ladder = verdict["ladder"].as_array().unwrap();
+    let errors = |step: &serde_json::Value| -> Vec<f64> {
+        let lack = &step["held_out_lack"];
+        let after = |h: usize| step["held_out"][h]["position_m"].as_f64().unwrap();
+        vec![lack["force_n"].as_f64().unwrap(), lack["torque_n_m"].as_f64().unwrap(), after(2), after(3)]
+    };
+    assert!(ladder.len() > 2, "{}", verdict["ladder"]);
+    for (before, step) in ladder.iter().zip(&ladder[1..]) {
+        if step["label"].as_str().unwrap().ends_with("no help") {
+            continue;
+        }
+        for (was, is) in errors(before).into_iter().zip(errors(step)) {
+            assert!(is < 1.1 * was, "{}: {was} → {is}", step["label"]);
+        }
+    }
+}
+
 #[test]
 fn a_log_keeps_how_it_was_simulated() {
     let folder = tempfile::tempdir().unwrap();

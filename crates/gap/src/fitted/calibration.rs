@@ -5,7 +5,7 @@ use crate::complete::{Completion, calibration, group};
 use crate::error::Result;
 use crate::headline::NO_HELP;
 use crate::judge::{Judge, Seen};
-use crate::policy::{GROUPS_SHOWN, LITTLE_GAIN, WORSE};
+use crate::policy::{GROUPS_SHOWN, LITTLE_GAIN, RISES_IN_STEP, WORSE};
 use crate::verdict::Calibration;
 use propwash_physics::effects::Group;
 use propwash_vehicle::Vehicle;
@@ -55,7 +55,7 @@ pub(super) fn judged(
     let mut left: Vec<Group> = Vec::new();
     for (_, tried) in order {
         match steps.tried(&of(adjusted, tried))? {
-            Some((ratio, next)) if ratio < WORSE => {
+            Some((ratio, next)) if ratio < WORSE && steps.raises_nothing(&next) => {
                 let entries = parameters(&of(adjusted, tried));
                 steps.take(next, (tried.name().to_string(), entries));
                 adjusted.iter_mut().filter(|c| group(&c.kind, c.area) == tried).for_each(|c| c.helps = true);
@@ -72,7 +72,9 @@ pub(super) fn judged(
         }
         let list = |set: &[usize]| set.iter().flat_map(|i| of(adjusted, left[*i])).collect::<Vec<_>>();
         let tried: Vec<_> = sets.par_iter().map(|set| steps.tried(&list(set))).collect::<Result<_>>()?;
-        let better = |t: Option<(f64, Next)>| t.filter(|(ratio, _)| *ratio < LITTLE_GAIN);
+        let better = |t: Option<(f64, Next)>| {
+            t.filter(|(ratio, next)| *ratio < LITTLE_GAIN && steps.raises_nothing(next))
+        };
         let tried = tried.into_iter().zip(&sets).filter_map(|(t, set)| Some((better(t)?, set)));
         let Some(((_, next), set)) = tried.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) else { break };
         let names: Vec<&str> = set.iter().map(|i| left[*i].name()).collect();
@@ -107,6 +109,11 @@ impl Steps<'_> {
         next.calibrate(list)?;
         let vehicle = next.vehicle(self.writer.filed.vehicle)?;
         Ok(self.judge.look(&vehicle).ok().map(|then| (then.over(&self.seen), (next, vehicle, then))))
+    }
+
+    /// Whether no single error is much larger with it: a gain on the whole does not make up for that.
+    fn raises_nothing(&self, (_, _, seen): &Next) -> bool {
+        seen.most_risen(&self.seen).ratio <= RISES_IN_STEP
     }
 
     /// Takes a step of so many parameters.
