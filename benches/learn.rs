@@ -305,16 +305,14 @@ fn planning(report: &mut Report, args: &Args) -> Fallible<()> {
     let vehicle = Vehicle::builtin(LEARNER)?;
     let field = poles()?;
     let near = |pos: &[F32x16; 3]| field.distance_lanes(pos);
-    let hover = vehicle.drone("so_rpy_rotor_drag")?.hover_command();
+    let drone = vehicle.drone("so_rpy_rotor_drag")?;
+    let hover = drone.hover_command();
     // That of the example.
     let cost = "50 * ((x - min(1.2 * t, 6))^2 + y^2 + (z - 1)^2) + vx^2 + vy^2 + vz^2 + 5 * (command1^2 + command2^2) \
                 + 5 * (command4 - hover)^2 + where(distance < 0.15, 1000, 0)";
     for samples in [4096usize, 65536] {
         let cost = Cost::new((&[], cost), &["hover".into()], (4, 4))?;
-        let options = sampling::Options {
-            samples,
-            ..sampling::Options::attitude(&vehicle.drone("so_rpy_rotor_drag")?)
-        };
+        let options = sampling::Options { samples, ..sampling::Options::attitude(&drone) };
         let mut planner = Planner::new((&vehicle, "so_rpy_rotor_drag"), cost, options)?;
         let mut state = planner.at_rest();
         state.pos = [0.0, 0.0, 1.0];

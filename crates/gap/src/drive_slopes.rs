@@ -70,7 +70,7 @@ pub(super) fn drive_inputs(
         p.name == "max_rotor_vel_rad_s" && !chosen.contains(&p.candidate)
     });
     let far = |k: usize| -0.5 * model.parameters[k].slab;
-    let whole = |drone: &Drone<f64>| {
+    let at_asked = |drone: &Drone<f64>| {
         let driven = commanded_by_pose(log.track, &log.around, &log.raw, drone, asked);
         let mut ticks = vec![Tick::zero(); driven.n_ticks()];
         asked.iter().cloned().flatten().for_each(|k| ticks[k] = driven.tick(k, |x| x));
@@ -81,7 +81,7 @@ pub(super) fn drive_inputs(
         there[*k] += far(*k);
         let mut keep = model.effects_of(chosen);
         keep[model.parameters[*k].effect] = true;
-        whole(&model.drone_at(&there, &keep, |_, v| v))
+        at_asked(&model.drone_at(&there, &keep, |_, v| v))
     };
     let by_duals = |group: &[usize]| -> Vec<(usize, Vec<Tick<f64>>)> {
         let mut keep = model.effects_of(chosen);
@@ -97,7 +97,7 @@ pub(super) fn drive_inputs(
     // A log is one serial chain of motor states, so the passes run in parallel instead.
     let (smooth, (ticks, limited)): (Vec<_>, (_, Vec<_>)) = rayon::join(
         || free.par_chunks(N_DRIVE).flat_map_iter(by_duals).collect(),
-        || rayon::join(|| whole(&plain), || limits.par_iter().map(limited).collect()),
+        || rayon::join(|| at_asked(&plain), || limits.par_iter().map(limited).collect()),
     );
     let mut slopes: Vec<(usize, Vec<Tick<f64>>)> = limits
         .iter()
