@@ -113,7 +113,8 @@ pub(super) struct Plan<N> {
     pub(super) constants: Parted<(N, u32)>,
     /// Whether a plan may read later in the call what is computed after the last step.
     pub(super) needs_epilogue: bool,
-    /// Whether some of a drone's state is only in place after the last step.
+    /// Whether some of a drone's state is only in place after the last step. No model has that so far, since every step reads the whole
+    /// state that it changes; a state that is shown and read by nothing would.
     pub(super) ends_state: bool,
     /// Places of numbers that are others in every step.
     pub(super) fresh: Vec<u32>,
