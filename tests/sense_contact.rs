@@ -6,7 +6,7 @@ mod scenes;
 use propwash::math::quat;
 use propwash::random::{Key, Stream, purpose};
 use propwash::scene::{GeomType, HfieldView, Pose, Scene, SceneError, SceneSource, Shell, Worker};
-use propwash::sense::{Collider, Contact, Queries, SenseError, Sweep, SweptHit, TOUCH_M};
+use propwash::sense::{Collider, Contact, PoseGain, Queries, SenseError, Sweep, SweptHit, TOUCH_M};
 use scenes::{build, random_quat};
 
 const LEVEL: [f64; 4] = [0.0, 0.0, 0.0, 1.0];
@@ -513,6 +513,93 @@ fn clearance_of_a_box_agrees_with_points_on_its_faces() {
 }
 
 /// Where the drone penetrates, clearance is the deepest contact; where contacts say nothing, it is positive.
+/// The direction in which a distance grows, and what turning gains, against distances at moved and turned poses.
+#[test]
+fn slopes_of_clearances_are_those_of_moved_drones_for_every_type() {
+    const H: f64 = 1e-5;
+    for kind in GeomType::ALL {
+        let mut s = draws(400 + kind as u64);
+        let mut off = Vec::new();
+        for _ in 0..12 {
+            let (assets, shape) = geom_xml(kind, &mut s);
+            let q = random_quat(&mut s);
+            let xml = format!(
+                "<mujoco>{assets}<worldbody><geom quat='{} {} {} {}' {shape}/></worldbody></mujoco>",
+                q[0], q[1], q[2], q[3]
+            );
+            let body = "<geom type='capsule' size='0.05' fromto='-0.1 0 0.02 0.15 0.05 0'/>";
+            let scene = build(&xml, &[shell(body)]);
+            let mut worker = scene.worker().unwrap();
+            let mut at = |pose: &Pose| {
+                worker.set_drone(0, pose.pos_m, pose.quat_xyzw).unwrap();
+                worker.update().unwrap();
+                Queries::at(&mut worker).clearance(0, 100.0).unwrap()
+            };
+            for _ in 0..20 {
+                let pose = Pose::new([0; 3].map(|_| s.uniform(-1.8, 1.8)), random_quat(&mut s));
+                let near = at(&pose);
+                // The depth of penetrations is searched for by MuJoCo, to a tolerance that differences would see.
+                let Some(away) = near.away().filter(|_| near.distance_m > 1e-2) else { continue };
+                assert!((norm(away) - 1.0).abs() < 1e-12);
+                let mut gain = PoseGain::default();
+                gain.add(away, near.on_drone_m);
+                let turn = gain.by_rotation(pose.pos_m);
+                let mut worst = 0.0f64;
+                for axis in 0..6 {
+                    let moved = |step: f64| {
+                        let mut along = [0.0; 3];
+                        along[axis % 3] = step;
+                        match axis {
+                            0..3 => Pose::new([0, 1, 2].map(|k| pose.pos_m[k] + along[k]), pose.quat_xyzw),
+                            _ => Pose::new(pose.pos_m, quat::mul(quat::exp(along), pose.quat_xyzw)),
+                        }
+                    };
+                    let measured = (at(&moved(H)).distance_m - at(&moved(-H)).distance_m) / (2.0 * H);
+                    let said = if axis < 3 { away[axis] } else { turn[axis - 3] };
+                    worst = worst.max((said - measured).abs());
+                }
+                off.push(worst);
+            }
+        }
+        off.sort_by(f64::total_cmp);
+        let q = |p: f64| off[((off.len() - 1) as f64 * p) as usize];
+        println!(
+            "{kind}: {} poses, off by {:.0e}, 95 % {:.0e}, worst {:.0e}",
+            off.len(),
+            q(0.5),
+            q(0.95),
+            q(1.0)
+        );
+        // Where two points are equally near, on an edge between two faces, the two sides have different slopes.
+        assert!(
+            off.len() > 80 && q(0.5) < 1e-4 && q(0.95) < 1e-2,
+            "{kind}: {} {} {}",
+            off.len(),
+            q(0.5),
+            q(0.95)
+        );
+    }
+}
+
+#[test]
+fn distances_without_a_direction_have_no_slope() {
+    let scene =
+        build("<mujoco><worldbody><geom type='box' size='1 1 1'/></worldbody></mujoco>", &[ball(0.1)]);
+    let mut worker = scene.worker().unwrap();
+    let mut away = |x: f64, most: f64| {
+        worker.set_drone(0, [x, 0.2, 0.1], LEVEL).unwrap();
+        worker.update().unwrap();
+        Queries::at(&mut worker).clearance(0, most).unwrap().away()
+    };
+    // Far, in front of a face, within it, and touching it.
+    assert_eq!(away(9.0, 1.0), None);
+    for x in [1.5, 1.05] {
+        let direction = away(x, 1.0).unwrap();
+        assert!(norm(sub(direction, [1.0, 0.0, 0.0])) < 1e-6, "{x}: {direction:?}");
+    }
+    assert_eq!(away(1.1, 1.0), None);
+}
+
 #[test]
 fn clearance_and_contacts_agree_about_touching() {
     for kind in GeomType::ALL {

@@ -79,7 +79,7 @@ from .policies import Evaluation, EvaluationRow, Policy, evaluate  # noqa: E402
 from .recorder import Recorder  # noqa: E402
 from .references import MinimumSnap  # noqa: E402
 from .scene import Body, Geom, Obstacle, SceneCamera, SceneInfo  # noqa: E402
-from .sense import Camera, Clearance, Contacts, DepthFrame, PixelStatus, Swept  # noqa: E402
+from .sense import Camera, Clearance, Contacts, DepthFrame, DepthGradient, DepthSlopes, PixelStatus, PoseGradient, Swept  # noqa: E402
 from .sim import CommandWarning, Data, Pipeline, Quarantine, QuarantineWarning, SceneWarning, SensorChannel, Sim  # noqa: E402
 from .sitl import Sitl, SitlTouch, SitlTraffic  # noqa: E402
 from .tape import Approach, Gradient, States, Tape  # noqa: E402
@@ -103,6 +103,8 @@ __all__ = [
     "Cost",
     "Data",
     "DepthFrame",
+    "DepthGradient",
+    "DepthSlopes",
     "Diagnosis",
     "DistanceField",
     "Effect",
@@ -141,6 +143,7 @@ __all__ = [
     "Pipeline",
     "PixelStatus",
     "Policy",
+    "PoseGradient",
     "Priced",
     "Quarantine",
     "QuarantineWarning",

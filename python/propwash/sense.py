@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from . import _native
 
@@ -91,6 +91,40 @@ class Camera:
         }
 
 
+@dataclass(frozen=True, eq=False)
+class PoseGradient:
+    """What a loss gains by poses, world frame. ``...`` stands for what has the poses: cameras or drones."""
+
+    pos: NDArray[np.float64]
+    """By position, for each metre. (..., 3)"""
+    rotation: NDArray[np.float64]
+    """By turning about that position, for each radian about the axes of the world. (..., 3)"""
+    quat: NDArray[np.float64]
+    """The same by the numbers x y z w of the attitude, as ``Tape.pull_back`` takes them; nothing is gained by their length. (..., 4)"""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthGradient:
+    """What a loss of depth images gains by poses."""
+
+    camera: PoseGradient
+    """By the pose of each camera. (n_worlds, n_drones, ...) or (n_worlds, ...)"""
+    drones: PoseGradient
+    """By the pose of each drone: through the camera that it carries, and where others see it. (n_worlds, n_drones, ...)"""
+
+
+@dataclass(frozen=True, eq=False)
+class DepthSlopes:
+    """What each depth gains by the pose of its camera."""
+
+    pos: NDArray[np.float64]
+    """By position, m/m, world. (..., height, width, 3)"""
+    rotation: NDArray[np.float64]
+    """By turning about that position, m/rad, axes of the world. (..., height, width, 3)"""
+    known: NDArray[np.bool_]
+    """Whether there are slopes; both are 0 where not. (..., height, width)"""
+
+
 class _Seen:
     """What tells of ids of a scene."""
 
@@ -138,11 +172,65 @@ class DepthFrame(_Seen):
     """All scenes of the simulation."""
     layout: NDArray[np.int64]
     """Which of them each world flies in, of those that were rendered. (n_worlds,)"""
+    carrier: NDArray[np.int64]
+    """The drone that carries each camera, -1 for none. (...)"""
+    drone_pos: NDArray[np.float64]
+    """Where the drones were, m, world. (n_worlds, n_drones, 3)"""
+    drone_quat: NDArray[np.float64]
+    """Their attitudes, x y z w. (n_worlds, n_drones, 4)"""
 
     @property
     def hit(self) -> NDArray[np.bool_]:
         """Pixels with a depth, (..., height, width)."""
         return np.equal(self.status, PixelStatus.HIT)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Pixels whose depth has a slope: what is seen within the range, and not grazed by the ray (within 0.06 degrees). (..., height, width)
+
+        Raises:
+            ValueError: for a frame without normals.
+        """
+        return _native.depth_known(self._images())
+
+    def slopes(self) -> DepthSlopes:
+        """What each depth gains by the pose of its camera.
+
+        By implicit differentiation at the surface that was seen, exact for every kind of geom. A pixel knows of its own ray alone: that an edge moves from one
+        pixel to the next is in no slope.
+
+        Raises:
+            ValueError: for a frame without normals.
+        """
+        return DepthSlopes(*_native.depth_slopes(self._images()))
+
+    def pull_back(self, seeds: ArrayLike) -> DepthGradient:
+        """What a loss gains by the poses of cameras and drones, where it gains ``seeds`` by the depths.
+
+        Things that are no drones stand where they are. ``drones`` goes on through a flight: ``tape.pull_back({"pos": g.drones.pos, ...})``.
+
+        Args:
+            seeds: Of the shape of ``depth``, or one that broadcasts to it; 0 where ``known`` is false.
+
+        Raises:
+            ValueError: for a frame without normals, another shape, and seeds that are no numbers or not 0 where there is no slope.
+        """
+        own = _broadcast("seeds", seeds, self.depth.shape)
+        drones = {
+            "pos": self.drone_pos,
+            "quat": self.drone_quat,
+            "carrier": self.carrier.ravel().tolist(),
+            "of_geom": [[-1 if geom.drone is None else geom.drone for geom in scene.geoms] for scene in self.scenes],
+            "layout": self.layout.tolist(),
+        }
+        camera, flown = _native.depth_pull_back(self._images(), own, drones)
+        return DepthGradient(PoseGradient(*camera), PoseGradient(*flown))
+
+    def _images(self) -> dict[str, Any]:
+        if self.normal is None:
+            raise ValueError("slopes of depths need the normals of what was seen: make the frame with normals=True")
+        own = {name: np.ascontiguousarray(getattr(self, name)) for name in ("depth", "status", "geom_id", "normal", "pos", "quat", "k")}
+        return {**own, "z_depth": self.kind == "z_depth"}
 
     def geom_name(self, geom_id: int, k: int | None = None) -> str:
         """Name of a geom in this frame, in that of entry ``k`` of ``worlds`` where they fly in different scenes; empty for -1 and
@@ -214,12 +302,43 @@ class Clearance(_Seen):
     """Closest point on the drone, m, world."""
     on_other: NDArray[np.float64]
     """Closest point on the obstacle, m, world."""
+    known: NDArray[np.bool_]
+    """Whether the distance has a slope: something was found, the distance is exact, and both do not just touch."""
+    away: NDArray[np.float64]
+    """Unit vector from the obstacle to the drone, world: along it the distance grows. Zero where ``known`` is false."""
+    pos: NDArray[np.float64]
+    """Where the drones were, m, world."""
+    quat: NDArray[np.float64]
+    """Their attitudes, x y z w. (n_worlds, n_drones, 4)"""
     quarantined: NDArray[np.bool_]
     """Worlds that stand still since their numbers stopped being numbers. (n_worlds,)"""
     scenes: tuple[SceneInfo, ...]
     """All scenes of the simulation."""
     layout: NDArray[np.int64]
     """Which of them each world flies in. (n_worlds,)"""
+
+
+    def pull_back(self, seeds: ArrayLike) -> PoseGradient:
+        """What a loss gains by the poses of drones, where it gains ``seeds`` by their distances. (n_worlds, n_drones, ...)
+
+        Of two drones that are near each other both gain. Things that are no drones stand where they are.
+
+        Args:
+            seeds: (n_worlds, n_drones), or a shape that broadcasts to it; 0 where ``known`` is false.
+
+        Raises:
+            ValueError: for another shape, and seeds that are no numbers or not 0 where there is no slope.
+        """
+        own = _broadcast("seeds", seeds, self.distance.shape)
+        wrong = np.argwhere(~np.isfinite(own) | ((own != 0) & ~self.known))
+        if len(wrong):
+            world, drone = wrong[0]
+            raise ValueError(
+                f"seeds: expected finite numbers, and 0 for distances without a slope, got {own[world, drone]} for drone {drone} of world {world} (found: "
+                f"{self.found[world, drone]}, exact: {self.exact[world, drone]}, {self.distance[world, drone]:g} m); set seeds to 0 where known is false"
+            )
+        places = [np.ascontiguousarray(getattr(self, name)) for name in ("away", "on_drone", "on_other", "pos", "quat")]
+        return PoseGradient(*_native.clearance_pull_back(own, places, np.ascontiguousarray(self.other_drone)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,3 +415,13 @@ def _pair(name: str, value: Sequence[Any]) -> tuple[Any, Any]:
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a pair of numbers, got {value!r}") from None
     return first, second
+
+
+def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: expected real numbers, got {type(value).__name__} of dtype {array.dtype}")
+    try:
+        return np.array(np.broadcast_to(array, shape), np.float64, order="C")
+    except ValueError:
+        raise ValueError(f"{name}: expected shape {shape}, or one that broadcasts to it, got {array.shape}") from None

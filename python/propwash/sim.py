@@ -22,7 +22,7 @@ from .costs import Cost, Priced
 from .effects import Effect
 from .field import DistanceField
 from .scene import SceneInfo, scene_info
-from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _floats, _whole
+from .sense import Camera, Clearance, Contacts, DepthFrame, Swept, _broadcast, _floats, _whole
 from .tape import Approach, States, Tape
 from .viewer import Viewer
 
@@ -923,7 +923,8 @@ class Sim:
         """Distance of every drone to the nearest thing that can collide, looking no farther than ``max_distance`` metres."""
         (limit,) = _floats("max_distance", [max_distance], 1)
         arrays: dict[str, Any] = self._native.clearance(limit)
-        return Clearance(**arrays, quarantined=self.quarantined, **self._labels(None))
+        pos, quat = self._placed("pos", None), self._placed("quat", None)
+        return Clearance(**arrays, pos=pos, quat=quat, quarantined=self.quarantined, **self._labels(None))
 
     def swept(self, pos: ArrayLike, quat: ArrayLike | None = None) -> Swept:
         """What each drone touched first on its straight way from earlier poses to where it is now: what was flown through between
@@ -1008,6 +1009,9 @@ class Sim:
             kind=spec.kind,
             range=spec.range,
             worlds=np.arange(self.n_worlds) if chosen is None else np.asarray(chosen, np.int64),
+            carrier=self._carriers(cameras, chosen),
+            drone_pos=self._placed("pos", chosen),
+            drone_quat=self._placed("quat", chosen),
             **self._labels(chosen),
         )
 
@@ -1117,6 +1121,17 @@ class Sim:
     def _labels(self, chosen: list[int] | None) -> dict[str, Any]:
         """What ids of a result stand for."""
         return {"scenes": self.scenes, "layout": self.layout if chosen is None else self.layout[chosen]}
+
+    def _placed(self, name: str, chosen: list[int] | None) -> NDArray[np.float64]:
+        """Positions or attitudes of the drones of some worlds, in f64, a copy."""
+        array = getattr(self.data, name)
+        return np.array(array if chosen is None else array[chosen], np.float64)
+
+    def _carriers(self, cameras: list[_native.Cameras], chosen: list[int] | None) -> NDArray[np.int64]:
+        """The drone that carries the camera of each image, -1 for none."""
+        layout: NDArray[np.int64] = self._labels(chosen)["layout"]
+        own: NDArray[np.int64] = np.array([camera.carriers() for camera in cameras], np.int64)[layout]
+        return own if cameras[0].per_drone else own[:, 0]
 
     def _worlds(self, worlds: ArrayLike | None) -> tuple[list[int] | None, int]:
         if worlds is None:
@@ -1342,13 +1357,3 @@ def _check_draw(rule: str, draw: Any) -> None:
             return
     expected = '{"uniform": [low, high]}, {"scale": [low, high]} or {"normal": sigma}'
     raise ValueError(f"{rule}: draw: expected one of {expected}, got {draw!r}")
-
-
-def _broadcast(name: str, value: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiu":
-        raise TypeError(f"{name}: expected real numbers, got {type(value).__name__} of dtype {array.dtype}")
-    try:
-        return np.array(np.broadcast_to(array, shape), np.float64, order="C")
-    except ValueError:
-        raise ValueError(f"{name}: expected shape {shape}, or one that broadcasts to it, got {array.shape}") from None

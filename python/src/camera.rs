@@ -159,6 +159,11 @@ impl PyCameras {
         self.per_drone
     }
 
+    /// The drone that carries each, −1 for none.
+    fn carriers(&self) -> Vec<i64> {
+        self.cameras.iter().map(|c| c.carrier(&self.scene).map_or(-1, |d| d as i64)).collect()
+    }
+
     /// Intrinsics, (3, 3) or (n_drones, 3, 3).
     fn k<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
         let numbers = self.cameras.iter().flat_map(|c| c.k().concat()).collect();

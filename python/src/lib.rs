@@ -20,6 +20,7 @@ mod sampling;
 mod sense;
 mod sim;
 mod sitl;
+mod slopes;
 mod stages;
 mod state;
 mod tape;
@@ -70,6 +71,10 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(env::depth_devices, m)?)?;
     m.add_function(wrap_pyfunction!(env::env_config, m)?)?;
     m.add_function(wrap_pyfunction!(env::rules_json, m)?)?;
+    m.add_function(wrap_pyfunction!(slopes::depth_slopes, m)?)?;
+    m.add_function(wrap_pyfunction!(slopes::depth_known, m)?)?;
+    m.add_function(wrap_pyfunction!(slopes::depth_pull_back, m)?)?;
+    m.add_function(wrap_pyfunction!(slopes::clearance_pull_back, m)?)?;
     m.add_function(wrap_pyfunction!(sim::read_config, m)?)?;
     m.add_class::<function::PyFunction>()?;
     m.add_function(wrap_pyfunction!(vehicle::vehicles, m)?)?;

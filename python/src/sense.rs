@@ -272,6 +272,9 @@ impl PySim {
         let flags = |of: fn(&Clearance) -> bool| arrays::owned(py, all.iter().map(of).collect(), &shape);
         out.set_item("found", flags(|c| c.found)?)?;
         out.set_item("exact", flags(|c| c.exact)?)?;
+        out.set_item("known", flags(|c| c.away().is_some())?)?;
+        let away = all.iter().flat_map(|c| c.away().unwrap_or([0.0; 3])).collect();
+        out.set_item("away", arrays::owned(py, away, &points)?)?;
         out.set_item("distance", arrays::owned(py, all.iter().map(|c| c.distance_m).collect(), &shape)?)?;
         out.set_item(
             "on_drone",

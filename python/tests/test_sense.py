@@ -296,3 +296,124 @@ def test_a_world_that_flew_away_or_was_written_away_harms_no_other():
     assert np.isnan(sim.depth_frame(propwash.Camera("fpv"), resolution=(2, 2)).depth[1:3]).all()
     sim.reset()
     assert not sim.quarantined.any()
+
+
+BALLS = """<mujoco><worldbody><geom type="plane" size="0 0 1"/><geom type="sphere" size="0.4" pos="2.5 0.6 1.2"/>
+<geom type="box" size="0.3 0.4 0.5" pos="2.2 -0.7 1" euler="10 20 30"/></worldbody></mujoco>"""
+
+
+def pair():
+    """Two drones that see each other and things beside, and come near."""
+    sim = propwash.Sim(2, 2, scene=BALLS, precision="f64", control="attitude")
+    pos = [[[0.0, 0.0, 1.1], [0.6, 0.1, 1.2]], [[1.4, 0.1, 1.0], [1.9, 0.5, 1.5]]]
+    sim.set_initial(pos=pos, quat=[[0.02, 0.05, 0.1, 1.0], [0.03, -0.04, 0.95, 0.2]])
+    sim.reset()
+    return sim
+
+
+def turned(quat, rotation):
+    """Attitudes after a small turn about axes of the world."""
+    x, y, z, w = np.moveaxis(quat, -1, 0)
+    a, b, c = np.broadcast_to(rotation, (*quat.shape[:-1], 3)).T / 2
+    a, b, c = a.T, b.T, c.T
+    return np.stack([x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x, w - a * x - b * y - c * z], axis=-1)
+
+
+@pytest.mark.parametrize("kind", ["z_depth", "range"])
+def test_depths_gain_by_poses_what_moved_drones_see(kind):
+    sim = pair()
+    # Without the floor far away, whose slopes are beyond what depths in f32 can tell.
+    camera = propwash.Camera("fpv", resolution=(48, 40), kind=kind, range=(0.0, 8.0))
+    frame = sim.depth_frame(camera, normals=True)
+    assert frame.carrier.tolist() == [[0, 1]] * 2
+    other = np.array([g.drone if g.drone is not None else -1 for g in sim.scene.geoms])
+    assert {0, 1} & set(other[frame.geom_id[frame.geom_id >= 0]])
+    step = 1e-4
+    pos, quat = sim.data.pos.copy(), sim.data.quat.copy()
+
+    def depths(drone, axis, by):
+        sim.data.pos[...], sim.data.quat[...] = pos, quat
+        if axis < 3:
+            sim.data.pos[:, drone, axis] += by
+        else:
+            sim.data.quat[:, drone] = turned(quat[:, drone], by * np.eye(3)[axis - 3])
+        return sim.depth_frame(camera, normals=True)
+
+    moved = {(d, a, s): depths(d, a, s * step) for d in (0, 1) for a in range(6) for s in (1, -1)}
+    # Pixels on edges see something else from one side.
+    alike = [(f.geom_id == frame.geom_id) & (np.abs(f.normal - frame.normal).max(axis=-1) < 0.02) for f in moved.values()]
+    inner = frame.known & np.all(alike, axis=0)
+    assert inner.sum() > 0.9 * frame.known.sum() > 2000
+    seeds = np.where(inner, np.random.default_rng(1).normal(size=inner.shape), 0.0)
+    gain = frame.pull_back(seeds)
+    assert gain.camera.pos.shape == (2, 2, 3) and gain.drones.quat.shape == (2, 2, 4)
+    for (drone, axis), said in np.ndenumerate(np.concatenate([gain.drones.pos, gain.drones.rotation], axis=-1)[0]):
+        plus, minus = (np.where(inner, moved[drone, axis, s].depth, 0).astype(float) for s in (1, -1))
+        measured = (seeds * (plus - minus))[0].sum() / (2 * step)
+        size = np.sqrt((seeds**2)[0].sum())
+        assert abs(said - measured) < 0.02 * size, (drone, axis, said, measured)
+    # Nothing is gained by the length of an attitude, and a turn gains the same by either.
+    np.testing.assert_allclose((gain.drones.quat * quat).sum(axis=-1), 0, atol=1e-9)
+    turn = np.array([1e-6, -2e-6, 3e-6])
+    by_quat = (gain.drones.quat * (turned(quat, turn) - quat)).sum(axis=-1)
+    np.testing.assert_allclose(by_quat, gain.drones.rotation @ turn, rtol=1e-4, atol=1e-9)
+    # Pixel by pixel the same.
+    slopes = frame.slopes()
+    np.testing.assert_array_equal(slopes.known, frame.known)
+    np.testing.assert_allclose(np.einsum("wdij,wdijk->wdk", seeds, slopes.pos), gain.camera.pos, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(np.einsum("wdij,wdijk->wdk", seeds, slopes.rotation), gain.camera.rotation, rtol=1e-9, atol=1e-9)
+
+
+def test_cameras_that_stand_still_see_drones_move():
+    sim = pair()
+    frame = sim.depth_frame(propwash.Camera(mount="world", pos=(0.3, 0.05, 3.0), quat=(0, 0, 0, 1), fovy_deg=60.0, resolution=(160, 160)), normals=True)
+    assert frame.carrier.tolist() == [-1, -1]
+    drones = np.isin(frame.geom_id, [g.id for g in sim.scene.geoms if g.drone is not None]) & frame.known
+    assert drones.sum() > 20
+    gain = frame.pull_back(np.where(drones, 1.0, 0.0))
+    # Higher drones are nearer to a camera that looks down, as is a lower camera; the floor stays.
+    assert (gain.drones.pos[..., 2] <= 0).all() and np.count_nonzero(gain.drones.pos[..., 2]) >= 3
+    np.testing.assert_allclose(gain.drones.pos.sum(axis=1), -gain.camera.pos, rtol=1e-9, atol=1e-9)
+    floor = frame.pull_back(np.where(frame.geom_id == 0, 1.0, 0.0))
+    assert not floor.drones.pos.any() and not floor.drones.quat.any()
+
+
+def test_a_clearance_after_a_flight_has_a_gradient_by_the_commands():
+    sim = pair()
+    kept = sim.save()
+    commands = np.zeros((2, 5, 2, 4))
+    commands[..., 3] = sim.hover_thrust()[:, None]
+    commands[..., :2] = np.random.default_rng(4).normal(0, 0.2, (2, 5, 2, 2))
+
+    def near(commands):
+        sim.restore(kept)
+        sim.rollout(commands, 10)
+        return sim.clearance()
+
+    tape = sim.record(commands, 10)
+    clearance = near(commands)
+    assert clearance.known.all() and np.allclose(np.linalg.norm(clearance.away, axis=-1), 1) and (clearance.other_drone >= 0).any()
+    weights = np.array([[1.0, 0.5], [-0.7, 2.0]])
+    gain = clearance.pull_back(weights)
+    seeds = {name: np.zeros_like(getattr(tape.states, name)) for name in ("pos", "quat")}
+    seeds["pos"][:, -1], seeds["quat"][:, -1] = gain.pos, gain.quat
+    gradient = tape.pull_back(seeds)
+    direction = np.random.default_rng(5).normal(size=commands.shape)
+    plus, minus = (near(commands + by * direction).distance for by in (1e-5, -1e-5))
+    measured = (weights * (plus - minus)).sum() / 2e-5
+    assert (gradient.commands * direction).sum() == pytest.approx(measured, rel=1e-3)
+
+
+def test_slopes_that_are_none_are_refused_in_words(wall):
+    with pytest.raises(ValueError, match="normals=True"):
+        wall.depth_frame("fpv", (8, 8)).slopes()
+    frame = wall.depth_frame(propwash.Camera("fpv", resolution=(8, 8), kind="range", range=(0.0, 3.3)), normals=True)
+    assert frame.known.any() and not frame.known.all()
+    with pytest.raises(ValueError, match=r"got 1 at pixel \(\d, \d\), (where nothing is seen|which is beyond the range)"):
+        frame.pull_back(1.0)
+    with pytest.raises(ValueError, match=r"seeds: expected shape \(2, 1, 8, 8\)"):
+        frame.pull_back(np.zeros((3, 3)))
+    far = wall.clearance(0.01)
+    assert not far.known.any() and not far.away.any() and not far.pull_back(0.0).pos.any()
+    with pytest.raises(ValueError, match="got 1.0 for drone 0 of world 0 .found: False"):
+        far.pull_back(1.0)

@@ -434,6 +434,15 @@ impl Camera {
         self.query.filter.own_drone
     }
 
+    /// The drone that carries it, seen by it or not.
+    pub fn carrier(&self, scene: &Scene) -> Option<usize> {
+        match self.mount {
+            Mount::Drone { drone, .. } => Some(drone),
+            Mount::Model { camera } => scene.cameras().get(camera)?.drone,
+            Mount::World { .. } => None,
+        }
+    }
+
     /// Who casts its rays.
     pub fn caster(&self) -> Caster {
         self.caster

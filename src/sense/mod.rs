@@ -12,6 +12,7 @@ pub mod noise;
 mod queries;
 pub mod sensor;
 pub mod sensors;
+pub mod slopes;
 pub mod swept;
 
 pub use batch::{DepthBatch, PosedWorlds, WorldPoses, Worlds};
@@ -26,4 +27,5 @@ pub use noise::{DepthNoise, NoiseKey};
 pub use queries::Queries;
 pub use sensor::{ChannelType, Moment, Sensor, SensorChannel};
 pub use sensors::ImuNoise;
+pub use slopes::{PixelSlope, PoseGain, SlopedImage};
 pub use swept::{Sweep, SweptHit, TOUCH_M};
