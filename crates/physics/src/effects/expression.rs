@@ -431,9 +431,15 @@ impl<S: Real> Effect<S> for Params<S> {
 
     /// What the variables read that the formula uses.
     fn reads(&self) -> Reads {
-        let used =
-            VARIABLES.iter().enumerate().filter(|(i, _)| self.formula.reads_input(Input::Variable(*i)));
-        used.fold(Reads::NOTHING, |reads, (_, variable)| reads.or(reads_of(variable.name)))
+        let read = |op: &Op| match op {
+            Op::Input(index) => match Input::of(*index) {
+                Input::Variable(i) => reads_of(VARIABLES[i].name),
+                _ => Reads::NOTHING,
+            },
+            _ => Reads::NOTHING,
+        };
+        // One pass: a single simulated world asks in every step.
+        self.formula.programs().flat_map(Program::ops).fold(Reads::NOTHING, |reads, op| reads.or(read(op)))
     }
 
     fn memory_len(&self, _: f64) -> usize {
