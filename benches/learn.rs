@@ -227,7 +227,7 @@ fn gradients(report: &mut Report, args: &Args) -> Fallible<()> {
             let mut peer = match args.ours_alone || threads > 1 {
                 true => None,
                 false => {
-                    let words = [worlds.to_string(), args.steps.to_string()];
+                    let words = ["gradients".to_string(), worlds.to_string(), args.steps.to_string()];
                     Some(Peer::start_within(args.patience, "learn.py", &words, &[])?)
                 }
             };
@@ -295,10 +295,12 @@ fn poles() -> Fallible<DistanceField> {
 fn planning(report: &mut Report, args: &Args) -> Fallible<()> {
     let columns = [
         numbers("sequences", "sequences of an update"),
+        numbers("crazyflow", "Crazyflow, between two updates"),
+        numbers("propwash", "Propwash"),
         numbers("updates", "updates a second"),
-        numbers("between", "sequences between two updates"),
+        numbers("ratio", "ratio of medians"),
     ];
-    let caption = "Planning by sampling: sequences of 25 commands of 40 ms by so_rpy_rotor_drag among 30 poles, drawn, flown and judged on one core, and how many are done in 20 ms.";
+    let caption = "Planning by sampling: sequences of 25 commands of 40 ms by so_rpy_rotor_drag among 30 poles, drawn, flown and judged on one core: how many are done in 20 ms.";
     report.table("planning", caption, &columns)?;
     let all = machine::allowed()?;
     machine::pin(&machine::last_core()?)?;
@@ -310,24 +312,50 @@ fn planning(report: &mut Report, args: &Args) -> Fallible<()> {
     // That of the example.
     let cost = "50 * ((x - min(1.2 * t, 6))^2 + y^2 + (z - 1)^2) + vx^2 + vy^2 + vz^2 + 5 * (command1^2 + command2^2) \
                 + 5 * (command4 - hover)^2 + where(distance < 0.15, 1000, 0)";
+    let mut versions = String::new();
     for samples in [4096usize, 65536] {
         let cost = Cost::new((&[], cost), &["hover".into()], (4, 4))?;
         let options = sampling::Options { samples, ..sampling::Options::attitude(&drone) };
         let mut planner = Planner::new((&vehicle, "so_rpy_rotor_drag"), cost, options)?;
         let mut state = planner.at_rest();
         state.pos = [0.0, 0.0, 1.0];
-        let mut times = Vec::new();
+        let mut peer = match args.ours_alone {
+            true => None,
+            false => {
+                let words = ["planning".to_string(), samples.to_string()];
+                Some(Peer::start_within(args.patience, "learn.py", &words, &[])?)
+            }
+        };
+        let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         for _ in 0..args.rounds {
-            let begin = Instant::now();
+            let (mut times, begin) = (Vec::new(), Instant::now());
             while begin.elapsed() < Duration::from_millis(300) {
                 let began = Instant::now();
                 alone(|| planner.update(&state, 0.0, &[hover], Some(&near)))?;
                 times.push(began.elapsed().as_secs_f64());
             }
+            ours.push(median(&mut times));
+            if let Some(peer) = &mut peer {
+                theirs.push(peer.measure()?.0);
+            }
         }
-        let seconds = median(&mut times);
-        let rate = samples as f64 / seconds / UPDATES_HZ;
-        report.row(vec![count(samples), number(1.0 / seconds, 1), shown(rate, figures(rate))])?;
+        if let Some(peer) = &peer {
+            versions = peer.versions();
+        }
+        let seconds = median(&mut ours);
+        let rate = |seconds: f64| samples as f64 / seconds / UPDATES_HZ;
+        let theirs = if theirs.is_empty() { f64::NAN } else { rate(median(&mut theirs)) };
+        let own = rate(seconds);
+        report.row(vec![
+            count(samples),
+            shown(theirs, figures(theirs)),
+            shown(own, figures(own)),
+            number(1.0 / seconds, 1),
+            number(own / theirs, 1),
+        ])?;
+    }
+    if !versions.is_empty() {
+        report.text(&format!("Peer: {versions}; one core."))?;
     }
     machine::pin(&all)?;
     Ok(())
