@@ -29,6 +29,7 @@ TESTED = {
     "ray_dataset.py",
     "swap_places.py",
     "swarm_exchange.py",
+    "train_bptt.py",
     "train_forest.py",
     "train_reach.py",
     "train_sb3.py",
@@ -150,6 +151,15 @@ def test_reaching_is_learnt(tmp_path):
     assert (tmp_path / "train_reach.png").stat().st_size > 5_000 and flights.stat().st_size > 20_000
     row = propwash.evaluate(propwash.Policy.load(tmp_path / "train_reach.npz"), episodes=64).rows[0]
     assert row.mean_distance < 0.8, row  # 2.1 untrained
+
+
+def test_reaching_is_learnt_by_gradients_in_pytorch(tmp_path):
+    pytest.importorskip("torch")
+    flights = tmp_path / "flights.png"
+    said = run("train_bptt.py", "--updates", 20, "--out", tmp_path, "--picture", flights)
+    assert (tmp_path / "train_bptt.png").stat().st_size > 5_000 and flights.stat().st_size > 20_000
+    row = propwash.evaluate(propwash.Policy.load(tmp_path / "train_bptt.npz"), episodes=64).rows[0]
+    assert row.mean_distance < 0.1 and row.success >= 0.95, (row, said)  # 2.1 m untrained
 
 
 def test_the_forest_is_trained_for_a_moment(tmp_path):
