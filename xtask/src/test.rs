@@ -36,7 +36,7 @@ struct Counts {
 /// Sets up and runs the tests; `args` go to `cargo test`.
 pub fn run(args: &[String]) -> Result {
     setup::run()?;
-    let python = python::test_environment()?;
+    let python = prepared(args.is_empty())?;
     let target = target_dir()?;
     let notes = target.join("propwash-comparisons.txt");
     fs::create_dir_all(&target).map_err(|e| format!("{}: {e}", target.display()))?;
@@ -53,23 +53,15 @@ pub fn run(args: &[String]) -> Result {
     };
     let colour = run::coloured(io::stdout().is_terminal());
 
-    // Tests of pages say so where they are skipped.
-    if args.is_empty()
-        && let Err(why) = web::prepare()
-    {
-        eprintln!("pages are not tested in a browser: {why}");
-    }
     let split = args.iter().position(|a| a == "--").unwrap_or(args.len());
     let (ours, theirs) = (&args[..split], args.get(split + 1..).unwrap_or_default());
     let mut rust = run::cargo();
     rust.args(["test", "--workspace", "--no-fail-fast"]).args(ours).arg("--");
     rust.args(["--color", if colour { "always" } else { "never" }]).args(theirs);
     prepare(&mut rust);
-    // Python tests of an old program would mislead: they start when all is built, and run beside those of Rust, many of
-    // which wait for a browser or for one slow test.
+    // Python tests run beside those of Rust, many of which wait for a browser or for one slow test.
     let mut of_python = None;
     if args.is_empty() && run::root().join("python/tests").is_dir() {
-        run::check(run::cargo().args(["test", "--workspace", "--no-run"]))?;
         let mut tests = Command::new(&python);
         tests.args(["-m", "pytest", "python/tests", "-q", "-rfEs"]).current_dir(run::root());
         tests.arg(if colour { "--color=yes" } else { "--color=no" });
@@ -97,6 +89,34 @@ pub fn run(args: &[String]) -> Result {
     let skipped = if counts.skipped > 0 { format!(", {} skipped", counts.skipped) } else { String::new() };
     println!("{} passed, {} failed{skipped}", counts.passed, counts.failed);
     if ok { Ok(()) } else { Err("tests failed, or did not build; see above".to_string()) }
+}
+
+/// What tests need beside MuJoCo: the Python of the peers, and for all tests the browser's scripts and everything built, since Python tests of an
+/// old program would mislead. Peers are fetched while the compiler works: both take minutes, one of the network.
+fn prepared(all: bool) -> Result<PathBuf> {
+    if !all {
+        return python::test_environment();
+    }
+    thread::scope(|scope| {
+        let fetched = scope.spawn(|| {
+            // Tests of pages say so where they are skipped.
+            if let Err(why) = web::prepare() {
+                eprintln!("pages are not tested in a browser: {why}");
+            }
+            python::test_environment()
+        });
+        // In one go what `cargo test` builds and the Python module, which is one crate after the other at the end otherwise.
+        let built = run::check(run::cargo().args([
+            "build",
+            "--workspace",
+            "--lib",
+            "--bins",
+            "--tests",
+            "--examples",
+        ]));
+        let python = fetched.join().map_err(|_| "the peers of the tests could not be fetched")??;
+        built.map(|()| python)
+    })
 }
 
 /// Prints what was compared, and with which versions.
