@@ -173,7 +173,7 @@ class DepthFrame(_Seen):
     layout: NDArray[np.int64]
     """Which of them each world flies in, of those that were rendered. (n_worlds,)"""
     carrier: NDArray[np.int64]
-    """The drone that carries each camera, -1 for none. (...)"""
+    """The drone that each camera is fixed to, -1 for none, -2 for one that follows in another mode of MJCF than ``fixed``. (...)"""
     drone_pos: NDArray[np.float64]
     """Where the drones were, m, world. (n_worlds, n_drones, 3)"""
     drone_quat: NDArray[np.float64]
@@ -213,9 +213,12 @@ class DepthFrame(_Seen):
             seeds: Of the shape of ``depth``, or one that broadcasts to it; 0 where ``known`` is false.
 
         Raises:
-            ValueError: for a frame without normals, another shape, and seeds that are no numbers or not 0 where there is no slope.
+            ValueError: for a frame without normals, another shape, seeds that are no numbers or not 0 where there is no slope, and a camera that
+                follows in another mode than ``fixed``: how it moves with drones is not known.
         """
         own = _broadcast("seeds", seeds, self.depth.shape)
+        if np.any(self.carrier == -2):
+            raise ValueError("camera: expected one that is fixed to a drone or stands still, got one that follows in another mode (MJCF): take slopes()")
         drones = {
             "pos": self.drone_pos,
             "quat": self.drone_quat,
@@ -316,7 +319,6 @@ class Clearance(_Seen):
     """All scenes of the simulation."""
     layout: NDArray[np.int64]
     """Which of them each world flies in. (n_worlds,)"""
-
 
     def pull_back(self, seeds: ArrayLike) -> PoseGradient:
         """What a loss gains by the poses of drones, where it gains ``seeds`` by their distances. (n_worlds, n_drones, ...)

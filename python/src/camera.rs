@@ -2,7 +2,7 @@
 
 use numpy::PyArrayDyn;
 use propwash::scene::{Pose, Scene};
-use propwash::sense::{Camera, Caster, DepthKind, Lens};
+use propwash::sense::{Camera, Carrier, Caster, DepthKind, Lens};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -159,9 +159,14 @@ impl PyCameras {
         self.per_drone
     }
 
-    /// The drone that carries each, −1 for none.
+    /// The drone that carries each, −1 for none, −2 for one that follows otherwise than fixed to it.
     fn carriers(&self) -> Vec<i64> {
-        self.cameras.iter().map(|c| c.carrier(&self.scene).map_or(-1, |d| d as i64)).collect()
+        let number = |c: &Camera| match c.carrier(&self.scene) {
+            Carrier::Drone(drone) => drone as i64,
+            Carrier::Nothing => -1,
+            Carrier::Following => -2,
+        };
+        self.cameras.iter().map(number).collect()
     }
 
     /// Intrinsics, (3, 3) or (n_drones, 3, 3).

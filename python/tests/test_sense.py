@@ -417,3 +417,21 @@ def test_slopes_that_are_none_are_refused_in_words(wall):
     assert not far.known.any() and not far.away.any() and not far.pull_back(0.0).pos.any()
     with pytest.raises(ValueError, match="got 1.0 for drone 0 of world 0 .found: False"):
         far.pull_back(1.0)
+
+
+def test_cameras_that_follow_otherwise_and_drones_that_flew_away_gain_nothing_wrong():
+    follows = """<mujoco><worldbody><geom type="plane" size="0 0 1"/><body name="stand" pos="0 0 1"/>
+    <camera name="eye" pos="-2 0 1.5" mode="targetbody" target="stand"/></worldbody></mujoco>"""
+    sim = propwash.Sim(2, scene=follows, precision="f64")
+    frame = sim.depth_frame("eye", (8, 8), normals=True)
+    assert frame.carrier.tolist() == [-2, -2] and frame.slopes().known.any()
+    with pytest.raises(ValueError, match="follows in another mode"):
+        frame.pull_back(0.0)
+    sim.data.pos[1] = np.nan
+    frame, near = sim.depth_frame("fpv", (8, 8), normals=True), sim.clearance()
+    gain, also = frame.pull_back(np.where(frame.known, 1.0, 0.0)), near.pull_back(np.where(near.known, 1.0, 0.0))
+    assert not frame.known[1].any() and not near.known[1].any()
+    for part in (gain.camera, gain.drones, also):
+        for array in (part.pos, part.rotation, part.quat):
+            assert np.isfinite(array).all() and not array[1].any()
+    assert gain.drones.pos[0].any() and also.pos[0].any()

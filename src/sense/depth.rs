@@ -14,7 +14,7 @@ use super::SenseError;
 use super::caster::{self, Caster, RayPattern, RayQuery};
 use crate::geometry::ray::{DepthRule, Planes};
 use crate::math::quat;
-use crate::scene::{CameraInfo, Pose, Scene, SceneError, Worker, checked_pose};
+use crate::scene::{CameraInfo, CameraMode, Pose, Scene, SceneError, Worker, checked_pose};
 
 /// What a pixel of a depth image states, m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,6 +126,17 @@ pub enum Mount {
         /// Camera to world.
         pose: Pose,
     },
+}
+
+/// What moves a camera.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carrier {
+    /// No drone.
+    Nothing,
+    /// A drone, to which it is fixed.
+    Drone(usize),
+    /// It follows a body in another way: a mode of MJCF other than `fixed`.
+    Following,
 }
 
 /// Largest image side, pixels.
@@ -434,12 +445,17 @@ impl Camera {
         self.query.filter.own_drone
     }
 
-    /// The drone that carries it, seen by it or not.
-    pub fn carrier(&self, scene: &Scene) -> Option<usize> {
-        match self.mount {
-            Mount::Drone { drone, .. } => Some(drone),
-            Mount::Model { camera } => scene.cameras().get(camera)?.drone,
+    /// What moves it in its scene.
+    pub fn carrier(&self, scene: &Scene) -> Carrier {
+        let info = match self.mount {
+            Mount::Drone { drone, .. } => return Carrier::Drone(drone),
+            Mount::Model { camera } => scene.cameras().get(camera),
             Mount::World { .. } => None,
+        };
+        match info {
+            Some(info) if info.mode != CameraMode::Fixed => Carrier::Following,
+            Some(CameraInfo { drone: Some(drone), .. }) => Carrier::Drone(*drone),
+            _ => Carrier::Nothing,
         }
     }
 

@@ -20,7 +20,9 @@ pub use caster::{Caster, RayHits, RayPattern, RayPlanes, RayQuery};
 pub use clearance::Clearance;
 pub use collide::Collider;
 pub use contact::{Contact, MAX_PER_PAIR};
-pub use depth::{Camera, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED};
+pub use depth::{
+    Camera, Carrier, DepthFrame, DepthKind, DepthPlanes, Lens, Mount, PixelStatus, STATUS_NOT_RENDERED,
+};
 pub use device::{DEVICES, DepthDevice};
 pub use error::SenseError;
 pub use noise::{DepthNoise, NoiseKey};

@@ -44,11 +44,18 @@ impl PoseGain {
 
     /// By turning the body about a point, for each radian about the axes of the world.
     pub fn by_rotation(&self, about_m: [f64; 3]) -> [f64; 3] {
+        // A body that flew away stands nowhere: nothing times that is nothing.
+        if *self == Self::default() {
+            return [0.0; 3];
+        }
         vec3::sub(self.about_origin, vec3::cross(about_m, self.by_pos))
     }
 
     /// By the four numbers x y z w of the body's attitude, about its position. Nothing is gained by their length.
     pub fn by_quat(&self, pose: &Pose) -> [f64; 4] {
+        if *self == Self::default() {
+            return [0.0; 4];
+        }
         let turn = self.by_rotation(pose.pos_m);
         // A change δq turns by the vector part of 2 δq q*, in the axes of the world.
         let twice = turn.map(|t| 2.0 * t);
