@@ -105,6 +105,12 @@ impl<C: Interpret> Pool<C> {
         self.used += 1;
         pack.kind = kind;
         pack.rows.clear();
+        // Most often every world has one such drone and flies.
+        let ahead = next.0..view.n_worlds.min(next.0 + C::LANES);
+        if view.n_drones == 1 && view.quarantine[ahead.clone()].iter().all(Option::is_none) {
+            next.0 = ahead.end;
+            pack.rows.extend(ahead.map(|world| world as u32));
+        }
         while pack.rows.len() < C::LANES && next.0 < view.n_worlds {
             if view.quarantine[next.0].is_some() {
                 *next = (next.0 + 1, 0);
