@@ -97,7 +97,8 @@ class Tape:
 
     def __init__(self, native: _native.Tape) -> None:
         self._native = native
-        self._states: States | None = None
+        self._states = States(native.take_states())
+        self._states.numbers.flags.writeable = False
 
     def __repr__(self) -> str:
         worlds, times, drones, _ = self._native.shape
@@ -106,9 +107,6 @@ class Tape:
     @property
     def states(self) -> States:
         """States after each command. (n_worlds, n_times, n_drones, …)"""
-        if self._states is None:
-            self._states = States(self._native.states())
-            self._states.numbers.flags.writeable = False
         return self._states
 
     @property

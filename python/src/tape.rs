@@ -222,10 +222,10 @@ impl PySim {
 
 #[pymethods]
 impl PyTape {
-    /// States after each command, a new array, (n_worlds, n_times, n_drones, state_width).
-    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        each!(&*kept, tape => Ok(arrays::owned(py, tape.states().to_vec(), &self.states_shape())?.into_any()))
+    /// States after each command, (n_worlds, n_times, n_drones, state_width): they are handed over, and can be asked for once.
+    fn take_states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        each!(&mut *kept, tape => Ok(arrays::owned(py, tape.take_states(), &self.states_shape())?.into_any()))
     }
 
     /// Worlds that stood still.

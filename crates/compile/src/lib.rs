@@ -21,6 +21,7 @@ pub use request::{Request, Status, request};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
+use propwash_trace::export::c::fresh;
 use propwash_trace::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -144,9 +145,20 @@ impl core::fmt::Display for Status {
     }
 }
 
-/// Cells of home and scratch that the code of a schedule reaches.
-fn sizes(schedule: &Schedule) -> (usize, usize) {
-    (schedule.n_home(), schedule.n_scratch())
+/// What the code of a schedule reaches.
+#[derive(Clone, Copy, Debug)]
+struct Sizes {
+    /// Cells of home and scratch.
+    home: usize,
+    scratch: usize,
+    /// Numbers that are given anew before each step.
+    fresh: usize,
+}
+
+impl Sizes {
+    fn of(schedule: &Schedule) -> Self {
+        Self { home: schedule.n_home(), scratch: schedule.n_scratch(), fresh: fresh(schedule).len() }
+    }
 }
 
 #[cfg(test)]

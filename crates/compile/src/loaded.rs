@@ -6,10 +6,10 @@ use std::path::Path;
 use libloading::Library;
 use propwash_trace::lanes::Cell;
 
-use crate::CompileError;
+use crate::{CompileError, Sizes};
 
 type Call = unsafe extern "C" fn(*mut u8);
-type Step = unsafe extern "C" fn(*mut u8, *mut u8, c_long);
+type Step = unsafe extern "C" fn(*mut u8, *mut u8, c_long, *const u8);
 type Epilogue = unsafe extern "C" fn(*mut u8, *mut u8);
 
 /// Bytes of a cell of compiled code.
@@ -23,18 +23,12 @@ pub struct Code {
     epilogue: Epilogue,
     /// Bytes of a number.
     number: usize,
-    /// Cells that the functions reach.
-    home: usize,
-    scratch: usize,
+    sizes: Sizes,
 }
 
 impl Code {
-    /// Loads a library that the compiler made of a printed step, whose code reaches so many cells of home and scratch.
-    pub(crate) fn load(
-        file: &Path,
-        number: usize,
-        (home, scratch): (usize, usize),
-    ) -> Result<Self, CompileError> {
+    /// Loads a library that the compiler made of a printed step.
+    pub(crate) fn load(file: &Path, number: usize, sizes: Sizes) -> Result<Self, CompileError> {
         let failed = |e: libloading::Error| {
             // What the system says stands behind the error.
             let why = core::error::Error::source(&e).map_or_else(String::new, |why| format!(": {why}"));
@@ -51,7 +45,7 @@ impl Code {
         };
         // Never unloaded: simulations hold the addresses of its functions.
         core::mem::forget(library);
-        Ok(Self { call, step, epilogue, number, home, scratch })
+        Ok(Self { call, step, epilogue, number, sizes })
     }
 
     /// Whether it runs on cells of this type: single blocks of lanes of its number.
@@ -61,7 +55,8 @@ impl Code {
 
     /// Panics unless the arrays are what the code expects: a caller that has them wrong would have it write elsewhere.
     fn check<C: Cell>(&self, home: Option<&[C]>, scratch: &[C]) {
-        let enough = home.is_none_or(|home| home.len() >= self.home) && scratch.len() >= self.scratch;
+        let Sizes { home: of_home, scratch: of_scratch, .. } = self.sizes;
+        let enough = home.is_none_or(|home| home.len() >= of_home) && scratch.len() >= of_scratch;
         assert!(enough && self.is_for::<C>(), "compiled code runs on the cells that it was compiled for");
     }
 
@@ -76,15 +71,41 @@ impl Code {
         unsafe { (self.call)(scratch.as_mut_ptr().cast()) }
     }
 
-    /// Takes so many steps.
+    /// Takes so many steps, with what is given anew before each as it stands in the home.
     ///
     /// # Panics
     /// As [`Code::call`].
     #[inline]
     pub fn step<C: Cell>(&self, home: &mut [C], scratch: &mut [C], times: usize) {
         self.check(Some(home), scratch);
-        // SAFETY: as above; the two slices do not overlap, since both are borrowed mutably.
-        unsafe { (self.step)(home.as_mut_ptr().cast(), scratch.as_mut_ptr().cast(), times as c_long) }
+        // SAFETY: as above; the two slices do not overlap, since both are borrowed mutably. Where the last argument is null it is not read.
+        unsafe {
+            (self.step)(
+                home.as_mut_ptr().cast(),
+                scratch.as_mut_ptr().cast(),
+                times as c_long,
+                core::ptr::null(),
+            );
+        }
+    }
+
+    /// A step for each row of `fresh`: what is given anew before it, the same in all lanes. What stands in the home instead is not read.
+    ///
+    /// # Panics
+    /// As [`Code::call`], and where nothing is given anew.
+    #[inline]
+    pub fn steps<C: Cell>(&self, home: &mut [C], scratch: &mut [C], fresh: &[C::Number]) {
+        self.check(Some(home), scratch);
+        let times = fresh.len() / self.sizes.fresh;
+        // SAFETY: as above; the function reads `times` rows of as many numbers.
+        unsafe {
+            (self.step)(
+                home.as_mut_ptr().cast(),
+                scratch.as_mut_ptr().cast(),
+                times as c_long,
+                fresh.as_ptr().cast(),
+            );
+        }
     }
 
     /// Computes what is only needed after the last step.

@@ -13,7 +13,7 @@ use propwash_trace::lanes::Number;
 use propwash_trace::schedule::Schedule;
 
 use crate::loaded::Code;
-use crate::{CompileError, cache, compiler, sizes};
+use crate::{CompileError, Sizes, cache, compiler};
 
 /// How compiling a step goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -35,7 +35,7 @@ pub struct Request {
     name: String,
     target: Result<Target, CompileError>,
     number: usize,
-    sizes: (usize, usize),
+    sizes: Sizes,
     begun: AtomicBool,
     /// The code and how long it took, once that is known.
     result: OnceLock<Result<(Code, Option<Duration>), CompileError>>,
@@ -67,7 +67,7 @@ pub fn request<N: Number>(schedule: &Schedule, level: Level) -> Arc<Request> {
         name: format!("{name:032x}"),
         target: target.ok_or(CompileError::Level { level }),
         number: size_of::<N>(),
-        sizes: sizes(schedule),
+        sizes: Sizes::of(schedule),
         begun: AtomicBool::new(false),
         result: OnceLock::new(),
     });

@@ -12,19 +12,19 @@ use propwash_trace::schedule::{Input, Location, Output, Schedule, schedule};
 use propwash_trace::trace::{Sym, trace};
 
 use crate::loaded::Code;
-use crate::{CompileError, cache, compiler, sizes};
+use crate::{CompileError, Sizes, cache, compiler};
 
 /// Carried numbers of the step below: two that change, and one for each result.
 const RESULTS: usize = 16;
 
 /// A step with every operation there is, on two numbers that it changes, one that is given and one that is fixed.
 fn everything() -> Schedule {
-    let graph = trace(4, |v| {
-        let (fixed, given, a, b) = (v[0], v[1], v[2], v[3]);
+    let graph = trace(5, |v| {
+        let (fixed, given, a, b, anew) = (v[0], v[1], v[2], v[3], v[4]);
         let (sin, cos) = (a * given).sin_cos();
         let (half, whole) = (a * a).half_turn();
         let near = a.lt(b) & !(b.le(fixed * given)) | a.gt(given);
-        let mut out: Vec<Sym> = vec![a + b * given, a * b - given];
+        let mut out: Vec<Sym> = vec![a + b * given, a * b - given + anew];
         out.extend([
             sin,
             cos,
@@ -47,7 +47,8 @@ fn everything() -> Schedule {
         ]);
         out
     });
-    let inputs = [Input::Fixed(0), Input::Given(2), Input::Carried(0), Input::Carried(1)];
+    let anew = Input::Fresh(3 + RESULTS as u32);
+    let inputs = [Input::Fixed(0), Input::Given(2), Input::Carried(0), Input::Carried(1), anew];
     let mut outputs = vec![Output::Carried(0), Output::Carried(1)];
     outputs.extend((0..RESULTS as u32).map(|k| Output::Final(3 + k)));
     schedule(&graph, &inputs, &outputs)
@@ -78,12 +79,12 @@ fn file<C: Cell>(schedule: &Schedule, program: &Program, n_home: usize, numbers:
 /// Compares compiled code with byte code at a level, over ordinary and extraordinary numbers.
 fn compare<C: Interpret>(folder: &Path, level: Level, target: Target) {
     let schedule = everything();
-    let n_home = 3 + RESULTS;
+    let n_home = 4 + RESULTS;
     let program = Program::new(&schedule, n_home);
     let source = kernel::<C::Number>(&schedule, target);
     let to = folder.join(format!("{target:?}{}.so", C::Number::NAME));
     compiler::build(&source, target, &to).unwrap();
-    let code = Code::load(&to, size_of::<C::Number>(), sizes(&schedule)).unwrap();
+    let code = Code::load(&to, size_of::<C::Number>(), Sizes::of(&schedule)).unwrap();
     assert!(code.is_for::<C>() && !code.is_for::<[C; 2]>());
     let mut numbers: Vec<f64> = vec![
         0.0,
@@ -106,15 +107,28 @@ fn compare<C: Interpret>(folder: &Path, level: Level, target: Target) {
     }
     for shift in (0..numbers.len()).step_by(5) {
         numbers.rotate_left(shift % 7 + 1);
-        for times in [1, 3] {
+        for (times, anew) in [(1, false), (3, false), (1, true), (3, true)] {
             let mut by_byte_code: Vec<C> = file(&schedule, &program, n_home, &numbers);
             let mut compiled = by_byte_code.clone();
             C::interpret(level, &program.call, &mut by_byte_code, 1);
-            C::interpret(level, &program.step, &mut by_byte_code, times);
+            let given: Vec<C::Number> = numbers[..times].iter().map(|v| C::Number::of(*v)).collect();
+            if anew {
+                for v in &given {
+                    by_byte_code[n_home - 1] = C::splat(*v);
+                    C::interpret(level, &program.step, &mut by_byte_code, 1);
+                }
+            } else {
+                C::interpret(level, &program.step, &mut by_byte_code, times);
+            }
             C::interpret(level, &program.epilogue, &mut by_byte_code, 1);
             let (home, scratch) = compiled.split_at_mut(n_home);
             code.call(scratch);
-            code.step(home, scratch, times);
+            if anew {
+                code.steps(home, scratch, &given);
+                home[n_home - 1] = C::splat(given[times - 1]);
+            } else {
+                code.step(home, scratch, times);
+            }
             code.epilogue(home, scratch);
             for p in 0..n_home {
                 for lane in 0..C::LANES {
@@ -200,6 +214,6 @@ fn code_that_does_not_compile_and_files_that_do_not_load_are_errors_in_words() {
     let message = compiler::build("int f( {", target, &to).unwrap_err().to_string();
     assert!(message.contains("failed: exit status: 1") && message.contains("error"), "{message}");
     fs::write(&to, "no library").unwrap();
-    let message = Code::load(&to, 4, (1, 1)).unwrap_err().to_string();
+    let message = Code::load(&to, 4, Sizes { home: 1, scratch: 1, fresh: 0 }).unwrap_err().to_string();
     assert!(message.contains("x.so cannot be loaded") && message.contains("noexec"), "{message}");
 }

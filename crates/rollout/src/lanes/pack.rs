@@ -7,8 +7,10 @@ use super::super::traced::place;
 use super::Shared;
 use super::arrays::{Columns, EFFECT_MEMORY, View};
 use super::plan::{Kind, Plan, Run};
+use super::runner::Runner;
 use super::sequence::Undo;
 use fearless_simd::Level;
+use propwash_compile::Code;
 use propwash_physics::rigid_body::MAX_ROTORS;
 use propwash_trace::Real;
 use propwash_trace::bytecode::Interpret;
@@ -504,14 +506,22 @@ impl<C: Interpret> Pack<C> {
         // Most often all worlds are in the same step: then their time is one number.
         let together = plan.fresh.contains(&place::TIME).then(|| self.step_of(view, 0, 0));
         let together = together.filter(|first| (1..self.n).all(|lane| self.step_of(view, lane, 0) == *first));
-        for s in 0..if once { 1 } else { n } {
+        let time = |first: u64, s: usize| {
+            C::Number::of((first + (from + s) as u64) as f64 / f64::from(shared.options.sim_hz))
+        };
+        let timed = together.is_some() && matches!(plan.fresh[..], [place::TIME]);
+        let done = match (&runner, together) {
+            (Runner::Compiled(code), Some(first)) if timed => {
+                timed_steps(code, &mut self.file, plan.scratch, n, |s| time(first, s));
+                n
+            }
+            _ => 0,
+        };
+        for s in done..if once { 1 } else { n } {
             for p in &plan.fresh {
                 let to = &mut self.file[*p as usize];
                 match together {
-                    Some(first) if *p == place::TIME => {
-                        let step = first + (from + s) as u64;
-                        *to = C::splat(C::Number::of(step as f64 / f64::from(shared.options.sim_hz)));
-                    }
+                    Some(first) if *p == place::TIME => *to = C::splat(time(first, s)),
                     // Lanes without a drone of their own need no draws, which cost most.
                     _ if (place::NORMALS..place::EFFECTS).contains(p) => {
                         fresh(&self.rows[..self.n], *p, from + s, to);
@@ -530,6 +540,27 @@ impl<C: Interpret> Pack<C> {
         for (v, to) in plan.constants.all_or_often(span.last).into_iter().flatten() {
             self.file[*to as usize] = C::splat(*v);
         }
+    }
+}
+
+/// Takes steps at these times of all lanes, without leaving the loop of the code.
+fn timed_steps<C: Interpret>(
+    code: &Code,
+    file: &mut [C],
+    scratch: usize,
+    n: usize,
+    time: impl Fn(usize) -> C::Number,
+) {
+    let mut times = [C::Number::zero(); 64];
+    for from in (0..n).step_by(times.len()) {
+        let times = &mut times[..(n - from).min(64)];
+        for (s, t) in times.iter_mut().enumerate() {
+            *t = time(from + s);
+        }
+        let (home, scratch) = file.split_at_mut(scratch);
+        code.steps(home, scratch, times);
+        // What comes after the last step reads it in the home.
+        home[place::TIME as usize] = C::splat(times[times.len() - 1]);
     }
 }
 

@@ -28,7 +28,7 @@ impl<N: Number> Tape<N> {
     pub fn push_forward(&self, direction: &Partials<N>) -> Result<Vec<N>, RolloutError> {
         self.check_direction(direction)?;
         let [worlds, times, drones, _] = self.shape();
-        let mut out = vec![N::zero(); self.states.len()];
+        let mut out = vec![N::zero(); self.n_seeds()];
         let effect_at = self.effect_at();
         let equations = Equations {
             options: &self.options,

@@ -268,9 +268,14 @@ impl<N: Number> Sim<N> {
 }
 
 impl<N: Number> Tape<N> {
-    /// States after each command, (world, time, drone, [`state_width`]).
+    /// States after each command, (world, time, drone, [`state_width`]); empty once they were taken.
     pub fn states(&self) -> &[N] {
         &self.states
+    }
+
+    /// Hands the states over, which gradients do not need.
+    pub fn take_states(&mut self) -> Vec<N> {
+        std::mem::take(&mut self.states)
     }
 
     /// Numbers of a state.
@@ -381,7 +386,7 @@ impl<N: Number> Tape<N> {
         let (width, rows) = (self.state_width(), worlds * drones);
         let mut by_state = vec![N::zero(); rows * width * width];
         let mut by_command = vec![N::zero(); rows * width * command];
-        let mut seeds = vec![N::zero(); self.states.len()];
+        let mut seeds = vec![N::zero(); self.n_seeds()];
         for col in 0..width {
             let last =
                 |row: usize| ((row / drones * times + times - 1) * drones + row % drones) * width + col;
@@ -416,13 +421,19 @@ impl<N: Number> Tape<N> {
         }
     }
 
+    /// Numbers of all states.
+    fn n_seeds(&self) -> usize {
+        let [worlds, times, drones, _] = self.shape();
+        worlds * times * drones * self.state_width()
+    }
+
     fn check_seeds(&self, seeds: &[N]) -> Result<(), RolloutError> {
         let [worlds, times, drones, _] = self.shape();
         let width = self.state_width();
-        if seeds.len() != self.states.len() {
+        if seeds.len() != self.n_seeds() {
             return Err(RolloutError::Length {
                 name: "seeds",
-                expected: self.states.len(),
+                expected: self.n_seeds(),
                 shape: format!("{worlds} worlds × {times} times × {drones} drones × {width}, as the states"),
                 got: seeds.len(),
             });

@@ -10,7 +10,7 @@ use fearless_simd::Level;
 
 use super::recorded::{function, literal};
 use crate::lanes::{Cell, F32x16, F64x8, Number};
-use crate::schedule::{Code, Instruction, Location, Schedule};
+use crate::schedule::{Code, Input, Instruction, Location, Schedule};
 
 /// What the C compiler compiles for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -61,8 +61,9 @@ impl Target {
     }
 }
 
-/// Source file of a scheduled step, with the functions `pw_call(f)`, `pw_step(h, f, times)` and `pw_epilogue(h, f)` over cells of N's lanes: `h` is the
-/// home, `f` the scratch ([`Location`]).
+/// Source file of a scheduled step, with the functions `pw_call(f)`, `pw_step(h, f, times, t)` and `pw_epilogue(h, f)` over cells of N's lanes: `h` is the
+/// home, `f` the scratch ([`Location`]). Fresh inputs are read from `t`, the same in all lanes, (step, number of [`fresh`]); where `t` is null they
+/// stand in the home, the same in all steps.
 pub fn kernel<N: Number>(schedule: &Schedule, target: Target) -> String {
     let (call, state, given) = (schedule.call_at(), schedule.state_at(), schedule.given_at());
     let codes = [&schedule.call, &schedule.step, &schedule.epilogue];
@@ -89,18 +90,30 @@ pub fn kernel<N: Number>(schedule: &Schedule, target: Target) -> String {
     }
     lines.push("for (long n = 0; n < times; n++) {".to_string());
     lines.push("  AGAIN(f);".to_string());
+    let fresh = fresh(schedule);
+    let given_anew = fresh
+        .iter()
+        .enumerate()
+        .map(|(j, slot)| format!("  if (t) s{slot} = Lit(t[n * {} + {j}]);", fresh.len()));
+    lines.extend(given_anew);
     lines.extend(body::<N>(&schedule.step, &call, |k| format!("s{k}")).into_iter().map(|l| format!("  {l}")));
     lines.extend(schedule.step.stores.iter().map(|(value, slot)| format!("  s{slot} = v{value};")));
     lines.push("}".to_string());
     for slot in (0..state.len()).filter(|slot| written(*slot)) {
         lines.push(format!("Store({}, s{slot});", cell(state[slot])));
     }
-    let _ = write!(out, "\nvoid pw_step(N *h, N *f, long times) {{\n{}", part(&lines));
+    let _ = write!(out, "\nvoid pw_step(N *h, N *f, long times, const N *t) {{\n{}", part(&lines));
 
     let mut lines = body::<N>(&schedule.epilogue, &call, |k| load(state[k]));
     lines.extend(stores(&schedule.epilogue, |k| state[k]));
     let _ = write!(out, "\nvoid pw_epilogue(N *h, N *f) {{\n{}", part(&lines));
     out
+}
+
+/// Slots of the state that are given anew before every step.
+pub fn fresh(schedule: &Schedule) -> Vec<usize> {
+    let is_fresh = |slot: &usize| matches!(schedule.state[*slot].input, Some(Input::Fresh(_)));
+    (0..schedule.state.len()).filter(is_fresh).collect()
 }
 
 /// Functions that codes call, each after those that it calls itself.
