@@ -122,3 +122,36 @@ fn compiled_steps_have_the_bits_of_byte_code_with_every_effect() {
     let run = |compile| flown::<f64>(&mixed, ControlMode::Attitude, Integrator::Rk4, compile);
     assert_eq!(run(Compile::Now), run(Compile::Off));
 }
+
+/// Nothing but the time is given anew here, so compiled code takes many steps at once with a list of times, 64 at most.
+#[test]
+fn what_reads_the_time_has_the_bits_of_byte_code_in_calls_of_any_length() {
+    if !has_compiler() {
+        return;
+    }
+    let gust = vehicle(
+        "[[effect]]\nkind = \"expression\"\nname = \"own_gust\"\nforce_world_n = [\"0.01 * sin(9 * t)\", \"0\", \"0\"]",
+    );
+    let flown = |compile| {
+        let options = SimOptions {
+            n_worlds: 19,
+            control: ControlMode::RotorVel,
+            engine: Engine::Lanes,
+            compile,
+            ..SimOptions::default()
+        };
+        let drone = gust.drone("first_principles").unwrap();
+        let mut sim = Sim::<f32>::storing(options, vec![(drone, gust.rates)]).unwrap();
+        sim.data.command.fill(1500.0);
+        sim.step(150).unwrap();
+        sim.step(1).unwrap();
+        // Blocks of worlds that are in the same step, and one in which one is not.
+        sim.reset(Some(&(0..19).map(|w| w == 17).collect::<Vec<_>>())).unwrap();
+        sim.data.command.fill(1500.0);
+        sim.step(70).unwrap();
+        let s = &sim.data;
+        let bits: Vec<u32> = s.pos.iter().chain(&s.vel).chain(&s.quat).map(|v| v.to_bits()).collect();
+        bits
+    };
+    assert_eq!(flown(Compile::Now), flown(Compile::Off));
+}

@@ -21,7 +21,6 @@ pub use request::{Request, Status, request};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-use propwash_trace::export::c::fresh;
 use propwash_trace::schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -157,7 +156,7 @@ struct Sizes {
 
 impl Sizes {
     fn of(schedule: &Schedule) -> Self {
-        Self { home: schedule.n_home(), scratch: schedule.n_scratch(), fresh: fresh(schedule).len() }
+        Self { home: schedule.n_home(), scratch: schedule.n_scratch(), fresh: schedule.fresh().len() }
     }
 }
 

@@ -92,11 +92,12 @@ impl Code {
     /// A step for each row of `fresh`: what is given anew before it, the same in all lanes. What stands in the home instead is not read.
     ///
     /// # Panics
-    /// As [`Code::call`], and where nothing is given anew.
+    /// As [`Code::call`], where nothing is given anew, and where the last row is cut off.
     #[inline]
     pub fn steps<C: Cell>(&self, home: &mut [C], scratch: &mut [C], fresh: &[C::Number]) {
         self.check(Some(home), scratch);
         let times = fresh.len() / self.sizes.fresh;
+        assert!(times * self.sizes.fresh == fresh.len(), "rows of {} numbers each", self.sizes.fresh);
         // SAFETY: as above; the function reads `times` rows of as many numbers.
         unsafe {
             (self.step)(

@@ -228,6 +228,12 @@ impl Schedule {
         self.state.iter().map(&mut at).collect()
     }
 
+    /// Slots of the state that are given anew before every step.
+    pub fn fresh(&self) -> Vec<usize> {
+        let is_fresh = |slot: &usize| matches!(self.state[*slot].input, Some(Input::Fresh(_)));
+        (0..self.state.len()).filter(is_fresh).collect()
+    }
+
     /// Scratch cells that the program needs.
     pub fn n_scratch(&self) -> usize {
         let kept = self.state.iter().filter(|s| s.input.is_none() && s.output.is_none()).count();

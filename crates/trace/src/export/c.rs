@@ -10,7 +10,7 @@ use fearless_simd::Level;
 
 use super::recorded::{function, literal};
 use crate::lanes::{Cell, F32x16, F64x8, Number};
-use crate::schedule::{Code, Input, Instruction, Location, Schedule};
+use crate::schedule::{Code, Instruction, Location, Schedule};
 
 /// What the C compiler compiles for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -62,7 +62,7 @@ impl Target {
 }
 
 /// Source file of a scheduled step, with the functions `pw_call(f)`, `pw_step(h, f, times, t)` and `pw_epilogue(h, f)` over cells of N's lanes: `h` is the
-/// home, `f` the scratch ([`Location`]). Fresh inputs are read from `t`, the same in all lanes, (step, number of [`fresh`]); where `t` is null they
+/// home, `f` the scratch ([`Location`]). Fresh inputs are read from `t`, the same in all lanes, (step, number of [`Schedule::fresh`]); where `t` is null they
 /// stand in the home, the same in all steps.
 pub fn kernel<N: Number>(schedule: &Schedule, target: Target) -> String {
     let (call, state, given) = (schedule.call_at(), schedule.state_at(), schedule.given_at());
@@ -91,7 +91,7 @@ pub fn kernel<N: Number>(schedule: &Schedule, target: Target) -> String {
     }
     lines.push("for (long n = 0; n < times; n++) {".to_string());
     lines.push("  AGAIN(f);".to_string());
-    let fresh = fresh(schedule);
+    let fresh = schedule.fresh();
     let given_anew = fresh
         .iter()
         .enumerate()
@@ -109,12 +109,6 @@ pub fn kernel<N: Number>(schedule: &Schedule, target: Target) -> String {
     lines.extend(stores(&schedule.epilogue, |k| state[k]));
     let _ = write!(out, "\nvoid pw_epilogue(N *h, N *f) {{\n{}", part(&lines));
     out
-}
-
-/// Slots of the state that are given anew before every step.
-pub fn fresh(schedule: &Schedule) -> Vec<usize> {
-    let is_fresh = |slot: &usize| matches!(schedule.state[*slot].input, Some(Input::Fresh(_)));
-    (0..schedule.state.len()).filter(is_fresh).collect()
 }
 
 /// Most computed numbers alive at once for which both halves of a cell are taken together. The two are independent, so that the processor always has
