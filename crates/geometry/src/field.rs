@@ -3,7 +3,7 @@
 use crate::GeometryError;
 use fearless_simd::{Simd, dispatch};
 use propwash_trace::Real;
-use propwash_trace::lanes::{Cell, F32x16, level};
+use propwash_trace::lanes::{Cell, F32x16, level, vectorize};
 
 /// A regular grid of points along the world's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -223,7 +223,8 @@ impl DistanceField {
 
     #[inline(always)]
     fn distance_at<S: Simd>(&self, simd: S, pos_m: &[F32x16; 3]) -> F32x16 {
-        simd.vectorize(
+        vectorize(
+            simd,
             #[inline(always)]
             || self.lanes(pos_m).0,
         )
@@ -231,7 +232,8 @@ impl DistanceField {
 
     #[inline(always)]
     fn lanes_at<S: Simd>(&self, simd: S, pos_m: &[F32x16; 3]) -> (F32x16, [F32x16; 3]) {
-        simd.vectorize(
+        vectorize(
+            simd,
             #[inline(always)]
             || self.lanes(pos_m),
         )

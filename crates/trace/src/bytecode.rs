@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use fearless_simd::{Level, Simd, dispatch, f32x16, f64x8};
 
 use super::kernel::Compiled;
-use super::lanes::{Arith, F32x16, F64x8, Pair};
+use super::lanes::{Arith, F32x16, F64x8, Pair, vectorize};
 use super::schedule::{Code, Instruction, Location, Schedule};
 
 /// An instruction whose operands and result are registers (cells of the register file).
@@ -327,7 +327,7 @@ macro_rules! impl_interpret {
                 fn $entry<S: Simd>(simd: S, code: &ByteCode, file: &mut [$cell], times: usize) {
                     interpret::<$arith<S>>(simd, code, file, times);
                 }
-                dispatch!(level, simd => $entry(simd, code, file, times));
+                dispatch!(level, simd => vectorize(simd, #[inline(always)] || $entry(simd, code, file, times)));
             }
         }
     )*};

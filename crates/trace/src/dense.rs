@@ -5,7 +5,7 @@
 
 use fearless_simd::{Simd, dispatch, f32x16};
 
-use super::lanes::{Arith, F32x16, level};
+use super::lanes::{Arith, F32x16, level, vectorize};
 
 /// Outputs that are summed side by side: as many sums as the processor works on at once.
 const AT_ONCE: usize = 8;
@@ -99,7 +99,8 @@ impl Dense {
 pub fn undo_tanh(y: &[F32x16], gains: &mut [F32x16]) {
     #[inline(always)]
     fn at<S: Simd>(simd: S, y: &[F32x16], gains: &mut [F32x16]) {
-        simd.vectorize(
+        vectorize(
+            simd,
             #[inline(always)]
             || undo::<f32x16<S>>(simd, y, gains),
         );
@@ -121,7 +122,8 @@ pub fn sum(cell: &F32x16) -> f32 {
 
 #[inline(always)]
 fn forward_at<S: Simd>(simd: S, layer: Dense, weights: &[f32], x: &[F32x16], y: &mut [F32x16], tanh: bool) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || forward::<f32x16<S>>(simd, layer, weights, x, y, tanh),
     );
@@ -136,7 +138,8 @@ fn backward_at<S: Simd>(
     by_x: &mut [F32x16],
     by_weights: &mut [F32x16],
 ) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || backward::<f32x16<S>>(simd, layer, weights, given, by_x, by_weights),
     );
@@ -144,7 +147,8 @@ fn backward_at<S: Simd>(
 
 #[inline(always)]
 fn to_inputs_at<S: Simd>(simd: S, layer: Dense, weights: &[f32], by_y: &[F32x16], by_x: &mut [F32x16]) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || to_inputs::<f32x16<S>>(simd, layer, weights, by_y, by_x),
     );
@@ -158,7 +162,8 @@ fn to_weights_at<S: Simd>(
     by_y: &[F32x16],
     by_weights: &mut [F32x16],
 ) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || to_weights::<f32x16<S>>(simd, layer, x, by_y, by_weights),
     );
@@ -202,7 +207,8 @@ fn to_inputs<A: Arith<Cell = F32x16>>(
 
 #[inline(always)]
 fn gains_at<S: Simd>(simd: S, layer: Dense, rows: (Rows, Rows), times: usize, by_weights: &mut [f32]) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || gains_over::<f32x16<S>>(simd, layer, rows, times, by_weights),
     );

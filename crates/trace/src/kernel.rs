@@ -92,13 +92,13 @@ macro_rules! at_level {
         {
             let level: $crate::kernel::fearless_simd::Level = $level;
             if let Some($simd) = level.as_avx512() {
-                $crate::kernel::fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+                $crate::lanes::vectorize($simd, #[inline(always)] || $run)
             } else if let Some($simd) = level.as_avx2() {
-                $crate::kernel::fearless_simd::Simd::vectorize($simd, #[inline(always)] || $run)
+                $crate::lanes::vectorize($simd, #[inline(always)] || $run)
             }
         }
         #[cfg(not(target_arch = "x86_64"))]
-        $crate::kernel::fearless_simd::dispatch!($level, $simd => $run)
+        $crate::kernel::fearless_simd::dispatch!($level, $simd => $crate::lanes::vectorize($simd, #[inline(always)] || $run))
     }};
 }
 pub use at_level;

@@ -12,6 +12,7 @@ use crate::broad::groups::Rounds;
 use crate::kind::GeomType;
 use crate::shape::round::Round;
 use crate::table::{Geom, Table};
+use propwash_trace::lanes::vectorize;
 
 /// Where results go; each is optional.
 #[derive(Default)]
@@ -65,7 +66,7 @@ pub(crate) fn cast(job: &Rays, buffers: &mut Buffers, sink: &mut Sink) {
 
 /// With the lanes of a level.
 pub(crate) fn cast_at(level: Level, job: &Rays, buffers: &mut Buffers, sink: &mut Sink) {
-    dispatch!(level, simd => run(simd, job, buffers, sink));
+    dispatch!(level, simd => vectorize(simd, #[inline(always)] || run(simd, job, buffers, sink)));
 }
 
 #[inline(always)]
@@ -110,7 +111,8 @@ fn run<S: Simd>(simd: S, job: &Rays, buffers: &mut Buffers, sink: &mut Sink) {
                     Place { at, rows: 1, cols: 16.min(pattern.n - at), width: 16 }
                 }
             };
-            simd.vectorize(
+            vectorize(
+                simd,
                 #[inline(always)]
                 || store(simd, job, &place, d[part][2], best[part], ids[part], sink),
             );
@@ -329,7 +331,8 @@ fn meet<S: Simd>(
         GeomType::Mesh => {
             let mesh = &job.table.meshes[g.asset as usize];
             for part in 0..4 {
-                let t = simd.vectorize(
+                let t = vectorize(
+                    simd,
                     #[inline(always)]
                     || mesh.hit(g, d[part], best[part], stack, None),
                 );
@@ -339,7 +342,8 @@ fn meet<S: Simd>(
         GeomType::Hfield => {
             let field = &job.table.hfields[g.asset as usize];
             for part in 0..4 {
-                let t = simd.vectorize(
+                let t = vectorize(
+                    simd,
                     #[inline(always)]
                     || field.hit(g, d[part], best[part]),
                 );
@@ -501,7 +505,7 @@ pub(crate) fn candidates(
     found: &mut Vec<u32>,
 ) {
     found.clear();
-    dispatch!(level(), simd => along_ray(simd, table, filter, origin, direction, found));
+    dispatch!(level(), simd => vectorize(simd, #[inline(always)] || along_ray(simd, table, filter, origin, direction, found)));
 }
 
 #[inline(always)]
