@@ -2,7 +2,7 @@
 //! from.
 
 use super::quarantine::{MAX_POSITION_M, Quarantine, TOO_FAR};
-use crate::random::{Key, purpose, step_normal};
+use crate::random::{AT_ONCE, Key, purpose, step_normals};
 use propwash_physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
 use propwash_physics::drone::{Drone, Dynamics};
 use propwash_physics::effects::Command;
@@ -27,16 +27,6 @@ pub(super) struct Plan {
     pub reads_noise: Vec<bool>,
 }
 
-/// Purposes of the random numbers that effects may read.
-const NORMALS: [u32; 6] = [
-    purpose("effects.normal.0"),
-    purpose("effects.normal.1"),
-    purpose("effects.normal.2"),
-    purpose("effects.normal.3"),
-    purpose("effects.normal.4"),
-    purpose("effects.normal.5"),
-];
-
 /// Names the random numbers of a world.
 #[derive(Clone, Debug)]
 pub(super) struct Source {
@@ -47,17 +37,21 @@ pub(super) struct Source {
 }
 
 impl Source {
-    /// Standard normal numbers of one drone in one step.
+    /// Standard normal numbers of one drone in one step, which effects may read.
     pub fn normals(&self, drone: usize, step: u64) -> [f64; 6] {
-        core::array::from_fn(|i| self.normal(drone, step, i))
+        let (key, episode) = self.named(drone, step);
+        let key = Key { step: key.step ^ episode, ..key };
+        let blocks = [0, 1].map(|block| step_normals(key, block));
+        core::array::from_fn(|i| f64::from(blocks[i / AT_ONCE][i % AT_ONCE]))
     }
 
-    /// Number `i` of them.
-    pub fn normal(&self, drone: usize, step: u64, i: usize) -> f64 {
+    /// What they are named by: key, and what the number of the episode sets in that of the step. Episodes count from the top bits down, so that steps of two
+    /// episodes never share a number.
+    pub fn named(&self, drone: usize, step: u64) -> (Key, u64) {
+        const PURPOSE: u32 = purpose("effects.normals");
         let (seed, world) = self.origin;
-        // Episodes count from the top bits down, so that steps of two episodes never share a number.
-        let step = self.episodes.rotate_left(40) ^ step;
-        step_normal(Key { seed, world, drone: drone as u32, step, purpose: NORMALS[i] })
+        let key = Key { seed, world, drone: drone as u32, step, purpose: PURPOSE };
+        (key, self.episodes.rotate_left(40))
     }
 }
 

@@ -3,12 +3,11 @@
 
 mod lanes;
 
-use std::convert::Infallible;
-
-use rand::{Rng, RngExt, SeedableRng, TryRng};
+use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+pub(crate) use lanes::{AT_ONCE, Names, step_normals};
 pub use lanes::{lasting_normals, normals};
 
 /// Names one stream of random numbers.
@@ -82,103 +81,15 @@ impl Stream {
     }
 }
 
-/// What Philox4x32 multiplies two words by in each round, and adds to its two keys after it.
-const ROUND_PRODUCTS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
-const ROUND_KEYS: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
-
-/// Random bits by Philox4x32-10: four words for a counter of four and a key of two, in ten rounds (Salmon, Moraes, Dror, Shaw, "Parallel random
-/// numbers: as easy as 1, 2, 3", SC 2011). It names a number for each step of each drone as [`Key`] does, at a tenth of the cost: a stream of ChaCha8
-/// begins with four blocks of it, of which a step needs eight bytes.
-struct Philox {
-    key: [u32; 2],
-    counter: [u32; 4],
-    /// Words of the last block that are not used yet.
-    left: usize,
-    block: [u32; 4],
-}
-
-impl Philox {
-    fn new(key: [u32; 2], counter: [u32; 4]) -> Self {
-        Self { key, counter, left: 0, block: [0; 4] }
-    }
-
-    /// Ten rounds.
-    fn block_of([mut k0, mut k1]: [u32; 2], mut c: [u32; 4]) -> [u32; 4] {
-        let wide = |a: u32, b: u32| {
-            let product = u64::from(a) * u64::from(b);
-            ((product >> 32) as u32, product as u32)
-        };
-        for _ in 0..10 {
-            let ((high_0, low_0), (high_1, low_1)) =
-                (wide(ROUND_PRODUCTS[0], c[0]), wide(ROUND_PRODUCTS[1], c[2]));
-            c = [high_1 ^ c[1] ^ k0, low_1, high_0 ^ c[3] ^ k1, low_0];
-            (k0, k1) = (k0.wrapping_add(ROUND_KEYS[0]), k1.wrapping_add(ROUND_KEYS[1]));
-        }
-        c
-    }
-}
-
-impl TryRng for Philox {
-    type Error = Infallible;
-
-    fn try_next_u32(&mut self) -> Result<u32, Infallible> {
-        if self.left == 0 {
-            self.block = Self::block_of(self.key, self.counter);
-            self.counter[3] = self.counter[3].wrapping_add(1);
-            self.left = 4;
-        }
-        self.left -= 1;
-        Ok(self.block[3 - self.left])
-    }
-
-    fn try_next_u64(&mut self) -> Result<u64, Infallible> {
-        let [low, high] = [self.try_next_u32()?, self.try_next_u32()?];
-        Ok(u64::from(high) << 32 | u64::from(low))
-    }
-
-    fn try_fill_bytes(&mut self, to: &mut [u8]) -> Result<(), Infallible> {
-        for part in to.chunks_mut(4) {
-            let word = self.try_next_u32()?.to_le_bytes();
-            part.copy_from_slice(&word[..part.len()]);
-        }
-        Ok(())
-    }
-}
-
-/// A standard normal number of [`Key`]'s parts, for what draws in every step. Worlds are told apart up to 2³², drones up to 2²⁴.
-pub(crate) fn step_normal(key: Key) -> f64 {
-    let [seed, world, step] = [key.seed, key.world, key.step].map(|v| [v as u32, (v >> 32) as u32]);
-    // Rejected draws take further blocks of the same stream, counted by the lowest byte.
-    let counter = [step[0], step[1], world[0], key.drone << 8];
-    StandardNormal.sample(&mut Philox::new([seed[0] ^ key.purpose, seed[1] ^ world[1]], counter))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// The known answers that come with Random123, the authors' own library (`kat_vectors`, philox4x32 10).
-    #[test]
-    fn philox_gives_the_known_answers() {
-        let ones = u32::MAX;
-        for (counter, key, answer) in [
-            ([0; 4], [0; 2], [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]),
-            ([ones; 4], [ones; 2], [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]),
-            (
-                [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344],
-                [0xa409_3822, 0x299f_31d0],
-                [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1],
-            ),
-        ] {
-            assert_eq!(Philox::block_of(key, counter), answer);
-        }
-    }
 
     #[test]
     fn normals_of_steps_are_normal_and_those_of_no_two_keys_go_together() {
         let base = Key { seed: 3, world: 0, drone: 0, step: 0, purpose: purpose("test") };
         let of = |change: &dyn Fn(u64) -> Key| -> Vec<f64> {
-            (0..40_000).map(|i| step_normal(change(i))).collect()
+            (0..40_000).map(|i| f64::from(step_normals(change(i), 0)[1])).collect()
         };
         let lists = [
             of(&|i| Key { step: i, ..base }),

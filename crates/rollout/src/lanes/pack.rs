@@ -2,6 +2,7 @@
 
 use super::super::blocks::Source as RandomSource;
 use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
+use super::super::random::{AT_ONCE, Names};
 use super::super::sim::origin;
 use super::super::traced::place;
 use super::Shared;
@@ -87,6 +88,9 @@ pub(super) struct Pack<C> {
     /// The home before and after a step in which different stages tick in different lanes.
     pub(super) mixed: Vec<C>,
     pub(super) merged: Vec<C>,
+    /// Names of the random numbers of every lane, where an effect reads some, and what was drawn last.
+    pub(super) names: Names,
+    pub(super) drawn: [Vec<f32>; AT_ONCE],
 }
 
 impl<C: Interpret> Pool<C> {
@@ -226,6 +230,8 @@ impl<C: Interpret> Pack<C> {
             before: Vec::new(),
             mixed: Vec::new(),
             merged: Vec::new(),
+            names: Names::default(),
+            drawn: Default::default(),
         }
     }
 
@@ -368,14 +374,14 @@ impl<C: Interpret> Pack<C> {
         Steps { from, n, begin, end, told }: Steps,
     ) {
         let kind = &shared.kinds[self.kind];
-        let fresh = |rows: &[u32], p, done, cell: &mut C| {
-            fresh(shared, view, kind, (rows, around), p, done, cell);
-        };
         if kind.dues.len() == 1 {
+            if begin {
+                self.name(shared, view);
+            }
             let plan = kind.plan(shared.options.phase, 0);
             let last = end || kind.plans[plan].ends_state;
             let span = Span { plan, from, n, first: begin, last, told };
-            return self.segment(shared, view, (kind, &kind.plans), fresh, span);
+            return self.segment(shared, view, (kind, &kind.plans), Some(around), span);
         }
         self.run_kept(shared, view, around, (from, n), None);
     }
@@ -391,9 +397,7 @@ impl<C: Interpret> Pack<C> {
     ) {
         let kind = &shared.kinds[self.kind];
         let phase = shared.options.phase;
-        let fresh = |rows: &[u32], p, done, cell: &mut C| {
-            fresh(shared, view, kind, (rows, around), p, done, cell);
-        };
+        self.name(shared, view);
         let (first, alike) = self.alike(view, kind);
         // Plans that have run, by bit; more than there are bits count as not.
         let mut ran = 0u64;
@@ -413,9 +417,9 @@ impl<C: Interpret> Pack<C> {
                 let (first, last) = (ran & bit == 0, done + length == n);
                 let span = Span { plan, from: from + done, n: length, first, last, told: false };
                 ran |= bit;
-                self.segment(shared, view, (kind, &kind.plans), fresh, span);
+                self.segment(shared, view, (kind, &kind.plans), Some(around), span);
             } else {
-                self.mixed_step(shared, view, (kind, &kind.plans), fresh, from + done);
+                self.mixed_step(shared, view, (kind, &kind.plans), Some(around), from + done);
             }
             if let Some(kept) = &mut kept {
                 kept.take(kept.after, &self.file);
@@ -437,7 +441,7 @@ impl<C: Interpret> Pack<C> {
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
         (kind, plans): (&Kind<C::Number>, &[Plan<C::Number>]),
-        fresh: impl Fn(&[u32], u32, usize, &mut C),
+        around: Option<&[C::Number]>,
         from: usize,
     ) {
         let (mut before, mut merged) = (std::mem::take(&mut self.mixed), std::mem::take(&mut self.merged));
@@ -455,7 +459,7 @@ impl<C: Interpret> Pack<C> {
             }
             self.file[..self.n_home].copy_from_slice(&before);
             let span = Span { plan, from, n: 1, first: true, last: true, told: false };
-            self.segment(shared, view, (kind, plans), &fresh, span);
+            self.segment(shared, view, (kind, plans), around, span);
             for (to, new) in merged.iter_mut().zip(&self.file) {
                 for lane in (0..C::LANES).filter(|lane| lanes >> lane & 1 == 1) {
                     to.set(lane, new.get(lane));
@@ -466,14 +470,80 @@ impl<C: Interpret> Pack<C> {
         (self.mixed, self.merged) = (before, merged);
     }
 
-    /// Steps in which the same stages tick. `fresh` writes a number that is another in every step: of these rows, at this place, this
-    /// many steps after the start of the call.
+    /// Names the random numbers of all lanes, as the call begins, where an effect reads some.
+    fn name(&mut self, shared: &Shared<C::Number>, view: &View<C::Number>) {
+        if !shared.kinds[self.kind].reads_noise {
+            return;
+        }
+        let o = &shared.options;
+        self.names.clear();
+        for row in &self.rows {
+            let (w, d) = (*row as usize / view.n_drones, *row as usize % view.n_drones);
+            let number = o.first_world + (view.first + w) as u64;
+            let origin = origin(o.seed, shared.seeds, number, view.first + w);
+            let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
+            let (key, episode) = source.named(d, view.steps[w]);
+            self.names.push(key, episode);
+        }
+        self.drawn.iter_mut().for_each(|numbers| numbers.resize(self.rows.len(), 0.0));
+    }
+
+    /// Puts what is another in every step into place, `done` steps after the start of the call: time (given where it is the same in all lanes), normal random
+    /// numbers, where the other drones are.
+    fn refresh(
+        &mut self,
+        shared: &Shared<C::Number>,
+        view: &View<C::Number>,
+        (kind, plan): (&Kind<C::Number>, &Plan<C::Number>),
+        around: &[C::Number],
+        done: usize,
+        time: Option<C::Number>,
+    ) {
+        let Self { rows, n, file, names, drawn, .. } = self;
+        let mut block = None;
+        for p in &plan.fresh {
+            let cell = &mut file[*p as usize];
+            match *p {
+                place::TIME => match time {
+                    Some(time) => *cell = C::splat(time),
+                    None => cell.fill(0, |lane| {
+                        let step = view.steps[rows[lane] as usize / view.n_drones] + done as u64;
+                        C::Number::of(step as f64 / f64::from(shared.options.sim_hz))
+                    }),
+                },
+                p if p < place::EFFECTS && !kind.reads_noise => *cell = C::splat(C::Number::zero()),
+                p if p < place::EFFECTS => {
+                    let i = (p - place::NORMALS) as usize;
+                    let needed = (i / AT_ONCE) as u32;
+                    if block != Some(needed) {
+                        // Lanes without a drone of their own need no draws, which cost most.
+                        names.draw(shared.level, *n, (done as u64, needed), drawn);
+                        block = Some(needed);
+                    }
+                    cell.fill(0, |lane| C::Number::of(f64::from(drawn[i % AT_ONCE][lane])));
+                }
+                p => {
+                    let q = (p - place::EFFECTS) as usize - kind.effects;
+                    let (j, i) = (q / place::NEIGHBOUR as usize, q % place::NEIGHBOUR as usize);
+                    cell.fill(0, |lane| {
+                        let (w, d) =
+                            (rows[lane] as usize / view.n_drones, rows[lane] as usize % view.n_drones);
+                        let other = if j < d { j } else { j + 1 };
+                        around[6 * (w * view.n_drones + other) + i]
+                    });
+                }
+            }
+        }
+    }
+
+    /// Steps in which the same stages tick. Numbers that are others in every step are put into place before each, unless they are there already (`around`, where
+    /// all drones are, is `None`).
     pub(super) fn segment(
         &mut self,
         shared: &Shared<C::Number>,
         view: &View<C::Number>,
         (kind, plans): (&Kind<C::Number>, &[Plan<C::Number>]),
-        fresh: impl Fn(&[u32], u32, usize, &mut C),
+        around: Option<&[C::Number]>,
         span: Span,
     ) {
         let Span { from, n, .. } = span;
@@ -518,16 +588,9 @@ impl<C: Interpret> Pack<C> {
             _ => 0,
         };
         for s in done..if once { 1 } else { n } {
-            for p in &plan.fresh {
-                let to = &mut self.file[*p as usize];
-                match together {
-                    Some(first) if *p == place::TIME => *to = C::splat(time(first, s)),
-                    // Lanes without a drone of their own need no draws, which cost most.
-                    _ if (place::NORMALS..place::EFFECTS).contains(p) => {
-                        fresh(&self.rows[..self.n], *p, from + s, to);
-                    }
-                    _ => fresh(&self.rows, *p, from + s, to),
-                }
+            if let (Some(around), false) = (around, once) {
+                let time = together.map(|first| time(first, s));
+                self.refresh(shared, view, (kind, plan), around, from + s, time);
             }
             runner.step(level, plan, &mut self.file, if once { n } else { 1 });
         }
@@ -579,40 +642,5 @@ impl<C: Copy> Kept<'_, C> {
         for run in runs {
             self.cells.extend_from_slice(&file[run.place..run.place + run.n]);
         }
-    }
-}
-
-/// A number that is another in every step: time, normal random numbers, where neighbours are.
-fn fresh<C: Interpret>(
-    shared: &Shared<C::Number>,
-    view: &View<C::Number>,
-    kind: &Kind<C::Number>,
-    (rows, around): (&[u32], &[C::Number]),
-    p: u32,
-    done: usize,
-    cell: &mut C,
-) {
-    let o = &shared.options;
-    for (lane, row) in rows.iter().enumerate() {
-        let row = *row as usize;
-        let (w, d) = (row / view.n_drones, row % view.n_drones);
-        let step = view.steps[w] + done as u64;
-        let value = match p {
-            place::TIME => C::Number::of(step as f64 / f64::from(o.sim_hz)),
-            place::NORMALS..place::EFFECTS if kind.reads_noise => {
-                let number = o.first_world + (view.first + w) as u64;
-                let origin = origin(o.seed, shared.seeds, number, view.first + w);
-                let source = RandomSource { origin, episodes: shared.episodes[view.first + w] };
-                C::Number::of(source.normal(d, step, (p - place::NORMALS) as usize))
-            }
-            _ if p >= place::EFFECTS + kind.effects as u32 => {
-                let q = (p - place::EFFECTS) as usize - kind.effects;
-                let (j, i) = (q / place::NEIGHBOUR as usize, q % place::NEIGHBOUR as usize);
-                let other = if j < d { j } else { j + 1 };
-                around[6 * (w * view.n_drones + other) + i]
-            }
-            _ => C::Number::zero(),
-        };
-        cell.set(lane, value);
     }
 }

@@ -439,8 +439,6 @@ impl<C: Interpret> Pack<C> {
         kept: &[C],
         (from, n): (usize, usize),
     ) {
-        // All of it is put into place before each step.
-        let fresh = |_: &[u32], _: u32, _: usize, _: &mut C| {};
         let (first, alike) = self.alike(view, kind);
         let mut ran = 0u64;
         for s in (from..from + n).rev() {
@@ -454,9 +452,10 @@ impl<C: Interpret> Pack<C> {
                 let bit = 1u64.checked_shl(plan as u32).unwrap_or(0);
                 let span = Span { plan, from: s, n: 1, first: ran & bit == 0, last: s == from, told: false };
                 ran |= bit;
-                self.segment(shared, view, (kind, &back.plans), fresh, span);
+                // All that is another in every step is in place: it was kept.
+                self.segment(shared, view, (kind, &back.plans), None, span);
             } else {
-                self.mixed_step(shared, view, (kind, &back.plans), fresh, s);
+                self.mixed_step(shared, view, (kind, &back.plans), None, s);
             }
         }
     }

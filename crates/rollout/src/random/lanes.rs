@@ -1,17 +1,22 @@
-//! Normal random numbers for sixteen worlds at once.
+//! Normal random numbers for many drones at once.
 //!
-//! The bits are those of Philox4x32-10, so a number depends on its key alone: not on threads, lanes or what was drawn before. Two numbers of 32 bits become two
+//! The bits are those of Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011): four words for a counter of four and
+//! a key of two, in ten rounds. So a number depends on its key alone: not on threads, lanes or what was drawn before. Two numbers of 32 bits become two
 //! normal numbers (Box & Muller, "A note on the generation of random normal deviates", 1958), by the polynomials of Cephes (`logf`, `sinf`, `cosf`; Moshier, 1989).
 //! Products and sums are not fused, so that every processor draws the same bits. No number is farther from zero than 5.7.
 
-use super::{Key, ROUND_KEYS, ROUND_PRODUCTS};
-use fearless_simd::{Simd, dispatch};
-use propwash_trace::lanes::{F32x16, level};
+use super::Key;
+use fearless_simd::{Level, Simd, dispatch};
+use propwash_trace::lanes::{F32x16, level, vectorize};
+
+/// What Philox4x32 multiplies two words by in each round, and adds to its two keys after it.
+const ROUND_PRODUCTS: [u32; 2] = [0xD251_1F53, 0xCD9E_8D57];
+const ROUND_KEYS: [u32; 2] = [0x9E37_79B9, 0xBB67_AE85];
 
 /// Lanes of a block.
 const N: usize = 16;
 /// Normal numbers of one block of Philox.
-const AT_ONCE: usize = 4;
+pub(crate) const AT_ONCE: usize = 4;
 
 /// Standard normal numbers for sixteen worlds, one block for each number; the world of `key` counts for nothing, those of the lanes are `worlds`.
 pub fn normals(key: Key, worlds: &[u32; N], out: &mut [F32x16]) {
@@ -26,11 +31,13 @@ pub fn lasting_normals(key: Key, worlds: &[u32; N], lasting: f32, numbers: &mut 
 
 #[inline(always)]
 fn normals_at<S: Simd>(simd: S, key: Key, worlds: &[u32; N], out: &mut [F32x16]) {
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || {
             for (block, part) in out.chunks_mut(AT_ONCE).enumerate() {
-                let four = four(key, worlds, block as u32);
+                let (keys, counter) = named(key, worlds, block as u32);
+                let four = four(keys, counter);
                 for (to, from) in part.iter_mut().zip(&four) {
                     to.0 = *from;
                 }
@@ -42,11 +49,13 @@ fn normals_at<S: Simd>(simd: S, key: Key, worlds: &[u32; N], out: &mut [F32x16])
 #[inline(always)]
 fn lasting_at<S: Simd>(simd: S, key: Key, worlds: &[u32; N], lasting: f32, numbers: &mut [F32x16]) {
     let fresh = (1.0 - lasting * lasting).max(0.0).sqrt();
-    simd.vectorize(
+    vectorize(
+        simd,
         #[inline(always)]
         || {
             for (block, part) in numbers.chunks_mut(AT_ONCE).enumerate() {
-                let four = four(key, worlds, block as u32);
+                let (keys, counter) = named(key, worlds, block as u32);
+                let four = four(keys, counter);
                 for (to, from) in part.iter_mut().zip(&four) {
                     for lane in 0..N {
                         to.0[lane] = lasting * to.0[lane] + fresh * from[lane];
@@ -57,14 +66,110 @@ fn lasting_at<S: Simd>(simd: S, key: Key, worlds: &[u32; N], lasting: f32, numbe
     )
 }
 
-/// Four normal numbers of each world.
+/// What names the draws of a step, for the drones of some lanes: parts of [`Key`], an array for each.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Names {
+    key: [Vec<u32>; 2],
+    world: Vec<u32>,
+    drone: Vec<u32>,
+    step: Vec<u64>,
+    /// Set in the number of every step.
+    episode: Vec<u64>,
+}
+
+impl Names {
+    pub(crate) fn clear(&mut self) {
+        let Self { key: [k0, k1], world, drone, step, episode } = self;
+        [k0, k1, world, drone].into_iter().for_each(Vec::clear);
+        [step, episode].into_iter().for_each(Vec::clear);
+    }
+
+    /// Adds a lane; worlds are told apart up to 2³², drones up to 2²⁴. The number of a step is `key.step` and the steps since then, with `episode` set in it.
+    pub(crate) fn push(&mut self, key: Key, episode: u64) {
+        self.key[0].push(key.seed as u32 ^ key.purpose);
+        self.key[1].push((key.seed >> 32) as u32 ^ (key.world >> 32) as u32);
+        self.world.push(key.world as u32);
+        self.drone.push(key.drone << 8);
+        self.step.push(key.step);
+        self.episode.push(episode);
+    }
+
+    /// Standard normal numbers `AT_ONCE * block` and those after it of the first `n` lanes, `done` steps later; `out` has at least as many lanes as names
+    /// were added, `n` of which are drawn and perhaps some more.
+    pub(crate) fn draw(
+        &self,
+        level: Level,
+        n: usize,
+        (done, block): (u64, u32),
+        out: &mut [Vec<f32>; AT_ONCE],
+    ) {
+        let mut lane = 0;
+        while lane < n {
+            // Few drones need no sixteen lanes, but what one lane costs is not much less than four.
+            let width = match self.step.len().min(n.next_multiple_of(4)) - lane {
+                16.. => 16,
+                4.. => 4,
+                _ => 1,
+            };
+            dispatch!(level, simd => match width {
+                16 => self.draw_at::<_, 16>(simd, lane, (done, block), out),
+                4 => self.draw_at::<_, 4>(simd, lane, (done, block), out),
+                _ => self.draw_at::<_, 1>(simd, lane, (done, block), out),
+            });
+            lane += width;
+        }
+    }
+
+    #[inline(always)]
+    fn draw_at<S: Simd, const M: usize>(
+        &self,
+        simd: S,
+        lane: usize,
+        (done, block): (u64, u32),
+        out: &mut [Vec<f32>; AT_ONCE],
+    ) {
+        vectorize(
+            simd,
+            #[inline(always)]
+            || {
+                // No `array::from_fn`: it is not compiled into this function.
+                let of = |all: &[u32]| {
+                    let mut own = [0; M];
+                    own.copy_from_slice(&all[lane..lane + M]);
+                    own
+                };
+                let mut counter = [[0; M], [0; M], of(&self.world), of(&self.drone)];
+                for i in 0..M {
+                    let step = self.episode[lane + i] ^ (self.step[lane + i] + done);
+                    (counter[0][i], counter[1][i]) = (step as u32, (step >> 32) as u32);
+                    counter[3][i] |= block;
+                }
+                let four = four([of(&self.key[0]), of(&self.key[1])], counter);
+                for (to, from) in out.iter_mut().zip(&four) {
+                    to[lane..lane + M].copy_from_slice(from);
+                }
+            },
+        )
+    }
+}
+
+/// The same numbers of one drone: block number `block` of `key`, whose step is the number of the step with the episode set in it.
+pub(crate) fn step_normals(key: Key, block: u32) -> [f32; AT_ONCE] {
+    let mut names = Names::default();
+    names.push(key, 0);
+    let (step, of) = (key.step, |v: &[u32]| [v[0]]);
+    let counter = [[step as u32], [(step >> 32) as u32], of(&names.world), [names.drone[0] | block]];
+    four([of(&names.key[0]), of(&names.key[1])], counter).map(|[v]| v)
+}
+
+/// Four normal numbers of each lane, by the keys and counters of Philox.
 #[inline(always)]
-fn four(key: Key, worlds: &[u32; N], block: u32) -> [[f32; N]; AT_ONCE] {
-    let words = philox(key, worlds, block);
-    let mut out = [[0.0; N]; AT_ONCE];
+fn four<const M: usize>(keys: [[u32; M]; 2], counter: [[u32; M]; 4]) -> [[f32; M]; AT_ONCE] {
+    let words = philox(keys, counter);
+    let mut out = [[0.0; M]; AT_ONCE];
     for pair in 0..2 {
         let (a, b) = (words[2 * pair], words[2 * pair + 1]);
-        for lane in 0..N {
+        for lane in 0..M {
             let radius = (-2.0 * logarithm(above_zero(a[lane]))).sqrt();
             let (sin, cos) = sin_cos_of_turns(b[lane]);
             out[2 * pair][lane] = radius * cos;
@@ -74,23 +179,28 @@ fn four(key: Key, worlds: &[u32; N], block: u32) -> [[f32; N]; AT_ONCE] {
     out
 }
 
-/// The words of [`super::Philox`] for the same counter, in lanes.
+/// Keys and counters of sixteen worlds.
 #[inline(always)]
-fn philox(key: Key, worlds: &[u32; N], block: u32) -> [[u32; N]; 4] {
-    let (mut k0, mut k1) = (key.seed as u32 ^ key.purpose, (key.seed >> 32) as u32);
-    let mut c = [[key.step as u32; N], [(key.step >> 32) as u32; N], *worlds, [key.drone << 8 | block; N]];
+fn named(key: Key, worlds: &[u32; N], block: u32) -> ([[u32; N]; 2], [[u32; N]; 4]) {
+    let keys = [[key.seed as u32 ^ key.purpose; N], [(key.seed >> 32) as u32; N]];
+    (keys, [[key.step as u32; N], [(key.step >> 32) as u32; N], *worlds, [key.drone << 8 | block; N]])
+}
+
+/// Ten rounds of Philox4x32 in every lane.
+#[inline(always)]
+fn philox<const M: usize>([mut k0, mut k1]: [[u32; M]; 2], mut c: [[u32; M]; 4]) -> [[u32; M]; 4] {
     for _ in 0..10 {
-        let mut next = [[0; N]; 4];
-        for lane in 0..N {
+        let mut next = [[0; M]; 4];
+        for lane in 0..M {
             let first = u64::from(ROUND_PRODUCTS[0]) * u64::from(c[0][lane]);
             let second = u64::from(ROUND_PRODUCTS[1]) * u64::from(c[2][lane]);
-            next[0][lane] = (second >> 32) as u32 ^ c[1][lane] ^ k0;
+            next[0][lane] = (second >> 32) as u32 ^ c[1][lane] ^ k0[lane];
             next[1][lane] = second as u32;
-            next[2][lane] = (first >> 32) as u32 ^ c[3][lane] ^ k1;
+            next[2][lane] = (first >> 32) as u32 ^ c[3][lane] ^ k1[lane];
             next[3][lane] = first as u32;
         }
         c = next;
-        (k0, k1) = (k0.wrapping_add(ROUND_KEYS[0]), k1.wrapping_add(ROUND_KEYS[1]));
+        (k0, k1) = (k0.map(|k| k.wrapping_add(ROUND_KEYS[0])), k1.map(|k| k.wrapping_add(ROUND_KEYS[1])));
     }
     c
 }
@@ -146,21 +256,67 @@ fn sin_cos_of_turns(word: u32) -> (f32, f32) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Philox, purpose};
+    use super::super::purpose;
     use super::*;
     use propwash_trace::lanes::Cell;
 
     const KEY: Key = Key { seed: 0x1234_5678_9ABC_DEF0, world: 0, drone: 3, step: 1 << 40 | 77, purpose: 9 };
 
+    /// The known answers that come with Random123, the authors' own library (`kat_vectors`, philox4x32 10), in lanes.
     #[test]
-    fn words_are_those_of_philox_one_by_one() {
-        let worlds = core::array::from_fn(|lane| 1000 * lane as u32 + 5);
-        let words = philox(KEY, &worlds, 2);
-        for (lane, world) in worlds.iter().enumerate() {
-            let counter = [77, 1 << 8, *world, 3 << 8 | 2];
-            let expected = Philox::block_of([0x9ABC_DEF0 ^ 9, 0x1234_5678], counter);
-            assert_eq!([0, 1, 2, 3].map(|k| words[k][lane]), expected);
+    fn philox_gives_the_known_answers() {
+        let ones = u32::MAX;
+        let known = [
+            ([0; 4], [0; 2], [0x6627_e8d5, 0xe169_c58d, 0xbc57_ac4c, 0x9b00_dbd8]),
+            ([ones; 4], [ones; 2], [0x408f_276d, 0x41c8_3b0e, 0xa20b_c7c6, 0x6d54_51fd]),
+            (
+                [0x243f_6a88, 0x85a3_08d3, 0x1319_8a2e, 0x0370_7344],
+                [0xa409_3822, 0x299f_31d0],
+                [0xd16c_fe09, 0x94fd_cceb, 0x5001_e420, 0x2412_6ea1],
+            ),
+        ];
+        let lanes = |of: &dyn Fn(usize) -> u32| -> [u32; 3] { core::array::from_fn(of) };
+        let keys = [0, 1].map(|k| lanes(&|lane| known[lane].1[k]));
+        let counter = [0, 1, 2, 3].map(|k| lanes(&|lane| known[lane].0[k]));
+        let words = philox(keys, counter);
+        for (lane, (.., answer)) in known.iter().enumerate() {
+            assert_eq!([0, 1, 2, 3].map(|k| words[k][lane]), *answer);
         }
+    }
+
+    #[test]
+    fn names_in_lanes_draw_what_each_draws_alone_and_worlds_alike_what_they_draw_together() {
+        let key = |lane: u64| Key {
+            seed: KEY.seed ^ (lane % 3),
+            world: (7 * lane) << (lane % 2 * 30),
+            step: 5 * lane,
+            ..KEY
+        };
+        let episode = |lane: u64| (lane / 4).rotate_left(40);
+        let mut levels = vec![level()];
+        #[cfg(target_arch = "x86_64")]
+        levels.extend(level().as_sse2().map(Level::Sse2));
+        for level in levels {
+            for (lanes, n) in [(1, 1), (8, 5), (16, 16), (64, 3), (64, 41), (64, 64)] {
+                let mut names = Names::default();
+                (0..lanes).for_each(|lane| names.push(key(lane), episode(lane)));
+                let mut out = core::array::from_fn(|_| vec![0.0; lanes as usize]);
+                names.draw(level, n, (11, 1), &mut out);
+                for lane in 0..n {
+                    let key = key(lane as u64);
+                    let alone = Key { step: (key.step + 11) ^ episode(lane as u64), ..key };
+                    assert_eq!(
+                        step_normals(alone, 1),
+                        [0, 1, 2, 3].map(|k| out[k][lane]),
+                        "{lanes} {n} {lane}"
+                    );
+                }
+            }
+        }
+        let (worlds, mut cells) = (core::array::from_fn(|lane| lane as u32), [F32x16::splat(0.0); 8]);
+        normals(KEY, &worlds, &mut cells);
+        let alone = step_normals(Key { world: 9, ..KEY }, 1);
+        assert_eq!(alone, [4, 5, 6, 7].map(|k: usize| cells[k].get(9)));
     }
 
     #[test]
