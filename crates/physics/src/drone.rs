@@ -81,6 +81,28 @@ impl<S: Real> Drone<S> {
         }
     }
 
+    /// Every number in the order of [`Drone::map`].
+    pub fn numbers(&self, f: &mut impl FnMut(S)) {
+        self.body.numbers(f);
+        self.airframe.numbers(f);
+        if let Dynamics::AttitudeResponse(p) = &self.dynamics {
+            p.numbers(f);
+        }
+        self.controller.numbers(f);
+        self.effects.iter().for_each(|effect| effect.numbers(f));
+    }
+
+    /// The same, to change them; call [`Drone::refresh`] afterwards.
+    pub fn numbers_mut(&mut self, f: &mut impl FnMut(&mut S)) {
+        self.body.numbers_mut(f);
+        self.airframe.numbers_mut(f);
+        if let Dynamics::AttitudeResponse(p) = &mut self.dynamics {
+            p.numbers_mut(f);
+        }
+        self.controller.numbers_mut(f);
+        self.effects.iter_mut().for_each(|effect| effect.numbers_mut(f));
+    }
+
     /// `f(name, value)` for every parameter: `body.mass_kg`, `rotors.0.spin_up.1`, `effect.linear_drag.drag_n_s_per_m.0.0`,
     /// `effect.expression.NAME.PARAMETER` …
     ///

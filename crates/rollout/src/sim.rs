@@ -149,6 +149,8 @@ pub struct Sim<N: Number = f64> {
     pub(super) rates: Vec<Rates>,
     /// Where the memory of the effects of each drone begins in that of a world, and where the last one ends.
     effect_at: Vec<usize>,
+    /// What rules draw.
+    draws: Draws,
     /// What the arrays of controllers hold in this control mode.
     memory_columns: Vec<usize>,
     /// States before the stage that runs.
@@ -197,6 +199,7 @@ impl<N: Number> Sim<N> {
             initial,
             rates,
             effect_at,
+            draws: Draws::default(),
             memory_columns,
             kept: Vec::new(),
             data,
@@ -217,6 +220,11 @@ impl<N: Number> Sim<N> {
             rule.check()?;
             sim.check_rule(rule)?;
         }
+        let rules = &sim.options.randomization.rules;
+        sim.draws = Draws {
+            drones: sim.nominal.iter().map(|drone| drawn(drone, rules)).collect(),
+            start: drawn_initial(rules),
+        };
         sim.reset(None)?;
         if compile == Compile::Now {
             sim.compile()?;
@@ -400,6 +408,7 @@ impl<N: Number> Sim<N> {
             return Err(RolloutError::NoParameter { drone, name: name.into(), close });
         }
         check_body(&tried, drone)?;
+        check_effects(&tried, drone)?;
         self.forget_tables();
         let n = self.nominal.len();
         match world {
@@ -474,22 +483,22 @@ impl<N: Number> Sim<N> {
             });
         }
         // Taken out for the time of the reset, which changes everything else.
-        let rules = std::mem::take(&mut self.options.randomization.rules);
+        let (draws, rules) =
+            (std::mem::take(&mut self.draws), std::mem::take(&mut self.options.randomization.rules));
         let wanted = (0..n_worlds).filter(|w| worlds.is_none_or(|mask| mask[*w]));
         // Where all worlds have the same vehicles, these hover alike.
         let alike = self.own.is_none() && rules.iter().all(|r| r.parameter.starts_with("initial."));
         let hovers: Option<Vec<_>> = alike.then(|| self.nominal.iter().map(hover).collect());
-        // Names are looked up once: what they stand for is at the same place in every world.
-        let drawn: Vec<Vec<Drawn>> = self.nominal.iter().map(|drone| drawn(drone, &rules)).collect();
         let outcome = wanted.into_iter().try_for_each(|w| {
             self.data.episodes[w] += 1;
             self.data.steps[w] = 0;
             self.data.quarantine[w] = None;
             (0..self.nominal.len()).try_for_each(|d| {
-                self.reset_drone((w, d), (&rules, &drawn[d]), hovers.as_ref().map(|h| h[d]))
+                let hovers = hovers.as_ref().map(|h| h[d]);
+                self.reset_drone((w, d), (&rules, &draws.drones[d], &draws.start), hovers)
             })
         });
-        self.options.randomization.rules = rules;
+        (self.draws, self.options.randomization.rules) = (draws, rules);
         outcome
     }
 
@@ -497,26 +506,27 @@ impl<N: Number> Sim<N> {
     fn reset_drone(
         &mut self,
         (w, d): (usize, usize),
-        (rules, drawn): (&[Rule], &[Drawn]),
+        (rules, drawn, start): (&[Rule], &[Drawn], &[Drawn]),
         hovers: Option<([f64; MAX_ROTORS], f64)>,
     ) -> Result<(), RolloutError> {
         let row = self.data.row(w, d);
         let (seed, world) = self.options.origin(w);
         let key = Key { seed, world, drone: d as u32, step: self.data.episodes[w] - 1, purpose: 0 };
         if !drawn.is_empty() {
-            let base = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]);
+            let mut drone = self.base.as_ref().map_or(&self.nominal[d], |base| &base[row]).clone();
             let (mut at, mut rest) = (0, drawn.iter().peekable());
-            let mut drone = base.map(&mut |nominal| {
-                let own = rest.next_if(|number| number.at == at);
+            drone.numbers_mut(&mut |value| {
+                if let Some(number) = rest.next_if(|number| number.at == at) {
+                    *value = number.draw(rules, *value, key);
+                }
                 at += 1;
-                let apply = |number: &Drawn| {
-                    let rules = number.rules.iter().map(|r| &rules[*r]);
-                    rules.fold(nominal, |value, rule| rule.apply(&number.name, value, key))
-                };
-                own.map_or(nominal, apply)
             });
             drone.refresh();
             check_body(&drone, d)?;
+            // Ranges go by names, which takes longer than all else, and what is not drawn is within them.
+            if drawn.iter().any(|number| number.name.starts_with("effect.")) {
+                check_effects(&drone, d)?;
+            }
             let first = self.own.is_none();
             per_world(&mut self.own, &self.nominal, self.data.n_worlds)[row] = drone;
             let changes = if first { &mut self.version.vehicles } else { &mut self.version.worlds };
@@ -531,13 +541,11 @@ impl<N: Number> Sim<N> {
         }
         let mut state = self.initial[row % self.initial.len()];
         let mut rotation = [0.0; 3];
-        if !rules.is_empty() {
-            let numbers = [&mut state.pos, &mut state.vel, &mut state.ang_vel, &mut rotation];
-            for (names, numbers) in INITIAL.iter().zip(numbers) {
-                for (name, value) in names.iter().zip(numbers) {
-                    for rule in rules.iter().filter(|r| r.matches(name)) {
-                        *value = rule.apply(name, *value, key);
-                    }
+        for number in start {
+            let of = [&mut state.pos, &mut state.vel, &mut state.ang_vel, &mut rotation];
+            for (group, numbers) in of.into_iter().enumerate() {
+                if let Some(value) = number.at.checked_sub(3 * group).and_then(|i| numbers.get_mut(i)) {
+                    *value = number.draw(rules, *value, key);
                 }
             }
         }
@@ -838,13 +846,39 @@ fn check_hover(state: &State<f64>, drone: &Drone<f64>, slot: usize) -> Result<()
     }
 }
 
-/// A number of a drone that rules draw.
+/// A number of a drone, or of how it begins, that rules draw.
+#[derive(Debug)]
 struct Drawn {
-    /// Its place among the numbers that [`Drone::map`] meets.
+    /// Its place among the numbers that [`Drone::map`] meets, or in [`INITIAL`].
     at: usize,
     name: String,
     /// Places of the rules that speak of it.
     rules: Vec<usize>,
+}
+
+/// All that rules draw. Names are looked up once: what they stand for is at the same place in every world and episode.
+#[derive(Debug, Default)]
+struct Draws {
+    /// For each drone slot.
+    drones: Vec<Vec<Drawn>>,
+    /// Of how drones begin.
+    start: Vec<Drawn>,
+}
+
+impl Drawn {
+    /// The number that is drawn for a nominal one.
+    fn draw(&self, rules: &[Rule], nominal: f64, key: Key) -> f64 {
+        self.rules.iter().fold(nominal, |value, r| rules[*r].apply(&self.name, value, key))
+    }
+}
+
+/// The numbers of how drones begin that rules draw.
+fn drawn_initial(rules: &[Rule]) -> Vec<Drawn> {
+    let all = INITIAL.iter().flatten().enumerate().map(|(at, name)| {
+        let of = rules.iter().enumerate().filter(|(_, rule)| rule.matches(name));
+        Drawn { at, name: (*name).into(), rules: of.map(|(i, _)| i).collect() }
+    });
+    all.filter(|number| !number.rules.is_empty()).collect()
 }
 
 /// The numbers of a drone that rules draw, in the order of [`Drone::map`].
@@ -924,6 +958,11 @@ fn check_body(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
             return option("body.inertia_kg_m2", &format!("a symmetric matrix; {a} stands across from"), b);
         }
     }
+    Ok(())
+}
+
+/// Refuses effects with a parameter out of its range.
+fn check_effects(drone: &Drone<f64>, slot: usize) -> Result<(), RolloutError> {
     for effect in &drone.effects {
         if let Some(fault) = out_of_range(&mut effect.clone()) {
             return Err(RolloutError::Parameter {
@@ -1013,6 +1052,7 @@ fn check(options: &SimOptions, drones: &[(Drone<f64>, Rates)]) -> Result<(), Rol
             }
         }
         check_body(drone, i)?;
+        check_effects(drone, i)?;
     }
     Ok(())
 }

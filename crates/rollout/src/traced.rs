@@ -62,13 +62,16 @@ pub(super) struct Shape {
 /// Numbers that never change: parameters, and the lengths of steps and of the controllers' periods.
 pub(super) fn fixed(drone: &Drone<f64>, rates: &Rates, sim_hz: u32) -> Vec<f64> {
     let mut out = Vec::new();
-    drone.map(&mut |v| {
-        out.push(v);
-        v
-    });
+    fixed_into(drone, rates, sim_hz, &mut out);
+    out
+}
+
+/// The same, in place of what stood in `out`.
+pub(super) fn fixed_into(drone: &Drone<f64>, rates: &Rates, sim_hz: u32, out: &mut Vec<f64>) {
+    out.clear();
+    drone.numbers(&mut |v| out.push(v));
     let p = periods(rates);
     out.extend([1.0 / f64::from(sim_hz), p.state, p.attitude, p.body_rate]);
-    out
 }
 
 /// A parameter that stands in a graph as the constant that it is, or one that is read from a table.
@@ -352,6 +355,7 @@ mod tests {
     use super::*;
     use crate::random::{Key, purpose};
     use propwash_kernels as kernels;
+    use propwash_physics::effects::{self, AnyEffect};
     use propwash_trace::bytecode::{Interpret, Program};
     use propwash_trace::lanes::level;
     use propwash_trace::schedule::{Location, Source};
@@ -457,6 +461,31 @@ mod tests {
             }
         }
         assert!(changed > 100, "{changed}");
+    }
+
+    #[test]
+    fn numbers_of_a_drone_come_in_the_order_of_its_map() {
+        for name in BUILTIN {
+            let vehicle = Vehicle::builtin(name).unwrap();
+            for dynamics in vehicle.available_dynamics() {
+                let mut drone = vehicle.drone(dynamics).unwrap();
+                drone.effects = effects::KINDS.iter().filter_map(|kind| AnyEffect::by_kind(kind)).collect();
+                let (mut n, mut all) = (0, Vec::new());
+                drone.numbers_mut(&mut |v| {
+                    *v = f64::from(n);
+                    n += 1;
+                });
+                let mapped = drone.map(&mut |v| {
+                    all.push(v);
+                    v
+                });
+                assert_eq!(all, (0..n).map(f64::from).collect::<Vec<_>>(), "{name} {dynamics}");
+                assert_eq!(mapped, drone);
+                let mut read = Vec::new();
+                drone.numbers(&mut |v| read.push(v));
+                assert_eq!(read, all, "{name} {dynamics}");
+            }
+        }
     }
 
     #[test]

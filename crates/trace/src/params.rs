@@ -15,6 +15,12 @@ pub trait Parameters<S: Real> {
 
     /// `f(name, value)` for every scalar; names are `prefix.field`, and `prefix.field.index` in arrays.
     fn visit(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S));
+
+    /// Every scalar in the order of [`Parameters::map`], without names: for what is done often.
+    fn numbers<F: FnMut(S)>(&self, f: &mut F);
+
+    /// The same, to change them.
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F);
 }
 
 impl<S: Real> Parameters<S> for S {
@@ -24,6 +30,14 @@ impl<S: Real> Parameters<S> for S {
     }
     fn visit(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S)) {
         f(prefix, self);
+    }
+    #[inline(always)]
+    fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+        f(*self);
+    }
+    #[inline(always)]
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+        f(self);
     }
 }
 
@@ -36,6 +50,14 @@ impl<S: Real, P: Parameters<S>, const N: usize> Parameters<S> for [P; N] {
         for (i, item) in self.iter_mut().enumerate() {
             item.visit(&format!("{prefix}.{i}"), f);
         }
+    }
+    #[inline(always)]
+    fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+        self.iter().for_each(|item| item.numbers(f));
+    }
+    #[inline(always)]
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+        self.iter_mut().for_each(|item| item.numbers_mut(f));
     }
 }
 
@@ -71,6 +93,16 @@ macro_rules! parameters {
             fn visit(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S)) {
                 use $crate::params::Parameters;
                 $(Parameters::<S>::visit(&mut self.$field, &format!("{prefix}.{}", stringify!($field)), f);)*
+            }
+            #[inline]
+            #[allow(unused_variables)]
+            fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+                $($crate::params::Parameters::<S>::numbers(&self.$field, f);)*
+            }
+            #[inline]
+            #[allow(unused_variables)]
+            fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+                $($crate::params::Parameters::<S>::numbers_mut(&mut self.$field, f);)*
             }
         }
     };

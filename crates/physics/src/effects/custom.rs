@@ -257,6 +257,12 @@ impl<S: Real> Parameters<S> for Params<S> {
             f(&format!("{prefix}{name}"), value);
         }
     }
+    fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+        self.value.iter().take(self.custom.parameters.len()).for_each(|v| f(*v));
+    }
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+        self.value.iter_mut().take(self.custom.parameters.len()).for_each(f);
+    }
 }
 
 impl<S: Real> Effect<S> for Params<S> {

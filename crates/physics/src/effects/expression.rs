@@ -366,6 +366,12 @@ impl<S: Real> Parameters<S> for Params<S> {
             f(&format!("{prefix}.{}", declared.freedom.name), value);
         }
     }
+    fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+        self.value.numbers(f);
+    }
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+        self.value.numbers_mut(f);
+    }
 }
 
 /// What an effect sees, with the values that it names.

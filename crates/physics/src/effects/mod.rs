@@ -384,6 +384,12 @@ macro_rules! effects {
             fn visit(&mut self, prefix: &str, f: &mut dyn FnMut(&str, &mut S)) {
                 match self { $(Self::$variant(p) => p.visit(prefix, f),)* Self::Custom(p) => p.visit(prefix, f) }
             }
+            fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+                match self { $(Self::$variant(p) => p.numbers(f),)* Self::Custom(p) => p.numbers(f) }
+            }
+            fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+                match self { $(Self::$variant(p) => p.numbers_mut(f),)* Self::Custom(p) => p.numbers_mut(f) }
+            }
         }
     };
 }

@@ -87,6 +87,12 @@ impl<S: Real> Parameters<S> for Params<S> {
             f(&format!("{prefix}.gain"), &mut self.gain);
         }
     }
+    fn numbers<F: FnMut(S)>(&self, f: &mut F) {
+        f(self.gain);
+    }
+    fn numbers_mut<F: FnMut(&mut S)>(&mut self, f: &mut F) {
+        f(&mut self.gain);
+    }
 }
 
 /// Value of input number `index` of [`inputs`].

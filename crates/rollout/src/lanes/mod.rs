@@ -26,7 +26,7 @@ use super::backend::Backend;
 use super::blocks::Phase;
 use super::pilot::{Commander, Pilot};
 use super::quarantine::Quarantine;
-use super::traced::{Shape, fixed, scheduled};
+use super::traced::{Shape, fixed, fixed_into, scheduled};
 use super::watch::Watcher;
 use propwash_compile::{Compile, Request};
 use propwash_physics::controllers::{ControlMode, Rates};
@@ -382,7 +382,7 @@ impl<N: Number> Lanes<N> {
                 kind.typical = fixed(drone(kind.slots[0]), rate, options.sim_hz);
                 kind.varies = vec![false; kind.typical.len()];
             }
-            let numbers = |row: usize| fixed(drone(row), rate, options.sim_hz);
+            let numbers = |row: usize, out: &mut Vec<f64>| fixed_into(drone(row), rate, options.sim_hz, out);
             let mine = |row: &usize| kind.slots.contains(&(row % nominal.len()));
             let rows: Vec<usize> = match own {
                 Some(_) if all => (0..n_rows).filter(mine).collect(),
@@ -458,9 +458,9 @@ impl<N: Number> Lanes<N> {
         let means = Means { backend: None, compile: self.compile, level: self.level };
         for kind in &mut self.kinds {
             let slot = kind.slots[0];
-            let numbers = |row: usize| {
+            let numbers = |row: usize, out: &mut Vec<f64>| {
                 let drone = own.map_or(&nominal[row % nominal.len()], |own| &own[row]);
-                fixed(drone, &rates[slot], options.sim_hz)
+                fixed_into(drone, &rates[slot], options.sim_hz, out);
             };
             let sizes = (nominal.len(), n_worlds);
             if kind.trace_back(options, &nominal[slot], &parameters[slot], sizes, means, numbers) {

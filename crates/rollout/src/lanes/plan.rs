@@ -344,14 +344,14 @@ impl<N: Number> Plan<N> {
         n_drones: usize,
         n_worlds: usize,
         changed: Option<&[usize]>,
-        fixed: impl Fn(usize) -> Vec<f64>,
+        numbers: impl Fn(usize, &mut Vec<f64>),
     ) {
         if self.varying.is_empty() {
             return;
         }
-        let width = self.varying.len();
+        let (width, mut own) = (self.varying.len(), Vec::new());
         let mut fill = |world: usize, i: usize| {
-            let own = fixed(world * n_drones + slots[i]);
+            numbers(world * n_drones + slots[i], &mut own);
             let values = self.again.eval(&own);
             let row = (world * slots.len() + i) * width;
             self.rows[row..row + width].iter_mut().zip(values).for_each(|(to, v)| *to = N::of(v));
@@ -371,10 +371,15 @@ impl<N: Number> Plan<N> {
 
 impl<N: Number> Kind<N> {
     /// Marks numbers of the drones in `rows` that are not those that the tables were filled with; true where there are more than before.
-    pub(super) fn note_differences(&mut self, rows: &[usize], numbers: impl Fn(usize) -> Vec<f64>) -> bool {
-        let mut more = false;
+    pub(super) fn note_differences(
+        &mut self,
+        rows: &[usize],
+        numbers: impl Fn(usize, &mut Vec<f64>),
+    ) -> bool {
+        let (mut more, mut own) = (false, Vec::new());
         for row in rows {
-            for ((varies, a), b) in self.varies.iter_mut().zip(&self.typical).zip(&numbers(*row)) {
+            numbers(*row, &mut own);
+            for ((varies, a), b) in self.varies.iter_mut().zip(&self.typical).zip(&own) {
                 if !*varies && a.to_bits() != b.to_bits() {
                     (*varies, more) = (true, true);
                 }
@@ -438,7 +443,7 @@ impl<N: Number> Kind<N> {
         parameters: &[usize],
         (n_drones, n_worlds): (usize, usize),
         means: Means<N>,
-        numbers: impl Fn(usize) -> Vec<f64>,
+        numbers: impl Fn(usize, &mut Vec<f64>),
     ) -> bool {
         if self.back.as_ref().is_some_and(|back| back.parameters == parameters) {
             return false;
