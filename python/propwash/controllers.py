@@ -317,23 +317,13 @@ def indi(
     return Controller(law, "indi", hz)
 
 
-def _pid(s: Any, axis: int, error: Any, measured: Any, gains: Sequence[float], cutoff_hz: float, limit: float) -> Any:
-    """Proportional, integral and derivative of one axis: the derivative of what is measured, through a low-pass of first order, the integral held within a limit."""
-    p, i, d = gains
-    name = "xyz"[axis]
-    out = p * error
-    if i:
-        total = s.memory(f"integral_{name}")
-        total.next = np.clip(total.value + i * error * s.dt, -limit, limit)
-        out = out + total.next
-    if d:
-        last, slope = s.memory(f"last_{name}"), s.memory(f"slope_{name}")
-        last.next = measured
-        share = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz))
-        # The first difference would be that to nothing measured yet.
-        slope.next = slope.value + share * (np.where(s.t < 0.5 * s.dt, 0.0, (measured - last.value) / s.dt) - slope.value)
-        out = out - d * slope.next
-    return out
+def _slope(s: Any, name: str, of: Any, share: float) -> Any:
+    """The derivative of a number through a low-pass of first order, whose ``share`` is new in each turn."""
+    last, slope = s.memory(f"last_{name}"), s.memory(f"slope_{name}")
+    last.next = of
+    # The first difference would be that to nothing measured yet.
+    slope.next = slope.value + share * (np.where(s.t < 0.5 * s.dt, 0.0, (of - last.value) / s.dt) - slope.value)
+    return slope.next
 
 
 def _turn_left(s: Any) -> Any:
@@ -366,37 +356,50 @@ def _by_thrust(s: Any, outputs: list[Any]) -> None:
         s.rotor_command[k] = s.vehicle.speed(np.maximum(output * s.vehicle.thrust_max, s.vehicle.thrust_min))
 
 
+def _tilt_and_heading(full: Any) -> tuple[Any, Any]:
+    """The turn that is left in two: the shortest one of body z to where it shall point, as a quaternion, and then half the angle about z, −π/2 to π/2."""
+    up = _matrix(full)[:, 2]
+    root = np.sqrt(np.maximum(2 * (1 + up[2]), 1e-9))
+    tilt = np.array([-up[1] / root, up[0] / root, 0.0, root * 0.5], dtype=object)
+    left = _product(np.array([-tilt[0], -tilt[1], 0.0, tilt[3]], dtype=object), full)
+    side = np.where(left[3] < 0, -1.0, 1.0)
+    return tilt, np.arctan2(left[2] * side, left[3] * side)
+
+
 def px4(
     attitude: Sequence[float] = (6.5, 6.5, 2.8),
     rate: Sequence[Sequence[float]] = ((0.15, 0.2, 0.003), (0.15, 0.2, 0.003), (0.2, 0.1, 0.0)),
     yaw_weight: float = 0.4,
     rate_max: Sequence[float] = (3.84, 3.84, 3.49),
     cutoff_hz: float = 30.0,
+    integral_max: float = 0.3,
     hz: float | None = None,
 ) -> Controller:
     """Attitude and rate control as PX4 has it, for ``control="attitude"``.
 
-    The attitude error is a quaternion whose tilt goes before its yaw, which counts ``yaw_weight`` (D. Brescianini, M. Hehn, R. D'Andrea, "Nonlinear quadrocopter attitude control", ETH Zürich 2013; PX4 1.15, mc_att_control), times
-    gains (MC_ROLL_P …), within ``rate_max`` (rad/s; MC_ROLLRATE_MAX is 220 °/s), a rate for a PID with its derivative through ``cutoff_hz`` (IMU_DGYRO_CUTOFF) and its integral within 0.3 (MC_RR_INT_LIM). Gains are PX4's defaults: outputs
-    are shares of the motors' range, which lift in proportion.
+    The attitude error is a quaternion whose tilt goes before its yaw, which counts ``yaw_weight`` (D. Brescianini, M. Hehn, R. D'Andrea, "Nonlinear quadrocopter attitude control", ETH Zürich 2013; PX4, mc_att_control), times
+    gains (MC_ROLL_P …), within ``rate_max`` (rad/s; MC_ROLLRATE_MAX is 220 °/s), a rate for a PID (lib/rate_control) with its derivative through ``cutoff_hz`` (IMU_DGYRO_CUTOFF) and its integral within ``integral_max``
+    (MC_RR_INT_LIM), which sums the less the greater the error is, nothing from 400 °/s on, and acts one turn later. Gains are PX4's defaults: outputs are shares of the motors' range, which lift in proportion.
     """
 
     def law(s: Any) -> None:
-        full = _turn_left(s)
-        # Body z is turned to where it shall point by the shortest way; what then is left turns about z, and counts less.
-        up = _matrix(full)[:, 2]
-        root = np.sqrt(np.maximum(2 * (1 + up[2]), 1e-9))
-        tilt = np.array([-up[1] / root, up[0] / root, 0.0, root * 0.5], dtype=object)
-        left = _product(np.array([-tilt[0], -tilt[1], 0.0, tilt[3]], dtype=object), full)
-        side = np.where(left[3] < 0, -1.0, 1.0)
-        yaw = 2 * np.arctan2(left[2] * side, left[3] * side) * yaw_weight * 0.5
+        tilt, half_yaw = _tilt_and_heading(_turn_left(s))
+        yaw = half_yaw * yaw_weight
         error = 2 * _product(tilt, np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)], dtype=object))[:3]
+        share = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz))
         turn = []
-        for axis in range(3):
+        for axis, name in enumerate("xyz"):
+            p, i, d = rate[axis]
             # The yaw gain is divided by the weight, which acts on the error already.
             gain = attitude[axis] / (yaw_weight if axis == 2 else 1.0)
-            asked = np.clip(gain * error[axis], -rate_max[axis], rate_max[axis])
-            turn.append(_pid(s, axis, asked - s.ang_vel[axis], s.ang_vel[axis], rate[axis], cutoff_hz, 0.3))
+            left = np.clip(gain * error[axis], -rate_max[axis], rate_max[axis]) - s.ang_vel[axis]
+            out = p * left
+            if i:
+                total = s.memory(f"integral_{name}")
+                fade = np.maximum(1 - (left / np.radians(400)) ** 2, 0)
+                total.next = np.clip(total.value + fade * i * left * s.dt, -integral_max, integral_max)
+                out = out + total.value
+            turn.append(out - d * _slope(s, name, s.ang_vel[axis], share) if d else out)
         _by_thrust(s, _mixed(s, s.command[3] / (s.vehicle.rotors * s.vehicle.thrust_max), turn))
 
     return Controller(law, "px4", hz)
@@ -405,34 +408,57 @@ def px4(
 def ardupilot(
     attitude: Sequence[float] = (4.5, 4.5, 4.5),
     rate: Sequence[Sequence[float]] = ((0.135, 0.135, 0.0036), (0.135, 0.135, 0.0036), (0.18, 0.018, 0.0)),
-    accel_max: Sequence[float] = (19.2, 19.2, 4.7),
+    accel_max: Sequence[float] = (19.199, 19.199, 4.712),
     cutoff_hz: float = 20.0,
+    yaw_cutoff_hz: float = 2.5,
+    integral_max: float = 0.5,
     hz: float | None = None,
 ) -> Controller:
     """Attitude and rate control as ArduCopter has it, for ``control="attitude"``.
 
-    Rates go with the attitude error (ATC_ANG_RLL_P …) near to it, and with its root far from it, where the acceleration would exceed ``accel_max`` (rad/s²; ATC_ACCEL_R_MAX is 110000 centidegrees/s²) (ArduPilot 4.5,
-    AC_AttitudeControl, sqrt_controller); a PID follows them, whose error passes a low-pass (ATC_RAT_RLL_FLTT, ``cutoff_hz``), and so does its derivative (FLTD); its integral stays within 0.5. Gains are ArduPilot's defaults.
+    The attitude error is the shortest turn of the thrust, and then that of the heading, within 45° or what would saturate it. Rates go with it (ATC_ANG_RLL_P …) near to zero, and with its root far from it, where the acceleration would
+    exceed half of ``accel_max`` (rad/s²; ATC_ACCEL_R_MAX is 110000 centidegrees/s²), which counts within 40 and 720 °/s² (yaw: 10 and 120) (ArduPilot, AC_AttitudeControl, sqrt_controller). A PID follows them (AC_PID), whose target passes a
+    low-pass (ATC_RAT_RLL_FLTT, ``cutoff_hz``), and so does the derivative of its error (FLTD), about yaw the error itself too (ATC_RAT_YAW_FLTE, ``yaw_cutoff_hz``); its integral stays within ``integral_max`` (IMAX). Gains are ArduPilot's
+    defaults. What shapes commands before (ATC_INPUT_TC) is not there.
     """
 
     def law(s: Any) -> None:
-        full = _turn_left(s)
-        side = np.where(full[3] < 0, -1.0, 1.0)
-        sine = np.sqrt(full[:3] @ full[:3] + 1e-16)
-        error = full[:3] * (side * 2 * np.arctan2(sine, full[3] * side) / sine)
+        tilt, half_yaw = _tilt_and_heading(_turn_left(s))
+        sine = np.sqrt(tilt[:2] @ tilt[:2] + 1e-16)
+        lean = tilt[:2] * (2 * np.arctan2(sine, tilt[3]) / sine)
+        limits = [np.clip(accel_max[axis] / 2, *np.radians((10, 120) if axis == 2 else (40, 720))) for axis in range(3)]
+        heading_max = min(_stopping(1 / rate[2][0], attitude[2], limits[2]), np.pi / 4) if rate[2][0] else np.pi
+        error = [*lean, np.clip(2 * half_yaw, -heading_max, heading_max)]
+        share, begun = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz)), s.t > 0.5 * s.dt
         turn = []
-        share = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz))
         for axis, name in enumerate("xyz"):
-            far = accel_max[axis] / attitude[axis] ** 2
-            size = np.abs(error[axis])
-            root = np.sqrt(np.maximum(2 * accel_max[axis] * (size - 0.5 * far), 1e-12))
+            p, i, d = rate[axis]
+            far, size = limits[axis] / attitude[axis] ** 2, np.abs(error[axis])
+            root = np.sqrt(np.maximum(2 * limits[axis] * (size - 0.5 * far), 1e-12))
             asked = np.where(size > far, np.sign(error[axis]) * root, attitude[axis] * error[axis])
-            smooth = s.memory(f"target_{name}")
-            smooth.next = smooth.value + share * (asked - smooth.value)
-            turn.append(_pid(s, axis, smooth.next - s.ang_vel[axis], s.ang_vel[axis], rate[axis], cutoff_hz, 0.5))
+            asked = np.clip(asked, -size / s.dt, size / s.dt)
+            # All filters begin with the first value that they are given.
+            target = s.memory(f"target_{name}")
+            target.next = np.where(begun, target.value + share * (asked - target.value), asked)
+            left = target.next - s.ang_vel[axis]
+            if axis == 2 and yaw_cutoff_hz:
+                smooth = s.memory("error_z")
+                smooth.next = np.where(begun, smooth.value + s.dt / (s.dt + 1 / (2 * np.pi * yaw_cutoff_hz)) * (left - smooth.value), left)
+                left = smooth.next
+            out = p * left
+            if i:
+                total = s.memory(f"integral_{name}")
+                total.next = np.clip(total.value + i * left * s.dt, -integral_max, integral_max)
+                out = out + total.next
+            turn.append(out + d * _slope(s, name, left, share) if d else out)
         _by_thrust(s, _mixed(s, s.command[3] / (s.vehicle.rotors * s.vehicle.thrust_max), turn))
 
     return Controller(law, "ardupilot", hz)
+
+
+def _stopping(speed: float, gain: float, accel: float) -> float:
+    """Error at which the controller that follows its root asks for a speed."""
+    return speed / gain if speed < accel / gain else 0.5 * accel / gain**2 + speed**2 / (2 * accel)
 
 
 def betaflight(
@@ -449,11 +475,18 @@ def betaflight(
 
     def law(s: Any) -> None:
         degrees = 180 / np.pi
+        share = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz))
         turn = []
-        for axis in range(3):
+        for axis, name in enumerate("xyz"):
             p, i, d = pid[axis]
-            gains = (0.032029 * p * degrees, 0.244381 * i * degrees, 0.000529 * d * degrees)
-            out = _pid(s, axis, s.command[axis] - s.ang_vel[axis], s.ang_vel[axis], gains, cutoff_hz, 400.0)
+            left = s.command[axis] - s.ang_vel[axis]
+            out = 0.032029 * p * degrees * left
+            if i:
+                total = s.memory(f"integral_{name}")
+                total.next = np.clip(total.value + 0.244381 * i * degrees * left * s.dt, -400, 400)
+                out = out + total.next
+            if d:
+                out = out - 0.000529 * d * degrees * _slope(s, name, s.ang_vel[axis], share)
             limit = 400 if axis == 2 else 500
             turn.append(np.clip(out, -limit, limit) / 1000)
         top = float(s.vehicle.speed(s.vehicle.thrust_max))

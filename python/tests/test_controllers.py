@@ -60,6 +60,37 @@ def test_every_law_holds_what_it_is_told_on_every_vehicle(law, drone):
         np.testing.assert_allclose(sim.data.ang_vel[:, 0], np.broadcast_to([0.2, -0.1, 0.3], (8, 3)), atol=0.02)
 
 
+@pytest.mark.parametrize(
+    "name, options, exact",
+    [
+        ("px4", {"rate": ((0.03, 2.0, 0.0006), (0.03, 2.0, 0.0006), (0.04, 1.0, 0.0)), "integral_max": 0.02}, 1e-6),
+        ("ardupilot", {"rate": ((0.027, 1.35, 0.00072), (0.027, 1.35, 0.00072), (0.036, 0.18, 0.0)), "integral_max": 0.02, "accel_max": np.radians((1100, 1100, 270))}, 1e-6),
+    ],
+)
+def test_laws_command_what_the_firmware_itself_commands(name, options, exact):
+    """tests/data/laws: torques that the firmware's own functions computed, in float."""
+    rows = np.genfromtxt(ROOT / f"tests/data/laws/{name}.csv", delimiter=",", names=True)
+    columns = lambda *names: np.stack([now[column] for column in names], -1)
+    of = controllers.Airframe(pw.Vehicle("hb_x500"))
+    sim = pw.Sim(16, drone=getattr(controllers, name)(**options).on("hb_x500"), control="attitude", precision="f64", compile="off")
+    turns = of.wrench[1:].T / np.abs(of.wrench[1:]).max(axis=1)
+    command, compared, greatest = np.zeros((16, 1, 4)), 0, 0.0
+    command[..., 3] = 0.5 * 4 * of.thrust_max
+    for tick in range(15):
+        now = rows[rows["tick"] == tick]
+        sim.data.quat[:, 0], sim.data.ang_vel[:, 0] = columns("qx", "qy", "qz", "qw"), columns("wx", "wy", "wz")
+        command[:, 0, :3] = columns("roll", "pitch", "yaw")
+        sim.attitude_control(command)
+        sim.step(1)
+        thrusts = np.polyval(of.thrust_curve[::-1], sim.data.rotor_command[:, 0]) / of.thrust_max
+        got = np.linalg.lstsq(np.column_stack([np.ones(4), turns]), thrusts.T, rcond=None)[0].T[:, 1:]
+        wanted = columns("torque_x", "torque_y", "torque_z")
+        free = np.abs(wanted @ turns.T).max(axis=1) < 0.4  # where no motor leaves its range
+        np.testing.assert_allclose(got[free], wanted[free], atol=exact)
+        compared, greatest = compared + free.sum(), max(greatest, np.abs(wanted[free]).max())
+    assert compared > 200 and greatest > 0.15
+
+
 def mixed(of, thrust, torque):
     """Thrusts of the rotors, N: torques before thrust. (rotor,)"""
     room = of.thrust_max - of.thrust_min
