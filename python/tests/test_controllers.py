@@ -91,6 +91,31 @@ def test_laws_command_what_the_firmware_itself_commands(name, options, exact):
     assert compared > 200 and greatest > 0.15
 
 
+def test_the_controller_on_board_commands_the_motors_as_the_crazyflies_firmware_does(tmp_path):
+    """tests/data/laws: whole numbers of PWM by `controllerMellinger` and `powerDistributionLegacy`, which cut off r / 2, p / 2 and each sum: less than 3 of 65,535."""
+    rows = np.genfromtxt(ROOT / "tests/data/laws/mellinger.csv", delimiter=",", names=True)
+    # Both stages in every turn, as on board.
+    file = tmp_path / "both.toml"
+    file.write_text((ROOT / "params/cf2x_L250.toml").read_text().replace("state_hz = 100", "state_hz = 500"))
+    of, sim = controllers.Airframe(pw.Vehicle("cf2x_L250")), pw.Sim(24, drone=str(file), control="state", precision="f64", compile="off")
+    command, compared = np.zeros((24, 1, 16)), 0
+    for tick in range(12):
+        now = rows[rows["tick"] == tick]
+        columns = lambda *names: np.stack([now[column] for column in names], -1)
+        sim.data.pos[:, 0], sim.data.vel[:, 0] = columns("px", "py", "pz"), columns("vx", "vy", "vz")
+        sim.data.quat[:, 0], sim.data.ang_vel[:, 0] = columns("qx", "qy", "qz", "qw"), columns("wx", "wy", "wz")
+        command[:, 0, :9] = columns("to_x", "to_y", "to_z", "to_vx", "to_vy", "to_vz", "to_ax", "to_ay", "to_az")
+        command[:, 0, 11], command[:, 0, 12] = np.sin(now["to_yaw"] / 2), np.cos(now["to_yaw"] / 2)
+        sim.data.command[...] = command
+        sim.step(1)
+        got = np.polyval(of.thrust_curve[::-1], sim.data.rotor_command[:, 0]) / 0.12 * 65535
+        wanted = columns("m1", "m2", "m3", "m4")
+        free = ((wanted > 7100) & (wanted < 65400)).all(axis=1)  # where no motor leaves its range
+        np.testing.assert_allclose(got[free], wanted[free], atol=3)
+        compared += free.sum()
+    assert compared > 150
+
+
 def mixed(of, thrust, torque):
     """Thrusts of the rotors, N: torques before thrust. (rotor,)"""
     room = of.thrust_max - of.thrust_min
