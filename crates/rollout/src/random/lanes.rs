@@ -188,21 +188,70 @@ fn named(key: Key, worlds: &[u32; N], block: u32) -> ([[u32; N]; 2], [[u32; N]; 
 
 /// Ten rounds of Philox4x32 in every lane.
 #[inline(always)]
-fn philox<const M: usize>([mut k0, mut k1]: [[u32; M]; 2], mut c: [[u32; M]; 4]) -> [[u32; M]; 4] {
+fn philox<const M: usize>(keys: [[u32; M]; 2], counter: [[u32; M]; 4]) -> [[u32; M]; 4] {
+    // Four words of eight lanes are all that the registers of AVX2 hold.
+    const HALF: usize = 8;
+    if M <= HALF {
+        return rounds(keys, counter);
+    }
+    let mut out = [[0; M]; 4];
+    for from in (0..M).step_by(HALF) {
+        let (mut own_keys, mut own_counter) = ([[0; HALF]; 2], [[0; HALF]; 4]);
+        for lane in 0..HALF {
+            for word in 0..2 {
+                own_keys[word][lane] = keys[word][from + lane];
+            }
+            for word in 0..4 {
+                own_counter[word][lane] = counter[word][from + lane];
+            }
+        }
+        let words = rounds(own_keys, own_counter);
+        for word in 0..4 {
+            for lane in 0..HALF {
+                out[word][from + lane] = words[word][lane];
+            }
+        }
+    }
+    out
+}
+
+/// The same for as many lanes as fit.
+#[inline(always)]
+fn rounds<const M: usize>(keys: [[u32; M]; 2], counter: [[u32; M]; 4]) -> [[u32; M]; 4] {
+    // Words stand in the lower halves of 64 bits, where processors multiply them. What is left in the upper halves is never read: it saves bringing the halves
+    // of products together in every round.
+    const LOW: u64 = 0xFFFF_FFFF;
+    // Loops, since `array::map` is not compiled into this function.
+    let ([mut k0, mut k1], mut c) = ([[0u64; M]; 2], [[0u64; M]; 4]);
+    for lane in 0..M {
+        (k0[lane], k1[lane]) = (u64::from(keys[0][lane]), u64::from(keys[1][lane]));
+        for word in 0..4 {
+            c[word][lane] = u64::from(counter[word][lane]);
+        }
+    }
     for _ in 0..10 {
         let mut next = [[0; M]; 4];
         for lane in 0..M {
-            let first = u64::from(ROUND_PRODUCTS[0]) * u64::from(c[0][lane]);
-            let second = u64::from(ROUND_PRODUCTS[1]) * u64::from(c[2][lane]);
-            next[0][lane] = (second >> 32) as u32 ^ c[1][lane] ^ k0[lane];
-            next[1][lane] = second as u32;
-            next[2][lane] = (first >> 32) as u32 ^ c[3][lane] ^ k1[lane];
-            next[3][lane] = first as u32;
+            let first = u64::from(ROUND_PRODUCTS[0]) * (c[0][lane] & LOW);
+            let second = u64::from(ROUND_PRODUCTS[1]) * (c[2][lane] & LOW);
+            next[0][lane] = (second >> 32) ^ c[1][lane] ^ k0[lane];
+            next[1][lane] = second;
+            next[2][lane] = (first >> 32) ^ c[3][lane] ^ k1[lane];
+            next[3][lane] = first;
         }
         c = next;
-        (k0, k1) = (k0.map(|k| k.wrapping_add(ROUND_KEYS[0])), k1.map(|k| k.wrapping_add(ROUND_KEYS[1])));
+        for lane in 0..M {
+            k0[lane] = k0[lane].wrapping_add(u64::from(ROUND_KEYS[0]));
+            k1[lane] = k1[lane].wrapping_add(u64::from(ROUND_KEYS[1]));
+        }
     }
-    c
+    let mut out = [[0; M]; 4];
+    for word in 0..4 {
+        for lane in 0..M {
+            out[word][lane] = c[word][lane] as u32;
+        }
+    }
+    out
 }
 
 /// A number above 0 and below 1 from the upper 23 bits of a word.
