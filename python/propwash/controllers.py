@@ -383,9 +383,13 @@ def px4(
     """
 
     def law(s: Any) -> None:
-        tilt, half_yaw = _tilt_and_heading(_turn_left(s))
+        full = _turn_left(s)
+        tilt, half_yaw = _tilt_and_heading(full)
         yaw = half_yaw * yaw_weight
         error = 2 * _product(tilt, np.array([0.0, 0.0, np.sin(yaw), np.cos(yaw)], dtype=object))[:3]
+        # Upside down no way of body z is the shortest: all of the turn counts as it is.
+        twice, opposite = np.where(full[3] < 0, -2.0, 2.0), tilt[3] < 0.0045
+        error = [np.where(opposite, twice * full[axis], error[axis]) for axis in range(3)]
         share = s.dt / (s.dt + 1 / (2 * np.pi * cutoff_hz))
         turn = []
         for axis, name in enumerate("xyz"):
@@ -417,7 +421,7 @@ def ardupilot(
     """Attitude and rate control as ArduCopter has it, for ``control="attitude"``.
 
     The attitude error is the shortest turn of the thrust, and then that of the heading, within 45° or what would saturate it. Rates go with it (ATC_ANG_RLL_P …) near to zero, and with its root far from it, where the acceleration would
-    exceed half of ``accel_max`` (rad/s²; ATC_ACCEL_R_MAX is 110000 centidegrees/s²), which counts within 40 and 720 °/s² (yaw: 10 and 120) (ArduPilot, AC_AttitudeControl, sqrt_controller). A PID follows them (AC_PID), whose target passes a
+    exceed half of ``accel_max`` (rad/s²; ATC_ACCEL_R_MAX is 110000 centidegrees/s²), clamped to 40…720 °/s² (yaw: 10…120) (ArduPilot, AC_AttitudeControl, sqrt_controller). A PID follows them (AC_PID), whose target passes a
     low-pass (ATC_RAT_RLL_FLTT, ``cutoff_hz``), and so does the derivative of its error (FLTD), about yaw the error itself too (ATC_RAT_YAW_FLTE, ``yaw_cutoff_hz``); its integral stays within ``integral_max`` (IMAX). Gains are ArduPilot's
     defaults. What shapes commands before (ATC_INPUT_TC) is not there.
     """

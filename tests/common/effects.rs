@@ -28,7 +28,7 @@ pub fn entry(kind: &str) -> String {
         "expression" => {
             "name = \"mine\"\nlet = [\"pull = where(z < 50, 0.01, 0) * vx_body\", \"slow = 0.002 * held\"]\n\
              memory.held = { start = 0.1, next = \"held + dt * (vx - held) / 0.05\" }\n\
-             force_world_n = [\"pull + slow\", \"0.002 / ground_m\", \"0.001 / ceiling_m + 0.001 * normal1\"]\n\
+             force_world_n = [\"pull + slow\", \"0.002 / ground_m\", \"0.001 / ceiling_m + 0.001 * normal1 + 0.002 * normal2 - 0.001 * normal3\"]\n\
              rotor_command = [\"rotor_command1 * (1 + 0.01 * held)\", \"rotor_command2\", \"rotor_command3\", \"rotor_command4\"]\n\
              thrust_factor = \"1 + 0.05 * max(0, 1 - ground_m)\""
         }

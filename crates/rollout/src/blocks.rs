@@ -2,7 +2,7 @@
 //! from.
 
 use super::quarantine::{MAX_POSITION_M, Quarantine, TOO_FAR};
-use crate::random::{AT_ONCE, Key, purpose, step_normals};
+use crate::random::{Key, purpose, step_normals};
 use propwash_physics::controllers::{COMMAND_WIDTH, ControlMode, Due, Memory, Rates, mellinger};
 use propwash_physics::drone::{Drone, Dynamics};
 use propwash_physics::effects::Command;
@@ -42,7 +42,10 @@ impl Source {
         let (key, episode) = self.named(drone, step);
         let key = Key { step: key.step ^ episode, ..key };
         let blocks = [0, 1].map(|block| step_normals(key, block));
-        core::array::from_fn(|i| f64::from(blocks[i / AT_ONCE][i % AT_ONCE]))
+        core::array::from_fn(|i| {
+            let (block, k) = place_of(i);
+            f64::from(blocks[block as usize][k])
+        })
     }
 
     /// What they are named by: key, and what the number of the episode sets in that of the step. Episodes count from the top bits down, so that steps of two
@@ -53,6 +56,11 @@ impl Source {
         let key = Key { seed, world, drone: drone as u32, step, purpose: PURPOSE };
         (key, self.episodes.rotate_left(40))
     }
+}
+
+/// Where number `i` of [`Source::normals`] stands: three of the four of a block, since what reads one most often reads the other two.
+pub(super) fn place_of(i: usize) -> (u32, usize) {
+    ((i / 3) as u32, i % 3)
 }
 
 /// Which part of a step to run.

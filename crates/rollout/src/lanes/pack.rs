@@ -1,6 +1,6 @@
 //! Drones in the lanes of one cell type: filled from the arrays, advanced, written back.
 
-use super::super::blocks::Source as RandomSource;
+use super::super::blocks::{Source as RandomSource, place_of};
 use super::super::quarantine::{MAX_POSITION_M, TOO_FAR};
 use super::super::random::{AT_ONCE, Names};
 use super::super::sim::origin;
@@ -485,10 +485,14 @@ impl<C: Interpret> Pack<C> {
             let (key, episode) = source.named(d, view.steps[w]);
             self.names.push(key, episode);
         }
-        self.drawn.iter_mut().for_each(|numbers| numbers.resize(self.rows.len(), 0.0));
+        for numbers in &mut self.drawn {
+            // Lanes without a drone of their own get zeros, not what others drew.
+            numbers.clear();
+            numbers.resize(self.rows.len(), 0.0);
+        }
     }
 
-    /// Puts what is another in every step into place, `done` steps after the start of the call: time (given where it is the same in all lanes), normal random
+    /// Puts what differs in every step into place, `done` steps after the start of the call: time (given where it is the same in all lanes), normal random
     /// numbers, where the other drones are.
     fn refresh(
         &mut self,
@@ -513,14 +517,13 @@ impl<C: Interpret> Pack<C> {
                 },
                 p if p < place::EFFECTS && !kind.reads_noise => *cell = C::splat(C::Number::zero()),
                 p if p < place::EFFECTS => {
-                    let i = (p - place::NORMALS) as usize;
-                    let needed = (i / AT_ONCE) as u32;
+                    let (needed, k) = place_of((p - place::NORMALS) as usize);
                     if block != Some(needed) {
                         // Lanes without a drone of their own need no draws, which cost most.
                         names.draw(shared.level, *n, (done as u64, needed), drawn);
                         block = Some(needed);
                     }
-                    cell.fill(0, |lane| C::Number::of(f64::from(drawn[i % AT_ONCE][lane])));
+                    cell.fill(0, |lane| C::Number::of(f64::from(drawn[k][lane])));
                 }
                 p => {
                     let q = (p - place::EFFECTS) as usize - kind.effects;
@@ -536,7 +539,7 @@ impl<C: Interpret> Pack<C> {
         }
     }
 
-    /// Steps in which the same stages tick. Numbers that are others in every step are put into place before each, unless they are there already (`around`, where
+    /// Steps in which the same stages tick. Numbers that differ in every step are put into place before each, unless they are there already (`around`, where
     /// all drones are, is `None`).
     pub(super) fn segment(
         &mut self,

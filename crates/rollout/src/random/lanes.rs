@@ -3,7 +3,7 @@
 //! The bits are those of Philox4x32-10 (Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011): four words for a counter of four and
 //! a key of two, in ten rounds. So a number depends on its key alone: not on threads, lanes or what was drawn before. Two numbers of 32 bits become two
 //! normal numbers (Box & Muller, "A note on the generation of random normal deviates", 1958), by the polynomials of Cephes (`logf`, `sinf`, `cosf`; Moshier, 1989).
-//! Products and sums are not fused, so that every processor draws the same bits. No number is farther from zero than 5.7.
+//! Products and sums are not fused, so that every processor draws the same bits. No number is farther from zero than 5.77.
 
 use super::Key;
 use fearless_simd::{Level, Simd, dispatch};
@@ -86,10 +86,11 @@ impl Names {
 
     /// Adds a lane; worlds are told apart up to 2³², drones up to 2²⁴. The number of a step is `key.step` and the steps since then, with `episode` set in it.
     pub(crate) fn push(&mut self, key: Key, episode: u64) {
-        self.key[0].push(key.seed as u32 ^ key.purpose);
-        self.key[1].push((key.seed >> 32) as u32 ^ (key.world >> 32) as u32);
-        self.world.push(key.world as u32);
-        self.drone.push(key.drone << 8);
+        let ([k0, k1], world, drone) = parts(key);
+        self.key[0].push(k0);
+        self.key[1].push(k1);
+        self.world.push(world);
+        self.drone.push(drone);
         self.step.push(key.step);
         self.episode.push(episode);
     }
@@ -155,11 +156,15 @@ impl Names {
 
 /// The same numbers of one drone: block number `block` of `key`, whose step is the number of the step with the episode set in it.
 pub(crate) fn step_normals(key: Key, block: u32) -> [f32; AT_ONCE] {
-    let mut names = Names::default();
-    names.push(key, 0);
-    let (step, of) = (key.step, |v: &[u32]| [v[0]]);
-    let counter = [[step as u32], [(step >> 32) as u32], of(&names.world), [names.drone[0] | block]];
-    four([of(&names.key[0]), of(&names.key[1])], counter).map(|[v]| v)
+    let ([k0, k1], world, drone) = parts(key);
+    let counter = [[key.step as u32], [(key.step >> 32) as u32], [world], [drone | block]];
+    four([[k0], [k1]], counter).map(|[v]| v)
+}
+
+/// Key of Philox, and the words of its counter that name world and drone; the number of the block is added to the last.
+fn parts(key: Key) -> ([u32; 2], u32, u32) {
+    let keys = [key.seed as u32 ^ key.purpose, (key.seed >> 32) as u32 ^ (key.world >> 32) as u32];
+    (keys, key.world as u32, key.drone << 8)
 }
 
 /// Four normal numbers of each lane, by the keys and counters of Philox.
@@ -338,7 +343,8 @@ mod tests {
         let key = |lane: u64| Key {
             seed: KEY.seed ^ (lane % 3),
             world: (7 * lane) << (lane % 2 * 30),
-            step: 5 * lane,
+            step: (1 << 32) - 8 + 5 * (lane % 3),
+            drone: lane as u32,
             ..KEY
         };
         let episode = |lane: u64| (lane / 4).rotate_left(40);
