@@ -1354,6 +1354,31 @@ mod tests {
     }
 
     #[test]
+    fn a_reset_that_draws_an_effect_out_of_its_range_is_refused_and_leaves_the_drone_as_it_was() {
+        let drag = AnyEffect::by_kind("quadratic_drag").unwrap();
+        let made = |seed: u64| {
+            let rule = Rule {
+                parameter: "effect.quadratic_drag.drag_n_s2_per_m2.0".into(),
+                draw: Draw::Uniform([-1.0, 1.0]),
+                shared: false,
+            };
+            let randomization = Randomization { rules: vec![rule] };
+            Sim::new(SimOptions { seed, randomization, ..attitude() }, vec![(quad(vec![drag]), RATES)])
+        };
+        // The first draw may be out of range as well.
+        let mut sim = (0..20).find_map(|seed| made(seed).ok()).unwrap();
+        for _ in 0..40 {
+            let before = sim.drone(0, 0).clone();
+            let Err(refused) = sim.reset(None) else { continue };
+            let message = refused.to_string();
+            assert!(message.contains("effect.quadratic_drag.drag_n_s2_per_m2"), "{message}");
+            assert_eq!(*sim.drone(0, 0), before);
+            return;
+        }
+        panic!("no draw of forty was below zero");
+    }
+
+    #[test]
     fn controllers_reckon_with_the_gravity_of_their_own_world() {
         let mut sim = state_sim(2, 1);
         sim.set_parameter(Some(1), 0, "body.gravity_m_s2.2", -1.62).unwrap();
