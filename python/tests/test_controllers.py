@@ -67,8 +67,8 @@ def test_every_law_holds_what_it_is_told_on_every_vehicle(law, drone):
         ("ardupilot", {"rate": ((0.027, 1.35, 0.00072), (0.027, 1.35, 0.00072), (0.036, 0.18, 0.0)), "integral_max": 0.02, "accel_max": np.radians((1100, 1100, 270))}),
     ],
 )
-def test_laws_command_what_the_firmware_itself_commands(name, options):
-    """tests/data/laws: torques that the firmware's own functions computed, in float."""
+def test_laws_command_what_the_firmwares_functions_command(name, options):
+    """tests/data/laws: torques by the firmware's functions, transcribed, in float."""
     rows = np.genfromtxt(ROOT / f"tests/data/laws/{name}.csv", delimiter=",", names=True)
     columns = lambda *names: np.stack([now[column] for column in names], -1)
     of = controllers.Airframe(pw.Vehicle("hb_x500"))
