@@ -883,7 +883,7 @@ fn drawn_initial(rules: &[Rule]) -> Vec<Drawn> {
 
 /// The numbers of a drone that rules draw, in the order of [`Drone::map`].
 fn drawn(drone: &Drone<f64>, rules: &[Rule]) -> Vec<Drawn> {
-    // A mark that `map` shows again: names do not stand for all numbers that it meets. No parameter is such a NaN.
+    // A mark that `numbers` shows again: names do not stand for all numbers that it meets. No parameter is such a NaN.
     const MARK: u64 = 0x7ff8_5a5a_0000_0000;
     let (mut marked, mut found) = (drone.clone(), Vec::<Drawn>::new());
     marked.visit(&mut |name, value| {
@@ -895,7 +895,7 @@ fn drawn(drone: &Drone<f64>, rules: &[Rule]) -> Vec<Drawn> {
         }
     });
     let mut at = 0;
-    marked.map(&mut |v| {
+    marked.numbers(&mut |v| {
         let bits = v.to_bits();
         if bits & !u64::from(u32::MAX) == MARK
             && let Some(number) = found.get_mut((bits & u64::from(u32::MAX)) as usize)
@@ -903,7 +903,6 @@ fn drawn(drone: &Drone<f64>, rules: &[Rule]) -> Vec<Drawn> {
             number.at = at;
         }
         at += 1;
-        v
     });
     found.sort_by_key(|number| number.at);
     found

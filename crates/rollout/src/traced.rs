@@ -107,10 +107,9 @@ pub(super) fn bare(drone: &Drone<f64>) -> Drone<f64> {
 /// Parameters of 0, 1 or −1 that do not vary.
 fn simple(drone: &Drone<f64>, varies: &dyn Fn(usize) -> bool) -> Known {
     let mut out: Known = Vec::new();
-    drone.map(&mut |v| {
+    drone.numbers(&mut |v| {
         let plain = (v == 0.0 || v.abs() == 1.0) && !varies(out.len());
         out.push(plain.then_some(v));
-        v
     });
     out
 }
@@ -190,10 +189,7 @@ pub(super) fn graph(
     let dt = 1.0 / f64::from(shape.sim_hz);
     let effects = drone.memory_len(dt);
     let mut n_fixed = 4;
-    drone.map(&mut |v| {
-        n_fixed += 1;
-        v
-    });
+    drone.numbers(&mut |_| n_fixed += 1);
     let controls = shape.phase != Phase::Integration;
     let moves = shape.phase != Phase::Controllers;
     let first_neighbour = place::EFFECTS + effects as u32;

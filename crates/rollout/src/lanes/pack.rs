@@ -591,7 +591,7 @@ impl<C: Interpret> Pack<C> {
             _ => 0,
         };
         for s in done..if once { 1 } else { n } {
-            if let (Some(around), false) = (around, once) {
+            if let Some(around) = around {
                 let time = together.map(|first| time(first, s));
                 self.refresh(shared, view, (kind, plan), around, from + s, time);
             }

@@ -106,13 +106,12 @@ impl<N: Number> Tape<N> {
                     continue;
                 }
                 let mut k = 0;
-                seeded(drone, name).map(&mut |v| {
+                seeded(drone, name).numbers(&mut |v| {
                     if sum.len() == k {
                         sum.push(0.0);
                     }
                     sum[k] += by * v.partials[0];
                     k += 1;
-                    v
                 });
             }
             let mut k = 0;
